@@ -1,0 +1,147 @@
+"""Lanes: n independent scalar loops inside one block.
+
+A block of size n runs n loops side by side; lane i uses element i of every port, state and parameter. The equations are
+written once, with operators that mean the same on a float and on an array, and `LaneBlock` hands them floats when n = 1
+(numpy costs ten times more on single numbers) and arrays otherwise, so a lane equals the same loop run alone, bit for bit.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import BasicVector, Context, LeafSystem, ValueProducer
+
+from forcectl.errors import BadInputError, invalid, unknown
+
+Lane = Any  # a float when the block has one lane, else an array of shape (n,)
+
+# The few functions that operators cannot express, for floats; numpy itself serves arrays with the same results.
+SCALAR_MATH: Any = SimpleNamespace(
+    maximum=max, minimum=min, copysign=math.copysign, floor=math.floor, where=lambda condition, a, b: a if condition else b
+)
+
+_CHECKS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.bool_]]] = {
+    "positive": lambda v: v > 0,
+    "not negative": lambda v: v >= 0,
+    "finite": np.isfinite,
+}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A value per lane that lives in the Context.
+
+    value: number or shape (n,). allowed: "positive", "not negative" or "finite". unit: for documentation and graphs.
+    """
+
+    value: ArrayLike
+    allowed: str = "finite"
+    unit: str = ""
+
+
+def lane_values(name: str, value: ArrayLike, size: int, allowed: str = "finite") -> NDArray[np.float64]:
+    """`value` as an array of shape (size,), checked.
+
+    Raises:
+        BadInputError: wrong length, not a number, or outside what is allowed.
+    """
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise invalid(name, value, "a number or a list of numbers") from None
+    if array.ndim > 1 or array.size not in (1, size):
+        raise BadInputError(f"{name} has shape {array.shape}: must be one number or shape ({size},)")
+    array = np.broadcast_to(array.ravel(), size).astype(float)
+    # Infinity is a legal "no limit" wherever only a sign is asked for; NaN never is.
+    if np.isnan(array).any() or not _CHECKS[allowed](array).all():
+        raise invalid(name, array.tolist() if size > 1 else float(array[0]), allowed)
+    return array
+
+
+def check(name: str, value: float, allowed: str = "finite") -> float:
+    """`value` as a finite float when it is "positive", "not negative" or "finite", else BadInputError."""
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise invalid(name, value, "a finite number")
+    return float(lane_values(name, value, 1, allowed)[0])
+
+
+def whole_multiple(name: str, value: float, period: float, period_name: str) -> int:
+    """How many times `period` fits into `value`; BadInputError when it does not divide it."""
+    count = round(value / period)
+    if value < 0 or abs(value / period - count) > 1e-6:
+        raise invalid(name, value, f"zero or a whole multiple of {period_name} = {period:g}")
+    return count
+
+
+class LaneBlock(LeafSystem):
+    """A LeafSystem of n lanes with named parameters in the Context.
+
+    `parameter_names` and `parameter_units` tell graphs and tools what the numeric parameters are.
+    """
+
+    parameter_names: Sequence[str] = ()
+    parameter_units: Mapping[str, str] = {}
+
+    def __init__(self, size: int, parameters: Mapping[str, Parameter]):
+        super().__init__()
+        if size < 1:
+            raise invalid("size", size, "at least 1")
+        self._size = size
+        self.math = SCALAR_MATH if size == 1 else np
+        self._allowed = {name: p.allowed for name, p in parameters.items()}
+        self._index = {}
+        for name, p in parameters.items():
+            self._index[name] = self.DeclareNumericParameter(
+                BasicVector(lane_values(f"{type(self).__name__}.{name}", p.value, size, p.allowed))
+            )
+        self.parameter_names = tuple(parameters)
+        self.parameter_units = {name: p.unit for name, p in parameters.items()}
+        self._values = self.DeclareCacheEntry(
+            "parameter values",
+            ValueProducer(allocate=lambda: Value[object](()), calc=self._collect),
+            prerequisites_of_calc={self.all_parameters_ticket()},
+        )
+
+    @property
+    def size(self) -> int:
+        """Number of lanes."""
+        return self._size
+
+    def set_parameter(self, context: Context, name: str, value: ArrayLike) -> None:
+        """Set a parameter in this block's context, checked like at construction."""
+        if name not in self._index:
+            raise unknown(f"parameter of {type(self).__name__}", name, self._index)
+        checked = lane_values(f"{type(self).__name__}.{name}", value, self._size, self._allowed[name])
+        context.get_mutable_numeric_parameter(self._index[name]).SetFromVector(checked)
+
+    def parameter(self, context: Context, name: str) -> NDArray[np.float64]:
+        """A parameter as it stands in this block's context, shape (n,)."""
+        value: NDArray[np.float64] = context.get_numeric_parameter(self._index[name]).CopyToVector()
+        return value
+
+    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+        """What the equations need of the parameters; computed once per change, not per tick."""
+        return values
+
+    def _collect(self, context: Context, value: AbstractValue) -> None:
+        values = tuple(self.lane(context.get_numeric_parameter(i).CopyToVector()) for i in self._index.values())
+        value.set_value(self.derive(values))
+
+    def lane(self, vector: NDArray[np.float64]) -> Lane:
+        """A vector of shape (n,) as the equations want it."""
+        return vector.item() if self._size == 1 else vector
+
+    def lanes(self, vector: NDArray[np.float64]) -> Sequence[Lane]:
+        """A stacked vector of shape (k n,) as k lane values."""
+        return vector.tolist() if self._size == 1 else vector.reshape(-1, self._size)
+
+    def stack(self, *values: Lane) -> NDArray[np.float64]:
+        """k lane values as one vector of shape (k n,)."""
+        return np.array(values) if self._size == 1 else np.concatenate(values)

@@ -1,0 +1,182 @@
+"""Cascaded drive servo with Coulomb friction that really sticks.
+
+    v_r = K_v (r - x) + r'
+    a   = w_v [(v_r - v) + w_i int(v_r - v)] + a_load - b v - a_c sign(v),   v = 0 while |a without friction| <= a_c
+
+(the calibrated plant of the design's targets, section 2). One inner step is implicit in v: with s the velocity the step
+would reach without friction,
+
+    v+ = soft(s, dt a_c) / (1 + dt (w_v (1 + w_i dt) + b)),     soft(s, c) = sign(s) max(|s| - c, 0)
+
+so sticking is exact (v+ = 0, no creep) and no step size makes it unstable. a_c is Coulomb = static friction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues
+
+from forcectl.errors import invalid
+from forcectl.lanes import Lane, LaneBlock, Parameter, check
+
+
+class ServoGains(NamedTuple):
+    """Coefficients of one inner step of length dt, derived from the servo's parameters by `servo_gains`."""
+
+    position: Lane  # K_v [1/s]
+    velocity: Lane  # w_v (1 + w_i dt) dt [-]
+    integral: Lane  # w_v w_i dt [1/s]
+    stick: Lane  # a_c dt [m/s or rad/s]
+    inverse: Lane  # 1/(1 + dt (w_v (1 + w_i dt) + b)) [-]
+    step: float  # dt [s]
+
+
+def servo_gains(position: Lane, velocity: Lane, integral: Lane, coulomb: Lane, viscous: Lane, step: float) -> ServoGains:
+    """Coefficients of one inner step.
+
+    Args:
+        position: K_v [1/s]. velocity: w_v [1/s]. integral: w_i [1/s].
+        coulomb: a_c [m/s^2 or rad/s^2]. viscous: b [1/s]. step: dt [s].
+    """
+    damping = velocity * (1 + integral * step)
+    return ServoGains(
+        position, damping * step, velocity * integral * step, coulomb * step, 1 / (1 + step * (damping + viscous)), step
+    )
+
+
+def servo_step(x: Lane, v: Lane, i: Lane, r: Lane, rate: Lane, push: Lane, g: ServoGains, m: Any = np) -> tuple[Lane, Lane, Lane]:
+    """One inner step of the servo.
+
+    Args:
+        x, v, i: position, velocity, integral of the velocity error [rad, rad/s, rad] or [m, m/s, m].
+        r, rate: reference and its rate at the end of the step.
+        push: velocity the load would add over the step, a_load dt.
+        g: coefficients. m: numpy, or scalar functions of the same names.
+    """
+    wanted = g.position * (r - x) + rate
+    free = v + g.velocity * wanted + g.integral * i + push
+    moving = m.maximum(abs(free) - g.stick, 0.0)
+    v = m.copysign(moving, free) * g.inverse
+    return x + g.step * v, v, i + g.step * (wanted - v)
+
+
+class Servo(LaneBlock):
+    """Cascaded servo with sticking friction, without load: contact is a small disturbance to a stiff drive (Sec. 2.1).
+
+    ```
+    name: Servo
+    input_ports: [reference]
+    output_ports: [position, velocity]
+    parameters: [position_gain, velocity_gain, integral_gain, coulomb_friction, viscous_friction]
+    ```
+
+    reference: shape (2n,), reference and its rate, [rad, rad/s] or [m, m/s]; extrapolated with its rate inside a tick.
+    position, velocity: shape (n,), [rad], [rad/s] or [m], [m/s]; state, no direct feedthrough.
+
+    Parameters (Context, shape (n,)): position_gain K_v [1/s] > 0, velocity_gain w_v [1/s] > 0, integral_gain w_i [1/s]
+    >= 0, coulomb_friction a_c [m/s^2 or rad/s^2] >= 0, viscous_friction b [1/s] >= 0.
+
+    Sampling: `period` [s], divided into `substeps` inner steps.
+    """
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        period: float = 0.002,
+        substeps: int = 4,
+        position_gain: ArrayLike = 25.0,
+        velocity_gain: ArrayLike = 200.0,
+        integral_gain: ArrayLike = 15.0,
+        coulomb_friction: ArrayLike = 1.6,
+        viscous_friction: ArrayLike = 0.0,
+        initial_position: ArrayLike = 0.0,
+        unit: str = "rad",
+    ):
+        self._substeps = substeps
+        self._step = check("period", period, "positive") / substeps
+        super().__init__(
+            size,
+            {
+                "position_gain": Parameter(position_gain, "positive", "1/s"),
+                "velocity_gain": Parameter(velocity_gain, "positive", "1/s"),
+                "integral_gain": Parameter(integral_gain, "not negative", "1/s"),
+                "coulomb_friction": Parameter(coulomb_friction, "not negative", f"{unit}/s^2"),
+                "viscous_friction": Parameter(viscous_friction, "not negative", "1/s"),
+            },
+        )
+        self.port_units = {"reference": f"{unit},{unit}/s", "position": unit, "velocity": f"{unit}/s"}
+        self._reference = self.DeclareVectorInputPort("reference", 2 * size)
+        start = np.broadcast_to(np.asarray(initial_position, dtype=float), size)
+        self._x = self.DeclareDiscreteState(start.copy())
+        self._v = self.DeclareDiscreteState(size)
+        self._i = self.DeclareDiscreteState(size)
+        self.DeclareStateOutputPort("position", self._x)
+        self.DeclareStateOutputPort("velocity", self._v)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
+
+    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+        """Coefficients of one inner step."""
+        return servo_gains(*values, self._step)
+
+    def _update(self, context: Context, next_state: DiscreteValues) -> None:
+        gains = self._values.Eval(context)
+        r, rate = self.lanes(self._reference.Eval(context))
+        x = self.lane(context.get_discrete_state(self._x).value())
+        v = self.lane(context.get_discrete_state(self._v).value())
+        i = self.lane(context.get_discrete_state(self._i).value())
+        for _ in range(self._substeps):
+            r = r + self._step * rate
+            x, v, i = servo_step(x, v, i, r, rate, 0.0, gains, self.math)
+        next_state.set_value(self._x, self.stack(x))
+        next_state.set_value(self._v, self.stack(v))
+        next_state.set_value(self._i, self.stack(i))
+
+
+@dataclass(kw_only=True)
+class ServoConfig:
+    """Scenario part `servo`. `ideal: true` leaves the servo out: the drive follows the filtered reference exactly."""
+
+    ideal: bool = False
+    position_gain: float = 25.0  # [1/s]
+    velocity_gain: float = 200.0  # [1/s]
+    integral_gain: float = 15.0  # [1/s]
+    coulomb_friction: float = 1.6  # [m/s^2] along the pressed direction (OneDimensional, Kinematic)
+    friction_scale: float = 1.0  # [-] factor on the joint friction of the control facts (Multibody)
+    substeps: int = 4  # inner steps per control tick, each at most 0.5 ms
+
+    def __post_init__(self) -> None:
+        for name in ("position_gain", "velocity_gain"):
+            check(name, getattr(self, name), "positive")
+        for name in ("integral_gain", "coulomb_friction", "friction_scale"):
+            check(name, getattr(self, name), "not negative")
+        if isinstance(self.substeps, bool) or not isinstance(self.substeps, int) or not 1 <= self.substeps <= 100:
+            raise invalid("substeps", self.substeps, "a whole number from 1 to 100")
+
+    def add_to(
+        self,
+        builder: DiagramBuilder,
+        size: int,
+        period: float,
+        *,
+        coulomb_friction: ArrayLike | None = None,
+        initial_position: ArrayLike = 0.0,
+        unit: str = "rad",
+    ) -> Servo:
+        """Add the block for n joints or lanes; `coulomb_friction` overrides the scalar where joints differ."""
+        block = Servo(
+            size,
+            period=period,
+            substeps=self.substeps,
+            position_gain=self.position_gain,
+            velocity_gain=self.velocity_gain,
+            integral_gain=self.integral_gain,
+            coulomb_friction=self.coulomb_friction if coulomb_friction is None else coulomb_friction,
+            initial_position=initial_position,
+            unit=unit,
+        )
+        return builder.AddNamedSystem("servo", block)  # type: ignore[no-any-return]
