@@ -1,0 +1,86 @@
+"""The robots, tools and environments shipped with forcectl, and where to find them.
+
+A robot is a folder with one URDF or SDF and one `*.control.yaml` (see `forcectl.robot_facts`); a tool is a folder with one
+URDF or SDF and one `*.tool.yaml`. A user's own folder works wherever a shipped name does. Every shipped folder has a
+`package.xml`, so that `package://comau_smart_six/...` works after `add_packages`.
+"""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from forcectl.errors import BadInputError, unknown
+
+if TYPE_CHECKING:
+    from pydrake.multibody.parsing import PackageMap
+
+ROBOT_FACTS = "*.control.yaml"
+TOOL_FACTS = "*.tool.yaml"
+
+
+def models_folder() -> Path:
+    """The folder that holds the shipped models."""
+    return Path(__file__).parent
+
+
+def list_robots() -> list[str]:
+    """Names of the shipped robots, sorted."""
+    return _folders_with(ROBOT_FACTS)
+
+
+def list_tools() -> list[str]:
+    """Names of the shipped tools, sorted."""
+    return _folders_with(TOOL_FACTS)
+
+
+def robot_folder(name_or_path: str | Path) -> Path:
+    """The folder of a shipped robot (by name) or of a user's own (by path).
+
+    Raises:
+        BadInputError: neither a shipped name nor a folder.
+    """
+    return _folder("robot", name_or_path, list_robots())
+
+
+def tool_folder(name_or_path: str | Path) -> Path:
+    """The folder of a shipped tool (by name) or of a user's own (by path).
+
+    Raises:
+        BadInputError: neither a shipped name nor a folder.
+    """
+    return _folder("tool", name_or_path, list_tools())
+
+
+def facts_file(folder: Path, pattern: str) -> Path:
+    """The one file in `folder` that matches `pattern` (`ROBOT_FACTS` or `TOOL_FACTS`).
+
+    Raises:
+        BadInputError: no such file, or more than one.
+    """
+    found = sorted(folder.glob(pattern))
+    if len(found) != 1:
+        names = ", ".join(file.name for file in found) or "none"
+        raise BadInputError(f"folder {str(folder)!r} must hold exactly one {pattern} file, found: {names}")
+    return found[0]
+
+
+def add_packages(package_map: PackageMap) -> None:
+    """Make `package://<folder>/...` known for every shipped folder that `package_map` does not hold yet."""
+    for xml in sorted(models_folder().glob("*/package.xml")):
+        if not package_map.Contains(xml.parent.name):
+            package_map.AddPackageXml(str(xml))
+
+
+def _folders_with(pattern: str) -> list[str]:
+    return sorted({file.parent.name for file in models_folder().glob(f"*/{pattern}")})
+
+
+def _folder(kind: str, name_or_path: str | Path, shipped: list[str]) -> Path:
+    if str(name_or_path) in shipped:
+        return models_folder() / name_or_path
+    # An empty string would otherwise mean the current directory.
+    path = Path(name_or_path).expanduser()
+    if str(name_or_path) and path.is_dir():
+        return path
+    raise unknown(f"{kind} (neither shipped nor a folder)", str(name_or_path), shipped)
