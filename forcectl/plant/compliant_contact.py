@@ -1,0 +1,187 @@
+"""Compliant one-sided contact: robot compliance in series with a spring and damper of the environment.
+
+    -dx = C_R F + z,    F = K_E z + D_E z',    F >= 0                       (2.7), (2.8); F = -dx/C_T when D_E = 0
+
+dx is the motor-side displacement along n (negative when pressing), z the deformation of the environment, C_R the
+compliance n'(C_J + C_L)n of the robot. The damper makes z a state; a backward Euler step of length h is
+
+    z+ = (C_R D_E z/h - dx)/(1 + C_R (K_E + D_E/h)),    F = K_E z+ + D_E (z+ - z)/h
+
+which is exact for D_E = 0 and needs no special case for C_R = 0. When F would pull, the contact is lost: F = 0 and the
+environment relaxes by itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
+from pydrake.systems.primitives import Gain
+
+from forcectl.errors import invalid
+from forcectl.lanes import Lane, LaneBlock, Parameter, check, lane_values
+
+
+def elastic_force(dx: Lane, stiffness: Lane, m: Any = np) -> Lane:
+    """F = max(0, -K_T dx) [N] for a displacement dx [m] and the stiffness 1/C_T [N/m] of the whole series. (2.8)"""
+    return m.maximum(-stiffness * dx, 0.0)
+
+
+def damped_contact(
+    dx: Lane, z: Lane, stiffness: Lane, rate_stiffness: Lane, robot_compliance: Lane, m: Any = np
+) -> tuple[Lane, Lane]:
+    """One step of the damped contact.
+
+    Args:
+        dx: motor-side displacement at the end of the step [m]. z: deformation of the environment before it [m].
+        stiffness: K_E [N/m]. rate_stiffness: D_E/h [N/m]. robot_compliance: C_R [m/N].
+
+    Returns:
+        force F [N] and deformation z [m] at the end of the step.
+    """
+    touching = (robot_compliance * rate_stiffness * z - dx) / (1 + robot_compliance * (stiffness + rate_stiffness))
+    force = stiffness * touching + rate_stiffness * (touching - z)
+    free = rate_stiffness * z / (stiffness + rate_stiffness)
+    lost = force <= 0
+    return m.where(lost, 0.0, force), m.where(lost, free, touching)
+
+
+class CompliantContact(LaneBlock):
+    """Contact force of a compliant surface on a robot of known compliance.
+
+    ```
+    name: CompliantContact
+    input_ports: [displacement, robot_compliance (optional)]
+    output_ports: [contact_force]
+    parameters: [stiffness, damping, robot_compliance]
+    ```
+
+    displacement: shape (n,), dx along n from the undeformed surface, motor side [m]; pressing is negative.
+    robot_compliance: shape (n,), C_R(q) [m/N]; the port exists when `compliance_port`, else the parameter is used.
+    contact_force: shape (n,), >= 0 [N]. Feedthrough of all inputs.
+
+    Parameters (Context, shape (n,)): stiffness K_E [N/m] > 0, damping D_E [N s/m] >= 0, robot_compliance C_R [m/N] >= 0.
+
+    Sampling: with any damping the deformation of the environment is a discrete state, updated every `period` [s];
+    without, the block has no state and no events (then damping cannot be changed later).
+    """
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        stiffness: ArrayLike,
+        damping: ArrayLike = 0.0,
+        robot_compliance: ArrayLike = 0.0,
+        compliance_port: bool = False,
+        period: float = 0.002,
+    ):
+        self._period = check("period", period, "positive")
+        self._damped = bool(np.any(lane_values("damping", damping, size, "not negative") > 0))
+        parameters = {"stiffness": Parameter(stiffness, "positive", "N/m")}
+        if self._damped:
+            parameters["damping"] = Parameter(damping, "not negative", "N s/m")
+        if not compliance_port:
+            parameters["robot_compliance"] = Parameter(robot_compliance, "not negative", "m/N")
+        super().__init__(size, parameters)
+        self._displacement = self.DeclareVectorInputPort("displacement", size)
+        self._compliance = self.DeclareVectorInputPort("robot_compliance", size) if compliance_port else None
+        reads = {self.all_parameters_ticket(), self._displacement.ticket()}
+        if self._compliance is not None:
+            reads.add(self._compliance.ticket())
+        if self._damped:
+            self._z = self.DeclareDiscreteState(size)
+            reads.add(self.discrete_state_ticket(self._z))
+            self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
+        self.DeclareVectorOutputPort("contact_force", size, self._force, prerequisites_of_calc=reads)
+
+    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+        """(K_E, D_E/h, C_R, 1/C_T); the last two are None when C_R comes through its port."""
+        stiffness, *rest = values
+        rate = rest.pop(0) / self._period if self._damped else 0.0
+        if rest:
+            return stiffness, rate, rest[0], stiffness / (1 + rest[0] * stiffness)
+        return stiffness, rate, None, None
+
+    def _solve(self, context: Context) -> tuple[Lane, Lane]:
+        stiffness, rate, compliance, total = self._values.Eval(context)
+        dx = self.lane(self._displacement.Eval(context))
+        if self._compliance is not None:
+            compliance = self.lane(self._compliance.Eval(context))
+            total = stiffness / (1 + compliance * stiffness)
+        if not self._damped:
+            return elastic_force(dx, total, self.math), None
+        z = self.lane(context.get_discrete_state(self._z).value())
+        return damped_contact(dx, z, stiffness, rate, compliance, self.math)
+
+    def _force(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self.stack(self._solve(context)[0]))
+
+    def _update(self, context: Context, next_state: DiscreteValues) -> None:
+        next_state.set_value(self._z, self.stack(self._solve(context)[1]))
+
+
+class LinearContact(Diagram):
+    """The two-sided spring of the thesis' analysis: F = -dx/C_T, contact never lost. (2.8)
+
+    ```
+    name: LinearContact
+    input_ports: [displacement]
+    output_ports: [contact_force]
+    ```
+    """
+
+    def __init__(self, size: int, *, stiffness: ArrayLike, robot_compliance: ArrayLike = 0.0):
+        super().__init__()
+        k = lane_values("stiffness", stiffness, size, "positive")
+        c = lane_values("robot_compliance", robot_compliance, size, "not negative")
+        builder = DiagramBuilder()
+        spring = builder.AddNamedSystem("spring", Gain(-k / (1 + c * k)))
+        builder.ExportInput(spring.get_input_port(), "displacement")
+        builder.ExportOutput(spring.get_output_port(), "contact_force")
+        builder.BuildInto(self)
+
+
+@dataclass(kw_only=True)
+class EnvironmentConfig:
+    """Scenario part `environment`."""
+
+    stiffness: float = 5.9e3  # K_E [N/m], > 0
+    damping: float = 0.0  # D_E [N s/m], >= 0
+    one_sided: bool = True  # false: the linear two-sided spring (OneDimensional only)
+
+    def __post_init__(self) -> None:
+        check("stiffness", self.stiffness, "positive")
+        check("damping", self.damping, "not negative")
+        if not isinstance(self.one_sided, bool):
+            raise invalid("one_sided", self.one_sided, "true or false")
+        if not self.one_sided and self.damping:
+            raise invalid("damping", self.damping, "0 with one_sided = false")
+
+    def add_to(
+        self,
+        builder: DiagramBuilder,
+        size: int,
+        period: float,
+        *,
+        robot_compliance: ArrayLike = 0.0,
+        compliance_port: bool = False,
+    ) -> CompliantContact | LinearContact:
+        """Add the contact for n lanes."""
+        if not self.one_sided:
+            if compliance_port:
+                raise invalid("one_sided", False, "true unless station.fidelity = OneDimensional")
+            linear = LinearContact(size, stiffness=self.stiffness, robot_compliance=robot_compliance)
+            return builder.AddNamedSystem("contact", linear)  # type: ignore[no-any-return]
+        block = CompliantContact(
+            size,
+            stiffness=self.stiffness,
+            damping=self.damping,
+            robot_compliance=robot_compliance,
+            compliance_port=compliance_port,
+            period=period,
+        )
+        return builder.AddNamedSystem("contact", block)  # type: ignore[no-any-return]

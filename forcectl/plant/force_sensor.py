@@ -1,0 +1,270 @@
+"""Force sensor: bias, noise, range, quantisation, taring, transport delay and second-order filter, in this order.
+
+    y = filter( delay( quantise( saturate( F + bias + noise ) ) - tare ) )
+
+The noise is white per control tick and a pure function of (seed, lane, tick), so a run gives the same bits in any
+process, after a reset, and for a lane inside a bundle. The filter is discretised with a first-order hold, which is exact
+for forces that are linear between ticks and, unlike a zero-order hold, adds no delay of its own.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
+from pydrake.systems.primitives import LinearSystem
+
+from forcectl.errors import invalid
+from forcectl.lanes import Lane, LaneBlock, Parameter, check, lane_values, whole_multiple
+from forcectl.plant.position_loop import first_order_hold, interleave, second_order, zero_order_hold
+
+_CHUNK = 4096
+
+
+@lru_cache(maxsize=1024)
+def _noise_chunk(seed: int, lane: int, chunk: int) -> NDArray[np.float64]:
+    values: NDArray[np.float64] = np.random.default_rng((seed, lane, chunk)).standard_normal(_CHUNK)
+    values.setflags(write=False)
+    return values
+
+
+def white_noise(seed: int, lane: int, tick: int) -> float:
+    """Sample number `tick` of the unit white noise of a lane: a pure function of its arguments."""
+    chunk, index = divmod(tick, _CHUNK)
+    return _noise_chunk(seed, lane, chunk).item(index)
+
+
+def saturate(force: Lane, limit: Lane, m: Any = np) -> Lane:
+    """`force` limited to +-limit [N]."""
+    return m.maximum(m.minimum(force, limit), -limit)
+
+
+def quantise(force: Lane, quantum: Lane, m: Any = np) -> Lane:
+    """`force` rounded to whole quanta [N]; quantum = 0 leaves it as it is."""
+    off = quantum == 0
+    step = quantum + off
+    return off * force + (1 - off) * (step * m.floor(force / step + 0.5))
+
+
+class ForceDigitiser(LaneBlock):
+    """The sensor's electronics: bias, noise, range, quantisation and taring.
+
+    ```
+    name: ForceDigitiser
+    input_ports: [force]
+    output_ports: [reading]
+    parameters: [bias, noise_std, quantum, range]
+    ```
+
+    force: shape (n,), true force or wrench component [N or Nm].
+    reading: shape (n,), same unit. Feedthrough of force.
+
+    Parameters (Context, shape (n,)): bias, noise_std >= 0 (standard deviation per tick), quantum >= 0, range > 0, all in
+    the unit of the input. Taring: with `tare` the first reading without noise becomes the zero (state, set by an
+    initialisation event); `tare_now` does the same at any time.
+
+    Args:
+        seed: of the noise; lane i of a bundle uses seeds[i] when a list is given, and then equals the run alone.
+    """
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        bias: ArrayLike = 0.0,
+        noise_std: ArrayLike = 0.0,
+        quantum: ArrayLike = 0.0,
+        range: ArrayLike = np.inf,
+        tare: bool = True,
+        seed: int | list[int] = 0,
+        period: float = 0.002,
+    ):
+        super().__init__(
+            size,
+            {
+                "bias": Parameter(bias, "finite", "N"),
+                "noise_std": Parameter(noise_std, "not negative", "N"),
+                "quantum": Parameter(quantum, "not negative", "N"),
+                "range": Parameter(range, "positive", "N"),
+            },
+        )
+        self._period = check("period", period, "positive")
+        # One seed: the channels of one sensor draw independently. A list: each lane is a sensor of its own.
+        self._sources = [(seed, i) for i in np.arange(size).tolist()] if isinstance(seed, int) else [(s, 0) for s in seed]
+        if len(self._sources) != size:
+            raise invalid("seed", seed, f"one number or a list of {size}")
+        self._force = self.DeclareVectorInputPort("force", size)
+        self._tare = self.DeclareDiscreteState(size)
+        if tare:
+            self.DeclareInitializationDiscreteUpdateEvent(self._tare_update)
+        self.DeclareVectorOutputPort(
+            "reading",
+            size,
+            self._reading,
+            prerequisites_of_calc={
+                self._force.ticket(),
+                self.time_ticket(),
+                self.all_parameters_ticket(),
+                self.discrete_state_ticket(self._tare),
+            },
+        )
+
+    def tare_now(self, context: Context) -> None:
+        """Make the present reading (without noise) the zero, as an operator does before touching a surface."""
+        context.SetDiscreteState(self._tare, self._zero(context))
+
+    def _zero(self, context: Context) -> NDArray[np.float64]:
+        bias, _, quantum, limit = self._values.Eval(context)
+        raw = saturate(self.lane(self._force.Eval(context)) + bias, limit, self.math)
+        return self.stack(quantise(raw, quantum, self.math))
+
+    def _tare_update(self, context: Context, next_state: DiscreteValues) -> None:
+        next_state.set_value(self._tare, self._zero(context))
+
+    def _reading(self, context: Context, output: BasicVector) -> None:
+        bias, noise_std, quantum, limit = self._values.Eval(context)
+        tick = int(context.get_time() / self._period + 0.5)
+        noise = self.stack(*[white_noise(seed, lane, tick) for seed, lane in self._sources])
+        raw = self.lane(self._force.Eval(context)) + bias + noise_std * self.lane(noise)
+        reading = quantise(saturate(raw, limit, self.math), quantum, self.math)
+        output.SetFromVector(self.stack(reading - self.lane(context.get_discrete_state(self._tare).value())))
+
+
+def sensor_filter(
+    size: int, bandwidth: ArrayLike, damping_ratio: ArrayLike, period: float, delay_ticks: int, hold: str = "first_order"
+) -> LinearSystem:
+    """The sensor's second-order low-pass behind a delay line, as one sampled linear system.
+
+    Args:
+        size: number of channels n. bandwidth: [rad/s], shape (n,) or number. damping_ratio: [-].
+        period: [s]. delay_ticks: transport delay in samples.
+        hold: "first_order" (output at t_k uses the input at t_k: direct feedthrough) or "zero_order".
+    """
+    w = lane_values("bandwidth", bandwidth, size, "positive")
+    z = lane_values("damping_ratio", damping_ratio, size, "positive")
+    eye, zero = np.eye(size), np.zeros((size, size))
+    models = [second_order(wi, zi) for wi, zi in zip(w, z, strict=True)]
+    if hold == "zero_order":
+        pairs = [zero_order_hold(a, b, period) for a, b in models]
+        a, b = interleave([p[0] for p in pairs], size), interleave([p[1] for p in pairs], size)
+        d = zero
+    else:
+        # State xi = x - G1 u turns the look-ahead of the first-order hold into direct feedthrough.
+        triples = [first_order_hold(a, b, period) for a, b in models]
+        a = interleave([p[0] for p in triples], size)
+        g0, g1 = interleave([p[1] for p in triples], size), interleave([p[2] for p in triples], size)
+        b, d = a @ g1 + g0 - g1, g1[:size]
+    c = np.hstack([eye, zero])
+    if not delay_ticks:
+        return LinearSystem(a, b, c, d, period)
+    n, line = 2 * size, delay_ticks * size
+    A = np.zeros((n + line, n + line))
+    A[:n, :n], A[:n, n + line - size :] = a, b
+    A[n + size :, n : n + line - size] = np.eye(line - size)
+    B = np.zeros((n + line, size))
+    B[n : n + size] = eye
+    C = np.zeros((size, n + line))
+    C[:, :n], C[:, n + line - size :] = c, d
+    return LinearSystem(A, B, C, zero, period)
+
+
+class ForceSensor(Diagram):
+    """A force sensor of n channels: `ForceDigitiser` (left out when it would change nothing), then `sensor_filter`.
+
+    ```
+    name: ForceSensor
+    input_ports: [force]
+    output_ports: [measured_force]
+    ```
+
+    force, measured_force: shape (n,), [N] (or [Nm] for the torque channels of a wrench).
+
+    Sampling: `period` [s]. Delay: `delay` [s] plus the lag of the filter; feedthrough when delay = 0 (first-order hold).
+    """
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        bandwidth: ArrayLike = 12.6,
+        damping_ratio: ArrayLike = 1.0,
+        noise_std: ArrayLike = 0.0,
+        quantum: ArrayLike = 0.0,
+        bias: ArrayLike = 0.0,
+        range: ArrayLike = np.inf,
+        delay: float = 0.0,
+        tare: bool = True,
+        seed: int | list[int] = 0,
+        period: float = 0.002,
+    ):
+        super().__init__()
+        check("period", period, "positive")
+        ticks = whole_multiple("delay", check("delay", delay, "not negative"), period, "period")
+        self.sample_delay = {("force", "measured_force"): ticks * period}
+        builder = DiagramBuilder()
+        filter_ = builder.AddNamedSystem("filter", sensor_filter(size, bandwidth, damping_ratio, period, ticks))
+        if np.any(noise_std) or np.any(quantum) or np.any(bias) or np.any(np.isfinite(range)):
+            digitiser = ForceDigitiser(
+                size,
+                bias=bias,
+                noise_std=noise_std,
+                quantum=quantum,
+                range=range,
+                tare=tare,
+                seed=seed,
+                period=period,
+            )
+            builder.AddNamedSystem("digitiser", digitiser)
+            builder.Connect(digitiser.GetOutputPort("reading"), filter_.get_input_port())
+            builder.ExportInput(digitiser.GetInputPort("force"), "force")
+        else:
+            builder.ExportInput(filter_.get_input_port(), "force")
+        builder.ExportOutput(filter_.get_output_port(), "measured_force")
+        builder.BuildInto(self)
+
+
+@dataclass(kw_only=True)
+class ForceSensorConfig:
+    """Scenario part `force_sensor`. Force values; torque channels use the same numbers times `torque_ratio`."""
+
+    bandwidth: float = 12.6  # [rad/s], > 0
+    damping_ratio: float = 1.0  # [-], > 0
+    noise_std: float = 0.05  # [N] per sample, before the filter, >= 0
+    quantum: float = 0.05  # [N], >= 0
+    bias: float = 0.0  # [N]
+    tare: bool = True  # make the first reading the zero
+    delay: float = 0.0  # [s] transport delay, whole control ticks
+    range: float = 400.0  # [N] saturation, > 0
+    torque_ratio: float = 0.05  # [m] torque noise, quantum and range relative to force, > 0
+
+    def __post_init__(self) -> None:
+        for name in ("bandwidth", "damping_ratio", "torque_ratio"):
+            check(name, getattr(self, name), "positive")
+        for name in ("noise_std", "quantum", "delay"):
+            check(name, getattr(self, name), "not negative")
+        check("bias", self.bias)
+        lane_values("range", self.range, 1, "positive")
+        if not isinstance(self.tare, bool):
+            raise invalid("tare", self.tare, "true or false")
+
+    def add_to(self, builder: DiagramBuilder, period: float, *, size: int = 1, wrench: bool = False, seed: int | list[int] = 0) -> ForceSensor:
+        """Add a sensor of n force channels, or with `wrench` one of six channels [torque; force]."""
+        scale = np.repeat([self.torque_ratio, 1.0], 3) if wrench else np.ones(size)
+        block = ForceSensor(
+            len(scale),
+            bandwidth=self.bandwidth,
+            damping_ratio=self.damping_ratio,
+            noise_std=self.noise_std * scale,
+            quantum=self.quantum * scale,
+            bias=self.bias * scale,
+            range=self.range * scale,
+            delay=self.delay,
+            tare=self.tare,
+            seed=seed,
+            period=period,
+        )
+        return builder.AddNamedSystem("force_sensor", block)  # type: ignore[no-any-return]
