@@ -1,0 +1,1 @@
+"""Wiring: stations and closed loops put together from the library's blocks. No equations live here."""

@@ -1,0 +1,17 @@
+"""Settings for every test: one thread per process, figures without a display, forcectl's own pytest plugin."""
+
+from __future__ import annotations
+
+import importlib.util
+import os
+from importlib.metadata import entry_points
+
+# Before NumPy is imported: BLAS reads these once.
+for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+    os.environ.setdefault(name, "1")
+os.environ.setdefault("MPLBACKEND", "Agg")
+
+# An installed forcectl announces its plugin to pytest; a bare checkout (PYTHONPATH only) has to load it here.
+_PLUGIN = "forcectl.testing.plugin"
+_announced = any(point.value == _PLUGIN for point in entry_points(group="pytest11"))
+pytest_plugins = [] if _announced or importlib.util.find_spec(_PLUGIN) is None else [_PLUGIN]
