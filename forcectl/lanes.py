@@ -24,13 +24,18 @@ Lane = Any  # a float when the block has one lane, else an array of shape (n,)
 
 # The few functions that operators cannot express, for floats; numpy itself serves arrays with the same results.
 SCALAR_MATH: Any = SimpleNamespace(
-    maximum=max, minimum=min, copysign=math.copysign, floor=math.floor, where=lambda condition, a, b: a if condition else b
+    maximum=max,
+    minimum=min,
+    copysign=math.copysign,
+    floor=math.floor,
+    where=lambda condition, a, b: a if condition else b,
 )
 
 _CHECKS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.bool_]]] = {
     "positive": lambda v: v > 0,
     "not negative": lambda v: v >= 0,
     "finite": np.isfinite,
+    "a number": lambda v: ~np.isnan(v),
 }
 
 

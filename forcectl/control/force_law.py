@@ -1,0 +1,53 @@
+"""The slot of a force law: what fills it, and what it may know of the loop.
+
+ForceLaw (scalar heart of a controller, for n loops at once)
+    in   desired_force, measured_force: shape (n,) [N]; motor_displacement: shape (n,) [m], optional
+    out  displacement_command: shape (n,) [m]; any further outputs are diagnostics
+
+ForceController (commands a robot)
+    in   desired_force, measured_force: (1,) [N]; motor_position, motor_velocity, unconstrained_reference: (n_q,) [rad(/s)]
+    out  joint_position_command: (n_q,) [rad]
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import DiagramBuilder, System
+
+
+@dataclass(frozen=True)
+class LoopFacts:
+    """What a controller may be told about its loop.
+
+    size: lanes n. period: control tick [s]. robot_compliance, environment_compliance: C_R and C_E [m/N], shape (n,).
+    sensor_bandwidth [rad/s], sensor_damping_ratio [-], sensor_delay [s]: of the force sensor.
+    """
+
+    size: int
+    period: float
+    robot_compliance: NDArray[np.float64]
+    environment_compliance: NDArray[np.float64]
+    sensor_bandwidth: float
+    sensor_damping_ratio: float
+    sensor_delay: float
+
+    @property
+    def total_compliance(self) -> NDArray[np.float64]:
+        """C_T = C_R + C_E [m/N], shape (n,). (2.7)"""
+        return self.robot_compliance + self.environment_compliance
+
+
+@runtime_checkable
+class ControllerConfig(Protocol):
+    """Configuration of a force law or a force controller, forcectl's or a user's own.
+
+    `add_to` returns a system with the ports of a ForceLaw or of a ForceController.
+    """
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> System:
+        """Add the blocks to a builder."""
+        ...

@@ -1,0 +1,144 @@
+"""Implicit integral force control.
+
+    dx_bar[k] = dx_bar[k-1] - C_T_hat K_I Ts e(F_bar - F[k])                                          (2.11)*
+
+The minus sign goes with F = -dx/C_T (2.8). e(.) is an optional dead zone against hunting with static friction (Sec.
+2.1.1). The command is limited, and because the law is a pure integrator, limiting its state is its anti-windup.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import Context, DiagramBuilder, State
+
+from forcectl.control.force_law import LoopFacts
+from forcectl.errors import invalid
+from forcectl.lanes import Lane, LaneBlock, Parameter, check
+
+
+def dead_zone(error: Lane, width: Lane, m: Any = np) -> Lane:
+    """The part of `error` [N] beyond +-width [N]."""
+    return m.copysign(m.maximum(abs(error) - width, 0.0), error)
+
+
+def integral_step(command: Lane, error: Lane, gain: Lane, lower: Lane, upper: Lane, m: Any = np) -> Lane:
+    """One tick of the integral law.
+
+    Args:
+        command: last displacement command dx_bar [m]. error: F_bar - F after the dead zone [N].
+        gain: C_T_hat K_I Ts [m/N]. lower, upper: limits of the command [m].
+    """
+    return m.minimum(m.maximum(command - gain * error, lower), upper)
+
+
+class IntegralForceLaw(LaneBlock):
+    """Integral force controller for n independent force loops.
+
+    ```
+    name: IntegralForceLaw
+    input_ports: [desired_force, measured_force, compliance (optional)]
+    output_ports: [displacement_command]
+    parameters: [integral_gain, dead_zone, lower_limit, upper_limit, compliance]
+    ```
+
+    desired_force, measured_force: shape (n,) [N].
+    compliance: shape (n,), C_T_hat [m/N], > 0; the port exists when no `compliance` is given, else it is a parameter.
+    displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1). State, no direct feedthrough.
+
+    Parameters (Context, shape (n,)): integral_gain K_I [1/s] >= 0, dead_zone [N] >= 0, lower_limit and upper_limit [m],
+    compliance C_T_hat [m/N] > 0.
+
+    A force that is not a number holds the last command.
+
+    Sampling: `period` [s]; the update is unrestricted, so sampled plants see the new command in the same tick: no delay.
+    """
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        integral_gain: ArrayLike,
+        compliance: ArrayLike | None = None,
+        dead_zone: ArrayLike = 0.0,
+        lower_limit: ArrayLike = -np.inf,
+        upper_limit: ArrayLike = np.inf,
+        period: float = 0.002,
+    ):
+        self._period = check("period", period, "positive")
+        parameters = {
+            "integral_gain": Parameter(integral_gain, "not negative", "1/s"),
+            "dead_zone": Parameter(dead_zone, "not negative", "N"),
+            "lower_limit": Parameter(lower_limit, "a number", "m"),
+            "upper_limit": Parameter(upper_limit, "a number", "m"),
+        }
+        if compliance is not None:
+            parameters["compliance"] = Parameter(compliance, "positive", "m/N")
+        super().__init__(size, parameters)
+        self.sample_delay = {("measured_force", "displacement_command"): 0.0}
+        self._desired = self.DeclareVectorInputPort("desired_force", size)
+        self._measured = self.DeclareVectorInputPort("measured_force", size)
+        self._compliance = self.DeclareVectorInputPort("compliance", size) if compliance is None else None
+        self._command = self.DeclareDiscreteState(size)
+        self.DeclareStateOutputPort("displacement_command", self._command)
+        self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
+
+    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+        """(K_I Ts [C_T_hat], dead zone, limits)."""
+        gain, width, lower, upper, *compliance = values
+        return gain * self._period * (compliance[0] if compliance else 1.0), width, lower, upper
+
+    def _update(self, context: Context, state: State) -> None:
+        gain, width, lower, upper = self._values.Eval(context)
+        if self._compliance is not None:
+            gain = gain * self.lane(self._compliance.Eval(context))
+        error = self.lane(self._desired.Eval(context)) - self.lane(self._measured.Eval(context))
+        last = self.lane(context.get_discrete_state(self._command).value())
+        command = integral_step(last, dead_zone(error, width, self.math), gain, lower, upper, self.math)
+        command = self.math.where(command == command, command, last)
+        state.get_mutable_discrete_state(self._command).SetFromVector(self.stack(command))
+
+
+@dataclass(kw_only=True)
+class IntegralConfig:
+    """Scenario part `!Integral`."""
+
+    integral_gain: float = 1.5  # K_I [1/s], >= 0
+    compliance_error: float = 1.0  # C_T_hat / C_T, > 0
+    dead_zone: float = 0.0  # [N], >= 0
+    lower_limit: float = -0.1  # [m], below zero: deepest command
+    upper_limit: float = 0.1  # [m], above zero: furthest retreat
+
+    def __post_init__(self) -> None:
+        check("integral_gain", self.integral_gain, "not negative")
+        check("compliance_error", self.compliance_error, "positive")
+        check("dead_zone", self.dead_zone, "not negative")
+        check_limits(self.lower_limit, self.upper_limit)
+
+    def reference_model_bandwidth(self) -> float | None:
+        """Bandwidth K_I [rad/s] of the nominal closed loop M(s) = K_I/(s + K_I)."""
+        return self.integral_gain
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> IntegralForceLaw:
+        """Add the law; it believes in `compliance_error` times the true total compliance."""
+        law = IntegralForceLaw(
+            facts.size,
+            integral_gain=self.integral_gain,
+            compliance=self.compliance_error * facts.total_compliance,
+            dead_zone=self.dead_zone,
+            lower_limit=self.lower_limit,
+            upper_limit=self.upper_limit,
+            period=facts.period,
+        )
+        return builder.AddNamedSystem("force_law", law)  # type: ignore[no-any-return]
+
+
+def check_limits(lower: float, upper: float) -> None:
+    """Limits of a displacement command [m]: lower < 0 < upper."""
+    if not check("lower_limit", lower) < 0:
+        raise invalid("lower_limit", lower, "below zero")
+    if not check("upper_limit", upper) > 0:
+        raise invalid("upper_limit", upper, "above zero")

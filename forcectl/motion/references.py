@@ -1,0 +1,190 @@
+"""References: step, ramp, sequence and file, all as Drake trajectories."""
+
+from __future__ import annotations
+
+import csv
+from dataclasses import dataclass, field
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.lanes import check
+
+
+def held_trajectory(times: ArrayLike, values: ArrayLike) -> PiecewisePolynomial:
+    """Values (n, k) held from each of the times (k,) [s] on; the last one for ever."""
+    times, values = np.asarray(times, dtype=float), np.atleast_2d(np.asarray(values, dtype=float))
+    # A zero-order hold needs an end for its last segment; the trajectory keeps that value beyond it.
+    return PiecewisePolynomial.ZeroOrderHold(np.append(times, times[-1] + 1.0), np.column_stack([values, values[:, -1]]))
+
+
+def linear_trajectory(times: ArrayLike, values: ArrayLike) -> PiecewisePolynomial:
+    """Values (n, k) joined by straight lines between the times (k,) [s], constant before and after."""
+    return PiecewisePolynomial.FirstOrderHold(np.asarray(times, dtype=float), np.atleast_2d(np.asarray(values, dtype=float)))
+
+
+class Reference(Diagram):
+    """A named signal that follows a trajectory (clamped at both ends), or a constant.
+
+    ```
+    name: Reference
+    output_ports: [<name>]
+    ```
+    """
+
+    def __init__(self, name: str, trajectory: PiecewisePolynomial | ArrayLike):
+        super().__init__()
+        builder = DiagramBuilder()
+        if isinstance(trajectory, PiecewisePolynomial):
+            source = builder.AddNamedSystem("trajectory", TrajectorySource(trajectory))
+        else:
+            constant = np.atleast_1d(np.asarray(trajectory, dtype=float))
+            source = builder.AddNamedSystem("constant", ConstantVectorSource(constant))
+        builder.ExportOutput(source.get_output_port(), name)
+        builder.BuildInto(self)
+
+
+class _ForceReference:
+    """What the reference configurations share: adding themselves for n lanes."""
+
+    def trajectory(self) -> PiecewisePolynomial | float:
+        raise NotImplementedError
+
+    def largest_force(self) -> float:
+        """Largest force the reference asks for [N]."""
+        trajectory = self.trajectory()
+        if isinstance(trajectory, float):
+            return trajectory
+        breaks = trajectory.get_segment_times()
+        return max(trajectory.value(t).item() for t in breaks)
+
+    def add_to(self, builder: DiagramBuilder, size: int) -> Reference:
+        """Add the block `reference` with the output `desired_force`, shape (n,) [N]."""
+        trajectory = self.trajectory()
+        if size > 1:
+            trajectory = _repeat(trajectory, size)
+        return builder.AddNamedSystem("reference", Reference("desired_force", trajectory))  # type: ignore[no-any-return]
+
+
+def _repeat(trajectory: PiecewisePolynomial | float, size: int) -> PiecewisePolynomial | ArrayLike:
+    if isinstance(trajectory, float):
+        return np.full(size, trajectory)
+    repeated = [trajectory.getPolynomialMatrix(i) for i in range(trajectory.get_number_of_segments())]
+    return PiecewisePolynomial([np.vstack([m] * size) for m in repeated], trajectory.get_segment_times())
+
+
+def _check_times(name: str, times: list[float]) -> None:
+    if not times:
+        raise invalid(name, times, "a list with at least one time")
+    for t in times:
+        check(name, t, "not negative")
+    if any(b <= a for a, b in zip(times, times[1:], strict=False)):
+        raise invalid(name, times, "strictly increasing")
+
+
+@dataclass(kw_only=True)
+class StepConfig(_ForceReference):
+    """Scenario part `!Step`: `initial_force` until `start_time`, then `force`."""
+
+    force: float = 15.0  # [N], >= 0
+    start_time: float = 0.0  # [s], >= 0
+    initial_force: float = 0.0  # [N], >= 0
+
+    def __post_init__(self) -> None:
+        for name in ("force", "start_time", "initial_force"):
+            check(name, getattr(self, name), "not negative")
+
+    def trajectory(self) -> PiecewisePolynomial | float:
+        """The reference over time [N]."""
+        if self.start_time == 0:
+            return float(self.force)
+        return held_trajectory([0.0, self.start_time], [self.initial_force, self.force])
+
+
+@dataclass(kw_only=True)
+class RampConfig(_ForceReference):
+    """Scenario part `!Ramp`: from `initial_force` at `start_time` with `rate` up or down to `force`."""
+
+    force: float = 15.0  # [N], >= 0
+    rate: float = 5.0  # [N/s], > 0
+    start_time: float = 0.0  # [s], >= 0
+    initial_force: float = 0.0  # [N], >= 0
+
+    def __post_init__(self) -> None:
+        check("rate", self.rate, "positive")
+        for name in ("force", "start_time", "initial_force"):
+            check(name, getattr(self, name), "not negative")
+
+    def trajectory(self) -> PiecewisePolynomial | float:
+        """The reference over time [N]."""
+        if self.force == self.initial_force:
+            return float(self.force)
+        end = self.start_time + abs(self.force - self.initial_force) / self.rate
+        return linear_trajectory([self.start_time, end], [self.initial_force, self.force])
+
+
+@dataclass(kw_only=True)
+class SequenceConfig(_ForceReference):
+    """Scenario part `!Sequence`: steps to `forces[i]` at `times[i]`, zero before the first."""
+
+    times: list[float] = field(default_factory=lambda: [0.0, 5.0])  # [s], increasing
+    forces: list[float] = field(default_factory=lambda: [15.0, 25.0])  # [N], >= 0
+
+    def __post_init__(self) -> None:
+        _check_times("times", self.times)
+        for f in self.forces:
+            check("forces", f, "not negative")
+        if len(self.forces) != len(self.times):
+            raise BadInputError(f"forces has {len(self.forces)} values: must have as many as times, {len(self.times)}")
+
+    def trajectory(self) -> PiecewisePolynomial | float:
+        """The reference over time [N]."""
+        if self.times[0] > 0:
+            return held_trajectory([0.0, *self.times], [0.0, *self.forces])
+        return held_trajectory(self.times, self.forces)
+
+
+@dataclass(kw_only=True)
+class FileConfig(_ForceReference):
+    """Scenario part `!File`: a CSV file with the columns `time` [s] and `force` [N], joined by straight lines."""
+
+    path: str = ""  # relative to the working directory, or absolute
+    hold: bool = False  # true: keep each value until the next time instead of joining them
+
+    def __post_init__(self) -> None:
+        times, forces = self._read()
+        _check_times(f"path = {self.path!r}: column time", times)
+        for f in forces:
+            check(f"path = {self.path!r}: column force", f, "not negative")
+
+    def _read(self) -> tuple[list[float], list[float]]:
+        path = Path(self.path)
+        if not path.is_file():
+            raise invalid("path", self.path, "an existing CSV file with the columns time and force")
+        times, forces = [], []
+        with path.open(newline="", encoding="utf-8") as lines:
+            table = csv.DictReader(lines)
+            if not {"time", "force"} <= set(table.fieldnames or ()):
+                raise BadInputError(f"path = {self.path!r} has columns {table.fieldnames}: must have time and force")
+            for number, row in enumerate(table, start=2):
+                try:
+                    times.append(float(row["time"]))
+                    forces.append(float(row["force"]))
+                except (TypeError, ValueError):
+                    raise BadInputError(f"path = {self.path!r} line {number}: time and force must be numbers") from None
+        if len(times) < 2:
+            raise BadInputError(f"path = {self.path!r} has {len(times)} rows: must have at least 2")
+        return times, forces
+
+    def trajectory(self) -> PiecewisePolynomial | float:
+        """The reference over time [N]."""
+        times, forces = self._read()
+        return held_trajectory(times, forces) if self.hold else linear_trajectory(times, forces)
+
+
+ForceReferenceConfig = StepConfig | RampConfig | SequenceConfig | FileConfig
