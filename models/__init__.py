@@ -1,8 +1,8 @@
 """The robots, tools and environments shipped with forcectl, and where to find them.
 
-A robot is a folder with one URDF or SDF and one `*.control.yaml` (see `forcectl.robot_facts`); a tool is a folder with one
-URDF or SDF and one `*.tool.yaml`. A user's own folder works wherever a shipped name does. Every shipped folder has a
-`package.xml`, so that `package://comau_smart_six/...` works after `add_packages`.
+A robot is a folder with one URDF or SDF and one `*.control.yaml` (see `forcectl.robot_facts`); a tool is a folder with
+one URDF or SDF and one `*.tool.yaml`. A user's own folder works wherever a shipped name does. Every shipped folder has
+a `package.xml`, so that `package://comau_smart_six/...` works after `add_packages`.
 """
 
 from __future__ import annotations
@@ -69,7 +69,7 @@ def add_packages(package_map: PackageMap) -> None:
     """Make `package://<folder>/...` known for every shipped folder that `package_map` does not hold yet."""
     for xml in sorted(models_folder().glob("*/package.xml")):
         if not package_map.Contains(xml.parent.name):
-            package_map.AddPackageXml(str(xml))
+            package_map.AddPackageXml(xml)
 
 
 def _folders_with(pattern: str) -> list[str]:

@@ -1,0 +1,305 @@
+"""A robot and its tool: parsing them into any plant, and the quantities control needs of them.
+
+`add_robot` puts the same models into a simulated plant that `RobotModel` uses for control. A robot is a folder; nothing
+in the code names one.
+
+The link-side plant holds no rotors: with elastic joints the rotor inertia, geared up, turns on the motor side. Its
+matrix is B = T' diag(J_m) T with the map T from joint to motor speeds, gear ratios and motor couplings included.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, JacobianWrtVariable, Joint, JointActuator, ModelInstanceIndex
+from pydrake.systems.framework import Context
+
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.models import add_packages, robot_folder, tool_folder
+from forcectl.robot_facts import ControlFacts, ToolFacts, load_control_facts, load_tool_facts
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class RobotParts:
+    """A robot and its tool as they are in a plant; joints and actuators are the arm's, in the order of its facts."""
+
+    facts: ControlFacts
+    tool_facts: ToolFacts | None
+    instance: ModelInstanceIndex
+    tool_instance: ModelInstanceIndex | None
+    joints: tuple[Joint, ...]
+    actuators: tuple[JointActuator, ...]
+    flange_frame: Frame
+    tcp_frame: Frame  # the flange when there is no tool
+    contact_ball_frame: Frame | None
+    sensor_frame: Frame | None
+    sensor_weld: Joint | None
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Limits of the arm joints, each of shape (n,); infinite where the model gives none."""
+
+    position_lower: Array  # [rad]
+    position_upper: Array  # [rad]
+    velocity: Array  # [rad/s]
+    acceleration: Array  # [rad/s2]
+    torque: Array  # joint side [Nm]
+
+
+def add_robot(
+    plant: MultibodyPlant, robot: str | Path, tool: str | Path | None, X_WB: RigidTransform | None = None
+) -> RobotParts:
+    """Parse a robot into `plant`, weld its base to the world and its tool to the flange, and set the default posture.
+
+    Args:
+        plant: not yet finalized; gets the geometry too when it is registered with a scene graph.
+        robot: name of a shipped robot or path of a robot folder.
+        tool: name of a shipped tool, path of a tool folder, or None for the bare flange.
+        X_WB: pose of the robot's base frame in the world; identity when None.
+
+    Raises:
+        BadInputError: unknown robot or tool, or a model that does not fit its facts.
+    """
+    folder = robot_folder(robot)
+    facts = load_control_facts(folder)
+    instance = _add_model(plant, folder / facts.model)
+    base, flange = (_frame(plant, name, instance) for name in (facts.base_frame, facts.flange_frame))
+    plant.WeldFrames(plant.world_frame(), base, X_WB or RigidTransform())
+    joints = tuple(_revolute_or_prismatic(plant, name, instance) for name in facts.arm_joints)
+    for joint, position in zip(joints, facts.default_posture, strict=True):
+        if not joint.position_lower_limits()[0] <= position <= joint.position_upper_limits()[0]:
+            raise invalid(f"default posture of {joint.name()} [rad]", float(position), "within the joint's limits")
+        joint.set_default_positions(np.array([position]))
+    actuators = tuple(_actuator(plant, joint) for joint in joints)
+    if tool is None:
+        return RobotParts(facts, None, instance, None, joints, actuators, flange, flange, None, None, None)
+
+    tool_at = tool_folder(tool)
+    tool_facts = load_tool_facts(tool_at)
+    tool_instance = _add_model(plant, tool_at / tool_facts.model)
+    plant.WeldFrames(flange, _frame(plant, tool_facts.mount_frame, tool_instance))
+    ball, sensor, weld = tool_facts.contact_ball_frame, tool_facts.sensor_frame, tool_facts.sensor_weld
+    return RobotParts(
+        facts,
+        tool_facts,
+        instance,
+        tool_instance,
+        joints,
+        actuators,
+        flange,
+        tcp_frame=_frame(plant, tool_facts.tcp_frame, tool_instance),
+        contact_ball_frame=_frame(plant, ball, tool_instance) if ball else None,
+        sensor_frame=_frame(plant, sensor, tool_instance) if sensor else None,
+        sensor_weld=_joint(plant, weld, tool_instance) if weld else None,
+    )
+
+
+class RobotModel:
+    """Control-side quantities of a robot with its tool: kinematics, torques, inertias, stiffness.
+
+    Holds no state: every function takes a context of `plant` (see `create_context`), so that a block can keep one in a
+    cache entry. Vectors over joints have shape (n,), n = `num_joints`, in the order of the control facts; other joints
+    of the model (a gripper, say) stay at their defaults. Spatial vectors are [rotation; translation], in the world W.
+
+    Attributes:
+        facts, tool_facts: what the YAML files say; `tool_facts` is None without a tool.
+        plant: robot and tool, fixed to the world, continuous, without geometry, finalized.
+        parts: joints, actuators and frames in `plant`.
+        tcp_frame: tool centre point T.
+        limits: joint limits.
+        stiffness_set: name of the joint-stiffness set in use.
+        joint_stiffness: its values [Nm/rad].
+        motor_from_joint: T, motor speeds per joint speeds, shape (n, n) [1].
+        motor_inertia: T' diag(J_m) T, shape (n, n), joint side [kg m2].
+    """
+
+    def __init__(self, plant: MultibodyPlant, parts: RobotParts, stiffness_set: str | None = None):
+        """Use `load`."""
+        facts = parts.facts
+        self.facts = facts
+        self.tool_facts = parts.tool_facts
+        self.plant = plant
+        self.parts = parts
+        self.num_joints = facts.num_joints
+        self.tcp_frame = parts.tcp_frame
+        self.limits = _limits(parts)
+        self.stiffness_set = facts.default_stiffness_set if stiffness_set is None else stiffness_set
+        self.joint_stiffness = facts.stiffness(stiffness_set)
+        self.motor_from_joint = _motor_from_joint(facts)
+        self.motor_inertia = self.motor_from_joint.T @ np.diag(facts.rotor_inertia) @ self.motor_from_joint
+        self._q = np.array([joint.position_start() for joint in parts.joints])
+        self._v = np.array([joint.velocity_start() for joint in parts.joints])
+        self._link_frames = {
+            frame: _frame(plant, frame, parts.instance, "link_compliance frame") for frame in facts.link_compliance
+        }
+
+    @classmethod
+    def load(
+        cls,
+        robot: str | Path = "comau_smart_six",
+        tool: str | Path | None = "force_probe",
+        stiffness_set: str | None = None,
+    ) -> RobotModel:
+        """A robot with its tool, by shipped name or folder path.
+
+        Args:
+            robot: shipped robot or robot folder.
+            tool: shipped tool, tool folder, or None for the bare flange.
+            stiffness_set: which joint stiffness to use; the facts' default when None.
+
+        Raises:
+            BadInputError: unknown name, bad facts, or a model that does not fit them.
+        """
+        plant = MultibodyPlant(time_step=0.0)
+        parts = add_robot(plant, robot, tool)
+        plant.Finalize()
+        return cls(plant, parts, stiffness_set)
+
+    def create_context(self) -> Context:
+        """A context of `plant` in the default posture at rest."""
+        return self.plant.CreateDefaultContext()
+
+    def positions(self, context: Context) -> Array:
+        """Joint positions in `context`, shape (n,) [rad]."""
+        q: Array = self.plant.GetPositions(context)[self._q]
+        return q
+
+    def set_positions(self, context: Context, q: Array) -> None:
+        """Set the joint positions q, shape (n,) [rad]."""
+        everything = self.plant.GetPositions(context)
+        everything[self._q] = q
+        self.plant.SetPositions(context, everything)
+
+    def set_velocities(self, context: Context, v: Array) -> None:
+        """Set the joint speeds v, shape (n,) [rad/s]."""
+        everything = self.plant.GetVelocities(context)
+        everything[self._v] = v
+        self.plant.SetVelocities(context, everything)
+
+    def pose(self, context: Context) -> RigidTransform:
+        """Pose X_WT of the TCP frame in the world [m]."""
+        return self.tcp_frame.CalcPoseInWorld(context)
+
+    def jacobian(self, context: Context) -> Array:
+        """J_WT: spatial velocity of the TCP in the world per joint speed, shape (6, n) [1; m]."""
+        return self.jacobian_of(context, self.tcp_frame)
+
+    def jacobian_of(self, context: Context, frame: Frame) -> Array:
+        """Spatial velocity of the origin of `frame` in the world per joint speed, shape (6, n) [1; m]."""
+        world = self.plant.world_frame()
+        J = self.plant.CalcJacobianSpatialVelocity(context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world)
+        columns: Array = J[:, self._v]
+        return columns
+
+    def link_poses(self, context: Context) -> dict[str, RigidTransform]:
+        """Poses in the world of the distal frames named in the facts' `link_compliance`."""
+        return {name: frame.CalcPoseInWorld(context) for name, frame in self._link_frames.items()}
+
+    def gravity_torque(self, context: Context) -> Array:
+        """Torque that holds robot and tool at rest, shape (n,) [Nm]; opposite to Drake's generalized gravity force."""
+        torque: Array = -self.plant.CalcGravityGeneralizedForces(context)[self._v]
+        return torque
+
+    def mass_matrix(self, context: Context) -> Array:
+        """Link-side mass matrix, without rotors, shape (n, n) [kg m2]."""
+        M: Array = self.plant.CalcMassMatrix(context)[np.ix_(self._v, self._v)]
+        return M
+
+    def inverse_dynamics(
+        self, context: Context, q: Array, v: Array, vdot: Array, rotors: bool = True
+    ) -> Array:
+        """Joint-side torque of the motion (q, v, vdot) without friction, shape (n,) [Nm].
+
+        (M(q) + B) vdot + c(q, v) + g(q), with the rotors' B = `motor_inertia` if `rotors`. Leaves q and v in `context`.
+        """
+        self.set_positions(context, q)
+        self.set_velocities(context, v)
+        inertia = self.mass_matrix(context) + (self.motor_inertia if rotors else 0.0)
+        torque: Array = inertia @ vdot + self.plant.CalcBiasTerm(context)[self._v] + self.gravity_torque(context)
+        return torque
+
+    def smallest_singular_value(self, context: Context) -> float:
+        """Distance from a singular posture [1]: smallest singular value of the TCP Jacobian.
+
+        Translations are divided by the facts' `characteristic_length`. With fewer than six joints it tells whether the
+        joints move the TCP independently.
+        """
+        J = self.jacobian(context)
+        J[3:] /= self.facts.characteristic_length
+        return float(np.linalg.svd(J, compute_uv=False)[-1])
+
+
+def _motor_from_joint(facts: ControlFacts) -> Array:
+    T = np.eye(facts.num_joints)
+    for coupling in facts.motor_coupling:
+        T[facts.arm_joints.index(coupling.motor_of), facts.arm_joints.index(coupling.driven_by)] = coupling.factor
+    return facts.gear_ratio[:, None] * T
+
+
+def _limits(parts: RobotParts) -> JointLimits:
+    def smaller(lower: list[Array], upper: list[Array]) -> Array:
+        return np.minimum(-np.concatenate(lower), np.concatenate(upper))
+
+    joints = parts.joints
+    return JointLimits(
+        position_lower=np.concatenate([j.position_lower_limits() for j in joints]),
+        position_upper=np.concatenate([j.position_upper_limits() for j in joints]),
+        velocity=smaller([j.velocity_lower_limits() for j in joints], [j.velocity_upper_limits() for j in joints]),
+        acceleration=smaller(
+            [j.acceleration_lower_limits() for j in joints], [j.acceleration_upper_limits() for j in joints]
+        ),
+        torque=np.array([actuator.effort_limit() for actuator in parts.actuators]),
+    )
+
+
+def _add_model(plant: MultibodyPlant, file: Path) -> ModelInstanceIndex:
+    if not file.is_file():
+        raise BadInputError(f"model = {file.name!r}: there is no such file in folder {str(file.parent)!r}")
+    parser = Parser(plant)
+    add_packages(parser.package_map())
+    try:
+        instances: list[ModelInstanceIndex] = parser.AddModels(file)
+    except RuntimeError as error:
+        raise BadInputError(f"{file.name}: cannot be read: {' '.join(str(error).split())}") from error
+    if len(instances) != 1:
+        raise BadInputError(f"{file.name} holds {len(instances)} models: must hold exactly one")
+    return instances[0]
+
+
+def _frame(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex, kind: str = "frame") -> Frame:
+    if not plant.HasFrameNamed(name, instance):
+        frames = [plant.get_frame(i) for i in plant.GetFrameIndices(instance)]
+        raise unknown(f"{kind} of {plant.GetModelInstanceName(instance)}", name, [f.name() for f in frames if f.name()])
+    return plant.GetFrameByName(name, instance)
+
+
+def _joint(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex) -> Joint:
+    if not plant.HasJointNamed(name, instance):
+        known = [plant.get_joint(i).name() for i in plant.GetJointIndices(instance)]
+        raise unknown(f"joint of {plant.GetModelInstanceName(instance)}", name, known)
+    return plant.GetJointByName(name, instance)
+
+
+def _revolute_or_prismatic(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex) -> Joint:
+    joint = _joint(plant, name, instance)
+    if joint.num_positions() != 1:
+        raise BadInputError(f"arm joint {name!r} has {joint.num_positions()} positions: must have one")
+    return joint
+
+
+def _actuator(plant: MultibodyPlant, joint: Joint) -> JointActuator:
+    # Asked for one model instance before Finalize, Drake returns an empty list.
+    for index in plant.GetJointActuatorIndices():
+        actuator = plant.get_joint_actuator(index)
+        if actuator.joint().index() == joint.index():
+            return actuator
+    raise BadInputError(f"arm joint {joint.name()!r} has no actuator: the model must give it one")

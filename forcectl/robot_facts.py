@@ -1,0 +1,208 @@
+"""The YAML files beside a robot's and a tool's model: what control needs and URDF/SDF cannot say.
+
+Position, velocity, acceleration and torque limits are not here: they are in the URDF/SDF (`RobotModel.limits`).
+The classes are read by Drake's `yaml_load_typed`, which fills them field by field, so they cannot be declared frozen;
+treat them as constants (their arrays are read-only).
+"""
+
+import dataclasses
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any, TypeVar
+
+import numpy as np
+from pydrake.common.yaml import yaml_load_file, yaml_load_typed
+
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.models import ROBOT_FACTS, TOOL_FACTS, facts_file
+
+T = TypeVar("T")
+_OPTIONAL = {"optional": True}
+
+
+def _empty() -> np.ndarray:
+    return np.zeros(0)
+
+
+@dataclass
+class ReferenceFilter:
+    """Position loop of every joint, h(s) = w^2 / (s^2 + 2 z w s + w^2) (2.3)."""
+
+    natural_frequency: float = 0.0  # w [rad/s]
+    damping_ratio: float = 0.0  # z [1]
+
+
+@dataclass
+class MotorCoupling:
+    """A motor that also turns with another joint.
+
+    motor speed = gear ratio * (own joint speed + factor * other joint speed)
+    """
+
+    motor_of: str = ""  # joint whose motor it is
+    driven_by: str = ""  # the other joint
+    factor: float = 0.0  # [1]
+
+
+@dataclass
+class ControlFacts:
+    """A robot's `*.control.yaml`. Lists have one entry per arm joint, in the order of `arm_joints`; units are SI."""
+
+    model: str = ""  # URDF or SDF file in the same folder
+    base_frame: str = ""  # welded to the world
+    flange_frame: str = ""  # carries the tool; z out of the flange
+    arm_joints: list[str] = field(default_factory=list)
+    default_posture_deg: np.ndarray = field(default_factory=_empty)  # [deg]
+    characteristic_length: float = 0.0  # [m], makes translations and rotations comparable in the singularity measure
+    joint_stiffness: dict[str, np.ndarray] = field(default_factory=dict)  # named sets, joint side [Nm/rad]
+    default_stiffness_set: str = ""
+    transmission_damping: np.ndarray = field(default_factory=_empty)  # joint side [Nms/rad]
+    reference_filter: ReferenceFilter = field(default_factory=ReferenceFilter)
+    period: float = 0.0  # control sampling [s]
+    gear_ratio: np.ndarray = field(default_factory=_empty)  # motor turns per joint turn, signed [1]
+    rotor_inertia: np.ndarray = field(default_factory=_empty)  # motor side [kg m2]
+    coulomb_friction: np.ndarray = field(default_factory=_empty)  # joint side [Nm]
+    viscous_friction: np.ndarray = field(default_factory=_empty)  # joint side [Nms/rad]
+    motor_coupling: list[MotorCoupling] = field(default_factory=list, metadata=_OPTIONAL)
+    # Distal frame of a link -> six diagonal entries, rotations [rad/Nm] then translations [m/N], in that frame's axes.
+    link_compliance: dict[str, np.ndarray] = field(default_factory=dict, metadata=_OPTIONAL)
+
+    @property
+    def num_joints(self) -> int:
+        """Number of arm joints."""
+        return len(self.arm_joints)
+
+    @property
+    def default_posture(self) -> np.ndarray:
+        """Joint positions of the default posture, shape (n,) [rad]."""
+        posture: np.ndarray = np.radians(self.default_posture_deg)
+        return posture
+
+    def stiffness(self, name: str | None = None) -> np.ndarray:
+        """A joint-stiffness set, shape (n,) [Nm/rad]; the default one when `name` is None.
+
+        Raises:
+            BadInputError: there is no such set.
+        """
+        name = self.default_stiffness_set if name is None else name
+        if name not in self.joint_stiffness:
+            raise unknown("stiffness set", name, self.joint_stiffness)
+        return self.joint_stiffness[name]
+
+
+@dataclass
+class ToolFacts:
+    """A tool's `*.tool.yaml`."""
+
+    model: str = ""  # URDF or SDF file in the same folder
+    mount_frame: str = ""  # welded to the robot's flange
+    tcp_frame: str = ""  # z is the tool axis, away from the flange
+    contact_ball_frame: str | None = field(default=None, metadata=_OPTIONAL)  # centre of the ball that touches
+    contact_ball_radius: float = field(default=0.0, metadata=_OPTIONAL)  # [m]; a sharp point is 0
+    sensor_frame: str | None = field(default=None, metadata=_OPTIONAL)  # where the wrist sensor measures
+    sensor_weld: str | None = field(default=None, metadata=_OPTIONAL)  # joint whose reaction the sensor measures
+
+
+def load_control_facts(folder: Path) -> ControlFacts:
+    """Read and check the control facts in a robot folder.
+
+    Raises:
+        BadInputError: no such file, an unknown or missing key, a wrong length, or a value that is not allowed.
+    """
+    file = facts_file(folder, ROBOT_FACTS)
+    facts = _load(ControlFacts, file)
+    for where, value, allowed, ok in _control_checks(facts):
+        if not ok:
+            raise invalid(f"{file.name}: {where}", value, allowed)
+    return facts
+
+
+def load_tool_facts(folder: Path) -> ToolFacts:
+    """Read and check the facts in a tool folder.
+
+    Raises:
+        BadInputError: no such file, an unknown or missing key, or a value that is not allowed.
+    """
+    file = facts_file(folder, TOOL_FACTS)
+    facts = _load(ToolFacts, file)
+    if not (np.isfinite(facts.contact_ball_radius) and facts.contact_ball_radius >= 0):
+        raise invalid(f"{file.name}: contact_ball_radius", facts.contact_ball_radius, "a finite number >= 0")
+    return facts
+
+
+Check = tuple[str, Any, str, bool]  # (field, value, what is allowed, whether it is)
+
+
+def _control_checks(facts: ControlFacts) -> Iterator[Check]:
+    n = facts.num_joints
+    yield "arm_joints", facts.arm_joints, "a list of different joint names", 0 < n == len(set(facts.arm_joints))
+    for name in ("transmission_damping", "rotor_inertia", "coulomb_friction", "viscous_friction"):
+        yield _numbers(name, getattr(facts, name), n, "not negative")
+    yield _numbers("default_posture_deg", facts.default_posture_deg, n)
+    yield _numbers("gear_ratio", facts.gear_ratio, n)
+    yield "gear_ratio", facts.gear_ratio.tolist(), "different from zero", bool(np.all(facts.gear_ratio != 0))
+    for name, stiffness in facts.joint_stiffness.items():
+        yield _numbers(f"joint_stiffness.{name}", stiffness, n, "positive")
+    known = ", ".join(facts.joint_stiffness)
+    chosen = facts.default_stiffness_set
+    yield "default_stiffness_set", chosen, f"one of the stiffness sets ({known})", chosen in facts.joint_stiffness
+    for frame, compliance in facts.link_compliance.items():
+        yield _numbers(f"link_compliance.{frame}", compliance, 6, "not negative")
+    for coupling in facts.motor_coupling:
+        for name in ("motor_of", "driven_by"):
+            joint = getattr(coupling, name)
+            yield f"motor_coupling.{name}", joint, "one of the arm joints", joint in facts.arm_joints
+        different = coupling.motor_of != coupling.driven_by
+        yield "motor_coupling.driven_by", coupling.driven_by, "another joint than motor_of", different
+        yield "motor_coupling.factor", coupling.factor, "finite", bool(np.isfinite(coupling.factor))
+    for name, value in (
+        ("period", facts.period),
+        ("characteristic_length", facts.characteristic_length),
+        ("reference_filter.natural_frequency", facts.reference_filter.natural_frequency),
+        ("reference_filter.damping_ratio", facts.reference_filter.damping_ratio),
+    ):
+        yield name, value, "a positive finite number", bool(np.isfinite(value) and value > 0)
+
+
+def _numbers(where: str, values: np.ndarray, length: int, sign: str = "") -> Check:
+    ok = values.shape == (length,) and bool(np.isfinite(values).all())
+    ok = ok and not (sign == "positive" and (values <= 0).any()) and not (sign == "not negative" and (values < 0).any())
+    return where, values.tolist(), " ".join(f"{length} finite numbers {sign and f', each {sign}'}".split()), ok
+
+
+def _load(schema: type[T], file: Path) -> T:
+    try:
+        data = yaml_load_file(str(file))  # type: ignore[no-untyped-call]
+        _check_keys(schema, data, file.name)
+        facts: T = yaml_load_typed(schema=schema, filename=str(file))  # type: ignore[no-untyped-call]
+    except BadInputError:
+        raise
+    # Drake's and PyYAML's readers raise a dozen types on a malformed file; all mean that the file cannot be used.
+    except Exception as error:
+        raise BadInputError(f"{file.name}: cannot be read: {' '.join(str(error).split())}") from error
+    for value in _arrays(facts):
+        value.flags.writeable = False
+    return facts
+
+
+def _check_keys(schema: type, data: Any, where: str) -> None:
+    """Refuse unknown and missing keys by name; Drake's own message does not say what would have been right."""
+    if not isinstance(data, dict):
+        raise BadInputError(f"{where}: must hold keys and values, found {type(data).__name__}")
+    fields = {f.name: f for f in dataclasses.fields(schema)}
+    for key in data:
+        if key not in fields:
+            raise unknown(f"key in {where}:", str(key), fields)
+    for name, f in fields.items():
+        if name not in data and not f.metadata.get("optional"):
+            raise BadInputError(f"{where}: key {name!r} is missing")
+        if dataclasses.is_dataclass(f.type) and name in data:
+            _check_keys(f.type, data[name], f"{where}: {name}")  # type: ignore[arg-type]
+
+
+def _arrays(facts: Any) -> Iterator[np.ndarray]:
+    for value in vars(facts).values():
+        for item in value.values() if isinstance(value, dict) else [value]:
+            if isinstance(item, np.ndarray):
+                yield item
