@@ -214,9 +214,7 @@ class RobotModel:
         M: Array = self.plant.CalcMassMatrix(context)[np.ix_(self._v, self._v)]
         return M
 
-    def inverse_dynamics(
-        self, context: Context, q: Array, v: Array, vdot: Array, rotors: bool = True
-    ) -> Array:
+    def inverse_dynamics(self, context: Context, q: Array, v: Array, vdot: Array, rotors: bool = True) -> Array:
         """Joint-side torque of the motion (q, v, vdot) without friction, shape (n,) [Nm].
 
         (M(q) + B) vdot + c(q, v) + g(q), with the rotors' B = `motor_inertia` if `rotors`. Leaves q and v in `context`.

@@ -173,9 +173,9 @@ def _numbers(where: str, values: np.ndarray, length: int, sign: str = "") -> Che
 
 def _load(schema: type[T], file: Path) -> T:
     try:
-        data = yaml_load_file(str(file))  # type: ignore[no-untyped-call]
+        data = yaml_load_file(str(file))
         _check_keys(schema, data, file.name)
-        facts: T = yaml_load_typed(schema=schema, filename=str(file))  # type: ignore[no-untyped-call]
+        facts: T = yaml_load_typed(schema=schema, filename=str(file))
     except BadInputError:
         raise
     # Drake's and PyYAML's readers raise a dozen types on a malformed file; all mean that the file cannot be used.
