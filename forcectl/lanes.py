@@ -147,6 +147,13 @@ class LaneBlock(LeafSystem):
         """A stacked vector of shape (k n,) as k lane values."""
         return vector.tolist() if self._size == 1 else vector.reshape(-1, self._size)
 
+    def write(self, vector: BasicVector, value: Lane) -> None:
+        """Put one lane value into a vector of shape (n,)."""
+        if self._size == 1:
+            vector.SetAtIndex(0, value)
+        else:
+            vector.SetFromVector(value)
+
     def stack(self, *values: Lane) -> NDArray[np.float64]:
         """k lane values as one vector of shape (k n,)."""
         return np.array(values) if self._size == 1 else np.concatenate(values)

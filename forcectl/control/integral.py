@@ -98,8 +98,7 @@ class IntegralForceLaw(LaneBlock):
         error = self.lane(self._desired.Eval(context)) - self.lane(self._measured.Eval(context))
         last = self.lane(context.get_discrete_state(self._command).value())
         command = integral_step(last, dead_zone(error, width, self.math), gain, lower, upper, self.math)
-        command = self.math.where(command == command, command, last)
-        state.get_mutable_discrete_state(self._command).SetFromVector(self.stack(command))
+        self.write(state.get_mutable_discrete_state(self._command), self.math.where(command == command, command, last))
 
 
 @dataclass(kw_only=True)

@@ -113,7 +113,7 @@ class EnvironmentComplianceEstimator(LaneBlock):
         return self.math.minimum(self.math.maximum(self.lane(context.get_discrete_state(self._estimate).value()), lower), upper)
 
     def _environment(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self.stack(self._bounded(context)))
+        self.write(output, self._bounded(context))
 
     def _total(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self.stack(self._bounded(context) + self._values.Eval(context)[1]))
+        self.write(output, self._bounded(context) + self._values.Eval(context)[1])

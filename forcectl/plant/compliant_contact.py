@@ -118,7 +118,7 @@ class CompliantContact(LaneBlock):
         return damped_contact(dx, z, stiffness, rate, compliance, self.math)
 
     def _force(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self.stack(self._solve(context)[0]))
+        self.write(output, self._solve(context)[0])
 
     def _update(self, context: Context, next_state: DiscreteValues) -> None:
         next_state.set_value(self._z, self.stack(self._solve(context)[1]))

@@ -5,74 +5,80 @@
 
 from __future__ import annotations
 
-from enum import Enum
+from enum import IntEnum
+from typing import Any
 
-from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, State
+import numpy as np
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues
+from pydrake.systems.primitives import Demultiplexer
 
-from forcectl.lanes import check
+from forcectl.lanes import Lane, LaneBlock, Parameter
 
 
-class ContactMode(Enum):
-    """Where a contact stands."""
+class ContactMode(IntEnum):
+    """Where a contact stands; the numbers are those of the port `contact_state`."""
 
     APPROACH = 0
     CONTACT = 1
     LOST = 2
 
 
-def next_mode(mode: ContactMode, force: float, threshold: float) -> ContactMode:
+def next_mode(mode: Lane, force: Lane, threshold: Lane, m: Any = np) -> Lane:
     """The mode after a sample of the true contact force [N]."""
-    if force > threshold:
-        return ContactMode.CONTACT
-    if mode is ContactMode.CONTACT and force <= 0:
-        return ContactMode.LOST
-    return mode
+    lost = m.where((mode == ContactMode.CONTACT) & (force <= 0), float(ContactMode.LOST), mode)
+    return m.where(force > threshold, float(ContactMode.CONTACT), lost)
 
 
-class ContactMonitor(LeafSystem):
+class ContactMonitorCore(LaneBlock):
     """Keeps the contact mode of n lanes and counts the losses.
+
+    ```
+    name: ContactMonitorCore
+    input_ports: [contact_force]
+    output_ports: [state]
+    parameters: [threshold]
+    ```
+
+    contact_force: shape (n,), truth [N].
+    state: shape (2n,), mode (`ContactMode`) and number of losses so far. State, no direct feedthrough.
+
+    Parameters (Context, shape (n,)): threshold [N] >= 0, above which there is contact.
+
+    A declared event changes the state every `period` [s]. The mode is a number in discrete state, not an abstract value:
+    abstract Python state is copied deeply at every unrestricted event of the whole diagram (10 us a tick).
+    """
+
+    def __init__(self, size: int, *, period: float = 0.002, threshold: float = 1e-9):
+        super().__init__(size, {"threshold": Parameter(threshold, "not negative", "N")})
+        self._force = self.DeclareVectorInputPort("contact_force", size)
+        self.DeclareStateOutputPort("state", self.DeclareDiscreteState(2 * size))
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
+
+    def _update(self, context: Context, next_state: DiscreteValues) -> None:
+        (threshold,) = self._values.Eval(context)
+        mode, losses = self.lanes(context.get_discrete_state_vector().value())
+        after = next_mode(mode, self.lane(self._force.Eval(context)), threshold, self.math)
+        lost = (after == ContactMode.LOST) & (mode != ContactMode.LOST)
+        next_state.set_value(self.stack(after, losses + lost))
+
+
+class ContactMonitor(Diagram):
+    """`ContactMonitorCore` with its state taken apart.
 
     ```
     name: ContactMonitor
     input_ports: [contact_force]
     output_ports: [contact_state, contact_losses]
     ```
-
-    contact_force: shape (n,), truth [N].
-    contact_state: shape (n,), value of `ContactMode` (0 approach, 1 contact, 2 lost). State, no direct feedthrough.
-    contact_losses: shape (n,), number of times the contact was lost so far. State, no direct feedthrough.
-
-    The mode is abstract state, changed by a declared event every `period` [s]; a loss shows in the same tick.
     """
 
     def __init__(self, size: int, *, period: float = 0.002, threshold: float = 1e-9):
         super().__init__()
-        self._threshold = check("threshold", threshold, "not negative")
-        self._force = self.DeclareVectorInputPort("contact_force", size)
-        self._modes = self.DeclareAbstractState(AbstractValue.Make([ContactMode.APPROACH] * size))
-        self._losses = self.DeclareDiscreteState(size)
-        self.DeclareVectorOutputPort(
-            "contact_state",
-            size,
-            self._state_output,
-            prerequisites_of_calc={self.abstract_state_ticket(self._modes)},
-        )
-        self.DeclareStateOutputPort("contact_losses", self._losses)
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
-
-    def _update(self, context: Context, state: State) -> None:
-        forces = self._force.Eval(context).tolist()
-        modes = context.get_abstract_state(int(self._modes)).get_value()
-        after = [next_mode(mode, force, self._threshold) for mode, force in zip(modes, forces, strict=True)]
-        if after == modes:
-            return
-        losses = context.get_discrete_state(self._losses).value() + [
-            float(a is ContactMode.LOST and b is not a) for b, a in zip(modes, after, strict=True)
-        ]
-        state.get_mutable_abstract_state(int(self._modes)).set_value(after)
-        state.get_mutable_discrete_state(self._losses).SetFromVector(losses)
-
-    def _state_output(self, context: Context, output: BasicVector) -> None:
-        modes = context.get_abstract_state(int(self._modes)).get_value()
-        output.SetFromVector([float(mode.value) for mode in modes])
+        builder = DiagramBuilder()
+        core = builder.AddNamedSystem("core", ContactMonitorCore(size, period=period, threshold=threshold))
+        parts = builder.AddNamedSystem("parts", Demultiplexer([size] * 2))
+        builder.Connect(core.GetOutputPort("state"), parts.get_input_port())
+        builder.ExportInput(core.GetInputPort("contact_force"), "contact_force")
+        builder.ExportOutput(parts.get_output_port(0), "contact_state")
+        builder.ExportOutput(parts.get_output_port(1), "contact_losses")
+        builder.BuildInto(self)

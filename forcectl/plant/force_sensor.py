@@ -45,9 +45,8 @@ def saturate(force: Lane, limit: Lane, m: Any = np) -> Lane:
 
 def quantise(force: Lane, quantum: Lane, m: Any = np) -> Lane:
     """`force` rounded to whole quanta [N]; quantum = 0 leaves it as it is."""
-    off = quantum == 0
-    step = quantum + off
-    return off * force + (1 - off) * (step * m.floor(force / step + 0.5))
+    step = quantum + (quantum == 0)
+    return m.where(quantum > 0, step * m.floor(force / step + 0.5), force)
 
 
 class ForceDigitiser(LaneBlock):
@@ -98,23 +97,21 @@ class ForceDigitiser(LaneBlock):
         if len(self._sources) != size:
             raise invalid("seed", seed, f"one number or a list of {size}")
         self._force = self.DeclareVectorInputPort("force", size)
-        self._tare = self.DeclareDiscreteState(size)
+        reads: Any = {self._force.ticket(), self.time_ticket(), self.all_parameters_ticket()}
+        self._tare = self.DeclareDiscreteState(size) if tare else None
         if tare:
+            reads.add(self.discrete_state_ticket(self._tare))
             self.DeclareInitializationDiscreteUpdateEvent(self._tare_update)
-        self.DeclareVectorOutputPort(
-            "reading",
-            size,
-            self._reading,
-            prerequisites_of_calc={
-                self._force.ticket(),
-                self.time_ticket(),
-                self.all_parameters_ticket(),
-                self.discrete_state_ticket(self._tare),
-            },
-        )
+        self.DeclareVectorOutputPort("reading", size, self._reading, prerequisites_of_calc=reads)
 
     def tare_now(self, context: Context) -> None:
-        """Make the present reading (without noise) the zero, as an operator does before touching a surface."""
+        """Make the present reading (without noise) the zero, as an operator does before touching a surface.
+
+        Raises:
+            BadInputError: the sensor was built without taring.
+        """
+        if self._tare is None:
+            raise invalid("tare", False, "true to tare the sensor")
         context.SetDiscreteState(self._tare, self._zero(context))
 
     def _zero(self, context: Context) -> NDArray[np.float64]:
@@ -128,10 +125,12 @@ class ForceDigitiser(LaneBlock):
     def _reading(self, context: Context, output: BasicVector) -> None:
         bias, noise_std, quantum, limit = self._values.Eval(context)
         tick = int(context.get_time() / self._period + 0.5)
-        noise = self.stack(*[white_noise(seed, lane, tick) for seed, lane in self._sources])
-        raw = self.lane(self._force.Eval(context)) + bias + noise_std * self.lane(noise)
+        noise = [white_noise(seed, lane, tick) for seed, lane in self._sources]
+        raw = self.lane(self._force.Eval(context)) + (bias + noise_std * (noise[0] if self._size == 1 else np.array(noise)))
         reading = quantise(saturate(raw, limit, self.math), quantum, self.math)
-        output.SetFromVector(self.stack(reading - self.lane(context.get_discrete_state(self._tare).value())))
+        if self._tare is not None:
+            reading = reading - self.lane(context.get_discrete_state(self._tare).value())
+        self.write(output, reading)
 
 
 def sensor_filter(

@@ -18,10 +18,11 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues
+from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.errors import invalid
-from forcectl.lanes import Lane, LaneBlock, Parameter, check
+from forcectl.lanes import Lane, LaneBlock, Parameter, check, lane_values
 
 
 class ServoGains(NamedTuple):
@@ -48,34 +49,45 @@ def servo_gains(position: Lane, velocity: Lane, integral: Lane, coulomb: Lane, v
     )
 
 
-def servo_step(x: Lane, v: Lane, i: Lane, r: Lane, rate: Lane, push: Lane, g: ServoGains, m: Any = np) -> tuple[Lane, Lane, Lane]:
-    """One inner step of the servo.
+def servo_steps(
+    x: Lane, v: Lane, i: Lane, r: Lane, rate: Lane, push: Lane, gains: ServoGains, count: int, m: Any = np
+) -> tuple[Lane, Lane, Lane]:
+    """`count` inner steps of the servo.
 
     Args:
         x, v, i: position, velocity, integral of the velocity error [rad, rad/s, rad] or [m, m/s, m].
-        r, rate: reference and its rate at the end of the step.
-        push: velocity the load would add over the step, a_load dt.
-        g: coefficients. m: numpy, or scalar functions of the same names.
+        r, rate: reference and its rate at the start [rad, rad/s] or [m, m/s]; the reference moves on with its rate.
+        push: velocity the load adds per inner step, a_load dt [rad/s] or [m/s].
+        gains: coefficients of an inner step. m: numpy, or scalar functions of the same names.
+
+    Returns:
+        x, v, i after the steps.
     """
-    wanted = g.position * (r - x) + rate
-    free = v + g.velocity * wanted + g.integral * i + push
-    moving = m.maximum(abs(free) - g.stick, 0.0)
-    v = m.copysign(moving, free) * g.inverse
-    return x + g.step * v, v, i + g.step * (wanted - v)
+    position, velocity, integral, stick, inverse, step = gains
+    maximum, copysign = m.maximum, m.copysign
+    for _ in range(count):
+        r = r + step * rate
+        wanted = position * (r - x) + rate
+        free = v + velocity * wanted + integral * i + push
+        v = copysign(maximum(abs(free) - stick, 0.0), free) * inverse
+        x = x + step * v
+        i = i + step * (wanted - v)
+    return x, v, i
 
 
-class Servo(LaneBlock):
+class ServoCore(LaneBlock):
     """Cascaded servo with sticking friction, without load: contact is a small disturbance to a stiff drive (Sec. 2.1).
 
     ```
-    name: Servo
+    name: ServoCore
     input_ports: [reference]
-    output_ports: [position, velocity]
+    output_ports: [state]
     parameters: [position_gain, velocity_gain, integral_gain, coulomb_friction, viscous_friction]
     ```
 
     reference: shape (2n,), reference and its rate, [rad, rad/s] or [m, m/s]; extrapolated with its rate inside a tick.
-    position, velocity: shape (n,), [rad], [rad/s] or [m], [m/s]; state, no direct feedthrough.
+    state: shape (3n,), position, velocity and integral of the velocity error, [rad, rad/s, rad] or [m, m/s, m]. State, no
+        direct feedthrough.
 
     Parameters (Context, shape (n,)): position_gain K_v [1/s] > 0, velocity_gain w_v [1/s] > 0, integral_gain w_i [1/s]
     >= 0, coulomb_friction a_c [m/s^2 or rad/s^2] >= 0, viscous_friction b [1/s] >= 0.
@@ -109,14 +121,11 @@ class Servo(LaneBlock):
                 "viscous_friction": Parameter(viscous_friction, "not negative", "1/s"),
             },
         )
-        self.port_units = {"reference": f"{unit},{unit}/s", "position": unit, "velocity": f"{unit}/s"}
+        self.port_units = {"reference": f"{unit},{unit}/s", "state": f"{unit},{unit}/s,{unit}"}
         self._reference = self.DeclareVectorInputPort("reference", 2 * size)
-        start = np.broadcast_to(np.asarray(initial_position, dtype=float), size)
-        self._x = self.DeclareDiscreteState(start.copy())
-        self._v = self.DeclareDiscreteState(size)
-        self._i = self.DeclareDiscreteState(size)
-        self.DeclareStateOutputPort("position", self._x)
-        self.DeclareStateOutputPort("velocity", self._v)
+        start = lane_values("initial_position", initial_position, size)
+        self._state = self.DeclareDiscreteState(np.concatenate([start, np.zeros(2 * size)]))
+        self.DeclareStateOutputPort("state", self._state)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
 
     def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
@@ -124,17 +133,36 @@ class Servo(LaneBlock):
         return servo_gains(*values, self._step)
 
     def _update(self, context: Context, next_state: DiscreteValues) -> None:
-        gains = self._values.Eval(context)
         r, rate = self.lanes(self._reference.Eval(context))
-        x = self.lane(context.get_discrete_state(self._x).value())
-        v = self.lane(context.get_discrete_state(self._v).value())
-        i = self.lane(context.get_discrete_state(self._i).value())
-        for _ in range(self._substeps):
-            r = r + self._step * rate
-            x, v, i = servo_step(x, v, i, r, rate, 0.0, gains, self.math)
-        next_state.set_value(self._x, self.stack(x))
-        next_state.set_value(self._v, self.stack(v))
-        next_state.set_value(self._i, self.stack(i))
+        x, v, i = self.lanes(context.get_discrete_state(self._state).value())
+        gains = self._values.Eval(context)
+        next_state.set_value(self.stack(*servo_steps(x, v, i, r, rate, 0.0, gains, self._substeps, self.math)))
+
+
+class Servo(Diagram):
+    """`ServoCore` with its state taken apart.
+
+    ```
+    name: Servo
+    input_ports: [reference]
+    output_ports: [position, velocity]
+    ```
+
+    reference: shape (2n,), see `ServoCore`. position: shape (n,) [rad] or [m]. velocity: shape (n,) [rad/s] or [m/s].
+    """
+
+    def __init__(self, core: ServoCore):
+        super().__init__()
+        units = core.port_units["reference"].split(",")
+        self.port_units = {"reference": core.port_units["reference"], "position": units[0], "velocity": units[1]}
+        builder = DiagramBuilder()
+        builder.AddNamedSystem("core", core)
+        parts = builder.AddNamedSystem("parts", Demultiplexer([core.size] * 3))
+        builder.Connect(core.GetOutputPort("state"), parts.get_input_port())
+        builder.ExportInput(core.GetInputPort("reference"), "reference")
+        builder.ExportOutput(parts.get_output_port(0), "position")
+        builder.ExportOutput(parts.get_output_port(1), "velocity")
+        builder.BuildInto(self)
 
 
 @dataclass(kw_only=True)
@@ -168,7 +196,7 @@ class ServoConfig:
         unit: str = "rad",
     ) -> Servo:
         """Add the block for n joints or lanes; `coulomb_friction` overrides the scalar where joints differ."""
-        block = Servo(
+        core = ServoCore(
             size,
             period=period,
             substeps=self.substeps,
@@ -179,4 +207,4 @@ class ServoConfig:
             initial_position=initial_position,
             unit=unit,
         )
-        return builder.AddNamedSystem("servo", block)  # type: ignore[no-any-return]
+        return builder.AddNamedSystem("servo", Servo(core))  # type: ignore[no-any-return]
