@@ -6,6 +6,7 @@ treat them as constants (their arrays are read-only).
 """
 
 import dataclasses
+import typing
 from collections.abc import Iterator
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -136,7 +137,7 @@ Check = tuple[str, Any, str, bool]  # (field, value, what is allowed, whether it
 
 def _control_checks(facts: ControlFacts) -> Iterator[Check]:
     n = facts.num_joints
-    yield "arm_joints", facts.arm_joints, "a list of different joint names", 0 < n == len(set(facts.arm_joints))
+    yield "arm_joints", facts.arm_joints, "different joint names, at least one", 0 < n == len(set(facts.arm_joints))
     for name in ("transmission_damping", "rotor_inertia", "coulomb_friction", "viscous_friction"):
         yield _numbers(name, getattr(facts, name), n, "not negative")
     yield _numbers("default_posture_deg", facts.default_posture_deg, n)
@@ -168,17 +169,17 @@ def _control_checks(facts: ControlFacts) -> Iterator[Check]:
 def _numbers(where: str, values: np.ndarray, length: int, sign: str = "") -> Check:
     ok = values.shape == (length,) and bool(np.isfinite(values).all())
     ok = ok and not (sign == "positive" and (values <= 0).any()) and not (sign == "not negative" and (values < 0).any())
-    return where, values.tolist(), " ".join(f"{length} finite numbers {sign and f', each {sign}'}".split()), ok
+    return where, values.tolist(), f"{length} finite numbers" + (f", each {sign}" if sign else ""), ok
 
 
 def _load(schema: type[T], file: Path) -> T:
     try:
         data = yaml_load_file(str(file))
-        _check_keys(schema, data, file.name)
+        _check_shape(schema, data, file.name)
         facts: T = yaml_load_typed(schema=schema, filename=str(file))
     except BadInputError:
         raise
-    # Drake's and PyYAML's readers raise a dozen types on a malformed file; all mean that the file cannot be used.
+    # The YAML reader raises a dozen types on a malformed file; all mean that the file cannot be used.
     except Exception as error:
         raise BadInputError(f"{file.name}: cannot be read: {' '.join(str(error).split())}") from error
     for value in _arrays(facts):
@@ -186,19 +187,46 @@ def _load(schema: type[T], file: Path) -> T:
     return facts
 
 
-def _check_keys(schema: type, data: Any, where: str) -> None:
-    """Refuse unknown and missing keys by name; Drake's own message does not say what would have been right."""
-    if not isinstance(data, dict):
-        raise BadInputError(f"{where}: must hold keys and values, found {type(data).__name__}")
-    fields = {f.name: f for f in dataclasses.fields(schema)}
-    for key in data:
-        if key not in fields:
-            raise unknown(f"key in {where}:", str(key), fields)
-    for name, f in fields.items():
-        if name not in data and not f.metadata.get("optional"):
-            raise BadInputError(f"{where}: key {name!r} is missing")
-        if dataclasses.is_dataclass(f.type) and name in data:
-            _check_keys(f.type, data[name], f"{where}: {name}")  # type: ignore[arg-type]
+def _check_shape(schema: Any, data: Any, where: str) -> None:
+    """Refuse unknown and missing keys and wrong types; Drake's messages do not say which field or what is allowed."""
+    origin, arguments = typing.get_origin(schema), typing.get_args(schema)
+    if dataclasses.is_dataclass(schema):
+        _require(isinstance(data, dict), where, data, "keys and values")
+        fields = {f.name: f for f in dataclasses.fields(schema)}
+        for key in data:
+            if key not in fields:
+                raise unknown(f"key in {where}:", str(key), fields)
+        for name, f in fields.items():
+            if name in data:
+                _check_shape(f.type, data[name], f"{where}: {name}")
+            elif not f.metadata.get("optional"):
+                raise BadInputError(f"{where}: key {name!r} is missing")
+    elif origin is list:
+        _require(isinstance(data, list), where, data, "a list")
+        for item in data:
+            _check_shape(arguments[0], item, where)
+    elif origin is dict:
+        _require(isinstance(data, dict), where, data, "names and values")
+        for name, item in data.items():
+            _check_shape(arguments[1], item, f"{where}.{name}")
+    elif schema is np.ndarray:
+        _require(isinstance(data, list) and all(map(_is_number, data)), where, data, "a list of numbers")
+    elif schema is float:
+        _require(_is_number(data), where, data, "a number")
+    else:  # text, or text that may be left out
+        _require(isinstance(data, str) or (data is None and schema is not str), where, data, "text")
+
+
+def _is_number(value: Any) -> bool:
+    try:
+        return not isinstance(value, bool) and np.isscalar(float(value))  # YAML reads 1e-4 as text
+    except (TypeError, ValueError):
+        return False
+
+
+def _require(ok: bool, where: str, value: Any, allowed: str) -> None:
+    if not ok:
+        raise invalid(where, value, allowed)
 
 
 def _arrays(facts: Any) -> Iterator[np.ndarray]:
