@@ -1,0 +1,12 @@
+"""The diagram doctor: what is wrong with a Drake diagram, where, and what would be right."""
+
+from forcectl.doctor.examine import examine, examine_builder
+from forcectl.doctor.loops import build, explain_build_error
+from forcectl.doctor.measure import measure_delay
+from forcectl.doctor.render import render
+from forcectl.doctor.report import DelayChain, DelayRow, FeedthroughRow, Finding, PeriodicEvent, Report
+
+__all__ = [
+    "examine", "examine_builder", "build", "explain_build_error", "measure_delay", "render",
+    "Report", "Finding", "FeedthroughRow", "PeriodicEvent", "DelayChain", "DelayRow",
+]  # fmt: skip

@@ -1,0 +1,111 @@
+"""Ports that nobody feeds, and ports that nobody reads."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import System
+
+from forcectl.doctor.report import Finding, error, info, warning
+from forcectl.doctor.wiring import Port, Wiring, is_vector
+
+
+def is_library_plant(system: System) -> bool:
+    """Whether the block is a plant or scene graph of Drake: many ports, most of them optional by design."""
+    return isinstance(system, MultibodyPlant | SceneGraph)
+
+
+def _optional(wiring: Wiring, port: Port) -> bool:
+    """Whether the block says that this input may stay open (class attribute `optional_inputs`)."""
+    names = getattr(wiring.systems[port.system], "optional_inputs", ())
+    return wiring.input_port(port).get_name() in names
+
+
+def _shape(wiring: Wiring, port: Port) -> str:
+    drake_port = wiring.input_port(port)
+    return f"size {drake_port.size()}" if is_vector(drake_port) else "abstract"
+
+
+def unconnected_inputs(wiring: Wiring) -> Iterator[Finding]:
+    """Inputs that nothing feeds, at every level; inputs of the examined diagram itself are only noted."""
+    for level in wiring.levels:
+        for child in level.children:
+            system = wiring.systems[child]
+            free = [
+                port
+                for port in (Port(child, i) for i in range(system.num_input_ports()))
+                if port not in level.connections and port not in level.exported_inputs
+            ]
+            if is_library_plant(system):
+                yield from _plant_inputs(wiring, child, free)
+                continue
+            for port in free:
+                yield _unconnected(wiring, port)
+    if wiring.root is not None:
+        for i in range(wiring.root.num_input_ports()):
+            port = Port("", i)
+            yield info(
+                "open-diagram-input",
+                wiring.input_name(port),
+                f"input of the whole diagram ({_shape(wiring, port)}), not connected from outside",
+            )
+
+
+def _unconnected(wiring: Wiring, port: Port) -> Finding:
+    name = wiring.input_name(port)
+    if _optional(wiring, port):
+        return info("optional-input", name, f"optional input ({_shape(wiring, port)}) not connected")
+    inner = [wiring.input_name(p) for p in wiring.inner_inputs(port)]
+    leads = f", which leads to {', '.join(inner)}" if inner and inner != [name] else ""
+    return error(
+        "unconnected-input",
+        name,
+        f"input ({_shape(wiring, port)}) is not connected{leads}; connect it to an output, export it, or list it in "
+        "the block's optional_inputs",
+    )
+
+
+def _plant_inputs(wiring: Wiring, path: str, free: list[Port]) -> Iterator[Finding]:
+    """A plant's inputs are optional, but for two that change the physics silently when left open."""
+    system = wiring.systems[path]
+    names = {wiring.input_port(port).get_name() for port in free}
+    if names:
+        yield info("plant-inputs", path, f"{len(names)} inputs of the plant not connected")
+    if not isinstance(system, MultibodyPlant):
+        return
+    if system.geometry_source_is_registered() and "geometry_query" in names:
+        yield error(
+            "unconnected-input",
+            f"{path}.geometry_query",
+            "the plant has geometry but no scene graph to ask for contacts; connect SceneGraph.query to it",
+        )
+    for index in system.GetJointActuatorIndices():
+        actuator = system.get_joint_actuator(index)
+        instance = system.GetModelInstanceName(actuator.model_instance())
+        if actuator.has_controller() and f"{instance}_desired_state" in names:
+            yield warning(
+                "gains-without-desired-state",
+                f"{path}.{instance}_desired_state",
+                f"actuator {actuator.name()} has PD gains but this input is open, so the gains do nothing; connect it",
+            )
+
+
+def unused_outputs(wiring: Wiring) -> Iterator[Finding]:
+    """Outputs that nothing reads and nothing exports, at every level."""
+    if wiring.root is None:
+        return  # a builder does not tell which outputs it exports
+    for level in wiring.levels:
+        used = {*level.connections.values(), *level.exported_outputs.values()}
+        for child in level.children:
+            unused = [
+                wiring.output_name(port)
+                for port in (Port(child, i) for i in range(wiring.systems[child].num_output_ports()))
+                if port not in used
+            ]
+            if unused and is_library_plant(wiring.systems[child]):
+                yield info("plant-outputs", child, f"{len(unused)} outputs of the plant not used")
+                continue
+            for name in unused:
+                yield info("unused-output", name, "nothing reads this output")

@@ -1,0 +1,78 @@
+"""Algebraic loops as a path, before Drake's builder refuses them."""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from forcectl.doctor.report import Finding, error
+from forcectl.doctor.wiring import Port, Wiring
+from forcectl.errors import BadInputError
+
+_ADVICE = (
+    "break it with a block that holds its output over a sample (a discrete state, ZeroOrderHold), or declare "
+    "prerequisites_of_calc of an output that does not really depend on its input"
+)
+
+
+def algebraic_loops(wiring: Wiring) -> Iterator[Finding]:
+    """Ports that need themselves within one instant: at least one finding for every group of entangled ports."""
+    for loop in _loops(wiring):
+        names = [name for output, reader in loop for name in (wiring.output_name(output), wiring.input_name(reader))]
+        path = " -> ".join([*names, names[0]])
+        yield error("algebraic-loop", path, f"each of these needs the next within one instant; {_ADVICE}")
+
+
+def _loops(wiring: Wiring) -> Iterator[list[tuple[Port, Port]]]:
+    """Loops as lists of wires (output, input), found by depth-first search over the wires."""
+    readers = wiring.readers()
+
+    def following(reader: Port) -> list[tuple[Port, Port]]:
+        outputs = [Port(reader.system, o) for i, o in sorted(wiring.feedthrough(reader.system)) if i == reader.index]
+        return [(output, other) for output in outputs for other in readers.get(output, ())]
+
+    done: set[Port] = set()
+    for start in wiring.leaf_inputs():
+        if start in done:
+            continue
+        trail: list[tuple[Port, Port]] = []  # wires walked so far
+        position = {start: 0}
+        stack = [iter(following(start))]
+        while stack:
+            wire = next(stack[-1], None)
+            if wire is None:
+                stack.pop()
+                left = trail.pop()[1] if trail else start
+                done.add(left)
+                position.pop(left, None)
+            elif wire[1] in position:
+                yield [*trail[position[wire[1]] :], wire]
+            elif wire[1] not in done:
+                trail.append(wire)
+                position[wire[1]] = len(trail)
+                stack.append(iter(following(wire[1])))
+
+
+def explain_build_error(error: Exception) -> str:
+    """Drake's message about a loop as one line with the path; any other message unchanged."""
+    ports = re.findall(r"(?:In|Out)putPort\[\d+\] \((.*?)\) of System ::(\S+)", str(error))
+    if "algebraic loop" not in str(error) or not ports:
+        return str(error)
+    return f"algebraic loop: {' -> '.join(f'{path}.{port}' for port, path in ports)}; {_ADVICE}"
+
+
+def build(builder: DiagramBuilder) -> Diagram:
+    """`builder.Build()`, where an algebraic loop is told as a path.
+
+    Raises:
+        BadInputError: the diagram has an algebraic loop.
+        RuntimeError: Drake refused the diagram for another reason.
+    """
+    try:
+        return builder.Build()
+    except RuntimeError as error:
+        if "algebraic loop" not in str(error):
+            raise
+        raise BadInputError(explain_build_error(error)) from error

@@ -1,0 +1,127 @@
+"""What the doctor found, as plain data: no Drake object is kept alive by a report."""
+
+from __future__ import annotations
+
+from dataclasses import asdict, dataclass
+from typing import Any
+
+SEVERITIES = ("error", "warning", "info")
+
+
+@dataclass(frozen=True)
+class Finding:
+    """One observation: what is where, and what would be right."""
+
+    severity: str  # one of SEVERITIES
+    code: str  # short and stable, such as "unconnected-input"
+    path: str  # block or port: "station/sensor.measured_force"
+    message: str  # one line
+
+    def __str__(self) -> str:
+        return f"{self.severity} [{self.code}] {self.path}: {self.message}"
+
+
+def error(code: str, path: str, message: str) -> Finding:
+    """Something that makes the diagram wrong."""
+    return Finding("error", code, path, message)
+
+
+def warning(code: str, path: str, message: str) -> Finding:
+    """Something that deserves a second look."""
+    return Finding("warning", code, path, message)
+
+
+def info(code: str, path: str, message: str) -> Finding:
+    """Something worth knowing."""
+    return Finding("info", code, path, message)
+
+
+@dataclass(frozen=True)
+class FeedthroughRow:
+    """One output port and the input ports it passes on within the same instant."""
+
+    block: str
+    output: str
+    inputs: tuple[str, ...]  # empty: the output depends on state, time or parameters only
+
+
+@dataclass(frozen=True)
+class PeriodicEvent:
+    """One periodic event of one block; times in [s]."""
+
+    block: str
+    kind: str  # "discrete", "unrestricted" or "publish"
+    period: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class DelayRow:
+    """What one block on the way adds to the delay [s]."""
+
+    block: str
+    input: str
+    output: str
+    kind: str  # "feedthrough", "continuous", "discrete", "unrestricted" or "fixed"
+    samples: int  # samples of the block's own period between input and output
+    delay: float  # [s], as the next reader on the way sees it
+    basis: str  # where `samples` comes from: "structure", "declared", "measured" or "assumed"
+
+
+@dataclass(frozen=True)
+class DelayChain:
+    """Every sample of delay from one port to another; times in [s]."""
+
+    source: str
+    target: str
+    rows: tuple[DelayRow, ...]
+    reader: str  # the block that reads the target port first, "" when a reader at the last block's own rate is meant
+    total: float  # sum of the rows
+    worst: float  # with the longest wait for a slower block to look
+
+
+@dataclass(frozen=True)
+class Report:
+    """All findings and tables of one examination."""
+
+    name: str
+    findings: tuple[Finding, ...] = ()
+    feedthrough: tuple[FeedthroughRow, ...] = ()
+    events: tuple[PeriodicEvent, ...] = ()
+    delays: tuple[DelayChain, ...] = ()
+
+    @property
+    def ok(self) -> bool:
+        """Whether there is no error; warnings do not count."""
+        return not self.errors
+
+    @property
+    def errors(self) -> tuple[Finding, ...]:
+        """The findings that make the diagram wrong."""
+        return self.of_severity("error")
+
+    @property
+    def warnings(self) -> tuple[Finding, ...]:
+        """The findings that deserve a second look."""
+        return self.of_severity("warning")
+
+    def of_severity(self, severity: str) -> tuple[Finding, ...]:
+        """All findings of one severity, in the order they were made."""
+        return tuple(f for f in self.findings if f.severity == severity)
+
+    def with_code(self, code: str) -> tuple[Finding, ...]:
+        """All findings of one code."""
+        return tuple(f for f in self.findings if f.code == code)
+
+    def to_dict(self) -> dict[str, Any]:
+        """The report as dicts, lists, strings and numbers, ready for JSON."""
+        return {"ok": self.ok, **asdict(self)}
+
+    def __str__(self) -> str:
+        count = ", ".join(f"{len(self.of_severity(s))} {s}" for s in SEVERITIES)
+        return "\n".join([f"{self.name or 'diagram'}: {count}", *(f"  {finding}" for finding in self.findings)])
+
+
+def sort_findings(findings: list[Finding]) -> tuple[Finding, ...]:
+    """Errors first, then warnings, then infos; the order within each is kept."""
+    return tuple(sorted(findings, key=lambda f: SEVERITIES.index(f.severity)))

@@ -1,0 +1,111 @@
+"""Contexts to look at a diagram with, and the check that every output is a finite number at the start."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+import numpy as np
+from pydrake.systems.framework import Context
+
+from forcectl.doctor.connections import is_library_plant
+from forcectl.doctor.report import Finding, error, info
+from forcectl.doctor.wiring import Port, Wiring, is_vector
+
+# A failed precondition in C++ can arrive as SystemExit; examining a diagram must not end the process.
+FAILURES = (Exception, SystemExit)
+
+
+class StartValues:
+    """Default contexts of the whole diagram and of single blocks, with open vector inputs fixed to zero."""
+
+    def __init__(self, wiring: Wiring):
+        self.wiring = wiring
+        self.root: Context | None = None
+        if wiring.root is not None:
+            self.root = wiring.root.CreateDefaultContext()
+            self._fix_open_inputs(self.root)
+
+    def _fix_open_inputs(self, root: Context) -> None:
+        wiring = self.wiring
+        if wiring.root is None:
+            return
+        for i in range(wiring.root.num_input_ports()):
+            port = wiring.root.get_input_port(i, False)
+            if is_vector(port):
+                port.FixValue(root, np.zeros(port.size()))
+        for reader in wiring.leaf_inputs():
+            system, port = wiring.systems[reader.system], wiring.input_port(reader)
+            # A plant's open inputs mean "nothing applied"; a zero there could switch something on.
+            left_open = is_library_plant(system) or port.get_name() in getattr(system, "optional_inputs", ())
+            if is_vector(port) and not left_open and wiring.source(reader) is None:
+                port.FixValue(system.GetMyMutableContextFromRoot(root), np.zeros(port.size()))
+
+    def block_context(self, path: str) -> Context:
+        """A context of one block alone, its inputs fixed to what they are at the start of the whole diagram."""
+        system = self.wiring.systems[path]
+        context = system.CreateDefaultContext()
+        here = system.GetMyContextFromRoot(self.root) if self.root is not None else None
+        for i in range(system.num_input_ports()):
+            port = system.get_input_port(i, False)
+            try:
+                if here is not None and port.HasValue(here):
+                    port.FixValue(context, port.EvalAbstract(here).Clone())
+                    continue
+            except FAILURES:
+                pass  # the block that feeds this input fails; it is reported on its own
+            open_by_choice = here is not None or port.get_name() in getattr(system, "optional_inputs", ())
+            if is_vector(port) and not open_by_choice:
+                port.FixValue(context, np.zeros(port.size()))
+        return context
+
+
+def non_finite_outputs(values: StartValues) -> Iterator[Finding]:
+    """Vector outputs that are not finite, or cannot be computed, at t = 0 in the default context.
+
+    The block where a NaN starts is an error; blocks that merely pass it on are noted.
+    """
+    wiring, root = values.wiring, values.root
+    if root is None:
+        return
+    bad: dict[Port, str] = {}
+    for path, system in wiring.leaves():
+        context = system.GetMyContextFromRoot(root)
+        for o in range(system.num_output_ports()):
+            output = Port(path, o)
+            port = wiring.output_port(output)
+            if not is_vector(port):
+                continue
+            try:
+                value = port.Eval(context)
+            except FAILURES as failure:
+                bad[output] = f"cannot be computed at t = 0: {type(failure).__name__}: {one_line(failure)}"
+                continue
+            if not np.all(np.isfinite(value)):
+                bad[output] = f"is not finite at t = 0: {np.array2string(np.asarray(value), threshold=8)}"
+    for output, what in bad.items():
+        yield _judge(wiring, bad, output, what)
+
+
+def _judge(wiring: Wiring, bad: dict[Port, str], output: Port, what: str) -> Finding:
+    feeding = [Port(output.system, i) for i, o in wiring.feedthrough(output.system) if o == output.index]
+    sources = {reader: wiring.source(reader) for reader in feeding}
+    name = wiring.output_name(output)
+    for source in sources.values():
+        if source in bad:
+            return info("passes-on", name, f"{what}; comes from {wiring.output_name(source)}")
+    if what.startswith("is not"):
+        return error("non-finite-output", name, f"{what}; outputs must start finite")
+    # A block with an open abstract input cannot be looked at without it; the open input itself is reported.
+    open_abstract = [
+        wiring.input_name(p) for p, source in sources.items()
+        if not is_vector(wiring.input_port(p)) and (source is None or not source.system)
+    ]  # fmt: skip
+    if open_abstract:
+        return info("not-computed", name, f"not looked at: {', '.join(open_abstract)} is open")
+    return error("output-raises", name, what)
+
+
+def one_line(error: BaseException) -> str:
+    """The message of an error without line breaks, cut to a readable length."""
+    text = " ".join(str(error).split())
+    return text if len(text) <= 200 else text[:197] + "..."

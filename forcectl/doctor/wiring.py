@@ -1,0 +1,222 @@
+"""The wiring of a diagram as plain data: who feeds whom, level by level and between leaf blocks.
+
+A port is addressed by the path of its system and its index. The path of the examined diagram itself is "", so
+`Port("", i)` is one of its own ports; nested systems are called "station/sensor".
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Iterator
+from dataclasses import dataclass, field
+from typing import Any
+
+from pydrake.systems.framework import (
+    Diagram,
+    DiagramBuilder,
+    InputPort,
+    InputPortIndex,
+    OutputPort,
+    OutputPortIndex,
+    PortDataType,
+    System,
+)
+
+
+@dataclass(frozen=True)
+class Port:
+    """An input or output port; which of the two follows from where it stands."""
+
+    system: str
+    index: int
+
+
+@dataclass(frozen=True)
+class Level:
+    """The inside of one diagram: its blocks and the wires between them."""
+
+    path: str
+    children: tuple[str, ...]
+    connections: dict[Port, Port] = field(default_factory=dict)  # input -> output
+    exported_inputs: dict[Port, int] = field(default_factory=dict)  # inner input -> index at the diagram
+    exported_outputs: dict[int, Port] = field(default_factory=dict)  # index at the diagram -> inner output
+
+
+def _label(system: System, position: int) -> str:
+    """The block's name, or `Gain@3` for a block that was never given one."""
+    name = str(system.get_name())
+    if not name or re.search(r"@[0-9a-f]{8,}$", name):
+        return f"{type(system).__name__.split('_')[0]}@{position}"
+    return name
+
+
+class Wiring:
+    """All systems of a diagram by path, and the ways between their ports."""
+
+    def __init__(self, root: System | DiagramBuilder):
+        self.systems: dict[str, System] = {}
+        self.levels: list[Level] = []
+        self.root: System | None = None
+        if isinstance(root, DiagramBuilder):
+            self._add_builder(root)
+        else:
+            self.root = root
+            self.systems[""] = root
+            if isinstance(root, Diagram):
+                self._add_diagram("", root)
+            else:
+                self._add_single(root)
+        self._parent = {child: level for level in self.levels for child in level.children}
+        self._inside = {level.path: level for level in self.levels}
+        self._feedthrough: dict[str, frozenset[tuple[int, int]]] = {}
+
+    def _children(self, path: str, systems: list[System]) -> dict[str, str]:
+        """Register the systems of one level; returns path by Drake's own name, which is unique within a level."""
+        children: dict[str, str] = {}
+        for position, system in enumerate(systems):
+            child = f"{path}/{_label(system, position)}" if path else _label(system, position)
+            children[system.get_name()] = child
+            self.systems[child] = system
+        return children
+
+    def _descend(self, children: dict[str, str]) -> None:
+        for child in children.values():
+            system = self.systems[child]
+            if isinstance(system, Diagram):
+                self._add_diagram(child, system)
+
+    @staticmethod
+    def _connections(of: Diagram | DiagramBuilder, children: dict[str, str]) -> dict[Port, Port]:
+        def port(locator: tuple[System, Any]) -> Port:
+            return Port(children[locator[0].get_name()], int(locator[1]))
+
+        return {port(reader): port(source) for reader, source in of.connection_map().items()}
+
+    def _add_diagram(self, path: str, diagram: Diagram) -> None:
+        children = self._children(path, diagram.GetSystems())
+        inputs = {
+            Port(children[inner.get_name()], int(index)): i
+            for i in range(diagram.num_input_ports())
+            for inner, index in diagram.GetInputPortLocators(InputPortIndex(i))
+        }
+        outputs: dict[int, Port] = {}
+        for i in range(diagram.num_output_ports()):
+            inner, index = diagram.get_output_port_locator(OutputPortIndex(i))
+            outputs[i] = Port(children[inner.get_name()], int(index))
+        connections = self._connections(diagram, children)
+        self.levels.append(Level(path, tuple(children.values()), connections, inputs, outputs))
+        self._descend(children)
+
+    def _add_builder(self, builder: DiagramBuilder) -> None:
+        children = self._children("", builder.GetSystems())
+        connections = self._connections(builder, children)
+        # A builder does not tell which of its inputs an exported port became, only that it was exported.
+        exported: dict[Port, int] = {}
+        for child in children.values():
+            for i in range(self.systems[child].num_input_ports()):
+                inner = Port(child, i)
+                if inner not in connections and builder.IsConnectedOrExported(self.input_port(inner)):
+                    exported[inner] = len(exported)
+        self.levels.append(Level("", tuple(children.values()), connections, exported))
+        self._descend(children)
+
+    def _add_single(self, system: System) -> None:
+        child = _label(system, 0)
+        self.systems[child] = system
+        inputs = {Port(child, i): i for i in range(system.num_input_ports())}
+        outputs = {i: Port(child, i) for i in range(system.num_output_ports())}
+        self.levels.append(Level("", (child,), {}, inputs, outputs))
+
+    def leaves(self) -> Iterator[tuple[str, System]]:
+        """Every block that is not itself a diagram, with its path."""
+        for path, system in self.systems.items():
+            if path and path not in self._inside:
+                yield path, system
+
+    def input_port(self, port: Port) -> InputPort:
+        """The Drake input port at this address."""
+        # With the extra argument Drake does not print a warning for ports on their way out.
+        return self.systems[port.system].get_input_port(port.index, False)
+
+    def output_port(self, port: Port) -> OutputPort:
+        """The Drake output port at this address."""
+        return self.systems[port.system].get_output_port(port.index, False)
+
+    def input_name(self, port: Port) -> str:
+        """`station/controller.measured_force`."""
+        return self._name(port, self.input_port(port).get_name()) if self._known(port) else f"input {port.index}"
+
+    def output_name(self, port: Port) -> str:
+        """`station/sensor.measured_force`."""
+        return self._name(port, self.output_port(port).get_name())
+
+    def _known(self, port: Port) -> bool:
+        return port.system in self.systems
+
+    @staticmethod
+    def _name(port: Port, name: str) -> str:
+        return f"{port.system}.{name}" if port.system else name
+
+    def origin(self, output: Port) -> Port:
+        """The leaf output that a (possibly nested and exported) output port shows."""
+        while output.system in self._inside:
+            output = self._inside[output.system].exported_outputs[output.index]
+        return output
+
+    def source(self, reader: Port) -> Port | None:
+        """The leaf output that feeds an input, `Port("", i)` for an input of the whole diagram, None for nothing."""
+        while reader.system:
+            level = self._parent[reader.system]
+            if reader in level.connections:
+                return self.origin(level.connections[reader])
+            if reader not in level.exported_inputs:
+                return None
+            reader = Port(level.path, level.exported_inputs[reader])
+        return reader
+
+    def inner_inputs(self, reader: Port) -> Iterator[Port]:
+        """The leaf inputs that an input port of a diagram leads to; a leaf input leads to itself."""
+        if reader.system not in self._inside:
+            yield reader
+            return
+        for inner, index in self._inside[reader.system].exported_inputs.items():
+            if index == reader.index:
+                yield from self.inner_inputs(inner)
+
+    def leaf_inputs(self) -> Iterator[Port]:
+        """Every input port of every leaf block."""
+        for path, system in self.leaves():
+            for i in range(system.num_input_ports()):
+                yield Port(path, i)
+
+    def readers(self) -> dict[Port, list[Port]]:
+        """The leaf inputs fed by each leaf output and by each input of the whole diagram."""
+        readers: dict[Port, list[Port]] = {}
+        for reader in self.leaf_inputs():
+            source = self.source(reader)
+            if source is not None:
+                readers.setdefault(source, []).append(reader)
+        return readers
+
+    def feedthrough(self, path: str) -> frozenset[tuple[int, int]]:
+        """Pairs (input, output) of one block that pass through within the same instant."""
+        if path not in self._feedthrough:
+            system = self.systems[path]
+            self._feedthrough[path] = frozenset(
+                (i, o)
+                for o in range(system.num_output_ports())
+                if system.HasDirectFeedthrough(o)
+                for i in range(system.num_input_ports())
+                if system.HasDirectFeedthrough(i, o)
+            )
+        return self._feedthrough[path]
+
+
+def is_vector(port: InputPort | OutputPort) -> bool:
+    """Whether the port carries a vector of numbers."""
+    return bool(port.get_data_type() == PortDataType.kVectorValued)
+
+
+def is_python_block(system: System) -> bool:
+    """Whether the block was written in Python (Drake's own classes live in modules called pydrake...)."""
+    return not type(system).__module__.startswith("pydrake")
