@@ -23,7 +23,7 @@ help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 16
 
 demo: $(VENV)/.installed ## simulate Figure 2.7 of the thesis; prints the result table and where the report lies
-	$(BIN)/forcectl run fig_2_7 --out $(OUT)
+	$(BIN)/forcectl run fig_2_7 --out $(OUT) --force
 
 test: $(VENV)/.installed-test ## run all tests
 	$(BIN)/python -m pytest -n $(JOBS)
