@@ -82,7 +82,7 @@ def check_start_posture(robot: RobotModel, posture: Vector, n: Vector, limit: fl
     Raises:
         BadInputError: the posture is singular for motion along n.
     """
-    context = robot.plant.CreateDefaultContext()
+    context = robot.create_context()
     robot.set_positions(context, posture)
     direction = joint_direction(robot.jacobian(context), n)
     size = float(np.linalg.norm(direction))
@@ -124,7 +124,7 @@ class KinematicInversion(LeafSystem):
         self._position = self.DeclareVectorInputPort("motor_position", q)
         self._unconstrained = self.DeclareVectorInputPort("unconstrained_reference", q)
         self.port_units = {"near_singular": "1"}
-        scratch = (robot.plant.CreateDefaultContext(), np.zeros(q), False)
+        scratch = (robot.create_context(), np.zeros(q), False)
         self._direction = self.DeclareCacheEntry(
             "joint direction",
             ValueProducer(allocate=lambda: AbstractValue.Make(scratch), calc=self._solve),

@@ -17,12 +17,16 @@ from dataclasses import dataclass
 from typing import Any, NamedTuple
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.errors import invalid
-from forcectl.lanes import Lane, LaneBlock, Parameter, check, lane_values
+from forcectl.lanes import SCALAR_MATH, Lane, LaneBlock, Parameter, check, lane_values
+
+
+Vector = NDArray[np.float64]
+_FEW = 8  # joints; measured: numpy is faster above
 
 
 class ServoGains(NamedTuple):
@@ -133,10 +137,28 @@ class ServoCore(LaneBlock):
         return servo_gains(*values, self._step)
 
     def _update(self, context: Context, next_state: DiscreteValues) -> None:
-        r, rate = self.lanes(self._reference.Eval(context))
-        x, v, i = self.lanes(context.get_discrete_state(self._state).value())
+        reference = self._reference.Eval(context)
+        state = context.get_discrete_state(self._state).value()
         gains = self._values.Eval(context)
+        if 1 < self._size <= _FEW:
+            next_state.set_value(self._few(reference, state, gains))
+            return
+        r, rate = self.lanes(reference)
+        x, v, i = self.lanes(state)
         next_state.set_value(self.stack(*servo_steps(x, v, i, r, rate, 0.0, gains, self._substeps, self.math)))
+
+    def _few(self, reference: Vector, state: Vector, gains: ServoGains) -> Vector:
+        # A few joints one by one on floats: half the time of numpy, the same bits. A joint at rest stays at rest.
+        n = self._size
+        after = state.copy()
+        rows = np.column_stack([state.reshape(3, n).T, reference.reshape(2, n).T]).tolist()
+        columns = zip(*[np.broadcast_to(g, n).tolist() for g in gains], strict=True)
+        for lane, ((x, v, i, r, rate), lane_gains) in enumerate(zip(rows, columns, strict=True)):
+            if v == 0 and rate == 0 and i == 0 and x == r:
+                continue
+            steps = servo_steps(x, v, i, r, rate, 0.0, ServoGains(*lane_gains), self._substeps, SCALAR_MATH)
+            after[lane::n] = steps
+        return after
 
 
 class Servo(Diagram):

@@ -1,0 +1,118 @@
+"""Controllers for a station: a force law with kinematic inversion, or a user's own controller of joints."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.primitives import PassThrough
+
+from forcectl.control.force_law import ControllerConfig, LoopFacts
+from forcectl.control.kinematic_inversion import ConstantKinematicInversion, KinematicInversion
+from forcectl.diagrams.parts import affine, input_names, output_names
+from forcectl.diagrams.station import Cell
+from forcectl.errors import BadInputError
+from forcectl.plant.tip_kinematics import TipDisplacement
+
+CONTROLLER_INPUTS = (
+    "desired_force",
+    "measured_force",
+    "motor_position",
+    "motor_velocity",
+    "unconstrained_reference",
+)
+
+
+class ForceController(Diagram):
+    """A force law behind the ports of a robot: law, then kinematic inversion (2.9), (2.12).
+
+    ```
+    name: ForceController
+    input_ports: [desired_force, measured_force, motor_position, motor_velocity, unconstrained_reference]
+    output_ports: [joint_position_command, displacement_command, (further outputs of the law)]
+    ```
+
+    desired_force, measured_force: shape (1,) [N]. motor_position, motor_velocity, unconstrained_reference: shape (n_q,)
+    [rad, rad/s, rad]; the last is the joint motion in the unconstrained directions, from the start posture.
+    joint_position_command: shape (n_q,) [rad]. displacement_command: shape (1,) [m].
+    """
+
+    def __init__(self, config: ControllerConfig, cell: Cell):
+        super().__init__()
+        n_q, q_0 = cell.robot.num_joints, cell.motor_start
+        builder = DiagramBuilder()
+        add, connect, export = builder.AddNamedSystem, builder.Connect, builder.ExportInput
+        law = config.add_to(builder, loop_facts(cell))
+        _require(law, ("desired_force", "measured_force"), ("displacement_command",))
+        export(law.GetInputPort("desired_force"), "desired_force")
+        export(law.GetInputPort("measured_force"), "measured_force")
+        command = law.GetOutputPort("displacement_command")
+        # Every input of the slot exists, whatever a law makes of it.
+        position = add("motor_position", PassThrough(n_q))
+        export(position.get_input_port(), "motor_position")
+        export(add("motor_velocity", PassThrough(n_q)).get_input_port(), "motor_velocity")
+        if "motor_displacement" in input_names(law):
+            tip = add("motor_displacement", _displacement(cell))
+            connect(position.get_output_port(), tip.get_input_port())
+            connect(tip.get_output_port(), law.GetInputPort("motor_displacement"))
+        if cell.config.fidelity == "OneDimensional":
+            inversion = add("kinematic_inversion", ConstantKinematicInversion(cell.direction, q_0))
+        else:
+            limit = cell.config.singularity_limit
+            inversion = add("kinematic_inversion", KinematicInversion(cell.robot, cell.n, q_0, limit=limit))
+            connect(position.get_output_port(), inversion.GetInputPort("motor_position"))
+        connect(command, inversion.GetInputPort("displacement_command"))
+        export(inversion.GetInputPort("unconstrained_reference"), "unconstrained_reference")
+        builder.ExportOutput(inversion.GetOutputPort("joint_position_command"), "joint_position_command")
+        for i in range(law.num_output_ports()):
+            port = law.get_output_port(i)
+            builder.ExportOutput(port, port.get_name())
+        builder.BuildInto(self)
+
+
+def add_controller(builder: DiagramBuilder, config: ControllerConfig, cell: Cell) -> System:
+    """Add the controller of a configuration under the name `controller`, with the ports of the ForceController slot.
+
+    A configuration whose system has the output `joint_position_command` is used as it is; a force law, with the output
+    `displacement_command`, gets the kinematic inversion.
+
+    Raises:
+        BadInputError: the system has neither, or lacks an input of its slot.
+    """
+    scratch = DiagramBuilder()
+    made = config.add_to(scratch, loop_facts(cell))
+    if "joint_position_command" not in output_names(made):
+        return builder.AddNamedSystem("controller", ForceController(config, cell))
+    _require(made, CONTROLLER_INPUTS, ("joint_position_command",))
+    controller = config.add_to(builder, loop_facts(cell))
+    controller.set_name("controller")
+    return controller
+
+
+def loop_facts(cell: Cell) -> LoopFacts:
+    """What a controller may know of the cell's loop."""
+    sensor = cell.config.force_sensor
+    return LoopFacts(
+        size=1,
+        period=cell.config.period,
+        robot_compliance=np.array([cell.robot_compliance]),
+        environment_compliance=np.array([cell.environment_compliance]),
+        sensor_bandwidth=sensor.bandwidth,
+        sensor_damping_ratio=sensor.damping_ratio,
+        sensor_delay=sensor.delay,
+    )
+
+
+def _displacement(cell: Cell) -> System:
+    if cell.config.fidelity != "OneDimensional":
+        return TipDisplacement(cell.robot, cell.n, cell.motor_start)
+    row = cell.normal_row
+    return affine(row.reshape(1, -1), np.array([-row @ cell.motor_start]))
+
+
+def _require(system: System, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> None:
+    for kind, wanted, present in (("input", inputs, input_names(system)), ("output", outputs, output_names(system))):
+        for name in wanted:
+            if name not in present:
+                raise BadInputError(
+                    f"controller {type(system).__name__} has no {kind} port {name!r}: has {', '.join(sorted(present))}"
+                )

@@ -1,0 +1,161 @@
+"""The station: robot, position control, environment and force sensor, in three fidelities with the same ports.
+
+    in     joint_position_command (n_q,) [rad]
+    out    motor_position, motor_velocity (n_q,) [rad, rad/s]
+           measured_wrench (6,) [torque; force] of the environment on the tool, at S in S [Nm, N]
+           measured_force (1,) along n [N]
+    truth  contact_force (1,) [N], contact_displacement (1,) [m], link_position (n_q,) [rad], contact_state (1,)
+
+OneDimensional   Fig. 2.2/2.3: joint filter, servo along n, spring. One constant Jacobian.
+Kinematic        Fig. 2.5: joint filter and servo per joint, forward kinematics, C_T(q).
+Multibody        a MultibodyPlant with elastic joints, drives, joint friction, wrist sensor and a compliant environment.
+
+The station starts at rest, the tool just touching the surface with zero force.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Diagram
+
+from forcectl.control.kinematic_inversion import check_start_posture, unit_normal
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.lanes import check, whole_multiple
+from forcectl.plant.compliance import robot_compliance, total_compliance
+from forcectl.plant.compliant_contact import EnvironmentConfig
+from forcectl.plant.force_sensor import ForceSensorConfig
+from forcectl.plant.position_loop import PositionLoopConfig
+from forcectl.plant.servo import ServoConfig
+from forcectl.robot import RobotModel
+
+Vector = NDArray[np.float64]
+FIDELITIES = ("OneDimensional", "Kinematic", "Multibody")
+STATION_INPUTS = ("joint_position_command",)
+STATION_OUTPUTS = (
+    "motor_position",
+    "motor_velocity",
+    "measured_wrench",
+    "measured_force",
+    "contact_force",
+    "contact_displacement",
+    "link_position",
+    "contact_state",
+)
+
+
+@dataclass(kw_only=True)
+class StationConfig:
+    """Scenario part `station`."""
+
+    fidelity: str = "OneDimensional"  # OneDimensional, Kinematic or Multibody
+    robot: str = "comau_smart_six"  # shipped robot or a robot folder
+    tool: str = "force_probe"  # shipped tool or a tool folder
+    stiffness_set: str = ""  # joint stiffness of the control facts; empty: their default
+    elastic_joints: bool = True  # false: rigid joints, C_R = 0
+    posture_deg: list[float] = field(default_factory=list)  # start posture [deg]; empty: the robot's default
+    normal: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])  # n in the world frame
+    period: float = 0.002  # control tick [s]
+    time_step: float = 0.001  # step of the MultibodyPlant [s], divides the period
+    singularity_limit: float = 20.0  # largest |J^-1 n| used undamped [rad/m]
+    environment: EnvironmentConfig = field(default_factory=EnvironmentConfig)
+    position_loop: PositionLoopConfig = field(default_factory=PositionLoopConfig)
+    servo: ServoConfig = field(default_factory=ServoConfig)
+    force_sensor: ForceSensorConfig = field(default_factory=ForceSensorConfig)
+
+    def __post_init__(self) -> None:
+        if self.fidelity not in FIDELITIES:
+            raise unknown("fidelity", str(self.fidelity), FIDELITIES)
+        if not isinstance(self.elastic_joints, bool):
+            raise invalid("elastic_joints", self.elastic_joints, "true or false")
+        for name in ("period", "time_step", "singularity_limit"):
+            check(name, getattr(self, name), "positive")
+        for angle in self.posture_deg:
+            check("posture_deg", angle)
+        unit_normal(self.normal)
+        if whole_multiple("period", self.period, self.time_step, "time_step") < 1:
+            raise invalid("time_step", self.time_step, f"at most the period, {self.period:g} s")
+        for name, delay in (("position_loop.delay", self.position_loop.delay), ("force_sensor.delay", self.force_sensor.delay)):
+            whole_multiple(name, delay, self.period, "the control period")
+        if not self.environment.one_sided and self.fidelity != "OneDimensional":
+            raise invalid("environment.one_sided", False, "true unless station.fidelity = OneDimensional")
+
+
+@dataclass(frozen=True)
+class Cell:
+    """What the fidelities and the controllers need to know of a station before it is built.
+
+    robot: kinematics and facts. start: link positions at the start (n_q,) [rad]. n: unit normal in W (3,).
+    direction: J^-1 n at the start (n_q,) [rad/m]. robot_compliance: C_R at the start [m/N], 0 for rigid joints.
+    environment_compliance: C_E [m/N].
+    """
+
+    config: StationConfig
+    robot: RobotModel
+    start: Vector
+    n: Vector
+    direction: Vector
+    robot_compliance: float
+    environment_compliance: float
+
+    @property
+    def normal_row(self) -> Vector:
+        """n'J at the start: displacement along n per joint motion (n_q,) [m/rad]."""
+        context = self.robot.create_context()
+        self.robot.set_positions(context, self.start)
+        row: Vector = self.n @ self.robot.jacobian(context)[3:]
+        return row
+
+    @property
+    def gravity_deflection(self) -> Vector:
+        """Motor minus link positions at rest in the start posture (n_q,) [rad]; only the multibody robot has weight."""
+        if self.config.fidelity != "Multibody" or not self.config.elastic_joints:
+            return np.zeros(self.robot.num_joints)
+        context = self.robot.create_context()
+        self.robot.set_positions(context, self.start)
+        return self.robot.gravity_torque(context) / self.robot.joint_stiffness
+
+    @property
+    def motor_start(self) -> Vector:
+        """Motor positions at the start, q_0 of (2.12), (n_q,) [rad]."""
+        return self.start + self.gravity_deflection
+
+
+def describe(config: StationConfig) -> Cell:
+    """Load the robot and look at the start posture.
+
+    Raises:
+        BadInputError: unknown robot, posture of the wrong length, beyond the joint limits or singular along n.
+    """
+    robot = RobotModel.load(config.robot, config.tool, config.stiffness_set or None)
+    posture = robot.facts.default_posture
+    if config.posture_deg:
+        if len(config.posture_deg) != robot.num_joints:
+            raise BadInputError(f"posture_deg has {len(config.posture_deg)} angles: must have {robot.num_joints}")
+        posture = np.radians(config.posture_deg)
+    outside = (posture < robot.limits.position_lower) | (posture > robot.limits.position_upper)
+    if outside.any():
+        joint = int(np.argmax(outside))
+        low, high = np.degrees([robot.limits.position_lower[joint], robot.limits.position_upper[joint]])
+        raise invalid(f"posture_deg[{joint}]", float(np.degrees(posture[joint])), f"from {low:.4g} to {high:.4g}")
+    n = unit_normal(config.normal)
+    direction = check_start_posture(robot, posture, n, config.singularity_limit)
+    context = robot.create_context()
+    robot.set_positions(context, posture)
+    compliance = 0.0
+    if config.elastic_joints:
+        matrix = robot_compliance(robot, context, robot.joint_stiffness)
+        compliance = total_compliance(n, matrix, np.zeros((6, 6)), 0.0)
+    return Cell(config, robot, posture, n, direction, compliance, 1 / config.environment.stiffness)
+
+
+def build_station(cell: Cell, seed: int = 0) -> Diagram:
+    """The station of a cell, in its configured fidelity; `seed` is that of the sensor noise."""
+    from forcectl.diagrams.station_kinematic import KinematicStation
+    from forcectl.diagrams.station_multibody import MultibodyStation
+    from forcectl.diagrams.station_one_dimensional import OneDimensionalStation
+
+    kinds = {"OneDimensional": OneDimensionalStation, "Kinematic": KinematicStation, "Multibody": MultibodyStation}
+    return kinds[cell.config.fidelity](cell, seed)

@@ -1,0 +1,136 @@
+"""Displacement of the tool along the constrained direction, and the robot's compliance there.
+
+    dx = n'(p(q) - p(q_0))                                                                         (2.1)
+    C_R = n'(C_J(q) + C_L(q)) n                                                                    (2.7)
+
+with q the motor positions: dx is what a rigid robot would move, the motor side of (2.8).
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import BasicVector, CacheEntry, Context, InputPort, LeafSystem, ValueProducer
+
+from forcectl.robot import RobotModel
+
+Vector = NDArray[np.float64]
+
+
+def _posture_cache(block: LeafSystem, robot: RobotModel, position: InputPort) -> CacheEntry:
+    """A cache entry of `block` with a robot context in the posture of the port."""
+
+    def calc(context: Context, value: AbstractValue) -> None:
+        robot.set_positions(value.get_mutable_value(), position.Eval(context))
+
+    return block.DeclareCacheEntry(
+        "robot posture",
+        ValueProducer(allocate=lambda: AbstractValue.Make(robot.create_context()), calc=calc),
+        prerequisites_of_calc={position.ticket()},
+    )
+
+
+class TipDisplacement(LeafSystem):
+    """Motor-side displacement of the tool centre point along n.
+
+    ```
+    name: TipDisplacement
+    input_ports: [motor_position]
+    output_ports: [displacement]
+    ```
+
+    motor_position: shape (n_q,) [rad].
+    displacement: shape (1,), n'(p_WT(q) - p_WT(q_0)) [m]. Feedthrough.
+
+    Args:
+        robot: kinematics. n: unit normal in W, shape (3,). start: q_0, shape (n_q,) [rad].
+    """
+
+    def __init__(self, robot: RobotModel, n: ArrayLike, start: Vector):
+        super().__init__()
+        self._robot, self._n = robot, np.asarray(n, dtype=float)
+        self._position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
+        context = robot.create_context()
+        robot.set_positions(context, np.asarray(start, dtype=float))
+        self._origin = float(self._n @ robot.pose(context).translation())
+        self._plant_context = _posture_cache(self, robot, self._position)
+        self.DeclareVectorOutputPort(
+            "displacement", 1, self._displacement, prerequisites_of_calc={self._plant_context.ticket()}
+        )
+
+    def _displacement(self, context: Context, output: BasicVector) -> None:
+        tip = self._robot.pose(self._plant_context.Eval(context)).translation()
+        output.SetAtIndex(0, float(self._n @ tip) - self._origin)
+
+
+class LinkPosition(LeafSystem):
+    """Link positions of an arm whose joint springs carry the contact force.
+
+        q = q_m + K^-1 J(q_m)' n F
+
+    ```
+    name: LinkPosition
+    input_ports: [motor_position, contact_force]
+    output_ports: [link_position]
+    ```
+
+    motor_position: shape (n_q,) [rad]. contact_force: shape (1,), along n [N].
+    link_position: shape (n_q,) [rad]. Feedthrough of both.
+
+    Args:
+        stiffness: shape (n_q,) [Nm/rad]; infinite for rigid joints.
+    """
+
+    def __init__(self, robot: RobotModel, n: ArrayLike, stiffness: Vector):
+        super().__init__()
+        self._robot, self._n, self._stiffness = robot, np.asarray(n, dtype=float), stiffness
+        self._position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
+        self._force = self.DeclareVectorInputPort("contact_force", 1)
+        self._plant_context = _posture_cache(self, robot, self._position)
+        self.DeclareVectorOutputPort(
+            "link_position",
+            robot.num_joints,
+            self._links,
+            prerequisites_of_calc={self._plant_context.ticket(), self._force.ticket()},
+        )
+
+    def _links(self, context: Context, output: BasicVector) -> None:
+        plant_context = self._plant_context.Eval(context)
+        torque = self._robot.jacobian(plant_context)[3:].T @ self._n * self._force.Eval(context).item()
+        output.SetFromVector(self._position.Eval(context) + torque / self._stiffness)
+
+
+class ForceToWrench(LeafSystem):
+    """The wrench a wrist sensor would show for a force along n at the tool centre point.
+
+    ```
+    name: ForceToWrench
+    input_ports: [measured_force, motor_position]
+    output_ports: [measured_wrench]
+    ```
+
+    measured_force: shape (1,), along n [N]. motor_position: shape (n_q,) [rad].
+    measured_wrench: shape (6,), [torque; force] at the sensor frame S (the flange without a sensor), in S [Nm, N].
+    """
+
+    def __init__(self, robot: RobotModel, n: ArrayLike):
+        super().__init__()
+        self._robot, self._n = robot, np.asarray(n, dtype=float)
+        self._frame = robot.parts.sensor_frame or robot.parts.flange_frame
+        self._force = self.DeclareVectorInputPort("measured_force", 1)
+        self._position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
+        self._plant_context = _posture_cache(self, robot, self._position)
+        self.DeclareVectorOutputPort(
+            "measured_wrench",
+            6,
+            self._wrench,
+            prerequisites_of_calc={self._plant_context.ticket(), self._force.ticket()},
+        )
+
+    def _wrench(self, context: Context, output: BasicVector) -> None:
+        plant_context = self._plant_context.Eval(context)
+        X_WS = self._frame.CalcPoseInWorld(plant_context)
+        force = X_WS.rotation().matrix().T @ self._n * self._force.Eval(context).item()
+        p_ST = X_WS.inverse().multiply(self._robot.pose(plant_context).translation())
+        output.SetFromVector(np.concatenate([np.cross(p_ST, force), force]))
