@@ -1,0 +1,235 @@
+"""Draws the meshes of the shipped models: `python -m forcectl.models.make_meshes` writes them again.
+
+Every mesh is a loft: rings with the same number of points, joined by strips and closed by caps. Dimensions are in
+metres, in the frame of the link that shows the mesh. The meshes are for the eye; collision shapes are primitives in the
+model files.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Sequence
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+Array = NDArray[np.float64]
+Mesh = tuple[Array, Array, NDArray[np.int64], NDArray[np.int64]]  # vertices, normals, their indices per triangle corner
+POINTS = 40  # per ring
+CREASE = np.cos(np.radians(35.0))  # sharper edges stay sharp
+
+
+def circle(radius: float, x: float = 0.0, y: float = 0.0) -> Array:
+    """Ring of POINTS around (x, y), counter-clockwise, shape (POINTS, 2)."""
+    t = 2 * np.pi * np.arange(POINTS) / POINTS
+    return np.column_stack([x + radius * np.cos(t), y + radius * np.sin(t)])
+
+
+def rounded(width: float, height: float, corner: float, x: float = 0.0, y: float = 0.0) -> Array:
+    """Rectangle with rounded corners around (x, y), counter-clockwise, shape (POINTS, 2)."""
+    t = 2 * np.pi * (np.arange(POINTS) + 0.5) / POINTS
+    c, s = np.cos(t), np.sin(t)
+    return np.column_stack(
+        [x + np.sign(c) * (width / 2 - corner) + corner * c, y + np.sign(s) * (height / 2 - corner) + corner * s]
+    )
+
+
+def two_circles(r1: float, r2: float, distance: float) -> Array:
+    """Outline around a circle r1 at the origin and a circle r2 at (0, distance), shape (POINTS, 2)."""
+    lean = np.arcsin((r1 - r2) / distance)
+    upper = np.linspace(lean, np.pi - lean, POINTS // 2)
+    lower = np.linspace(np.pi - lean, 2 * np.pi + lean, POINTS // 2)
+    top = np.column_stack([r2 * np.cos(upper), distance + r2 * np.sin(upper)])
+    return np.vstack([top, np.column_stack([r1 * np.cos(lower), r1 * np.sin(lower)])])
+
+
+def shrink(ring: Array, by: float) -> Array:
+    """A convex ring moved inwards by `by`."""
+    edges = np.roll(ring, -1, axis=0) - ring
+    normals = np.column_stack([edges[:, 1], -edges[:, 0]]) / np.linalg.norm(edges, axis=1)[:, None]
+    corner = normals + np.roll(normals, 1, axis=0)
+    return ring - by * corner / np.maximum(np.linalg.norm(corner, axis=1), 1e-9)[:, None]
+
+
+def along(axis: str, rings: Sequence[tuple[float, Array]]) -> list[Array]:
+    """Rings placed at coordinates along `axis`; ring coordinates are (x, y) for z, (z, x) for y and (y, z) for x."""
+    order = {"z": [0, 1, 2], "y": [1, 2, 0], "x": [2, 0, 1]}[axis]
+    return [np.column_stack([ring, np.full(len(ring), at)])[:, order] for at, ring in rings]
+
+
+def slab(axis: str, ring: Array, start: float, end: float, bevel: float) -> list[Array]:
+    """`ring` extruded from `start` to `end` with bevelled edges."""
+    steps = [(start, bevel), (start + 0.3 * bevel, 0.3 * bevel), (start + bevel, 0.0)]
+    steps += [(end - bevel, 0.0), (end - 0.3 * bevel, 0.3 * bevel), (end, bevel)]
+    return along(axis, [(at, shrink(ring, inset) if inset else ring) for at, inset in steps])
+
+
+def coil(radius: float, wire: float, bottom: float, top: float, turns: float) -> list[Array]:
+    """A helical spring around z as rings around its wire."""
+    t = 2 * np.pi * np.arange(8) / 8
+    rings = []
+    for s in np.linspace(0, 1, int(turns * 20) + 1):
+        a = 2 * np.pi * turns * s
+        centre = np.array([radius * np.cos(a), radius * np.sin(a), bottom + (top - bottom) * s])
+        out, up = np.array([np.cos(a), np.sin(a), 0.0]), np.array([0.0, 0.0, 1.0])
+        rings.append(centre + wire * (np.cos(t)[:, None] * out + np.sin(t)[:, None] * up))
+    return rings
+
+
+def loft(*bodies: Sequence[Array]) -> Mesh:
+    """Closed surfaces through rings, each body on its own, as one mesh; normals are smooth where edges are not sharp."""
+    corners: list[Array] = []
+    for rings in bodies:
+        triangles = []
+        for a, b in zip(rings[:-1], rings[1:], strict=True):
+            a2, b2 = np.roll(a, -1, axis=0), np.roll(b, -1, axis=0)
+            triangles += [np.stack([a, a2, b2], axis=1), np.stack([a, b2, b], axis=1)]
+        for ring, turn in ((rings[0], -1), (rings[-1], 1)):
+            middle = np.broadcast_to(ring.mean(axis=0), ring.shape)
+            triangles.append(np.stack([middle, ring, np.roll(ring, -1, axis=0)], axis=1)[:, ::turn])
+        body = np.concatenate(triangles)
+        volume = np.einsum("ij,ij->", body[:, 0], np.cross(body[:, 1], body[:, 2]))
+        corners.append(body if volume > 0 else body[:, ::-1])
+    return _with_normals(np.concatenate(corners))
+
+
+def _with_normals(triangles: Array) -> Mesh:
+    area = np.cross(triangles[:, 1] - triangles[:, 0], triangles[:, 2] - triangles[:, 0])
+    size = np.linalg.norm(area, axis=1)
+    triangles, area, size = triangles[size > 1e-12], area[size > 1e-12], size[size > 1e-12]
+    face = area / size[:, None]
+    vertices, index = np.unique(np.round(triangles.reshape(-1, 3), 5), axis=0, return_inverse=True)
+    index = index.reshape(-1, 3)
+    users: list[list[int]] = [[] for _ in vertices]
+    for f, corner in enumerate(index):
+        for v in corner:
+            users[v].append(f)
+    normals = np.empty_like(triangles)
+    for f, corner in enumerate(index):
+        for k, v in enumerate(corner):
+            near = [g for g in users[v] if face[g] @ face[f] > CREASE]
+            total = area[near].sum(axis=0)
+            normals[f, k] = total / np.linalg.norm(total)
+    unique, normal_index = np.unique(np.round(normals.reshape(-1, 3), 3), axis=0, return_inverse=True)
+    return vertices, unique, index, normal_index.reshape(-1, 3)
+
+
+def write_obj(mesh: Mesh, file: Path) -> None:
+    """Write a mesh with normals as Wavefront OBJ."""
+    vertices, normals, faces, of_normals = mesh
+    lines = [f"v {x:.5f} {y:.5f} {z:.5f}" for x, y, z in vertices + 0.0]  # + 0.0 turns -0 into 0
+    lines += [f"vn {x:.3f} {y:.3f} {z:.3f}" for x, y, z in normals + 0.0]
+    for f, n in zip(faces + 1, of_normals + 1, strict=True):
+        lines.append("f " + " ".join(f"{v}//{m}" for v, m in zip(f, n, strict=True)))
+    file.parent.mkdir(parents=True, exist_ok=True)
+    file.write_text("\n".join(lines) + "\n")
+
+
+def base() -> Mesh:
+    """Foot plate and column; COMAU base."""
+    foot = slab("z", rounded(0.30, 0.30, 0.05), 0.0, 0.03, 0.006)
+    column = along("z", [(0.025, circle(0.148)), (0.06, circle(0.14)), (0.17, circle(0.135)), (0.205, circle(0.15))])
+    return loft(foot, column)
+
+
+def base_box() -> Mesh:
+    """Connector box behind the base."""
+    return loft(slab("x", rounded(0.20, 0.15, 0.025, 0.0, 0.105), -0.469, -0.10, 0.012))
+
+
+def turret() -> Mesh:
+    """Rotating column that leans forward to the shoulder; COMAU link_1."""
+    foot = slab("z", circle(0.187), -0.24, -0.175, 0.012)
+    body = along(
+        "z",
+        [
+            (-0.18, circle(0.170)),
+            (-0.15, rounded(0.335, 0.320, 0.15, 0.008)),
+            (-0.08, rounded(0.300, 0.270, 0.11, 0.055)),
+            (0.00, rounded(0.255, 0.235, 0.06, 0.105)),
+            (0.06, rounded(0.225, 0.220, 0.05, 0.125)),
+            (0.09, rounded(0.170, 0.190, 0.05, 0.130)),
+        ],
+    )
+    shoulder = slab("y", circle(0.118, 0.0, 0.15), -0.092, 0.150, 0.014)
+    return loft(foot, body, shoulder)
+
+
+def upper_arm() -> Mesh:
+    """Tapered arm beside the shoulder, with a rib; COMAU link_2."""
+    outline = two_circles(0.098, 0.084, 0.59)[:, ::-1][::-1]  # (z, x)
+    plate = slab("y", outline, -0.222, -0.118, 0.022)
+    shoulder = slab("y", circle(0.092), -0.245, -0.094, 0.012)
+    elbow = slab("y", circle(0.078, 0.59), -0.240, -0.094, 0.012)
+    return loft(plate, shoulder, elbow)
+
+
+def elbow() -> Mesh:
+    """Elbow housing that carries the forearm and its motors; COMAU link_3."""
+    hub = slab("y", circle(0.112), -0.092, 0.135, 0.014)
+    body = along(
+        "x",
+        [
+            (-0.100, rounded(0.130, 0.130, 0.04, 0.0, 0.125)),
+            (-0.090, rounded(0.150, 0.150, 0.04, 0.0, 0.122)),
+            (-0.020, rounded(0.168, 0.180, 0.05, 0.0, 0.115)),
+            (0.050, rounded(0.165, 0.172, 0.06, 0.0, 0.122)),
+            (0.090, circle(0.080, 0.0, 0.13)),
+            (0.106, circle(0.074, 0.0, 0.13)),
+        ],
+    )
+    return loft(hub, body)
+
+
+def forearm() -> Mesh:
+    """Tapered forearm with the fork that holds the wrist; COMAU link_4."""
+    tube = along(
+        "x",
+        [
+            (0.098, circle(0.066)),
+            (0.110, circle(0.066)),
+            (0.111, circle(0.072)),
+            (0.150, circle(0.072)),
+            (0.180, circle(0.060)),
+            (0.440, circle(0.052)),
+            (0.520, rounded(0.132, 0.098, 0.045)),
+            (0.570, rounded(0.132, 0.094, 0.040)),
+            (0.578, rounded(0.124, 0.086, 0.040)),
+        ],
+    )
+    cheek = two_circles(0.047, 0.045, 0.107) + np.array([0.0, 0.54])  # (z, x)
+    return loft(tube, slab("y", cheek, -0.066, -0.0435, 0.006), slab("y", cheek, 0.0435, 0.066, 0.006))
+
+
+def wrist() -> Mesh:
+    """Wrist body between the cheeks of the fork; COMAU link_5."""
+    barrel = slab("y", circle(0.0405), -0.0425, 0.0425, 0.004)
+    neck = along("x", [(0.0, circle(0.038)), (0.055, circle(0.038)), (0.068, circle(0.033)), (0.076, circle(0.033))])
+    return loft(barrel, neck)
+
+
+def spring() -> Mesh:
+    """One coil spring below the plate."""
+    return loft(coil(0.016, 0.0025, -0.079, -0.011, 6.0))
+
+
+MESHES: dict[str, Callable[[], Mesh]] = {
+    "comau_smart_six/meshes/base.obj": base,
+    "comau_smart_six/meshes/base_box.obj": base_box,
+    "comau_smart_six/meshes/link_1.obj": turret,
+    "comau_smart_six/meshes/link_2.obj": upper_arm,
+    "comau_smart_six/meshes/link_3.obj": elbow,
+    "comau_smart_six/meshes/link_4.obj": forearm,
+    "comau_smart_six/meshes/link_5.obj": wrist,
+    "spring_plate/meshes/spring.obj": spring,
+}
+
+
+def write_all(folder: Path) -> None:
+    """Write every mesh below `folder`."""
+    for name, make in MESHES.items():
+        write_obj(make(), folder / name)
+
+
+if __name__ == "__main__":
+    write_all(Path(__file__).parent)
