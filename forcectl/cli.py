@@ -1,0 +1,308 @@
+"""The command line. Commands import what they need when they run, so that `--help` does not wait for Drake.
+
+Exit codes: 0 done; 1 a run failed, an expectation was missed or the doctor found errors; 2 bad input.
+"""
+
+from __future__ import annotations
+
+import sys
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from forcectl.errors import BadInputError, ForcectlError, unknown
+
+if TYPE_CHECKING:
+    from pydrake.systems.framework import Diagram
+    from rich.console import Console
+
+FORMATS = ("svg", "html", "dot", "png", "pdf", "mermaid")
+_SUFFIXES = {".mmd": "mermaid", ".gv": "dot", ".htm": "html"}
+
+app = typer.Typer(
+    name="forcectl",
+    help="Robot force control as Drake diagrams: simulate, draw, check and reproduce.\n\nExample: forcectl run fig_2_7",
+    no_args_is_help=True,
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+Target = Annotated[str, typer.Argument(metavar="SCENARIO", help="Name of a shipped experiment or path of a YAML file.")]
+Diagrammed = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENARIO", help="Shipped experiment, YAML file, or package.module:function that returns a Diagram."
+    ),
+]
+Variant = Annotated[str | None, typer.Option(metavar="V", help="This variant only (graph, check: default the first).")]
+Settings = Annotated[
+    list[str] | None, typer.Option("--set", metavar="a.b.c=value", help="Override one value; may be repeated.")
+]
+Fidelity = Annotated[str | None, typer.Option(metavar="F", help="OneDimensional, Kinematic or Multibody.")]
+Seed = Annotated[int | None, typer.Option(metavar="N", help="Seed of every random number.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace the earlier run in --out.")]
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        import forcectl
+
+        typer.echo(f"forcectl {forcectl.__version__}")
+        raise typer.Exit
+
+
+@app.callback()
+def _options(
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+) -> None:
+    pass
+
+
+@app.command("list")
+def list_() -> None:
+    """Show experiments, presets, stations, controllers, references and blocks.
+
+    Example: forcectl list
+    """
+    from forcectl.simulation.tables import catalog_tables
+
+    console = _console()
+    for table in catalog_tables():
+        console.print(table)
+        console.print()
+
+
+@app.command()
+def run(
+    scenario: Target,
+    variant: Variant = None,
+    settings: Settings = None,
+    seed: Seed = None,
+    fidelity: Fidelity = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Directory to write; default runs/<name>-<n>.")
+    ] = None,
+    force: Force = False,
+    realtime_rate: Annotated[
+        float, typer.Option(metavar="R", min=0.0, help="At most R simulated seconds per second; 0: full speed.")
+    ] = 0.0,
+) -> None:
+    """Simulate a scenario and write log, metrics, figures and block diagram.
+
+    Example: forcectl run fig_2_7 --set station.environment.stiffness=2e5 --seed 3
+    """
+    from forcectl.simulation.catalog import find_scenario
+    from forcectl.simulation.run import run as simulate
+    from forcectl.simulation.run_directory import free_name
+    from forcectl.simulation.tables import metrics_table, verdict_table
+
+    file = find_scenario(scenario)
+    directory = out or free_name(Path("runs"), file.name)
+    with _progress() as progress:
+        result = simulate(
+            file,
+            variant=variant,
+            overrides=parse_settings(settings or []),
+            seed=seed,
+            fidelity=fidelity,
+            out=directory,
+            force=force,
+            realtime_rate=realtime_rate,
+            progress=progress.show,
+        )
+    console = _console()
+    console.print(metrics_table(result.metrics, f"{file.name}: {file.tree.get('title', '')}"))
+    if result.verdicts:
+        console.print()
+        console.print(verdict_table(result.verdicts, "Expectations"))
+    console.print()
+    typer.echo(f"results in {directory}: log.nc, metrics.json, figures/, diagram.html, scenario.yaml, manifest.json")
+    if not result.passed:
+        raise typer.Exit(1)
+
+
+@app.command()
+def graph(
+    scenario: Diagrammed,
+    format_: Annotated[
+        str | None, typer.Option("--format", metavar="|".join(FORMATS), help="Default: from --out, else svg.")
+    ] = None,
+    depth: Annotated[
+        int | None, typer.Option(metavar="N", min=0, help="Levels of nesting to unfold; default all.")
+    ] = None,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="File to write (replaced if it exists).")] = None,
+    variant: Variant = None,
+    settings: Settings = None,
+    fidelity: Fidelity = None,
+) -> None:
+    """Draw the block diagram of a scenario, or of your own diagram.
+
+    Example: forcectl graph fig_2_7 --format html --depth 2 --out loop.html
+    """
+    chosen = _format(format_, out)
+    name, diagram = _diagram(scenario, variant, settings, fidelity)
+    from forcectl.viz.graph import export
+
+    target = out or Path(f"{name}.{'mmd' if chosen == 'mermaid' else chosen}")
+    partial = target.with_name(f".partial-{target.name}")
+    try:
+        export(diagram, partial, format=chosen, depth=depth)
+        partial.replace(target)
+    except OSError as error:
+        raise BadInputError(f"--out {str(target)!r} cannot be written: {error.strerror}") from None
+    finally:
+        partial.unlink(missing_ok=True)
+    typer.echo(f"wrote {target}")
+
+
+@app.command()
+def check(
+    scenario: Diagrammed,
+    variant: Variant = None,
+    settings: Settings = None,
+    fidelity: Fidelity = None,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Also remarks and the feedthrough table.")] = False,
+) -> None:
+    """Examine a diagram: wiring, direct feedthrough, algebraic loops, sample periods and delays.
+
+    Example: forcectl check fig_2_7 --verbose
+    """
+    _, diagram = _diagram(scenario, variant, settings, fidelity)
+    from forcectl.doctor import examine, render
+
+    report = examine(diagram)
+    render(report, _console(), verbose=verbose)
+    if not report.ok:
+        raise typer.Exit(1)
+
+
+@app.command()
+def reproduce(
+    experiments: Annotated[list[str] | None, typer.Argument(metavar="[ID]...", help="Experiments to run.")] = None,
+    all_: Annotated[bool, typer.Option("--all", help="Every shipped experiment.")] = False,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Directory to write; default runs/reproduce-<n>.")
+    ] = None,
+    check_: Annotated[bool, typer.Option("--check", help="Exit with 1 when a target is missed.")] = False,
+    fidelity: Fidelity = None,
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Processes; default one per processor.")
+    ] = None,
+    force: Force = False,
+) -> None:
+    """Run experiments of the thesis in parallel and compare with its numbers.
+
+    Example: forcectl reproduce fig_2_7 fig_2_8 --check
+    """
+    from forcectl.simulation.catalog import list_experiments
+    from forcectl.simulation.reproduce import reproduce as compare
+    from forcectl.simulation.run_directory import free_name
+    from forcectl.simulation.tables import verdict_table
+
+    if bool(experiments) == all_:
+        raise BadInputError(f"reproduce: must have either names or --all, known: {', '.join(list_experiments())}")
+    names = list_experiments() if all_ else list(dict.fromkeys(experiments or []))
+    directory = out or free_name(Path("runs"), "reproduce")
+    with _progress() as progress:
+        report = compare(names, out=directory, fidelity=fidelity, workers=workers, force=force, progress=progress.show)
+    console = _console()
+    for part in report.parts:
+        console.print(verdict_table(part.verdicts, f"{part.experiment}: {part.title} [{part.fidelity}]"))
+        console.print()
+    missed = sum(v.passed is False for part in report.parts for v in part.verdicts)
+    judged = sum(v.passed is not None for part in report.parts for v in part.verdicts)
+    typer.echo(
+        f"{judged - missed} of {judged} targets met; results in {directory}: summary.json and one run per folder"
+    )
+    if check_ and missed:
+        raise typer.Exit(1)
+
+
+def parse_settings(settings: list[str]) -> dict[str, Any]:
+    """`["a.b=1e-3", ...]` as {"a.b": 0.001}; values are YAML.
+
+    Raises:
+        BadInputError: no equals sign, no key, or a value that is not YAML.
+    """
+    from forcectl.simulation.yaml_tree import parse
+
+    found = {}
+    for text in settings:
+        key, equals, value = text.partition("=")
+        key = key.strip()
+        if not equals or not all(key.split(".")):
+            raise BadInputError(f"--set {text!r}: must be key=value, for example station.environment.stiffness=2e5")
+        found[key] = parse(value, f"--set {key}")
+    return found
+
+
+def _format(wanted: str | None, out: Path | None) -> str:
+    if wanted is None and out is not None and out.suffix:
+        wanted = _SUFFIXES.get(out.suffix.lower(), out.suffix.lower().lstrip("."))
+    chosen = wanted or "svg"
+    if chosen not in FORMATS:
+        raise unknown("format", chosen, FORMATS)
+    return chosen
+
+
+def _diagram(target: str, variant: str | None, settings: list[str] | None, fidelity: str | None) -> tuple[str, Diagram]:
+    """A file name and the diagram behind a scenario or an import path."""
+    if ":" in target and not Path(target).exists():
+        from forcectl.simulation.imported import call_for_diagram
+
+        return target.rpartition(":")[2], call_for_diagram(target)
+    from forcectl.simulation.run import with_shortcuts
+    from forcectl.simulation.scenario import as_file, build, resolve, select_variants
+
+    file = as_file(target)
+    overrides = with_shortcuts(parse_settings(settings or []), None, fidelity)
+    return file.name, build(resolve(file, select_variants(file, variant)[0], overrides)).diagram
+
+
+def _console() -> Console:
+    from rich.console import Console
+
+    return Console()
+
+
+class _progress:
+    """A bar per running job on standard error, gone when all is done."""
+
+    def __enter__(self) -> _progress:
+        from rich.console import Console
+        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
+
+        columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
+        self._bars = Progress(*columns, console=Console(stderr=True), transient=True)
+        self._tasks: dict[str, Any] = {}
+        self._bars.start()
+        return self
+
+    def show(self, name: str, share: float) -> None:
+        """Move the bar called `name` to `share` of its length."""
+        if name not in self._tasks:
+            self._tasks[name] = self._bars.add_task(name, total=1.0)
+        self._bars.update(self._tasks[name], completed=share)
+
+    def __exit__(self, *_: object) -> None:
+        self._bars.stop()
+
+
+def main() -> None:
+    """Entry point: every error of forcectl is one line on standard error."""
+    try:
+        app()
+    except ForcectlError as error:
+        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
+        sys.exit(2 if isinstance(error, BadInputError) else 1)
+    except BrokenPipeError:  # the reader, for example `head`, has seen enough
+        sys.stderr.close()
+        sys.exit(1)
+
+
+if __name__ == "__main__":
+    main()

@@ -1,0 +1,130 @@
+"""What is there to choose from: experiments, presets, controllers, references, robots, tools and blocks.
+
+Reads files only and imports no Drake, so that `forcectl list` answers at once. A new controller or reference becomes a
+scenario tag by one line in `CONTROLLERS` or `REFERENCES`.
+"""
+
+from __future__ import annotations
+
+import ast
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from forcectl import experiments
+from forcectl.errors import BadInputError, unknown
+from forcectl.models import list_robots, list_tools
+from forcectl.simulation.yaml_tree import Tagged, parse
+
+# Scenario tag -> import path of the dataclass behind it. The first of each table is the default.
+CONTROLLERS = {
+    "Integral": "forcectl.control.integral:IntegralConfig",
+    "AdaptiveIntegral": "forcectl.control.adaptive_integral:AdaptiveIntegralConfig",
+    "Import": "forcectl.simulation.imported:ImportConfig",
+}
+REFERENCES = {
+    "Step": "forcectl.motion.references:StepConfig",
+    "Ramp": "forcectl.motion.references:RampConfig",
+    "Sequence": "forcectl.motion.references:SequenceConfig",
+    "File": "forcectl.motion.references:FileConfig",
+}
+FIDELITIES = ("OneDimensional", "Kinematic", "Multibody")
+DEFAULT_PRESET = "friction"
+
+
+@dataclass(frozen=True)
+class ScenarioFile:
+    """A scenario as written: name, label for messages, tree, and the folder that relative paths start from."""
+
+    name: str
+    origin: str
+    tree: Tagged
+    folder: Path
+
+
+def experiments_folder() -> Path:
+    """The folder of the shipped experiments."""
+    return Path(str(experiments.__file__)).parent
+
+
+def list_experiments() -> list[str]:
+    """Names of the shipped experiments, sorted."""
+    return sorted(file.stem for file in experiments_folder().glob("*.yaml"))
+
+
+def list_presets() -> list[str]:
+    """Names of the plant presets, sorted."""
+    return sorted(file.stem for file in (experiments_folder() / "presets").glob("*.yaml"))
+
+
+def list_blocks() -> dict[str, str]:
+    """Every block's file, as `folder/name`, with the first line of its documentation."""
+    root = Path(__file__).parent.parent
+    found = {}
+    for folder in ("plant", "control", "estimation", "motion"):
+        for file in sorted((root / folder).glob("[!_]*.py")):
+            text = ast.get_docstring(ast.parse(file.read_text(encoding="utf-8"))) or ""
+            found[f"{folder}/{file.stem}"] = text.split("\n", 1)[0]
+    return found
+
+
+def find_scenario(name_or_path: str | Path) -> ScenarioFile:
+    """The scenario of that name among the shipped ones, or in the file at that path.
+
+    Raises:
+        BadInputError: no such name or file, or the file is not a YAML mapping.
+    """
+    name = str(name_or_path)
+    if name in list_experiments():
+        return read_scenario(experiments_folder() / f"{name}.yaml", name)
+    path = Path(name).expanduser()
+    if path.is_file():
+        return read_scenario(path, path.stem)
+    if path.suffix in (".yaml", ".yml") or "/" in name:
+        kind = "is a folder" if path.is_dir() else "does not exist"
+        raise BadInputError(
+            f"scenario file {name!r} {kind}: must be a YAML file or one of: {', '.join(list_experiments())}"
+        )
+    raise unknown("scenario", name, list_experiments())
+
+
+def find_preset(name: object) -> ScenarioFile:
+    """The plant preset of that name.
+
+    Raises:
+        BadInputError: no such preset.
+    """
+    if name not in list_presets():
+        raise unknown("preset", str(name), list_presets())
+    return read_scenario(experiments_folder() / "presets" / f"{name}.yaml", str(name))
+
+
+def read_scenario(path: Path, name: str) -> ScenarioFile:
+    """Read one scenario file.
+
+    Raises:
+        BadInputError: the file cannot be read or is not a YAML mapping.
+    """
+    try:
+        text = path.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise BadInputError(f"cannot read scenario file {str(path)!r}: {reason}") from None
+    return ScenarioFile(name, path.name, scenario_tree(parse(text, path.name), path.name), path.parent)
+
+
+def scenario_tree(tree: Any, origin: str) -> Tagged:
+    """The root of a scenario; keys that begin with an underscore (anchors, templates) are dropped, as in Drake."""
+    if not isinstance(tree, Tagged) or tree.tag is not None:
+        kind = (
+            "empty" if tree is None else "a tagged mapping" if isinstance(tree, Tagged) else f"a {type(tree).__name__}"
+        )
+        raise BadInputError(
+            f"{origin} is {kind}: must be a mapping of scenario keys, such as station, controller, duration"
+        )
+    return Tagged({k: v for k, v in tree.items() if not str(k).startswith("_")})
+
+
+def list_models() -> dict[str, list[str]]:
+    """Shipped robots and tools, by the scenario key that names them."""
+    return {"station.robot": list_robots(), "station.tool": list_tools()}

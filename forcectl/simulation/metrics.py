@@ -1,0 +1,255 @@
+"""Metrics: one definition each, as plain functions of sampled signals.
+
+Signals are 1-D arrays over `time` [s], forces in [N]. A step metric looks at one `Step`: from the instant the desired
+force changes to the last sample before it changes again. Time counts from that instant. What cannot be told from the
+signals (a settling time when the force has not settled) is None.
+
+    overshoot   max(F) - F_ref of the measured force (thesis: OS = max(F)/F_ref - 1); min for a step down
+    rise        10 % to 90 % of the step
+    settling    last time outside a band of +-2 % or +-5 % of F_ref
+    model error e = F - F_M, F_M the response of M(s) = w/(s + w) to the desired force
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+Signal = NDArray[np.float64]
+
+# Every metric with its unit and meaning. A run with several steps has those of the last one under these names, and
+# those of each one as `step_1.<name>`, `step_2.<name>` ...
+STEP_METRICS: dict[str, tuple[str, str]] = {
+    "overshoot_N": ("N", "measured force beyond the reference"),
+    "overshoot_pct": ("%", "the same, in percent of the reference"),
+    "rise_time_s": ("s", "10 % to 90 % of the step"),
+    "time_to_90pct_s": ("s", "from the step to 90 % of it"),
+    "settling_time_5pct_s": ("s", "last time outside 5 % of the reference"),
+    "settling_time_2pct_s": ("s", "last time outside 2 % of the reference"),
+    "steady_state_error_N": ("N", "mean of reference less force over the last tenth of the step"),
+    "max_abs_model_error_N": ("N", "largest distance from the reference model"),
+    "time_of_max_abs_model_error_s": ("s", "when that is"),
+    "max_positive_model_error_N": ("N", "furthest above the reference model"),
+    "time_of_max_positive_model_error_s": ("s", "when that is"),
+    "model_error_sd_N": ("N", "standard deviation from the reference model over the window"),
+    "model_error_window_s": ("s", "length of that window"),
+}
+RUN_METRICS: dict[str, tuple[str, str]] = {
+    "peak_force_N": ("N", "largest true contact force of the run"),
+    "contact_loss_s": ("s", "time without contact after the first contact"),
+    "control_effort_m": ("m", "path length of the displacement command"),
+    "realtime_factor": ("1", "simulated time divided by computing time"),
+}
+_SETTLED_SHARE = 0.1  # of the step, over which the steady state is averaged
+
+
+def metric_names() -> list[str]:
+    """Names of all metrics."""
+    return [*STEP_METRICS, *RUN_METRICS]
+
+
+def is_metric(name: str) -> bool:
+    """Whether `name` is a metric, also of one step out of several (`step_2.overshoot_N`)."""
+    one = re.fullmatch(r"step_[1-9]\d*\.(\w+)", name)
+    return one.group(1) in STEP_METRICS if one else name in STEP_METRICS or name in RUN_METRICS
+
+
+def metric_unit(name: str) -> str:
+    """Unit of a metric."""
+    return (STEP_METRICS | RUN_METRICS)[name.rpartition(".")[2]][0]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One change of the desired force at `time` [s]: samples [first, end), from `start` [N] to `target` [N]."""
+
+    first: int
+    end: int
+    time: float
+    start: float
+    target: float
+
+    @property
+    def size(self) -> float:
+        """Signed height [N]."""
+        return self.target - self.start
+
+
+def find_steps(time: Signal, desired: Signal, initial: float = 0.0) -> list[Step]:
+    """The steps in a desired force.
+
+    A change that goes on for several samples (a ramp) is one step, counted from where it begins. A reference that is
+    constant from the first sample on is a step at that sample, if it differs from `initial`, the force before it [N].
+    """
+    changed = np.flatnonzero(np.diff(desired, prepend=initial) != 0)
+    if changed.size == 0:
+        return []
+    begins = changed[np.flatnonzero(np.diff(changed, prepend=-2) > 1)]
+    ends = [*begins[1:].tolist(), len(desired)]
+    return [
+        Step(first, end, float(time[first]), float(desired[first - 1]) if first else initial, float(desired[end - 1]))
+        for first, end in zip(begins.tolist(), ends, strict=True)
+    ]
+
+
+def overshoot(force: Signal, step: Step) -> float:
+    """Furthest measured force beyond the target [N], zero if it stays short of it."""
+    beyond = (force[step.first : step.end] - step.target) * (1 if step.size >= 0 else -1)
+    return max(0.0, float(beyond.max()))
+
+
+def time_to_share(time: Signal, force: Signal, step: Step, share: float) -> float | None:
+    """Time [s] from the step until the force first reaches `share` of it, interpolated between samples."""
+    t = time[step.first : step.end] - step.time
+    progress = (force[step.first : step.end] - step.start) / step.size
+    reached = np.flatnonzero(progress >= share)
+    if reached.size == 0:
+        return None
+    i = int(reached[0])
+    if i == 0:
+        return float(t[0])
+    return float(t[i - 1] + (t[i] - t[i - 1]) * (share - progress[i - 1]) / (progress[i] - progress[i - 1]))
+
+
+def rise_time(time: Signal, force: Signal, step: Step) -> float | None:
+    """Time [s] from 10 % to 90 % of the step."""
+    low, high = time_to_share(time, force, step, 0.1), time_to_share(time, force, step, 0.9)
+    return high - low if low is not None and high is not None else None
+
+
+def settling_time(time: Signal, force: Signal, step: Step, band: float) -> float | None:
+    """Last time [s] outside +-`band` of the target (of the height, for a target of zero); None if still outside."""
+    width = band * (abs(step.target) or abs(step.size))
+    outside = np.flatnonzero(np.abs(force[step.first : step.end] - step.target) > width)
+    if outside.size == 0:
+        return 0.0
+    last = int(outside[-1])
+    return float(time[step.first + last] - step.time) if step.first + last < step.end - 1 else None
+
+
+def steady_state_error(force: Signal, step: Step) -> float:
+    """Mean of target less force [N] over the last tenth of the step."""
+    first = step.end - max(1, round(_SETTLED_SHARE * (step.end - step.first)))
+    return float(np.mean(step.target - force[first : step.end]))
+
+
+def model_response(time: Signal, desired: Signal, bandwidth: float, initial: float = 0.0) -> Signal:
+    """Response F_M [N] of M(s) = w/(s + w) to the desired force, held between samples; exact for steps.
+
+    Args:
+        time: [s]. desired: [N]. bandwidth: w [rad/s]. initial: F_M at the first sample [N].
+    """
+    decay = np.exp(-bandwidth * np.diff(time))
+    response = np.empty_like(desired)
+    response[0] = value = initial
+    for k in range(len(desired) - 1):
+        value = desired[k] + (value - desired[k]) * decay[k]
+        response[k + 1] = value
+    return response
+
+
+def model_error_sd(time: Signal, error: Signal, step: Step, window: float) -> tuple[float, float]:
+    """Standard deviation [N] of the model error over `window` T_w [s] from the step, and the window used.
+
+    It falls with 1/sqrt(T_w), so numbers compare at equal windows only. A step shorter than T_w is used as a whole.
+    """
+    inside = time[step.first : step.end] <= step.time + window * (1 + 1e-9)
+    t = time[step.first : step.end][inside]
+    return float(np.std(error[step.first : step.end][inside])), float(t[-1] - step.time)
+
+
+def step_metrics(
+    time: Signal, force: Signal, step: Step, model: Signal | None, window: float
+) -> dict[str, float | None]:
+    """`STEP_METRICS` of one step.
+
+    Args:
+        time: [s]. force: measured [N]. model: response of the reference model [N], or None. window: T_w [s].
+    """
+    beyond = overshoot(force, step)
+    result: dict[str, float | None] = dict.fromkeys(STEP_METRICS)
+    result |= {
+        "overshoot_N": beyond,
+        "overshoot_pct": 100 * beyond / (abs(step.target) or abs(step.size)),
+        "rise_time_s": rise_time(time, force, step),
+        "time_to_90pct_s": time_to_share(time, force, step, 0.9),
+        "settling_time_5pct_s": settling_time(time, force, step, 0.05),
+        "settling_time_2pct_s": settling_time(time, force, step, 0.02),
+        "steady_state_error_N": steady_state_error(force, step),
+    }
+    if model is not None:
+        error = force - model
+        part = error[step.first : step.end]
+        furthest, highest = int(np.argmax(np.abs(part))), int(np.argmax(part))
+        sd, used = model_error_sd(time, error, step, window)
+        result |= {
+            "max_abs_model_error_N": float(abs(part[furthest])),
+            "time_of_max_abs_model_error_s": float(time[step.first + furthest] - step.time),
+            "max_positive_model_error_N": max(0.0, float(part[highest])),
+            "time_of_max_positive_model_error_s": float(time[step.first + highest] - step.time),
+            "model_error_sd_N": sd,
+            "model_error_window_s": used,
+        }
+    return result
+
+
+def contact_loss(time: Signal, in_contact: NDArray[np.bool_]) -> float | None:
+    """Time [s] without contact after the first contact; None without any contact."""
+    touched = np.flatnonzero(in_contact)
+    if touched.size == 0:
+        return None
+    first = int(touched[0])
+    return float(np.sum(np.diff(time)[first:][~in_contact[first:-1]]))
+
+
+def control_effort(command: Signal) -> float:
+    """Path length [m] of the displacement command: the sum of its absolute changes."""
+    return float(np.sum(np.abs(np.diff(command))))
+
+
+def metrics_of(
+    signals: Mapping[str, Any], *, window: float = 4.1, realtime_factor: float | None = None
+) -> dict[str, float | None]:
+    """All metrics of one run.
+
+    Args:
+        signals: arrays over time, or one variant of a log: `time`, `desired_force`, `measured_force`, `contact_force`,
+            and where they exist `model_force`, `contact_state`, `displacement_command`.
+        window: T_w [s] of `model_error_sd_N`.
+        realtime_factor: measured by the caller.
+
+    Returns:
+        Name -> value; None where a metric is undefined. Never NaN.
+    """
+    found = {name: np.asarray(signals[name], dtype=float) for name in _SIGNALS if name in signals}
+    time, desired, force, contact = (found[n] for n in ("time", "desired_force", "measured_force", "contact_force"))
+    model = found.get("model_force")
+    steps = [step_metrics(time, force, s, model, window) for s in find_steps(time, desired, float(contact[0]))]
+    result: dict[str, float | None] = dict(steps[-1]) if steps else dict.fromkeys(STEP_METRICS)
+    if len(steps) > 1:
+        result |= {f"step_{i}.{name}": value for i, step in enumerate(steps, start=1) for name, value in step.items()}
+    in_contact = found["contact_state"] > 0.5 if "contact_state" in found else contact > 0
+    command = found.get("displacement_command")
+    result |= {
+        "peak_force_N": float(contact.max()),
+        "contact_loss_s": contact_loss(time, in_contact),
+        "control_effort_m": control_effort(command) if command is not None else None,
+        "realtime_factor": realtime_factor,
+    }
+    return {name: value if value is None or np.isfinite(value) else None for name, value in result.items()}
+
+
+_SIGNALS = (
+    "time",
+    "desired_force",
+    "measured_force",
+    "contact_force",
+    "model_force",
+    "contact_state",
+    "displacement_command",
+)

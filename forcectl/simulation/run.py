@@ -1,0 +1,177 @@
+"""Running a scenario: simulate its variants, judge them, write the run directory."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+
+import xarray as xr
+from pydrake.systems.framework import Diagram
+
+from forcectl.errors import RunFailedError
+from forcectl.simulation.catalog import ScenarioFile
+from forcectl.simulation.expectations import Verdict, judge
+from forcectl.simulation.logs import stack, write_netcdf
+from forcectl.simulation.run_directory import FAILED, check_free, manifest, write_json, write_whole
+from forcectl.simulation.scenario import Scenario, as_file, build, resolve, resolved_tree, select_variants
+from forcectl.simulation.simulate import Outcome, simulate
+from forcectl.simulation.yaml_tree import dump
+
+Progress = Callable[[str, float], None]  # (variant, share done)
+
+
+@dataclass(frozen=True)
+class RunResult:
+    """A finished run."""
+
+    name: str
+    log: xr.Dataset  # over time, or over (variant, time) when there are several
+    metrics: dict[str, dict[str, float | None]]  # variant -> metric -> value
+    diagram: Diagram  # of the first variant
+    directory: Path | None  # None when nothing was written
+    verdicts: list[Verdict] = field(default_factory=list)  # on the scenario's `expect`
+
+    @property
+    def passed(self) -> bool:
+        """Whether no expectation was missed."""
+        return all(v.passed is not False for v in self.verdicts)
+
+
+class StoppedRunError(RunFailedError):
+    """A run that had to stop. `log` holds the signals up to there, `directory` where they were written (or None)."""
+
+    def __init__(self, message: str, log: xr.Dataset, directory: Path | None):
+        super().__init__(message)
+        self.log = log
+        self.directory = directory
+
+
+def run(
+    scenario: str | Path | Mapping[str, Any] | Scenario,
+    *,
+    variant: str | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    seed: int | None = None,
+    fidelity: str | None = None,
+    out: str | Path | None = None,
+    force: bool = False,
+    realtime_rate: float = 0.0,
+    progress: Progress | None = None,
+) -> RunResult:
+    """Simulate a scenario.
+
+    Args:
+        scenario: name of a shipped experiment, path of a YAML file, its content as a mapping, or a `Scenario`.
+        variant: run this one only; otherwise all of them, one after the other.
+        overrides: dotted key -> value on top of everything, for example {"station.environment.stiffness": 2e5}.
+        seed: short for the override of `seed`. fidelity: short for that of `station.fidelity`.
+        out: directory to write (see `run_directory`); None writes nothing.
+        force: replace an earlier run in `out`.
+        realtime_rate: at most this many simulated seconds per second; 0: as fast as possible.
+        progress: called with the variant and the share of it that is done.
+
+    Raises:
+        BadInputError: the scenario cannot be used; nothing was written.
+        StoppedRunError: a signal became NaN or diverged, or a solver gave up.
+    """
+    file = as_file(scenario)
+    changes = with_shortcuts(overrides, seed, fidelity)
+    # Everything is checked before anything is simulated.
+    scenarios = {name: resolve(file, name, changes) for name in select_variants(file, variant)}
+    directory = None if out is None else Path(out).expanduser()
+    if directory is not None:
+        check_free(directory, force)
+    loops = {name: build(one) for name, one in scenarios.items()}
+    outcomes: list[Outcome] = []
+    for name, one in scenarios.items():
+        outcomes.append(simulate(one, loops.pop(name), name, realtime_rate, progress))
+        if outcomes[-1].failure is not None:
+            break
+    return finish(file, scenarios, outcomes, directory, force, changes)
+
+
+def with_shortcuts(overrides: Mapping[str, Any] | None, seed: int | None, fidelity: str | None) -> dict[str, Any]:
+    """Overrides with the values that have an argument of their own."""
+    shortcuts = {"seed": seed, "station.fidelity": fidelity}
+    return dict(overrides or {}) | {key: value for key, value in shortcuts.items() if value is not None}
+
+
+def finish(
+    file: ScenarioFile,
+    scenarios: Mapping[str, Scenario],
+    outcomes: Sequence[Outcome],
+    directory: Path | None,
+    force: bool,
+    overrides: Mapping[str, Any],
+) -> RunResult:
+    """Judge simulated variants and write their run directory.
+
+    Raises:
+        StoppedRunError: one of them had to stop; what there is was written to `<directory>.failed`.
+    """
+    log = stack([outcome.log for outcome in outcomes])
+    metrics = {outcome.variant: outcome.metrics for outcome in outcomes if outcome.failure is None}
+    failed = next((outcome for outcome in outcomes if outcome.failure is not None), None)
+    diagram = outcomes[0].diagram or build(next(iter(scenarios.values()))).diagram
+    first = next(iter(scenarios.values()))
+    verdicts = [] if failed else verdicts_on(file, scenarios, metrics)
+
+    def fill(folder: Path) -> None:
+        text = dump(resolved_tree(scenarios))
+        status = (
+            {"status": "failed", "failure": failed.failure, "failed_variant": failed.variant}
+            if failed
+            else {"status": "done"}
+        )
+        details = {
+            "scenario": file.name,
+            "title": first.title,
+            "preset": first.preset,
+            "fidelity": first.station.fidelity,
+            "seed": first.seed,
+            "variants": list(scenarios),
+            "overrides": dict(overrides),
+            **status,
+            "expectations": {v.target: v.as_row() for v in verdicts},
+        }
+        (folder / "scenario.yaml").write_text(f"# {file.name}, resolved\n{text}", encoding="utf-8")
+        write_json(folder / "manifest.json", manifest(text, details))
+        write_netcdf(log, folder / "log.nc")
+        write_json(folder / "metrics.json", metrics)
+        _write_pictures(folder, log, diagram, first.title or file.name)
+
+    if failed is not None:
+        kept = None
+        if directory is not None:
+            # An earlier failure at the same place is out of date.
+            kept = write_whole(directory.with_name(directory.name + FAILED), fill, force=True)
+        where = f"; the log up to there is in {kept}" if kept else ""
+        raise StoppedRunError(f"variant {failed.variant!r}: {failed.failure}{where}", log, kept)
+    if directory is not None:
+        write_whole(directory, fill, force)
+    return RunResult(file.name, log, metrics, diagram, directory, verdicts)
+
+
+def verdicts_on(
+    file: ScenarioFile, scenarios: Mapping[str, Scenario], metrics: Mapping[str, Mapping[str, float | None]]
+) -> list[Verdict]:
+    """The verdicts on every expectation whose variants were all run."""
+    first = next(iter(scenarios.values()))
+    names = select_variants(file)
+    return [
+        judge(expectation, metrics, names, first.station.fidelity)
+        for expectation in first.expect
+        if set(expectation.variants(names).values()) <= set(scenarios)
+    ]
+
+
+def _write_pictures(folder: Path, log: xr.Dataset, diagram: Diagram, title: str) -> None:
+    # Matplotlib takes half a second to import, and a run from Python without a directory needs none of it.
+    from forcectl.viz.figures import write_figures
+    from forcectl.viz.graph import export
+
+    write_figures(log, folder / "figures", title)
+    for format_ in ("dot", "svg", "html"):
+        export(diagram, folder / f"diagram.{format_}", format=format_)

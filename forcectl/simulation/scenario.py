@@ -1,0 +1,242 @@
+"""Scenarios: what is simulated, in which variants, and what is expected of it.
+
+A scenario's values come from, later wins: the defaults of the dataclasses, the plant preset, the scenario file, the
+variant, overrides (`--set` on the command line).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import Any
+
+from forcectl.diagrams.closed_loop import ClosedLoop, build_closed_loop
+from forcectl.diagrams.station import FIDELITIES, StationConfig
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.lanes import check
+from forcectl.simulation import catalog
+from forcectl.simulation.catalog import CONTROLLERS, REFERENCES, ScenarioFile
+from forcectl.simulation.expectations import Expectation
+from forcectl.simulation.schema import Reader, first_of, join, to_tree
+from forcectl.simulation.yaml_tree import Tagged, Tree, difference, merge, nest, plain, tag_of
+
+LONGEST_DURATION = 86_400.0  # [s]
+ONLY_VARIANT = "default"  # name of the one variant of a scenario without variants
+
+
+@dataclass(kw_only=True)
+class Scenario:
+    """One simulation, complete: a scenario file after presets, one variant and overrides."""
+
+    title: str = ""
+    source: str = ""  # figure or table of the thesis
+    description: str = ""
+    preset: str = catalog.DEFAULT_PRESET  # name of a file in experiments/presets
+    station: StationConfig = field(default_factory=StationConfig)
+    controller: Any = field(default_factory=first_of(CONTROLLERS), metadata={"tags": CONTROLLERS})
+    reference: Any = field(default_factory=first_of(REFERENCES), metadata={"tags": REFERENCES})
+    duration: float = 5.0  # [s], > 0
+    seed: int = 0  # of every random number in the run, >= 0
+    reference_model: float | None = None  # [rad/s] bandwidth of the model M(s); null: the controller's own
+    model_error_window: float = 4.1  # T_w [s] of model_error_sd_N
+    variants: dict[str, Any] = field(default_factory=dict)  # name -> values that replace the scenario's
+    fidelities: list[str] = field(default_factory=list)  # that `reproduce` runs; empty: the station's own
+    expect: list[Expectation] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        if check("duration", self.duration, "positive") > LONGEST_DURATION:
+            raise invalid("duration", self.duration, f"at most {LONGEST_DURATION:g} s")
+        if not 0 <= self.seed < 2**63:
+            raise invalid("seed", self.seed, "a whole number from 0 to 2^63 - 1")
+        check("model_error_window", self.model_error_window, "positive")
+        if self.reference_model is not None:
+            check("reference_model", self.reference_model, "positive")
+        for name in self.fidelities:
+            if name not in FIDELITIES:
+                raise BadInputError(f"fidelities = {self.fidelities}: {unknown('fidelity', name, FIDELITIES)}")
+
+
+def load_scenario(
+    scenario: str | Path | Mapping[str, Any], variant: str | None = None, overrides: Mapping[str, Any] | None = None
+) -> Scenario:
+    """One scenario, complete.
+
+    Args:
+        scenario: name of a shipped experiment, path of a YAML file, or the same content as a mapping.
+        variant: name of the variant; may be left out when there is at most one.
+        overrides: dotted key -> value, on top of everything.
+
+    Raises:
+        BadInputError: anything in it that cannot be used.
+    """
+    file = as_file(scenario)
+    names = select_variants(file, variant)
+    if len(names) > 1:
+        raise BadInputError(f"{file.origin} has several variants, name one of: {', '.join(names)}")
+    return resolve(file, names[0], overrides)
+
+
+def as_file(scenario: str | Path | Mapping[str, Any] | Scenario | ScenarioFile) -> ScenarioFile:
+    """Whatever names or holds a scenario, as the file it would be."""
+    if isinstance(scenario, ScenarioFile):
+        return scenario
+    if isinstance(scenario, Scenario):
+        tree = to_tree(scenario)
+        return ScenarioFile("scenario", "scenario", Tagged(tree), Path.cwd())
+    if isinstance(scenario, Mapping):
+        return ScenarioFile("scenario", "scenario", catalog.scenario_tree(plain(scenario), "scenario"), Path.cwd())
+    if isinstance(scenario, str | Path):
+        return catalog.find_scenario(scenario)
+    raise invalid("scenario", scenario, "a name, a path, a mapping or a Scenario")
+
+
+def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]:
+    """The variants to run: the named one, else all.
+
+    Raises:
+        BadInputError: no variant of that name.
+    """
+    variants = file.tree.get("variants") or Tagged({ONLY_VARIANT: Tagged()})
+    if not isinstance(variants, Tagged) or not all(isinstance(name, str) for name in variants):
+        raise Reader(lambda key: file.origin).invalid(
+            "variants", variants, "a mapping of names to values (quote names)"
+        )
+    if variant is not None and variant not in variants:
+        raise unknown(f"variant of {file.origin}", variant, variants)
+    return list(variants) if variant is None else [variant]
+
+
+def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[str, Any] | None = None) -> Scenario:
+    """The scenario of one variant, with preset and overrides applied.
+
+    Raises:
+        BadInputError: names file or option, dotted key, value and what is allowed.
+    """
+    layers = _Layers(file, variant, overrides or {})
+    reader = Reader(layers.origin)
+    tree = layers.merged()
+    _locate_reference_file(tree, file.folder)
+    scenario: Scenario = reader.dataclass(Scenario, tree, "")
+    names = select_variants(file)
+    for i, expectation in enumerate(scenario.expect):
+        for key, name in expectation.variants(names).items():
+            if name not in names:
+                raise reader.unknown(f"expect.{i}.{key}", name, names, "variant")
+    return scenario
+
+
+class _Layers:
+    """The trees a scenario is made of, weakest first, each with the name that messages use."""
+
+    def __init__(self, file: ScenarioFile, variant: str, overrides: Mapping[str, Any]):
+        self._file = file.origin
+        variants = file.tree.get("variants")
+        changes = variants.get(variant) if isinstance(variants, Tagged) else None
+        if changes is not None and not isinstance(changes, Tagged):
+            raise Reader(lambda key: file.origin).invalid(f"variants.{variant}", changes, "a mapping of scenario keys")
+        forced, varied = nest(overrides), nest(changes or {})
+        preset_tree = merge(merge(Tagged(file.tree), varied), forced).get("preset", catalog.DEFAULT_PRESET)
+        try:
+            preset = catalog.find_preset(preset_tree)
+        except BadInputError as error:
+            raise BadInputError(f"{file.origin}: preset: {error}") from None
+        # A slot without a tag means its default, and stays that when a later layer changes only some of its keys.
+        defaults = Tagged(
+            {"controller": Tagged(tag=next(iter(CONTROLLERS))), "reference": Tagged(tag=next(iter(REFERENCES)))}
+        )
+        self._layers: list[tuple[str, Tagged]] = [
+            ("defaults", defaults),
+            (f"preset {preset.name!r}", preset.tree),
+            (file.origin, file.tree),
+            (f"{file.origin}: variant {variant!r}", varied),
+            ("--set", forced),
+        ]
+
+    def merged(self) -> Tagged:
+        result = Tagged()
+        for _, tree in self._layers:
+            result = merge(result, tree)
+        return result
+
+    def origin(self, key: str) -> str:
+        """Where the value at a dotted key came from: the strongest layer that holds it, or holds the part around it."""
+        parts = key.split(".")
+        for length in range(len(parts), 0, -1):
+            for label, tree in reversed(self._layers):
+                if _holds(tree, parts[:length]):
+                    return self._file if label == "defaults" else label
+        return self._file
+
+
+def _holds(tree: Tree, parts: list[str]) -> bool:
+    for part in parts:
+        if isinstance(tree, list) and part.isdecimal() and int(part) < len(tree):
+            tree = tree[int(part)]
+        elif isinstance(tree, Tagged) and part in tree:
+            tree = tree[part]
+        else:
+            return False
+    return True
+
+
+def _locate_reference_file(tree: Tagged, folder: Path) -> None:
+    # A file beside the scenario is found from anywhere.
+    reference = tree.get("reference")
+    if tag_of(reference) == "File" and isinstance(reference.get("path"), str):
+        beside = folder / reference["path"]
+        if beside.is_file():
+            reference["path"] = str(beside)
+
+
+def build(scenario: Scenario) -> ClosedLoop:
+    """The closed loop of a scenario as a diagram.
+
+    Raises:
+        BadInputError: values that are fine one by one but do not fit together.
+    """
+    try:
+        return build_closed_loop(scenario.station, scenario.controller, scenario.reference, seed=scenario.seed)
+    except BadInputError as error:
+        raise BadInputError(_full_key(scenario, str(error))) from None
+
+
+def _full_key(scenario: Scenario, text: str) -> str:
+    """`text` with the dotted key of the field it begins with, where only one field has that name."""
+    name = text.split(" ", 1)[0]
+    homes = _keys_ending_in(to_tree(scenario.station), name, "station")
+    return text.replace(name, homes[0], 1) if len(homes) == 1 else text
+
+
+def _keys_ending_in(tree: Tree, name: str, key: str) -> list[str]:
+    if not isinstance(tree, Tagged):
+        return []
+    found = [join(key, name)] if name in tree else []
+    return found + [k for child, part in tree.items() for k in _keys_ending_in(part, name, join(key, child))]
+
+
+def resolved_tree(scenarios: Mapping[str, Scenario]) -> Tagged:
+    """One tree that holds all variants in full: the first one, and what the others change.
+
+    Presets and defaults are written out, so that the tree means the same when they change later.
+    """
+    names = list(scenarios)
+    trees = {}
+    for name, scenario in scenarios.items():
+        trees[name] = Tagged(
+            {f.name: to_tree(getattr(scenario, f.name), f.metadata.get("tags")) for f in fields(Scenario)}
+        )
+        trees[name].update(preset=catalog.DEFAULT_PRESET, variants=Tagged())
+    base = trees[names[0]]
+    base["expect"] = [part for part in base["expect"] if _only_about(part, names)]
+    for tree in trees.values():
+        tree["expect"] = base["expect"]
+    if names != [ONLY_VARIANT]:
+        changes = {name: difference(trees[names[0]], tree) or Tagged() for name, tree in trees.items()}
+        base["variants"] = Tagged(changes)
+    return base
+
+
+def _only_about(expectation: Tree, names: list[str]) -> bool:
+    terms = [expectation, expectation.get("minus"), expectation.get("ratio")]
+    return all(term.get("variant") in (None, *names) for term in terms if term)

@@ -1,0 +1,220 @@
+"""Scenario text as a tree of plain values, and how trees are combined.
+
+A tree is made of mappings, lists, text, numbers, true/false and null. A mapping may carry a tag, as in
+`!Integral {integral_gain: 3}`. Scalars follow YAML 1.2, as in Drake: `2e5` is a number and `on` is text.
+"""
+
+from __future__ import annotations
+
+import copy
+import re
+from collections.abc import Iterator, Mapping
+from typing import Any
+
+import yaml
+
+from forcectl.errors import BadInputError
+
+_MOST_VALUES = 100_000  # in one text
+
+Tree = Any  # a Tagged mapping, a list of trees or a scalar
+
+
+class Tagged(dict[str, Any]):
+    """A mapping with the YAML tag in front of it (without the `!`), or None."""
+
+    def __init__(self, values: Mapping[str, Any] | None = None, tag: str | None = None):
+        super().__init__(values or {})
+        self.tag = tag
+
+
+def tag_of(tree: Tree) -> str | None:
+    """The tag of a mapping; None for anything untagged."""
+    return tree.tag if isinstance(tree, Tagged) else None
+
+
+class _Loader(yaml.SafeLoader):
+    """Plain values, tagged mappings, YAML 1.2 scalars; a key written twice is an error."""
+
+
+class _Dumper(yaml.SafeDumper):
+    """Writes what `_Loader` reads: short lists of scalars on one line, mappings over several."""
+
+    def ignore_aliases(self, data: Any) -> bool:  # equal parts are written out, not referred to
+        return True
+
+    def serialize_node(self, node: Any, parent: Any, index: Any) -> None:
+        if isinstance(node, yaml.MappingNode):
+            node.flow_style = not node.value
+        super().serialize_node(node, parent, index)
+
+
+_SCALARS = (
+    ("null", re.compile(r"^(?:~|null|)$"), ["~", "n", ""]),
+    ("bool", re.compile(r"^(?:true|false)$"), list("tf")),
+    ("int", re.compile(r"^[-+]?[0-9]+$"), list("-+0123456789")),
+    (
+        "float",
+        re.compile(
+            r"^(?:[-+]?(?:\.[0-9]+|[0-9]+(?:\.[0-9]*)?)(?:[eE][-+]?[0-9]+)?|[-+]?\.(?:inf|Inf|INF)|\.(?:nan|NaN|NAN))$"
+        ),
+        list("-+.0123456789"),
+    ),
+)
+for _class in (_Loader, _Dumper):
+    _class.yaml_implicit_resolvers = {}
+    for _name, _pattern, _first in _SCALARS:
+        _class.add_implicit_resolver(f"tag:yaml.org,2002:{_name}", _pattern, _first)
+_Loader.add_implicit_resolver("tag:yaml.org,2002:merge", re.compile(r"^(?:<<)$"), ["<"])
+
+
+def _construct_mapping(loader: _Loader, node: yaml.Node, tag: str | None = None) -> Iterator[Tagged]:
+    if not isinstance(node, yaml.MappingNode):
+        raise yaml.constructor.ConstructorError(None, None, "expected a mapping", node.start_mark)
+    written = set()
+    for key_node, _ in node.value:
+        key = (key_node.tag, key_node.value if isinstance(key_node, yaml.ScalarNode) else None)
+        if key in written and key_node.value != "<<":
+            raise yaml.constructor.ConstructorError(
+                None, None, f"key {key_node.value!r} is written twice", key_node.start_mark
+            )
+        written.add(key)
+    result = Tagged(tag=tag)
+    yield result
+    result.update(loader.construct_mapping(node))
+
+
+def _construct_tagged(loader: _Loader, suffix: str, node: yaml.Node) -> Any:
+    if not suffix:
+        raise yaml.constructor.ConstructorError(None, None, "a tag needs a name, as in !Integral", node.start_mark)
+    if isinstance(node, yaml.ScalarNode) and node.value == "":
+        return Tagged(tag=suffix)
+    if not isinstance(node, yaml.MappingNode):
+        raise yaml.constructor.ConstructorError(None, None, f"!{suffix} must be followed by a mapping", node.start_mark)
+    return _construct_mapping(loader, node, suffix)
+
+
+def _construct_int(loader: _Loader, node: yaml.ScalarNode) -> int | float:
+    # Python refuses to read (and to print) whole numbers of thousands of digits; as floats they are just infinite.
+    return int(node.value) if len(node.value) < 300 else float(node.value)
+
+
+_Loader.add_constructor("tag:yaml.org,2002:map", _construct_mapping)
+_Loader.add_constructor("tag:yaml.org,2002:int", _construct_int)
+_Loader.add_constructor(
+    "tag:yaml.org,2002:float", lambda loader, node: float(re.sub(r"\.(?=[a-zA-Z])", "", node.value.lower()))
+)
+_Loader.add_multi_constructor("!", _construct_tagged)
+
+
+def _represent(dumper: _Dumper, data: Tagged) -> yaml.Node:
+    return dumper.represent_mapping(f"!{data.tag}" if data.tag else "tag:yaml.org,2002:map", data.items())
+
+
+_Dumper.add_representer(Tagged, _represent)
+
+
+def parse(text: str, origin: str) -> Tree:
+    """The tree of a YAML text.
+
+    Args:
+        text: YAML.
+        origin: file name or option, for messages.
+
+    Raises:
+        BadInputError: the text is not YAML; the message names the line and column.
+    """
+    try:
+        tree = yaml.load(text, Loader=_Loader)
+        if sum(1 for _ in _values(tree)) >= _MOST_VALUES:
+            raise BadInputError(f"{origin}: not usable: more than {_MOST_VALUES} values, or an alias that holds itself")
+        return tree
+    except yaml.YAMLError as error:
+        raise BadInputError(f"{origin}: not valid YAML: {_one_line(error)}") from None
+    except RecursionError:
+        raise BadInputError(f"{origin}: not valid YAML: nested too deeply") from None
+    except (ValueError, TypeError, AttributeError) as error:
+        # The parser's own slips on odd scalars and keys, for example a mapping used as a key.
+        raise BadInputError(f"{origin}: not valid YAML: {_one_line(error)}") from None
+
+
+def _values(tree: Tree) -> Iterator[Tree]:
+    # Aliases make a short text unfold to any size, or to a tree without an end.
+    waiting, count = [tree], 0
+    while waiting and count < _MOST_VALUES:
+        part = waiting.pop()
+        count += 1
+        yield part
+        if isinstance(part, Tagged | list):
+            waiting.extend(part.values() if isinstance(part, Tagged) else part)
+
+
+def _one_line(error: Exception) -> str:
+    if isinstance(error, yaml.MarkedYAMLError) and error.problem:
+        mark = error.problem_mark
+        where = f" (line {mark.line + 1}, column {mark.column + 1})" if mark else ""
+        return " ".join(f"{error.problem}{where}".split())
+    return " ".join(str(error).split())
+
+
+def dump(tree: Tree) -> str:
+    """YAML text that `parse` reads back as the same tree."""
+    return yaml.dump(tree, Dumper=_Dumper, sort_keys=False, default_flow_style=None, allow_unicode=True, width=120)
+
+
+def merge(base: Tree, over: Tree) -> Tree:
+    """`base` with the values of `over` on top; neither is changed.
+
+    Mappings are merged key by key, unless `over` has another tag: then it replaces `base` as a whole. Keys that are
+    whole numbers address the elements of a list. Everything else is replaced.
+    """
+    if isinstance(base, list) and isinstance(over, Tagged) and over and all(_is_index(k, base) for k in over):
+        items = list(base)
+        for key, value in over.items():
+            items[int(key)] = merge(items[int(key)], value)
+        return items
+    if not isinstance(base, Tagged) or not isinstance(over, Tagged) or over.tag not in (None, base.tag):
+        return copy.deepcopy(over)
+    result = Tagged(base, base.tag)
+    for key, value in over.items():
+        result[key] = merge(base[key], value) if key in base else copy.deepcopy(value)
+    return result
+
+
+def _is_index(key: object, items: list[Any]) -> bool:
+    return isinstance(key, str) and key.isdecimal() and len(key) < 9 and int(key) < len(items)
+
+
+def nest(overrides: Mapping[str, Any]) -> Tagged:
+    """`{"a.b.c": v}` as `{a: {b: {c: v}}}`; later keys win."""
+    tree = Tagged()
+    for dotted, value in overrides.items():
+        branch: Tree = plain(value)
+        for name in reversed(str(dotted).split(".")):
+            branch = Tagged({name: branch})
+        tree = merge(tree, branch)
+    return tree
+
+
+def plain(value: Any) -> Tree:
+    """A value given from Python (dicts, tuples, NumPy numbers and arrays) as a tree."""
+    if isinstance(value, Mapping):
+        return Tagged({k: plain(v) for k, v in value.items()}, tag_of(value))
+    if isinstance(value, list | tuple):
+        return [plain(v) for v in value]
+    if hasattr(value, "tolist"):  # NumPy, without importing it
+        return plain(value.tolist())
+    return value
+
+
+def difference(base: Tree, other: Tree) -> Tree | None:
+    """The smallest tree that turns `base` into `other` when merged on top; None when they are equal."""
+    if not isinstance(base, Tagged) or not isinstance(other, Tagged) or base.tag != other.tag or set(base) - set(other):
+        return None if base == other and tag_of(base) == tag_of(other) else copy.deepcopy(other)
+    changed = Tagged()
+    for key, value in other.items():
+        if key not in base:
+            changed[key] = copy.deepcopy(value)
+        elif (part := difference(base[key], value)) is not None:
+            changed[key] = part
+    return changed or None

@@ -1,0 +1,110 @@
+"""Figures of a run: force over time against reference and reference model, and the model error."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from pathlib import Path
+from typing import Any
+
+import matplotlib as mpl
+import numpy as np
+from matplotlib.axes import Axes
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.figure import Figure
+
+# Okabe and Ito: told apart with any colour vision, and in print.
+COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+_REFERENCE = "#707070"
+_MOST_LABELLED = 12
+
+
+def force_figure(log: Any, title: str = "") -> Figure:
+    """Measured force of every variant over time, with the desired force and, dashed, the reference model.
+
+    Args:
+        log: dataset over time, or over (variant, time): `desired_force`, `measured_force` and perhaps `model_force`.
+        title: heading.
+    """
+    figure, axes = _new(title, "force [N]")
+    desired = _distinct([one["desired_force"].values for _, one in _variants(log)])
+    for i, values in enumerate(desired):
+        axes.plot(log["time"], values, color=_REFERENCE, lw=1.0, label="reference" if i == 0 else None, zorder=1)
+    with_model = False
+    for colour, (name, one) in zip(_colours(log), _variants(log), strict=True):
+        axes.plot(one["time"], one["measured_force"], color=colour, lw=1.8, label=name, zorder=3)
+        if "model_force" in one:
+            axes.plot(one["time"], one["model_force"], color=colour, lw=1.2, ls=(0, (5, 3)), alpha=0.9, zorder=2)
+            with_model = True
+    if with_model:
+        axes.plot([], [], color=_REFERENCE, lw=1.2, ls=(0, (5, 3)), label="reference model")
+    _finish(axes, log)
+    axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+    return figure
+
+
+def error_figure(log: Any, title: str = "") -> Figure:
+    """Measured force less reference model of every variant over time."""
+    figure, axes = _new(title, "force less reference model [N]")
+    axes.axhline(0.0, color=_REFERENCE, lw=1.0, zorder=1)
+    for colour, (name, one) in zip(_colours(log), _variants(log), strict=True):
+        axes.plot(one["time"], one["measured_force"] - one["model_force"], color=colour, lw=1.6, label=name)
+    _finish(axes, log)
+    return figure
+
+
+def write_figures(log: Any, folder: Path, title: str = "") -> list[Path]:
+    """Write the figures that the log has signals for, as SVG and PNG; the same log gives the same files."""
+    folder.mkdir(parents=True, exist_ok=True)
+    figures = {"force": force_figure(log, title)}
+    if "model_force" in log:
+        figures["model_error"] = error_figure(log, title)
+    return [path for stem, figure in figures.items() for path in save(figure, folder / stem)]
+
+
+def save(figure: Figure, stem: Path) -> list[Path]:
+    """Write one figure as `<stem>.svg` and `<stem>.png`, without dates or random identifiers in the file."""
+    FigureCanvasAgg(figure)
+    written = [stem.with_name(stem.name + suffix) for suffix in (".svg", ".png")]
+    with mpl.rc_context({"svg.hashsalt": "forcectl", "svg.fonttype": "path"}):
+        figure.savefig(written[0], metadata={"Date": None})
+        figure.savefig(written[1], dpi=150)
+    return written
+
+
+def _new(title: str, ylabel: str) -> tuple[Figure, Axes]:
+    figure = Figure(figsize=(8.0, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    axes.set_title(title, loc="left", fontsize=11)
+    axes.set_xlabel("time [s]")
+    axes.set_ylabel(ylabel)
+    axes.grid(color="#e4e4e4", lw=0.8)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)
+    return figure, axes
+
+
+def _finish(axes: Axes, log: Any) -> None:
+    axes.set_xlim(float(log["time"][0]), float(log["time"][-1]))
+    if sum(1 for _ in _variants(log)) <= _MOST_LABELLED:
+        axes.legend(frameon=False, fontsize=9, loc="best")
+
+
+def _variants(log: Any) -> Iterator[tuple[str, Any]]:
+    if "variant" not in log.dims:
+        yield str(log["variant"].item()) if "variant" in log.coords else "measured force", log
+        return
+    for name in log["variant"].values:
+        yield str(name), log.sel(variant=name)
+
+
+def _colours(log: Any) -> list[str]:
+    count = log.sizes.get("variant", 1)
+    return [COLOURS[i % len(COLOURS)] for i in range(count)]
+
+
+def _distinct(signals: list[Any]) -> list[Any]:
+    kept: list[Any] = []
+    for signal in signals:
+        if not any(np.array_equal(signal, other, equal_nan=True) for other in kept):
+            kept.append(signal)
+    return kept
