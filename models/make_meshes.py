@@ -8,6 +8,7 @@ model files.
 from __future__ import annotations
 
 from collections.abc import Callable, Sequence
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -77,11 +78,11 @@ def coil(radius: float, wire: float, bottom: float, top: float, turns: float) ->
 
 
 def loft(*bodies: Sequence[Array]) -> Mesh:
-    """Closed surfaces through rings, each body on its own, as one mesh; normals are smooth where edges are not sharp."""
+    """Closed surfaces through rings, each body on its own, as one mesh; normals are smooth except at sharp edges."""
     corners: list[Array] = []
     for rings in bodies:
         triangles = []
-        for a, b in zip(rings[:-1], rings[1:], strict=True):
+        for a, b in pairwise(rings):
             a2, b2 = np.roll(a, -1, axis=0), np.roll(b, -1, axis=0)
             triangles += [np.stack([a, a2, b2], axis=1), np.stack([a, b2, b], axis=1)]
         for ring, turn in ((rings[0], -1), (rings[-1], 1)):
