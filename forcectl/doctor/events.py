@@ -27,11 +27,7 @@ def periodic_events(values: StartValues, findings: list[Finding]) -> tuple[Perio
     """The periodic events of all blocks. Blocks that cannot be run alone are added to `findings`."""
     events: list[PeriodicEvent] = []
     for path, system in values.wiring.leaves():
-        try:
-            events += _of_block(values, path, system)
-        except FAILURES as failure:
-            findings.append(_failed(values, path, system, failure))
-            events += _declared_discrete(path, system)
+        events += _of_block(values, path, system, findings)
     return tuple(events)
 
 
@@ -48,9 +44,9 @@ def _failed(values: StartValues, path: str, system: System, failure: BaseExcepti
     return error("update-raises", path, f"its updates fail when the block runs alone from its start values: {what}")
 
 
-def _of_block(values: StartValues, path: str, system: System) -> list[PeriodicEvent]:
+def _of_block(values: StartValues, path: str, system: System, findings: list[Finding]) -> list[PeriodicEvent]:
     if isinstance(system, MultibodyPlant):
-        if not system.is_discrete():
+        if not system.time_step() > 0:
             return []
         # With sampled output ports the whole step is one unrestricted update (measured by its delay to a controller).
         kind = "unrestricted" if system.has_sampled_output_ports() else "discrete"
@@ -58,7 +54,12 @@ def _of_block(values: StartValues, path: str, system: System) -> list[PeriodicEv
     abstract_input = any(not is_vector(system.get_input_port(i, False)) for i in range(system.num_input_ports()))
     if not is_python_block(system) and abstract_input:
         return _declared_discrete(path, system)  # visualizers, drivers: running them has effects outside
-    return events_of(system, values.block_context(path), path)
+    context = values.block_context(path)
+    try:
+        return events_of(system, context, path)
+    except FAILURES as failure:
+        findings.append(_failed(values, path, system, failure))
+        return _declared_discrete(path, system)
 
 
 def _declared_discrete(path: str, system: System) -> list[PeriodicEvent]:

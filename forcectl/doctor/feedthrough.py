@@ -60,6 +60,8 @@ def _depends_on_everything(evaluate: Callable[[Context], Any], context: Context)
     Drake does not show the prerequisites of a port. But a port that has declared some is answered from the cache
     after such a change, without a call into Python.
     """
+    if sys.getprofile() is not None:
+        return False  # calls are noticed with the profile hook, and somebody else's profiler holds it
     try:
         evaluate(context)
         if _calls_python(evaluate, context):
@@ -78,10 +80,9 @@ def _calls_python(evaluate: Callable[[Context], Any], context: Context) -> bool:
         nonlocal calls
         calls += event == "call"
 
-    before = sys.getprofile()
     sys.setprofile(count)
     try:
         evaluate(context)
     finally:
-        sys.setprofile(before)
+        sys.setprofile(None)
     return calls > 0

@@ -1,0 +1,110 @@
+import sys
+
+import pytest
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import Demultiplexer, FirstOrderLowPassFilter, Gain, LinearSystem
+
+from forcectl.doctor import examine
+
+
+class Block(LeafSystem):
+    """Two inputs, one state, one output that says (or does not say) what it depends on."""
+
+    def __init__(self, prerequisites, state=True):
+        super().__init__()
+        self.a = self.DeclareVectorInputPort("a", 1)
+        self.b = self.DeclareVectorInputPort("b", 1)
+        if state:
+            self.DeclareDiscreteState(1)
+        tickets = {
+            "nothing said": None,
+            "a": {self.a.ticket()},
+            "both": {self.a.ticket(), self.b.ticket()},
+            "state": {self.all_state_ticket()},
+            "both, state and time": {
+                self.a.ticket(), self.b.ticket(), self.all_state_ticket(), self.time_ticket(),
+            },
+        }[prerequisites]  # fmt: skip
+        named = {} if tickets is None else {"prerequisites_of_calc": tickets}
+        self.DeclareVectorOutputPort("y", 1, self._calc, **named)
+
+    def _calc(self, context, output):
+        output.SetFromVector(self.a.Eval(context) + self.b.Eval(context))
+
+
+def table(system):
+    return {(row.block, row.output): row.inputs for row in examine(system).feedthrough}
+
+
+@pytest.mark.parametrize(
+    ("prerequisites", "inputs"),
+    [
+        ("nothing said", ("a", "b")),
+        ("a", ("a",)),
+        ("both", ("a", "b")),
+        ("state", ()),
+        ("both, state and time", ("a", "b")),
+    ],
+)
+def test_the_table_shows_what_the_block_declares(prerequisites, inputs):
+    assert list(table(Block(prerequisites)).values()) == [inputs]
+
+
+@pytest.mark.parametrize("prerequisites", ["a", "both", "state", "both, state and time"])
+def test_declared_prerequisites_are_never_called_undeclared(prerequisites):
+    assert not examine(Block(prerequisites)).warnings
+
+
+def test_undeclared_prerequisites_are_told_with_the_inputs_and_the_cure():
+    (finding,) = examine(Block("nothing said")).warnings
+    assert finding.code == "undeclared-prerequisites"
+    assert "(a, b)" in finding.message
+    assert "prerequisites_of_calc" in finding.message
+
+
+def test_without_state_there_is_nothing_to_gain():
+    assert not examine(Block("nothing said", state=False)).warnings
+
+
+def test_a_profiler_at_work_is_left_in_place():
+    """The doctor notices calls into Python with the profile hook, which it must not take from others."""
+    calls = []
+
+    def profile(frame, event, argument):
+        calls.append(event)
+
+    sys.setprofile(profile)
+    try:
+        report = examine(Block("nothing said"))
+        assert sys.getprofile() is profile
+    finally:
+        sys.setprofile(None)
+    assert calls
+    assert report.ok
+    assert examine(Block("nothing said")).warnings
+
+
+def test_blocks_of_drake_and_nested_diagrams():
+    inner = DiagramBuilder()
+    gain = inner.AddNamedSystem("gain", Gain(1.0, 2))
+    split = inner.AddNamedSystem("split", Demultiplexer(2, 1))
+    inner.Connect(gain.get_output_port(), split.get_input_port())
+    inner.ExportInput(gain.get_input_port(), "u")
+    inner.ExportOutput(split.get_output_port(0), "first")
+    cell = inner.Build()
+    cell.set_name("cell")
+    builder = DiagramBuilder()
+    builder.AddSystem(cell)
+    lag = builder.AddNamedSystem("lag", FirstOrderLowPassFilter(0.1, 1))
+    lead = builder.AddNamedSystem("lead", LinearSystem([[-1.0]], [[1.0]], [[1.0]], [[2.0]]))
+    builder.Connect(cell.GetOutputPort("first"), lag.get_input_port())
+    builder.Connect(lag.get_output_port(), lead.get_input_port())
+    builder.ExportInput(cell.GetInputPort("u"), "u")
+    rows = table(builder.Build())
+    assert rows == {
+        ("cell/gain", "y0"): ("u0",),
+        ("cell/split", "y0"): ("u0",),
+        ("cell/split", "y1"): ("u0",),
+        ("lag", "y0"): (),
+        ("lead", "y0"): ("u0",),
+    }

@@ -1,0 +1,73 @@
+import pytest
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import (
+    DiscreteTimeDelay,
+    FirstOrderLowPassFilter,
+    Gain,
+    PassThrough,
+    Saturation,
+    ZeroOrderHold,
+)
+
+from forcectl.doctor import measure_delay
+from forcectl.errors import BadInputError
+
+
+def test_feedthrough_takes_no_time():
+    assert measure_delay(Gain(2.0, 3), "u0", "y0", tick=0.01) == 0.0
+
+
+@pytest.mark.parametrize("start", [0.0, 0.01, 0.5])
+def test_a_hold_takes_its_period_whenever_the_step_comes(start):
+    assert measure_delay(ZeroOrderHold(0.01, 1), "u", "y", tick=0.01, start=start) == 0.01
+
+
+def test_between_ticks_of_a_slow_block_the_input_waits():
+    assert measure_delay(ZeroOrderHold(0.01, 1), "u", "y", tick=0.001) == 0.001
+    assert measure_delay(ZeroOrderHold(0.01, 1), "u", "y", tick=0.001, start=0.004) == 0.007
+
+
+def test_a_transport_delay():
+    assert measure_delay(DiscreteTimeDelay(0.01, 20, 1), "u", "delayed_u", tick=0.01) == 0.21
+
+
+def test_a_filter_answers_at_once_but_visibly_later():
+    block = FirstOrderLowPassFilter(0.1, 1)
+    assert measure_delay(block, "u0", "y0", tick=0.01) == 0.01
+    assert measure_delay(block, "u0", "y0", tick=0.01, threshold=0.632) == pytest.approx(0.1)
+
+
+def test_no_answer_is_none():
+    assert measure_delay(Saturation([-1.0], [0.0]), "u0", "y0", tick=0.1, amplitude=1.0) is None
+    assert measure_delay(DiscreteTimeDelay(0.01, 20, 1), "u", "delayed_u", tick=0.01, longest=0.1) is None
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        ({"tick": 0.0}, "tick = 0.0: must be positive"),
+        ({"tick": 0.1, "start": -1.0}, "start = -1.0: must be zero or positive"),
+        ({"tick": 0.1, "input_port_name": "x"}, "unknown input port 'x'"),
+        ({"tick": 0.1, "output_port_name": "x"}, "unknown output port 'x'"),
+    ],
+)
+def test_bad_arguments(arguments, message):
+    with pytest.raises(BadInputError, match=message):
+        measure_delay(**{"system": Gain(1.0, 1), "input_port_name": "u0", "output_port_name": "y0", **arguments})
+
+
+def test_an_abstract_port_is_refused():
+    from pydrake.common.value import Value
+
+    with pytest.raises(BadInputError, match="must be a vector port"):
+        measure_delay(PassThrough(abstract_model_value=Value(object())), "u", "y", tick=0.1)
+
+
+def test_a_whole_diagram():
+    builder = DiagramBuilder()
+    first = builder.AddNamedSystem("first", ZeroOrderHold(0.01, 1))
+    second = builder.AddNamedSystem("second", ZeroOrderHold(0.01, 1))
+    builder.Connect(first.get_output_port(), second.get_input_port())
+    builder.ExportInput(first.get_input_port(), "in")
+    builder.ExportOutput(second.get_output_port(), "out")
+    assert measure_delay(builder.Build(), "in", "out", tick=0.01) == 0.02

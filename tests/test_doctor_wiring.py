@@ -1,0 +1,62 @@
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Adder, Gain
+
+from forcectl.doctor import examine
+from forcectl.doctor.wiring import Port, Wiring
+
+
+def nested():
+    """u -> cell/(a -> deep/b) -> c, with one more export of u inside."""
+    deep = DiagramBuilder()
+    b = deep.AddNamedSystem("b", Adder(2, 1))
+    deep.ExportInput(b.get_input_port(0), "first")
+    deep.ConnectInput("first", b.get_input_port(1))
+    deep.ExportOutput(b.get_output_port(), "sum")
+    deep_diagram = deep.Build()
+    deep_diagram.set_name("deep")
+    cell = DiagramBuilder()
+    a = cell.AddNamedSystem("a", Gain(1.0, 1))
+    cell.AddSystem(deep_diagram)
+    cell.Connect(a.get_output_port(), deep_diagram.get_input_port())
+    cell.ExportInput(a.get_input_port(), "u")
+    cell.ExportOutput(deep_diagram.get_output_port(), "y")
+    cell_diagram = cell.Build()
+    cell_diagram.set_name("cell")
+    outer = DiagramBuilder()
+    outer.AddSystem(cell_diagram)
+    c = outer.AddNamedSystem("c", Gain(1.0, 1))
+    outer.Connect(cell_diagram.get_output_port(), c.get_input_port())
+    outer.ExportInput(cell_diagram.get_input_port(), "u")
+    outer.ExportOutput(c.get_output_port(), "y")
+    return outer.Build()
+
+
+def test_sources_are_followed_through_all_levels():
+    wiring = Wiring(nested())
+    assert [path for path, _ in wiring.leaves()] == ["c", "cell/a", "cell/deep/b"]
+    assert wiring.source(Port("c", 0)) == Port("cell/deep/b", 0)
+    assert wiring.source(Port("cell/deep/b", 0)) == Port("cell/a", 0)
+    assert wiring.source(Port("cell/deep/b", 1)) == Port("cell/a", 0)
+    assert wiring.source(Port("cell/a", 0)) == Port("", 0)
+    assert wiring.origin(Port("cell", 0)) == Port("cell/deep/b", 0)
+    assert list(wiring.inner_inputs(Port("", 0))) == [Port("cell/a", 0)]
+    assert wiring.readers()[Port("cell/a", 0)] == [Port("cell/deep/b", 0), Port("cell/deep/b", 1)]
+
+
+def test_a_builder_shows_the_same_as_its_diagram():
+    builder = DiagramBuilder()
+    a, b = (builder.AddNamedSystem(name, Gain(1.0, 1)) for name in "ab")
+    builder.Connect(a.get_output_port(), b.get_input_port())
+    builder.ExportInput(a.get_input_port(), "u")
+    before = Wiring(builder)
+    sources = {port: before.source(port) for port in before.leaf_inputs()}
+    after = Wiring(builder.Build())
+    assert sources == {port: after.source(port) for port in after.leaf_inputs()}
+
+
+def test_blocks_without_a_name_get_a_readable_one():
+    builder = DiagramBuilder()
+    builder.AddSystem(Gain(1.0, 1))
+    builder.AddSystem(Gain(1.0, 1))
+    paths = {f.path for f in examine(builder.Build()).errors}
+    assert paths == {"Gain@0.u0", "Gain@1.u0"}
