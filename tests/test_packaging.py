@@ -7,6 +7,7 @@ import subprocess
 import sys
 import tarfile
 import zipfile
+from dataclasses import dataclass
 from pathlib import Path
 
 import pytest
@@ -16,9 +17,17 @@ LINKED = ("diagrams", "models", "experiments")
 NOT_SHIPPED = {".md"}  # notes beside the data may or may not be shipped
 
 
+@dataclass(frozen=True)
+class Archives:
+    """A copy of the repository's files, the source archive built from it, and the wheel built from that archive."""
+
+    copy: Path
+    sdist: Path
+    wheel: Path
+
+
 @pytest.fixture(scope="module")
-def archives(tmp_path_factory) -> tuple[Path, Path]:
-    """A source archive built from a copy of the repository's files, and the wheel built from that archive."""
+def archives(tmp_path_factory) -> Archives:
     work = tmp_path_factory.mktemp("packaging")
     copy, dist = work / "copy", work / "dist"
     listing = ["git", "ls-files", "--cached", "--others", "--exclude-standard"]
@@ -33,7 +42,7 @@ def archives(tmp_path_factory) -> tuple[Path, Path]:
         archive.extractall(work / "unpacked", filter="data")
     [unpacked] = (work / "unpacked").iterdir()
     wheel = dist / run_python(backend.format(kind="wheel", folder=str(dist)), cwd=unpacked).split()[-1]
-    return sdist, wheel
+    return Archives(copy, sdist, wheel)
 
 
 def run_python(code: str, cwd: Path, *options: str) -> str:
@@ -44,33 +53,33 @@ def run_python(code: str, cwd: Path, *options: str) -> str:
     return result.stdout
 
 
-def expected_files() -> set[str]:
-    """Each file of the four packages as it is called in the wheel."""
+def expected_files(root: Path) -> set[str]:
+    """Each file of the four packages in a copy of the repository, as it is called in the wheel."""
     files = set()
     for folder in ("forcectl", *LINKED):
-        for path in (ROOT / folder).rglob("*"):
-            inside = path.relative_to(ROOT)
+        for path in (root / folder).rglob("*"):
+            inside = path.relative_to(root)
             linked = folder == "forcectl" and len(inside.parts) > 1 and inside.parts[1] in LINKED
-            if not path.is_file() or "__pycache__" in inside.parts or linked or path.suffix in NOT_SHIPPED:
+            if not path.is_file() or linked or path.suffix in NOT_SHIPPED:
                 continue
             files.add(inside.as_posix() if folder == "forcectl" else f"forcectl/{inside.as_posix()}")
     return files
 
 
 def test_the_wheel_holds_code_and_data_of_all_four_folders(archives):
-    names = set(zipfile.ZipFile(archives[1]).namelist())
-    expected = expected_files()
+    names = set(zipfile.ZipFile(archives.wheel).namelist())
+    expected = expected_files(archives.copy)
     assert {"forcectl/py.typed", "forcectl/diagrams/__init__.py", "forcectl/experiments/__init__.py"} <= expected
     assert expected - names == set()
 
 
 def test_the_wheel_holds_nothing_else(archives):
-    names = {n for n in zipfile.ZipFile(archives[1]).namelist() if ".dist-info/" not in n}
-    assert {n for n in names - expected_files() if Path(n).suffix not in NOT_SHIPPED} == set()
+    names = {n for n in zipfile.ZipFile(archives.wheel).namelist() if ".dist-info/" not in n}
+    assert {n for n in names - expected_files(archives.copy) if Path(n).suffix not in NOT_SHIPPED} == set()
 
 
 def test_metadata_names_the_command_the_plugin_and_the_licence(archives):
-    wheel = zipfile.ZipFile(archives[1])
+    wheel = zipfile.ZipFile(archives.wheel)
     text = {Path(n).name: wheel.read(n).decode() for n in wheel.namelist() if ".dist-info/" in n}
     assert "forcectl = forcectl.cli:main" in text["entry_points.txt"]
     assert "forcectl = forcectl.testing.plugin" in text["entry_points.txt"]
@@ -82,7 +91,7 @@ def test_metadata_names_the_command_the_plugin_and_the_licence(archives):
 def test_the_wheel_works_from_another_directory(archives, tmp_path):
     """Unpacked beside nothing of ours, with the checkout out of reach."""
     site = tmp_path / "site"
-    zipfile.ZipFile(archives[1]).extractall(site)
+    zipfile.ZipFile(archives.wheel).extractall(site)
     elsewhere = tmp_path / "elsewhere"
     elsewhere.mkdir()
     code = f"""
