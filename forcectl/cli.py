@@ -23,7 +23,7 @@ _SUFFIXES = {".mmd": "mermaid", ".gv": "dot", ".htm": "html"}
 app = typer.Typer(
     name="forcectl",
     help="Robot force control as Drake diagrams: simulate, draw, check and reproduce.\n\nExample: forcectl run fig_2_7",
-    no_args_is_help=True,
+    add_completion=False,
     pretty_exceptions_enable=False,
     rich_markup_mode=None,
     context_settings={"help_option_names": ["-h", "--help"]},
@@ -36,7 +36,9 @@ Diagrammed = Annotated[
         metavar="SCENARIO", help="Shipped experiment, YAML file, or package.module:function that returns a Diagram."
     ),
 ]
-Variant = Annotated[str | None, typer.Option(metavar="V", help="This variant only (graph, check: default the first).")]
+Variant = Annotated[
+    str | None, typer.Option(metavar="V", help="This variant only; default all (graph, check: the first).")
+]
 Settings = Annotated[
     list[str] | None, typer.Option("--set", metavar="a.b.c=value", help="Override one value; may be repeated.")
 ]
@@ -53,13 +55,15 @@ def _version(wanted: bool) -> None:
         raise typer.Exit
 
 
-@app.callback()
+@app.callback(invoke_without_command=True)
 def _options(
+    context: typer.Context,
     version: Annotated[
         bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
     ] = False,
 ) -> None:
-    pass
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
 
 
 @app.command("list")
@@ -93,7 +97,7 @@ def run(
 ) -> None:
     """Simulate a scenario and write log, metrics, figures and block diagram.
 
-    Example: forcectl run fig_2_7 --set station.environment.stiffness=2e5 --seed 3
+    Example: forcectl run fig_2_7 --set controller.integral_gain=2 --seed 3
     """
     from forcectl.simulation.catalog import find_scenario
     from forcectl.simulation.run import run as simulate
@@ -270,14 +274,15 @@ def _console() -> Console:
 
 
 class _progress:
-    """A bar per running job on standard error, gone when all is done."""
+    """A bar per running job on standard error, gone when all is done; nothing when that is not a terminal."""
 
     def __enter__(self) -> _progress:
         from rich.console import Console
         from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
+        console = Console(stderr=True)
         columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
-        self._bars = Progress(*columns, console=Console(stderr=True), transient=True)
+        self._bars = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
         self._tasks: dict[str, Any] = {}
         self._bars.start()
         return self
@@ -292,16 +297,31 @@ class _progress:
         self._bars.stop()
 
 
+# Typer carries its own copy of Click in newer versions, so the base of its complaints is found by name.
+_Complaint = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
+
+
 def main() -> None:
-    """Entry point: every error of forcectl is one line on standard error."""
+    """Entry point: every error a user is expected to meet is one line on standard error."""
     try:
-        app()
+        code = app(standalone_mode=False)
     except ForcectlError as error:
-        print(f"error: {' '.join(str(error).split())}", file=sys.stderr)
-        sys.exit(2 if isinstance(error, BadInputError) else 1)
+        code = _complain(str(error), 2 if isinstance(error, BadInputError) else 1)
+    except _Complaint as error:
+        context = getattr(error, "ctx", None)
+        see = f" (see {context.command_path} --help)" if context else ""
+        code = _complain(f"{error.format_message().rstrip('.')}{see}", 2)
+    except typer.Abort:
+        code = _complain("stopped", 1)
     except BrokenPipeError:  # the reader, for example `head`, has seen enough
         sys.stderr.close()
-        sys.exit(1)
+        code = 1
+    sys.exit(code or 0)
+
+
+def _complain(text: str, code: int) -> int:
+    print(f"error: {' '.join(text.split())}", file=sys.stderr)
+    return code
 
 
 if __name__ == "__main__":

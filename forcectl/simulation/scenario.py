@@ -6,6 +6,7 @@ variant, overrides (`--set` on the command line).
 
 from __future__ import annotations
 
+import re
 from collections.abc import Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
@@ -136,22 +137,22 @@ class _Layers:
         if changes is not None and not isinstance(changes, Tagged):
             raise Reader(lambda key: file.origin).invalid(f"variants.{variant}", changes, "a mapping of scenario keys")
         forced, varied = nest(overrides), nest(changes or {})
-        preset_tree = merge(merge(Tagged(file.tree), varied), forced).get("preset", catalog.DEFAULT_PRESET)
-        try:
-            preset = catalog.find_preset(preset_tree)
-        except BadInputError as error:
-            raise BadInputError(f"{file.origin}: preset: {error}") from None
         # A slot without a tag means its default, and stays that when a later layer changes only some of its keys.
         defaults = Tagged(
             {"controller": Tagged(tag=next(iter(CONTROLLERS))), "reference": Tagged(tag=next(iter(REFERENCES)))}
         )
         self._layers: list[tuple[str, Tagged]] = [
             ("defaults", defaults),
-            (f"preset {preset.name!r}", preset.tree),
             (file.origin, file.tree),
             (f"{file.origin}: variant {variant!r}", varied),
             ("--set", forced),
         ]
+        name = self.merged().get("preset", catalog.DEFAULT_PRESET)
+        if name not in catalog.list_presets():
+            raise Reader(self.origin).unknown("preset", name, catalog.list_presets(), "preset")
+        preset = catalog.find_preset(str(name)).tree
+        preset.pop("description", None)
+        self._layers.insert(1, (f"preset {name!r}", preset))
 
     def merged(self) -> Tagged:
         result = Tagged()
@@ -203,9 +204,12 @@ def build(scenario: Scenario) -> ClosedLoop:
 
 def _full_key(scenario: Scenario, text: str) -> str:
     """`text` with the dotted key of the field it begins with, where only one field has that name."""
-    name = text.split(" ", 1)[0]
+    about = re.match(r"unknown (\w+)|\w+", text)
+    name = (about.group(1) or about.group()) if about else ""
     homes = _keys_ending_in(to_tree(scenario.station), name, "station")
-    return text.replace(name, homes[0], 1) if len(homes) == 1 else text
+    if len(homes) != 1:
+        return text
+    return f"{homes[0]}: {text}" if text.startswith("unknown") else text.replace(name, homes[0], 1)
 
 
 def _keys_ending_in(tree: Tree, name: str, key: str) -> list[str]:

@@ -77,6 +77,6 @@ def _table(title: str, *columns: str) -> Table:
     table = Table(
         title=title or None, title_justify="left", title_style="bold", header_style="bold", box=None, pad_edge=False
     )
-    for column in columns:
-        table.add_column(column)
+    for i, column in enumerate(columns):
+        table.add_column(column, no_wrap=i == 0 and column != "target")
     return table
