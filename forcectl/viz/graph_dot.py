@@ -75,7 +75,9 @@ def _node(block: Block, node: str) -> str:
     text = "\\n".join(_record(row) for row in rows if row)
     left = "|".join(f"<in{i}> {_port_text(port)}" for i, port in enumerate(block.inputs))
     right = "|".join(f"<out{i}> {_port_text(port)}" for i, port in enumerate(block.outputs))
-    label = "|".join(part for part in (f"{{{left}}}" if left else "", text, f"{{{right}}}" if right else "") if part)
+    # Each pair of braces turns the direction: the outer one makes inputs, name and outputs stand side by side.
+    fields = (f"{{{left}}}" if left else "", text, f"{{{right}}}" if right else "")
+    label = "{" + "|".join(field for field in fields if field) + "}"
     # Record fields are written into quotes as they are: their own escapes must reach Graphviz.
     quoted = label.replace('"', '\\"')
     outline = ", peripheries=2" if block.kind == "diagram" else ""

@@ -88,28 +88,38 @@ def draw(graph: BlockGraph, picture: Picture) -> str:
 
 def draw_box(block: Block, box: PlacedBox) -> str:
     """One block at its place; the group's transform carries the place, so that a page can move it."""
+    role, content = box_content(block, box)
+    place = f'transform="translate({box.x:.2f} {box.y:.2f})"'
+    return f'<g class="{role}" data-path="{_quoted(block.path)}" {place}>{content}</g>\n'
+
+
+def box_content(block: Block, box: PlacedBox) -> tuple[str, str]:
+    """Classes of a block's group, and the elements in it relative to the block's corner."""
     shape = box.shape
-    content = _frame(block, box) if shape is None else _box(block, box, shape) if shape.form == "box" else _symbol(shape)
-    role = "frame" if shape is None else f"block {shape.form}"
-    return (
-        f'<g class="{role} {block.category}" data-path="{_quoted(block.path)}" '
-        f'transform="translate({box.x:.2f} {box.y:.2f})">{content}</g>\n'
-    )
+    if shape is None:
+        return f"frame {block.category}", _frame(block, box)
+    content = _box(block, box, shape) if shape.form == "box" else _symbol(shape)
+    return f"block {shape.form} {block.category}", content
 
 
 def draw_net(graph: BlockGraph, net: PlacedNet) -> str:
     """All wires that leave one port, with arrow heads, dots where they part, and size and unit at the start."""
-    kind = "net abstract" if is_abstract(graph, net) else "net"
+    role, key = net_attributes(graph, net)
+    return f'<g class="{role}" data-source="{_quoted(key)}">{net_content(net)}</g>\n'
+
+
+def net_attributes(graph: BlockGraph, net: PlacedNet) -> tuple[str, str]:
+    """Classes of a net's group and its name, unique in the graph (a terminal's wires inside are another net)."""
+    key = f"{net.inside} > {net.source.block}:{net.source.port}"
+    return ("net abstract" if is_abstract(graph, net) else "net"), key
+
+
+def net_content(net: PlacedNet) -> str:
+    """The elements of a net."""
     wires = "".join(f'<path class="wire" d="{wire_path(wire)}"/>' for wire in net.wires)
     heads = "".join(f'<path class="head" d="{_head(wire)}"/>' for wire in net.wires)
     dots = "".join(f'<circle class="dot" cx="{x:.2f}" cy="{y:.2f}" r="2.6"/>' for x, y in net.dots)
-    text = _text(*net.text_at, net.signal, "signal")
-    return f'<g class="{kind}" data-source="{_quoted(net_key(net))}">{wires}{heads}{dots}{text}</g>\n'
-
-
-def net_key(net: PlacedNet) -> str:
-    """Name of a net that is unique in the graph; the wires of a terminal inside its diagram are another net."""
-    return f"{net.inside} > {net.source.block}:{net.source.port}"
+    return f'{wires}{heads}{dots}{_text(*net.text_at, net.signal, "signal")}'
 
 
 def is_abstract(graph: BlockGraph, net: PlacedNet) -> bool:
