@@ -2,8 +2,15 @@ import itertools
 
 import broken_diagrams
 import pytest
-from pydrake.systems.framework import DiagramBuilder, DiscreteStateIndex, LeafSystem
-from pydrake.systems.primitives import Adder, DiscreteTimeDelay, FirstOrderLowPassFilter, Gain, ZeroOrderHold
+from pydrake.systems.framework import Diagram, DiagramBuilder, DiscreteStateIndex, LeafSystem
+from pydrake.systems.primitives import (
+    Adder,
+    DiscreteTimeDelay,
+    FirstOrderLowPassFilter,
+    Gain,
+    LinearSystem,
+    ZeroOrderHold,
+)
 
 from forcectl.doctor import examine, measure_delay
 from forcectl.errors import BadInputError
@@ -155,6 +162,72 @@ def test_a_declared_delay_without_samples_counts():
     found = delay_of(chain(Wire()))
     assert [(row.kind, row.delay, row.basis) for row in found.rows] == [("fixed", 0.0015, "declared")]
     assert found.total == 0.0015
+
+
+class Lag(Diagram):
+    """Exact discretisation of a filter behind `samples` of transport delay."""
+
+    def __init__(self, declared, samples=0):
+        super().__init__()
+        self.sample_delay = {("force", "reading"): declared}
+        builder = DiagramBuilder()
+        lag = builder.AddNamedSystem("lag", LinearSystem([[0.5]], [[0.5]], [[1.0]], [[0.0]], 2 * MS))
+        first = lag
+        for i in range(samples):
+            hold = builder.AddNamedSystem(f"hold{i}", ZeroOrderHold(2 * MS, 1))
+            builder.Connect(hold.get_output_port(), first.get_input_port())
+            first = hold
+        builder.ExportInput(first.get_input_port(), "force")
+        builder.ExportOutput(lag.get_output_port(), "reading")
+        builder.BuildInto(self)
+
+
+@pytest.mark.parametrize("samples", [0, 1, 3])
+def test_a_diagram_may_call_the_last_sample_of_its_filter_physics(samples):
+    diagram = chain(Lag(samples * 2 * MS, samples))
+    report = examine(diagram, sensor="measured_force", command="displacement_command")
+    assert not report.warnings
+    (found,) = report.delays
+    assert [(row.block, row.input, row.output, row.basis) for row in found.rows] == [
+        ("b0", "force", "reading", "declared")
+    ]
+    assert found.total == pytest.approx(samples * 2 * MS)
+
+
+def test_a_diagram_may_count_every_sample_as_well():
+    report = examine(chain(Lag(4 * MS, 1)), sensor="measured_force", command="displacement_command")
+    assert not report.warnings
+    assert [(row.block, row.delay) for row in report.delays[0].rows] == [("b0/hold0", 2 * MS), ("b0/lag", 2 * MS)]
+
+
+def test_a_wrong_table_of_a_diagram_is_told():
+    (finding,) = examine(chain(Lag(10 * MS, 1))).warnings
+    assert finding.code == "delay-differs"
+    assert finding.path == "b0.reading"
+    assert "says 0.01 s, but run alone it takes 0.004 s" in finding.message
+
+
+def test_a_table_with_unknown_ports_is_an_error():
+    block = Lag(0.0)
+    block.sample_delay = {("froce", "reading"): 0.0}
+    (finding,) = examine(chain(block)).errors
+    assert finding.code == "sample-delay-ports"
+    assert "froce" in finding.message
+
+
+def test_an_unrestricted_block_may_declare_no_delay_but_a_reader_of_the_same_kind_still_waits():
+    for reader_kind, total in (("discrete", 0.0), ("unrestricted", 2 * MS)):
+        builder = DiagramBuilder()
+        law = builder.AddNamedSystem("law", Sampled("unrestricted", 2 * MS))
+        law.sample_delay = {("u", "y"): 0.0}
+        plant = builder.AddNamedSystem("plant", Sampled(reader_kind, 2 * MS))
+        builder.Connect(law.get_output_port(), plant.get_input_port())
+        builder.ExportInput(law.get_input_port(), "measured_force")
+        builder.ExportOutput(law.get_output_port(), "displacement_command")
+        builder.ExportOutput(plant.get_output_port(), "position")
+        report = examine(builder.Build(), sensor="measured_force", command="displacement_command")
+        assert not report.warnings
+        assert report.delays[0].total == total
 
 
 def test_of_two_ways_the_faster_one_is_listed():

@@ -11,6 +11,7 @@ from forcectl.doctor.feedthrough import feedthrough_table, undeclared_prerequisi
 from forcectl.doctor.loops import algebraic_loops
 from forcectl.doctor.paths import Hops, PortName
 from forcectl.doctor.report import DelayChain, Finding, Report, error, sort_findings
+from forcectl.doctor.stages import declared_findings
 from forcectl.doctor.units import mismatches
 from forcectl.doctor.values import StartValues, non_finite_outputs
 from forcectl.doctor.wiring import Wiring
@@ -47,7 +48,9 @@ def examine(
     findings += non_finite_outputs(values)
     events = periodic_events(values, findings)
     findings += timing_findings(events)
-    delays = _delays(values, Hops(wiring, events), sensor, command, expected_delay, findings)
+    hops = Hops(wiring, events)
+    findings += declared_findings(values, hops)
+    delays = _delays(values, hops, sensor, command, expected_delay, findings)
     return Report(system.get_name(), sort_findings(findings), feedthrough_table(wiring), events, delays)
 
 
@@ -95,11 +98,11 @@ def _delays(
         wanted = [(first, last)]
     chains = []
     for source, target in wanted:
-        chain = trace(values, hops, source, target, findings)
+        chain = trace(values, hops, source, target)
         if chain is not None:
             chains.append(chain)
-            main = (source, target) == wanted[-1]
-            findings += chain_findings(values, chain, expected if main else None)
+            if (source, target) == wanted[-1]:  # what happens inside the sensor is the sensor's own matter
+                findings += chain_findings(values, chain, expected)
         elif wanted is not defaults:
             findings.append(
                 error("no-way", f"{source} -> {target}", "no signal reaches the second port from the first")

@@ -66,14 +66,19 @@ class Hops:
         table: dict[tuple[str, str], float] = getattr(self.wiring.systems[block], "sample_delay", {})
         return float(table[names]) if names in table else None
 
-    def shortest(self, starts: list[Port], target: Port) -> list[Hop] | None:
-        """The way with the least delay from any of the inputs `starts` to the leaf output `target`, or None."""
+    def shortest(self, starts: list[Port], target: Port, inside: str = "") -> list[Hop] | None:
+        """The way with the least delay from any of the inputs `starts` to the leaf output `target`, or None.
+
+        With `inside`, only blocks within that nested diagram are passed.
+        """
         heap: list[tuple[float, int, int, tuple[Hop, ...]]] = []
         order = itertools.count()  # entries of equal cost are never compared further
         done: set[Port] = set()
 
         def push(readers: list[Port], delay: float, trail: tuple[Hop, ...]) -> None:
             for reader in readers:
+                if inside and not reader.system.startswith(f"{inside}/"):
+                    continue
                 for hop in self.through(reader):
                     heapq.heappush(heap, (delay + self._cost(hop), len(trail) + 1, next(order), (*trail, hop)))
 

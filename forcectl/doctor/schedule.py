@@ -1,0 +1,103 @@
+"""When a change comes out at the end of a chain of sampled blocks: arithmetic on ticks, without Drake.
+
+How Drake orders one instant: unrestricted updates first, then discrete updates; updates of the same kind all read
+the state from before. So a value that changes in a discrete update at t_k is seen by another discrete (or
+unrestricted) update at its first tick after t_k, while one that changes in an unrestricted update is seen by the
+discrete updates of the same instant. A block therefore adds the time from the tick at which it reads its input to
+the tick at which the next reader on the way reads its output, which is one period of the faster of the two.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from forcectl.doctor.report import PeriodicEvent
+
+_RANK = {"unrestricted": 0, "discrete": 1}
+_BEFORE_ALL = -1
+_MOST_PHASES = 1000
+
+
+@dataclass(frozen=True)
+class Stage:
+    """One row of a delay table before its delay is known; times in [s]."""
+
+    block: str
+    input: str
+    output: str
+    kind: str
+    basis: str
+    event: PeriodicEvent | None = None  # of a sampled block
+    samples: int = 0
+    delay: float | None = None  # declared, the same for every reader; None: follows from event and samples
+
+
+def schedule(
+    stages: list[Stage], rhythm: PeriodicEvent | None, readers: list[PeriodicEvent] | None
+) -> tuple[list[float], float]:
+    """What each stage adds in the fastest case, and the total in the slowest case, over all phases [s].
+
+    Args:
+        stages: the blocks on the way, in order.
+        rhythm: the event that changes the source, None when it may change at any tick of the first block.
+        readers: who reads the end: events of sampled blocks; [] for nobody, which stands for a reader at the last
+            block's own ticks; None for a continuous block, which sees a new value at once.
+    """
+    events = [stage.event for stage in stages if stage.event is not None]
+    walks = [_walk(stages, start, readers) for start in _phases(rhythm, events)]
+    return min(walks, key=lambda parts: round(sum(parts), 12)), max(sum(parts) for parts in walks)
+
+
+def _phases(rhythm: PeriodicEvent | None, events: list[PeriodicEvent]) -> Iterator[float]:
+    """Instants at which the source may change."""
+    first = rhythm or (events[0] if events else None)
+    if first is None:
+        yield 0.0
+        return
+    slowest = max(event.period for event in [first, *events])
+    # Late enough that every block has ticked before, then over one period of the slowest.
+    late = max(event.offset for event in [first, *events])
+    offset = first.offset + math.ceil(late / first.period) * first.period
+    for k in range(min(_MOST_PHASES, max(1, round(slowest / first.period)))):
+        yield offset + k * first.period
+
+
+def _walk(stages: list[Stage], start: float, readers: list[PeriodicEvent] | None) -> list[float]:
+    """What each stage adds [s] when the source changes just before the updates at `start`."""
+    parts = [0.0] * len(stages)
+    time, rank = start, _BEFORE_ALL  # when the value at hand changed, and in which kind of update
+    holder: int | None = None  # the sampled stage that holds the value
+    last: PeriodicEvent | None = None
+    for i, stage in enumerate(stages):
+        event = stage.event
+        if event is None:
+            parts[i] = stage.delay or 0.0
+            if stage.delay:
+                time, rank = time + stage.delay, _BEFORE_ALL
+            continue
+        read = next_tick(event, time, rank)
+        parts[i if holder is None else holder] += read - time
+        inside = (stage.samples - 1) * event.period if stage.delay is None else stage.delay
+        parts[i] += inside
+        time, rank = read + inside, _RANK[event.kind] if stage.delay is None else _BEFORE_ALL
+        holder, last = i, event
+    if holder is None or last is None or readers is None:
+        return parts
+    # Nobody reads in this diagram: meant is a reader at the last block's own ticks, before that block updates.
+    parts[holder] += min(next_tick(reader, time, rank) for reader in readers or [last]) - time
+    return parts
+
+
+def next_tick(event: PeriodicEvent, time: float, rank: int) -> float:
+    """First tick of `event` that sees a value changed at `time` by an update of `rank` (-1: before all updates)."""
+    ticks = (time - event.offset) / event.period
+    same_instant = _RANK[event.kind] > rank
+    k = math.ceil(ticks - 1e-6) if same_instant else math.floor(ticks + 1e-6) + 1
+    return event.offset + max(k, 0) * event.period
+
+
+def clean(seconds: float) -> float:
+    """A sum of periods as it would be written: 0.006, not 0.006000000000000002."""
+    return float(f"{seconds:.9g}") if abs(seconds) > 1e-12 else 0.0
