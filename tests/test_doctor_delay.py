@@ -287,6 +287,26 @@ def test_an_ambiguous_name_is_told_with_all_it_could_mean():
         examine(diagram, command="y", sensor="measured_force")
 
 
+def test_a_bare_name_means_the_port_that_is_nested_least():
+    inner = DiagramBuilder()
+    channel = inner.AddNamedSystem("channel", broken_diagrams.Hold("force", "measured_force", gain=1.0))
+    gain = inner.AddNamedSystem("gain", Gain(2.0, 1))
+    inner.Connect(channel.get_output_port(), gain.get_input_port())
+    inner.ExportInput(channel.get_input_port(), "force")
+    inner.ExportOutput(gain.get_output_port(), "measured_force")
+    sensor = inner.Build()
+    sensor.set_name("sensor")
+    builder = DiagramBuilder()
+    builder.AddSystem(sensor)
+    controller = builder.AddNamedSystem("controller", broken_diagrams.Hold())
+    builder.Connect(sensor.get_output_port(), controller.get_input_port())
+    builder.ExportInput(sensor.get_input_port(), "force")
+    builder.ExportOutput(controller.get_output_port(), "displacement_command")
+    (found,) = examine(builder.Build()).delays
+    assert found.source == "sensor.measured_force"
+    assert [row.block for row in found.rows] == ["controller"]
+
+
 def test_no_way_between_two_ports_is_an_error():
     builder = DiagramBuilder()
     for name in ("a", "b"):

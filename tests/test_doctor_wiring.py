@@ -60,3 +60,10 @@ def test_blocks_without_a_name_get_a_readable_one():
     builder.AddSystem(Gain(1.0, 1))
     paths = {f.path for f in examine(builder.Build()).errors}
     assert paths == {"Gain@0.u0", "Gain@1.u0"}
+
+
+def test_an_output_is_shown_by_the_name_of_the_outermost_diagram():
+    wiring = Wiring(nested())
+    assert wiring.shown_name(Port("cell/deep/b", 0)) == "cell.y"
+    assert wiring.shown_name(Port("cell/a", 0)) == "cell/a.y0"
+    assert wiring.shown_name(Port("c", 0)) == "c.y0"

@@ -41,7 +41,7 @@ def trace(values: StartValues, hops: Hops, source: PortName, target: PortName) -
         for stage, part in zip(stages, parts, strict=True)
     )
     reader = ", ".join(consumers)
-    return DelayChain(start, values.wiring.output_name(end), rows, reader, clean(sum(parts)), clean(worst))
+    return DelayChain(start, values.wiring.shown_name(end), rows, reader, clean(sum(parts)), clean(worst))
 
 
 def default_traces(wiring: Wiring) -> list[tuple[PortName, PortName]]:

@@ -101,15 +101,21 @@ class Hops:
 
 
 def find_outputs(wiring: Wiring, name: PortName) -> list[Port]:
-    """The leaf outputs that a name stands for; where no output has it, those that feed the inputs of that name."""
-    named = [
-        wiring.origin(Port(path, i))
+    """The leaf outputs that a name stands for; where no output has it, those that feed the inputs of that name.
+
+    A bare port name means the ports of that name that are nested least: `measured_force` is the station's, not that
+    of a block inside it.
+    """
+    named = {
+        Port(path, i): path.count("/") + bool(path)
         for path, system in wiring.systems.items()
         for i in range(system.num_output_ports())
         if _matches(path, system.get_output_port(i, False).get_name(), name)
-    ]
+    }
+    least = min(named.values(), default=0)
+    outermost = [wiring.origin(port) for port, depth in named.items() if depth == least]
     feeding = (_feeding(wiring, port) for port in find_inputs(wiring, name))
-    return _unique(named or [port for port in feeding if port is not None])
+    return _unique(outermost or [port for port in feeding if port is not None])
 
 
 def find_inputs(wiring: Wiring, name: PortName) -> list[Port]:
@@ -144,7 +150,7 @@ def start_readers(wiring: Wiring, hops: Hops, name: PortName) -> tuple[str, list
     """
     if any(_matches(path, port, name) for path, port in _output_names(wiring)):
         output = one_output(wiring, name)
-        return wiring.output_name(output), hops.readers.get(output, []), output
+        return wiring.shown_name(output), hops.readers.get(output, []), output
     inputs = find_inputs(wiring, name)
     if not inputs:
         raise unknown("port", _text(name), _all_names(wiring))

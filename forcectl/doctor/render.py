@@ -67,7 +67,7 @@ def _table(title: str, *columns: str) -> Table:
 
     table = Table(title=title, title_justify="left")
     for column in columns:
-        table.add_column(_plain(column))
+        table.add_column(_plain(column), overflow="fold")  # paths are never cut
     return table
 
 

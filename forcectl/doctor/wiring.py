@@ -163,6 +163,16 @@ class Wiring:
             output = self._inside[output.system].exported_outputs[output.index]
         return output
 
+    def shown_name(self, output: Port) -> str:
+        """The name under which a leaf output leaves the outermost nested diagram: `station.measured_force`."""
+        while True:
+            level = self._parent[output.system]
+            exported = [i for i, inner in level.exported_outputs.items() if inner == output]
+            if not exported or not level.path:
+                break
+            output = Port(level.path, exported[0])
+        return self.output_name(output)
+
     def source(self, reader: Port) -> Port | None:
         """The leaf output that feeds an input, `Port("", i)` for an input of the whole diagram, None for nothing."""
         while reader.system:
