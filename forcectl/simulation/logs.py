@@ -38,6 +38,11 @@ class ChunkedLog:
         self._data.append(data)
         return times, data
 
+    def cut(self, when: float) -> None:
+        """Forget the samples after the time `when` [s], which lies in the last piece."""
+        keep = self._times[-1] <= when
+        self._times[-1], self._data[-1] = self._times[-1][keep], self._data[-1][:, keep]
+
     def samples(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
         """All times (k,) [s] and values (n, k) so far."""
         return np.concatenate(self._times), np.concatenate(self._data, axis=1)
@@ -69,7 +74,7 @@ def to_dataset(
             dataset = dataset.assign_coords({component: list(signal.labels)})
             dataset[name] = (("time", component), rows.T.copy(), attributes)
     if model_bandwidth is not None:
-        start = float(dataset["contact_force"].values[0])
+        start = float(dataset["contact_force"].values[0]) if times.size else 0.0
         response = model_response(times, dataset["desired_force"].values, model_bandwidth, start)
         attributes = {
             "units": unit_of("model_force"),

@@ -146,10 +146,11 @@ def model_response(time: Signal, desired: Signal, bandwidth: float, initial: flo
     """
     decay = np.exp(-bandwidth * np.diff(time))
     response = np.empty_like(desired)
-    response[0] = value = initial
-    for k in range(len(desired) - 1):
-        value = desired[k] + (value - desired[k]) * decay[k]
-        response[k + 1] = value
+    value = initial
+    for k in range(len(desired)):
+        response[k] = value
+        if k < len(decay):
+            value = desired[k] + (value - desired[k]) * decay[k]
     return response
 
 

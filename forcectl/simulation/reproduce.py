@@ -124,8 +124,8 @@ def _job(file: ScenarioFile, variant: str, overrides: Mapping[str, Any]) -> Outc
     """One simulation in a worker process; a text when there is not even a log."""
     try:
         scenario = resolve(file, variant, overrides)
-        # Diagrams do not travel between processes.
-        return replace(simulate(scenario, build(scenario), variant), diagram=None)
+        # Diagrams and exceptions do not travel between processes.
+        return replace(simulate(scenario, build(scenario), variant), diagram=None, cause=None)
     except ForcectlError as error:
         return str(error)
     except (Exception, SystemExit) as error:  # a row of the table, with the name of what went wrong

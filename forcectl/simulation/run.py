@@ -148,7 +148,7 @@ def finish(
             # An earlier failure at the same place is out of date.
             kept = write_whole(directory.with_name(directory.name + FAILED), fill, force=True)
         where = f"; the log up to there is in {kept}" if kept else ""
-        raise StoppedRunError(f"variant {failed.variant!r}: {failed.failure}{where}", log, kept)
+        raise StoppedRunError(f"variant {failed.variant!r}: {failed.failure}{where}", log, kept) from failed.cause
     if directory is not None:
         write_whole(directory, fill, force)
     return RunResult(file.name, log, metrics, diagram, directory, verdicts)
@@ -172,6 +172,7 @@ def _write_pictures(folder: Path, log: xr.Dataset, diagram: Diagram, title: str)
     from forcectl.viz.figures import write_figures
     from forcectl.viz.graph import export
 
-    write_figures(log, folder / "figures", title)
+    if log.sizes["time"] > 1:  # a run may stop before its first step
+        write_figures(log, folder / "figures", title)
     for format_ in ("dot", "svg", "html"):
         export(diagram, folder / f"diagram.{format_}", format=format_)

@@ -232,7 +232,7 @@ def resolved_tree(scenarios: Mapping[str, Scenario]) -> Tagged:
         )
         trees[name].update(preset=catalog.DEFAULT_PRESET, variants=Tagged())
     base = trees[names[0]]
-    base["expect"] = [part for part in base["expect"] if _only_about(part, names)]
+    base["expect"] = [_without_nulls(part) for part in base["expect"] if _only_about(part, names)]
     for tree in trees.values():
         tree["expect"] = base["expect"]
     if names != [ONLY_VARIANT]:
@@ -244,3 +244,7 @@ def resolved_tree(scenarios: Mapping[str, Scenario]) -> Tagged:
 def _only_about(expectation: Tree, names: list[str]) -> bool:
     terms = [expectation, expectation.get("minus"), expectation.get("ratio")]
     return all(term.get("variant") in (None, *names) for term in terms if term)
+
+
+def _without_nulls(expectation: Tree) -> Tagged:
+    return Tagged({key: value for key, value in expectation.items() if value is not None and value != []})

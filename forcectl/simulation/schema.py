@@ -88,7 +88,7 @@ class Reader:
     def located(self, error: BadInputError, key: str) -> BadInputError:
         """An error raised by a config about one of its own fields, with file and dotted key in front."""
         text = str(error)
-        field = re.match(r"([A-Za-z_][\w.]*)(?:\[\d+\])* (?:=|has) ", text)
+        field = re.match(r"([A-Za-z_][\w.]*)(?:\[\d+\])*(?: =| has| is missing|: unknown)", text)
         if field:
             return self._error(join(key, field.group(1)), join(key, text))
         # "unknown robot 'x'" is about the field `robot`.

@@ -3,13 +3,14 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Diagram
+from pydrake.systems.framework import Context, Diagram
 
 from forcectl.diagrams.closed_loop import ClosedLoop
 from forcectl.simulation.logs import ChunkedLog, first_fault, to_dataset
@@ -17,7 +18,7 @@ from forcectl.simulation.metrics import metrics_of
 from forcectl.simulation.scenario import Scenario
 
 CHUNK = 0.25  # [s] of simulated time between two looks at the log
-FORCE_LIMIT = 10.0  # a contact force above this many sensor ranges is a diverging run
+FORCE_LIMIT = 2.0  # a contact force above this many sensor ranges is a diverging run
 
 
 @dataclass(frozen=True)
@@ -27,8 +28,10 @@ class Outcome:
     variant: str
     log: xr.Dataset
     metrics: dict[str, float | None]
-    failure: str | None
-    diagram: Diagram | None  # None when it came from another process
+    failure: str | None = None
+    # The next two are None when the outcome comes from another process.
+    diagram: Diagram | None = None
+    cause: BaseException | None = None  # what a block or a solver raised
 
 
 def simulate(
@@ -53,15 +56,18 @@ def simulate(
     limits = {"contact_force": FORCE_LIMIT * scenario.station.force_sensor.range}
     count = max(1, int(np.ceil(scenario.duration / CHUNK - 1e-9)))
     failure, computing = None, 0.0
-    for i in range(1, count + 1):
-        failure, seconds = _advance(simulator, min(i * CHUNK, scenario.duration), initialize=i == 1)
-        computing += seconds
+    for i in range(count + 1):
+        cause, seconds = _advance(simulator, min(i * CHUNK, scenario.duration))
+        computing += seconds if i else 0.0  # the first one initializes
         times, values = log.take(loop.sink.FindMutableLog(context))
         fault = first_fault(times, values, loop.signals, limits)
         if fault is not None:
             name, when, value = fault
             what = "is not a number" if np.isnan(value) else f"diverges ({value:.4g} {loop.signals[name].unit})"
             failure = f"{name} {what} at t = {when:.4f} s"
+            log.cut(when)
+        elif cause is not None:
+            failure = f"{_state_fault(loop.diagram, context)} at t = {context.get_time():.4f} s: {_reason(cause)}"
         if progress:
             progress(variant, i / count)
         if failure is not None:
@@ -69,23 +75,51 @@ def simulate(
     times, values = log.samples()
     bandwidth = scenario.reference_model if scenario.reference_model is not None else loop.reference_model_bandwidth
     dataset = to_dataset(times, values, loop.signals, variant, bandwidth or None)
-    metrics: dict[str, float | None] = {}
-    if failure is None:
-        factor = scenario.duration / computing if computing > 0 else None
-        metrics = metrics_of(dataset, window=scenario.model_error_window, realtime_factor=factor)
-    return Outcome(variant, dataset, metrics, failure, loop.diagram)
+    if failure is not None:
+        return Outcome(variant, dataset, {}, failure, loop.diagram, cause)
+    factor = scenario.duration / computing if computing > 0 else None
+    metrics = metrics_of(dataset, window=scenario.model_error_window, realtime_factor=factor)
+    return Outcome(variant, dataset, metrics, None, loop.diagram)
 
 
-def _advance(simulator: Simulator, until: float, initialize: bool) -> tuple[str | None, float]:
-    """Advance to `until` [s]; returns why it could not (or None), and the computing time [s]."""
+def _advance(simulator: Simulator, until: float) -> tuple[BaseException | None, float]:
+    """Advance to `until` [s], 0: initialize; returns what stopped it (or None), and the computing time [s]."""
     started = time.perf_counter()
     try:
-        if initialize:
+        if until == 0:
             simulator.Initialize()
-            started = time.perf_counter()
-        simulator.AdvanceTo(until)
-    except RuntimeError as error:  # Drake's solvers give up this way, for example "SAP solver failed to converge"
-        reason = " ".join(str(error).split())
-        now = simulator.get_context().get_time()
-        return f"solver failed at t = {now:.4f} s: {reason[:200]}", time.perf_counter() - started
+        else:
+            simulator.AdvanceTo(until)
+    # Drake's solvers give up with a RuntimeError, its failed preconditions arrive as SystemExit, and a block of the
+    # user's own may raise anything.
+    except (Exception, SystemExit) as error:
+        return error, time.perf_counter() - started
     return None, time.perf_counter() - started
+
+
+def _reason(error: BaseException) -> str:
+    text = " ".join(str(error).split())[:200]
+    return text if isinstance(error, RuntimeError) and text else f"{type(error).__name__} {text}".strip()
+
+
+def _state_fault(system: Diagram, context: Context, path: str = "") -> str:
+    """Which block's state is not a finite number, in words; else that the simulation stopped."""
+    for block in system.GetSystems():
+        name = f"{path}{block.get_name()}"
+        own = block.GetMyContextFromRoot(context)
+        if isinstance(block, Diagram):
+            found = _state_fault(block, context, f"{name}/")
+            if found != _STOPPED:
+                return found
+        elif not all(np.isfinite(group).all() for group in _state(own)):
+            return f"state of {name} is not a finite number"
+    return _STOPPED
+
+
+_STOPPED = "simulation stopped"
+
+
+def _state(context: Context) -> Iterator[NDArray[np.float64]]:
+    yield context.get_continuous_state_vector().CopyToVector()
+    for group in range(context.num_discrete_state_groups()):
+        yield context.get_discrete_state(group).value()
