@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import importlib.util
 import os
 from importlib.metadata import entry_points
 
@@ -14,4 +13,4 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 # An installed forcectl announces its plugin to pytest; a bare checkout (PYTHONPATH only) has to load it here.
 _PLUGIN = "forcectl.testing.plugin"
 _announced = any(point.value == _PLUGIN for point in entry_points(group="pytest11"))
-pytest_plugins = [] if _announced or importlib.util.find_spec(_PLUGIN) is None else [_PLUGIN]
+pytest_plugins = [] if _announced else [_PLUGIN]

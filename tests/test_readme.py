@@ -45,12 +45,12 @@ def folder(tmp_path) -> Path:
     return tmp_path
 
 
-def python(*arguments: str, cwd: Path) -> subprocess.CompletedProcess[str]:
+def python(*arguments: str, cwd: Path, **environment: str) -> subprocess.CompletedProcess[str]:
     # The reader has forcectl installed; a bare checkout stands in for that here.
     path = os.pathsep.join(filter(None, [os.environ.get("PYTHONPATH"), str(ROOT)]))
     return subprocess.run(
         [sys.executable, *arguments],
-        cwd=cwd, env=os.environ | {"PYTHONPATH": path}, capture_output=True, text=True, check=False,
+        cwd=cwd, env=os.environ | {"PYTHONPATH": path} | environment, capture_output=True, text=True, check=False,
     )  # fmt: skip
 
 
@@ -88,7 +88,9 @@ def test_python_code_runs(number, folder):
 def test_plugin_example_passes(folder):
     tests = [name for name in named_files() if name.startswith("test_")]
     assert tests != []
-    done = python("-m", "pytest", "-q", "-p", "forcectl.testing.plugin", *tests, cwd=folder)
+    # Named instead of found, because a bare checkout announces no plugin.
+    options = ["-p", "no:cacheprovider", "-p", "forcectl.testing.plugin"]
+    done = python("-m", "pytest", "-q", *options, *tests, cwd=folder, PYTEST_DISABLE_PLUGIN_AUTOLOAD="1")
     assert done.returncode == 0, done.stdout[-2000:]
 
 
