@@ -17,7 +17,7 @@ export MPLBACKEND := Agg
 PIP := $(BIN)/python -m pip --disable-pip-version-check --quiet install --constraint constraints.txt
 
 .DEFAULT_GOAL := help
-.PHONY: help demo test quick lint format graph bench wheel lock hooks clean
+.PHONY: help demo test quick lint format graph pictures bench wheel lock hooks clean
 
 help: ## this list
 	@sed -n 's/^\([a-z]*\):.*## \(.*\)/make \1\t\2/p' $(MAKEFILE_LIST) | expand -t 16
@@ -45,6 +45,12 @@ graph: $(VENV)/.installed ## draw the block diagram of Figure 2.7 as SVG and as 
 	@mkdir -p runs
 	$(BIN)/forcectl graph fig_2_7 --format svg --out runs/fig_2_7_diagram.svg
 	$(BIN)/forcectl graph fig_2_7 --format html --out runs/fig_2_7_diagram.html
+
+pictures: $(VENV)/.installed ## draw the README's pictures again
+	@mkdir -p docs/images
+	$(BIN)/forcectl run fig_2_7 --out runs/pictures --force
+	cp runs/pictures/figures/force.png docs/images/fig_2_7.png
+	$(BIN)/forcectl graph fig_2_7 --depth 1 --out docs/images/closed_loop.svg
 
 bench: $(VENV)/.installed-test ## speed: import, build, real-time factors, cost per control tick
 	@for script in benchmarks/bench_*.py; do echo "== $$script"; $(BIN)/python "$$script" || exit 1; done
