@@ -82,6 +82,19 @@ def test_something_else_is_refused(call):
         call("diagram")
 
 
+def test_an_expected_delay_where_none_can_be_found_is_never_passed_over():
+    with pytest.raises(BadInputError, match="unknown port 'measured_force'"):
+        examine(Gain(1.0, 1), expected_delay=0.0)
+    builder = DiagramBuilder()
+    for name in ("measured_force", "displacement_command"):
+        gain = builder.AddNamedSystem(name, Gain(1.0, 1))
+        builder.ExportInput(gain.get_input_port(), f"{name}_in")
+        builder.ExportOutput(gain.get_output_port(), name)
+    diagram = builder.Build()
+    assert examine(diagram).ok
+    assert [f.code for f in examine(diagram, expected_delay=0.0).errors] == ["no-way"]
+
+
 def test_an_expected_delay_that_is_missed_is_an_error():
     report = examine(broken_diagrams.extra_sample(), expected_delay=0.002)
     assert not report.ok

@@ -7,7 +7,7 @@ from collections.abc import Iterator
 
 from pydrake.systems.primitives import DiscreteTimeDelay
 
-from forcectl.doctor.paths import Hops, PortName, find_outputs, one_output, start_readers
+from forcectl.doctor.paths import Hops, PortName, find_inputs, find_outputs, one_output, start_readers
 from forcectl.doctor.report import DelayChain, DelayRow, Finding, PeriodicEvent, error, warning
 from forcectl.doctor.schedule import clean, schedule
 from forcectl.doctor.stages import stages_of
@@ -48,9 +48,10 @@ def default_traces(wiring: Wiring) -> list[tuple[PortName, PortName]]:
     """The ways that are looked at when the user names none: force to sensor, sensor to command."""
     command = next((name for name in COMMANDS if len(find_outputs(wiring, name)) == 1), None)
     traces: list[tuple[PortName, PortName]] = []
-    if len(find_outputs(wiring, SENSOR)) != 1:
+    sensors = find_outputs(wiring, SENSOR)
+    if len(sensors) > 1 or not (sensors or find_inputs(wiring, SENSOR)):
         return traces
-    if len(find_outputs(wiring, TRUTH)) == 1:
+    if sensors and len(find_outputs(wiring, TRUTH)) == 1:
         traces.append((TRUTH, SENSOR))
     if command is not None:
         traces.append((SENSOR, command))

@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydrake.systems.framework import DiagramBuilder, System
 
 from forcectl.doctor.connections import unconnected_inputs, unused_outputs
-from forcectl.doctor.delay import chain_findings, default_traces, trace
+from forcectl.doctor.delay import COMMANDS, SENSOR, chain_findings, default_traces, trace
 from forcectl.doctor.events import periodic_events, timing_findings
 from forcectl.doctor.feedthrough import feedthrough_table, undeclared_prerequisites
 from forcectl.doctor.loops import algebraic_loops
@@ -92,19 +92,19 @@ def _delays(
 ) -> tuple[DelayChain, ...]:
     defaults = default_traces(values.wiring)
     wanted = defaults
-    if sensor is not None or command is not None:
-        first = sensor if sensor is not None else (defaults[-1][0] if defaults else "measured_force")
-        last = command if command is not None else (defaults[-1][1] if defaults else "joint_position_command")
+    if sensor is not None or command is not None or (expected is not None and not defaults):
+        first = sensor if sensor is not None else (defaults[-1][0] if defaults else SENSOR)
+        last = command if command is not None else (defaults[-1][1] if defaults else COMMANDS[0])
         wanted = [(first, last)]
     chains = []
     for source, target in wanted:
         chain = trace(values, hops, source, target)
+        main = (source, target) == wanted[-1]
         if chain is not None:
             chains.append(chain)
-            if (source, target) == wanted[-1]:  # what happens inside the sensor is the sensor's own matter
+            if main:  # what happens inside the sensor is the sensor's own matter
                 findings += chain_findings(values, chain, expected)
-        elif wanted is not defaults:
-            findings.append(
-                error("no-way", f"{source} -> {target}", "no signal reaches the second port from the first")
-            )
+        elif main and (wanted is not defaults or expected is not None):
+            where = f"{source} -> {target}"
+            findings.append(error("no-way", where, "no signal reaches the second port from the first"))
     return tuple(chains)

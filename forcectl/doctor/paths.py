@@ -119,13 +119,15 @@ def find_outputs(wiring: Wiring, name: PortName) -> list[Port]:
 
 
 def find_inputs(wiring: Wiring, name: PortName) -> list[Port]:
-    """All input ports, of blocks and of diagrams, that a name stands for."""
-    return [
-        Port(path, i)
+    """The input ports, of blocks and of diagrams, that a name stands for: those that are nested least."""
+    named = {
+        Port(path, i): path.count("/") + bool(path)
         for path, system in wiring.systems.items()
         for i in range(system.num_input_ports())
         if _matches(path, system.get_input_port(i, False).get_name(), name)
-    ]
+    }
+    least = min(named.values(), default=0)
+    return [port for port, depth in named.items() if depth == least]
 
 
 def one_output(wiring: Wiring, name: PortName) -> Port:

@@ -1,0 +1,121 @@
+"""Building, running and dropping a system gives its memory back."""
+
+from __future__ import annotations
+
+import gc
+import resource
+import sys
+import weakref
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache
+from pathlib import Path
+
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem, System
+
+from forcectl.errors import invalid
+from forcectl.testing.runs import python_systems
+
+
+@dataclass(frozen=True)
+class MemoryRecord:
+    """What was measured.
+
+    Attributes:
+        systems: how many systems one build makes.
+        checked_references: whether it could be told that each of them is gone.
+        growth_kb: growth of the process per build [kB].
+    """
+
+    systems: int
+    checked_references: bool
+    growth_kb: float
+
+
+def assert_memory_released(
+    build: Callable[[], System],
+    *,
+    duration: float = 0.0,
+    builds: int = 10,
+    allowed_kb: float = 1024.0,
+    run: Callable[[System], None] | None = None,
+) -> MemoryRecord:
+    """Build, run and drop a system several times: no Python system survives, and the process does not grow.
+
+    Older releases of Drake (1.51, for example) keep every Python block that was ever put into a diagram; there the
+    first check cannot be made (`checked_references` is False) and `allowed_kb` has to cover what Drake keeps.
+
+    Args:
+        build: makes the system.
+        duration: how long each system is simulated [s].
+        builds: how many are made for the measurement, after three that warm up.
+        allowed_kb: allowed growth of the process per build [kB].
+        run: what to do with each system instead of simulating it for `duration`.
+
+    Raises:
+        AssertionError: systems that are still alive and who holds them, or the growth.
+        BadInputError: fewer than one build.
+    """
+    __tracebackhide__ = True
+    if builds < 1:
+        raise invalid("builds", builds, "at least 1")
+    references = _use(build, duration, run)
+    collected = _drake_releases_blocks()
+    if collected:
+        alive = [system for reference in references if (system := reference()) is not None]
+        if alive:
+            names = ", ".join(f"{type(s).__name__} (held by {_holders(s, alive)})" for s in alive[:5])
+            raise AssertionError(f"{len(alive)} of {len(references)} systems are still alive after use: {names}")
+    for _ in range(2):
+        _use(build, duration, run)
+    before = _memory_kb()
+    for _ in range(builds):
+        _use(build, duration, run)
+    growth = (_memory_kb() - before) / builds
+    if growth > allowed_kb:
+        raise AssertionError(f"the process grows by {growth:.0f} kB per build, allowed are {allowed_kb:g} kB")
+    return MemoryRecord(len(references), collected, growth)
+
+
+def _use(
+    build: Callable[[], System], duration: float, run: Callable[[System], None] | None
+) -> list[weakref.ref[System]]:
+    system = build()
+    references = [weakref.ref(each) for each in python_systems(system)]
+    if run is not None:
+        run(system)
+    elif duration > 0:
+        simulator = Simulator(system)
+        simulator.AdvanceTo(duration)
+        del simulator
+    del system
+    gc.collect()
+    return references
+
+
+@cache
+def _drake_releases_blocks() -> bool:
+    """Whether this Drake lets go of the simplest Python block that was part of a diagram."""
+
+    def smallest() -> System:
+        builder = DiagramBuilder()
+        builder.AddSystem(LeafSystem())
+        return builder.Build()
+
+    return all(reference() is None for reference in _use(smallest, 0.0, None))
+
+
+def _holders(system: System, alive: list[System]) -> str:
+    ignored = {id(alive)}
+    kinds = [type(holder).__name__ for holder in gc.get_referrers(system) if id(holder) not in ignored]
+    return ", ".join(sorted({kind for kind in kinds if kind != "frame"})) or "C++"
+
+
+def _memory_kb() -> float:
+    """Memory of this process [kB]: resident now where /proc tells it, else the highest so far."""
+    status = Path("/proc/self/statm")
+    if status.exists():
+        return int(status.read_text().split()[1]) * resource.getpagesize() / 1024
+    highest = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
+    return highest / 1024 if sys.platform == "darwin" else float(highest)

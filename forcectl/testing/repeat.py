@@ -1,0 +1,90 @@
+"""The same run twice gives the same bits."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+
+from pydrake.systems.framework import System
+
+from forcectl.testing.runs import Input, Log, first_difference, fix_inputs, label, run_diagram
+
+
+def assert_deterministic(
+    build: Callable[[], System],
+    *,
+    duration: float,
+    period: float,
+    inputs: Mapping[str, Input] | None = None,
+    outputs: Sequence[str] | None = None,
+) -> Log:
+    """Two systems from the same `build` show bit-identical outputs in the same run.
+
+    Args:
+        build: makes the system, seeds included.
+        duration: [s].
+        period: distance of the samples [s].
+        inputs: see `run_diagram`.
+        outputs: vector outputs to compare; default all.
+
+    Returns:
+        The log of the run.
+
+    Raises:
+        AssertionError: with the first difference.
+    """
+    __tracebackhide__ = True
+    first, second = (run_diagram(build(), duration, period=period, inputs=inputs, outputs=outputs) for _ in range(2))
+    if difference := first_difference(first, second):
+        raise AssertionError(f"two builds give different runs, first in {difference}; seed every random source")
+    return first
+
+
+def assert_same_after_reset_and_clone(
+    system: System,
+    *,
+    duration: float,
+    period: float,
+    inputs: Mapping[str, Input] | None = None,
+    outputs: Sequence[str] | None = None,
+) -> Log:
+    """Everything the system remembers is in its Context.
+
+    Compares, bit by bit, a run with the same run after the Context was set back to defaults; then, from half of the
+    run on, the system with a clone of its Context, run one after the other. A block that remembers something in a
+    Python attribute is found by either.
+
+    Args:
+        system: any diagram or block.
+        duration: [s]; at least two periods.
+        period: distance of the samples [s].
+        inputs: see `run_diagram`.
+        outputs: vector outputs to compare; default all.
+
+    Returns:
+        The log of the first run.
+
+    Raises:
+        AssertionError: with the first difference.
+    """
+    __tracebackhide__ = True
+    hint = "; something is remembered outside of the Context"
+    context = system.CreateDefaultContext()
+
+    def run(seconds: float, start: object) -> Log:
+        return run_diagram(system, seconds, period=period, inputs=inputs, outputs=outputs, context=start)
+
+    first = run(duration, context)
+    context.SetTime(0.0)
+    system.SetDefaultContext(context)
+    fix_inputs(system, context, inputs or {})
+    if difference := first_difference(first, run(duration, context)):
+        raise AssertionError(f"{label(system)} runs differently after a reset, first in {difference}{hint}")
+
+    context = system.CreateDefaultContext()
+    half = period * max(1, round(duration / period / 2))
+    run(half, context)
+    clone = context.Clone()
+    rest = max(period, duration - half)
+    if difference := first_difference(run(rest, context), run(rest, clone)):
+        raise AssertionError(f"{label(system)} and its clone run apart, first in {difference}{hint}")
+    return first
