@@ -72,7 +72,7 @@ def list_() -> None:
 
     Example: forcectl list
     """
-    from forcectl.simulation.tables import catalog_tables
+    from forcectl.simulation.listing import catalog_tables
 
     console = _console()
     for table in catalog_tables():
@@ -123,9 +123,13 @@ def run(
     if result.verdicts:
         console.print()
         console.print(verdict_table(result.verdicts, "Expectations"))
+        if settings:
+            console.print(
+                "[dim]Expectations are about the scenario as written; with --set they do not fail the run.[/]"
+            )
     console.print()
     typer.echo(f"results in {directory}: log.nc, metrics.json, figures/, diagram.html, scenario.yaml, manifest.json")
-    if not result.passed:
+    if not result.passed and not settings:
         raise typer.Exit(1)
 
 
@@ -298,7 +302,7 @@ class _progress:
 
 
 # Typer carries its own copy of Click in newer versions, so the base of its complaints is found by name.
-_Complaint = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
+_Complaint: type[Exception] = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
 
 
 def main() -> None:
@@ -310,7 +314,8 @@ def main() -> None:
     except _Complaint as error:
         context = getattr(error, "ctx", None)
         see = f" (see {context.command_path} --help)" if context else ""
-        code = _complain(f"{error.format_message().rstrip('.')}{see}", 2)
+        text = getattr(error, "format_message", error.__str__)()
+        code = _complain(f"{text.rstrip('.')}{see}", 2)
     except typer.Abort:
         code = _complain("stopped", 1)
     except BrokenPipeError:  # the reader, for example `head`, has seen enough

@@ -6,6 +6,7 @@ from dataclasses import dataclass
 
 import numpy as np
 import pytest
+
 from forcectl.simulation.logs import ChunkedLog, first_fault, read_netcdf, stack, to_dataset, write_netcdf
 
 
@@ -33,7 +34,7 @@ class FakeVectorLog:
     def data(self):
         return self._data
 
-    def Clear(self):  # noqa: N802 (Drake's name)
+    def Clear(self):
         self._times, self._data = self._times[:0], self._data[:, :0]
 
 

@@ -7,9 +7,10 @@ import math
 
 import numpy as np
 import pytest
-from forcectl.simulation import metrics as m
 from hypothesis import given, settings
 from hypothesis import strategies as st
+
+from forcectl.simulation import metrics as m
 
 DT = 0.002
 

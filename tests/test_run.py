@@ -7,17 +7,21 @@ import json
 import subprocess
 import sys
 
-import forcectl as fc
 import numpy as np
 import pytest
 import yaml
+
+import forcectl as fc
+from forcectl.control.integral import IntegralConfig
 from forcectl.errors import BadInputError, RunFailedError
+from forcectl.motion.references import SequenceConfig
+from forcectl.simulation.imported import ImportConfig
 from forcectl.simulation.logs import read_netcdf
 from forcectl.simulation.metrics import metric_names
 from forcectl.simulation.run import StoppedRunError
 
 SHORT = {"duration": 0.6}
-LAWS = '''
+LAWS = """
 from dataclasses import dataclass
 import numpy as np
 from pydrake.systems.framework import LeafSystem
@@ -51,7 +55,7 @@ class LawConfig:
 
     def add_to(self, builder, facts):
         return builder.AddNamedSystem("law", Law(self.kind, facts.period))
-'''
+"""
 
 
 @pytest.fixture
@@ -61,9 +65,7 @@ def laws(tmp_path, monkeypatch):
 
     def overrides(kind):
         return {
-            "controller": fc.simulation.yaml_tree.Tagged(
-                {"path": "strange_laws:LawConfig", "parameters": {"kind": kind}}, "Import"
-            ),
+            "controller": ImportConfig(path="strange_laws:LawConfig", parameters={"kind": kind}),
             "duration": 1.0,
             "expect": [],
         }
@@ -99,7 +101,15 @@ def test_the_run_directory_is_complete_and_runs_again(tmp_path):
     result = fc.run("fig_2_7", overrides=SHORT, seed=5, out=out)
     assert result.directory == out
     assert list(out.parent.iterdir()) == [out]
-    expected = {"scenario.yaml", "manifest.json", "log.nc", "metrics.json", "diagram.dot", "diagram.svg", "diagram.html"}
+    expected = {
+        "scenario.yaml",
+        "manifest.json",
+        "log.nc",
+        "metrics.json",
+        "diagram.dot",
+        "diagram.svg",
+        "diagram.html",
+    }
     assert expected <= {path.name for path in out.iterdir()}
     assert {path.name for path in (out / "figures").iterdir()} == {
         "force.png",
@@ -122,7 +132,8 @@ def test_the_run_directory_is_complete_and_runs_again(tmp_path):
 
 
 def test_same_seed_same_bits_in_another_process_other_seed_other_bits(tmp_path):
-    code = "import sys, forcectl as fc; fc.run('fig_2_8', overrides={'duration': 0.6}, seed=int(sys.argv[1]), out=sys.argv[2])"
+    code = """import sys, forcectl as fc
+fc.run('fig_2_8', overrides={'duration': 0.6}, seed=int(sys.argv[1]), out=sys.argv[2])"""
     for seed, name in (("3", "a"), ("4", "b")):
         subprocess.run([sys.executable, "-c", code, seed, str(tmp_path / name)], check=True, timeout=120)
     here = fc.run("fig_2_8", overrides=SHORT, seed=3, out=tmp_path / "here")
@@ -149,7 +160,9 @@ def test_an_existing_directory_is_refused_and_force_replaces_only_runs(tmp_path)
 def test_bad_input_in_any_variant_leaves_nothing_behind(tmp_path):
     path = tmp_path / "own.yaml"
     path.write_text("duration: 0.5\nvariants: {good: {}, bad: {station.environment.stiffness: -1}}\n")
-    with pytest.raises(BadInputError, match=r"own.yaml: variant 'bad': station.environment.stiffness = -1.0: must be positive"):
+    with pytest.raises(
+        BadInputError, match=r"own.yaml: variant 'bad': station.environment.stiffness = -1.0: must be positive"
+    ):
         fc.run(path, out=tmp_path / "out")
     path.write_text("duration: 0.5\nvariants: {good: {}, bad: {reference.force: 5000}}\n")
     with pytest.raises(BadInputError, match=r"reference.force = 5000.0: must be at most the sensor's range"):
@@ -193,19 +206,25 @@ def test_a_solver_that_gives_up_is_a_failed_run(tmp_path):
 
 def test_a_reference_model_can_be_given_and_a_second_step_has_its_own_metrics():
     overrides = {
-        "reference": fc.simulation.yaml_tree.Tagged({"times": [0.0, 2.0], "forces": [10.0, 15.0]}, "Sequence"),
+        "reference": SequenceConfig(times=[0.0, 2.0], forces=[10.0, 15.0]),
         "reference_model": 2.0,
         "duration": 4.0,
     }
     result = fc.run("fig_2_8", overrides=overrides)
     assert result.log["model_force"].attrs["bandwidth_rad_s"] == 2.0
-    assert result.metrics["default"]["step_1.max_abs_model_error_N"] > result.metrics["default"]["step_2.max_abs_model_error_N"]
+    assert (
+        result.metrics["default"]["step_1.max_abs_model_error_N"]
+        > result.metrics["default"]["step_2.max_abs_model_error_N"]
+    )
 
 
 def test_every_expectation_of_the_run_is_judged_and_kept(tmp_path):
     result = fc.run("table_4_1_integral", out=tmp_path / "run")
     assert result.passed
-    assert [v.target for v in result.verdicts] == ["T4.1 integral, largest model error", "T4.1 integral, standard deviation"]
+    assert [v.target for v in result.verdicts] == [
+        "T4.1 integral, largest model error",
+        "T4.1 integral, standard deviation",
+    ]
     kept = json.loads((tmp_path / "run" / "manifest.json").read_text())["expectations"]
     assert kept["T4.1 integral, largest model error"]["pass"] is True
 
@@ -215,6 +234,13 @@ def test_a_scenario_object_or_mapping_runs_too():
     a = fc.run(scenario)
     b = fc.run(yaml.safe_load("{controller: {integral_gain: 1.5}, reference: {force: 15}, duration: 0.6}"))
     np.testing.assert_array_equal(a.log["measured_force"], b.log["measured_force"])
+
+
+def test_overrides_may_be_config_objects_and_stay_readable_in_the_manifest(tmp_path):
+    law = IntegralConfig(integral_gain=2.0, upper_limit=0.05)
+    fc.run("fig_2_8", overrides=SHORT | {"controller": law}, out=tmp_path / "run")
+    kept = json.loads((tmp_path / "run" / "manifest.json").read_text())["overrides"]
+    assert (kept["controller"]["_tag"], kept["controller"]["integral_gain"]) == ("!Integral", 2.0)
 
 
 def test_progress_is_reported_per_variant():

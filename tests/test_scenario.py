@@ -6,6 +6,7 @@ import sys
 import textwrap
 
 import pytest
+
 from forcectl.control.adaptive_integral import AdaptiveIntegralConfig
 from forcectl.control.integral import IntegralConfig
 from forcectl.diagrams.station import FIDELITIES
@@ -100,10 +101,14 @@ def test_slots_take_tags_and_overrides_keep_or_change_them():
     assert isinstance(load_scenario("fig_2_8").controller, IntegralConfig)
     adaptive = load_scenario({"controller": parse("!AdaptiveIntegral {integral_gain: 2}", "f")})
     assert adaptive.controller == AdaptiveIntegralConfig(integral_gain=2.0)
-    changed = load_scenario("fig_2_8", overrides={"controller": parse("!AdaptiveIntegral", "f"), "controller.dead_zone": 1})
+    changed = load_scenario(
+        "fig_2_8", overrides={"controller": parse("!AdaptiveIntegral", "f"), "controller.dead_zone": 1}
+    )
     assert changed.controller == AdaptiveIntegralConfig(dead_zone=1.0)
     assert load_scenario("fig_2_8", overrides={"controller": "AdaptiveIntegral"}).controller == AdaptiveIntegralConfig()
-    sequence = load_scenario("fig_2_8", overrides={"reference": parse("!Sequence {times: [0, 1], forces: [5, 9]}", "f")})
+    sequence = load_scenario(
+        "fig_2_8", overrides={"reference": parse("!Sequence {times: [0, 1], forces: [5, 9]}", "f")}
+    )
     assert sequence.reference == SequenceConfig(times=[0.0, 1.0], forces=[5.0, 9.0])
     assert load_scenario({}).reference == StepConfig()
 
@@ -169,7 +174,7 @@ def test_private_root_keys_hold_anchors(tmp_path):
     assert load_scenario(path).station.environment.stiffness == 1e3
 
 
-OWN_CONTROLLER = '''
+OWN_CONTROLLER = """
 from dataclasses import dataclass
 from forcectl.control.integral import IntegralConfig, IntegralForceLaw
 
@@ -178,12 +183,13 @@ class Proportional:
     gain: float = 1.0
 
     def add_to(self, builder, facts):
-        law = IntegralForceLaw(facts.size, integral_gain=self.gain, compliance=facts.total_compliance, period=facts.period)
+        compliance = facts.total_compliance
+        law = IntegralForceLaw(facts.size, integral_gain=self.gain, compliance=compliance, period=facts.period)
         return builder.AddNamedSystem("own_law", law)
 
 class NotAController:
     pass
-'''
+"""
 
 
 @pytest.fixture
@@ -209,10 +215,16 @@ def test_a_controller_of_the_users_own_by_import_path(own_module, tmp_path):
         ("{path: 'own_laws:NotAController'}", "must be a class with a method add_to(builder, facts)"),
         ("{path: 'own_lows:Proportional'}", "No module named 'own_lows'"),
         ("{path: own_laws}", 'must be an import path such as "package.module:Name"'),
-        ("{path: 'own_laws:Proportional', parameters: {gian: 2}}", "controller.parameters.gian: unknown key 'gian': did you mean"),
-        ("{path: 'own_laws:Proportional', parameters: {gain: x}}", "controller.parameters.gain = 'x': must be a number"),
+        (
+            "{path: 'own_laws:Proportional', parameters: {gian: 2}}",
+            "controller.parameters.gian: unknown key 'gian': did you mean",
+        ),
+        (
+            "{path: 'own_laws:Proportional', parameters: {gain: x}}",
+            "controller.parameters.gain = 'x': must be a number",
+        ),
     ],
-)  # fmt: skip
+)
 def test_a_wrong_import_is_one_line(own_module, tmp_path, controller, message):
     path = write(tmp_path, f"controller: !Import {controller}\n")
     with pytest.raises(BadInputError) as caught:

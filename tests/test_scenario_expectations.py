@@ -5,6 +5,7 @@ from __future__ import annotations
 import json
 
 import pytest
+
 from forcectl.errors import BadInputError
 from forcectl.simulation.expectations import Expectation, Term, Tolerance, judge
 
@@ -52,7 +53,9 @@ def test_bounds(bounds, passed):
 
 
 def test_difference_and_ratio_with_another_variant():
-    falling = verdict(metric="rise_time_s", variant="b", minus=Term(metric="rise_time_s", variant="a"), maximum=0.0, strict=True)
+    falling = verdict(
+        metric="rise_time_s", variant="b", minus=Term(metric="rise_time_s", variant="a"), maximum=0.0, strict=True
+    )
     assert (falling.ours, falling.passed) == (-0.5, True)
     ratio = verdict(metric="overshoot_pct", variant="b", ratio=Term(metric="overshoot_pct", variant="a"), minimum=2.0)
     assert (ratio.ours, ratio.passed) == (2.5, True)
@@ -68,7 +71,9 @@ def test_an_undefined_value_misses_and_says_why():
     v = verdict(metric="settling_time_2pct_s", variant="a", maximum=9.0)
     assert (v.ours, v.passed) == (None, False)
     assert "settling_time_2pct_s of 'a' is undefined" in v.note
-    less = verdict(metric="rise_time_s", variant="b", minus=Term(metric="settling_time_2pct_s", variant="a"), maximum=9.0)
+    less = verdict(
+        metric="rise_time_s", variant="b", minus=Term(metric="settling_time_2pct_s", variant="a"), maximum=9.0
+    )
     assert less.passed is False
 
 
@@ -89,7 +94,10 @@ def test_the_row_of_the_summary_has_the_agreed_keys_and_is_strict_json():
     [
         ({"metric": "overshot_pct", "maximum": 1.0}, "did you mean 'overshoot_pct'?"),
         ({"metric": "overshoot_pct"}, "missing what to judge by"),
-        ({"metric": "overshoot_pct", "published": "low", "tolerance": Tolerance(absolute=1.0)}, "must be a number, because"),
+        (
+            {"metric": "overshoot_pct", "published": "low", "tolerance": Tolerance(absolute=1.0)},
+            "must be a number, because",
+        ),
     ],
 )
 def test_wrong_expectations(fields, message):

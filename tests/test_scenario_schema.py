@@ -9,6 +9,7 @@ from pathlib import Path
 from typing import Literal
 
 import pytest
+
 from forcectl.errors import BadInputError, invalid
 from forcectl.simulation.schema import Reader, describe, first_of, to_tree
 from forcectl.simulation.yaml_tree import Tagged, parse
@@ -84,7 +85,7 @@ def test_a_partly_written_mapping_keeps_the_rest_of_the_default():
 
 def test_infinity_is_taken_only_where_the_default_is_infinite():
     assert read("{needed: 1, inner: {limit: .inf}}").inner.limit == math.inf
-    with pytest.raises(BadInputError, match="inner.gain = inf: must be a finite number"):
+    with pytest.raises(BadInputError, match=r"inner.gain = inf: must be a finite number"):
         read("{needed: 1, inner: {gain: .inf}}")
 
 
@@ -120,7 +121,10 @@ def test_reading_what_was_written_gives_the_same():
         ("{needed: 1, inner: {gain: .nan}}", "f.yaml: inner.gain = nan: must be a finite number"),
         (f"{{needed: 1, inner: {{gain: 1{'0' * 320}}}}}", "inner.gain = inf: must be a finite number"),
         ("{needed: 1, inner: null}", "f.yaml: inner = None: must be a mapping with keys out of: gain, limit"),
-        ("{needed: 1, part: !Otter {}}", "f.yaml: part: unknown tag '!Otter': did you mean '!Other'? known: !Inner, !Other"),
+        (
+            "{needed: 1, part: !Otter {}}",
+            "f.yaml: part: unknown tag '!Otter': did you mean '!Other'? known: !Inner, !Other",
+        ),
         ("{needed: 1, part: !Other {gain: 1}}", "f.yaml: part.gain: unknown key 'gain': known: width"),
         ("{needed: 1, inners: [{gain: 1}, {gain: x}]}", "f.yaml: inners.1.gain = 'x': must be a number"),
     ],

@@ -5,13 +5,16 @@ from __future__ import annotations
 import math
 
 import pytest
-from forcectl.errors import BadInputError
-from forcectl.simulation.yaml_tree import Tagged, difference, dump, merge, nest, parse, tag_of
 from hypothesis import given
 from hypothesis import strategies as st
 
+from forcectl.errors import BadInputError
+from forcectl.simulation.yaml_tree import Tagged, difference, dump, merge, nest, parse, tag_of
+
 AWKWARD = "a1.e-+~<=:#'\"{}[],!&*%@`|>? \n\t\u00e9\u2028"
-scalars = st.none() | st.booleans() | st.integers(-(10**9), 10**9) | st.floats(allow_nan=False) | st.text(AWKWARD, max_size=8)
+scalars = (
+    st.none() | st.booleans() | st.integers(-(10**9), 10**9) | st.floats(allow_nan=False) | st.text(AWKWARD, max_size=8)
+)
 names = st.text("abcdefgh", min_size=1, max_size=3)
 trees = st.recursive(
     scalars,
@@ -33,7 +36,9 @@ def same(a, b):
 
 
 def test_scalars_follow_yaml_1_2():
-    tree = parse("{a: 2e5, b: 1e-3, c: on, d: no, e: 0123, f: 1:30, g: .5, h: -3, i: true, j: null, k: 2020-01-01}", "f")
+    tree = parse(
+        "{a: 2e5, b: 1e-3, c: on, d: no, e: 0123, f: 1:30, g: .5, h: -3, i: true, j: null, k: 2020-01-01}", "f"
+    )
     assert tree == {
         "a": 2e5,
         "b": 1e-3,

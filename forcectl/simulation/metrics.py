@@ -219,7 +219,7 @@ def metrics_of(
     """All metrics of one run.
 
     Args:
-        signals: arrays over time, or one variant of a log: `time`, `desired_force`, `measured_force`, `contact_force`,
+        signals: arrays over time: `time`, `desired_force`, `measured_force`, `contact_force`,
             and where they exist `model_force`, `contact_state`, `displacement_command`.
         window: T_w [s] of `model_error_sd_N`.
         realtime_factor: measured by the caller.

@@ -15,9 +15,10 @@ from forcectl.simulation.catalog import ScenarioFile
 from forcectl.simulation.expectations import Verdict, judge
 from forcectl.simulation.logs import stack, write_netcdf
 from forcectl.simulation.run_directory import FAILED, check_free, manifest, write_json, write_whole
-from forcectl.simulation.scenario import Scenario, as_file, build, resolve, resolved_tree, select_variants
+from forcectl.simulation.scenario import TAGS, Scenario, as_file, build, resolve, resolved_tree, select_variants
+from forcectl.simulation.schema import to_tree
 from forcectl.simulation.simulate import Outcome, simulate
-from forcectl.simulation.yaml_tree import dump
+from forcectl.simulation.yaml_tree import as_json, dump
 
 Progress = Callable[[str, float], None]  # (variant, share done)
 
@@ -49,7 +50,7 @@ class StoppedRunError(RunFailedError):
 
 
 def run(
-    scenario: str | Path | Mapping[str, Any] | Scenario,
+    scenario: str | Path | Mapping[str, Any] | Scenario | ScenarioFile,
     *,
     variant: str | None = None,
     overrides: Mapping[str, Any] | None = None,
@@ -65,7 +66,8 @@ def run(
     Args:
         scenario: name of a shipped experiment, path of a YAML file, its content as a mapping, or a `Scenario`.
         variant: run this one only; otherwise all of them, one after the other.
-        overrides: dotted key -> value on top of everything, for example {"station.environment.stiffness": 2e5}.
+        overrides: dotted key -> value on top of everything, for example {"station.environment.stiffness": 2e5} or
+            {"controller": AdaptiveIntegralConfig(integral_gain=2.0)}.
         seed: short for the override of `seed`. fidelity: short for that of `station.fidelity`.
         out: directory to write (see `run_directory`); None writes nothing.
         force: replace an earlier run in `out`.
@@ -132,7 +134,7 @@ def finish(
             "fidelity": first.station.fidelity,
             "seed": first.seed,
             "variants": list(scenarios),
-            "overrides": dict(overrides),
+            "overrides": {key: as_json(to_tree(value, TAGS)) for key, value in overrides.items()},
             **status,
             "expectations": {v.target: v.as_row() for v in verdicts},
         }

@@ -20,9 +20,10 @@ from forcectl.simulation import catalog
 from forcectl.simulation.catalog import CONTROLLERS, REFERENCES, ScenarioFile
 from forcectl.simulation.expectations import Expectation
 from forcectl.simulation.schema import Reader, first_of, join, to_tree
-from forcectl.simulation.yaml_tree import Tagged, Tree, difference, merge, nest, plain, tag_of
+from forcectl.simulation.yaml_tree import Tagged, Tree, difference, merge, nest, plain
 
 LONGEST_DURATION = 86_400.0  # [s]
+TAGS = CONTROLLERS | REFERENCES
 ONLY_VARIANT = "default"  # name of the one variant of a scenario without variants
 
 
@@ -66,7 +67,7 @@ def load_scenario(
     Args:
         scenario: name of a shipped experiment, path of a YAML file, or the same content as a mapping.
         variant: name of the variant; may be left out when there is at most one.
-        overrides: dotted key -> value, on top of everything.
+        overrides: dotted key -> value, on top of everything; a value may be a config object.
 
     Raises:
         BadInputError: anything in it that cannot be used.
@@ -136,7 +137,7 @@ class _Layers:
         changes = variants.get(variant) if isinstance(variants, Tagged) else None
         if changes is not None and not isinstance(changes, Tagged):
             raise Reader(lambda key: file.origin).invalid(f"variants.{variant}", changes, "a mapping of scenario keys")
-        forced, varied = nest(overrides), nest(changes or {})
+        forced, varied = nest({key: to_tree(value, TAGS) for key, value in overrides.items()}), nest(changes or {})
         # A slot without a tag means its default, and stays that when a later layer changes only some of its keys.
         defaults = Tagged(
             {"controller": Tagged(tag=next(iter(CONTROLLERS))), "reference": Tagged(tag=next(iter(REFERENCES)))}
@@ -145,7 +146,7 @@ class _Layers:
             ("defaults", defaults),
             (file.origin, file.tree),
             (f"{file.origin}: variant {variant!r}", varied),
-            ("--set", forced),
+            ("override", forced),
         ]
         name = self.merged().get("preset", catalog.DEFAULT_PRESET)
         if name not in catalog.list_presets():
@@ -184,7 +185,7 @@ def _holds(tree: Tree, parts: list[str]) -> bool:
 def _locate_reference_file(tree: Tagged, folder: Path) -> None:
     # A file beside the scenario is found from anywhere.
     reference = tree.get("reference")
-    if tag_of(reference) == "File" and isinstance(reference.get("path"), str):
+    if isinstance(reference, Tagged) and reference.tag == "File" and isinstance(reference.get("path"), str):
         beside = folder / reference["path"]
         if beside.is_file():
             reference["path"] = str(beside)

@@ -132,8 +132,8 @@ class Reader:
         table = field.metadata.get("tags")
         if table is None:
             return self.value(kind, tree, key, start)
-        if isinstance(tree, str):  # the tag alone, without the exclamation mark
-            tree = Tagged(tag=tree)
+        if isinstance(tree, str):  # the tag alone, as text
+            tree = Tagged(tag=tree.removeprefix("!"))
         tag = tag_of(tree)
         if tag is not None and tag not in table:
             raise self.unknown(key, f"!{tag}", [f"!{name}" for name in table], "tag")
@@ -227,7 +227,7 @@ class Reader:
 
 
 def _default_of(field: dataclasses.Field[Any]) -> Any:
-    return field.default_factory() if field.default_factory is not _MISSING else field.default
+    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
 
 
 def describe(kind: Any) -> str:

@@ -78,7 +78,8 @@ def simulate(
     if failure is not None:
         return Outcome(variant, dataset, {}, failure, loop.diagram, cause)
     factor = scenario.duration / computing if computing > 0 else None
-    metrics = metrics_of(dataset, window=scenario.model_error_window, realtime_factor=factor)
+    signals = {str(name): dataset[name].values for name in dataset.variables}
+    metrics = metrics_of(signals, window=scenario.model_error_window, realtime_factor=factor)
     return Outcome(variant, dataset, metrics, None, loop.diagram)
 
 

@@ -7,9 +7,10 @@ A tree is made of mappings, lists, text, numbers, true/false and null. A mapping
 from __future__ import annotations
 
 import copy
+import math
 import re
 from collections.abc import Iterator, Mapping
-from typing import Any
+from typing import Any, cast
 
 import yaml
 
@@ -81,7 +82,7 @@ def _construct_mapping(loader: _Loader, node: yaml.Node, tag: str | None = None)
         written.add(key)
     result = Tagged(tag=tag)
     yield result
-    result.update(loader.construct_mapping(node))
+    result.update(cast("dict[str, Any]", loader.construct_mapping(node)))
 
 
 def _construct_tagged(loader: _Loader, suffix: str, node: yaml.Node) -> Any:
@@ -205,6 +206,16 @@ def plain(value: Any) -> Tree:
     if hasattr(value, "tolist"):  # NumPy, without importing it
         return plain(value.tolist())
     return value
+
+
+def as_json(tree: Tree) -> Any:
+    """A tree as strict JSON can hold it: the tag under `_tag`, as in Drake, and infinity as text."""
+    if isinstance(tree, Tagged):
+        tag = {"_tag": f"!{tree.tag}"} if tree.tag else {}
+        return tag | {str(key): as_json(value) for key, value in tree.items()}
+    if isinstance(tree, list):
+        return [as_json(value) for value in tree]
+    return str(tree) if isinstance(tree, float) and not math.isfinite(tree) else tree
 
 
 def difference(base: Tree, other: Tree) -> Tree | None:
