@@ -57,8 +57,9 @@ class ForceController(Diagram):
         if cell.config.fidelity == "OneDimensional":
             inversion = add("kinematic_inversion", ConstantKinematicInversion(cell.direction, q_0))
         else:
-            limit = cell.config.singularity_limit
-            inversion = add("kinematic_inversion", KinematicInversion(cell.robot, cell.n, q_0, limit=limit))
+            limit, period = cell.config.singularity_limit, cell.config.posture_period
+            block = KinematicInversion(cell.robot, cell.n, q_0, period=period, limit=limit)
+            inversion = add("kinematic_inversion", block)
             connect(position.get_output_port(), inversion.GetInputPort("motor_position"))
         connect(command, inversion.GetInputPort("displacement_command"))
         export(inversion.GetInputPort("unconstrained_reference"), "unconstrained_reference")

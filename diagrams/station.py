@@ -19,7 +19,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Diagram
+from pydrake.systems.framework import Context, Diagram
 
 from forcectl.control.kinematic_inversion import check_start_posture, unit_normal
 from forcectl.errors import BadInputError, invalid, unknown
@@ -59,6 +59,7 @@ class StationConfig:
     normal: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])  # n in the world frame
     period: float = 0.002  # control tick [s]
     time_step: float = 0.001  # step of the MultibodyPlant [s], divides the period
+    posture_period: float = 0.01  # [s] how often what depends on the posture only is renewed, whole periods
     singularity_limit: float = 20.0  # largest |J^-1 n| used undamped [rad/m]
     environment: EnvironmentConfig = field(default_factory=EnvironmentConfig)
     position_loop: PositionLoopConfig = field(default_factory=PositionLoopConfig)
@@ -70,13 +71,15 @@ class StationConfig:
             raise unknown("fidelity", str(self.fidelity), FIDELITIES)
         if not isinstance(self.elastic_joints, bool):
             raise invalid("elastic_joints", self.elastic_joints, "true or false")
-        for name in ("period", "time_step", "singularity_limit"):
+        for name in ("period", "time_step", "posture_period", "singularity_limit"):
             check(name, getattr(self, name), "positive")
         for angle in self.posture_deg:
             check("posture_deg", angle)
         unit_normal(self.normal)
         if whole_multiple("period", self.period, self.time_step, "time_step") < 1:
             raise invalid("time_step", self.time_step, f"at most the period, {self.period:g} s")
+        if whole_multiple("posture_period", self.posture_period, self.period, "the control period") < 1:
+            raise invalid("posture_period", self.posture_period, f"at least the period, {self.period:g} s")
         for name, delay in (("position_loop.delay", self.position_loop.delay), ("force_sensor.delay", self.force_sensor.delay)):
             whole_multiple(name, delay, self.period, "the control period")
         if not self.environment.one_sided and self.fidelity != "OneDimensional":
@@ -103,19 +106,35 @@ class Cell:
     @property
     def normal_row(self) -> Vector:
         """n'J at the start: displacement along n per joint motion (n_q,) [m/rad]."""
+        row: Vector = self.n @ self.robot.jacobian(self.start_context())[3:]
+        return row
+
+    @property
+    def spring_stiffness(self) -> Vector:
+        """Stiffness of the joint springs (n_q,) [Nm/rad].
+
+        Infinite for rigid joints, but for the multibody robot, whose springs are then as stiff as its step can resolve:
+        well above every other stiffness, and below the bound where the contact solver would soften them by itself.
+        """
+        if self.config.elastic_joints:
+            return self.robot.joint_stiffness
+        if self.config.fidelity != "Multibody":
+            return np.full(self.robot.num_joints, np.inf)
+        inertia = np.diag(self.robot.mass_matrix(self.start_context()))
+        return 10.0 * inertia / self.config.time_step**2
+
+    def start_context(self) -> Context:
+        """A context of `robot.plant` in the start posture."""
         context = self.robot.create_context()
         self.robot.set_positions(context, self.start)
-        row: Vector = self.n @ self.robot.jacobian(context)[3:]
-        return row
+        return context
 
     @property
     def gravity_deflection(self) -> Vector:
         """Motor minus link positions at rest in the start posture (n_q,) [rad]; only the multibody robot has weight."""
-        if self.config.fidelity != "Multibody" or not self.config.elastic_joints:
+        if self.config.fidelity != "Multibody":
             return np.zeros(self.robot.num_joints)
-        context = self.robot.create_context()
-        self.robot.set_positions(context, self.start)
-        return self.robot.gravity_torque(context) / self.robot.joint_stiffness
+        return self.robot.gravity_torque(self.start_context()) / self.spring_stiffness
 
     @property
     def motor_start(self) -> Vector:

@@ -8,10 +8,13 @@ contact with linear (Kelvin-Voigt) dissipation; the discrete SAP solver integrat
 from 1e3 to 1e6 N/m and the joints stay stable at the default 1 ms. The step is an implicit Euler step: it damps a mode
 of angular frequency w by an extra damping ratio of about w dt/2.
 
-Delays of one plant step each: motor state to spring (the plant reads the state before the step), spring torque to motor.
+Delays beside the configured ones: one drive step (0.5 ms) from the command hold to the filter, and one plant step from the
+motor state to the springs, because simultaneous events read the state before them.
 """
 
 from __future__ import annotations
+
+import math
 
 import numpy as np
 from pydrake.geometry import (
@@ -34,21 +37,23 @@ from pydrake.multibody.plant import (
 )
 from pydrake.multibody.tree import Joint, PdControllerGains
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import Demultiplexer, MatrixGain
+from pydrake.systems.primitives import Demultiplexer, LinearSystem, MatrixGain
 
 from forcectl.diagrams.parts import export_outputs
 from forcectl.diagrams.station import Cell
+from forcectl.diagrams.truth import add_contact_state
 from forcectl.errors import BadInputError
+from forcectl.lanes import whole_multiple
 from forcectl.models import add_packages
-from forcectl.plant.contact_monitor import ContactMonitor
-from forcectl.plant.drive import Drive, DriveCore, joint_to_motor
+from forcectl.plant.drive import Drive, joint_to_motor
+from forcectl.plant.position_loop import PositionLoop
 from forcectl.plant.tip_kinematics import TipDisplacement, Vector
-from forcectl.plant.wrist_sensor import ToolCompensation, WeldWrench, tool_load, weight_wrench
+from forcectl.plant.wrist_sensor import ToolCompensation, WeldWrenches
 from forcectl.robot import RobotParts, add_robot
 
 # Compliance of the ball of the tool [m/N]: small beside any environment, and in series with it (taken out again below).
 _BALL_COMPLIANCE = 1e-7
-_RIGID = 1e8  # [Nm/rad] joints with `elastic_joints: false`; the solver bounds what it can resolve
+_LARGEST_DRIVE_STEP = 0.5e-3  # [s] friction sticks and slips with a time of its own
 
 
 def add_environment(plant: MultibodyPlant, cell: Cell, tip: Vector) -> Joint:
@@ -81,10 +86,7 @@ def _link_compliance(cell: Cell) -> float:
     """The part n'C_L n of the robot's compliance [m/N]: links are rigid bodies here, so the contact carries it."""
     if not cell.config.elastic_joints:
         return 0.0
-    context = cell.robot.create_context()
-    cell.robot.set_positions(context, cell.start)
-    row = cell.n @ cell.robot.jacobian(context)[3:]
-    return max(0.0, cell.robot_compliance - float(np.sum(row**2 / cell.robot.joint_stiffness)))
+    return max(0.0, cell.robot_compliance - float(np.sum(cell.normal_row**2 / cell.robot.joint_stiffness)))
 
 
 def _material(stiffness: float, damping: float) -> ProximityProperties:
@@ -129,20 +131,21 @@ class MultibodyStation(Diagram):
     def __init__(self, cell: Cell, seed: int):
         super().__init__()
         config, robot, n_q, q_0 = cell.config, cell.robot, cell.robot.num_joints, cell.motor_start
-        posture = robot.create_context()
-        robot.set_positions(posture, cell.start)
+        posture = cell.start_context()
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
 
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, config.time_step)
+        # Sampled outputs are abstract state, which would be copied at every event of the diagram.
+        plant.SetUseSampledOutputPorts(False)
         plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
         parts = add_robot(plant, config.robot, config.tool)
         weld = add_environment(plant, cell, robot.pose(posture).translation())
         add_ball(plant, parts)
-        damping = robot.facts.transmission_damping
-        for actuator, k, d in zip(parts.actuators, robot.joint_stiffness, damping, strict=True):
-            p, d = (float(k), float(d)) if config.elastic_joints else (_RIGID, _RIGID * config.time_step)
-            actuator.set_controller_gains(PdControllerGains(p=p, d=d))
+        stiffness = cell.spring_stiffness
+        damping = robot.facts.transmission_damping if config.elastic_joints else stiffness * config.time_step
+        for actuator, k, d in zip(parts.actuators, stiffness, damping, strict=True):
+            actuator.set_controller_gains(PdControllerGains(p=float(k), d=float(d)))
             # Drake would clamp the spring torque at the motor's limit otherwise.
             actuator.set_effort_limit(np.inf)
         for joint, position in zip(parts.joints, cell.start, strict=True):
@@ -151,51 +154,58 @@ class MultibodyStation(Diagram):
         keep_contact_only(scene_graph)
         self.plant, self.scene_graph = plant, scene_graph
 
-        # The position loop runs at the plant's rate: commands still change once per control tick.
-        loop = config.position_loop.add_to(builder, n_q, config.time_step, initial_command=q_0)
-        builder.ExportInput(loop.GetInputPort("command"), "joint_position_command")
+        # The command is held for a tick, then everything runs on at the rate of the drives.
+        fast = config.time_step / max(1, math.ceil(config.time_step / _LARGEST_DRIVE_STEP - 1e-9))
+        ticks = 1 + whole_multiple("delay", config.position_loop.delay, config.period, "period")
+        hold = add("command_hold", hold_line(config.period, ticks, q_0))
+        builder.ExportInput(hold.get_input_port(), "joint_position_command")
+        loop = add(
+            "position_loop",
+            PositionLoop(
+                n_q,
+                bandwidth=config.position_loop.bandwidth,
+                damping_ratio=config.position_loop.damping_ratio,
+                period=fast,
+                initial_command=q_0,
+            ),
+        )
+        connect(hold.get_output_port(), loop.GetInputPort("command"))
+        reference = loop.GetOutputPort("reference")
         if config.servo.ideal:
             halves = add("position_and_velocity", Demultiplexer([n_q, n_q]))
-            connect(loop.GetOutputPort("reference"), halves.get_input_port())
-            motor_state, position, velocity = (
-                loop.GetOutputPort("reference"),
-                halves.get_output_port(0),
-                halves.get_output_port(1),
-            )
+            connect(reference, halves.get_input_port())
+            motor_state, position, velocity = reference, halves.get_output_port(0), halves.get_output_port(1)
         else:
-            drive = self._add_drive(builder, cell)
-            connect(loop.GetOutputPort("reference"), drive.GetInputPort("reference"))
-            torque = plant.get_net_actuation_output_port(parts.instance)
-            connect(torque, drive.GetInputPort("spring_torque"))
+            drive = self._add_drive(builder, cell, fast)
+            connect(reference, drive.GetInputPort("reference"))
+            # Held, or every step of the drives would have the plant solve its step anew.
+            torque = add("spring_torque", hold_line(config.time_step, 1, robot.gravity_torque(posture)))
+            connect(plant.get_net_actuation_output_port(parts.instance), torque.get_input_port())
+            connect(torque.get_output_port(), drive.GetInputPort("spring_torque"))
             motor_state, position, velocity = (
                 drive.GetOutputPort(name) for name in ("motor_state", "motor_position", "motor_velocity")
             )
         connect(motor_state, plant.get_desired_state_input_port(parts.instance))
 
         # Wrist sensor: the wrench at the weld between sensor and tool, tool weight included.
-        if parts.sensor_weld is None or robot.parts.sensor_frame is None:
-            raise BadInputError("tool: has no wrist sensor: must name one for station.fidelity = Multibody")
-        mass, p_SScm, gravity = tool_load(robot)
-        R_WS = robot.parts.sensor_frame.CalcPoseInWorld(posture).rotation()
-        wrist = add("wrist", WeldWrench(plant, parts.sensor_weld, weight_wrench(R_WS, mass, p_SScm, gravity)))
+        if parts.sensor_weld is None:
+            raise BadInputError("tool: has no sensor_weld: must name one for station.fidelity = Multibody")
+        wrenches = add("weld_wrenches", WeldWrenches(plant, {"wrist": parts.sensor_weld, "mounting": weld}))
         sensor = config.force_sensor.add_to(builder, config.period, wrench=True, seed=seed)
         compensation = add(
-            "tool_compensation", ToolCompensation(robot, cell.n, q_0 if config.force_sensor.tare else None)
+            "tool_compensation",
+            ToolCompensation(robot, cell.n, q_0, tared=config.force_sensor.tare, period=config.posture_period),
         )
-        connect(plant.get_reaction_forces_output_port(), wrist.GetInputPort("reaction_forces"))
-        connect(wrist.GetOutputPort("wrench"), sensor.GetInputPort("force"))
+        connect(plant.get_reaction_forces_output_port(), wrenches.GetInputPort("reaction_forces"))
+        connect(wrenches.GetOutputPort("wrist"), sensor.GetInputPort("force"))
         connect(sensor.GetOutputPort("measured_force"), compensation.GetInputPort("wrench"))
         connect(position, compensation.GetInputPort("motor_position"))
 
         # Truth: the mounting of the (weightless) environment carries the contact force, along -z of its surface.
-        mounting = add("mounting", WeldWrench(plant, weld, np.zeros(6)))
         force = add("contact_force", MatrixGain(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -1.0]])))
-        monitor = add("contact_monitor", ContactMonitor(1, period=config.period))
         tip = add("tip_displacement", TipDisplacement(robot, cell.n, q_0))
         links = add("link_state", _split_state(plant, parts))
-        connect(plant.get_reaction_forces_output_port(), mounting.GetInputPort("reaction_forces"))
-        connect(mounting.GetOutputPort("wrench"), force.get_input_port())
-        connect(force.get_output_port(), monitor.GetInputPort("contact_force"))
+        connect(wrenches.GetOutputPort("mounting"), force.get_input_port())
         connect(position, tip.GetInputPort("motor_position"))
         connect(plant.get_state_output_port(parts.instance), links.get_input_port())
         export_outputs(
@@ -208,33 +218,38 @@ class MultibodyStation(Diagram):
                 "contact_force": force.get_output_port(),
                 "contact_displacement": tip.GetOutputPort("displacement"),
                 "link_position": links.get_output_port(),
-                "contact_state": monitor.GetOutputPort("contact_state"),
+                "contact_state": add_contact_state(builder, force.get_output_port()),
             },
         )
         builder.BuildInto(self)
 
     @staticmethod
-    def _add_drive(builder: DiagramBuilder, cell: Cell) -> Drive:
-        config, robot = cell.config, cell.robot
-        facts, gains = robot.facts, config.servo
-        posture = robot.create_context()
-        robot.set_positions(posture, cell.start)
-        to_motor = joint_to_motor(robot)
-        core = DriveCore(
+    def _add_drive(builder: DiagramBuilder, cell: Cell, period: float) -> Drive:
+        robot, gains = cell.robot, cell.config.servo
+        facts = robot.facts
+        drive = Drive(
             facts.rotor_inertia * facts.gear_ratio**2,
-            to_motor,
-            period=config.time_step,
-            substeps=max(1, round(gains.substeps * config.time_step / config.period)),
+            joint_to_motor(robot),
+            period=period,
             position_gain=gains.position_gain,
             velocity_gain=gains.velocity_gain,
             integral_gain=gains.integral_gain,
             coulomb_friction=gains.friction_scale * facts.coulomb_friction,
             viscous_friction=gains.friction_scale * facts.viscous_friction,
             initial_position=cell.motor_start,
-            initial_torque=robot.gravity_torque(posture),
+            initial_torque=robot.gravity_torque(cell.start_context()),
         )
-        drive: Drive = builder.AddNamedSystem("drive", Drive(core, to_motor))
-        return drive
+        return builder.AddNamedSystem("drive", drive)  # type: ignore[no-any-return]
+
+
+def hold_line(period: float, ticks: int, initial: Vector) -> LinearSystem:
+    """Samples a signal every `period` [s] and holds it, `ticks` samples in a row, all `initial` (n,) at the start."""
+    n = len(initial)
+    line = LinearSystem(
+        np.eye(ticks * n, k=-n), np.eye(ticks * n, n), np.eye(ticks * n)[-n:], np.zeros((n, n)), period
+    )
+    line.configure_default_state(np.tile(initial, ticks))
+    return line
 
 
 def _split_state(plant: MultibodyPlant, parts: RobotParts) -> MatrixGain:

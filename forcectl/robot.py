@@ -14,17 +14,19 @@ from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable, Joint, JointActuator, ModelInstanceIndex
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import CacheEntry, Context, InputPort, LeafSystem, ValueProducer
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.models import add_packages, robot_folder, tool_folder
 from forcectl.robot_facts import ControlFacts, ToolFacts, load_control_facts, load_tool_facts
 
 Array = NDArray[np.float64]
+_ORIGIN = np.zeros(3)
 
 
 @dataclass(frozen=True)
@@ -130,6 +132,7 @@ class RobotModel:
         self.plant = plant
         self.parts = parts
         self.num_joints = facts.num_joints
+        self._world = plant.world_frame()
         self.tcp_frame = parts.tcp_frame
         self.limits = _limits(parts)
         self.stiffness_set = facts.default_stiffness_set if stiffness_set is None else stiffness_set
@@ -138,6 +141,9 @@ class RobotModel:
         self.motor_inertia = self.motor_from_joint.T @ np.diag(facts.rotor_inertia) @ self.motor_from_joint
         self._q = np.array([joint.position_start() for joint in parts.joints])
         self._v = np.array([joint.velocity_start() for joint in parts.joints])
+        # An arm and nothing else, in order: the usual case, and no need to pick its joints out of the plant's.
+        every = np.arange(self.num_joints)
+        self._arm_only = np.array_equal(self._q, every[: plant.num_positions()]) and plant.num_positions() == len(every)
         self._link_frames = {
             frame: _frame(plant, frame, parts.instance, "link_compliance frame") for frame in facts.link_compliance
         }
@@ -175,6 +181,9 @@ class RobotModel:
 
     def set_positions(self, context: Context, q: Array) -> None:
         """Set the joint positions q, shape (n,) [rad]."""
+        if self._arm_only:
+            self.plant.SetPositions(context, q)
+            return
         everything = self.plant.GetPositions(context)
         everything[self._q] = q
         self.plant.SetPositions(context, everything)
@@ -195,9 +204,9 @@ class RobotModel:
 
     def jacobian_of(self, context: Context, frame: Frame) -> Array:
         """Spatial velocity of the origin of `frame` in the world per joint speed, shape (6, n) [1; m]."""
-        world = self.plant.world_frame()
-        J = self.plant.CalcJacobianSpatialVelocity(context, JacobianWrtVariable.kV, frame, np.zeros(3), world, world)
-        columns: Array = J[:, self._v]
+        world = self._world
+        J = self.plant.CalcJacobianSpatialVelocity(context, JacobianWrtVariable.kV, frame, _ORIGIN, world, world)
+        columns: Array = J if self._arm_only else J[:, self._v]
         return columns
 
     def link_poses(self, context: Context) -> dict[str, RigidTransform]:
@@ -234,6 +243,19 @@ class RobotModel:
         J = self.jacobian(context)
         J[3:] /= self.facts.characteristic_length
         return float(np.linalg.svd(J, compute_uv=False)[-1])
+
+
+def posture_cache(block: LeafSystem, robot: RobotModel, position: InputPort) -> CacheEntry:
+    """A cache entry of `block` with a context of `robot.plant` in the posture of the port, shape (n,) [rad]."""
+
+    def calc(context: Context, value: AbstractValue) -> None:
+        robot.set_positions(value.get_mutable_value(), position.Eval(context))
+
+    return block.DeclareCacheEntry(
+        "robot posture",
+        ValueProducer(allocate=lambda: AbstractValue.Make(robot.create_context()), calc=calc),
+        prerequisites_of_calc={position.ticket()},
+    )
 
 
 def _motor_from_joint(facts: ControlFacts) -> Array:

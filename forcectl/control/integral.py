@@ -13,11 +13,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, DiagramBuilder, State
+from pydrake.systems.framework import Context, DiagramBuilder
 
 from forcectl.control.force_law import LoopFacts
+from forcectl.control.sampled_law import SampledLaw
 from forcectl.errors import invalid
-from forcectl.lanes import Lane, LaneBlock, Parameter, check
+from forcectl.lanes import Lane, Parameter, check
 
 
 def dead_zone(error: Lane, width: Lane, m: Any = np) -> Lane:
@@ -35,7 +36,7 @@ def integral_step(command: Lane, error: Lane, gain: Lane, lower: Lane, upper: La
     return m.minimum(m.maximum(command - gain * error, lower), upper)
 
 
-class IntegralForceLaw(LaneBlock):
+class IntegralForceLaw(SampledLaw):
     """Integral force controller for n independent force loops.
 
     ```
@@ -47,14 +48,14 @@ class IntegralForceLaw(LaneBlock):
 
     desired_force, measured_force: shape (n,) [N].
     compliance: shape (n,), C_T_hat [m/N], > 0; the port exists when no `compliance` is given, else it is a parameter.
-    displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1). State, no direct feedthrough.
+    displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1). Feedthrough of all inputs at the tick.
 
     Parameters (Context, shape (n,)): integral_gain K_I [1/s] >= 0, dead_zone [N] >= 0, lower_limit and upper_limit [m],
     compliance C_T_hat [m/N] > 0.
 
     A force that is not a number holds the last command.
 
-    Sampling: `period` [s]; the update is unrestricted, so sampled plants see the new command in the same tick: no delay.
+    Sampling: `period` [s]; no delay from measured_force to displacement_command, see `SampledLaw`.
     """
 
     def __init__(
@@ -68,7 +69,6 @@ class IntegralForceLaw(LaneBlock):
         upper_limit: ArrayLike = np.inf,
         period: float = 0.002,
     ):
-        self._period = check("period", period, "positive")
         parameters = {
             "integral_gain": Parameter(integral_gain, "not negative", "1/s"),
             "dead_zone": Parameter(dead_zone, "not negative", "N"),
@@ -77,28 +77,27 @@ class IntegralForceLaw(LaneBlock):
         }
         if compliance is not None:
             parameters["compliance"] = Parameter(compliance, "positive", "m/N")
-        super().__init__(size, parameters)
+        super().__init__(size, parameters, period)
         self.sample_delay = {("measured_force", "displacement_command"): 0.0}
         self._desired = self.DeclareVectorInputPort("desired_force", size)
         self._measured = self.DeclareVectorInputPort("measured_force", size)
         self._compliance = self.DeclareVectorInputPort("compliance", size) if compliance is None else None
-        self._command = self.DeclareDiscreteState(size)
-        self.DeclareStateOutputPort("displacement_command", self._command)
-        self.DeclarePeriodicUnrestrictedUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
+        inputs = [self._desired, self._measured, *([self._compliance] if self._compliance else [])]
+        self.declare_command("displacement_command", {port.ticket() for port in inputs})
 
     def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
         """(K_I Ts [C_T_hat], dead zone, limits)."""
         gain, width, lower, upper, *compliance = values
         return gain * self._period * (compliance[0] if compliance else 1.0), width, lower, upper
 
-    def _update(self, context: Context, state: State) -> None:
+    def command(self, context: Context, held: Lane) -> Lane:
+        """One tick of the law."""
         gain, width, lower, upper = self._values.Eval(context)
         if self._compliance is not None:
             gain = gain * self.lane(self._compliance.Eval(context))
         error = self.lane(self._desired.Eval(context)) - self.lane(self._measured.Eval(context))
-        last = self.lane(context.get_discrete_state(self._command).value())
-        command = integral_step(last, dead_zone(error, width, self.math), gain, lower, upper, self.math)
-        self.write(state.get_mutable_discrete_state(self._command), self.math.where(command == command, command, last))
+        after = integral_step(held, dead_zone(error, width, self.math), gain, lower, upper, self.math)
+        return self.math.where(after == after, after, held)
 
 
 @dataclass(kw_only=True)

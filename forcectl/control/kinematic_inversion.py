@@ -11,16 +11,21 @@ so the command stays finite and continuous, and an output says so.
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem, ValueProducer
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
 from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain
 
+from scipy.linalg.lapack import dgesv
+
 from forcectl.errors import BadInputError, invalid
-from forcectl.robot import RobotModel
+from forcectl.lanes import check
+from forcectl.robot import RobotModel, posture_cache
 
 Vector = NDArray[np.float64]
+_NO_ROTATION = np.zeros(3)
 
 
 def unit_normal(n: ArrayLike) -> Vector:
@@ -45,14 +50,13 @@ def joint_direction(jacobian: Vector, n: Vector) -> Vector:
     Returns:
         the least-squares solution for arms with other than six joints; infinite entries at a singularity.
     """
-    wanted = np.concatenate([np.zeros(3), n])
+    wanted = np.concatenate([_NO_ROTATION, n])
+    solution: Vector
     if jacobian.shape[0] == jacobian.shape[1]:
-        try:
-            exact: Vector = np.linalg.solve(jacobian, wanted)
-            return exact
-        except np.linalg.LinAlgError:
-            return np.full(jacobian.shape[1], np.inf)
-    solution: Vector = np.linalg.lstsq(jacobian, wanted, rcond=None)[0]
+        # LAPACK itself: half the time of numpy's wrapper for six unknowns.
+        _, _, solution, info = dgesv(jacobian, wanted)
+        return solution if info == 0 else np.full(jacobian.shape[1], np.inf)
+    solution = np.linalg.lstsq(jacobian, wanted, rcond=None)[0]
     return solution
 
 
@@ -67,11 +71,11 @@ def guarded_direction(jacobian: Vector, n: Vector, limit: float, damping: float)
         joint motion per metre [rad/m] and whether it was damped.
     """
     exact = joint_direction(jacobian, n)
-    size = np.linalg.norm(exact)
+    size = math.sqrt(exact @ exact)
     if size <= limit:
         return exact, False
-    share = 1.0 - limit / size if np.isfinite(size) else 1.0
-    wanted = np.concatenate([np.zeros(3), n])
+    share = 1.0 - limit / size if math.isfinite(size) else 1.0
+    wanted = np.concatenate([_NO_ROTATION, n])
     gram = jacobian @ jacobian.T + damping**2 * share * np.eye(6)
     return jacobian.T @ np.linalg.solve(gram, wanted), True
 
@@ -96,7 +100,7 @@ def check_start_posture(robot: RobotModel, posture: Vector, n: Vector, limit: fl
 
 
 class KinematicInversion(LeafSystem):
-    """Joint command for a displacement along n, with the Jacobian at the present motor positions.
+    """Joint command for a displacement along n, with the Jacobian at the motor positions.
 
     ```
     name: KinematicInversion
@@ -107,51 +111,57 @@ class KinematicInversion(LeafSystem):
     displacement_command: shape (1,), dx_bar along n [m].
     motor_position: shape (n_q,), where the Jacobian is taken [rad].
     unconstrained_reference: shape (n_q,), joint motion dq_uc in the unconstrained directions, from q_0 [rad].
-    joint_position_command: shape (n_q,), q_bar [rad]. Feedthrough of all inputs.
-    near_singular: 1 while the inverse is damped, else 0. Feedthrough of motor_position.
+    joint_position_command: shape (n_q,), q_bar [rad]. Feedthrough of displacement_command and unconstrained_reference.
+    near_singular: 1 while the inverse is damped, else 0. State.
+
+    Sampling: J^-1 n is state, renewed every `period` [s]: it changes with the posture, much slower than the force loop.
 
     Args:
         robot: kinematics. n: unit normal in W, shape (3,). start: q_0, shape (n_q,) [rad].
         limit: largest |J^-1 n| used undamped [rad/m]. damping: lambda_max [m].
     """
 
-    def __init__(self, robot: RobotModel, n: ArrayLike, start: Vector, *, limit: float = 20.0, damping: float = 0.05):
+    def __init__(
+        self,
+        robot: RobotModel,
+        n: ArrayLike,
+        start: Vector,
+        *,
+        period: float = 0.01,
+        limit: float = 20.0,
+        damping: float = 0.05,
+    ):
         super().__init__()
         self._robot, self._n, self._start = robot, unit_normal(n), np.asarray(start, dtype=float)
-        self._limit, self._damping = limit, damping
+        self._limit, self._damping = check("limit", limit, "positive"), check("damping", damping, "positive")
         q = robot.num_joints
         self._command = self.DeclareVectorInputPort("displacement_command", 1)
         self._position = self.DeclareVectorInputPort("motor_position", q)
         self._unconstrained = self.DeclareVectorInputPort("unconstrained_reference", q)
         self.port_units = {"near_singular": "1"}
-        scratch = (robot.create_context(), np.zeros(q), False)
-        self._direction = self.DeclareCacheEntry(
-            "joint direction",
-            ValueProducer(allocate=lambda: AbstractValue.Make(scratch), calc=self._solve),
-            prerequisites_of_calc={self._position.ticket()},
+        self._posture = posture_cache(self, robot, self._position)
+        context = robot.create_context()
+        robot.set_positions(context, self._start)
+        first, damped = guarded_direction(robot.jacobian(context), self._n, self._limit, self._damping)
+        self._direction = self.DeclareDiscreteState(first)
+        self._near = self.DeclareDiscreteState([float(damped)])
+        reads = {self.discrete_state_ticket(self._direction), self._command.ticket(), self._unconstrained.ticket()}
+        self.DeclareVectorOutputPort("joint_position_command", q, self._joint_command, prerequisites_of_calc=reads)
+        self.DeclareStateOutputPort("near_singular", self._near)
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=check("period", period, "positive"), offset_sec=0.0, update=self._renew
         )
-        ticket = self._direction.ticket()
-        self.DeclareVectorOutputPort(
-            "joint_position_command",
-            q,
-            self._joint_command,
-            prerequisites_of_calc={ticket, self._command.ticket(), self._unconstrained.ticket()},
-        )
-        self.DeclareVectorOutputPort("near_singular", 1, self._status, prerequisites_of_calc={ticket})
 
-    def _solve(self, context: Context, value: AbstractValue) -> None:
-        plant_context = value.get_value()[0]
-        self._robot.set_positions(plant_context, self._position.Eval(context))
-        direction, damped = guarded_direction(self._robot.jacobian(plant_context), self._n, self._limit, self._damping)
-        value.set_value((plant_context, direction, damped))
+    def _renew(self, context: Context, next_state: DiscreteValues) -> None:
+        jacobian = self._robot.jacobian(self._posture.Eval(context))
+        direction, damped = guarded_direction(jacobian, self._n, self._limit, self._damping)
+        next_state.set_value(self._direction, direction)
+        next_state.set_value(self._near, [float(damped)])
 
     def _joint_command(self, context: Context, output: BasicVector) -> None:
-        direction = self._direction.Eval(context)[1]
         dx = self._command.Eval(context).item()
+        direction = context.get_discrete_state(self._direction).value()
         output.SetFromVector(self._start + direction * dx + self._unconstrained.Eval(context))
-
-    def _status(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, float(self._direction.Eval(context)[2]))
 
 
 class ConstantKinematicInversion(Diagram):

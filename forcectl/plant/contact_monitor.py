@@ -1,6 +1,6 @@
 """Contact state and contact loss as an event.
 
-    mode: APPROACH -> CONTACT when F > threshold;  CONTACT -> LOST when F <= 0;  LOST -> CONTACT when F > threshold
+mode: APPROACH -> CONTACT when F > threshold;  CONTACT -> LOST when F <= 0;  LOST -> CONTACT when F > threshold
 """
 
 from __future__ import annotations
@@ -12,7 +12,7 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import Demultiplexer
 
-from forcectl.lanes import Lane, LaneBlock, Parameter
+from forcectl.lanes import Lane, LaneBlock, check
 
 
 class ContactMode(IntEnum):
@@ -23,10 +23,13 @@ class ContactMode(IntEnum):
     LOST = 2
 
 
+_CONTACT, _LOST = float(ContactMode.CONTACT), float(ContactMode.LOST)
+
+
 def next_mode(mode: Lane, force: Lane, threshold: Lane, m: Any = np) -> Lane:
     """The mode after a sample of the true contact force [N]."""
-    lost = m.where((mode == ContactMode.CONTACT) & (force <= 0), float(ContactMode.LOST), mode)
-    return m.where(force > threshold, float(ContactMode.CONTACT), lost)
+    lost = m.where((mode == _CONTACT) & (force <= 0), _LOST, mode)
+    return m.where(force > threshold, _CONTACT, lost)
 
 
 class ContactMonitorCore(LaneBlock):
@@ -36,30 +39,30 @@ class ContactMonitorCore(LaneBlock):
     name: ContactMonitorCore
     input_ports: [contact_force]
     output_ports: [state]
-    parameters: [threshold]
     ```
 
     contact_force: shape (n,), truth [N].
     state: shape (2n,), mode (`ContactMode`) and number of losses so far. State, no direct feedthrough.
 
-    Parameters (Context, shape (n,)): threshold [N] >= 0, above which there is contact.
+    There is contact while the force exceeds `threshold` [N].
 
     A declared event changes the state every `period` [s]. The mode is a number in discrete state, not an abstract value:
     abstract Python state is copied deeply at every unrestricted event of the whole diagram (10 us a tick).
     """
 
     def __init__(self, size: int, *, period: float = 0.002, threshold: float = 1e-9):
-        super().__init__(size, {"threshold": Parameter(threshold, "not negative", "N")})
+        super().__init__(size, {})
+        self._threshold = check("threshold", threshold, "not negative")
         self._force = self.DeclareVectorInputPort("contact_force", size)
         self.DeclareStateOutputPort("state", self.DeclareDiscreteState(2 * size))
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
 
     def _update(self, context: Context, next_state: DiscreteValues) -> None:
-        (threshold,) = self._values.Eval(context)
         mode, losses = self.lanes(context.get_discrete_state_vector().value())
-        after = next_mode(mode, self.lane(self._force.Eval(context)), threshold, self.math)
-        lost = (after == ContactMode.LOST) & (mode != ContactMode.LOST)
-        next_state.set_value(self.stack(after, losses + lost))
+        after = next_mode(mode, self.lane(self._force.Eval(context)), self._threshold, self.math)
+        changed = after != mode
+        if np.any(changed) if self._size > 1 else changed:
+            next_state.set_value(self.stack(after, losses + (after == _LOST) * changed))
 
 
 class ContactMonitor(Diagram):

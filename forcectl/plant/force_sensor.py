@@ -9,6 +9,7 @@ for forces that are linear between ticks and, unlike a zero-order hold, adds no 
 
 from __future__ import annotations
 
+import builtins
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any
@@ -22,20 +23,26 @@ from forcectl.errors import invalid
 from forcectl.lanes import Lane, LaneBlock, Parameter, check, lane_values, whole_multiple
 from forcectl.plant.position_loop import first_order_hold, interleave, second_order, zero_order_hold
 
-_CHUNK = 4096
+_CHUNK = 1024
 
 
-@lru_cache(maxsize=1024)
-def _noise_chunk(seed: int, lane: int, chunk: int) -> NDArray[np.float64]:
-    values: NDArray[np.float64] = np.random.default_rng((seed, lane, chunk)).standard_normal(_CHUNK)
+@lru_cache(maxsize=64)
+def _noise_chunk(sources: tuple[tuple[int, int], ...], chunk: int) -> NDArray[np.float64]:
+    rows = [np.random.default_rng((seed, lane, chunk)).standard_normal(_CHUNK) for seed, lane in sources]
+    values = np.ascontiguousarray(np.transpose(rows))
     values.setflags(write=False)
     return values
 
 
-def white_noise(seed: int, lane: int, tick: int) -> float:
-    """Sample number `tick` of the unit white noise of a lane: a pure function of its arguments."""
+def white_noise(sources: tuple[tuple[int, int], ...], tick: int) -> NDArray[np.float64]:
+    """Sample number `tick` of unit white noise, shape (n,): a pure function of its arguments.
+
+    Args:
+        sources: per channel a (seed, lane), each >= 0: channels with equal ones draw the same numbers.
+    """
     chunk, index = divmod(tick, _CHUNK)
-    return _noise_chunk(seed, lane, chunk).item(index)
+    row: NDArray[np.float64] = _noise_chunk(sources, chunk)[index]
+    return row
 
 
 def saturate(force: Lane, limit: Lane, m: Any = np) -> Lane:
@@ -93,7 +100,8 @@ class ForceDigitiser(LaneBlock):
         )
         self._period = check("period", period, "positive")
         # One seed: the channels of one sensor draw independently. A list: each lane is a sensor of its own.
-        self._sources = [(seed, i) for i in np.arange(size).tolist()] if isinstance(seed, int) else [(s, 0) for s in seed]
+        seeds = [(seed, lane) for lane in builtins.range(size)] if isinstance(seed, int) else [(s, 0) for s in seed]
+        self._sources = tuple(seeds)
         if len(self._sources) != size:
             raise invalid("seed", seed, f"one number or a list of {size}")
         self._force = self.DeclareVectorInputPort("force", size)
@@ -125,8 +133,8 @@ class ForceDigitiser(LaneBlock):
     def _reading(self, context: Context, output: BasicVector) -> None:
         bias, noise_std, quantum, limit = self._values.Eval(context)
         tick = int(context.get_time() / self._period + 0.5)
-        noise = [white_noise(seed, lane, tick) for seed, lane in self._sources]
-        raw = self.lane(self._force.Eval(context)) + (bias + noise_std * (noise[0] if self._size == 1 else np.array(noise)))
+        noise = self.lane(white_noise(self._sources, tick))
+        raw = self.lane(self._force.Eval(context)) + (bias + noise_std * noise)
         reading = quantise(saturate(raw, limit, self.math), quantum, self.math)
         if self._tare is not None:
             reading = reading - self.lane(context.get_discrete_state(self._tare).value())
@@ -134,7 +142,12 @@ class ForceDigitiser(LaneBlock):
 
 
 def sensor_filter(
-    size: int, bandwidth: ArrayLike, damping_ratio: ArrayLike, period: float, delay_ticks: int, hold: str = "first_order"
+    size: int,
+    bandwidth: ArrayLike,
+    damping_ratio: ArrayLike,
+    period: float,
+    delay_ticks: int,
+    hold: str = "first_order",
 ) -> LinearSystem:
     """The sensor's second-order low-pass behind a delay line, as one sampled linear system.
 
@@ -250,7 +263,9 @@ class ForceSensorConfig:
         if not isinstance(self.tare, bool):
             raise invalid("tare", self.tare, "true or false")
 
-    def add_to(self, builder: DiagramBuilder, period: float, *, size: int = 1, wrench: bool = False, seed: int | list[int] = 0) -> ForceSensor:
+    def add_to(
+        self, builder: DiagramBuilder, period: float, *, size: int = 1, wrench: bool = False, seed: int | list[int] = 0
+    ) -> ForceSensor:
         """Add a sensor of n force channels, or with `wrench` one of six channels [torque; force]."""
         scale = np.repeat([self.torque_ratio, 1.0], 3) if wrench else np.ones(size)
         block = ForceSensor(

@@ -10,25 +10,11 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.common.value import AbstractValue
-from pydrake.systems.framework import BasicVector, CacheEntry, Context, InputPort, LeafSystem, ValueProducer
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from forcectl.robot import RobotModel
+from forcectl.robot import RobotModel, posture_cache
 
 Vector = NDArray[np.float64]
-
-
-def _posture_cache(block: LeafSystem, robot: RobotModel, position: InputPort) -> CacheEntry:
-    """A cache entry of `block` with a robot context in the posture of the port."""
-
-    def calc(context: Context, value: AbstractValue) -> None:
-        robot.set_positions(value.get_mutable_value(), position.Eval(context))
-
-    return block.DeclareCacheEntry(
-        "robot posture",
-        ValueProducer(allocate=lambda: AbstractValue.Make(robot.create_context()), calc=calc),
-        prerequisites_of_calc={position.ticket()},
-    )
 
 
 class TipDisplacement(LeafSystem):
@@ -54,7 +40,7 @@ class TipDisplacement(LeafSystem):
         context = robot.create_context()
         robot.set_positions(context, np.asarray(start, dtype=float))
         self._origin = float(self._n @ robot.pose(context).translation())
-        self._plant_context = _posture_cache(self, robot, self._position)
+        self._plant_context = posture_cache(self, robot, self._position)
         self.DeclareVectorOutputPort(
             "displacement", 1, self._displacement, prerequisites_of_calc={self._plant_context.ticket()}
         )
@@ -87,7 +73,7 @@ class LinkPosition(LeafSystem):
         self._robot, self._n, self._stiffness = robot, np.asarray(n, dtype=float), stiffness
         self._position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
         self._force = self.DeclareVectorInputPort("contact_force", 1)
-        self._plant_context = _posture_cache(self, robot, self._position)
+        self._plant_context = posture_cache(self, robot, self._position)
         self.DeclareVectorOutputPort(
             "link_position",
             robot.num_joints,
@@ -120,7 +106,7 @@ class ForceToWrench(LeafSystem):
         self._frame = robot.parts.sensor_frame or robot.parts.flange_frame
         self._force = self.DeclareVectorInputPort("measured_force", 1)
         self._position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
-        self._plant_context = _posture_cache(self, robot, self._position)
+        self._plant_context = posture_cache(self, robot, self._position)
         self.DeclareVectorOutputPort(
             "measured_wrench",
             6,

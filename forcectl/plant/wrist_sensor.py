@@ -9,60 +9,70 @@ tared in the start posture has that posture's weight in its zero already.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.common.value import AbstractValue
-from pydrake.math import RotationMatrix
+from pydrake.common.value import AbstractValue, Value
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Joint
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, ValueProducer
+from pydrake.multibody.tree import Frame, Joint
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, ValueProducer
 
 from forcectl.errors import BadInputError
-from forcectl.robot import RobotModel
+from forcectl.lanes import check
+from forcectl.robot import RobotModel, posture_cache
 
 Vector = NDArray[np.float64]
 
 
-def weight_wrench(R_WS: RotationMatrix, mass: float, p_SScm: Vector, gravity: Vector) -> Vector:
-    """Wrench of a weight about the origin of S, in S, [torque; force], shape (6,) [Nm, N].
+def weight_matrix(mass: float, p_SScm: Vector) -> Vector:
+    """Wrench about the origin of S of a mass per acceleration of gravity, both in S, shape (6, 3) [kg m; kg].
 
     Args:
-        R_WS: orientation of the sensor in the world. mass [kg]. p_SScm: its centre in S, shape (3,) [m].
-        gravity: in the world, shape (3,) [m/s^2].
+        mass [kg]. p_SScm: its centre in S, shape (3,) [m].
     """
-    force = R_WS.matrix().T @ gravity * mass
-    return np.concatenate([np.cross(p_SScm, force), force])
+    x, y, z = p_SScm
+    return mass * np.vstack([[[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], np.eye(3)])
 
 
-class WeldWrench(LeafSystem):
-    """Wrench on the far side of a weld, from the plant's reaction forces.
+class WeldWrenches(LeafSystem):
+    """Wrenches on the far side of welds, from the plant's reaction forces (read once for all of them).
 
     ```
-    name: WeldWrench
+    name: WeldWrenches
     input_ports: [reaction_forces]
-    output_ports: [wrench]
+    output_ports: [<one per weld>]
     ```
 
     reaction_forces: abstract, list of SpatialForce of a MultibodyPlant.
-    wrench: shape (6,), [torque; force] that the environment and the weight exert on what hangs at the weld, at the
-        origin of the weld's child frame, in that frame [Nm, N]. Feedthrough.
-
-    Before its first step a discrete plant has no reaction forces; the station starts at rest, so `at_rest` stands in.
+    outputs: shape (6,), [torque; force] that the environment and the weight exert on what hangs at the weld, at the origin
+        of the weld's child frame, in that frame [Nm, N]. Feedthrough.
     """
 
-    def __init__(self, plant: MultibodyPlant, weld: Joint, at_rest: ArrayLike):
+    def __init__(self, plant: MultibodyPlant, welds: Mapping[str, Joint]):
         super().__init__()
-        self._at_rest = np.asarray(at_rest, dtype=float)
-        self._index = list(plant.GetJointIndices()).index(weld.index())
+        joints = list(plant.GetJointIndices())
+        self._rows = [joints.index(weld.index()) for weld in welds.values()]
+        self.port_units = dict.fromkeys(welds, "Nm,N")
         self._reactions = self.DeclareAbstractInputPort("reaction_forces", AbstractValue.Make([SpatialForce.Zero()]))
-        self.DeclareVectorOutputPort("wrench", 6, self._wrench, prerequisites_of_calc={self._reactions.ticket()})
+        self._wrenches = self.DeclareCacheEntry(
+            "wrenches",
+            ValueProducer(allocate=lambda: Value[object](()), calc=self._read),
+            prerequisites_of_calc={self._reactions.ticket()},
+        )
+        for i, name in enumerate(welds):
+            self.DeclareVectorOutputPort(
+                name,
+                6,
+                lambda context, output, i=i: output.SetFromVector(self._wrenches.Eval(context)[i]),
+                prerequisites_of_calc={self._wrenches.ticket()},
+            )
 
-    def _wrench(self, context: Context, output: BasicVector) -> None:
-        reaction = self._reactions.Eval(context)[self._index].get_coeffs()
-        output.SetFromVector(-reaction if reaction.any() else self._at_rest)
+    def _read(self, context: Context, value: AbstractValue) -> None:
+        reactions = self._reactions.Eval(context)
+        value.set_value(tuple(-reactions[row].get_coeffs() for row in self._rows))
 
 
 class ToolCompensation(LeafSystem):
@@ -76,69 +86,72 @@ class ToolCompensation(LeafSystem):
 
     wrench: shape (6,), sensor reading at S in S, [torque; force] [Nm, N].
     motor_position: shape (n_q,), for the orientation of S [rad].
-    measured_wrench: shape (6,), of the environment on the tool at S in S [Nm, N]. Feedthrough.
-    measured_force: shape (1,), its force along n [N]. Feedthrough.
+    measured_wrench: shape (6,), of the environment on the tool at S in S [Nm, N]. Feedthrough of wrench.
+    measured_force: shape (1,), its force along n [N]. Feedthrough of wrench.
+
+    Sampling: the orientation of the sensor is state, renewed every `period` [s].
 
     Args:
-        tared_posture: q_0 [rad] in which the sensor was made zero, or None when it was not.
+        start: q_0 [rad]. tared: the sensor was made zero in that posture, weight of the tool included.
     """
 
-    def __init__(self, robot: RobotModel, n: ArrayLike, tared_posture: Vector | None):
+    def __init__(self, robot: RobotModel, n: ArrayLike, start: Vector, *, tared: bool, period: float = 0.01):
         super().__init__()
-        if robot.parts.sensor_frame is None:
-            raise BadInputError("tool: has no wrist sensor (its facts name no sensor_frame)")
+        self._load, self._gravity = tool_load(robot)
         self._robot, self._n = robot, np.asarray(n, dtype=float)
-        self._frame = robot.parts.sensor_frame
-        self._mass, self._p_SScm, self._gravity = tool_load(robot)
-        self._tared = np.zeros(6)
-        if tared_posture is not None:
-            context = robot.create_context()
-            robot.set_positions(context, tared_posture)
-            self._tared = self._weight(self._frame.CalcPoseInWorld(context).rotation())
         self._wrench = self.DeclareVectorInputPort("wrench", 6)
         self._position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
-        scratch = (robot.create_context(), RotationMatrix(), np.zeros(6))
-        self._pose = self.DeclareCacheEntry(
-            "orientation and weight",
-            ValueProducer(allocate=lambda: AbstractValue.Make(scratch), calc=self._calc_pose),
-            prerequisites_of_calc={self._position.ticket()},
-        )
-        reads: Any = {self._wrench.ticket(), self._pose.ticket()}
+        self._posture = posture_cache(self, robot, self._position)
+        context = robot.create_context()
+        robot.set_positions(context, start)
+        self._tared = np.zeros(6)
+        n_S, weight = self._orient(context)
+        if tared:
+            self._tared, weight = weight, np.zeros(6)
+        # n in S, and the weight that is not in the sensor's zero.
+        self._state = self.DeclareDiscreteState(np.concatenate([n_S, weight]))
+        reads: Any = {self._wrench.ticket(), self.discrete_state_ticket(self._state)}
         self.DeclareVectorOutputPort("measured_wrench", 6, self._measured_wrench, prerequisites_of_calc=reads)
         self.DeclareVectorOutputPort("measured_force", 1, self._measured_force, prerequisites_of_calc=reads)
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=check("period", period, "positive"), offset_sec=0.0, update=self._renew
+        )
 
-    def _weight(self, R_WS: RotationMatrix) -> Vector:
-        return weight_wrench(R_WS, self._mass, self._p_SScm, self._gravity)
+    def _orient(self, plant_context: Context) -> tuple[Vector, Vector]:
+        R_SW = sensor_frame(self._robot).CalcPoseInWorld(plant_context).rotation().matrix().T
+        return R_SW @ self._n, self._load @ (R_SW @ self._gravity) - self._tared
 
-    def _calc_pose(self, context: Context, value: AbstractValue) -> None:
-        plant_context = value.get_value()[0]
-        self._robot.set_positions(plant_context, self._position.Eval(context))
-        R_WS = self._frame.CalcPoseInWorld(plant_context).rotation()
-        value.set_value((plant_context, R_WS, self._weight(R_WS) - self._tared))
-
-    def _compensated(self, context: Context) -> tuple[RotationMatrix, Vector]:
-        _, R_WS, weight = self._pose.Eval(context)
-        return R_WS, self._wrench.Eval(context) - weight
+    def _renew(self, context: Context, next_state: DiscreteValues) -> None:
+        next_state.set_value(np.concatenate(self._orient(self._posture.Eval(context))))
 
     def _measured_wrench(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._compensated(context)[1])
+        output.SetFromVector(self._wrench.Eval(context) - context.get_discrete_state(self._state).value()[3:])
 
     def _measured_force(self, context: Context, output: BasicVector) -> None:
-        R_WS, wrench = self._compensated(context)
-        output.SetAtIndex(0, float(self._n @ (R_WS.matrix() @ wrench[3:])))
+        state = context.get_discrete_state(self._state).value()
+        output.SetAtIndex(0, (state[:3] @ (self._wrench.Eval(context)[3:] - state[6:])).item())
 
 
-def tool_load(robot: RobotModel) -> tuple[float, Vector, Vector]:
-    """Mass [kg] and centre in S [m] of the body at the wrist sensor's weld, and gravity in the world [m/s^2].
+def sensor_frame(robot: RobotModel) -> Frame:
+    """The frame S of the robot's wrist sensor.
 
     Raises:
         BadInputError: the tool has no wrist sensor.
     """
-    parts, plant = robot.parts, robot.plant
-    if parts.sensor_weld is None or parts.sensor_frame is None:
-        raise BadInputError("tool: has no wrist sensor (its facts name no sensor_weld)")
+    if robot.parts.sensor_frame is None or robot.parts.sensor_weld is None:
+        raise BadInputError("tool: has no wrist sensor: its facts must name a sensor_frame and a sensor_weld")
+    return robot.parts.sensor_frame
+
+
+def tool_load(robot: RobotModel) -> tuple[Vector, Vector]:
+    """`weight_matrix` of what hangs at the wrist sensor, and gravity in the world [m/s^2].
+
+    Raises:
+        BadInputError: the tool has no wrist sensor.
+    """
+    frame, plant = sensor_frame(robot), robot.plant
     context = robot.create_context()
-    tool = parts.sensor_weld.child_body()
+    tool = robot.parts.sensor_weld.child_body()  # type: ignore[union-attr]
     p_WTcm = plant.EvalBodyPoseInWorld(context, tool).multiply(tool.CalcCenterOfMassInBodyFrame(context))
-    p_SScm = parts.sensor_frame.CalcPoseInWorld(context).inverse().multiply(p_WTcm)
-    return tool.get_mass(context), p_SScm, plant.gravity_field().gravity_vector()
+    p_SScm = frame.CalcPoseInWorld(context).inverse().multiply(p_WTcm)
+    return weight_matrix(tool.get_mass(context), p_SScm), plant.gravity_field().gravity_vector()
