@@ -32,10 +32,8 @@ quick: $(VENV)/.installed-test ## run the tests that take seconds
 	$(BIN)/python -m pytest -n $(JOBS) -m "not slow"
 
 lint: $(VENV)/.installed-dev ## ruff, mypy, import-linter
-	$(BIN)/ruff check .
-	$(BIN)/ruff format --check .
-	$(BIN)/mypy
-	$(BIN)/lint-imports
+	@failed=0; for check in "ruff check ." "ruff format --check ." mypy "lint-imports --no-logo"; do \
+		echo "== $$check"; $(BIN)/$$check || failed=1; done; exit $$failed
 
 format: $(VENV)/.installed-dev ## put the code into the agreed format
 	$(BIN)/ruff check --fix .
