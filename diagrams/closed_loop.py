@@ -6,11 +6,11 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
-from pydrake.systems.primitives import LogVectorOutput, Multiplexer, VectorLog, VectorLogSink
+from pydrake.systems.primitives import VectorLog, VectorLogSink
 
 from forcectl.control.force_law import ControllerConfig
-from forcectl.conventions import unit_of
 from forcectl.diagrams.force_controller import add_controller
+from forcectl.diagrams.log import LoggedSignal, SignalLog, add_log
 from forcectl.diagrams.station import Cell, StationConfig, build_station, describe
 from forcectl.errors import invalid
 from forcectl.motion.references import ForceReferenceConfig, Reference
@@ -27,15 +27,6 @@ LOGGED = (
 
 
 @dataclass(frozen=True)
-class LoggedSignal:
-    """Where a signal stands in the log vector; `labels` names its components, None for a scalar."""
-
-    rows: slice
-    unit: str
-    labels: tuple[str, ...] | None
-
-
-@dataclass(frozen=True)
 class ClosedLoop:
     """A closed loop ready to simulate.
 
@@ -44,16 +35,25 @@ class ClosedLoop:
     """
 
     diagram: Diagram
-    sink: VectorLogSink
-    signals: dict[str, LoggedSignal]
+    log: SignalLog
     period: float
     reference_model_bandwidth: float | None
     true_compliance: float
     cell: Cell
 
+    @property
+    def sink(self) -> VectorLogSink:
+        """The block that holds the log."""
+        return self.log.sink
+
+    @property
+    def signals(self) -> dict[str, LoggedSignal]:
+        """What the rows of the log are."""
+        return self.log.signals
+
     def find_log(self, context: Context) -> VectorLog:
         """The log in a root context of `diagram`."""
-        return self.sink.FindLog(context)
+        return self.log.find(context)
 
 
 def build_closed_loop(
@@ -91,26 +91,10 @@ def build_closed_loop(
             port = system.get_output_port(i)
             if port.get_name() in LOGGED or (system is control and port.size() == 1):
                 ports[port.get_name()] = port
-    sink, signals = _add_log(builder, ports, station.period, cell.robot.facts.arm_joints)
+    log = add_log(builder, ports, station.period, cell.robot.facts.arm_joints)
     diagram = builder.Build()
     diagram.set_name("closed_loop")
     bandwidth = getattr(controller, "reference_model_bandwidth", lambda: None)()
     return ClosedLoop(
-        diagram, sink, signals, station.period, bandwidth, cell.robot_compliance + cell.environment_compliance, cell
+        diagram, log, station.period, bandwidth, cell.robot_compliance + cell.environment_compliance, cell
     )
-
-
-def _add_log(
-    builder: DiagramBuilder, ports: dict[str, OutputPort], period: float, joints: list[str]
-) -> tuple[VectorLogSink, dict[str, LoggedSignal]]:
-    """One multiplexer and one sink for all signals: a tenth of the cost of a sink each."""
-    multiplexer = builder.AddNamedSystem("log_signals", Multiplexer([port.size() for port in ports.values()]))
-    signals, row = {}, 0
-    for i, (name, port) in enumerate(ports.items()):
-        builder.Connect(port, multiplexer.get_input_port(i))
-        labels = tuple(joints) if port.size() > 1 else None
-        signals[name] = LoggedSignal(slice(row, row + port.size()), unit_of(name), labels)
-        row += port.size()
-    sink = LogVectorOutput(multiplexer.get_output_port(), builder, period)
-    sink.set_name("log")
-    return sink, signals

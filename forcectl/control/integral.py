@@ -13,12 +13,13 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.primitives import LinearSystem, Multiplexer
 
 from forcectl.control.force_law import LoopFacts
 from forcectl.control.sampled_law import SampledLaw
 from forcectl.errors import invalid
-from forcectl.lanes import Lane, Parameter, check
+from forcectl.lanes import Lane, Parameter, check, lane_values
 
 
 def dead_zone(error: Lane, width: Lane, m: Any = np) -> Lane:
@@ -98,6 +99,36 @@ class IntegralForceLaw(SampledLaw):
         error = self.lane(self._desired.Eval(context)) - self.lane(self._measured.Eval(context))
         after = integral_step(held, dead_zone(error, width, self.math), gain, lower, upper, self.math)
         return self.math.where(after == after, after, held)
+
+
+class LinearIntegralForceLaw(Diagram):
+    """The law without dead zone and limits, as a linear system that can be analysed and converted with its loop.
+
+    ```
+    name: LinearIntegralForceLaw
+    input_ports: [desired_force, measured_force]
+    output_ports: [displacement_command]
+    ```
+
+    desired_force, measured_force: shape (n,) [N]. displacement_command: shape (n,) [m]. Feedthrough of both.
+
+    Sampling: `period` [s]; no delay. For diagrams in which everything runs at this period: between the events of one tick
+    the output is that of the next.
+    """
+
+    def __init__(self, size: int, *, integral_gain: ArrayLike, compliance: ArrayLike, period: float = 0.002):
+        super().__init__()
+        gain = lane_values("integral_gain", integral_gain, size, "not negative")
+        gain = gain * lane_values("compliance", compliance, size, "positive") * check("period", period, "positive")
+        builder = DiagramBuilder()
+        both = builder.AddNamedSystem("forces", Multiplexer([size, size]))
+        eye, step = np.eye(size), np.hstack([np.diag(-gain), np.diag(gain)])
+        law = builder.AddNamedSystem("integrator", LinearSystem(eye, step, eye, step, period))
+        builder.Connect(both.get_output_port(), law.get_input_port())
+        builder.ExportInput(both.get_input_port(0), "desired_force")
+        builder.ExportInput(both.get_input_port(1), "measured_force")
+        builder.ExportOutput(law.get_output_port(), "displacement_command")
+        builder.BuildInto(self)
 
 
 @dataclass(kw_only=True)

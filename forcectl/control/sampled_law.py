@@ -55,11 +55,12 @@ class SampledLaw(LaneBlock):
 
     def _calc(self, context: Context, output: BasicVector) -> None:
         memory = context.get_discrete_state(self._held).value()
-        _, held = self.lanes(memory)
+        held = memory.item(1) if self._size == 1 else memory[self._size :]
         known = memory.item(0) == self._tick(context)
         self.write(output, held if known else self.command(context, held))
 
     def _hold(self, context: Context, next_state: DiscreteValues) -> None:
-        tick = self._tick(context)
-        command = self.lane(self._output.Eval(context))
-        next_state.set_value(self._held, self.stack(tick if self._size == 1 else np.full(self._size, tick), command))
+        memory = np.empty(2 * self._size)
+        memory[: self._size] = self._tick(context)
+        memory[self._size :] = self._output.Eval(context)
+        next_state.set_value(self._held, memory)

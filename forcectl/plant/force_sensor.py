@@ -277,7 +277,8 @@ class ForceSensorConfig:
             bias=self.bias * scale,
             range=self.range * scale,
             delay=self.delay,
-            tare=self.tare,
+            # Without bias or weight the first reading is zero already.
+            tare=self.tare and (wrench or self.bias != 0),
             seed=seed,
             period=period,
         )

@@ -1,0 +1,176 @@
+"""The one-dimensional force loop of Fig. 2.2/2.3, for n independent loops (lanes) at once.
+
+    desired_force -> force law -> position loop -> servo -> contact -> force sensor -+
+                         ^-----------------------------------------------------------+
+
+The smallest loop there is: no robot, only its compliance. Lane i has the values of element i of every parameter in the
+Context (`set_lanes`) and the noise of its own seed, and gives what the same loop gives alone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import Demultiplexer
+
+from forcectl.control.force_law import ControllerConfig, LoopFacts
+from forcectl.control.integral import IntegralConfig, LinearIntegralForceLaw
+from forcectl.diagrams.log import SignalLog, add_log
+from forcectl.diagrams.parts import input_names
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.lanes import LaneBlock, check
+from forcectl.motion.references import ForceReferenceConfig, StepConfig
+from forcectl.plant.compliant_contact import EnvironmentConfig
+from forcectl.plant.force_sensor import ForceSensorConfig
+from forcectl.plant.position_loop import PositionLoopConfig
+from forcectl.plant.servo import ServoConfig
+
+
+@dataclass(kw_only=True)
+class OneDimensionalLoopConfig:
+    """What the loop is made of; the defaults are the calibrated plant of the design's targets."""
+
+    controller: ControllerConfig = field(default_factory=IntegralConfig)
+    reference: ForceReferenceConfig = field(default_factory=StepConfig)
+    environment: EnvironmentConfig = field(default_factory=EnvironmentConfig)
+    robot_compliance: float = 3.2e-5  # C_R [m/N], >= 0
+    position_loop: PositionLoopConfig = field(default_factory=PositionLoopConfig)
+    servo: ServoConfig = field(default_factory=ServoConfig)
+    force_sensor: ForceSensorConfig = field(default_factory=ForceSensorConfig)
+    period: float = 0.002  # control tick [s]
+
+    def __post_init__(self) -> None:
+        check("robot_compliance", self.robot_compliance, "not negative")
+        check("period", self.period, "positive")
+
+    @staticmethod
+    def linear(controller: IntegralConfig | None = None) -> OneDimensionalLoopConfig:
+        """The linear loop of the thesis' analysis: no friction, noise, quantisation, range or loss of contact."""
+        return OneDimensionalLoopConfig(
+            controller=controller or IntegralConfig(),
+            environment=EnvironmentConfig(one_sided=False),
+            servo=ServoConfig(ideal=True),
+            force_sensor=ForceSensorConfig(noise_std=0.0, quantum=0.0, range=np.inf),
+        )
+
+
+@dataclass(frozen=True)
+class OneDimensionalLoop:
+    """A loop ready to simulate; every logged signal has one row per lane."""
+
+    diagram: Diagram
+    log: SignalLog
+    period: float
+
+    def set_lanes(self, context: Context, values: Mapping[str, ArrayLike]) -> None:
+        """Set parameters lane by lane in a root context of `diagram`.
+
+        Args:
+            values: by "block.parameter" (`lane_parameters` lists them), a number or one per lane.
+
+        Raises:
+            BadInputError: unknown name, wrong length or a value that is not allowed.
+        """
+        known = self.lane_parameters()
+        for name, value in values.items():
+            if name not in known:
+                raise unknown("lane parameter", name, known)
+            block, parameter = name.split(".")
+            system = self.diagram.GetSubsystemByName(block)
+            system = next(s for s in _lane_blocks(system) if parameter in s.parameter_names)
+            system.set_parameter(system.GetMyMutableContextFromRoot(context), parameter, value)
+
+    def lane_parameters(self) -> list[str]:
+        """Names that `set_lanes` takes."""
+        return [
+            f"{system.get_name()}.{parameter}"
+            for system in self.diagram.GetSystems()
+            for block in _lane_blocks(system)
+            for parameter in block.parameter_names
+        ]
+
+
+def _lane_blocks(system: System) -> list[LaneBlock]:
+    if isinstance(system, Diagram):
+        return [block for inner in system.GetSystems() for block in _lane_blocks(inner)]
+    return [system] if isinstance(system, LaneBlock) else []
+
+
+def build_one_dimensional_loop(
+    config: OneDimensionalLoopConfig | None = None, *, size: int = 1, seeds: Sequence[int] | None = None
+) -> OneDimensionalLoop:
+    """The loop for `size` lanes.
+
+    Args:
+        seeds: of the sensor noise, one per lane; 0, 1, 2, ... when None.
+
+    Raises:
+        BadInputError: parts that do not fit each other.
+    """
+    config = config or OneDimensionalLoopConfig()
+    if isinstance(size, bool) or not isinstance(size, int) or size < 1:
+        raise invalid("size", size, "a whole number, at least 1")
+    seeds = list(range(size)) if seeds is None else list(seeds)
+    if len(seeds) != size:
+        raise BadInputError(f"seeds has {len(seeds)} values: must have one per lane, {size}")
+    builder = DiagramBuilder()
+    connect = builder.Connect
+    sensor_config = config.force_sensor
+    facts = LoopFacts(
+        size=size,
+        period=config.period,
+        robot_compliance=np.full(size, config.robot_compliance),
+        environment_compliance=np.full(size, 1 / config.environment.stiffness),
+        sensor_bandwidth=sensor_config.bandwidth,
+        sensor_damping_ratio=sensor_config.damping_ratio,
+        sensor_delay=sensor_config.delay,
+    )
+    reference = config.reference.add_to(builder, size)
+    law = _add_law(builder, config, facts)
+    loop = config.position_loop.add_to(builder, size, config.period, unit="m")
+    if config.servo.ideal:
+        parts = builder.AddNamedSystem("displacement_and_rate", Demultiplexer([size, size]))
+        connect(loop.GetOutputPort("reference"), parts.get_input_port())
+        displacement = parts.get_output_port(0)
+    else:
+        servo = config.servo.add_to(builder, size, config.period, unit="m")
+        connect(loop.GetOutputPort("reference"), servo.GetInputPort("reference"))
+        displacement = servo.GetOutputPort("position")
+    contact = config.environment.add_to(builder, size, config.period, robot_compliance=config.robot_compliance)
+    sensor = sensor_config.add_to(builder, config.period, size=size, seed=seeds)
+    connect(reference.GetOutputPort("desired_force"), law.GetInputPort("desired_force"))
+    connect(sensor.GetOutputPort("measured_force"), law.GetInputPort("measured_force"))
+    connect(law.GetOutputPort("displacement_command"), loop.GetInputPort("command"))
+    connect(displacement, contact.GetInputPort("displacement"))
+    connect(contact.GetOutputPort("contact_force"), sensor.GetInputPort("force"))
+    if "motor_displacement" in input_names(law):
+        connect(displacement, law.GetInputPort("motor_displacement"))
+    ports: dict[str, OutputPort] = {
+        "desired_force": reference.GetOutputPort("desired_force"),
+        "measured_force": sensor.GetOutputPort("measured_force"),
+        "contact_force": contact.GetOutputPort("contact_force"),
+        "displacement_command": law.GetOutputPort("displacement_command"),
+        "contact_displacement": displacement,
+    }
+    log = add_log(builder, ports, config.period, [str(lane) for lane in range(size)])
+    diagram = builder.Build()
+    diagram.set_name("one_dimensional_loop")
+    return OneDimensionalLoop(diagram, log, config.period)
+
+
+def _add_law(builder: DiagramBuilder, config: OneDimensionalLoopConfig, facts: LoopFacts) -> System:
+    law, linear = config.controller, not config.environment.one_sided
+    if linear and isinstance(law, IntegralConfig) and law.dead_zone == 0:
+        # The linear loop has no contact to lose and needs no limits: C++ throughout, and open to linear analysis.
+        system = LinearIntegralForceLaw(
+            facts.size,
+            integral_gain=law.integral_gain,
+            compliance=law.compliance_error * facts.total_compliance,
+            period=facts.period,
+        )
+        return builder.AddNamedSystem("force_law", system)
+    return law.add_to(builder, facts)
