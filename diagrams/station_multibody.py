@@ -96,15 +96,20 @@ def _material(stiffness: float, damping: float) -> ProximityProperties:
     return properties
 
 
-def add_ball(plant: MultibodyPlant, parts: RobotParts) -> None:
-    """The ball of the tool as the only thing that touches the environment."""
-    frame = parts.contact_ball_frame
-    if frame is None or parts.tool_facts is None:
+def add_ball(plant: MultibodyPlant, parts: RobotParts, R_TW: RotationMatrix, n: Vector) -> None:
+    """The ball of the tool as the only thing that touches the environment, with the TCP as its outermost point.
+
+    Inclined tools would touch with another point of the ball than the one whose kinematics the controllers know; the ball
+    sits one radius along n from the TCP in the start posture, so that force and displacement are those of the TCP.
+    """
+    if parts.contact_ball_frame is None or parts.tool_facts is None:
         raise BadInputError("tool: has no contact_ball_frame: must name one for station.fidelity = Multibody")
+    radius = max(parts.tool_facts.contact_ball_radius, 1e-3)
+    tcp = parts.tcp_frame
     plant.RegisterCollisionGeometry(
-        frame.body(),
-        frame.GetFixedPoseInBodyFrame(),
-        Sphere(max(parts.tool_facts.contact_ball_radius, 1e-3)),
+        tcp.body(),
+        tcp.GetFixedPoseInBodyFrame() @ RigidTransform(radius * (R_TW @ n)),
+        Sphere(radius),
         "contact_ball",
         _material(1 / _BALL_COMPLIANCE, 0.0),
     )
@@ -140,8 +145,9 @@ class MultibodyStation(Diagram):
         plant.SetUseSampledOutputPorts(False)
         plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
         parts = add_robot(plant, config.robot, config.tool)
-        weld = add_environment(plant, cell, robot.pose(posture).translation())
-        add_ball(plant, parts)
+        X_WT = robot.pose(posture)
+        weld = add_environment(plant, cell, X_WT.translation())
+        add_ball(plant, parts, X_WT.rotation().inverse(), cell.n)
         stiffness = cell.spring_stiffness
         damping = robot.facts.transmission_damping if config.elastic_joints else stiffness * config.time_step
         for actuator, k, d in zip(parts.actuators, stiffness, damping, strict=True):
