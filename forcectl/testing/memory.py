@@ -12,7 +12,7 @@ from functools import cache
 from pathlib import Path
 
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import DiagramBuilder, LeafSystem, System
+from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, System
 
 from forcectl.errors import invalid
 from forcectl.testing.runs import python_systems
@@ -94,13 +94,25 @@ def _use(
     return references
 
 
+class _Smallest(LeafSystem):
+    """A Python block with nothing in it but what every block has: a port and a callback."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self._input = self.DeclareVectorInputPort("u", 1)
+        self.DeclarePeriodicPublishEvent(1.0, 0.0, self._publish)
+
+    def _publish(self, context: Context) -> None:
+        pass
+
+
 @cache
 def _drake_releases_blocks() -> bool:
     """Whether this Drake lets go of the simplest Python block that was part of a diagram."""
 
     def smallest() -> System:
         builder = DiagramBuilder()
-        builder.AddSystem(LeafSystem())
+        builder.AddSystem(_Smallest())
         return builder.Build()
 
     return all(reference() is None for reference in _use(smallest, 0.0, None))

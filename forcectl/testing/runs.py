@@ -64,12 +64,13 @@ def run_diagram(
     fixed = fix_inputs(system, context, inputs or {})
     ports = vector_outputs(system, outputs)
     simulator = Simulator(system, context)
-    ApplySimulatorConfig(
-        SimulatorConfig(integration_scheme="runge_kutta3", max_step_size=period, accuracy=accuracy), simulator
-    )
-    # A context that has already run must not go through the initialisation events once more.
-    simulator.Initialize(InitializeParams(suppress_initialization_events=context.get_time() > 0))
     start = context.get_time()
+    config = SimulatorConfig(
+        integration_scheme="runge_kutta3", max_step_size=period, accuracy=accuracy, start_time=start
+    )
+    ApplySimulatorConfig(config, simulator)  # it also sets the time, hence `start_time`
+    # A context that has already run must not go through the initialisation events once more.
+    simulator.Initialize(InitializeParams(suppress_initialization_events=start > 0))
     steps = round(duration / period)
     time = start + period * np.arange(steps + 1)
     values: dict[str, list[Array]] = {name: [] for name in ports}

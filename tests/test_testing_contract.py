@@ -1,0 +1,42 @@
+import pytest
+from pydrake.common.value import Value
+from pydrake.systems.framework import LeafSystem
+from pydrake.systems.primitives import Adder, Gain, LinearSystem, PassThrough
+
+from forcectl.testing import assert_feedthrough, assert_ports
+
+
+def test_the_exact_contract_passes():
+    assert_ports(Adder(2, 3), inputs={"u0": 3, "u1": 3}, outputs={"sum": 3})
+    assert_ports(LeafSystem(), {}, {})
+    assert_ports(PassThrough(abstract_model_value=Value(object())), {"u": "abstract"}, {"y": "abstract"})
+
+
+@pytest.mark.parametrize(
+    ("inputs", "outputs", "message"),
+    [
+        ({"u0": 3}, {"sum": 3}, r"input 'u1' \(size 3\) is not in the contract"),
+        ({"u0": 3, "u1": 3, "u2": 3}, {"sum": 3}, r"input 'u2' is missing \(contract: size 3\)"),
+        ({"u0": 3, "u1": 2}, {"sum": 3}, "input 'u1' has size 3, contract: size 2"),
+        ({"u0": 3, "u1": 3}, {"sum": "abstract"}, "output 'sum' has size 3, contract: abstract"),
+        ({"u0": 3, "u1": 3}, {}, r"output 'sum' \(size 3\) is not in the contract"),
+    ],
+)
+def test_every_deviation_is_told(inputs, outputs, message):
+    with pytest.raises(AssertionError, match=message):
+        assert_ports(Adder(2, 3), inputs, outputs)
+
+
+def test_feedthrough_is_compared_exactly():
+    both = {("sum", "u0"), ("sum", "u1")}
+    assert_feedthrough(Adder(2, 1), both)
+    assert_feedthrough(LinearSystem([[0.0]], [[1.0]], [[1.0]], [[0.0]]), set())
+    with pytest.raises(AssertionError, match="sum <- u1 is too many"):
+        assert_feedthrough(Adder(2, 1), {("sum", "u0")})
+    with pytest.raises(AssertionError, match="y0 <- u0 is missing"):
+        assert_feedthrough(LinearSystem([[0.0]], [[1.0]], [[1.0]], [[0.0]]), {("y0", "u0")})
+
+
+def test_a_pair_in_the_wrong_order_is_told():
+    with pytest.raises(AssertionError, match=r"\('u0', 'y0'\): no such output; outputs \['y0'\], inputs \['u0'\]"):
+        assert_feedthrough(Gain(1.0, 1), {("u0", "y0")})
