@@ -86,7 +86,9 @@ TAGS = ("Integral", "AdaptiveIntegral", "Import", "Step", "Ramp", "Sequence", "F
 def full_tree(name):
     """Every key of a scenario, so that every key can be hit."""
     file = as_file(name)
-    return resolved_tree({variant: resolve(file, variant) for variant in select_variants(file)})
+    tree = resolved_tree({variant: resolve(file, variant) for variant in select_variants(file)})
+    tree["expect"] = tree["expect"][-2:]  # two lines have all there is to get wrong in them
+    return tree
 
 
 def places(tree, path=()):
@@ -156,17 +158,18 @@ def mutate(tree, rng):
 
 
 def try_out(path, rng):
-    """Load, build and, now and then, simulate an instant of every variant; returns what happened."""
+    """Load every variant, build one, and now and then simulate an instant of it; returns what happened."""
     file = read_scenario(path, "mutant")
-    for variant in select_variants(file):
-        scenario = resolve(file, variant, {"duration": 0.01} if rng.random() < 0.5 else None)
-        loop = build(scenario)
-        if scenario.duration <= 0.02:
-            outcome = simulate(scenario, loop, variant)
-            assert outcome.failure is None or "\n" not in outcome.failure
-            if outcome.failure is not None:
-                return "stopped"
-    return "fine"
+    changes = {"duration": 0.01} if rng.random() < 0.5 else {}
+    scenarios = {variant: resolve(file, variant, changes) for variant in select_variants(file)}
+    variant = rng.choice(list(scenarios))
+    scenario = scenarios[variant]
+    loop = build(scenario)
+    if scenario.duration > 0.02:
+        return "fine"
+    outcome = simulate(scenario, loop, variant)
+    assert outcome.failure is None or "\n" not in outcome.failure
+    return "fine" if outcome.failure is None else "stopped"
 
 
 def mutants(count, seed):

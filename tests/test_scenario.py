@@ -189,6 +189,14 @@ class Proportional:
 
 class NotAController:
     pass
+
+class Raises:
+    def add_to(self, builder, facts):
+        return facts.no_such_fact
+
+class ReturnsNothing:
+    def add_to(self, builder, facts):
+        pass
 """
 
 
@@ -231,4 +239,19 @@ def test_a_wrong_import_is_one_line(own_module, tmp_path, controller, message):
         load_scenario(path)
     assert message in str(caught.value)
     assert "own.yaml" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("Raises", "controller.path = 'own_laws:Raises': its add_to raised AttributeError: "),
+        ("ReturnsNothing", "its add_to must return a Drake system, not NoneType"),
+    ],
+)
+def test_a_controller_that_cannot_be_added_is_one_line(own_module, tmp_path, name, message):
+    path = write(tmp_path, f"controller: !Import {{path: 'own_laws:{name}'}}\n")
+    with pytest.raises(BadInputError) as caught:
+        build(load_scenario(path))
+    assert message in str(caught.value)
     assert "\n" not in str(caught.value)

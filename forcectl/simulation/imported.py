@@ -80,7 +80,17 @@ class ImportConfig:
 
     def add_to(self, builder: DiagramBuilder, facts: Any) -> System:
         """Let the user's class add its blocks."""
-        system: System = self._made.add_to(builder, facts)
+        try:
+            system: System = self._made.add_to(builder, facts)
+        except BadInputError:
+            raise
+        except Exception as error:  # whatever the user's class does
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            raise BadInputError(f"controller.path = {self.path!r}: its add_to raised {reason}") from error
+        if not isinstance(system, System):
+            raise BadInputError(
+                f"controller.path = {self.path!r}: its add_to must return a Drake system, not {type(system).__name__}"
+            )
         return system
 
 

@@ -201,6 +201,11 @@ def build(scenario: Scenario) -> ClosedLoop:
         return build_closed_loop(scenario.station, scenario.controller, scenario.reference, seed=scenario.seed)
     except BadInputError as error:
         raise BadInputError(_full_key(scenario, str(error))) from None
+    # What no check of ours foresaw: Drake refuses with a RuntimeError, its failed preconditions arrive as SystemExit,
+    # and a delay line of years does not fit into memory.
+    except (RuntimeError, SystemExit, MemoryError) as error:
+        reason = " ".join(str(error).split())[:300]
+        raise BadInputError(f"scenario {scenario.title!r} cannot be built: {reason}") from error
 
 
 def _full_key(scenario: Scenario, text: str) -> str:
