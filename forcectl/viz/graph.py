@@ -94,9 +94,7 @@ def graph(
 ) -> Graph:
     """The block diagram of a Drake diagram, ready to be shown; the arguments are those of `block_graph`."""
     return Graph(
-        block_graph(
-            diagram, depth=depth, hide_unused=hide_unused, signals=signals, loggers=loggers, context=context
-        )
+        block_graph(diagram, depth=depth, hide_unused=hide_unused, signals=signals, loggers=loggers, context=context)
     )
 
 

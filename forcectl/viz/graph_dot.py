@@ -1,7 +1,8 @@
 """A block graph as Graphviz DOT, for people who lay it out or draw it with their own tools.
 
-Blocks are records with their ports inside, unfolded diagrams are clusters with their terminals at the border. Wires that
-close a loop do not move their target behind their source (`constraint=false`), so the forward path reads left to right.
+Blocks are records with their ports inside, unfolded diagrams are clusters with their terminals at the border. Wires
+that close a loop do not move their target behind their source (`constraint=false`), so the forward path reads left to
+right.
 """
 
 from __future__ import annotations
@@ -39,7 +40,9 @@ def _block(graph: BlockGraph, block: Block, opened: frozenset[str], ids: dict[st
     for side, ports, rank in (("in", block.inputs, "source"), ("out", block.outputs, "sink")):
         for number, port in enumerate(ports):
             name = f"{ids[block.path]}_{side}{number}"
-            lines.append(f"{inner}{name} [shape=cds, fillcolor=white, height=0.2, fontsize=10, label={_quoted(port.name)}];")
+            lines.append(
+                f"{inner}{name} [shape=cds, fillcolor=white, height=0.2, fontsize=10, label={_quoted(port.name)}];"
+            )
         if ports and block is graph.root:
             names = "; ".join(f"{ids[block.path]}_{side}{number}" for number in range(len(ports)))
             lines.append(f"{inner}{{ rank={rank}; {names}; }}")

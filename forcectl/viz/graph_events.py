@@ -53,7 +53,9 @@ def sample_times(system: System) -> tuple[SampleTime, ...]:
     elif (stated := _stated_period(system)) is not None:
         found.add(SampleTime(stated))
     if _written_in_python(system) or isinstance(system, VectorLogSink):
-        found |= set(_progressions(_event_times(system)))
+        known = [event.period for event in found]
+        seen = _progressions(_event_times(system))
+        found |= {event for event in seen if not any(math.isclose(event.period, p, rel_tol=1e-6) for p in known)}
     return tuple(sorted(found))
 
 
@@ -97,13 +99,13 @@ def _next_event(system: System, start: float) -> float | None:
     if context.num_continuous_states() > 0:
         _let_it_integrate(system, context, simulator)
     parameters = InitializeParams(suppress_initialization_events=True)
-    probe = sys._getframe()
+    probe = id(sys._getframe())  # not the frame itself: that ring would keep the simulator, and so the system, alive
 
     def stop(_: Context) -> EventStatus:
         return EventStatus.ReachedTermination(system, "next event found")
 
     def refuse(frame: types.FrameType, event: str, _: object) -> None:
-        called_by_drake = event == "call" and frame.f_back is probe
+        called_by_drake = event == "call" and id(frame.f_back) == probe
         if called_by_drake and frame.f_code is not stop.__code__ and frame.f_code.co_name != "DoCalcTimeDerivatives":
             raise _CallbackRefused
 
@@ -120,12 +122,13 @@ def _next_event(system: System, start: float) -> float | None:
             return None
     finally:
         sys.setprofile(previous)
+        simulator.clear_monitor()  # a monitor that knows the system would keep both alive for ever
     time = float(context.get_time())
     return None if time >= start + _FAR else time
 
 
 def _let_it_integrate(system: System, context: Context, simulator: Simulator) -> None:
-    """Give a block with continuous state what one step up to its next event needs; the state itself is of no interest."""
+    """Give a block with continuous state what a step up to its next event needs; the state itself is of no interest."""
     for index in range(system.num_input_ports()):
         port = system.get_input_port(index)
         port.FixValue(context, port.Allocate())
@@ -140,8 +143,8 @@ def _progressions(times: list[float]) -> list[SampleTime]:
     left = list(times)
     while left:
         # A second event of the block usually shares the first instant with the faster one, so that is tried first.
-        starts = [times[0], left[0]] if found else [left[0]]
-        candidates = (SampleTime(time - start, start) for start in starts for time in left if time > start)
+        shared = [SampleTime(left[0] - times[0], times[0])] if found else []
+        candidates = [*shared, *(SampleTime(time - left[0], left[0]) for time in left[1:])]
         event = next((event for event in candidates if _recurs(event, times)), None)
         if event is None:
             left.pop(0)

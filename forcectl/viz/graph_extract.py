@@ -3,8 +3,9 @@
 from __future__ import annotations
 
 import re
-from collections import Counter
+from collections import Counter, defaultdict
 from collections.abc import Iterable
+from typing import TypeAlias
 
 import numpy as np
 from pydrake.geometry import SceneGraph
@@ -19,7 +20,7 @@ from pydrake.systems.framework import (
     PortDataType,
     System,
 )
-from pydrake.systems.primitives import AffineSystem, Gain, Saturation, VectorLogSink
+from pydrake.systems.primitives import AffineSystem, Gain, Multiplexer, Saturation, VectorLogSink
 
 from forcectl.conventions import unit_of
 from forcectl.errors import BadInputError, invalid
@@ -29,7 +30,7 @@ from forcectl.viz.graph_model import Block, BlockGraph, Category, Edge, Endpoint
 _AUTOMATIC = re.compile(r"@[0-9a-f]{6,}$")
 _MOST_MATRIX_ELEMENTS = 64
 
-_AnyPort = InputPort | OutputPort
+_AnyPort: TypeAlias = InputPort | OutputPort
 
 
 def block_graph(
@@ -100,26 +101,43 @@ class _Reader:
         return port.get_name() in used or not self._hide_unused
 
     def _inside(self, diagram: Diagram, path: str, terminals: set[str]) -> tuple[tuple[Block, ...], tuple[Edge, ...]]:
-        shown = [child for child in diagram.GetSystems() if self._loggers or not isinstance(child, VectorLogSink)]
-        names = _unique_names(shown)
+        systems = diagram.GetSystems()
+        names = _unique_names(systems)
+        hidden = set() if self._loggers else _recorders(diagram)
         # A system is found by its path name: two Python wrappers of one C++ system need not be one object.
         owners = {diagram.GetSystemPathname(): path}
-        owners |= {child.GetSystemPathname(): f"{path}::{name}" for child, name in zip(shown, names, strict=True)}
+        owners |= {child.GetSystemPathname(): f"{path}::{name}" for child, name in zip(systems, names, strict=True)}
         wires = [
             wire
             for wire in _wires(diagram, owners)
             if all(end.block != path or end.port in terminals for end in (wire.source, wire.target))
         ]
         used: dict[str, set[str]] = {owner: set() for owner in owners.values()}
-        for wire in wires:
+        for wire in wires:  # a signal that is only recorded keeps its port
             used[wire.source.block].add(wire.source.port)
             used[wire.target.block].add(wire.target.port)
-        paths = list(owners.values())[1:]
+        away = {owner for pathname, owner in owners.items() if pathname in hidden}
         blocks = tuple(
-            self.read(child, name, path, used[child_path])
-            for child, name, child_path in zip(shown, names, paths, strict=True)
+            self.read(child, name, path, used[f"{path}::{name}"])
+            for child, name in zip(systems, names, strict=True)
+            if f"{path}::{name}" not in away
         )
-        return blocks, tuple(wires)
+        return blocks, tuple(w for w in wires if w.source.block not in away and w.target.block not in away)
+
+
+def _recorders(diagram: Diagram) -> set[str]:
+    """Path names of the loggers in a diagram, and of the multiplexers that only gather signals for them."""
+    found = {child.GetSystemPathname() for child in diagram.GetSystems() if isinstance(child, VectorLogSink)}
+    fed: dict[str, set[str]] = defaultdict(set)
+    for (target, _), (source, _) in diagram.connection_map().items():
+        fed[source.GetSystemPathname()].add(target.GetSystemPathname())
+    leaving = {diagram.get_output_port_locator(OutputPortIndex(i))[0] for i in range(diagram.num_output_ports())}
+    outside = {system.GetSystemPathname() for system in leaving}
+    for child in diagram.GetSystems():
+        name = child.GetSystemPathname()
+        if isinstance(child, Multiplexer) and fed[name] and fed[name] <= found and name not in outside:
+            found.add(name)
+    return found
 
 
 def _wires(diagram: Diagram, owners: dict[str, str]) -> list[Edge]:
@@ -135,7 +153,9 @@ def _wires(diagram: Diagram, owners: dict[str, str]) -> list[Edge]:
         pairs.append((source.get_output_port(index), diagram.get_output_port(i)))
     pairs = [pair for pair in pairs if all(port.get_system().GetSystemPathname() in owners for port in pair)]
     place = {pathname: number for number, pathname in enumerate(owners)}
-    pairs.sort(key=lambda pair: [(place[port.get_system().GetSystemPathname()], int(port.get_index())) for port in pair])
+    pairs.sort(
+        key=lambda pair: [(place[port.get_system().GetSystemPathname()], int(port.get_index())) for port in pair]
+    )
     units: dict[Endpoint, str] = {}
     for pair in pairs:  # a signal has the unit of its source, else the first unit that any of its targets knows
         end = _endpoint(pair[0], owners)
@@ -173,7 +193,9 @@ def _port(system: System, port: _AnyPort, used: set[str]) -> Port:
     feedthrough: tuple[str, ...] = ()
     if isinstance(port, OutputPort) and not isinstance(system, Diagram):
         feedthrough = tuple(
-            name.get_name() for name in _inputs(system) if system.HasDirectFeedthrough(name.get_index(), port.get_index())
+            name.get_name()
+            for name in _inputs(system)
+            if system.HasDirectFeedthrough(name.get_index(), port.get_index())
         )
     name = port.get_name()
     return Port(name, 0 if abstract else port.size(), _unit(system, name), abstract, name in used, feedthrough)
@@ -266,7 +288,10 @@ def _parameters(system: System, root_context: Context) -> tuple[Parameter, ...]:
     elif isinstance(system, Gain):
         found = [Parameter("gain", _response(system, 1.0))]
     elif isinstance(system, Saturation):
-        found = [Parameter("lower limit", _response(system, -np.inf)), Parameter("upper limit", _response(system, np.inf))]
+        found = [
+            Parameter("lower limit", _response(system, -np.inf)),
+            Parameter("upper limit", _response(system, np.inf)),
+        ]
     count = system.num_numeric_parameter_groups()
     if count:
         context = system.GetMyContextFromRoot(root_context)

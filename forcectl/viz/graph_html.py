@@ -18,7 +18,7 @@ from forcectl.viz.graph_picture import Layouter, Picture
 from forcectl.viz.graph_svg import PALETTE, box_content, draw, net_attributes, net_content, style
 
 _WORK = 6000  # fold states times blocks that are laid out at most
-_MOST_STATES = 256
+_MOST_STATES = 128
 
 
 def to_html(graph: BlockGraph) -> str:
@@ -99,7 +99,7 @@ def _state(
     boxes = []
     for box in picture.boxes:
         role, content = box_content(graph.by_path[box.path], box)
-        boxes.append([paths[box.path], stored(role), stored(content), round(box.x, 2), round(box.y, 2)])
+        boxes.append([paths[box.path], stored(role), stored(content), round(box.x, 1), round(box.y, 1)])
     nets = []
     for net in picture.nets:
         role, key = net_attributes(graph, net)

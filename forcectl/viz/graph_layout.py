@@ -6,6 +6,7 @@ so that few wires cross and as many as possible run straight, the longest forwar
 
 from __future__ import annotations
 
+import itertools
 from collections import defaultdict
 from dataclasses import dataclass, field
 
@@ -63,7 +64,10 @@ class Hop:
     right_port: str
 
 
-def place_rows(items: dict[str, Item], hops: list[Hop], count: int) -> list[list[str]]:
+Return = tuple[str, str, str, str]  # item and port that a returning wire leaves, item and port where it arrives
+
+
+def place_rows(items: dict[str, Item], hops: list[Hop], returns: list[Return], count: int) -> list[list[str]]:
     """Order the items in each of `count` columns and set `y` of every item; returns the columns."""
     columns: list[list[str]] = [[] for _ in range(count)]
     for item in items.values():
@@ -72,9 +76,9 @@ def place_rows(items: dict[str, Item], hops: list[Hop], count: int) -> list[list
     for hop in hops:
         by_channel[hop.channel].append(hop)
     columns = _fewest_crossings(columns, items, by_channel)
-    _sort_ports(columns, items, by_channel)
+    _sort_ports(columns, items, by_channel, returns)
     columns = _fewest_crossings(columns, items, by_channel)
-    _sort_ports(columns, items, by_channel)
+    _sort_ports(columns, items, by_channel, returns)
     _set_heights(columns, items, by_channel)
     return columns
 
@@ -135,7 +139,9 @@ def _crossings(columns: list[list[str]], items: dict[str, Item], by_channel: dic
     return total
 
 
-def _sort_ports(columns: list[list[str]], items: dict[str, Item], by_channel: dict[int, list[Hop]]) -> None:
+def _sort_ports(
+    columns: list[list[str]], items: dict[str, Item], by_channel: dict[int, list[Hop]], returns: list[Return]
+) -> None:
     """Exchange the ports of loose boxes so that wires to neighbours do not cross; what only returns goes last."""
     place = {key: i for column in columns for i, key in enumerate(column)}
     seen_in: dict[tuple[str, str], list[float]] = defaultdict(list)
@@ -151,13 +157,20 @@ def _sort_ports(columns: list[list[str]], items: dict[str, Item], by_channel: di
             for ports, seen in ((item.inputs, seen_in), (item.outputs, seen_out)):
                 mean = {p: sum(v) / len(v) if (v := seen[item.key, p]) else last for p in ports}
                 ports.sort(key=mean.__getitem__)
+    # Loops lie inside one another when what returns leaves a block in the order in which it arrives.
+    arrival = {(key, port): items[target].inputs.index(end) for key, port, target, end in returns}
+    for item in items.values():
+        if item.loose:
+            only_back = [p for p in item.outputs if (item.key, p) in arrival and not seen_out[item.key, p]]
+            ordered = iter(sorted(only_back, key=lambda p: arrival[item.key, p]))
+            item.outputs = [next(ordered) if p in only_back else p for p in item.outputs]
 
 
 def _set_heights(columns: list[list[str]], items: dict[str, Item], by_channel: dict[int, list[Hop]]) -> None:
     group, offset = _straight_runs(columns, items, by_channel)
     bounds: dict[tuple[str, str], float] = {}  # (upper, lower group) -> least difference of their heights
     for column in columns:
-        for upper, lower in zip(column, column[1:], strict=False):
+        for upper, lower in itertools.pairwise(column):
             pair = (group[upper], group[lower])
             need = offset[upper] + items[upper].height + _gap(items[upper], items[lower]) - offset[lower]
             bounds[pair] = max(bounds.get(pair, need), need)
@@ -229,12 +242,12 @@ def _straight_runs(
     offset: dict[str, float] = {}
     for column in columns:
         for key in column:
-            hop = prev_of.get(key)
-            if hop is None:
+            before = prev_of.get(key)
+            if before is None:
                 group[key], offset[key] = key, 0.0
             else:
-                shift = items[hop.left].pin("out", hop.left_port)[1] - items[key].pin("in", hop.right_port)[1]
-                group[key], offset[key] = group[hop.left], offset[hop.left] + shift
+                shift = items[before.left].pin("out", before.left_port)[1] - items[key].pin("in", before.right_port)[1]
+                group[key], offset[key] = group[before.left], offset[before.left] + shift
     return group, offset
 
 
@@ -249,11 +262,7 @@ def _path_lengths(columns: list[list[str]], by_channel: dict[int, list[Hop]]) ->
     for channel in reversed(channels):
         for hop in by_channel[channel]:
             after[hop.left] = max(after[hop.left], after[hop.right] + 1)
-    return {
-        (hop.left, hop.right): before[hop.left] + after[hop.right]
-        for hops in by_channel.values()
-        for hop in hops
-    }
+    return {(hop.left, hop.right): before[hop.left] + after[hop.right] for hops in by_channel.values() for hop in hops}
 
 
 def _top_down(

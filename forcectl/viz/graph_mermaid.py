@@ -27,8 +27,8 @@ def _block(graph: BlockGraph, block: Block, opened: frozenset[str], ids: dict[st
     inner = indent + "  "
     title = block.name + (f" ({subtitle(block)})" if subtitle(block) else "")
     lines = [f'{indent}subgraph {node}["{_text(title)}"]', f"{inner}direction LR"]
-    for side, ports in (("in", block.inputs), ("out", block.outputs)):
-        lines += [f'{inner}{node}_{side}{number}(["{_text(port.name)}"])' for number, port in enumerate(ports)]
+    for side, terminals in (("in", block.inputs), ("out", block.outputs)):
+        lines += [f'{inner}{node}_{side}{number}(["{_text(port.name)}"])' for number, port in enumerate(terminals)]
     for child in block.blocks:
         lines += _block(graph, child, opened, ids, inner)
     lines.append(f"{indent}end")
@@ -39,7 +39,9 @@ def _block(graph: BlockGraph, block: Block, opened: frozenset[str], ids: dict[st
         words = [ports, edge.signal if graph.signals else ""]
         label = ": ".join(word for word in words if word)
         arrow = "-->" if edge.size else "-.->"
-        lines.append(f'{indent}{source} {arrow}|"{_text(label)}"| {target}' if label else f"{indent}{source} {arrow} {target}")
+        lines.append(
+            f'{indent}{source} {arrow}|"{_text(label)}"| {target}' if label else f"{indent}{source} {arrow} {target}"
+        )
     return lines
 
 

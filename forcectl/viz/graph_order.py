@@ -11,8 +11,10 @@ from collections import defaultdict
 
 from forcectl.viz.graph_model import Block, Edge
 
-_FEEDBACK_WORDS = re.compile(r"measur|estimat|feedback|actual|state|sens|query|_meas|velocity$|position$")
-_FORWARD_WORDS = re.compile(r"desired|refer|setpoint|target|command|nominal|actuation|goal|torque")
+_FEEDBACK_WORDS = re.compile(
+    r"measur|estimat|feedback|actual|state|sens|query|velocity|position|spring|load|reaction|contact"
+)
+_FORWARD_WORDS = re.compile(r"desired|refer|setpoint|target|command|nominal|actuation|goal|motor_torque")
 _SENSOR_WORDS = re.compile(r"sensor|filter|observer|estimat|measure|feedback|minus|delay")
 
 _Arc = tuple[str, str]

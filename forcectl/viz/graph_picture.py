@@ -47,6 +47,7 @@ class PlacedBox:
     outputs: tuple[tuple[str, Point], ...]
 
     def moved(self, dx: float, dy: float) -> PlacedBox:
+        """The same box elsewhere."""
         return replace(
             self,
             x=self.x + dx,
@@ -69,6 +70,7 @@ class PlacedNet:
     inside: str  # path of the diagram that holds the wires
 
     def moved(self, dx: float, dy: float) -> PlacedNet:
+        """The same net elsewhere."""
         return replace(
             self,
             wires=tuple(tuple((x + dx, y + dy) for x, y in wire) for wire in self.wires),
@@ -116,7 +118,8 @@ class Layouter:
         items, count = _items(block, inner)
         nets, endpoints = _nets(block, self._graph.signals)
         hops = bend_points(nets, items)
-        columns = place_rows(items, hops, count)
+        returns = [(*net.source, *target) for net in nets for target in net.returns(items)]
+        columns = place_rows(items, hops, returns, count)
         lowest = set_lanes(nets, items, columns, hops)
         width, channels = set_columns(nets, items, columns, hops, left_margin=0.0)
         title = text_width(block.name, TITLE_SIZE, bold=True) + text_width(subtitle(block), TYPE_SIZE) + 46.0
@@ -153,7 +156,9 @@ class Layouter:
             height=total_height,
             shape=None,
             inputs=tuple((p.name, (0.0, items[_terminal("in", p.name)].y + _TERMINAL_LINE + dy)) for p in block.inputs),
-            outputs=tuple((p.name, (total_width, items[_terminal("out", p.name)].y + _TERMINAL_LINE + dy)) for p in block.outputs),
+            outputs=tuple(
+                (p.name, (total_width, items[_terminal("out", p.name)].y + _TERMINAL_LINE + dy)) for p in block.outputs
+            ),
         )
         return Picture(total_width, total_height, (frame, *boxes), tuple(placed))
 
@@ -215,7 +220,9 @@ def _nets(block: Block, signals: bool) -> tuple[list[Net], list[tuple[Endpoint, 
     text: dict[Endpoint, str] = {}
     for edge in block.edges:
         targets[edge.source].append(edge.target)
-        text[edge.source] = edge.signal if signals else ""
+        # What enters a nested diagram is labelled outside already.
+        repeated = edge.source.block == block.path and "::" in block.path
+        text[edge.source] = edge.signal if signals and not repeated else ""
 
     def key(end: Endpoint, side: str) -> tuple[str, str]:
         return (_terminal(side, end.port) if end.block == block.path else end.block), end.port

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections import defaultdict
 from dataclasses import dataclass, field
 
@@ -88,12 +89,13 @@ def set_lanes(nets: list[Net], items: dict[str, Item], columns: list[list[str]],
         rows[hop.channel].add(items[hop.left].y + items[hop.left].pin("out", hop.left_port)[1])
         rows[hop.channel].add(items[hop.right].y + items[hop.right].pin("in", hop.right_port)[1])
     placed: list[tuple[int, int, float]] = []
-    returning = [
-        (min(items[key].rank for key, _ in back), items[net.source[0]].rank, number)
-        for number, net in enumerate(nets)
-        if (back := net.returns(items))
-    ]
-    for first, last, number in sorted(returning, key=lambda r: (r[1] - r[0], r)):
+    returning = []
+    for number, net in enumerate(nets):
+        if back := net.returns(items):
+            first, arrival = min((items[key].rank, items[key].y + items[key].pin("in", port)[1]) for key, port in back)
+            returning.append((items[net.source[0]].rank - first, first, -arrival, number))
+    for length, first, _, number in sorted(returning):  # the lowest port takes the innermost lane
+        last = first + length
         lane = max(bottom[first : last + 1]) + _BELOW
         # Lanes reach into the channels left of their first and right of their last column.
         taken = [lane for a, b, lane in placed if a <= last + 1 and first <= b + 1]
@@ -247,7 +249,7 @@ def branch_points(wires: list[list[Point]]) -> list[Point]:
     corners = {point for wire in wires for point in wire}
     meets: dict[Point, set[tuple[int, int]]] = defaultdict(set)
     for wire in wires:
-        for (x0, y0), (x1, y1) in zip(wire, wire[1:], strict=False):
+        for (x0, y0), (x1, y1) in itertools.pairwise(wire):
             dx, dy = (x1 > x0) - (x1 < x0), (y1 > y0) - (y1 < y0)
             for point in corners:
                 x, y = point

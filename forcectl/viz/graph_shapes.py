@@ -17,10 +17,10 @@ CAPTION = 12.0  # one line of text below a symbol
 Form = Literal["box", "circle", "triangle", "square", "bar"]
 
 _WIDTHS = (
-    "278 278 355 556 556 889 667 191 333 333 389 584 278 333 278 278 556 556 556 556 556 556 556 556 556 556 278 278 584 "
-    "584 584 556 1015 667 667 722 722 667 611 778 722 278 500 667 556 833 722 778 667 778 722 667 611 722 667 944 667 667 "
-    "611 278 278 278 469 556 333 556 556 500 556 556 278 556 556 222 222 500 222 833 556 556 556 556 333 500 278 556 500 "
-    "722 500 500 500 334 260 334 584"
+    "278 278 355 556 556 889 667 191 333 333 389 584 278 333 278 278 556 556 556 556 556 556 556 556 556 556 "
+    "278 278 584 584 584 556 1015 667 667 722 722 667 611 778 722 278 500 667 556 833 722 778 667 778 722 667 "
+    "611 722 667 944 667 667 611 278 278 278 469 556 333 556 556 500 556 556 278 556 556 222 222 500 222 833 "
+    "556 556 556 556 333 500 278 556 500 722 500 500 500 334 260 334 584"
 )
 _ASCII = tuple(int(width) for width in _WIDTHS.split())  # Helvetica, 1/1000 of the font size, from the space on
 _WIDE_FONTS = 1.06  # margin for the fonts that stand in for Helvetica
@@ -160,7 +160,9 @@ def _symbol(block: Block, form: Form, text: str) -> Shape:
     )
 
 
-def _on_side(form: Form, side: str, x: float, width: float, height: float, index: int, count: int) -> tuple[float, float]:
+def _on_side(
+    form: Form, side: str, x: float, width: float, height: float, index: int, count: int
+) -> tuple[float, float]:
     y = height * (index + 0.5) / count
     if form == "circle":
         radius, off = width / 2.0, y - height / 2.0

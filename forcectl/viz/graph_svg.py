@@ -69,12 +69,13 @@ def to_svg(graph: BlockGraph, *, legend: bool = False) -> str:
     height = picture.height + (LEGEND_HEIGHT if legend else 0.0)
     width = max(picture.width, _legend_width(graph) if legend else 0.0)
     body = draw(graph, picture)
+    label = _quoted(f"Block diagram of {graph.root.name}")
     key = _legend(graph, picture.height) if legend else ""
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" class="fcg" width="{width:.0f}" height="{height:.0f}" '
-        f'viewBox="0 0 {width:.2f} {height:.2f}" role="img" aria-label="{_quoted("Block diagram of " + graph.root.name)}">\n'
+        f'viewBox="0 0 {_n(width)} {_n(height)}" role="img" aria-label="{label}">\n'
         f"<style>{style()}</style>\n"
-        f'<rect class="paper" width="{width:.2f}" height="{height:.2f}"/>\n'
+        f'<rect class="paper" width="{_n(width)}" height="{_n(height)}"/>\n'
         f"{body}{key}</svg>\n"
     )
 
@@ -89,7 +90,7 @@ def draw(graph: BlockGraph, picture: Picture) -> str:
 def draw_box(block: Block, box: PlacedBox) -> str:
     """One block at its place; the group's transform carries the place, so that a page can move it."""
     role, content = box_content(block, box)
-    place = f'transform="translate({box.x:.2f} {box.y:.2f})"'
+    place = f'transform="translate({_n(box.x)} {_n(box.y)})"'
     return f'<g class="{role}" data-path="{_quoted(block.path)}" {place}>{content}</g>\n'
 
 
@@ -118,8 +119,8 @@ def net_content(net: PlacedNet) -> str:
     """The elements of a net."""
     wires = "".join(f'<path class="wire" d="{wire_path(wire)}"/>' for wire in net.wires)
     heads = "".join(f'<path class="head" d="{_head(wire)}"/>' for wire in net.wires)
-    dots = "".join(f'<circle class="dot" cx="{x:.2f}" cy="{y:.2f}" r="2.6"/>' for x, y in net.dots)
-    return f'{wires}{heads}{dots}{_text(*net.text_at, net.signal, "signal")}'
+    dots = "".join(f'<circle class="dot" cx="{_n(x)}" cy="{_n(y)}" r="2.6"/>' for x, y in net.dots)
+    return f"{wires}{heads}{dots}{_text(*net.text_at, net.signal, 'signal')}"
 
 
 def is_abstract(graph: BlockGraph, net: PlacedNet) -> bool:
@@ -133,13 +134,19 @@ def wire_path(points: tuple[Point, ...]) -> str:
     """Path of a wire with rounded corners; it stops short of its end, where the arrow head begins."""
     end = (points[-1][0] - 4.0, points[-1][1])
     corners = [*points[:-1], end]
-    path = [f"M{corners[0][0]:.2f} {corners[0][1]:.2f}"]
+    path = [f"M{_n(corners[0][0])} {_n(corners[0][1])}"]
     for before, corner, after in zip(corners, corners[1:], corners[2:], strict=False):
         radius = min(_CORNER, _distance(before, corner) / 2.0, _distance(corner, after) / 2.0)
         enter, leave = _towards(corner, before, radius), _towards(corner, after, radius)
-        path.append(f"L{enter[0]:.2f} {enter[1]:.2f}Q{corner[0]:.2f} {corner[1]:.2f} {leave[0]:.2f} {leave[1]:.2f}")
-    path.append(f"L{end[0]:.2f} {end[1]:.2f}")
+        path.append(f"L{_n(enter[0])} {_n(enter[1])}Q{_n(corner[0])} {_n(corner[1])} {_n(leave[0])} {_n(leave[1])}")
+    path.append(f"L{_n(end[0])} {_n(end[1])}")
     return "".join(path)
+
+
+def _n(length: float) -> str:
+    """A coordinate: a tenth of a pixel is enough."""
+    text = f"{length:.1f}".removesuffix(".0")
+    return "0" if text == "-0" else text
 
 
 def _distance(a: Point, b: Point) -> float:
@@ -153,7 +160,7 @@ def _towards(start: Point, goal: Point, step: float) -> Point:
 
 def _head(points: tuple[Point, ...]) -> str:
     x, y = points[-1]
-    return f"M{x - 8.0:.2f} {y - 3.6:.2f}L{x:.2f} {y:.2f}L{x - 8.0:.2f} {y + 3.6:.2f}Z"
+    return f"M{_n(x - 8.0)} {_n(y - 3.6)}L{_n(x)} {_n(y)}L{_n(x - 8.0)} {_n(y + 3.6)}Z"
 
 
 def _frame(block: Block, box: PlacedBox) -> str:
@@ -166,19 +173,19 @@ def _frame(block: Block, box: PlacedBox) -> str:
         pins.append(_text(7.0, y - box.y - 4.0, name, "port") + ("" if name in wired else _pin(0.0, y - box.y)))
     for name, (_, y) in box.outputs:
         pins.append(_text(box.width - 9.0, y - box.y - 4.0, name, "port", "end"))
-    bar = f'<rect class="title" width="{box.width:.2f}" height="{FRAME_TITLE:g}" fill="none" pointer-events="all"/>'
-    return f'<rect class="body" width="{box.width:.2f}" height="{box.height:.2f}" rx="4"/>{bar}{title}{"".join(pins)}'
+    bar = f'<rect class="title" width="{_n(box.width)}" height="{FRAME_TITLE:g}" fill="none" pointer-events="all"/>'
+    return f'<rect class="body" width="{_n(box.width)}" height="{_n(box.height)}" rx="4"/>{bar}{title}{"".join(pins)}'
 
 
 def _pin(x: float, y: float) -> str:
-    return f'<path class="pin" d="M{x - 3.5:.2f} {y - 4.0:.2f}L{x + 4.5:.2f} {y:.2f}L{x - 3.5:.2f} {y + 4.0:.2f}Z"/>'
+    return f'<path class="pin" d="M{_n(x - 3.5)} {_n(y - 4.0)}L{_n(x + 4.5)} {_n(y)}L{_n(x - 3.5)} {_n(y + 4.0)}Z"/>'
 
 
 def _box(block: Block, box: PlacedBox, shape: Shape) -> str:
     width, height = shape.width, shape.height
-    parts = [f'<rect class="body" width="{width:.2f}" height="{height:.2f}" rx="3"/>']
+    parts = [f'<rect class="body" width="{_n(width)}" height="{_n(height)}" rx="3"/>']
     if block.kind == "diagram":  # a second outline tells that there is more inside
-        parts.append(f'<rect class="more" x="3" y="3" width="{width - 6:.2f}" height="{height - 6:.2f}" rx="2"/>')
+        parts.append(f'<rect class="more" x="3" y="3" width="{_n(width - 6)}" height="{_n(height - 6)}" rx="2"/>')
     lower, period = subtitle(block), block.period_text
     lower_width = text_width(lower, TYPE_SIZE) if lower else 0.0
     pill_width = text_width(period, TYPE_SIZE) + 9.0 if period else 0.0
@@ -190,7 +197,7 @@ def _box(block: Block, box: PlacedBox, shape: Shape) -> str:
     if period:
         x = start + lower_width + gap
         parts.append(
-            f'<g class="pill"><rect x="{x:.2f}" y="20.5" width="{pill_width:.2f}" height="12" rx="6"/>'
+            f'<g class="pill"><rect x="{_n(x)}" y="20.5" width="{_n(pill_width)}" height="12" rx="6"/>'
             f"{_text(x + pill_width / 2.0, 29.6, period, '', 'middle')}</g>"
         )
     places = (("start", box.inputs, block.inputs, 7.0), ("end", box.outputs, block.outputs, -7.0))
@@ -205,12 +212,12 @@ def _symbol(shape: Shape) -> str:
     x, y, width, height = shape.body
     middle_x, middle_y = x + width / 2.0, y + height / 2.0
     if shape.form == "circle":
-        parts = [f'<circle class="body" cx="{middle_x:.2f}" cy="{middle_y:.2f}" r="{width / 2.0:.2f}"/>']
+        parts = [f'<circle class="body" cx="{_n(middle_x)}" cy="{_n(middle_y)}" r="{_n(width / 2.0)}"/>']
     elif shape.form == "triangle":
-        parts = [f'<path class="body" d="M{x:.2f} {y:.2f}L{x + width:.2f} {middle_y:.2f}L{x:.2f} {y + height:.2f}Z"/>']
+        parts = [f'<path class="body" d="M{_n(x)} {_n(y)}L{_n(x + width)} {_n(middle_y)}L{_n(x)} {_n(y + height)}Z"/>']
         middle_x = x + 0.38 * width
     else:
-        parts = [f'<rect class="body" x="{x:.2f}" y="{y:.2f}" width="{width:.2f}" height="{height:.2f}" rx="2"/>']
+        parts = [f'<rect class="body" x="{_n(x)}" y="{_n(y)}" width="{_n(width)}" height="{_n(height)}" rx="2"/>']
     if shape.symbol.startswith(":"):
         parts.append(f'<path class="ink" d="{_icon(shape.symbol, middle_x, middle_y)}"/>')
     elif shape.symbol:
@@ -231,7 +238,7 @@ _ICONS = {
 
 
 def _icon(name: str, x: float, y: float) -> str:
-    return "M" + "L".join(f"{x + dx:.2f} {y + dy:.2f}" for dx, dy in _ICONS[name])
+    return "M" + "L".join(f"{_n(x + dx)} {_n(y + dy)}" for dx, dy in _ICONS[name])
 
 
 def _text(x: float, y: float, text: str, role: str, anchor: str = "start") -> str:
@@ -239,7 +246,7 @@ def _text(x: float, y: float, text: str, role: str, anchor: str = "start") -> st
         return ""
     where = "" if anchor == "start" else f' text-anchor="{anchor}"'
     kind = f' class="{role}"' if role else ""
-    return f'<text{kind} x="{x:.2f}" y="{y:.2f}"{where}>{escape(text, quote=False)}</text>'
+    return f'<text{kind} x="{_n(x)}" y="{_n(y)}"{where}>{escape(text, quote=False)}</text>'
 
 
 def _quoted(text: str) -> str:
@@ -259,7 +266,9 @@ def _legend_width(graph: BlockGraph) -> float:
 def _legend(graph: BlockGraph, top: float) -> str:
     x, parts = MARGIN, []
     for category in _shown_categories(graph):
-        parts.append(f'<g class="{category}"><rect class="body" x="{x:.2f}" y="{top:.2f}" width="14" height="10" rx="2"/></g>')
+        parts.append(
+            f'<g class="{category}"><rect class="body" x="{_n(x)}" y="{_n(top)}" width="14" height="10" rx="2"/></g>'
+        )
         parts.append(_text(x + 19.0, top + 8.5, CATEGORY_TEXT[category], "type"))
         x += text_width(CATEGORY_TEXT[category], TYPE_SIZE) + 36.0
     return "".join(parts)
