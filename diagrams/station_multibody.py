@@ -20,8 +20,6 @@ import numpy as np
 from pydrake.geometry import (
     AddContactMaterial,
     Box,
-    CollisionFilterDeclaration,
-    GeometrySet,
     ProximityProperties,
     Role,
     SceneGraph,
@@ -68,10 +66,11 @@ def add_environment(plant: MultibodyPlant, cell: Cell, tip: Vector) -> Joint:
     surface = plant.GetFrameByName("surface", instance)
     weld = plant.WeldFrames(plant.world_frame(), surface, RigidTransform(R_WE, tip))
     plant.set_gravity_enabled(instance, False)
-    link = _link_compliance(cell)
-    stiffness = 1 / (1 / config.stiffness + link - _BALL_COMPLIANCE)
-    if not stiffness > 0:
-        raise BadInputError(f"stiffness = {config.stiffness:g}: must be below {1 / _BALL_COMPLIANCE:g} N/m in Multibody")
+    compliance = 1 / config.stiffness + _missing_compliance(cell)
+    if not compliance > 0:
+        largest = -1 / _missing_compliance(cell)
+        raise BadInputError(f"stiffness = {config.stiffness:g}: must be below {largest:.4g} N/m in Multibody")
+    stiffness = 1 / compliance
     # Thick, so that the ball never comes out of the other side of a soft surface.
     depth = 0.5
     block = RigidTransform([0.0, 0.0, -depth / 2])
@@ -82,11 +81,14 @@ def add_environment(plant: MultibodyPlant, cell: Cell, tip: Vector) -> Joint:
     return weld
 
 
-def _link_compliance(cell: Cell) -> float:
-    """The part n'C_L n of the robot's compliance [m/N]: links are rigid bodies here, so the contact carries it."""
-    if not cell.config.elastic_joints:
-        return 0.0
-    return max(0.0, cell.robot_compliance - float(np.sum(cell.normal_row**2 / cell.robot.joint_stiffness)))
+def _missing_compliance(cell: Cell) -> float:
+    """What the contact has to carry beside C_E so that the cell's compliance along n is C_R + C_E [m/N].
+
+    Links are rigid bodies here, so their bending n'C_L n is added; what is only as stiff as the step can resolve, the ball
+    and the springs of rigid joints, is taken out.
+    """
+    joints = float(np.sum(cell.normal_row**2 / cell.spring_stiffness))
+    return cell.robot_compliance - joints - _BALL_COMPLIANCE
 
 
 def _material(stiffness: float, damping: float) -> ProximityProperties:
@@ -115,15 +117,12 @@ def add_ball(plant: MultibodyPlant, parts: RobotParts, R_TW: RotationMatrix, n: 
     )
 
 
-def keep_contact_only(scene_graph: SceneGraph) -> None:
-    """Filter every collision but the one between ball and environment: the cell is free of other obstacles."""
+def keep_contact_only(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
+    """Leave ball and environment as the only things that can touch: the cell is free of other obstacles."""
     inspector = scene_graph.model_inspector()
-    everything = inspector.GetAllGeometryIds(Role.kProximity)
-    wanted = [g for g in everything if inspector.GetName(g).split("::")[-1] in ("contact_ball", "contact_surface")]
-    others = GeometrySet([g for g in everything if g not in wanted])
-    manager = scene_graph.collision_filter_manager()
-    manager.Apply(CollisionFilterDeclaration().ExcludeWithin(others))
-    manager.Apply(CollisionFilterDeclaration().ExcludeBetween(others, GeometrySet(wanted)))
+    for geometry in inspector.GetAllGeometryIds(Role.kProximity):
+        if inspector.GetName(geometry).split("::")[-1] not in ("contact_ball", "contact_surface"):
+            scene_graph.RemoveRole(plant.get_source_id(), geometry, Role.kProximity)
 
 
 class MultibodyStation(Diagram):
@@ -157,7 +156,7 @@ class MultibodyStation(Diagram):
         for joint, position in zip(parts.joints, cell.start, strict=True):
             joint.set_default_positions(np.array([position]))
         plant.Finalize()
-        keep_contact_only(scene_graph)
+        keep_contact_only(plant, scene_graph)
         self.plant, self.scene_graph = plant, scene_graph
 
         # The command is held for a tick, then everything runs on at the rate of the drives.

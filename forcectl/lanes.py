@@ -22,6 +22,9 @@ from forcectl.errors import BadInputError, invalid, unknown
 
 Lane = Any  # a float when the block has one lane, else an array of shape (n,)
 
+# Up to here a loop over floats is faster than numpy; measured.
+FEW_LANES = 8
+
 # The few functions that operators cannot express, for floats; numpy itself serves arrays with the same results.
 SCALAR_MATH: Any = SimpleNamespace(
     maximum=max,

@@ -198,6 +198,11 @@ class RobotModel:
         """Pose X_WT of the TCP frame in the world [m]."""
         return self.tcp_frame.CalcPoseInWorld(context)
 
+    def tip_position(self, context: Context) -> Array:
+        """Position p_WT of the TCP in the world, shape (3,) [m]; a third of the cost of `pose`."""
+        position: Array = self.plant.CalcPointsPositions(context, self.tcp_frame, _ORIGIN, self._world)
+        return position.ravel()
+
     def jacobian(self, context: Context) -> Array:
         """J_WT: spatial velocity of the TCP in the world per joint speed, shape (6, n) [1; m]."""
         return self.jacobian_of(context, self.tcp_frame)

@@ -22,11 +22,10 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, Discrete
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.errors import invalid
-from forcectl.lanes import SCALAR_MATH, Lane, LaneBlock, Parameter, check, lane_values
+from forcectl.lanes import FEW_LANES, SCALAR_MATH, Lane, LaneBlock, Parameter, check, lane_values
 
 
 Vector = NDArray[np.float64]
-_FEW = 8  # joints; measured: numpy is faster above
 
 
 class ServoGains(NamedTuple):
@@ -166,13 +165,13 @@ class ServoCore(LaneBlock):
     def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
         """Coefficients of one inner step; lane by lane for a few lanes."""
         gains = servo_gains(*values, self._step)
-        return each_lane(gains, self._size) if 1 < self._size <= _FEW else gains
+        return each_lane(gains, self._size) if 1 < self._size <= FEW_LANES else gains
 
     def _update(self, context: Context, next_state: DiscreteValues) -> None:
         reference = self._reference.Eval(context)
         state = context.get_discrete_state(self._state).value()
         gains = self._values.Eval(context)
-        if 1 < self._size <= _FEW:
+        if 1 < self._size <= FEW_LANES:
             next_state.set_value(few_servo_steps(state, reference, None, gains, self._substeps))
             return
         r, rate = self.lanes(reference)

@@ -39,15 +39,15 @@ class TipDisplacement(LeafSystem):
         self._position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
         context = robot.create_context()
         robot.set_positions(context, np.asarray(start, dtype=float))
-        self._origin = float(self._n @ robot.pose(context).translation())
+        self._origin = float(self._n @ robot.tip_position(context))
         self._plant_context = posture_cache(self, robot, self._position)
         self.DeclareVectorOutputPort(
             "displacement", 1, self._displacement, prerequisites_of_calc={self._plant_context.ticket()}
         )
 
     def _displacement(self, context: Context, output: BasicVector) -> None:
-        tip = self._robot.pose(self._plant_context.Eval(context)).translation()
-        output.SetAtIndex(0, float(self._n @ tip) - self._origin)
+        tip = self._robot.tip_position(self._plant_context.Eval(context))
+        output.SetAtIndex(0, (self._n @ tip).item() - self._origin)
 
 
 class LinkPosition(LeafSystem):
