@@ -70,14 +70,13 @@ def add_environment(plant: MultibodyPlant, cell: Cell, tip: Vector) -> Joint:
     if not compliance > 0:
         largest = -1 / _missing_compliance(cell)
         raise BadInputError(f"stiffness = {config.stiffness:g}: must be below {largest:.4g} N/m in Multibody")
-    stiffness = 1 / compliance
+    # Drake puts ball and surface in series and adds their relaxation times: their damping is to be D_E.
+    material = _material(1 / compliance, config.damping * (compliance + _BALL_COMPLIANCE))
     # Thick, so that the ball never comes out of the other side of a soft surface.
     depth = 0.5
     block = RigidTransform([0.0, 0.0, -depth / 2])
     X_BS = surface.GetFixedPoseInBodyFrame()
-    plant.RegisterCollisionGeometry(
-        surface.body(), X_BS @ block, Box(1.0, 1.0, depth), "contact_surface", _material(stiffness, config.damping)
-    )
+    plant.RegisterCollisionGeometry(surface.body(), X_BS @ block, Box(1.0, 1.0, depth), "contact_surface", material)
     return weld
 
 
@@ -91,10 +90,10 @@ def _missing_compliance(cell: Cell) -> float:
     return cell.robot_compliance - joints - _BALL_COMPLIANCE
 
 
-def _material(stiffness: float, damping: float) -> ProximityProperties:
+def _material(stiffness: float, relaxation_time: float) -> ProximityProperties:
     properties = ProximityProperties()
     AddContactMaterial(friction=CoulombFriction(0.0, 0.0), point_stiffness=float(stiffness), properties=properties)
-    properties.AddProperty("material", "relaxation_time", float(damping / stiffness))
+    properties.AddProperty("material", "relaxation_time", float(relaxation_time))
     return properties
 
 
