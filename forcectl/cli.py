@@ -6,6 +6,7 @@ Exit codes: 0 done; 1 a run failed, an expectation was missed or the doctor foun
 from __future__ import annotations
 
 import sys
+import warnings
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -307,6 +308,8 @@ _Complaint: type[Exception] = next(base for base in typer.BadParameter.__mro__ i
 
 def main() -> None:
     """Entry point: every error a user is expected to meet is one line on standard error."""
+    # NumPy's remarks on overflow would come before the one line that says which signal diverges, and when.
+    warnings.simplefilter("ignore", RuntimeWarning)
     try:
         code = app(standalone_mode=False)
     except ForcectlError as error:

@@ -100,6 +100,13 @@ def test_nothing_is_run_when_one_experiment_is_wrong_or_the_output_exists(files,
     assert call(["quick.yaml", "--out", "here"], monkeypatch, capfd)[0] == 2
 
 
+def test_two_experiments_of_one_name_are_refused(files):
+    (files / "other").mkdir()
+    (files / "other" / "quick.yaml").write_text(QUICK)
+    with pytest.raises(fc.BadInputError, match="two are called 'quick'"):
+        fc.reproduce(["quick.yaml", "other/quick.yaml"])
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", "Multibody"])
 def test_every_shipped_experiment_meets_its_targets(fidelity):

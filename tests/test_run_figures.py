@@ -63,6 +63,10 @@ def test_the_same_log_gives_the_same_files_and_a_readable_picture(tmp_path):
     assert (np.abs(picture[..., :3] - colour).max(axis=-1) < 0.02).sum() > 500
 
 
+def test_names_are_drawn_as_they_are_written(tmp_path):
+    assert write_figures(log(("costs $5", r"$\frac{1}{$", "_x", "")), tmp_path, r"$\nonsense{$")
+
+
 @pytest.mark.parametrize("count", [7, 15])
 def test_many_variants_still_draw(tmp_path, count):
     figure = force_figure(log(tuple(f"v{i}" for i in range(count))))

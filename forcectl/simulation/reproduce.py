@@ -17,7 +17,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from forcectl.errors import ForcectlError
+from forcectl.errors import BadInputError, ForcectlError
 from forcectl.simulation.catalog import ScenarioFile, find_scenario
 from forcectl.simulation.expectations import Verdict
 from forcectl.simulation.run import StoppedRunError, finish, verdicts_on, with_shortcuts
@@ -92,7 +92,13 @@ def reproduce(
     Raises:
         BadInputError: an experiment cannot be used; nothing was run. A run that fails later is a failed row.
     """
-    parts = [part for name in experiments for part in _parts(find_scenario(name), fidelity)]
+    files = [find_scenario(name) for name in experiments]
+    for name in (names := [file.name for file in files]):
+        if names.count(name) > 1:
+            raise BadInputError(
+                f"experiments: two are called {name!r}: names must differ, they are folders of the output"
+            )
+    parts = [part for file in files for part in _parts(file, fidelity)]
     directory = None if out is None else Path(out).expanduser()
     if directory is not None:
         check_free(directory, force)

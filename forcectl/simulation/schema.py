@@ -81,8 +81,9 @@ class Reader:
     def unknown(self, key: str, name: object, known: Iterable[str], kind: str = "key") -> BadInputError:
         """The error for a name that does not exist at `key`, with the nearest one that does."""
         names = list(known)
-        near = difflib.get_close_matches(str(name), names, n=1, cutoff=0.5)
-        hint = f"did you mean {near[0]!r}? " if near else ""
+        lower = {name.lower(): name for name in names}
+        near = difflib.get_close_matches(str(name).lower(), lower, n=1, cutoff=0.5)
+        hint = f"did you mean {lower[near[0]]!r}? " if near else ""
         return self._error(key, f"{key}: unknown {kind} {show(name)}: {hint}known: {', '.join(names)}")
 
     def located(self, error: BadInputError, key: str) -> BadInputError:

@@ -17,6 +17,7 @@ import yaml
 from forcectl.errors import BadInputError
 
 _MOST_VALUES = 100_000  # in one text
+_UNPRINTABLE = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\ud800-\udfff]")  # what no file of a run could hold
 
 Tree = Any  # a Tagged mapping, a list of trees or a scalar
 
@@ -66,7 +67,7 @@ for _class in (_Loader, _Dumper):
     _class.yaml_implicit_resolvers = {}
     for _name, _pattern, _first in _SCALARS:
         _class.add_implicit_resolver(f"tag:yaml.org,2002:{_name}", _pattern, _first)
-_Loader.add_implicit_resolver("tag:yaml.org,2002:merge", re.compile(r"^(?:<<)$"), ["<"])
+    _class.add_implicit_resolver("tag:yaml.org,2002:merge", re.compile(r"^(?:<<)$"), ["<"])
 
 
 def _construct_mapping(loader: _Loader, node: yaml.Node, tag: str | None = None) -> Iterator[Tagged]:
@@ -127,7 +128,12 @@ def parse(text: str, origin: str) -> Tree:
     """
     try:
         tree = yaml.load(text, Loader=_Loader)
-        if sum(1 for _ in _values(tree)) >= _MOST_VALUES:
+        count = 0
+        for part in _values(tree):
+            count += 1
+            if isinstance(part, str) and _UNPRINTABLE.search(part):
+                raise BadInputError(f"{origin}: not usable: control character in {part[:40]!r}")
+        if count >= _MOST_VALUES:
             raise BadInputError(f"{origin}: not usable: more than {_MOST_VALUES} values, or an alias that holds itself")
         return tree
     except yaml.YAMLError as error:
@@ -147,7 +153,7 @@ def _values(tree: Tree) -> Iterator[Tree]:
         count += 1
         yield part
         if isinstance(part, Tagged | list):
-            waiting.extend(part.values() if isinstance(part, Tagged) else part)
+            waiting.extend([*part.keys(), *part.values()] if isinstance(part, Tagged) else part)
 
 
 def _one_line(error: Exception) -> str:

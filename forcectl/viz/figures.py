@@ -74,7 +74,7 @@ def save(figure: Figure, stem: Path) -> list[Path]:
 def _new(title: str, ylabel: str) -> tuple[Figure, Axes]:
     figure = Figure(figsize=(8.0, 4.5), layout="constrained")
     axes = figure.add_subplot()
-    axes.set_title(title, loc="left", fontsize=11)
+    axes.set_title(title, loc="left", fontsize=11, parse_math=False)
     axes.set_xlabel("time [s]")
     axes.set_ylabel(ylabel)
     axes.grid(color="#e4e4e4", lw=0.8)
@@ -86,7 +86,8 @@ def _new(title: str, ylabel: str) -> tuple[Figure, Axes]:
 def _finish(axes: Axes, log: Any) -> None:
     axes.set_xlim(float(log["time"][0]), float(log["time"][-1]))
     if sum(1 for _ in _variants(log)) <= _MOST_LABELLED:
-        axes.legend(frameon=False, fontsize=9, loc="best")
+        for text in axes.legend(frameon=False, fontsize=9, loc="best").get_texts():
+            text.set_parse_math(False)  # names are names, with or without dollar signs
 
 
 def _variants(log: Any) -> Iterator[tuple[str, Any]]:
