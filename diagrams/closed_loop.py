@@ -4,7 +4,6 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import VectorLog, VectorLogSink
 
@@ -13,7 +12,8 @@ from forcectl.diagrams.force_controller import add_controller
 from forcectl.diagrams.log import LoggedSignal, SignalLog, add_log
 from forcectl.diagrams.station import Cell, StationConfig, build_station, describe
 from forcectl.errors import invalid
-from forcectl.motion.references import ForceReferenceConfig, Reference
+from forcectl.motion.references import ForceReferenceConfig
+from forcectl.motion.tangential import TangentialMotionConfig
 
 LOGGED = (
     "desired_force",
@@ -57,12 +57,18 @@ class ClosedLoop:
 
 
 def build_closed_loop(
-    station: StationConfig, controller: ControllerConfig, reference: ForceReferenceConfig, *, seed: int = 0
+    station: StationConfig,
+    controller: ControllerConfig,
+    reference: ForceReferenceConfig,
+    *,
+    motion: TangentialMotionConfig | None = None,
+    seed: int = 0,
 ) -> ClosedLoop:
     """The closed loop of a scenario.
 
     Args:
         station: the cell. controller: a force law or force controller. reference: of the force.
+        motion: in the unconstrained directions; None: stay.
         seed: of every random signal.
 
     Raises:
@@ -72,11 +78,10 @@ def build_closed_loop(
     if not largest <= station.force_sensor.range:
         raise invalid("reference.force", largest, f"at most the sensor's range, {station.force_sensor.range:g} N")
     cell = describe(station)
-    n_q = cell.robot.num_joints
     builder = DiagramBuilder()
     connect = builder.Connect
     source = reference.add_to(builder, 1)
-    unconstrained = builder.AddNamedSystem("motion", Reference("unconstrained_reference", np.zeros(n_q)))
+    unconstrained = (motion or TangentialMotionConfig()).add_to(builder, cell.robot, cell.start, cell.n)
     control = add_controller(builder, controller, cell)
     plant = builder.AddNamedSystem("station", build_station(cell, seed))
     connect(source.GetOutputPort("desired_force"), control.GetInputPort("desired_force"))

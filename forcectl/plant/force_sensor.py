@@ -92,18 +92,20 @@ class ForceDigitiser(LaneBlock):
         range: ArrayLike = np.inf,
         tare: bool = True,
         seed: int | list[int] = 0,
+        unit: str = "N",
         period: float = 0.002,
     ):
         super().__init__(
             size,
             {
-                "bias": Parameter(bias, "finite", "N"),
-                "noise_std": Parameter(noise_std, "not negative", "N"),
-                "quantum": Parameter(quantum, "not negative", "N"),
-                "range": Parameter(range, "positive", "N"),
+                "bias": Parameter(bias, "finite", unit),
+                "noise_std": Parameter(noise_std, "not negative", unit),
+                "quantum": Parameter(quantum, "not negative", unit),
+                "range": Parameter(range, "positive", unit),
             },
         )
         self._period = check("period", period, "positive")
+        self.port_units = {"force": unit, "reading": unit}
         # One seed: the channels of one sensor draw independently. A list: each lane is a sensor of its own.
         seeds = [(seed, lane) for lane in builtins.range(size)] if isinstance(seed, int) else [(s, 0) for s in seed]
         self._sources = tuple(seeds)
@@ -223,17 +225,20 @@ class ForceSensor(Diagram):
         delay: float = 0.0,
         tare: bool = True,
         seed: int | list[int] = 0,
+        unit: str = "N",
         period: float = 0.002,
     ):
         super().__init__()
         check("period", period, "positive")
         ticks = whole_multiple("delay", check("delay", delay, "not negative"), period, "period")
         self.sample_delay = {("force", "measured_force"): ticks * period}
+        self.port_units = {"force": unit, "measured_force": unit}
         builder = DiagramBuilder()
         filter_ = builder.AddNamedSystem("filter", sensor_filter(size, bandwidth, damping_ratio, period, ticks))
         if np.any(noise_std) or np.any(quantum) or np.any(bias) or np.any(np.isfinite(range)):
             digitiser = ForceDigitiser(
                 size,
+                unit=unit,
                 bias=bias,
                 noise_std=noise_std,
                 quantum=quantum,
@@ -292,6 +297,7 @@ class ForceSensorConfig:
             # Without bias or weight the first reading is zero already.
             tare=self.tare and (wrench or self.bias != 0),
             seed=seed,
+            unit="Nm,N" if wrench else "N",
             period=period,
         )
         return builder.AddNamedSystem("force_sensor", block)  # type: ignore[no-any-return]

@@ -1,0 +1,118 @@
+"""Motion in the unconstrained directions: a straight line along the surface, as joint motion from the start posture.
+
+The tool keeps its orientation and its coordinate along n; the speed is trapezoidal. The line is solved by inverse
+kinematics at knots in time, joined by a cubic spline: dq_uc(t) of (2.12).
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.trajectories import PiecewisePolynomial
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.lanes import check
+from forcectl.motion.references import Reference
+from forcectl.robot import RobotModel
+
+Vector = NDArray[np.float64]
+_KNOTS = 200
+
+
+def trapezoidal_profile(distance: float, speed: float, acceleration: float, times: Vector) -> Vector:
+    """Distance covered [m] at the times [s] of a rest-to-rest move with a speed and acceleration limit.
+
+    Args:
+        distance: [m], >= 0. speed: [m/s], > 0. acceleration: [m/s^2], > 0.
+    """
+    ramp = min(speed / acceleration, np.sqrt(distance / acceleration))
+    top = acceleration * ramp
+    end = distance / top + ramp if top > 0 else 0.0
+    t = np.clip(times, 0.0, end)
+    up, down = np.minimum(t, ramp), np.maximum(t - (end - ramp), 0.0)
+    covered: Vector = 0.5 * acceleration * up**2 + top * np.maximum(t - ramp, 0.0) - 0.5 * acceleration * down**2
+    return covered
+
+
+def move_duration(distance: float, speed: float, acceleration: float) -> float:
+    """Duration of that move [s]."""
+    ramp = min(speed / acceleration, float(np.sqrt(distance / acceleration)))
+    return distance / (acceleration * ramp) + ramp if ramp > 0 else 0.0
+
+
+def line_postures(robot: RobotModel, start: Vector, offsets: Vector) -> Vector:
+    """Joint positions that put the tool at offsets from its start, orientation kept, shape (k, n_q) [rad].
+
+    Args:
+        start: start posture (n_q,) [rad]. offsets: of the TCP in W, shape (k, 3) [m], in small steps.
+
+    Raises:
+        BadInputError: a point out of reach, or beyond a joint limit.
+    """
+    context = robot.create_context()
+    robot.set_positions(context, start)
+    X_start = robot.pose(context)
+    q, postures = start.copy(), []
+    for offset in offsets:
+        for _ in range(30):
+            robot.set_positions(context, q)
+            X = robot.pose(context)
+            turn = (X_start.rotation() @ X.rotation().inverse()).ToAngleAxis()
+            error = np.concatenate([turn.axis() * turn.angle(), X_start.translation() + offset - X.translation()])
+            if np.abs(error).max() < 1e-12:
+                break
+            q = q + np.linalg.lstsq(robot.jacobian(context), error, rcond=None)[0]
+        else:
+            reached = np.round(offset, 6).tolist()
+            raise BadInputError(f"distance: the tool cannot be moved by {reached} m with its orientation kept")
+        if np.any(q < robot.limits.position_lower) or np.any(q > robot.limits.position_upper):
+            raise BadInputError(f"distance: a joint limit is passed at {np.round(offset, 6).tolist()} m from the start")
+        postures.append(q)
+    return np.array(postures)
+
+
+@dataclass(kw_only=True)
+class TangentialMotionConfig:
+    """Scenario part `motion`: move along the surface while the force is controlled. Distance 0: stay."""
+
+    direction: list[float] = field(default_factory=lambda: [1.0, 0.0, 0.0])  # in W, perpendicular to the normal
+    distance: float = 0.0  # [m], >= 0
+    speed: float = 0.002  # [m/s], > 0
+    acceleration: float = 0.05  # [m/s^2], > 0
+    start_time: float = 0.0  # [s], >= 0
+
+    def __post_init__(self) -> None:
+        if len(self.direction) != 3 or not all(np.isfinite(d) for d in self.direction) or not any(self.direction):
+            raise invalid("direction", self.direction, "three finite numbers, not all zero")
+        for name in ("speed", "acceleration"):
+            check(name, getattr(self, name), "positive")
+        for name in ("distance", "start_time"):
+            check(name, getattr(self, name), "not negative")
+
+    def trajectory(self, robot: RobotModel, start: Vector, n: Vector) -> PiecewisePolynomial | Vector:
+        """dq_uc over time [rad], or the constant zero.
+
+        Raises:
+            BadInputError: a direction that is not along the surface, or a path out of reach.
+        """
+        if self.distance == 0:
+            return np.zeros(robot.num_joints)
+        along = np.asarray(self.direction, dtype=float) / np.linalg.norm(self.direction)
+        if abs(along @ n) > 1e-6:
+            raise invalid("direction", self.direction, f"perpendicular to the normal {n.tolist()}")
+        end = move_duration(self.distance, self.speed, self.acceleration)
+        times = np.linspace(0.0, end, _KNOTS)
+        covered = trapezoidal_profile(self.distance, self.speed, self.acceleration, times)
+        postures = line_postures(robot, start, covered[:, None] * along) - start
+        rest = np.zeros(robot.num_joints)
+        return PiecewisePolynomial.CubicWithContinuousSecondDerivatives(
+            self.start_time + times, postures.T, rest, rest
+        )
+
+    def add_to(self, builder: DiagramBuilder, robot: RobotModel, start: Vector, n: Vector) -> Reference:
+        """Add the block `motion` with the output `unconstrained_reference`, shape (n_q,) [rad]."""
+        block = Reference("unconstrained_reference", self.trajectory(robot, start, n))
+        return builder.AddNamedSystem("motion", block)  # type: ignore[no-any-return]
