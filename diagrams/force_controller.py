@@ -55,7 +55,7 @@ class ForceController(Diagram):
             connect(position.get_output_port(), tip.get_input_port())
             connect(tip.get_output_port(), law.GetInputPort("motor_displacement"))
         if cell.config.fidelity == "OneDimensional":
-            inversion = add("kinematic_inversion", ConstantKinematicInversion(cell.direction, q_0))
+            inversion = add("kinematic_inversion", ConstantKinematicInversion(cell.direction, cell.normal_row, q_0))
         else:
             limit, period = cell.config.singularity_limit, cell.config.posture_period
             block = KinematicInversion(cell.robot, cell.n, q_0, period=period, limit=limit)

@@ -167,6 +167,8 @@ class KinematicInversion(LeafSystem):
 class ConstantKinematicInversion(Diagram):
     """The same for small motion about one posture: J is that of the start, so it is a constant matrix.
 
+    What the unconstrained reference has along n by this J is taken out: it is the curvature that one dimension leaves out.
+
     ```
     name: ConstantKinematicInversion
     input_ports: [displacement_command, unconstrained_reference]
@@ -174,14 +176,17 @@ class ConstantKinematicInversion(Diagram):
     ```
     """
 
-    def __init__(self, direction: Vector, start: Vector):
+    def __init__(self, direction: Vector, row: Vector, start: Vector):
+        """`direction`: J^-1 n, `row`: n'J, `start`: q_0, each of shape (n_q,) [rad/m, m/rad, rad]."""
         super().__init__()
         builder = DiagramBuilder()
         gain = builder.AddNamedSystem("direction", MatrixGain(direction.reshape(-1, 1)))
         q_0 = builder.AddNamedSystem("start", ConstantVectorSource(start))
         total = builder.AddNamedSystem("sum", Adder(3, len(start)))
         builder.ExportInput(gain.get_input_port(), "displacement_command")
-        builder.ExportInput(total.get_input_port(2), "unconstrained_reference")
+        across = builder.AddNamedSystem("across_normal", MatrixGain(np.eye(len(start)) - np.outer(direction, row)))
+        builder.ExportInput(across.get_input_port(), "unconstrained_reference")
+        builder.Connect(across.get_output_port(), total.get_input_port(2))
         builder.Connect(gain.get_output_port(), total.get_input_port(0))
         builder.Connect(q_0.get_output_port(), total.get_input_port(1))
         builder.ExportOutput(total.get_output_port(), "joint_position_command")

@@ -16,6 +16,7 @@ from forcectl.diagrams.closed_loop import ClosedLoop, build_closed_loop
 from forcectl.diagrams.station import FIDELITIES, StationConfig
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.lanes import check
+from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.simulation import catalog
 from forcectl.simulation.catalog import CONTROLLERS, REFERENCES, ScenarioFile
 from forcectl.simulation.expectations import Expectation
@@ -38,6 +39,7 @@ class Scenario:
     station: StationConfig = field(default_factory=StationConfig)
     controller: Any = field(default_factory=first_of(CONTROLLERS), metadata={"tags": CONTROLLERS})
     reference: Any = field(default_factory=first_of(REFERENCES), metadata={"tags": REFERENCES})
+    motion: TangentialMotionConfig = field(default_factory=TangentialMotionConfig)  # along the surface
     duration: float = 5.0  # [s], > 0
     seed: int = 0  # of every random number in the run, >= 0
     reference_model: float | None = None  # [rad/s] bandwidth of the model M(s); null: the controller's own
@@ -198,7 +200,13 @@ def build(scenario: Scenario) -> ClosedLoop:
         BadInputError: values that are fine one by one but do not fit together.
     """
     try:
-        return build_closed_loop(scenario.station, scenario.controller, scenario.reference, seed=scenario.seed)
+        return build_closed_loop(
+            scenario.station,
+            scenario.controller,
+            scenario.reference,
+            motion=scenario.motion,
+            seed=scenario.seed,
+        )
     except BadInputError as error:
         raise BadInputError(_full_key(scenario, str(error))) from None
     # What no check of ours foresaw: Drake refuses with a RuntimeError, its failed preconditions arrive as SystemExit,
