@@ -220,7 +220,8 @@ def _full_key(scenario: Scenario, text: str) -> str:
     """`text` with the dotted key of the field it begins with, where only one field has that name."""
     about = re.match(r"unknown (\w+)|\w+", text)
     name = (about.group(1) or about.group()) if about else ""
-    homes = _keys_ending_in(to_tree(scenario.station), name, "station")
+    parts = ("station", "controller", "reference", "motion")
+    homes = [home for part in parts for home in _keys_ending_in(to_tree(getattr(scenario, part)), name, part)]
     if len(homes) != 1:
         return text
     return f"{homes[0]}: {text}" if text.startswith("unknown") else text.replace(name, homes[0], 1)
