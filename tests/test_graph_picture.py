@@ -41,7 +41,9 @@ def picture(request) -> Picture:
 
 
 def test_wires_run_at_right_angles_and_end_at_their_ports(picture):
-    places = {(b.path, side, n): p for b in picture.boxes for side in ("inputs", "outputs") for n, p in getattr(b, side)}
+    places = {
+        (b.path, side, n): p for b in picture.boxes for side in ("inputs", "outputs") for n, p in getattr(b, side)
+    }
     for net in picture.nets:
         own = net.source.block == net.inside
         start = places[net.source.block, "inputs" if own else "outputs", net.source.port]

@@ -104,25 +104,33 @@ class _Reader:
         systems = diagram.GetSystems()
         names = _unique_names(systems)
         hidden = set() if self._loggers else _recorders(diagram)
+        shown = [(child, f"{path}::{name}") for child, name in zip(systems, names, strict=True)]
+        shown = [(child, owner) for child, owner in shown if child.GetSystemPathname() not in hidden]
         # A system is found by its path name: two Python wrappers of one C++ system need not be one object.
         owners = {diagram.GetSystemPathname(): path}
-        owners |= {child.GetSystemPathname(): f"{path}::{name}" for child, name in zip(systems, names, strict=True)}
+        owners |= {child.GetSystemPathname(): owner for child, owner in shown}
         wires = [
             wire
             for wire in _wires(diagram, owners)
             if all(end.block != path or end.port in terminals for end in (wire.source, wire.target))
         ]
-        used: dict[str, set[str]] = {owner: set() for owner in owners.values()}
-        for wire in wires:  # a signal that is only recorded keeps its port
+        used: dict[str, set[str]] = defaultdict(set)
+        for wire in wires:
             used[wire.source.block].add(wire.source.port)
             used[wire.target.block].add(wire.target.port)
-        away = {owner for pathname, owner in owners.items() if pathname in hidden}
-        blocks = tuple(
-            self.read(child, name, path, used[f"{path}::{name}"])
-            for child, name in zip(systems, names, strict=True)
-            if f"{path}::{name}" not in away
-        )
-        return blocks, tuple(w for w in wires if w.source.block not in away and w.target.block not in away)
+        for end in _recorded(diagram, owners, hidden):  # a signal that is only recorded keeps its port
+            used[end.block].add(end.port)
+        blocks = tuple(self.read(child, owner.removeprefix(f"{path}::"), path, used[owner]) for child, owner in shown)
+        return blocks, tuple(wires)
+
+
+def _recorded(diagram: Diagram, owners: dict[str, str], hidden: set[str]) -> list[Endpoint]:
+    """Ports of shown systems that lead to a hidden logger."""
+    return [
+        _endpoint(source.get_output_port(index), owners)
+        for (target, _), (source, index) in diagram.connection_map().items()
+        if target.GetSystemPathname() in hidden and source.GetSystemPathname() in owners
+    ]
 
 
 def _recorders(diagram: Diagram) -> set[str]:
@@ -144,14 +152,16 @@ def _wires(diagram: Diagram, owners: dict[str, str]) -> list[Edge]:
     """The wires between the shown systems of one diagram, its own terminals included, in the order of their systems."""
     pairs: list[tuple[_AnyPort, _AnyPort]] = []
     for (target, target_index), (source, source_index) in diagram.connection_map().items():
-        pairs.append((source.get_output_port(source_index), target.get_input_port(target_index)))
+        if target.GetSystemPathname() in owners and source.GetSystemPathname() in owners:
+            pairs.append((source.get_output_port(source_index), target.get_input_port(target_index)))
     for i in range(diagram.num_input_ports()):
         for target, index in diagram.GetInputPortLocators(InputPortIndex(i)):
-            pairs.append((diagram.get_input_port(i), target.get_input_port(index)))
+            if target.GetSystemPathname() in owners:
+                pairs.append((diagram.get_input_port(i), target.get_input_port(index)))
     for i in range(diagram.num_output_ports()):
         source, index = diagram.get_output_port_locator(OutputPortIndex(i))
-        pairs.append((source.get_output_port(index), diagram.get_output_port(i)))
-    pairs = [pair for pair in pairs if all(port.get_system().GetSystemPathname() in owners for port in pair)]
+        if source.GetSystemPathname() in owners:
+            pairs.append((source.get_output_port(index), diagram.get_output_port(i)))
     place = {pathname: number for number, pathname in enumerate(owners)}
     pairs.sort(
         key=lambda pair: [(place[port.get_system().GetSystemPathname()], int(port.get_index())) for port in pair]

@@ -15,7 +15,7 @@ from jinja2 import Environment, PackageLoader, select_autoescape
 
 from forcectl.viz.graph_model import CATEGORY_TEXT, Block, BlockGraph, Parameter, Port, format_values
 from forcectl.viz.graph_picture import Layouter, Picture
-from forcectl.viz.graph_svg import PALETTE, box_content, draw, net_attributes, net_content, style
+from forcectl.viz.graph_svg import PALETTE, box_content, draw, net_attributes, net_content, net_key, style
 
 _WORK = 6000  # fold states times blocks that are laid out at most
 _MOST_STATES = 128
@@ -32,6 +32,7 @@ def to_html(graph: BlockGraph) -> str:
         "title": graph.root.name,
         "blocks": [_facts(block, paths) for block in graph.root.walk()],
         "states": states,
+        "signals": _signals(graph),
         "fragments": list(fragments),
         "start": _key(graph.unfolded(), paths),
         "depths": [_key(graph.unfolded(depth), paths) for depth in range(graph.max_depth + 1)],
@@ -124,6 +125,15 @@ def _facts(block: Block, paths: dict[str, int]) -> dict[str, Any]:
         "parameters": [_parameter(parameter) for parameter in block.parameters],
         "inputs": [_port(port) for port in block.inputs],
         "outputs": [_port(port) for port in block.outputs],
+    }
+
+
+def _signals(graph: BlockGraph) -> dict[str, list[str]]:
+    """Name, size with unit, and origin of every net."""
+    return {
+        net_key(block.path, edge.source): [edge.source.port, edge.signal, graph.by_path[edge.source.block].name]
+        for block in graph.root.walk()
+        for edge in block.edges
     }
 
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from html import escape
 
-from forcectl.viz.graph_model import CATEGORY_TEXT, Block, BlockGraph, Category
+from forcectl.viz.graph_model import CATEGORY_TEXT, Block, BlockGraph, Category, Endpoint
 from forcectl.viz.graph_picture import MARGIN, Layouter, Picture, PlacedBox, PlacedNet
 from forcectl.viz.graph_route import Point
 from forcectl.viz.graph_shapes import (
@@ -111,8 +111,13 @@ def draw_net(graph: BlockGraph, net: PlacedNet) -> str:
 
 def net_attributes(graph: BlockGraph, net: PlacedNet) -> tuple[str, str]:
     """Classes of a net's group and its name, unique in the graph (a terminal's wires inside are another net)."""
-    key = f"{net.inside} > {net.source.block}:{net.source.port}"
-    return ("net abstract" if is_abstract(graph, net) else "net"), key
+    role = "net abstract" if is_abstract(graph, net) else "net"
+    return role, net_key(net.inside, net.source)
+
+
+def net_key(inside: str, source: Endpoint) -> str:
+    """Name of the net inside a diagram that starts at a port."""
+    return f"{inside} > {source.block}:{source.port}"
 
 
 def net_content(net: PlacedNet) -> str:
