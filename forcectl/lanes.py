@@ -2,7 +2,8 @@
 
 A block of size n runs n loops side by side; lane i uses element i of every port, state and parameter. The equations are
 written once, with operators that mean the same on a float and on an array, and `LaneBlock` hands them floats when n = 1
-(numpy costs ten times more on single numbers) and arrays otherwise, so a lane equals the same loop run alone, bit for bit.
+(numpy costs ten times more on single numbers) and arrays otherwise, so a lane equals the same loop run alone: bit for
+bit, and to rounding (1e-12) in blocks that are one of Drake's linear systems.
 """
 
 from __future__ import annotations
@@ -10,6 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from numbers import Real
 from types import SimpleNamespace
 from typing import Any
 
@@ -30,7 +32,7 @@ SCALAR_MATH: Any = SimpleNamespace(
     maximum=max,
     minimum=min,
     copysign=math.copysign,
-    floor=math.floor,
+    floor=lambda v: v // 1.0 if math.isfinite(v) else v,
     where=lambda condition, a, b: a if condition else b,
 )
 
@@ -39,6 +41,7 @@ _CHECKS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.bool_]]] = {
     "not negative": lambda v: v >= 0,
     "finite": np.isfinite,
     "a number": lambda v: ~np.isnan(v),
+    "above 0 and at most 1": lambda v: (v > 0) & (v <= 1),
 }
 
 
@@ -46,7 +49,8 @@ _CHECKS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.bool_]]] = {
 class Parameter:
     """A value per lane that lives in the Context.
 
-    value: number or shape (n,). allowed: "positive", "not negative" or "finite". unit: for documentation and graphs.
+    value: number or shape (n,). allowed: "positive", "not negative", "finite", "a number" (infinite is
+    fine) or "above 0 and at most 1". unit: for documentation and graphs.
     """
 
     value: ArrayLike
@@ -60,6 +64,10 @@ def lane_values(name: str, value: ArrayLike, size: int, allowed: str = "finite")
     Raises:
         BadInputError: wrong length, not a number, or outside what is allowed.
     """
+    if size < 1:
+        raise invalid("size", size, "at least 1")
+    if value is None or isinstance(value, bool):
+        raise invalid(name, value, "a number or a list of numbers")
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
@@ -75,17 +83,23 @@ def lane_values(name: str, value: ArrayLike, size: int, allowed: str = "finite")
 
 def check(name: str, value: float, allowed: str = "finite") -> float:
     """`value` as a finite float when it is "positive", "not negative" or "finite", else BadInputError."""
-    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
         raise invalid(name, value, "a finite number")
     return float(lane_values(name, value, 1, allowed)[0])
 
 
 def whole_multiple(name: str, value: float, period: float, period_name: str) -> int:
     """How many times `period` fits into `value`; BadInputError when it does not divide it."""
-    count = round(value / period)
-    if value < 0 or abs(value / period - count) > 1e-6:
+    ratio = value / period
+    if not (value >= 0 and math.isfinite(ratio) and abs(ratio - round(ratio)) <= 1e-6):
         raise invalid(name, value, f"zero or a whole multiple of {period_name} = {period:g}")
-    return count
+    return round(ratio)
+
+
+def check_order(lower: str, upper: str, values: Mapping[str, NDArray[np.float64]]) -> None:
+    """BadInputError unless `lower` is at most `upper` in every lane."""
+    if np.any(values[lower] > values[upper]):
+        raise invalid(lower, values[lower].tolist(), f"at most {upper} = {values[upper].tolist()}")
 
 
 class LaneBlock(LeafSystem):
@@ -109,6 +123,7 @@ class LaneBlock(LeafSystem):
             self._index[name] = self.DeclareNumericParameter(
                 BasicVector(lane_values(f"{type(self).__name__}.{name}", p.value, size, p.allowed))
             )
+        self.check_together({name: lane_values(name, p.value, size, p.allowed) for name, p in parameters.items()})
         self.parameter_names = tuple(parameters)
         self.parameter_units = {name: p.unit for name, p in parameters.items()}
         self._values = self.DeclareCacheEntry(
@@ -124,15 +139,23 @@ class LaneBlock(LeafSystem):
 
     def set_parameter(self, context: Context, name: str, value: ArrayLike) -> None:
         """Set a parameter in this block's context, checked like at construction."""
-        if name not in self._index:
-            raise unknown(f"parameter of {type(self).__name__}", name, self._index)
+        index = self._find(name)
         checked = lane_values(f"{type(self).__name__}.{name}", value, self._size, self._allowed[name])
-        context.get_mutable_numeric_parameter(self._index[name]).SetFromVector(checked)
+        self.check_together({n: self.parameter(context, n) for n in self._index} | {name: checked})
+        context.get_mutable_numeric_parameter(index).SetFromVector(checked)
 
     def parameter(self, context: Context, name: str) -> NDArray[np.float64]:
         """A parameter as it stands in this block's context, shape (n,)."""
-        value: NDArray[np.float64] = context.get_numeric_parameter(self._index[name]).CopyToVector()
+        value: NDArray[np.float64] = context.get_numeric_parameter(self._find(name)).CopyToVector()
         return value
+
+    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """Raise BadInputError when parameters that are fine alone do not fit each other; nothing by default."""
+
+    def _find(self, name: str) -> int:
+        if name not in self._index:
+            raise unknown(f"parameter of {type(self).__name__}", name, self._index)
+        return self._index[name]
 
     def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
         """What the equations need of the parameters; computed once per change, not per tick."""

@@ -8,18 +8,19 @@ The minus sign goes with F = -dx/C_T (2.8). e(.) is an optional dead zone agains
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LinearSystem, Multiplexer
 
 from forcectl.control.force_law import LoopFacts
 from forcectl.control.sampled_law import SampledLaw
 from forcectl.errors import invalid
-from forcectl.lanes import Lane, Parameter, check, lane_values
+from forcectl.lanes import Lane, Parameter, check, check_order, lane_values
 
 
 def dead_zone(error: Lane, width: Lane, m: Any = np) -> Lane:
@@ -44,7 +45,7 @@ class IntegralForceLaw(SampledLaw):
     name: IntegralForceLaw
     input_ports: [desired_force, measured_force, compliance (optional)]
     output_ports: [displacement_command]
-    parameters: [integral_gain, dead_zone, lower_limit, upper_limit, compliance]
+    parameters: [integral_gain, dead_zone, lower_limit, upper_limit, compliance (optional)]
     ```
 
     desired_force, measured_force: shape (n,) [N].
@@ -90,6 +91,10 @@ class IntegralForceLaw(SampledLaw):
         """(K_I Ts [C_T_hat], dead zone, limits)."""
         gain, width, lower, upper, *compliance = values
         return gain * self._period * (compliance[0] if compliance else 1.0), width, lower, upper
+
+    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """The limits are in order."""
+        check_order("lower_limit", "upper_limit", values)
 
     def command(self, context: Context, held: Lane) -> Lane:
         """One tick of the law."""

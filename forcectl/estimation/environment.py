@@ -9,14 +9,14 @@ one, seen through the same filter as the force: otherwise the force lags it and 
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from forcectl.errors import invalid
-from forcectl.lanes import Lane, LaneBlock, Parameter, check, lane_values
+from forcectl.lanes import Lane, LaneBlock, Parameter, check, check_order, lane_values
 
 
 def ewrls_step(estimate: Lane, covariance: Lane, target: Lane, regressor: Lane, forgetting: Lane) -> tuple[Lane, Lane]:
@@ -72,12 +72,10 @@ class EnvironmentComplianceEstimator(LaneBlock):
         upper_bound: ArrayLike = 1e-1,
         period: float = 0.002,
     ):
-        if np.any(np.asarray(forgetting) > 1):
-            raise invalid("forgetting", forgetting, "above 0 and at most 1")
         super().__init__(
             size,
             {
-                "forgetting": Parameter(forgetting, "positive", "1"),
+                "forgetting": Parameter(forgetting, "above 0 and at most 1", "1"),
                 "robot_compliance": Parameter(robot_compliance, "not negative", "m/N"),
                 "minimum_force": Parameter(minimum_force, "not negative", "N"),
                 "lower_bound": Parameter(lower_bound, "positive", "m/N"),
@@ -87,7 +85,9 @@ class EnvironmentComplianceEstimator(LaneBlock):
         check("period", period, "positive")
         self._force = self.DeclareVectorInputPort("measured_force", size)
         self._displacement = self.DeclareVectorInputPort("displacement", size)
-        self._estimate = self.DeclareDiscreteState(lane_values("initial_compliance", initial_compliance, size, "positive"))
+        self._estimate = self.DeclareDiscreteState(
+            lane_values("initial_compliance", initial_compliance, size, "positive")
+        )
         self._covariance = self.DeclareDiscreteState(
             lane_values("initial_covariance", initial_covariance, size, "positive")
         )
@@ -95,6 +95,10 @@ class EnvironmentComplianceEstimator(LaneBlock):
         self.DeclareVectorOutputPort("environment_compliance", size, self._environment, prerequisites_of_calc=reads)
         self.DeclareVectorOutputPort("compliance", size, self._total, prerequisites_of_calc=reads)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
+
+    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """The bounds are in order."""
+        check_order("lower_bound", "upper_bound", values)
 
     def _update(self, context: Context, next_state: DiscreteValues) -> None:
         mu, robot, minimum, _, _ = self._values.Eval(context)
@@ -110,7 +114,9 @@ class EnvironmentComplianceEstimator(LaneBlock):
 
     def _bounded(self, context: Context) -> Lane:
         _, _, _, lower, upper = self._values.Eval(context)
-        return self.math.minimum(self.math.maximum(self.lane(context.get_discrete_state(self._estimate).value()), lower), upper)
+        return self.math.minimum(
+            self.math.maximum(self.lane(context.get_discrete_state(self._estimate).value()), lower), upper
+        )
 
     def _environment(self, context: Context, output: BasicVector) -> None:
         self.write(output, self._bounded(context))

@@ -56,7 +56,7 @@ class CompliantContact(LaneBlock):
     name: CompliantContact
     input_ports: [displacement, robot_compliance (optional)]
     output_ports: [contact_force]
-    parameters: [stiffness, damping, robot_compliance]
+    parameters: [stiffness, damping (optional), robot_compliance (optional)]
     ```
 
     displacement: shape (n,), dx along n from the undeformed surface, motor side [m]; pressing is negative.

@@ -52,6 +52,7 @@ class ContactMonitorCore(LaneBlock):
 
     def __init__(self, size: int, *, period: float = 0.002, threshold: float = 1e-9):
         super().__init__(size, {})
+        check("period", period, "positive")
         self._threshold = check("threshold", threshold, "not negative")
         self._force = self.DeclareVectorInputPort("contact_force", size)
         self.DeclareStateOutputPort("state", self.DeclareDiscreteState(2 * size))
