@@ -51,7 +51,7 @@ pictures: $(VENV)/.installed ## draw the README's pictures again
 	$(BIN)/forcectl graph fig_2_7 --depth 1 --out docs/images/closed_loop.svg
 
 bench: $(VENV)/.installed-test ## speed: import, build, real-time factors, cost per control tick
-	@for script in benchmarks/bench_*.py; do echo "== $$script"; $(BIN)/python "$$script" || exit 1; done
+	@for script in benchmarks/[!_]*.py; do echo "== $$script"; $(BIN)/python "$$script" || exit 1; done
 
 wheel: $(VENV)/.installed-dev ## build the wheel and the source archive into dist/
 	rm -rf build dist
