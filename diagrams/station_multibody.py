@@ -8,8 +8,8 @@ contact with linear (Kelvin-Voigt) dissipation; the discrete SAP solver integrat
 from 1e3 to 1e6 N/m and the joints stay stable at the default 1 ms. The step is an implicit Euler step: it damps a mode
 of angular frequency w by an extra damping ratio of about w dt/2.
 
-Delays beside the configured ones: one drive step (0.5 ms) from the command hold to the filter, and one plant step from the
-motor state to the springs, because simultaneous events read the state before them.
+Delays beside the configured ones: the command delay is at least one plant step, and the motor state reaches the springs one
+plant step late, because simultaneous events read the state before them.
 """
 
 from __future__ import annotations
@@ -41,7 +41,6 @@ from forcectl.diagrams.parts import export_outputs
 from forcectl.diagrams.station import Cell
 from forcectl.diagrams.truth import add_contact_state
 from forcectl.errors import BadInputError
-from forcectl.lanes import whole_multiple
 from forcectl.models import add_packages
 from forcectl.plant.drive import Drive, joint_to_motor
 from forcectl.plant.position_loop import PositionLoop
@@ -158,10 +157,9 @@ class MultibodyStation(Diagram):
         keep_contact_only(plant, scene_graph)
         self.plant, self.scene_graph = plant, scene_graph
 
-        # The command is held for a tick, then everything runs on at the rate of the drives.
-        fast = config.time_step / max(1, math.ceil(config.time_step / _LARGEST_DRIVE_STEP - 1e-9))
-        ticks = 1 + whole_multiple("delay", config.position_loop.delay, config.period, "period")
-        hold = add("command_hold", hold_line(config.period, ticks, q_0))
+        # The command is held for a tick, then everything runs on at the plant's rate. Reading the hold takes one plant
+        # step, which counts towards the command delay.
+        hold = add("command_hold", hold_line(config.period, q_0))
         builder.ExportInput(hold.get_input_port(), "joint_position_command")
         loop = add(
             "position_loop",
@@ -169,7 +167,8 @@ class MultibodyStation(Diagram):
                 n_q,
                 bandwidth=config.position_loop.bandwidth,
                 damping_ratio=config.position_loop.damping_ratio,
-                period=fast,
+                delay=max(0.0, config.position_loop.delay - config.time_step),
+                period=config.time_step,
                 initial_command=q_0,
             ),
         )
@@ -180,12 +179,10 @@ class MultibodyStation(Diagram):
             connect(reference, halves.get_input_port())
             motor_state, position, velocity = reference, halves.get_output_port(0), halves.get_output_port(1)
         else:
-            drive = self._add_drive(builder, cell, fast)
+            drive = self._add_drive(builder, cell)
             connect(reference, drive.GetInputPort("reference"))
-            # Held, or every step of the drives would have the plant solve its step anew.
-            torque = add("spring_torque", hold_line(config.time_step, 1, robot.gravity_torque(posture)))
-            connect(plant.get_net_actuation_output_port(parts.instance), torque.get_input_port())
-            connect(torque.get_output_port(), drive.GetInputPort("spring_torque"))
+            torque = plant.get_net_actuation_output_port(parts.instance)
+            connect(torque, drive.GetInputPort("spring_torque"))
             motor_state, position, velocity = (
                 drive.GetOutputPort(name) for name in ("motor_state", "motor_position", "motor_velocity")
             )
@@ -228,13 +225,14 @@ class MultibodyStation(Diagram):
         builder.BuildInto(self)
 
     @staticmethod
-    def _add_drive(builder: DiagramBuilder, cell: Cell, period: float) -> Drive:
-        robot, gains = cell.robot, cell.config.servo
+    def _add_drive(builder: DiagramBuilder, cell: Cell) -> Drive:
+        robot, gains, step = cell.robot, cell.config.servo, cell.config.time_step
         facts = robot.facts
         drive = Drive(
             facts.rotor_inertia * facts.gear_ratio**2,
             joint_to_motor(robot),
-            period=period,
+            period=step,
+            substeps=max(1, math.ceil(step / _LARGEST_DRIVE_STEP - 1e-9)),
             position_gain=gains.position_gain,
             velocity_gain=gains.velocity_gain,
             integral_gain=gains.integral_gain,
@@ -246,14 +244,12 @@ class MultibodyStation(Diagram):
         return builder.AddNamedSystem("drive", drive)  # type: ignore[no-any-return]
 
 
-def hold_line(period: float, ticks: int, initial: Vector) -> LinearSystem:
-    """Samples a signal every `period` [s] and holds it, `ticks` samples in a row, all `initial` (n,) at the start."""
+def hold_line(period: float, initial: Vector) -> LinearSystem:
+    """Samples a signal every `period` [s] and holds it; `initial` (n,) at the start, where a ZeroOrderHold is zero."""
     n = len(initial)
-    line = LinearSystem(
-        np.eye(ticks * n, k=-n), np.eye(ticks * n, n), np.eye(ticks * n)[-n:], np.zeros((n, n)), period
-    )
-    line.configure_default_state(np.tile(initial, ticks))
-    return line
+    hold = LinearSystem(np.zeros((n, n)), np.eye(n), np.eye(n), np.zeros((n, n)), period)
+    hold.configure_default_state(initial)
+    return hold
 
 
 def _split_state(plant: MultibodyPlant, parts: RobotParts) -> MatrixGain:

@@ -15,9 +15,11 @@ this one runs more often than any other. The friction sticks as exactly as in Py
 
 from __future__ import annotations
 
+from typing import NamedTuple
+
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort
 from pydrake.systems.primitives import LinearSystem, MatrixGain, Multiplexer, Saturation
 
 from forcectl.lanes import check, lane_values
@@ -27,35 +29,57 @@ from forcectl.robot import RobotModel
 Matrix = NDArray[np.float64]
 
 
-def free_speed_rows(gains: ServoGains, to_motor: Matrix, push: Matrix) -> Matrix:
-    """s as a matrix on [phi, phi', integral, r, r', tau_spring], shape (n, 6n).
+class InnerStep(NamedTuple):
+    """One inner step as matrices, with x = [phi, phi', integral] and u = [r, r', tau_spring]."""
+
+    free_x: Matrix  # s = free_x x + free_u u, shapes (n, 3n)
+    free_u: Matrix
+    state: Matrix  # x+ = state x + inputs u + friction sat(s), shapes (3n, 3n), (3n, 3n), (3n, n)
+    inputs: Matrix
+    friction: Matrix
+
+
+def inner_step(gains: ServoGains, to_motor: Matrix, push: Matrix) -> InnerStep:
+    """The matrices of an inner step whose reference has already moved on by it.
 
     Args:
-        gains: coefficients of an inner step, arrays of shape (n,). to_motor: S. push: speed per spring torque, (n, n).
-    """
-    n = len(to_motor)
-    p, dt = gains.velocity * gains.position, gains.step
-    eye, column = np.eye(n), p[:, None]
-    reference_rate = (gains.velocity + p * dt)[:, None] * to_motor
-    return np.hstack([-column * eye, eye, np.diag(gains.integral), column * to_motor, reference_rate, push])
-
-
-def state_update(gains: ServoGains, to_motor: Matrix, speed: Matrix) -> tuple[Matrix, Matrix]:
-    """Sampled A, B of [phi, phi', integral] with the input [r, r', tau_spring, sat(s)].
-
-    Args:
-        gains, to_motor: see `free_speed_rows`. speed: the matrix of s.
+        gains: coefficients, arrays of shape (n,). to_motor: S. push: speed per spring torque, shape (n, n).
     """
     n = len(to_motor)
     eye, zero, dt = np.eye(n), np.zeros((n, n)), gains.step
+    k, w = gains.position[:, None], gains.velocity[:, None]
+    wanted_x, wanted_u = np.hstack([-k * eye, zero, zero]), np.hstack([k * to_motor, to_motor, zero])
+    free_x = w * wanted_x + np.hstack([zero, eye, np.diag(gains.integral)])
+    free_u = w * wanted_u + np.hstack([zero, zero, push])
     inverse = gains.inverse[:, None]
-    after = np.hstack([inverse * speed, -inverse * eye])  # v+ on [state, r, r', tau, sat]
-    k = gains.position[:, None]
-    wanted = np.hstack([-k * eye, zero, zero, k * to_motor, (1 + k * dt) * to_motor, zero, zero])
-    x = np.hstack([eye, np.zeros((n, 6 * n))]) + dt * after
-    i = np.hstack([zero, zero, eye, np.zeros((n, 4 * n))]) + dt * (wanted - after)
-    whole = np.vstack([x, after, i])
-    return whole[:, : 3 * n], whole[:, 3 * n :]
+    speed_x, speed_u, speed_f = inverse * free_x, inverse * free_u, -inverse * eye
+    return InnerStep(
+        free_x,
+        free_u,
+        np.vstack([np.hstack([eye, zero, zero]) + dt * speed_x, speed_x, np.hstack([zero, zero, eye]) + dt * (wanted_x - speed_x)]),
+        np.vstack([dt * speed_u, speed_u, dt * (wanted_u - speed_u)]),
+        np.vstack([dt * speed_f, speed_f, -dt * speed_f]),
+    )
+
+
+def unrolled_steps(step: InnerStep, dt: float, count: int) -> tuple[list[Matrix], Matrix]:
+    """`count` inner steps in a row, the reference moving on with its rate.
+
+    Returns:
+        for each step the matrix of its s on [x, u, sat of the steps before], and the matrix of the last x on
+        [x, u, all sat]; x and u are those at the start.
+    """
+    n = step.friction.shape[1]
+    x = np.hstack([np.eye(3 * n), np.zeros((3 * n, 3 * n))])
+    frees = []
+    for i in range(count):
+        moved = np.eye(3 * n)
+        moved[:n, n : 2 * n] = (i + 1) * dt * np.eye(n)
+        pad = np.zeros((3 * n, i * n))
+        u = np.hstack([np.zeros((3 * n, 3 * n)), moved, pad])
+        frees.append(step.free_x @ x + step.free_u @ u)
+        x = np.hstack([step.state @ x + step.inputs @ u, step.friction])
+    return frees, x
 
 
 class Drive(Diagram):
@@ -72,7 +96,7 @@ class Drive(Diagram):
     motor_state: shape (2n,), q_m and its rate [rad, rad/s]: the desired state of the joint springs.
     motor_position, motor_velocity: its halves. All are state, no direct feedthrough.
 
-    Sampling: `period` [s], one step of the servo each.
+    Sampling: `period` [s], divided into `substeps` inner steps; the spring torque is held over the period.
 
     Args:
         inertia: B, shape (n,) [kg m^2]. to_motor: S, shape (n, n).
@@ -87,6 +111,7 @@ class Drive(Diagram):
         to_motor: Matrix,
         *,
         period: float,
+        substeps: int,
         position_gain: float,
         velocity_gain: float,
         integral_gain: float,
@@ -102,13 +127,14 @@ class Drive(Diagram):
         viscous = lane_values("viscous_friction", viscous_friction, n, "not negative")
         for name, gain in (("position", position_gain), ("velocity", velocity_gain), ("integral", integral_gain)):
             check(f"{name}_gain", gain, "positive")
-        dt = check("period", period, "positive")
+        dt = check("period", period, "positive") / substeps
         k_v, w_v, w_i = (np.full(n, gain) for gain in (position_gain, velocity_gain, integral_gain))
         gains = servo_gains(k_v, w_v, w_i, coulomb / B, viscous / B, dt)
         back = np.linalg.inv(to_motor)
-        speed = free_speed_rows(gains, to_motor, -(dt / B)[:, None] * back.T)
-        a, b = state_update(gains, to_motor, speed)
-        axes = LinearSystem(a, b, np.eye(3 * n), np.zeros((3 * n, 4 * n)), dt)
+        step = inner_step(gains, to_motor, -(dt / B)[:, None] * back.T)
+        frees, after = unrolled_steps(step, dt, substeps)
+        inputs = (3 + substeps) * n
+        axes = LinearSystem(after[:, : 3 * n], after[:, 3 * n :], np.eye(3 * n), np.zeros((3 * n, inputs)), period)
         # At rest the integral of the servo carries the springs' torque.
         integral = back.T @ initial_torque / (B * velocity_gain * integral_gain)
         axes.configure_default_state(np.concatenate([to_motor @ initial_position, np.zeros(n), integral]))
@@ -117,18 +143,26 @@ class Drive(Diagram):
         builder = DiagramBuilder()
         add, connect, export = builder.AddNamedSystem, builder.Connect, builder.ExportInput
         add("axes", axes)
-        known = add("state_and_inputs", Multiplexer([3 * n, 2 * n, n]))
-        free = add("free_speed", MatrixGain(speed))
-        friction = add("friction", Saturation(-gains.stick, gains.stick))
-        inputs = add("axes_inputs", Multiplexer([2 * n, n, n]))
-        connect(axes.get_output_port(), known.get_input_port(0))
-        connect(known.get_output_port(), free.get_input_port())
-        connect(free.get_output_port(), friction.get_input_port())
-        connect(friction.get_output_port(), inputs.get_input_port(2))
-        connect(inputs.get_output_port(), axes.get_input_port())
-        for i, name in enumerate(("reference", "spring_torque")):
-            outside = export(known.get_input_port(1 + i), name)
-            builder.ConnectInput(outside, inputs.get_input_port(i))
+        stick = [add(f"friction_{i + 1}", Saturation(-gains.stick, gains.stick)) for i in range(substeps)]
+        readers: list[list[InputPort]] = [[], []]
+        for i, (free, friction) in enumerate(zip(frees, stick, strict=True)):
+            known = add(f"known_{i + 1}", Multiplexer([3 * n, 2 * n, n] + [n] * i))
+            speed = add(f"free_speed_{i + 1}", MatrixGain(free))
+            connect(axes.get_output_port(), known.get_input_port(0))
+            connect(known.get_output_port(), speed.get_input_port())
+            connect(speed.get_output_port(), friction.get_input_port())
+            for j in range(i):
+                connect(stick[j].get_output_port(), known.get_input_port(3 + j))
+            for reader, port in zip(readers, (1, 2), strict=True):
+                reader.append(known.get_input_port(port))
+        both = add("axes_inputs", Multiplexer([2 * n, n] + [n] * substeps))
+        for j, friction in enumerate(stick):
+            connect(friction.get_output_port(), both.get_input_port(2 + j))
+        connect(both.get_output_port(), axes.get_input_port())
+        for reader, port, name in zip(readers, (0, 1), ("reference", "spring_torque"), strict=True):
+            outside = export(both.get_input_port(port), name)
+            for read in reader:
+                builder.ConnectInput(outside, read)
         zero = np.zeros((n, n))
         for name, rows in (
             ("motor_state", [[back, zero, zero], [zero, back, zero]]),
