@@ -92,6 +92,9 @@ def run(
         Path | None, typer.Option(metavar="DIR", help="Directory to write; default runs/<name>-<n>.")
     ] = None,
     force: Force = False,
+    replay: Annotated[
+        bool, typer.Option("--replay", help="Also write a 3-D replay, one HTML page per variant.")
+    ] = False,
     realtime_rate: Annotated[
         float, typer.Option(metavar="R", min=0.0, help="At most R simulated seconds per second; 0: full speed.")
     ] = 0.0,
@@ -116,6 +119,7 @@ def run(
             fidelity=fidelity,
             out=directory,
             force=force,
+            replay=replay,
             realtime_rate=realtime_rate,
             progress=progress.show,
         )

@@ -205,4 +205,4 @@ def _write(part: _Part, outcomes: Mapping[str, Outcome | str], directory: Path) 
         return
     # A run that had to stop is written beside, and is a row of the table already.
     with contextlib.suppress(StoppedRunError):
-        finish(part.file, part.scenarios, with_log, directory, False, part.overrides)
+        finish(part.file, part.scenarios, with_log, directory, overrides=part.overrides)

@@ -10,7 +10,7 @@ from typing import Any
 import xarray as xr
 from pydrake.systems.framework import Diagram
 
-from forcectl.errors import RunFailedError
+from forcectl.errors import BadInputError, RunFailedError
 from forcectl.simulation.catalog import ScenarioFile
 from forcectl.simulation.expectations import Verdict, judge
 from forcectl.simulation.logs import stack, write_netcdf
@@ -58,6 +58,7 @@ def run(
     fidelity: str | None = None,
     out: str | Path | None = None,
     force: bool = False,
+    replay: bool = False,
     realtime_rate: float = 0.0,
     progress: Progress | None = None,
 ) -> RunResult:
@@ -71,6 +72,7 @@ def run(
         seed: short for the override of `seed`. fidelity: short for that of `station.fidelity`.
         out: directory to write (see `run_directory`); None writes nothing.
         force: replace an earlier run in `out`.
+        replay: also write each variant as an animation in three dimensions, one HTML page each.
         realtime_rate: at most this many simulated seconds per second; 0: as fast as possible.
         progress: called with the variant and the share of it that is done.
 
@@ -83,6 +85,8 @@ def run(
     # Everything is checked before anything is simulated.
     scenarios = {name: resolve(file, name, changes) for name in select_variants(file, variant)}
     directory = None if out is None else Path(out).expanduser()
+    if replay and directory is None:
+        raise BadInputError("replay = True: must be False without an output directory")
     if directory is not None:
         check_free(directory, force)
     loops = {name: build(one) for name, one in scenarios.items()}
@@ -91,7 +95,7 @@ def run(
         outcomes.append(simulate(one, loops.pop(name), name, realtime_rate, progress))
         if outcomes[-1].failure is not None:
             break
-    return finish(file, scenarios, outcomes, directory, force, changes)
+    return finish(file, scenarios, outcomes, directory, force=force, replay=replay, overrides=changes)
 
 
 def with_shortcuts(overrides: Mapping[str, Any] | None, seed: int | None, fidelity: str | None) -> dict[str, Any]:
@@ -105,8 +109,10 @@ def finish(
     scenarios: Mapping[str, Scenario],
     outcomes: Sequence[Outcome],
     directory: Path | None,
-    force: bool,
+    *,
     overrides: Mapping[str, Any],
+    force: bool = False,
+    replay: bool = False,
 ) -> RunResult:
     """Judge simulated variants and write their run directory.
 
@@ -143,6 +149,8 @@ def finish(
         write_netcdf(log, folder / "log.nc")
         write_json(folder / "metrics.json", metrics)
         _write_pictures(folder, log, diagram, first.title or file.name)
+        if replay:
+            _write_replays(folder, scenarios, outcomes)
 
     if failed is not None:
         kept = None
@@ -167,6 +175,15 @@ def verdicts_on(
         for expectation in first.expect
         if set(expectation.variants(names).values()) <= set(scenarios)
     ]
+
+
+def _write_replays(folder: Path, scenarios: Mapping[str, Scenario], outcomes: Sequence[Outcome]) -> None:
+    from forcectl.simulation.replay import write_replay
+
+    for number, outcome in enumerate(outcomes, start=1):
+        if outcome.log.sizes["time"]:
+            name = "replay.html" if len(scenarios) == 1 else f"replay_{number}.html"
+            write_replay(outcome.log, scenarios[outcome.variant].station, folder / name)
 
 
 def _write_pictures(folder: Path, log: xr.Dataset, diagram: Diagram, title: str) -> None:

@@ -1,0 +1,88 @@
+"""Replay of a run: robot, surface and contact force in three dimensions, as one HTML page without any network access.
+
+Drawn from the log alone, so it works for every fidelity. Motions are true to scale.
+"""
+
+from __future__ import annotations
+
+import logging
+from pathlib import Path
+
+import numpy as np
+import xarray as xr
+from pydrake.geometry import Box, Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, Rgba, Role
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
+
+from forcectl.diagrams.station import StationConfig, describe
+from forcectl.models import add_packages
+from forcectl.robot import add_robot
+
+FRAMES = 32.0  # pictures per second of simulated time
+ARROW = 0.02  # [m/N] length of the bar that shows the contact force
+_BLUE = Rgba(0.0, 0.45, 0.7, 1.0)
+
+
+def write_replay(log: xr.Dataset, station: StationConfig, path: Path) -> None:
+    """Write the replay of one variant.
+
+    Args:
+        log: over time, with `motor_position` and `contact_force`.
+        station: what was simulated.
+        path: HTML file to write.
+    """
+    cell = describe(station)
+    context = cell.robot.create_context()
+    cell.robot.set_positions(context, cell.start)
+    # The surface frame has its z axis along n.
+    X_WE = RigidTransform(RotationMatrix.MakeFromOneVector(cell.n, 2), cell.robot.pose(context).translation())
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    joints = add_robot(plant, station.robot, station.tool).joints
+    parser = Parser(plant)
+    add_packages(parser.package_map())
+    (surface,) = parser.AddModelsFromUrl("package://spring_plate/spring_plate.sdf")
+    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("surface", surface), X_WE)
+    plant.Finalize()
+    meshcat = _quiet_meshcat()
+    visualizer = MeshcatVisualizer.AddToBuilder(
+        builder, scene_graph, meshcat, MeshcatVisualizerParams(role=Role.kIllustration)
+    )
+    diagram = builder.Build()
+    root = diagram.CreateDefaultContext()
+    own = plant.GetMyMutableContextFromRoot(root)
+    positions, indices = plant.GetPositions(own), [joint.position_start() for joint in joints]
+    # The bar stands beside the tool and grows along n.
+    meshcat.SetObject("force/bar", Box(0.012, 0.012, 1.0), _BLUE)
+    meshcat.SetTransform("force", X_WE @ RigidTransform([0.1, 0.0, 0.0]))
+    tip = X_WE.translation()
+    meshcat.SetCameraPose(tip + np.array([0.3, -1.4, 0.3]), 0.85 * tip)
+
+    visualizer.StartRecording()
+    times = log["time"].values
+    wanted = np.arange(0.0, times[-1] - times[0] + 0.5 / FRAMES, 1 / FRAMES)
+    for k in np.searchsorted(times, times[0] + wanted).clip(max=len(times) - 1):
+        when = float(times[k])
+        root.SetTime(when)
+        positions[indices] = log["motor_position"].values[k]
+        plant.SetPositions(own, positions)
+        diagram.ForcedPublish(root)
+        length = max(1e-4, ARROW * float(log["contact_force"].values[k]))
+        meshcat.SetTransform("force/bar", RigidTransform([0.0, 0.0, length / 2]), when)
+        meshcat.SetProperty("force/bar/<object>", "scale", [1.0, 1.0, length], when)
+    visualizer.StopRecording()
+    visualizer.PublishRecording()
+    path.write_text(meshcat.StaticHtml(), encoding="utf-8")
+
+
+def _quiet_meshcat() -> Meshcat:
+    # It announces the address of a server that nobody is meant to visit.
+    logger = logging.getLogger("drake")
+    level = logger.level
+    logger.setLevel(logging.WARNING)
+    try:
+        return Meshcat()
+    finally:
+        logger.setLevel(level)
