@@ -30,7 +30,8 @@ LOGGED = (
 class ClosedLoop:
     """A closed loop ready to simulate.
 
-    period: control tick and log period [s]. reference_model_bandwidth: of the controller's nominal loop [rad/s] or None.
+    period: control tick and log period [s]. reference_model_bandwidth: of the controller's nominal loop [rad/s] or
+        None.
     true_compliance: C_T at the start [m/N].
     """
 

@@ -1,4 +1,5 @@
-"""The motor side of a robot without dynamics: joint filters, and the servo with friction along the constrained direction.
+"""The motor side of a robot without dynamics: joint filters, and the servo with friction along the constrained
+direction.
 
 Joint motion along J^-1 n goes through the scalar servo, everything else follows the filtered joint reference:
 

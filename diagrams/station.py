@@ -80,7 +80,10 @@ class StationConfig:
             raise invalid("time_step", self.time_step, f"at most the period, {self.period:g} s")
         if whole_multiple("posture_period", self.posture_period, self.period, "the control period") < 1:
             raise invalid("posture_period", self.posture_period, f"at least the period, {self.period:g} s")
-        for name, delay in (("position_loop.delay", self.position_loop.delay), ("force_sensor.delay", self.force_sensor.delay)):
+        for name, delay in (
+            ("position_loop.delay", self.position_loop.delay),
+            ("force_sensor.delay", self.force_sensor.delay),
+        ):
             whole_multiple(name, delay, self.period, "the control period")
         if not self.environment.one_sided and self.fidelity != "OneDimensional":
             raise invalid("environment.one_sided", False, "true unless station.fidelity = OneDimensional")

@@ -6,9 +6,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ZeroOrderHold
 
 from forcectl.diagrams.motor_side import MotorSide
-from forcectl.diagrams.parts import export_outputs
 from forcectl.diagrams.station import Cell
-from forcectl.diagrams.truth import add_contact_state, add_light_robot_truth
+from forcectl.diagrams.truth import finish_light_station
 from forcectl.plant.compliance import RobotCompliance
 from forcectl.plant.tip_kinematics import TipDisplacement
 
@@ -27,7 +26,6 @@ class KinematicStation(Diagram):
         tip = add("tip_displacement", TipDisplacement(cell.robot, cell.n, cell.motor_start))
         connect(position, tip.GetInputPort("motor_position"))
         contact = config.environment.add_to(builder, 1, config.period, compliance_port=config.elastic_joints)
-        connect(tip.GetOutputPort("displacement"), contact.GetInputPort("displacement"))
         if config.elastic_joints:
             compliance = add("robot_compliance", RobotCompliance(cell.robot, cell.n))
             # It changes with the posture, much slower than the force: sampled.
@@ -35,22 +33,5 @@ class KinematicStation(Diagram):
             connect(position, compliance.GetInputPort("motor_position"))
             connect(compliance.GetOutputPort("robot_compliance"), held.get_input_port())
             connect(held.get_output_port(), contact.GetInputPort("robot_compliance"))
-        force = contact.GetOutputPort("contact_force")
-        sensor = config.force_sensor.add_to(builder, config.period, seed=seed)
-        connect(force, sensor.GetInputPort("force"))
-        measured = sensor.GetOutputPort("measured_force")
-        links, wrench = add_light_robot_truth(builder, cell, position, force, measured)
-        export_outputs(
-            builder,
-            {
-                "motor_position": position,
-                "motor_velocity": motors.GetOutputPort("motor_velocity"),
-                "measured_wrench": wrench,
-                "measured_force": measured,
-                "contact_force": force,
-                "contact_displacement": tip.GetOutputPort("displacement"),
-                "link_position": links,
-                "contact_state": add_contact_state(builder, force),
-            },
-        )
+        finish_light_station(builder, cell, seed, motors, contact, tip.GetOutputPort("displacement"))
         builder.BuildInto(self)

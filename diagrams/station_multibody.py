@@ -8,8 +8,8 @@ contact with linear (Kelvin-Voigt) dissipation; the discrete SAP solver integrat
 from 1e3 to 1e6 N/m and the joints stay stable at the default 1 ms. The step is an implicit Euler step: it damps a mode
 of angular frequency w by an extra damping ratio of about w dt/2.
 
-Delays beside the configured ones: the command delay is at least one plant step, and the motor state reaches the springs one
-plant step late, because simultaneous events read the state before them.
+Delays beside the configured ones: the command delay is at least one plant step, and the motor state reaches the
+springs one plant step late, because simultaneous events read the state before them.
 """
 
 from __future__ import annotations
@@ -82,8 +82,8 @@ def add_environment(plant: MultibodyPlant, cell: Cell, tip: Vector) -> Joint:
 def _missing_compliance(cell: Cell) -> float:
     """What the contact has to carry beside C_E so that the cell's compliance along n is C_R + C_E [m/N].
 
-    Links are rigid bodies here, so their bending n'C_L n is added; what is only as stiff as the step can resolve, the ball
-    and the springs of rigid joints, is taken out.
+    Links are rigid bodies here, so their bending n'C_L n is added; what is only as stiff as the step can resolve, the
+    ball and the springs of rigid joints, is taken out.
     """
     joints = float(np.sum(cell.normal_row**2 / cell.spring_stiffness))
     return cell.robot_compliance - joints - _BALL_COMPLIANCE
@@ -99,8 +99,8 @@ def _material(stiffness: float, relaxation_time: float) -> ProximityProperties:
 def add_ball(plant: MultibodyPlant, parts: RobotParts, R_TW: RotationMatrix, n: Vector) -> None:
     """The ball of the tool as the only thing that touches the environment, with the TCP as its outermost point.
 
-    Inclined tools would touch with another point of the ball than the one whose kinematics the controllers know; the ball
-    sits one radius along n from the TCP in the start posture, so that force and displacement are those of the TCP.
+    Inclined tools would touch with another point of the ball than the one whose kinematics the controllers know; the
+    ball sits one radius along n from the TCP in the start posture, so that force and displacement are those of the TCP.
     """
     if parts.contact_ball_frame is None or parts.tool_facts is None:
         raise BadInputError("tool: has no contact_ball_frame: must name one for station.fidelity = Multibody")

@@ -1,11 +1,13 @@
-"""Truth ports that several stations make in the same way."""
+"""What several stations end in: contact state, and the sensor and truth ports of a robot without dynamics."""
 
 from __future__ import annotations
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Gain, Saturation
 
+from forcectl.diagrams.motor_side import MotorSide
+from forcectl.diagrams.parts import export_outputs
 from forcectl.diagrams.station import Cell
 from forcectl.plant.tip_kinematics import ForceToWrench, LinkPosition
 
@@ -22,14 +24,36 @@ def add_contact_state(builder: DiagramBuilder, force: OutputPort) -> OutputPort:
     return state.get_output_port()
 
 
-def add_light_robot_truth(
-    builder: DiagramBuilder, cell: Cell, position: OutputPort, force: OutputPort, measured: OutputPort
-) -> tuple[OutputPort, OutputPort]:
-    """Link positions and measured wrench of a robot without dynamics; nothing is computed unless read."""
-    links = builder.AddNamedSystem("link_position", LinkPosition(cell.robot, cell.n, cell.spring_stiffness))
-    wrench = builder.AddNamedSystem("wrench", ForceToWrench(cell.robot, cell.n))
+def finish_light_station(
+    builder: DiagramBuilder, cell: Cell, seed: int, motors: MotorSide, contact: System, displacement: OutputPort
+) -> None:
+    """Sensor, truth and exported ports of a station without robot dynamics.
+
+    Args:
+        motors: the motor side. contact: with the output `contact_force`. displacement: along n, what the contact gets.
+    """
+    robot = cell.robot
+    builder.Connect(displacement, contact.GetInputPort("displacement"))
+    force, position = contact.GetOutputPort("contact_force"), motors.GetOutputPort("motor_position")
+    sensor = cell.config.force_sensor.add_to(builder, cell.config.period, seed=seed)
+    builder.Connect(force, sensor.GetInputPort("force"))
+    measured = sensor.GetOutputPort("measured_force")
+    links = builder.AddNamedSystem("link_position", LinkPosition(robot, cell.n, cell.spring_stiffness))
     builder.Connect(position, links.GetInputPort("motor_position"))
     builder.Connect(force, links.GetInputPort("contact_force"))
+    wrench = builder.AddNamedSystem("wrench", ForceToWrench(robot, cell.n))
     builder.Connect(measured, wrench.GetInputPort("measured_force"))
     builder.Connect(position, wrench.GetInputPort("motor_position"))
-    return links.GetOutputPort("link_position"), wrench.GetOutputPort("measured_wrench")
+    export_outputs(
+        builder,
+        {
+            "motor_position": position,
+            "motor_velocity": motors.GetOutputPort("motor_velocity"),
+            "measured_wrench": wrench.GetOutputPort("measured_wrench"),
+            "measured_force": measured,
+            "contact_force": force,
+            "contact_displacement": displacement,
+            "link_position": links.GetOutputPort("link_position"),
+            "contact_state": add_contact_state(builder, force),
+        },
+    )

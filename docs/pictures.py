@@ -1,6 +1,6 @@
 """Draw docs/images/station.png: the multibody station at its start, rendered from its own geometry.
 
-    python docs/pictures.py
+python docs/pictures.py
 """
 
 from __future__ import annotations
@@ -40,7 +40,9 @@ def main() -> None:
     z = (AT - EYE) / np.linalg.norm(AT - EYE)
     x = np.cross(z, [0.0, 0.0, 1.0]) / np.linalg.norm(np.cross(z, [0.0, 0.0, 1.0]))
     X_WC = RigidTransform(RotationMatrix(np.column_stack([x, np.cross(z, x), z])), EYE)
-    lens = RenderCameraCore("vtk", CameraInfo(WIDTH, HEIGHT, FIELD_OF_VIEW), ClippingRange(0.05, 20.0), RigidTransform())
+    lens = RenderCameraCore(
+        "vtk", CameraInfo(WIDTH, HEIGHT, FIELD_OF_VIEW), ClippingRange(0.05, 20.0), RigidTransform()
+    )
     context = scene_graph.GetMyContextFromRoot(station.CreateDefaultContext())
     query = scene_graph.get_query_output_port().Eval(context)
     image = query.RenderColorImage(ColorRenderCamera(lens), scene_graph.world_frame_id(), X_WC)

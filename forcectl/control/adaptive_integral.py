@@ -1,4 +1,4 @@
-"""Adaptive integral force control: the integral law with the compliance that EWRLS estimates on line (Sec. 2.3, [53])."""
+"""Adaptive integral force control: the integral law with the compliance that EWRLS estimates on line (Sec. 2.3)."""
 
 from __future__ import annotations
 

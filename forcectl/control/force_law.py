@@ -5,8 +5,8 @@ ForceLaw (scalar heart of a controller, for n loops at once)
     out  displacement_command: shape (n,) [m]; any further outputs are diagnostics
 
 ForceController (commands a robot)
-    in   desired_force, measured_force: (1,) [N]; motor_position, motor_velocity, unconstrained_reference: (n_q,) [rad(/s)]
-    out  joint_position_command: (n_q,) [rad]
+    in   desired_force, measured_force: (1,) [N]; motor_position, motor_velocity, unconstrained_reference: (n_q,)
+    [rad(/s)] out  joint_position_command: (n_q,) [rad]
 """
 
 from __future__ import annotations

@@ -117,8 +117,8 @@ class LinearIntegralForceLaw(Diagram):
 
     desired_force, measured_force: shape (n,) [N]. displacement_command: shape (n,) [m]. Feedthrough of both.
 
-    Sampling: `period` [s]; no delay. For diagrams in which everything runs at this period: between the events of one tick
-    the output is that of the next.
+    Sampling: `period` [s]; no delay. For diagrams in which everything runs at this period: between the events of one
+    tick the output is that of the next.
     """
 
     def __init__(self, size: int, *, integral_gain: ArrayLike, compliance: ArrayLike, period: float = 0.002):

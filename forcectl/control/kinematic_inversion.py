@@ -17,7 +17,6 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
 from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain
-
 from scipy.linalg.lapack import dgesv
 
 from forcectl.errors import BadInputError, invalid
@@ -167,7 +166,8 @@ class KinematicInversion(LeafSystem):
 class ConstantKinematicInversion(Diagram):
     """The same for small motion about one posture: J is that of the start, so it is a constant matrix.
 
-    What the unconstrained reference has along n by this J is taken out: it is the curvature that one dimension leaves out.
+    What the unconstrained reference has along n by this J is taken out: it is the curvature that one dimension leaves
+        out.
 
     ```
     name: ConstantKinematicInversion

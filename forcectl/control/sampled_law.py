@@ -2,8 +2,8 @@
 
 A command kept in discrete state reaches sampled plants one tick late. One computed in an unrestricted update does not,
 but such an event copies the state of the whole diagram and throws away everything computed so far in the tick: a
-multibody plant would solve its step twice. Here the output is computed from the inputs at the tick and kept as state for
-the rest of it: no delay, nothing computed twice, and right for continuous plants too.
+multibody plant would solve its step twice. Here the output is computed from the inputs at the tick and kept as state
+for the rest of it: no delay, nothing computed twice, and right for continuous plants too.
 """
 
 from __future__ import annotations

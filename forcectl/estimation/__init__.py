@@ -1,1 +1,1 @@
-
+"""Estimators of what the controllers are not told."""

@@ -3,7 +3,8 @@
     z = phi C_E,    z = -dx - C_R_hat F,    phi = F                                                    (2.10)*
     k = P phi/(mu + phi P phi),    C_E += k (z - phi C_E),    P = (P - k phi P)/mu
 
-The product form never divides by the force, which (2.10) as printed does. The displacement must be the actual motor-side
+The product form never divides by the force, which (2.10) as printed does. The displacement must be the actual
+motor-side
 one, seen through the same filter as the force: otherwise the force lags it and every transient biases the estimate.
 """
 
@@ -47,15 +48,16 @@ class EnvironmentComplianceEstimator(LaneBlock):
     environment_compliance: shape (n,), C_E_hat within its bounds [m/N]. State, no direct feedthrough.
     compliance: shape (n,), C_R_hat + C_E_hat [m/N]. State, no direct feedthrough.
 
-    Parameters (Context, shape (n,)): forgetting mu in (0, 1], robot_compliance C_R_hat [m/N] >= 0, minimum_force [N] >= 0
-    below which nothing is learnt, lower_bound and upper_bound [m/N] of what is put out.
+    Parameters (Context, shape (n,)): forgetting mu in (0, 1], robot_compliance C_R_hat [m/N] >= 0, minimum_force [N]
+    >= 0 below which nothing is learnt, lower_bound and upper_bound [m/N] of what is put out.
 
     A force or displacement that is not finite is skipped.
 
     Sampling: every `period` [s]; the outputs change one tick after the samples they use.
 
     Args:
-        initial_compliance: C_E_hat at the start [m/N], > 0. initial_covariance: P_0 [1/N^2], > 0: not given by the thesis
+        initial_compliance: C_E_hat at the start [m/N], > 0. initial_covariance: P_0 [1/N^2], > 0: not given by the
+            thesis
             and decisive; 1e-6 reproduces its settling (targets, section 4).
     """
 

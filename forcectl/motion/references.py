@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import csv
 from dataclasses import dataclass, field
+from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
@@ -20,12 +21,16 @@ def held_trajectory(times: ArrayLike, values: ArrayLike) -> PiecewisePolynomial:
     """Values (n, k) held from each of the times (k,) [s] on; the last one for ever."""
     times, values = np.asarray(times, dtype=float), np.atleast_2d(np.asarray(values, dtype=float))
     # A zero-order hold needs an end for its last segment; the trajectory keeps that value beyond it.
-    return PiecewisePolynomial.ZeroOrderHold(np.append(times, times[-1] + 1.0), np.column_stack([values, values[:, -1]]))
+    return PiecewisePolynomial.ZeroOrderHold(
+        np.append(times, times[-1] + 1.0), np.column_stack([values, values[:, -1]])
+    )
 
 
 def linear_trajectory(times: ArrayLike, values: ArrayLike) -> PiecewisePolynomial:
     """Values (n, k) joined by straight lines between the times (k,) [s], constant before and after."""
-    return PiecewisePolynomial.FirstOrderHold(np.asarray(times, dtype=float), np.atleast_2d(np.asarray(values, dtype=float)))
+    return PiecewisePolynomial.FirstOrderHold(
+        np.asarray(times, dtype=float), np.atleast_2d(np.asarray(values, dtype=float))
+    )
 
 
 class Reference(Diagram):
@@ -83,7 +88,7 @@ def _check_times(name: str, times: list[float]) -> None:
         raise invalid(name, times, "a list with at least one time")
     for t in times:
         check(name, t, "not negative")
-    if any(b <= a for a, b in zip(times, times[1:], strict=False)):
+    if any(b <= a for a, b in pairwise(times)):
         raise invalid(name, times, "strictly increasing")
 
 

@@ -108,9 +108,7 @@ class TangentialMotionConfig:
         covered = trapezoidal_profile(self.distance, self.speed, self.acceleration, times)
         postures = line_postures(robot, start, covered[:, None] * along) - start
         rest = np.zeros(robot.num_joints)
-        return PiecewisePolynomial.CubicWithContinuousSecondDerivatives(
-            self.start_time + times, postures.T, rest, rest
-        )
+        return PiecewisePolynomial.CubicWithContinuousSecondDerivatives(self.start_time + times, postures.T, rest, rest)
 
     def add_to(self, builder: DiagramBuilder, robot: RobotModel, start: Vector, n: Vector) -> Reference:
         """Add the block `motion` with the output `unconstrained_reference`, shape (n_q,) [rad]."""

@@ -63,7 +63,8 @@ class CompliantContact(LaneBlock):
     robot_compliance: shape (n,), C_R(q) [m/N]; the port exists when `compliance_port`, else the parameter is used.
     contact_force: shape (n,), >= 0 [N]. Feedthrough of all inputs.
 
-    Parameters (Context, shape (n,)): stiffness K_E [N/m] > 0, damping D_E [N s/m] >= 0, robot_compliance C_R [m/N] >= 0.
+    Parameters (Context, shape (n,)): stiffness K_E [N/m] > 0, damping D_E [N s/m] >= 0, robot_compliance C_R [m/N] >=
+    0.
 
     Sampling: with any damping the deformation of the environment is a discrete state, updated every `period` [s];
     without, the block has no state and no events (then damping cannot be changed later).

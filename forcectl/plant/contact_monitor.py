@@ -46,8 +46,8 @@ class ContactMonitorCore(LaneBlock):
 
     There is contact while the force exceeds `threshold` [N].
 
-    A declared event changes the state every `period` [s]. The mode is a number in discrete state, not an abstract value:
-    abstract Python state is copied deeply at every unrestricted event of the whole diagram (10 us a tick).
+    A declared event changes the state every `period` [s]. The mode is a number in discrete state, not an abstract
+    value: abstract Python state is copied deeply at every unrestricted event of the whole diagram (10 us a tick).
     """
 
     def __init__(self, size: int, *, period: float = 0.002, threshold: float = 1e-9):

@@ -1,6 +1,7 @@
 """The drives of a robot with elastic joints: motor inertia, cascaded servo, friction, spring torque.
 
-    B phi'' = B w_v [(v_r - phi') + w_i int(v_r - phi')] - S^-T tau_spring - b phi' - c sign(phi'),   v_r = K_v (r - phi) + r'
+    B phi'' = B w_v [(v_r - phi') + w_i int(v_r - phi')] - S^-T tau_spring - b phi' - c sign(phi'),   v_r = K_v (r -
+    phi) + r'
 
 phi = S q_m are the motor angles divided by the gear ratios: S is the identity but for the couplings between motors, and
 B = diag(J_m N^2) is the inertia of the rotors at the joints. The step of `forcectl.plant.servo`, written as a linear
@@ -40,7 +41,7 @@ class InnerStep(NamedTuple):
 
 
 def inner_step(gains: ServoGains, to_motor: Matrix, push: Matrix) -> InnerStep:
-    """The matrices of an inner step whose reference has already moved on by it.
+    """The matrices of an inner step, with the reference at its start.
 
     Args:
         gains: coefficients, arrays of shape (n,). to_motor: S. push: speed per spring torque, shape (n, n).
@@ -56,7 +57,13 @@ def inner_step(gains: ServoGains, to_motor: Matrix, push: Matrix) -> InnerStep:
     return InnerStep(
         free_x,
         free_u,
-        np.vstack([np.hstack([eye, zero, zero]) + dt * speed_x, speed_x, np.hstack([zero, zero, eye]) + dt * (wanted_x - speed_x)]),
+        np.vstack(
+            [
+                np.hstack([eye, zero, zero]) + dt * speed_x,
+                speed_x,
+                np.hstack([zero, zero, eye]) + dt * (wanted_x - speed_x),
+            ]
+        ),
         np.vstack([dt * speed_u, speed_u, dt * (wanted_u - speed_u)]),
         np.vstack([dt * speed_f, speed_f, -dt * speed_f]),
     )
@@ -74,7 +81,7 @@ def unrolled_steps(step: InnerStep, dt: float, count: int) -> tuple[list[Matrix]
     frees = []
     for i in range(count):
         moved = np.eye(3 * n)
-        moved[:n, n : 2 * n] = (i + 1) * dt * np.eye(n)
+        moved[:n, n : 2 * n] = i * dt * np.eye(n)
         pad = np.zeros((3 * n, i * n))
         u = np.hstack([np.zeros((3 * n, 3 * n)), moved, pad])
         frees.append(step.free_x @ x + step.free_u @ u)

@@ -3,8 +3,8 @@
     y = filter( delay( quantise( saturate( F + bias + noise ) ) - tare ) )
 
 The noise is white per control tick and a pure function of (seed, lane, tick), so a run gives the same bits in any
-process, after a reset, and for a lane inside a bundle. The filter is discretised with a first-order hold, which is exact
-for forces that are linear between ticks and, unlike a zero-order hold, adds no delay of its own.
+process, after a reset, and for a lane inside a bundle. The filter is discretised with a first-order hold, which is
+exact for forces that are linear between ticks and, unlike a zero-order hold, adds no delay of its own.
 """
 
 from __future__ import annotations
@@ -74,8 +74,8 @@ class ForceDigitiser(LaneBlock):
     force: shape (n,), true force or wrench component [N or Nm].
     reading: shape (n,), same unit. Feedthrough of force.
 
-    Parameters (Context, shape (n,)): bias, noise_std >= 0 (standard deviation per tick), quantum >= 0, range > 0, all in
-    the unit of the input. Taring: with `tare` the first reading without noise becomes the zero (state, set by an
+    Parameters (Context, shape (n,)): bias, noise_std >= 0 (standard deviation per tick), quantum >= 0, range > 0, all
+    in the unit of the input. Taring: with `tare` the first reading without noise becomes the zero (state, set by an
     initialisation event); `tare_now` does the same at any time.
 
     Args:
@@ -209,7 +209,8 @@ class ForceSensor(Diagram):
 
     force, measured_force: shape (n,), [N] (or [Nm] for the torque channels of a wrench).
 
-    Sampling: `period` [s]. Delay: `delay` [s] plus the lag of the filter; feedthrough when delay = 0 (first-order hold).
+    Sampling: `period` [s]. Delay: `delay` [s] plus the lag of the filter; feedthrough when delay = 0 (first-order
+        hold).
     """
 
     def __init__(

@@ -8,7 +8,9 @@ would reach without friction,
 
     v+ = soft(s, dt a_c) / (1 + dt (w_v (1 + w_i dt) + b)),     soft(s, c) = sign(s) max(|s| - c, 0)
 
-so sticking is exact (v+ = 0, no creep) and no step size makes it unstable. a_c is Coulomb = static friction.
+so sticking is exact (v+ = 0, no creep) and no step size makes it unstable. Position and reference are those at the
+start
+of the step: taking one of them at its end would shift the motion by a whole step. a_c is Coulomb = static friction.
 """
 
 from __future__ import annotations
@@ -23,7 +25,6 @@ from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.errors import invalid
 from forcectl.lanes import FEW_LANES, SCALAR_MATH, Lane, LaneBlock, Parameter, check, lane_values
-
 
 Vector = NDArray[np.float64]
 
@@ -71,12 +72,12 @@ def servo_steps(
     position, velocity, integral, stick, inverse, step = gains
     maximum, copysign = m.maximum, m.copysign
     for _ in range(count):
-        r = r + step * rate
         wanted = position * (r - x) + rate
         free = v + velocity * wanted + integral * i + push
         v = copysign(maximum(abs(free) - stick, 0.0), free) * inverse
         x = x + step * v
         i = i + step * (wanted - v)
+        r = r + step * rate
     return x, v, i
 
 
@@ -120,7 +121,8 @@ class ServoCore(LaneBlock):
     ```
 
     reference: shape (2n,), reference and its rate, [rad, rad/s] or [m, m/s]; extrapolated with its rate inside a tick.
-    state: shape (3n,), position, velocity and integral of the velocity error, [rad, rad/s, rad] or [m, m/s, m]. State, no
+    state: shape (3n,), position, velocity and integral of the velocity error, [rad, rad/s, rad] or [m, m/s, m].
+        State, no
         direct feedthrough.
 
     Parameters (Context, shape (n,)): position_gain K_v [1/s] > 0, velocity_gain w_v [1/s] > 0, integral_gain w_i [1/s]

@@ -47,7 +47,8 @@ class WeldWrenches(LeafSystem):
     ```
 
     reaction_forces: abstract, list of SpatialForce of a MultibodyPlant.
-    outputs: shape (6,), [torque; force] that the environment and the weight exert on what hangs at the weld, at the origin
+    outputs: shape (6,), [torque; force] that the environment and the weight exert on what hangs at the weld, at the
+        origin
         of the weld's child frame, in that frame [Nm, N]. Feedthrough.
     """
 
