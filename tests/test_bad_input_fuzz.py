@@ -150,7 +150,7 @@ def mutate(tree, rng):
     text = dump(tree)
     if rng.random() < 0.25:
         for _ in range(rng.randint(1, 3)):
-            i = rng.randrange(len(text))
+            i = rng.randrange(len(text) + 1)
             text = rng.choice(
                 [text[:i] + rng.choice(BREAKS) + text[i:], text[:i] + text[i + rng.randint(1, 40) :], text[:i]]
             )
