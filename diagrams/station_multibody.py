@@ -241,7 +241,7 @@ class MultibodyStation(Diagram):
             initial_position=cell.motor_start,
             initial_torque=robot.gravity_torque(cell.start_context()),
         )
-        return builder.AddNamedSystem("drive", drive)  # type: ignore[no-any-return]
+        return builder.AddNamedSystem("drive", drive)
 
 
 def hold_line(period: float, initial: Vector) -> LinearSystem:

@@ -11,7 +11,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
-from numbers import Real
+from numbers import Integral, Real
 from types import SimpleNamespace
 from typing import Any
 
@@ -38,6 +38,7 @@ SCALAR_MATH: Any = SimpleNamespace(
 
 _CHECKS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.bool_]]] = {
     "positive": lambda v: v > 0,
+    "positive and finite": lambda v: (v > 0) & np.isfinite(v),
     "not negative": lambda v: v >= 0,
     "finite": np.isfinite,
     "a number": lambda v: ~np.isnan(v),
@@ -49,8 +50,8 @@ _CHECKS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.bool_]]] = {
 class Parameter:
     """A value per lane that lives in the Context.
 
-    value: number or shape (n,). allowed: "positive", "not negative", "finite", "a number" (infinite is
-    fine) or "above 0 and at most 1". unit: for documentation and graphs.
+    value: number or shape (n,). allowed: "positive", "not negative" or "a number" (each may be
+    infinite), "finite", "positive and finite" or "above 0 and at most 1". unit: for documentation and graphs.
     """
 
     value: ArrayLike
@@ -86,6 +87,13 @@ def check(name: str, value: float, allowed: str = "finite") -> float:
     if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
         raise invalid(name, value, "a finite number")
     return float(lane_values(name, value, 1, allowed)[0])
+
+
+def check_count(name: str, value: int) -> int:
+    """`value` as a whole number of at least 1, else BadInputError."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
+        raise invalid(name, value, "a whole number, at least 1")
+    return int(value)
 
 
 def whole_multiple(name: str, value: float, period: float, period_name: str) -> int:
@@ -169,7 +177,7 @@ class LaneBlock(LeafSystem):
         """A vector of shape (n,) as the equations want it."""
         return vector.item() if self._size == 1 else vector
 
-    def lanes(self, vector: NDArray[np.float64]) -> Sequence[Lane]:
+    def lanes(self, vector: NDArray[np.float64]) -> Any:
         """A stacked vector of shape (k n,) as k lane values."""
         return vector.tolist() if self._size == 1 else vector.reshape(-1, self._size)
 

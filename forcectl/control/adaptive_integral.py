@@ -112,4 +112,4 @@ class AdaptiveIntegralConfig:
             filter_delay_ticks=whole_multiple("delay", facts.sensor_delay, facts.period, "period"),
             period=facts.period,
         )
-        return builder.AddNamedSystem("force_law", block)  # type: ignore[no-any-return]
+        return builder.AddNamedSystem("force_law", block)

@@ -78,7 +78,7 @@ class IntegralForceLaw(SampledLaw):
             "upper_limit": Parameter(upper_limit, "a number", "m"),
         }
         if compliance is not None:
-            parameters["compliance"] = Parameter(compliance, "positive", "m/N")
+            parameters["compliance"] = Parameter(compliance, "positive and finite", "m/N")
         super().__init__(size, parameters, period)
         self.sample_delay = {("measured_force", "displacement_command"): 0.0}
         self._desired = self.DeclareVectorInputPort("desired_force", size)
@@ -167,7 +167,7 @@ class IntegralConfig:
             upper_limit=self.upper_limit,
             period=facts.period,
         )
-        return builder.AddNamedSystem("force_law", law)  # type: ignore[no-any-return]
+        return builder.AddNamedSystem("force_law", law)
 
 
 def check_limits(lower: float, upper: float) -> None:

@@ -73,7 +73,7 @@ class _ForceReference:
         trajectory = self.trajectory()
         if size > 1:
             trajectory = _repeat(trajectory, size)
-        return builder.AddNamedSystem("reference", Reference("desired_force", trajectory))  # type: ignore[no-any-return]
+        return builder.AddNamedSystem("reference", Reference("desired_force", trajectory))
 
 
 def _repeat(trajectory: PiecewisePolynomial | float, size: int) -> PiecewisePolynomial | ArrayLike:

@@ -113,4 +113,4 @@ class TangentialMotionConfig:
     def add_to(self, builder: DiagramBuilder, robot: RobotModel, start: Vector, n: Vector) -> Reference:
         """Add the block `motion` with the output `unconstrained_reference`, shape (n_q,) [rad]."""
         block = Reference("unconstrained_reference", self.trajectory(robot, start, n))
-        return builder.AddNamedSystem("motion", block)  # type: ignore[no-any-return]
+        return builder.AddNamedSystem("motion", block)

@@ -82,7 +82,7 @@ class CompliantContact(LaneBlock):
     ):
         self._period = check("period", period, "positive")
         self._damped = bool(np.any(lane_values("damping", damping, size, "not negative") > 0))
-        parameters = {"stiffness": Parameter(stiffness, "positive", "N/m")}
+        parameters = {"stiffness": Parameter(stiffness, "positive and finite", "N/m")}
         if self._damped:
             parameters["damping"] = Parameter(damping, "not negative", "N s/m")
         if not compliance_port:
@@ -137,7 +137,7 @@ class LinearContact(Diagram):
 
     def __init__(self, size: int, *, stiffness: ArrayLike, robot_compliance: ArrayLike = 0.0):
         super().__init__()
-        k = lane_values("stiffness", stiffness, size, "positive")
+        k = lane_values("stiffness", stiffness, size, "positive and finite")
         c = lane_values("robot_compliance", robot_compliance, size, "not negative")
         builder = DiagramBuilder()
         spring = builder.AddNamedSystem("spring", Gain(-k / (1 + c * k)))
@@ -176,7 +176,7 @@ class EnvironmentConfig:
             if compliance_port:
                 raise invalid("one_sided", False, "true unless station.fidelity = OneDimensional")
             linear = LinearContact(size, stiffness=self.stiffness, robot_compliance=robot_compliance)
-            return builder.AddNamedSystem("contact", linear)  # type: ignore[no-any-return]
+            return builder.AddNamedSystem("contact", linear)
         block = CompliantContact(
             size,
             stiffness=self.stiffness,
@@ -185,4 +185,4 @@ class EnvironmentConfig:
             compliance_port=compliance_port,
             period=period,
         )
-        return builder.AddNamedSystem("contact", block)  # type: ignore[no-any-return]
+        return builder.AddNamedSystem("contact", block)

@@ -23,7 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort
 from pydrake.systems.primitives import LinearSystem, MatrixGain, Multiplexer, Saturation
 
-from forcectl.lanes import check, lane_values
+from forcectl.lanes import check, check_count, lane_values
 from forcectl.plant.servo import ServoGains, servo_gains
 from forcectl.robot import RobotModel
 
@@ -129,12 +129,12 @@ class Drive(Diagram):
     ):
         super().__init__()
         n = len(to_motor)
-        B = lane_values("inertia", inertia, n, "positive")
+        B = lane_values("inertia", inertia, n, "positive and finite")
         coulomb = lane_values("coulomb_friction", coulomb_friction, n, "not negative")
         viscous = lane_values("viscous_friction", viscous_friction, n, "not negative")
         for name, gain in (("position", position_gain), ("velocity", velocity_gain), ("integral", integral_gain)):
             check(f"{name}_gain", gain, "positive")
-        dt = check("period", period, "positive") / substeps
+        dt = check("period", period, "positive") / check_count("substeps", substeps)
         k_v, w_v, w_i = (np.full(n, gain) for gain in (position_gain, velocity_gain, integral_gain))
         gains = servo_gains(k_v, w_v, w_i, coulomb / B, viscous / B, dt)
         back = np.linalg.inv(to_motor)

@@ -142,10 +142,10 @@ class ForceDigitiser(LaneBlock):
         values = self._values.Eval(context)
         force = self._force.Eval(context)
         if not 1 < self._size <= FEW_LANES:
-            return self.stack(digitise(self.lane(force), self.lane(noise), *values, self.math))
+            return self.stack(digitise(self.lane(force), self.lane(noise), *values, m=self.math))
         # A few channels one by one on floats: half the time of numpy, the same bits.
         channels = zip(force.tolist(), noise.tolist(), values, strict=True)
-        return np.array([digitise(f, w, *channel, SCALAR_MATH) for f, w, channel in channels])
+        return np.array([digitise(f, w, *channel, m=SCALAR_MATH) for f, w, channel in channels])
 
     def _reading(self, context: Context, output: BasicVector) -> None:
         tick = int(context.get_time() / self._period + 0.5)
@@ -170,8 +170,8 @@ def sensor_filter(
         period: [s]. delay_ticks: transport delay in samples.
         hold: "first_order" (output at t_k uses the input at t_k: direct feedthrough) or "zero_order".
     """
-    w = lane_values("bandwidth", bandwidth, size, "positive")
-    z = lane_values("damping_ratio", damping_ratio, size, "positive")
+    w = lane_values("bandwidth", bandwidth, size, "positive and finite")
+    z = lane_values("damping_ratio", damping_ratio, size, "positive and finite")
     eye, zero = np.eye(size), np.zeros((size, size))
     models = [second_order(wi, zi) for wi, zi in zip(w, z, strict=True)]
     if hold == "zero_order":
@@ -301,4 +301,4 @@ class ForceSensorConfig:
             unit="Nm,N" if wrench else "N",
             period=period,
         )
-        return builder.AddNamedSystem("force_sensor", block)  # type: ignore[no-any-return]
+        return builder.AddNamedSystem("force_sensor", block)

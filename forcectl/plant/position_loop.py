@@ -94,8 +94,8 @@ class PositionLoop(Diagram):
     ):
         super().__init__()
         self.port_units = {"command": unit, "reference": f"{unit},{unit}/s"}
-        w = lane_values("bandwidth", bandwidth, size, "positive")
-        z = lane_values("damping_ratio", damping_ratio, size, "positive")
+        w = lane_values("bandwidth", bandwidth, size, "positive and finite")
+        z = lane_values("damping_ratio", damping_ratio, size, "positive and finite")
         start = lane_values("initial_command", initial_command, size)
         check("period", period, "not negative")
         if period == 0 and delay != 0:
@@ -155,4 +155,4 @@ class PositionLoopConfig:
             initial_command=initial_command,
             unit=unit,
         )
-        return builder.AddNamedSystem("position_loop", block)  # type: ignore[no-any-return]
+        return builder.AddNamedSystem("position_loop", block)

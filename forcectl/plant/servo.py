@@ -8,9 +8,8 @@ would reach without friction,
 
     v+ = soft(s, dt a_c) / (1 + dt (w_v (1 + w_i dt) + b)),     soft(s, c) = sign(s) max(|s| - c, 0)
 
-so sticking is exact (v+ = 0, no creep) and no step size makes it unstable. Position and reference are those at the
-start
-of the step: taking one of them at its end would shift the motion by a whole step. a_c is Coulomb = static friction.
+so sticking is exact (v+ = 0, no creep) and the velocity loop is stable at any step size. Position and reference are those
+at the start of the step: one of them at its end would shift the motion by a whole step. a_c is Coulomb = static friction.
 """
 
 from __future__ import annotations
@@ -24,7 +23,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, Discrete
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.errors import invalid
-from forcectl.lanes import FEW_LANES, SCALAR_MATH, Lane, LaneBlock, Parameter, check, lane_values
+from forcectl.lanes import FEW_LANES, SCALAR_MATH, Lane, LaneBlock, Parameter, check, check_count, lane_values
 
 Vector = NDArray[np.float64]
 
@@ -145,13 +144,13 @@ class ServoCore(LaneBlock):
         initial_position: ArrayLike = 0.0,
         unit: str = "rad",
     ):
-        self._substeps = substeps
+        self._substeps = check_count("substeps", substeps)
         self._step = check("period", period, "positive") / substeps
         super().__init__(
             size,
             {
-                "position_gain": Parameter(position_gain, "positive", "1/s"),
-                "velocity_gain": Parameter(velocity_gain, "positive", "1/s"),
+                "position_gain": Parameter(position_gain, "positive and finite", "1/s"),
+                "velocity_gain": Parameter(velocity_gain, "positive and finite", "1/s"),
                 "integral_gain": Parameter(integral_gain, "not negative", "1/s"),
                 "coulomb_friction": Parameter(coulomb_friction, "not negative", f"{unit}/s^2"),
                 "viscous_friction": Parameter(viscous_friction, "not negative", "1/s"),
@@ -166,7 +165,8 @@ class ServoCore(LaneBlock):
 
     def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
         """Coefficients of one inner step; lane by lane for a few lanes."""
-        gains = servo_gains(*values, self._step)
+        position, velocity, integral, coulomb, viscous = values
+        gains = servo_gains(position, velocity, integral, coulomb, viscous, self._step)
         return each_lane(gains, self._size) if 1 < self._size <= FEW_LANES else gains
 
     def _update(self, context: Context, next_state: DiscreteValues) -> None:
@@ -249,4 +249,4 @@ class ServoConfig:
             initial_position=initial_position,
             unit=unit,
         )
-        return builder.AddNamedSystem("servo", Servo(core))  # type: ignore[no-any-return]
+        return builder.AddNamedSystem("servo", Servo(core))
