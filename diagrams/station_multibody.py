@@ -35,7 +35,7 @@ from pydrake.multibody.plant import (
 )
 from pydrake.multibody.tree import Joint, PdControllerGains
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import Demultiplexer, LinearSystem, MatrixGain
+from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, LinearSystem, MatrixGain
 
 from forcectl.diagrams.parts import export_outputs
 from forcectl.diagrams.station import Cell
@@ -181,7 +181,12 @@ class MultibodyStation(Diagram):
         else:
             drive = self._add_drive(builder, cell)
             connect(reference, drive.GetInputPort("reference"))
-            torque = plant.get_net_actuation_output_port(parts.instance)
+            if config.elastic_joints:
+                torque = plant.get_net_actuation_output_port(parts.instance)
+            else:
+                # Springs that stand for rigid joints are too stiff for the explicit step of the drives: no load, like in
+                # the light stations.
+                torque = add("no_load", ConstantVectorSource(np.zeros(n_q))).get_output_port()
             connect(torque, drive.GetInputPort("spring_torque"))
             motor_state, position, velocity = (
                 drive.GetOutputPort(name) for name in ("motor_state", "motor_position", "motor_velocity")
@@ -239,7 +244,7 @@ class MultibodyStation(Diagram):
             coulomb_friction=gains.friction_scale * facts.coulomb_friction,
             viscous_friction=gains.friction_scale * facts.viscous_friction,
             initial_position=cell.motor_start,
-            initial_torque=robot.gravity_torque(cell.start_context()),
+            initial_torque=robot.gravity_torque(cell.start_context()) * cell.config.elastic_joints,
         )
         return builder.AddNamedSystem("drive", drive)
 

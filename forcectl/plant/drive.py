@@ -23,6 +23,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort
 from pydrake.systems.primitives import LinearSystem, MatrixGain, Multiplexer, Saturation
 
+from forcectl.errors import invalid
 from forcectl.lanes import check, check_count, lane_values
 from forcectl.plant.servo import ServoGains, servo_gains
 from forcectl.robot import RobotModel
@@ -129,6 +130,10 @@ class Drive(Diagram):
     ):
         super().__init__()
         n = len(to_motor)
+        if to_motor.shape != (n, n) or not np.linalg.cond(to_motor) < 1e6:
+            raise invalid("to_motor", to_motor.tolist(), "a square matrix that can be inverted")
+        start = lane_values("initial_position", initial_position, n)
+        torque = lane_values("initial_torque", initial_torque, n)
         B = lane_values("inertia", inertia, n, "positive and finite")
         coulomb = lane_values("coulomb_friction", coulomb_friction, n, "not negative")
         viscous = lane_values("viscous_friction", viscous_friction, n, "not negative")
@@ -143,8 +148,8 @@ class Drive(Diagram):
         inputs = (3 + substeps) * n
         axes = LinearSystem(after[:, : 3 * n], after[:, 3 * n :], np.eye(3 * n), np.zeros((3 * n, inputs)), period)
         # At rest the integral of the servo carries the springs' torque.
-        integral = back.T @ initial_torque / (B * velocity_gain * integral_gain)
-        axes.configure_default_state(np.concatenate([to_motor @ initial_position, np.zeros(n), integral]))
+        integral = back.T @ torque / (B * velocity_gain * integral_gain)
+        axes.configure_default_state(np.concatenate([to_motor @ start, np.zeros(n), integral]))
 
         self.port_units = {"reference": "rad,rad/s"}
         builder = DiagramBuilder()

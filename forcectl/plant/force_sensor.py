@@ -56,7 +56,7 @@ def quantise(force: Lane, quantum: Lane, m: Any = np) -> Lane:
     return m.where(quantum > 0, step * m.floor(force / step + 0.5), force)
 
 
-def digitise(force: Lane, noise: Lane, bias: Lane, noise_std: Lane, quantum: Lane, limit: Lane, m: Any = np) -> Lane:
+def digitise(force: Lane, noise: Lane, bias: Lane, noise_std: Lane, quantum: Lane, limit: Lane, *, m: Any = np) -> Lane:
     """The raw reading of a true force [N]: bias and noise (unit white, times its deviation), range, quanta."""
     return quantise(saturate(force + (bias + noise_std * noise), limit, m), quantum, m)
 

@@ -8,8 +8,9 @@ would reach without friction,
 
     v+ = soft(s, dt a_c) / (1 + dt (w_v (1 + w_i dt) + b)),     soft(s, c) = sign(s) max(|s| - c, 0)
 
-so sticking is exact (v+ = 0, no creep) and the velocity loop is stable at any step size. Position and reference are those
-at the start of the step: one of them at its end would shift the motion by a whole step. a_c is Coulomb = static friction.
+so sticking is exact (v+ = 0, no creep) and the velocity loop is stable at any step size. Position and reference are
+those at the start of the step: one of them at its end would shift the motion by a whole step. a_c is Coulomb = static
+friction.
 """
 
 from __future__ import annotations
