@@ -49,6 +49,7 @@ pictures: $(VENV)/.installed ## draw the README's pictures again
 	$(BIN)/forcectl run fig_2_7 --out runs/pictures --force
 	cp runs/pictures/figures/force.png docs/images/fig_2_7.png
 	$(BIN)/forcectl graph fig_2_7 --depth 1 --out docs/images/closed_loop.svg
+	$(BIN)/python docs/pictures.py
 
 bench: $(VENV)/.installed-test ## speed: import, build, real-time factors, cost per control tick
 	@for script in benchmarks/[!_]*.py; do echo "== $$script"; $(BIN)/python "$$script" || exit 1; done
