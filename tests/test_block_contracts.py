@@ -93,6 +93,7 @@ def drive() -> Drive:
         [2.0, 3.0],
         np.array([[1.0, 0.0], [-0.1, 1.0]]),
         period=0.0005,
+        substeps=2,
         position_gain=25.0,
         velocity_gain=200.0,
         integral_gain=15.0,

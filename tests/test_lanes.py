@@ -279,6 +279,7 @@ def test_a_list_of_seeds_gives_each_lane_its_own_noise():
 
 @pytest.mark.parametrize("n", [1, 2, 12])
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
+@pytest.mark.filterwarnings("ignore:invalid value encountered")  # that is what is being tried
 @pytest.mark.parametrize("block", ["elastic contact", "damped contact", "digitiser", "sensor", "servo"])
 def test_a_bad_input_does_the_same_to_one_lane_as_to_many(block, value, n):
     """Python's and NumPy's max, min and floor treat NaN and infinity differently; lanes must not show it."""

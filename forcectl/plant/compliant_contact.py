@@ -27,7 +27,7 @@ from forcectl.lanes import Lane, LaneBlock, Parameter, check, lane_values
 
 def elastic_force(dx: Lane, stiffness: Lane, m: Any = np) -> Lane:
     """F = max(0, -K_T dx) [N] for a displacement dx [m] and the stiffness 1/C_T [N/m] of the whole series. (2.8)"""
-    return m.maximum(-stiffness * dx, 0.0)
+    return m.maximum(-stiffness * dx, 0.0) + 0.0  # no negative zero
 
 
 def damped_contact(

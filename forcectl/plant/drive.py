@@ -11,7 +11,8 @@ system and a saturation, because soft(s, c) = s - sat(s, -c, c):
     v+ = (s - sat(s, -dt c/B, dt c/B)) / (1 + dt (w_v (1 + w_i dt) + b/B))
 
 Both are C++ blocks: beside a multibody plant a Python callback runs with cold caches and costs three times as much, and
-this one runs more often than any other. The friction sticks as exactly as in Python.
+this one runs more often than any other. A sticking axis stands still to rounding
+(1e-18 rad/s; exactly in Python).
 """
 
 from __future__ import annotations

@@ -21,7 +21,7 @@ from pydrake.systems.primitives import LinearSystem
 
 from forcectl.errors import invalid
 from forcectl.lanes import FEW_LANES, SCALAR_MATH, Lane, LaneBlock, Parameter, check, lane_values, whole_multiple
-from forcectl.plant.position_loop import first_order_hold, interleave, second_order, zero_order_hold
+from forcectl.plant.position_loop import LONGEST_DELAY, first_order_hold, interleave, second_order, zero_order_hold
 
 _CHUNK = 1024
 
@@ -274,8 +274,10 @@ class ForceSensorConfig:
     def __post_init__(self) -> None:
         for name in ("bandwidth", "damping_ratio", "torque_ratio"):
             check(name, getattr(self, name), "positive")
-        for name in ("noise_std", "quantum", "delay"):
+        for name in ("noise_std", "quantum"):
             check(name, getattr(self, name), "not negative")
+        if check("delay", self.delay, "not negative") > LONGEST_DELAY:
+            raise invalid("delay", self.delay, f"at most {LONGEST_DELAY:g} s")
         check("bias", self.bias)
         lane_values("range", self.range, 1, "positive")
         if not isinstance(self.tare, bool):

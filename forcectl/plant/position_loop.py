@@ -20,6 +20,7 @@ from forcectl.errors import invalid
 from forcectl.lanes import check, lane_values, whole_multiple
 
 Matrix = NDArray[np.float64]
+LONGEST_DELAY = 1.0  # [s] a delay line keeps every sample
 
 
 def second_order(bandwidth: float, damping_ratio: float) -> tuple[Matrix, Matrix]:
@@ -140,7 +141,8 @@ class PositionLoopConfig:
     def __post_init__(self) -> None:
         check("bandwidth", self.bandwidth, "positive")
         check("damping_ratio", self.damping_ratio, "positive")
-        check("delay", self.delay, "not negative")
+        if check("delay", self.delay, "not negative") > LONGEST_DELAY:
+            raise invalid("delay", self.delay, f"at most {LONGEST_DELAY:g} s")
 
     def add_to(
         self, builder: DiagramBuilder, size: int, period: float, initial_command: ArrayLike = 0.0, unit: str = "rad"
