@@ -54,6 +54,7 @@ class StationConfig:
     robot: str = "comau_smart_six"  # shipped robot or a robot folder
     tool: str = "force_probe"  # shipped tool or a tool folder
     stiffness_set: str = ""  # joint stiffness of the control facts; empty: their default
+    stiffness_scale: float = 1.0  # factor on that joint stiffness, > 0
     elastic_joints: bool = True  # false: rigid joints, C_R = 0
     posture_deg: list[float] = field(default_factory=list)  # start posture [deg]; empty: the robot's default
     normal: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])  # n in the world frame
@@ -71,7 +72,7 @@ class StationConfig:
             raise unknown("fidelity", str(self.fidelity), FIDELITIES)
         if not isinstance(self.elastic_joints, bool):
             raise invalid("elastic_joints", self.elastic_joints, "true or false")
-        for name in ("period", "time_step", "posture_period", "singularity_limit"):
+        for name in ("stiffness_scale", "period", "time_step", "posture_period", "singularity_limit"):
             check(name, getattr(self, name), "positive")
         for angle in self.posture_deg:
             check("posture_deg", angle)
@@ -152,6 +153,7 @@ def describe(config: StationConfig) -> Cell:
         BadInputError: unknown robot, posture of the wrong length, beyond the joint limits or singular along n.
     """
     robot = RobotModel.load(config.robot, config.tool, config.stiffness_set or None)
+    robot.joint_stiffness = config.stiffness_scale * robot.joint_stiffness
     posture = robot.facts.default_posture
     if config.posture_deg:
         if len(config.posture_deg) != robot.num_joints:

@@ -107,10 +107,13 @@ class ForceDigitiser(LaneBlock):
         self._period = check("period", period, "positive")
         self.port_units = {"force": unit, "reading": unit}
         # One seed: the channels of one sensor draw independently. A list: each lane is a sensor of its own.
-        seeds = [(seed, lane) for lane in builtins.range(size)] if isinstance(seed, int) else [(s, 0) for s in seed]
-        self._sources = tuple(seeds)
-        if len(self._sources) != size:
-            raise invalid("seed", seed, f"one number or a list of {size}")
+        seeds = seed if isinstance(seed, list) else [seed]
+        if len(seeds) != (size if isinstance(seed, list) else 1) or not all(
+            isinstance(s, int) and s >= 0 for s in seeds
+        ):
+            raise invalid("seed", seed, f"a whole number, not negative, or a list of {size} of them")
+        alone = not isinstance(seed, list)
+        self._sources = tuple((seeds[0], lane) if alone else (seeds[lane], 0) for lane in builtins.range(size))
         self._force = self.DeclareVectorInputPort("force", size)
         reads: Any = {self._force.ticket(), self.time_ticket(), self.all_parameters_ticket()}
         self._tare = self.DeclareDiscreteState(size) if tare else None
@@ -199,7 +202,9 @@ def sensor_filter(
 
 
 class ForceSensor(Diagram):
-    """A force sensor of n channels: `ForceDigitiser` (left out when it would change nothing), then `sensor_filter`.
+    """A force sensor of n channels: `ForceDigitiser`, then `sensor_filter`.
+
+    The digitiser, and taring with it, is left out when there is neither bias, noise, quantum nor range.
 
     ```
     name: ForceSensor
