@@ -107,13 +107,10 @@ class ForceDigitiser(LaneBlock):
         self._period = check("period", period, "positive")
         self.port_units = {"force": unit, "reading": unit}
         # One seed: the channels of one sensor draw independently. A list: each lane is a sensor of its own.
-        seeds = seed if isinstance(seed, list) else [seed]
-        if len(seeds) != (size if isinstance(seed, list) else 1) or not all(
-            isinstance(s, int) and s >= 0 for s in seeds
-        ):
+        sources = [(s, 0) for s in seed] if isinstance(seed, list) else [(seed, i) for i in builtins.range(size)]
+        if len(sources) != size or not all(isinstance(s, int) and s >= 0 for s, _ in sources):
             raise invalid("seed", seed, f"a whole number, not negative, or a list of {size} of them")
-        alone = not isinstance(seed, list)
-        self._sources = tuple((seeds[0], lane) if alone else (seeds[lane], 0) for lane in builtins.range(size))
+        self._sources = tuple(sources)
         self._force = self.DeclareVectorInputPort("force", size)
         reads: Any = {self._force.ticket(), self.time_ticket(), self.all_parameters_ticket()}
         self._tare = self.DeclareDiscreteState(size) if tare else None
