@@ -4,16 +4,20 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
+import numpy as np
+from numpy.typing import NDArray
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
 from pydrake.systems.primitives import VectorLog, VectorLogSink
 
 from forcectl.control.force_law import ControllerConfig
+from forcectl.conventions import unit_of
 from forcectl.diagrams.force_controller import add_controller
 from forcectl.diagrams.log import LoggedSignal, SignalLog, add_log
 from forcectl.diagrams.station import Cell, StationConfig, build_station, describe
 from forcectl.errors import invalid
 from forcectl.motion.references import ForceReferenceConfig
 from forcectl.motion.tangential import TangentialMotionConfig
+from forcectl.plant.tip_kinematics import tip_displacements
 
 LOGGED = (
     "desired_force",
@@ -51,6 +55,20 @@ class ClosedLoop:
     def signals(self) -> dict[str, LoggedSignal]:
         """What the rows of the log are."""
         return self.log.signals
+
+    def derived(self, values: NDArray[np.float64]) -> dict[str, tuple[str, NDArray[np.float64]]]:
+        """Signals that follow from logged ones, by name: unit and samples (k,).
+
+        The multibody loop does without the displacement of the tool, so it is not computed tick by tick beside it.
+
+        Args:
+            values: the log, shape (n, k).
+        """
+        if "contact_displacement" in self.signals:
+            return {}
+        motors = values[self.signals["motor_position"].rows].T
+        displacement = tip_displacements(self.cell.robot, self.cell.n, self.cell.motor_start, motors)
+        return {"contact_displacement": (unit_of("contact_displacement"), displacement)}
 
     def find_log(self, context: Context) -> VectorLog:
         """The log in a root context of `diagram`."""
@@ -95,7 +113,8 @@ def build_closed_loop(
     for system in (plant, control):
         for i in range(system.num_output_ports()):
             port = system.get_output_port(i)
-            if port.get_name() in LOGGED or (system is control and port.size() == 1):
+            skipped = port.get_name() == "contact_displacement" and station.fidelity == "Multibody"  # see `derived`
+            if (port.get_name() in LOGGED and not skipped) or (system is control and port.size() == 1):
                 ports[port.get_name()] = port
     log = add_log(builder, ports, station.period, cell.robot.facts.arm_joints)
     diagram = builder.Build()

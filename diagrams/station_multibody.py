@@ -196,14 +196,16 @@ class MultibodyStation(Diagram):
         # Wrist sensor: the wrench at the weld between sensor and tool, tool weight included.
         if parts.sensor_weld is None:
             raise BadInputError("tool: has no sensor_weld: must name one for station.fidelity = Multibody")
-        wrenches = add("weld_wrenches", WeldWrenches(plant, {"wrist": parts.sensor_weld, "mounting": weld}))
+        wrenches = add("weld_wrenches", WeldWrenches(plant, [parts.sensor_weld, weld]))
+        wrist_and_mounting = add("wrist_and_mounting", Demultiplexer([6, 6]))
         sensor = config.force_sensor.add_to(builder, config.period, wrench=True, seed=seed)
         compensation = add(
             "tool_compensation",
             ToolCompensation(robot, cell.n, q_0, tared=config.force_sensor.tare, period=config.posture_period),
         )
         connect(plant.get_reaction_forces_output_port(), wrenches.GetInputPort("reaction_forces"))
-        connect(wrenches.GetOutputPort("wrist"), sensor.GetInputPort("force"))
+        connect(wrenches.GetOutputPort("wrenches"), wrist_and_mounting.get_input_port())
+        connect(wrist_and_mounting.get_output_port(0), sensor.GetInputPort("force"))
         connect(sensor.GetOutputPort("measured_force"), compensation.GetInputPort("wrench"))
         connect(position, compensation.GetInputPort("motor_position"))
 
@@ -211,7 +213,7 @@ class MultibodyStation(Diagram):
         force = add("contact_force", MatrixGain(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -1.0]])))
         tip = add("tip_displacement", TipDisplacement(robot, cell.n, q_0))
         links = add("link_state", _split_state(plant, parts))
-        connect(wrenches.GetOutputPort("mounting"), force.get_input_port())
+        connect(wrist_and_mounting.get_output_port(1), force.get_input_port())
         connect(position, tip.GetInputPort("motor_position"))
         connect(plant.get_state_output_port(parts.instance), links.get_input_port())
         export_outputs(

@@ -68,7 +68,7 @@ def assert_compliance(cell: Cell, duration: float) -> Log:
     return log
 
 
-@pytest.mark.parametrize("stiffness", [SPRINGS, STIFF])
+@pytest.mark.parametrize("stiffness", [pytest.param(SPRINGS, marks=pytest.mark.slow), STIFF])
 @pytest.mark.parametrize("posture", POSTURES)
 @pytest.mark.parametrize("normal", NORMALS)
 def test_compliance_at_the_end_effector_is_that_of_the_joints_and_the_environment(

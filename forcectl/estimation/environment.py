@@ -88,10 +88,10 @@ class EnvironmentComplianceEstimator(LaneBlock):
         self._force = self.DeclareVectorInputPort("measured_force", size)
         self._displacement = self.DeclareVectorInputPort("displacement", size)
         self._estimate = self.DeclareDiscreteState(
-            lane_values("initial_compliance", initial_compliance, size, "positive")
+            lane_values("initial_compliance", initial_compliance, size, "positive and finite")
         )
         self._covariance = self.DeclareDiscreteState(
-            lane_values("initial_covariance", initial_covariance, size, "positive")
+            lane_values("initial_covariance", initial_covariance, size, "positive and finite")
         )
         reads: Any = {self.discrete_state_ticket(self._estimate), self.all_parameters_ticket()}
         self.DeclareVectorOutputPort("environment_compliance", size, self._environment, prerequisites_of_calc=reads)

@@ -9,16 +9,16 @@ tared in the start posture has that posture's weight in its zero already.
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.common.value import AbstractValue, Value
+from pydrake.common.value import AbstractValue
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, Joint
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem, ValueProducer
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from forcectl.errors import BadInputError
 from forcectl.lanes import check
@@ -38,42 +38,32 @@ def weight_matrix(mass: float, p_SScm: Vector) -> Vector:
 
 
 class WeldWrenches(LeafSystem):
-    """Wrenches on the far side of welds, from the plant's reaction forces (read once for all of them).
+    """Wrenches on the far side of k welds, from the plant's reaction forces.
 
     ```
     name: WeldWrenches
     input_ports: [reaction_forces]
-    output_ports: [<one per weld>]
+    output_ports: [wrenches]
     ```
 
     reaction_forces: abstract, list of SpatialForce of a MultibodyPlant.
-    outputs: shape (6,), [torque; force] that the environment and the weight exert on what hangs at the weld, at the
-        origin
-        of the weld's child frame, in that frame [Nm, N]. Feedthrough.
+    wrenches: shape (6k,), for each weld [torque; force] that the environment and the weight exert on what hangs at it,
+        at the origin of the weld's child frame, in that frame [Nm, N]. Feedthrough.
     """
 
-    def __init__(self, plant: MultibodyPlant, welds: Mapping[str, Joint]):
+    def __init__(self, plant: MultibodyPlant, welds: Sequence[Joint]):
         super().__init__()
         joints = list(plant.GetJointIndices())
-        self._rows = [joints.index(weld.index()) for weld in welds.values()]
-        self.port_units = dict.fromkeys(welds, "Nm,N")
+        self._rows = [joints.index(weld.index()) for weld in welds]
+        self.port_units = {"wrenches": "Nm,N"}
         self._reactions = self.DeclareAbstractInputPort("reaction_forces", AbstractValue.Make([SpatialForce.Zero()]))
-        self._wrenches = self.DeclareCacheEntry(
-            "wrenches",
-            ValueProducer(allocate=lambda: Value[object](()), calc=self._read),
-            prerequisites_of_calc={self._reactions.ticket()},
+        self.DeclareVectorOutputPort(
+            "wrenches", 6 * len(self._rows), self._wrenches, prerequisites_of_calc={self._reactions.ticket()}
         )
-        for i, name in enumerate(welds):
-            self.DeclareVectorOutputPort(
-                name,
-                6,
-                lambda context, output, i=i: output.SetFromVector(self._wrenches.Eval(context)[i]),
-                prerequisites_of_calc={self._wrenches.ticket()},
-            )
 
-    def _read(self, context: Context, value: AbstractValue) -> None:
+    def _wrenches(self, context: Context, output: BasicVector) -> None:
         reactions = self._reactions.Eval(context)
-        value.set_value(tuple(-reactions[row].get_coeffs() for row in self._rows))
+        output.SetFromVector(-np.concatenate([reactions[row].get_coeffs() for row in self._rows]))
 
 
 class ToolCompensation(LeafSystem):

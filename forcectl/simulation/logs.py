@@ -54,6 +54,7 @@ def to_dataset(
     signals: Mapping[str, Any],
     variant: str,
     model_bandwidth: float | None = None,
+    derived: Mapping[str, tuple[str, NDArray[np.float64]]] | None = None,
 ) -> xr.Dataset:
     """The log of one variant.
 
@@ -62,6 +63,7 @@ def to_dataset(
         signals: name -> which `rows` (a slice), `unit` and component `labels` (None: a scalar).
         variant: name of the variant.
         model_bandwidth: of the reference model [rad/s]; adds its response `model_force` [N].
+        derived: further scalars, name -> unit and samples (k,).
     """
     dataset = xr.Dataset(coords={"time": ("time", times, {"units": "s", "long_name": "time"}), "variant": variant})
     for name, signal in signals.items():
@@ -73,6 +75,8 @@ def to_dataset(
             component = f"{name}_component" if not _are_joints(name) else "joint"
             dataset = dataset.assign_coords({component: list(signal.labels)})
             dataset[name] = (("time", component), rows.T.copy(), attributes)
+    for name, (unit, samples) in (derived or {}).items():
+        dataset[name] = ("time", samples, {"units": unit, "long_name": name.replace("_", " ")})
     if model_bandwidth is not None:
         start = float(dataset["contact_force"].values[0]) if times.size else 0.0
         response = model_response(times, dataset["desired_force"].values, model_bandwidth, start)

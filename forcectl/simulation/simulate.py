@@ -74,7 +74,7 @@ def simulate(
             break
     times, values = log.samples()
     bandwidth = scenario.reference_model if scenario.reference_model is not None else loop.reference_model_bandwidth
-    dataset = to_dataset(times, values, loop.signals, variant, bandwidth or None)
+    dataset = to_dataset(times, values, loop.signals, variant, bandwidth or None, loop.derived(values))
     if failure is not None:
         return Outcome(variant, dataset, {}, failure, loop.diagram, cause)
     factor = scenario.duration / computing if computing > 0 else None
