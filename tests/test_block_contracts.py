@@ -8,297 +8,31 @@ from __future__ import annotations
 import inspect
 import math
 import pkgutil
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
-from functools import cache
+from collections.abc import Callable
 from importlib import import_module
 
 import numpy as np
 import pytest
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from block_examples import EXAMPLES
+from pydrake.systems.framework import Diagram, System
 
-from forcectl.control.adaptive_integral import AdaptiveIntegralForceLaw
-from forcectl.control.integral import IntegralConfig, IntegralForceLaw, LinearIntegralForceLaw
-from forcectl.control.kinematic_inversion import ConstantKinematicInversion, KinematicInversion
+from forcectl.control.integral import IntegralForceLaw
 from forcectl.control.sampled_law import SampledLaw
 from forcectl.diagrams.force_controller import ForceController
-from forcectl.diagrams.motor_side import MotorSide
-from forcectl.diagrams.station import STATION_INPUTS, STATION_OUTPUTS, Cell, StationConfig, describe
+from forcectl.diagrams.station import STATION_INPUTS, STATION_OUTPUTS
 from forcectl.diagrams.station_kinematic import KinematicStation
 from forcectl.diagrams.station_multibody import MultibodyStation
 from forcectl.diagrams.station_one_dimensional import OneDimensionalStation
 from forcectl.errors import BadInputError
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.lanes import LaneBlock
-from forcectl.motion.references import Reference, held_trajectory
-from forcectl.plant.compliance import RobotCompliance
-from forcectl.plant.compliant_contact import CompliantContact, LinearContact
-from forcectl.plant.contact_monitor import ContactMonitor, ContactMonitorCore
-from forcectl.plant.drive import Drive
-from forcectl.plant.force_sensor import ForceDigitiser, ForceSensor
-from forcectl.plant.position_loop import PositionLoop
-from forcectl.plant.servo import Servo, ServoCore
-from forcectl.plant.tip_kinematics import ForceToWrench, LinkPosition, TipDisplacement
-from forcectl.plant.wrist_sensor import ToolCompensation, WeldWrenches
-from forcectl.robot import RobotModel, add_robot
+from forcectl.plant.compliant_contact import CompliantContact
+from forcectl.plant.contact_monitor import ContactMonitorCore
+from forcectl.plant.force_sensor import ForceDigitiser
+from forcectl.plant.servo import ServoCore
 from forcectl.testing import assert_docstring_matches, assert_feedthrough, assert_same_after_reset_and_clone
-from forcectl.testing.runs import Input
 
-Z = np.array([0.0, 0.0, 1.0])
-START = np.deg2rad([0, 0, -90, 0, 90, 0])
 NAN = math.nan
-
-
-@cache
-def robot() -> RobotModel:
-    return RobotModel.load()
-
-
-@cache
-def cell(fidelity: str) -> Cell:
-    return describe(StationConfig(fidelity=fidelity))
-
-
-def posture(t: float) -> np.ndarray:
-    return START + 0.05 * np.sin(np.arange(1, 7) * (3 * t + 0.1))
-
-
-def push(t: float) -> np.ndarray:
-    """A displacement of two lanes that goes into the surface and leaves it again [m]."""
-    return np.array([-2e-3, -1e-3]) * math.sin(60 * t)
-
-
-def force(t: float) -> np.ndarray:
-    return np.array([12.0, 7.0]) * (1 + math.sin(50 * t))
-
-
-def spectral(t: float) -> np.ndarray:
-    return np.concatenate([0.01 * np.array([math.sin(30 * t), t]), [0.3 * math.cos(30 * t), 0.01]])
-
-
-def law() -> IntegralForceLaw:
-    return IntegralForceLaw(2, integral_gain=[1.5, 3.0], period=0.002)
-
-
-def adaptive() -> AdaptiveIntegralForceLaw:
-    estimator = EnvironmentComplianceEstimator(2, initial_compliance=1e-4, robot_compliance=3e-5)
-    return AdaptiveIntegralForceLaw(
-        law(), estimator, filter_bandwidth=12.6, filter_damping_ratio=1.0, filter_delay_ticks=1, period=0.002
-    )
-
-
-def drive() -> Drive:
-    return Drive(
-        [2.0, 3.0],
-        np.array([[1.0, 0.0], [-0.1, 1.0]]),
-        period=0.0005,
-        substeps=2,
-        position_gain=25.0,
-        velocity_gain=200.0,
-        integral_gain=15.0,
-        coulomb_friction=[5.0, 2.0],
-        viscous_friction=[1.0, 0.5],
-        initial_position=np.array([0.0, 0.0]),
-        initial_torque=np.array([1.0, -1.0]),
-    )
-
-
-def weld_wrenches() -> Diagram:
-    """The plant and the block that reads its welds, because the block's input carries no vector."""
-    builder = DiagramBuilder()
-    plant = builder.AddSystem(MultibodyPlant(0.001))
-    plant.SetUseSampledOutputPorts(False)  # Drake 1.51 does not reset sampled outputs with the rest of its state
-    parts = add_robot(plant, "comau_smart_six", "force_probe")
-    plant.Finalize()
-    read = builder.AddSystem(WeldWrenches(plant, {"sensor": parts.sensor_weld}))
-    builder.Connect(plant.get_reaction_forces_output_port(), read.GetInputPort("reaction_forces"))
-    builder.ExportOutput(read.GetOutputPort("sensor"), "sensor")
-    builder.ExportInput(plant.get_actuation_input_port(), "actuation")
-    return builder.Build()
-
-
-@dataclass(frozen=True)
-class Example:
-    """One way to build a block; `runnable` is what is simulated when the block cannot run alone."""
-
-    build: Callable[[], System]
-    feedthrough: set[tuple[str, str]] = field(default_factory=set)
-    inputs: Mapping[str, Input] = field(default_factory=dict)
-    runnable: Callable[[], System] | None = None
-
-
-def each(output: str, *inputs: str) -> set[tuple[str, str]]:
-    return {(output, name) for name in inputs}
-
-
-EXAMPLES: dict[type[System], list[Example]] = {
-    CompliantContact: [
-        Example(
-            lambda: CompliantContact(2, stiffness=[5900, 1e5]),
-            each("contact_force", "displacement"),
-            {"displacement": push},
-        ),
-        Example(
-            lambda: CompliantContact(2, stiffness=5900, damping=[0, 50], robot_compliance=3e-5),
-            each("contact_force", "displacement"),
-            {"displacement": push},
-        ),
-        Example(
-            lambda: CompliantContact(2, stiffness=5900, damping=50, compliance_port=True),
-            each("contact_force", "displacement", "robot_compliance"),
-            {"displacement": push, "robot_compliance": 3e-5},
-        ),
-    ],
-    LinearContact: [
-        Example(
-            lambda: LinearContact(2, stiffness=[5900, 1e5], robot_compliance=3e-5),
-            each("contact_force", "displacement"),
-            {"displacement": push},
-        )
-    ],
-    ContactMonitorCore: [Example(lambda: ContactMonitorCore(2), inputs={"contact_force": force})],
-    ContactMonitor: [Example(lambda: ContactMonitor(2), inputs={"contact_force": lambda t: force(t) - 8})],
-    Drive: [Example(drive, inputs={"reference": spectral, "spring_torque": lambda t: 4 * push(t) / 1e-3})],
-    ForceDigitiser: [
-        Example(
-            lambda: ForceDigitiser(2, noise_std=0.1, quantum=0.05, bias=0.3, range=20, seed=4),
-            each("reading", "force"),
-            {"force": force},
-        )
-    ],
-    ForceSensor: [
-        Example(
-            lambda: ForceSensor(2, noise_std=0.1, quantum=0.05, bias=0.3, range=20, seed=[4, 5]),
-            each("measured_force", "force"),
-            {"force": force},
-        ),
-        Example(lambda: ForceSensor(2), each("measured_force", "force"), {"force": force}),
-        Example(lambda: ForceSensor(2, noise_std=0.1, delay=0.004), inputs={"force": force}),
-    ],
-    PositionLoop: [
-        Example(lambda: PositionLoop(2), inputs={"command": push}),
-        Example(lambda: PositionLoop(2, delay=0.004, initial_command=[0.1, 0.2]), inputs={"command": push}),
-        Example(lambda: PositionLoop(2, period=0.0), inputs={"command": push}),
-    ],
-    ServoCore: [Example(lambda: ServoCore(2, unit="m"), inputs={"reference": spectral})],
-    Servo: [Example(lambda: Servo(ServoCore(2)), inputs={"reference": spectral})],
-    RobotCompliance: [
-        Example(
-            lambda: RobotCompliance(robot(), Z),
-            each("robot_compliance", "motor_position"),
-            {"motor_position": posture},
-        )
-    ],
-    TipDisplacement: [
-        Example(
-            lambda: TipDisplacement(robot(), Z, START),
-            each("displacement", "motor_position"),
-            {"motor_position": posture},
-        )
-    ],
-    LinkPosition: [
-        Example(
-            lambda: LinkPosition(robot(), Z, robot().joint_stiffness),
-            each("link_position", "motor_position", "contact_force"),
-            {"motor_position": posture, "contact_force": lambda t: 15 * t},
-        )
-    ],
-    ForceToWrench: [
-        Example(
-            lambda: ForceToWrench(robot(), Z),
-            each("measured_wrench", "measured_force", "motor_position"),
-            {"motor_position": posture, "measured_force": lambda t: 15 * t},
-        )
-    ],
-    WeldWrenches: [
-        Example(
-            lambda: next(s for s in weld_wrenches().GetSystems() if isinstance(s, WeldWrenches)),
-            each("sensor", "reaction_forces"),
-            runnable=weld_wrenches,
-        )
-    ],
-    ToolCompensation: [
-        Example(
-            lambda: ToolCompensation(robot(), Z, START, tared=True),
-            each("measured_wrench", "wrench") | each("measured_force", "wrench"),
-            {"wrench": lambda t: np.arange(6) * t, "motor_position": posture},
-        )
-    ],
-    AdaptiveIntegralForceLaw: [
-        Example(
-            adaptive,
-            each("displacement_command", "desired_force", "measured_force"),
-            {"desired_force": 15.0, "measured_force": force, "motor_displacement": push},
-        )
-    ],
-    IntegralForceLaw: [
-        Example(
-            law,
-            each("displacement_command", "desired_force", "measured_force", "compliance"),
-            {"desired_force": 15.0, "measured_force": force, "compliance": [1e-4, 2e-4]},
-        ),
-        Example(
-            lambda: IntegralForceLaw(2, integral_gain=1.5, compliance=1e-4, dead_zone=0.2),
-            each("displacement_command", "desired_force", "measured_force"),
-            {"desired_force": 15.0, "measured_force": force},
-        ),
-    ],
-    LinearIntegralForceLaw: [
-        Example(
-            lambda: LinearIntegralForceLaw(2, integral_gain=1.5, compliance=[1e-4, 2e-4], period=0.002),
-            each("displacement_command", "desired_force", "measured_force"),
-            {"desired_force": 15.0, "measured_force": force},
-        )
-    ],
-    KinematicInversion: [
-        Example(
-            lambda: KinematicInversion(robot(), Z, START),
-            each("joint_position_command", "displacement_command", "unconstrained_reference"),
-            {"displacement_command": lambda t: -0.01 * t, "motor_position": posture},
-        )
-    ],
-    ConstantKinematicInversion: [
-        Example(
-            lambda: ConstantKinematicInversion(np.arange(1.0, 7.0), np.arange(6.0) / 70, START),
-            each("joint_position_command", "displacement_command", "unconstrained_reference"),
-            {"displacement_command": lambda t: -0.01 * t},
-        )
-    ],
-    EnvironmentComplianceEstimator: [
-        Example(
-            lambda: EnvironmentComplianceEstimator(2, initial_compliance=1e-4),
-            inputs={"measured_force": force, "displacement": push},
-        )
-    ],
-    Reference: [
-        Example(lambda: Reference("desired_force", held_trajectory([0, 0.02], [[0, 15], [1, 9]]))),
-        Example(lambda: Reference("desired_force", [15.0, 3.0])),
-    ],
-    ForceController: [
-        Example(
-            lambda: ForceController(IntegralConfig(), cell("Kinematic")),
-            each("joint_position_command", "desired_force", "measured_force", "unconstrained_reference")
-            | each("displacement_command", "desired_force", "measured_force"),
-            {"desired_force": 15.0, "motor_position": posture},
-        )
-    ],
-    MotorSide: [
-        Example(
-            lambda: MotorSide(cell("OneDimensional")),
-            inputs={"joint_position_command": posture},
-        )
-    ],
-    OneDimensionalStation: [
-        Example(lambda: OneDimensionalStation(cell("OneDimensional"), 3), inputs={"joint_position_command": posture})
-    ],
-    KinematicStation: [
-        Example(lambda: KinematicStation(cell("Kinematic"), 3), inputs={"joint_position_command": posture})
-    ],
-    MultibodyStation: [
-        Example(lambda: MultibodyStation(cell("Multibody"), 3), inputs={"joint_position_command": posture})
-    ],
-}
 CASES = [
     pytest.param(kind, example, id=f"{kind.__name__}-{i}")
     for kind, examples in EXAMPLES.items()
@@ -328,9 +62,8 @@ def test_every_block_has_an_example():
 def test_docstring_lists_the_ports(kind, example, monkeypatch):
     block = example.build()
     outputs = [block.get_output_port(i).get_name() for i in range(block.num_output_ports())]
-    # Blocks whose outputs are named by their user say so in angle brackets.
-    for placeholder in ("<one per weld>", "<name>"):
-        monkeypatch.setattr(kind, "__doc__", kind.__doc__.replace(placeholder, ", ".join(outputs)))
+    # A block whose output is named by its user says so in angle brackets.
+    monkeypatch.setattr(kind, "__doc__", kind.__doc__.replace("<name>", ", ".join(outputs)))
     if kind is ForceController:  # `(further outputs of the law)`: this law has none
         monkeypatch.setattr(kind, "__doc__", kind.__doc__.replace(", (further outputs of the law)", ""))
     assert_docstring_matches(block)

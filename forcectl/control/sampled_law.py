@@ -3,7 +3,8 @@
 A command kept in discrete state reaches sampled plants one tick late. One computed in an unrestricted update does not,
 but such an event copies the state of the whole diagram and throws away everything computed so far in the tick: a
 multibody plant would solve its step twice. Here the output is computed from the inputs at the tick and kept as state
-for the rest of it: no delay, nothing computed twice, and right for continuous plants too.
+for the rest of it: no delay and nothing computed twice. A continuous plant's integrator, too, sees the new command when
+its step ends on a tick: runge_kutta3 gives that a sixth of the step.
 """
 
 from __future__ import annotations
