@@ -123,6 +123,33 @@ def keep_contact_only(plant: MultibodyPlant, scene_graph: SceneGraph) -> None:
             scene_graph.RemoveRole(plant.get_source_id(), geometry, Role.kProximity)
 
 
+def add_plant(builder: DiagramBuilder, cell: Cell) -> tuple[MultibodyPlant, SceneGraph, RobotParts, Joint]:
+    """Robot on elastic joints, tool and environment in contact; also returns the weld of the environment to the world.
+
+    The desired state of the robot's model instance is its motor side.
+    """
+    config, robot, posture = cell.config, cell.robot, cell.start_context()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, config.time_step)
+    # Sampled outputs are abstract state, which would be copied at every event of the diagram.
+    plant.SetUseSampledOutputPorts(False)
+    plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
+    parts = add_robot(plant, config.robot, config.tool)
+    X_WT = robot.pose(posture)
+    weld = add_environment(plant, cell, X_WT.translation())
+    add_ball(plant, parts, X_WT.rotation().inverse(), cell.n)
+    stiffness = cell.spring_stiffness
+    damping = robot.facts.transmission_damping if config.elastic_joints else stiffness * config.time_step
+    for actuator, k, d in zip(parts.actuators, stiffness, damping, strict=True):
+        actuator.set_controller_gains(PdControllerGains(p=float(k), d=float(d)))
+        # Drake would clamp the spring torque at the motor's limit otherwise.
+        actuator.set_effort_limit(np.inf)
+    for joint, position in zip(parts.joints, cell.start, strict=True):
+        joint.set_default_positions(np.array([position]))
+    plant.Finalize()
+    keep_contact_only(plant, scene_graph)
+    return plant, scene_graph, parts, weld
+
+
 class MultibodyStation(Diagram):
     """The cell with a full MultibodyPlant; see `forcectl.diagrams.station` for the ports.
 
@@ -133,28 +160,10 @@ class MultibodyStation(Diagram):
     def __init__(self, cell: Cell, seed: int):
         super().__init__()
         config, robot, n_q, q_0 = cell.config, cell.robot, cell.robot.num_joints, cell.motor_start
-        posture = cell.start_context()
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
 
-        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, config.time_step)
-        # Sampled outputs are abstract state, which would be copied at every event of the diagram.
-        plant.SetUseSampledOutputPorts(False)
-        plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
-        parts = add_robot(plant, config.robot, config.tool)
-        X_WT = robot.pose(posture)
-        weld = add_environment(plant, cell, X_WT.translation())
-        add_ball(plant, parts, X_WT.rotation().inverse(), cell.n)
-        stiffness = cell.spring_stiffness
-        damping = robot.facts.transmission_damping if config.elastic_joints else stiffness * config.time_step
-        for actuator, k, d in zip(parts.actuators, stiffness, damping, strict=True):
-            actuator.set_controller_gains(PdControllerGains(p=float(k), d=float(d)))
-            # Drake would clamp the spring torque at the motor's limit otherwise.
-            actuator.set_effort_limit(np.inf)
-        for joint, position in zip(parts.joints, cell.start, strict=True):
-            joint.set_default_positions(np.array([position]))
-        plant.Finalize()
-        keep_contact_only(plant, scene_graph)
+        plant, scene_graph, parts, weld = add_plant(builder, cell)
         self.plant, self.scene_graph = plant, scene_graph
 
         # The command is held for a tick, then everything runs on at the plant's rate. Reading the hold takes one plant
@@ -184,8 +193,8 @@ class MultibodyStation(Diagram):
             if config.elastic_joints:
                 torque = plant.get_net_actuation_output_port(parts.instance)
             else:
-                # Springs that stand for rigid joints are too stiff for the explicit step of the drives: no load, like in
-                # the light stations.
+                # Springs that stand for rigid joints are too stiff for the explicit step of the drives: no load then, as
+                # in the light stations.
                 torque = add("no_load", ConstantVectorSource(np.zeros(n_q))).get_output_port()
             connect(torque, drive.GetInputPort("spring_torque"))
             motor_state, position, velocity = (
