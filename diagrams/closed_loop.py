@@ -25,7 +25,6 @@ LOGGED = (
     "contact_force",
     "displacement_command",
     "contact_displacement",
-    "contact_state",
     "motor_position",
 )
 
@@ -59,16 +58,18 @@ class ClosedLoop:
     def derived(self, values: NDArray[np.float64]) -> dict[str, tuple[str, NDArray[np.float64]]]:
         """Signals that follow from logged ones, by name: unit and samples (k,).
 
-        The multibody loop does without the displacement of the tool, so it is not computed tick by tick beside it.
+        The contact state, and in the multibody loop the displacement of the tool, are not needed tick by tick.
 
         Args:
             values: the log, shape (n, k).
         """
+        touching = (values[self.signals["contact_force"].rows][0] > 0).astype(float)
+        further = {"contact_state": (unit_of("contact_state"), touching)}
         if "contact_displacement" in self.signals:
-            return {}
+            return further
         motors = values[self.signals["motor_position"].rows].T
         displacement = tip_displacements(self.cell.robot, self.cell.n, self.cell.motor_start, motors)
-        return {"contact_displacement": (unit_of("contact_displacement"), displacement)}
+        return further | {"contact_displacement": (unit_of("contact_displacement"), displacement)}
 
     def find_log(self, context: Context) -> VectorLog:
         """The log in a root context of `diagram`."""

@@ -105,7 +105,7 @@ def loop_facts(cell: Cell) -> LoopFacts:
 
 def _displacement(cell: Cell) -> System:
     if cell.config.fidelity != "OneDimensional":
-        return TipDisplacement(cell.robot, cell.n, cell.motor_start)
+        return TipDisplacement(cell.robot, cell.n, cell.motor_start, period=cell.config.posture_period)
     row = cell.normal_row
     return affine(row.reshape(1, -1), np.array([-row @ cell.motor_start]))
 

@@ -220,7 +220,7 @@ class MultibodyStation(Diagram):
 
         # Truth: the mounting of the (weightless) environment carries the contact force, along -z of its surface.
         force = add("contact_force", MatrixGain(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -1.0]])))
-        tip = add("tip_displacement", TipDisplacement(robot, cell.n, q_0))
+        tip = add("tip_displacement", TipDisplacement(robot, cell.n, q_0, period=config.posture_period))
         links = add("link_state", _split_state(plant, parts))
         connect(wrist_and_mounting.get_output_port(1), force.get_input_port())
         connect(position, tip.GetInputPort("motor_position"))

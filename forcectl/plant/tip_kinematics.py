@@ -10,8 +10,9 @@ from __future__ import annotations
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
+from forcectl.lanes import check
 from forcectl.robot import RobotModel, posture_cache
 
 Vector = NDArray[np.float64]
@@ -32,6 +33,11 @@ def tip_displacements(robot: RobotModel, n: Vector, start: Vector, positions: Ve
 class TipDisplacement(LeafSystem):
     """Motor-side displacement of the tool centre point along n.
 
+        dx = dx_s + n'J(q_s) (q - q_s)
+
+    with the posture q_s of the last renewal: in between, the path of the tool is followed by its tangent. What that leaves
+    out is about (speed * period)^2/2 per metre of arm, 0.08 um at 20 mm/s and 20 ms.
+
     ```
     name: TipDisplacement
     input_ports: [motor_position]
@@ -41,25 +47,43 @@ class TipDisplacement(LeafSystem):
     motor_position: shape (n_q,) [rad].
     displacement: shape (1,), n'(p_WT(q) - p_WT(q_0)) [m]. Feedthrough.
 
+    Sampling: the tangent is state, renewed every `period` [s].
+
     Args:
         robot: kinematics. n: unit normal in W, shape (3,). start: q_0, shape (n_q,) [rad].
     """
 
-    def __init__(self, robot: RobotModel, n: ArrayLike, start: Vector):
+    def __init__(self, robot: RobotModel, n: ArrayLike, start: Vector, *, period: float = 0.02):
         super().__init__()
         self._robot, self._n = robot, np.asarray(n, dtype=float)
         self._position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
+        self._posture = posture_cache(self, robot, self._position)
         context = robot.create_context()
         robot.set_positions(context, np.asarray(start, dtype=float))
         self._origin = float(self._n @ robot.tip_position(context))
-        self._plant_context = posture_cache(self, robot, self._position)
+        # n'J, then the displacement it would have at q = 0.
+        self._tangent = self.DeclareDiscreteState(self._at(context, np.asarray(start, dtype=float)))
         self.DeclareVectorOutputPort(
-            "displacement", 1, self._displacement, prerequisites_of_calc={self._plant_context.ticket()}
+            "displacement",
+            1,
+            self._displacement,
+            prerequisites_of_calc={self._position.ticket(), self.discrete_state_ticket(self._tangent)},
+        )
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=check("period", period, "positive"), offset_sec=0.0, update=self._renew
         )
 
+    def _at(self, plant_context: Context, q: Vector) -> Vector:
+        row = self._n @ self._robot.jacobian(plant_context)[3:]
+        displacement = self._n @ self._robot.tip_position(plant_context) - self._origin
+        return np.append(row, displacement - row @ q)
+
+    def _renew(self, context: Context, next_state: DiscreteValues) -> None:
+        next_state.set_value(self._at(self._posture.Eval(context), self._position.Eval(context)))
+
     def _displacement(self, context: Context, output: BasicVector) -> None:
-        tip = self._robot.tip_position(self._plant_context.Eval(context))
-        output.SetAtIndex(0, (self._n @ tip).item() - self._origin)
+        tangent = context.get_discrete_state(self._tangent).value()
+        output.SetAtIndex(0, (tangent[:-1] @ self._position.Eval(context)).item() + tangent.item(-1))
 
 
 class LinkPosition(LeafSystem):
