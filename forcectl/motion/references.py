@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import csv
+import math
 from dataclasses import dataclass, field
 from itertools import pairwise
 from pathlib import Path
@@ -16,13 +17,15 @@ from pydrake.trajectories import PiecewisePolynomial
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import check
 
+_SHORTEST = 1e-9  # time between two points of a reference [s]
+
 
 def held_trajectory(times: ArrayLike, values: ArrayLike) -> PiecewisePolynomial:
     """Values (n, k) held from each of the times (k,) [s] on; the last one for ever."""
     times, values = np.asarray(times, dtype=float), np.atleast_2d(np.asarray(values, dtype=float))
     # A zero-order hold needs an end for its last segment; the trajectory keeps that value beyond it.
     return PiecewisePolynomial.ZeroOrderHold(
-        np.append(times, times[-1] + 1.0), np.column_stack([values, values[:, -1]])
+        np.append(times, 2 * times[-1] + 1.0), np.column_stack([values, values[:, -1]])
     )
 
 
@@ -88,8 +91,8 @@ def _check_times(name: str, times: list[float]) -> None:
         raise invalid(name, times, "a list with at least one time")
     for t in times:
         check(name, t, "not negative")
-    if any(b <= a for a, b in pairwise(times)):
-        raise invalid(name, times, "strictly increasing")
+    if not all(b - a >= _SHORTEST for a, b in pairwise(times)):
+        raise invalid(name, times, f"strictly increasing, by at least {_SHORTEST:g} s")
 
 
 @dataclass(kw_only=True)
@@ -106,7 +109,7 @@ class StepConfig(_ForceReference):
 
     def trajectory(self) -> PiecewisePolynomial | float:
         """The reference over time [N]."""
-        if self.start_time == 0:
+        if self.start_time < _SHORTEST:
             return float(self.force)
         return held_trajectory([0.0, self.start_time], [self.initial_force, self.force])
 
@@ -127,9 +130,11 @@ class RampConfig(_ForceReference):
 
     def trajectory(self) -> PiecewisePolynomial | float:
         """The reference over time [N]."""
-        if self.force == self.initial_force:
-            return float(self.force)
         end = self.start_time + abs(self.force - self.initial_force) / self.rate
+        if not _SHORTEST <= end - self.start_time < math.inf:
+            return StepConfig(
+                force=self.force, start_time=self.start_time, initial_force=self.initial_force
+            ).trajectory()
         return linear_trajectory([self.start_time, end], [self.initial_force, self.force])
 
 
@@ -149,7 +154,7 @@ class SequenceConfig(_ForceReference):
 
     def trajectory(self) -> PiecewisePolynomial | float:
         """The reference over time [N]."""
-        if self.times[0] > 0:
+        if self.times[0] >= _SHORTEST:
             return held_trajectory([0.0, *self.times], [0.0, *self.forces])
         return held_trajectory(self.times, self.forces)
 
@@ -172,16 +177,20 @@ class FileConfig(_ForceReference):
         if not path.is_file():
             raise invalid("path", self.path, "an existing CSV file with the columns time and force")
         times, forces = [], []
-        with path.open(newline="", encoding="utf-8") as lines:
-            table = csv.DictReader(lines)
-            if not {"time", "force"} <= set(table.fieldnames or ()):
-                raise BadInputError(f"path = {self.path!r} has columns {table.fieldnames}: must have time and force")
-            for number, row in enumerate(table, start=2):
-                try:
-                    times.append(float(row["time"]))
-                    forces.append(float(row["force"]))
-                except (TypeError, ValueError):
-                    raise BadInputError(f"path = {self.path!r} line {number}: time and force must be numbers") from None
+        try:
+            text = path.read_text(encoding="utf-8-sig")  # spreadsheets put a byte order mark in front
+        except (OSError, UnicodeDecodeError):
+            raise invalid("path", self.path, "a readable CSV file in UTF-8") from None
+        table = csv.DictReader(text.splitlines(), skipinitialspace=True)
+        if not {"time", "force"} <= set(table.fieldnames or ()):
+            raise BadInputError(f"path = {self.path!r} has columns {table.fieldnames}: must have time and force")
+        for number, row in enumerate(table, start=2):
+            try:
+                times.append(float(row["time"]))
+                forces.append(float(row["force"]))
+            except (TypeError, ValueError):
+                values = f"time = {row['time']!r}, force = {row['force']!r}"
+                raise BadInputError(f"path = {self.path!r} line {number}: {values}: must be numbers") from None
         if len(times) < 2:
             raise BadInputError(f"path = {self.path!r} has {len(times)} rows: must have at least 2")
         return times, forces
