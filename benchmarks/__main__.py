@@ -1,0 +1,22 @@
+"""All benchmarks, one after the other, in one table: `python -m benchmarks [--json] [--repeats N]`."""
+
+from __future__ import annotations
+
+import argparse
+
+from benchmarks import _measure, control_tick, memory, plant_share, real_time, start_up
+
+
+def run_all() -> None:
+    parser = argparse.ArgumentParser(prog="python -m benchmarks", description="All benchmarks of forcectl.")
+    parser.add_argument("--repeats", type=int, default=5, help="runs to take medians of (default 5)")
+    parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
+    arguments = parser.parse_args()
+    rows: list[_measure.Row] = []
+    for module in (start_up, real_time, control_tick, plant_share, memory):
+        rows += module.benchmark(max(1, arguments.repeats))
+    _measure.report("forcectl benchmarks", rows, arguments.json)
+
+
+if __name__ == "__main__":
+    run_all()

@@ -1,0 +1,44 @@
+"""The loops that are measured: the default plant of the targets, pressing with 15 N at K_I = 1.5 1/s."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from typing import Any
+
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram
+
+from forcectl.control.integral import IntegralConfig
+from forcectl.diagrams.closed_loop import ClosedLoop, build_closed_loop
+from forcectl.diagrams.one_dimensional_loop import (
+    OneDimensionalLoop,
+    OneDimensionalLoopConfig,
+    build_one_dimensional_loop,
+)
+from forcectl.diagrams.station import FIDELITIES, StationConfig
+from forcectl.motion.references import StepConfig
+
+__all__ = ["FIDELITIES", "build", "build_scalar", "runner"]
+
+
+def build(fidelity: str, **station: Any) -> ClosedLoop:
+    """A closed loop with noise, friction, elastic joints and its log."""
+    return build_closed_loop(StationConfig(fidelity=fidelity, **station), IntegralConfig(), StepConfig(force=15.0))
+
+
+def build_scalar(size: int = 1, linear: bool = False) -> OneDimensionalLoop:
+    """The scalar loop of Fig. 2.2 for `size` lanes, with its log."""
+    config = OneDimensionalLoopConfig.linear() if linear else OneDimensionalLoopConfig()
+    return build_one_dimensional_loop(config, size=size)
+
+
+def runner(diagram: Diagram, duration: float) -> Callable[[], None]:
+    """A function that simulates a diagram from its start for `duration` [s]; building and initialising do not count."""
+
+    def run() -> None:
+        simulator.reset_context(diagram.CreateDefaultContext())
+        simulator.Initialize()
+        simulator.AdvanceTo(duration)
+
+    simulator = Simulator(diagram)
+    return run
