@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, Diagram
 
-from forcectl.control.kinematic_inversion import check_start_posture, unit_normal
+from forcectl.control.kinematic_inversion import check_start_posture
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.lanes import check, whole_multiple
 from forcectl.plant.compliance import robot_compliance, total_compliance
@@ -29,7 +29,7 @@ from forcectl.plant.compliant_contact import EnvironmentConfig
 from forcectl.plant.force_sensor import ForceSensorConfig
 from forcectl.plant.position_loop import PositionLoopConfig
 from forcectl.plant.servo import ServoConfig
-from forcectl.robot import RobotModel
+from forcectl.robot import RobotModel, unit_normal
 
 Vector = NDArray[np.float64]
 FIDELITIES = ("OneDimensional", "Kinematic", "Multibody")

@@ -13,7 +13,7 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import NDArray
+from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
@@ -103,6 +103,19 @@ def add_robot(
         sensor_frame=_frame(plant, sensor, tool_instance) if sensor else None,
         sensor_weld=_joint(plant, weld, tool_instance) if weld else None,
     )
+
+
+def unit_normal(n: ArrayLike) -> Array:
+    """n as a unit vector of shape (3,); BadInputError when it is not a direction."""
+    try:
+        vector = np.asarray(n, dtype=float)
+    except (TypeError, ValueError):
+        raise invalid("normal", n, "three numbers") from None
+    length = np.linalg.norm(vector) if vector.shape == (3,) else np.nan
+    if not np.isfinite(length) or length < 1e-9:
+        raise invalid("normal", np.asarray(n).tolist(), "three finite numbers, not all zero")
+    unit: Array = vector / length
+    return unit
 
 
 class RobotModel:

@@ -19,25 +19,12 @@ from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuil
 from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain
 from scipy.linalg.lapack import dgesv
 
-from forcectl.errors import BadInputError, invalid
-from forcectl.lanes import check
-from forcectl.robot import RobotModel, posture_cache
+from forcectl.errors import BadInputError
+from forcectl.lanes import check, lane_values
+from forcectl.robot import RobotModel, posture_cache, unit_normal
 
 Vector = NDArray[np.float64]
 _NO_ROTATION = np.zeros(3)
-
-
-def unit_normal(n: ArrayLike) -> Vector:
-    """n as a unit vector of shape (3,); BadInputError when it is not a direction."""
-    try:
-        vector = np.asarray(n, dtype=float)
-    except (TypeError, ValueError):
-        raise invalid("normal", n, "three numbers") from None
-    length = np.linalg.norm(vector) if vector.shape == (3,) else np.nan
-    if not np.isfinite(length) or length < 1e-9:
-        raise invalid("normal", np.asarray(n).tolist(), "three finite numbers, not all zero")
-    unit: Vector = vector / length
-    return unit
 
 
 def joint_direction(jacobian: Vector, n: Vector) -> Vector:
@@ -131,7 +118,7 @@ class KinematicInversion(LeafSystem):
         damping: float = 0.05,
     ):
         super().__init__()
-        self._robot, self._n, self._start = robot, unit_normal(n), np.asarray(start, dtype=float)
+        self._robot, self._n, self._start = robot, unit_normal(n), lane_values("start", start, robot.num_joints)
         self._limit, self._damping = check("limit", limit, "positive"), check("damping", damping, "positive")
         q = robot.num_joints
         self._command = self.DeclareVectorInputPort("displacement_command", 1)

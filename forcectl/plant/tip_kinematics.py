@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from forcectl.lanes import check
-from forcectl.robot import RobotModel, posture_cache
+from forcectl.lanes import check, lane_values
+from forcectl.robot import RobotModel, posture_cache, unit_normal
 
 Vector = NDArray[np.float64]
 
@@ -35,8 +35,8 @@ class TipDisplacement(LeafSystem):
 
         dx = dx_s + n'J(q_s) (q - q_s)
 
-    with the posture q_s of the last renewal: in between, the path of the tool is followed by its tangent. What that leaves
-    out is about (speed * period)^2/2 per metre of arm, 0.08 um at 20 mm/s and 20 ms.
+    with the posture q_s of the last renewal: in between, the path of the tool is followed by its tangent. What that
+    leaves out is about (speed * period)^2/2 per metre of arm, 0.08 um at 20 mm/s and 20 ms.
 
     ```
     name: TipDisplacement
@@ -55,14 +55,15 @@ class TipDisplacement(LeafSystem):
 
     def __init__(self, robot: RobotModel, n: ArrayLike, start: Vector, *, period: float = 0.02):
         super().__init__()
-        self._robot, self._n = robot, np.asarray(n, dtype=float)
+        self._robot, self._n = robot, unit_normal(n)
         self._position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
         self._posture = posture_cache(self, robot, self._position)
         context = robot.create_context()
-        robot.set_positions(context, np.asarray(start, dtype=float))
+        start = lane_values("start", start, robot.num_joints)
+        robot.set_positions(context, start)
         self._origin = float(self._n @ robot.tip_position(context))
         # n'J, then the displacement it would have at q = 0.
-        self._tangent = self.DeclareDiscreteState(self._at(context, np.asarray(start, dtype=float)))
+        self._tangent = self.DeclareDiscreteState(self._at(context, start))
         self.DeclareVectorOutputPort(
             "displacement",
             1,
@@ -106,7 +107,8 @@ class LinkPosition(LeafSystem):
 
     def __init__(self, robot: RobotModel, n: ArrayLike, stiffness: Vector):
         super().__init__()
-        self._robot, self._n, self._stiffness = robot, np.asarray(n, dtype=float), stiffness
+        self._robot, self._n = robot, unit_normal(n)
+        self._stiffness = lane_values("stiffness", stiffness, robot.num_joints, "positive")
         self._position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
         self._force = self.DeclareVectorInputPort("contact_force", 1)
         self._plant_context = posture_cache(self, robot, self._position)
@@ -138,7 +140,7 @@ class ForceToWrench(LeafSystem):
 
     def __init__(self, robot: RobotModel, n: ArrayLike):
         super().__init__()
-        self._robot, self._n = robot, np.asarray(n, dtype=float)
+        self._robot, self._n = robot, unit_normal(n)
         self._frame = robot.parts.sensor_frame or robot.parts.flange_frame
         self._force = self.DeclareVectorInputPort("measured_force", 1)
         self._position = self.DeclareVectorInputPort("motor_position", robot.num_joints)

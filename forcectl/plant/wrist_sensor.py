@@ -21,8 +21,8 @@ from pydrake.multibody.tree import Frame, Joint
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from forcectl.errors import BadInputError
-from forcectl.lanes import check
-from forcectl.robot import RobotModel, posture_cache
+from forcectl.lanes import check, lane_values
+from forcectl.robot import RobotModel, posture_cache, unit_normal
 
 Vector = NDArray[np.float64]
 
@@ -89,12 +89,12 @@ class ToolCompensation(LeafSystem):
     def __init__(self, robot: RobotModel, n: ArrayLike, start: Vector, *, tared: bool, period: float = 0.01):
         super().__init__()
         self._load, self._gravity = tool_load(robot)
-        self._robot, self._n = robot, np.asarray(n, dtype=float)
+        self._robot, self._n = robot, unit_normal(n)
         self._wrench = self.DeclareVectorInputPort("wrench", 6)
         self._position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
         self._posture = posture_cache(self, robot, self._position)
         context = robot.create_context()
-        robot.set_positions(context, start)
+        robot.set_positions(context, lane_values("start", start, robot.num_joints))
         self._tared = np.zeros(6)
         n_S, weight = self._orient(context)
         if tared:
