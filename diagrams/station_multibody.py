@@ -193,7 +193,7 @@ class MultibodyStation(Diagram):
             if config.elastic_joints:
                 torque = plant.get_net_actuation_output_port(parts.instance)
             else:
-                # Springs that stand for rigid joints are too stiff for the explicit step of the drives: no load then, as
+                # Springs that stand for rigid joints are too stiff for the explicit step of the drives: no load, as
                 # in the light stations.
                 torque = add("no_load", ConstantVectorSource(np.zeros(n_q))).get_output_port()
             connect(torque, drive.GetInputPort("spring_torque"))
