@@ -23,7 +23,7 @@ from forcectl.plant.contact_monitor import ContactMonitor
 from forcectl.plant.force_sensor import ForceDigitiser, ForceSensor
 from forcectl.plant.position_loop import PositionLoop
 from forcectl.plant.servo import Servo, ServoCore
-from forcectl.testing import run_diagram
+from forcectl.testing import assert_memory_released, assert_same_after_reset_and_clone, run_diagram
 
 Values = Mapping[str, Any]
 Make = Callable[[int, Values], System]
@@ -267,6 +267,21 @@ def test_a_whole_loop_of_20_lanes_equals_20_runs():
         for name, single in alone.values.items():
             atol = 1e-12 * np.max(np.abs(single))
             np.testing.assert_allclose(bundle[name][:, i], single[:, 0], rtol=0, atol=atol, err_msg=f"{name}[{i}]")
+
+
+def test_the_loop_gives_its_memory_back_and_repeats_itself():
+    values: dict[str, Any] = {
+        "force": np.array([10.0, 15.0]),
+        "gain": np.array([1.5, 3.0]),
+        "stiffness": np.array([5900.0, 1e5]),
+        "rate": np.array([1.0, 5.0]),
+        "robot": np.array([3.2e-5, 3.2e-5]),
+        "coulomb": np.array([1.6, 0.8]),
+        "noise": np.array([0.05, 0.05]),
+        "seeds": [1, 2],
+    }
+    assert_memory_released(lambda: loop(2, values), duration=0.02, builds=5)
+    assert_same_after_reset_and_clone(loop(2, values), duration=0.2, period=PERIOD)
 
 
 def test_a_list_of_seeds_gives_each_lane_its_own_noise():
