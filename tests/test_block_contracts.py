@@ -38,7 +38,7 @@ CASES = [
     for kind, examples in EXAMPLES.items()
     for i, example in enumerate(examples)
 ]
-STATIONS = {OneDimensionalStation, KinematicStation, MultibodyStation}
+STATIONS = (OneDimensionalStation, KinematicStation, MultibodyStation)
 
 
 def declared_blocks() -> set[type[System]]:
