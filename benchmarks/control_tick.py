@@ -14,7 +14,7 @@ from pathlib import Path
 # Found also when this file is run as a script, from a checkout.
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks._measure import Row, main  # noqa: E402
+from benchmarks._measure import Row, main
 
 TICKS, SKIPPED = 1000, 250
 

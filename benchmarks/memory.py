@@ -15,7 +15,7 @@ from pathlib import Path
 # Found also when this file is run as a script, from a checkout.
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks._measure import Row, main  # noqa: E402
+from benchmarks._measure import Row, main
 
 MINUTES = 10
 CHUNK = 0.25  # [s]

@@ -1,8 +1,8 @@
 """Cost of the multibody closed loop divided by that of its bare plant, in one process and in turns.
 
-The bare plant is the very one of the station, pressing with the same 15 N: same step, solver, joint springs and contact,
-with the motor side held still and nothing else in the diagram. Both start at rest in contact: the loop is first
-simulated until it has settled.
+The bare plant is the very one of the station, pressing with the same 15 N: same step, solver, joint springs and
+contact, with the motor side held still and nothing else in the diagram. Both start at rest in contact: the loop is
+first simulated until it has settled.
 """
 
 from __future__ import annotations
@@ -14,7 +14,7 @@ from pathlib import Path
 # Found also when this file is run as a script, from a checkout.
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks._measure import Row, interleaved_medians, main  # noqa: E402
+from benchmarks._measure import Row, interleaved_medians, main
 
 SETTLED, DURATION = 3.0, 2.0  # [s]
 

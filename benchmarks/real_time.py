@@ -12,7 +12,7 @@ from pathlib import Path
 # Found also when this file is run as a script, from a checkout.
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks._measure import Row, interleaved_medians, main  # noqa: E402
+from benchmarks._measure import Row, interleaved_medians, main
 
 LANES = 200
 DURATION = 5.0  # [s]

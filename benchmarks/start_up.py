@@ -9,12 +9,13 @@ from __future__ import annotations
 import subprocess
 import sys
 from collections.abc import Iterator
+from functools import partial
 from pathlib import Path
 
 # Found also when this file is run as a script, from a checkout.
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks._measure import Row, interleaved_medians, main, median_seconds  # noqa: E402
+from benchmarks._measure import Row, interleaved_medians, main, median_seconds
 
 # The modules of others that `forcectl.simulation.run` ends up with, asked of the interpreter and not written down.
 _OTHERS = (
@@ -50,7 +51,7 @@ def benchmark(repeats: int) -> Iterator[Row]:
 
     yield Row("build the 1-D loop", 1e3 * median_seconds(build_scalar, repeats), "ms")
     for fidelity in FIDELITIES:
-        yield Row(f"build {fidelity}", 1e3 * median_seconds(lambda f=fidelity: build(f), repeats), "ms")
+        yield Row(f"build {fidelity}", 1e3 * median_seconds(partial(build, fidelity), repeats), "ms")
 
 
 if __name__ == "__main__":

@@ -75,7 +75,7 @@ def pulled_away(fidelity: str, damping: float, duration: float) -> dict[str, np.
 
 
 @every_fidelity
-@pytest.mark.parametrize("damping_time", [0.0, 0.02])
+@pytest.mark.parametrize("damping_time", [pytest.param(0.0, marks=pytest.mark.slow), 0.02])
 def test_a_robot_sent_away_loses_contact_and_finds_it_again(fidelity: str, damping_time: float) -> None:
     log = pulled_away(fidelity, damping_time * SPRINGS, 7.0)
     time = log["time"]
@@ -117,7 +117,7 @@ def test_moving_along_the_surface_keeps_the_force(fidelity: str) -> None:
 
 
 @pytest.mark.parametrize("fidelity", ["Kinematic", "Multibody"])
-@pytest.mark.parametrize("normal", [[0.0, 0.0, 1.0], [1.0, 0.0, 1.0]])
+@pytest.mark.parametrize("normal", [pytest.param([0.0, 0.0, 1.0], marks=pytest.mark.slow), [1.0, 0.0, 1.0]])
 def test_the_tool_goes_where_the_motion_sends_it(fidelity: str, normal: list[float]) -> None:
     along = np.array([0.0, 1.0, 0.0])
     motion = {"direction": along.tolist(), "distance": 0.02, "speed": 0.02, "start_time": 0.5}
@@ -140,7 +140,7 @@ def test_the_tool_goes_where_the_motion_sends_it(fidelity: str, normal: list[flo
 
 @every_fidelity
 @pytest.mark.parametrize("error", [0.8, 1.25])
-@pytest.mark.parametrize("stiffness", [SPRINGS, 5e4])
+@pytest.mark.parametrize("stiffness", [SPRINGS, pytest.param(5e4, marks=pytest.mark.slow)])
 def test_adaptive_controller_learns_the_compliance_of_the_environment(
     fidelity: str, error: float, stiffness: float
 ) -> None:

@@ -139,7 +139,7 @@ def test_kinematic_station_follows_the_curved_kinematics_of_the_robot(gain: floa
 
 
 @pytest.mark.parametrize("gain", [1.5, 4.5])
-@pytest.mark.parametrize("stiffness", [SPRINGS, 2e5])
+@pytest.mark.parametrize("stiffness", [pytest.param(SPRINGS, marks=pytest.mark.slow), 2e5])
 @pytest.mark.parametrize("normal", [VERTICAL, OBLIQUE])
 def test_faster_sampling_converges_to_the_continuous_loop(
     gain: float, stiffness: float, normal: tuple[float, ...]

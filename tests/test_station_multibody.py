@@ -39,7 +39,9 @@ def assert_settled(log: xr.Dataset) -> None:
         assert quiet <= np.ptp(force[-1000:-500]) + 0.005 * FORCE
 
 
-@pytest.mark.parametrize("stiffness", STIFFNESSES)
+@pytest.mark.parametrize(
+    "stiffness", [pytest.param(k, marks=() if k in (1e3, 1e6) else pytest.mark.slow) for k in STIFFNESSES]
+)
 def test_stiff_and_soft_environments_are_stable_at_the_default_step(stiffness: float) -> None:
     assert_settled(press(stiffness, 0.0))
 
@@ -69,7 +71,7 @@ def test_other_directions_are_stable_too(stiffness: float, normal: tuple[float, 
     assert_settled(press(stiffness, 0.0, station__normal=normal))
 
 
-@pytest.mark.parametrize(("stiffness", "friction"), [(5.9e3, 1.0), (1e5, 0.0)])
+@pytest.mark.parametrize(("stiffness", "friction"), [pytest.param(5.9e3, 1.0, marks=pytest.mark.slow), (1e5, 0.0)])
 def test_rigid_joints_run_with_real_drives(stiffness: float, friction: float) -> None:
     # On stiff contacts without the elasticity of the robot the friction makes the loop hunt.
     assert_settled(press(stiffness, 0.0, station__elastic_joints=False, station__servo__friction_scale=friction))

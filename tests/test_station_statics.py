@@ -159,7 +159,7 @@ def turning_retreat(cell: Cell, t: float) -> np.ndarray:
 
 
 @pytest.mark.parametrize("tare", [True, False])
-@pytest.mark.parametrize("posture", POSTURES[:3])
+@pytest.mark.parametrize("posture", [POSTURES[0], pytest.param(POSTURES[1], marks=pytest.mark.slow), POSTURES[2]])
 def test_no_contact_is_no_force_on_any_path_also_after_turning_the_tool(posture: tuple[float, ...], tare: bool) -> None:
     settings = {"posture_deg": list(posture), "force_sensor": quiet_sensor(tare=tare)}
     cell = describe(multibody(**settings))
@@ -247,7 +247,7 @@ def test_known_load_on_the_tool_is_measured_in_any_orientation_of_the_sensor(pos
 
 
 @pytest.mark.parametrize("posture", POSTURES)
-@pytest.mark.parametrize("normal", NORMALS[1:])
+@pytest.mark.parametrize("normal", [pytest.param(NORMALS[1], marks=pytest.mark.slow), NORMALS[2]])
 def test_contact_force_is_hookes_law_and_is_what_the_wrist_measures(
     posture: tuple[float, ...], normal: tuple[float, ...]
 ) -> None:
