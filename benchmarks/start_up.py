@@ -43,7 +43,7 @@ def benchmark(repeats: int) -> Iterator[Row]:
     yield Row("import forcectl", package - nothing, "s", note="no Drake yet")
     yield Row("import forcectl.cli", bare - nothing, "s", note="no Drake yet")
     yield Row("import Drake and NumPy alone", alone - nothing, "s")
-    yield Row("import all a run needs, beyond Drake", whole - alone, "s", note="xarray is most of it")
+    yield Row("import all a run needs, beyond Drake", whole - alone, "s")
     run_help = "import sys; sys.argv = ['forcectl', '--help']; from forcectl.cli import main; main()"
     yield Row("forcectl --help", median_seconds(lambda: _process(run_help), repeats), "s", "<= 0.5")
 
