@@ -251,7 +251,7 @@ def resolved_tree(scenarios: Mapping[str, Scenario]) -> Tagged:
     for tree in trees.values():
         tree["expect"] = base["expect"]
     if names != [ONLY_VARIANT]:
-        changes = {name: difference(trees[names[0]], tree) or Tagged() for name, tree in trees.items()}
+        changes = {name: difference(trees[names[0]], tree) for name, tree in trees.items()}
         base["variants"] = Tagged(changes)
     return base
 

@@ -224,14 +224,21 @@ def as_json(tree: Tree) -> Any:
     return str(tree) if isinstance(tree, float) and not math.isfinite(tree) else tree
 
 
-def difference(base: Tree, other: Tree) -> Tree | None:
-    """The smallest tree that turns `base` into `other` when merged on top; None when they are equal."""
+def difference(base: Tree, other: Tree) -> Tree:
+    """The smallest tree that turns `base` into `other` when merged on top; an empty mapping for equal mappings."""
     if not isinstance(base, Tagged) or not isinstance(other, Tagged) or base.tag != other.tag or set(base) - set(other):
-        return None if base == other and tag_of(base) == tag_of(other) else copy.deepcopy(other)
+        return copy.deepcopy(other)
     changed = Tagged()
     for key, value in other.items():
-        if key not in base:
-            changed[key] = copy.deepcopy(value)
-        elif (part := difference(base[key], value)) is not None:
-            changed[key] = part
-    return changed or None
+        if key not in base or not equal(base[key], value):
+            changed[key] = difference(base.get(key), value)
+    return changed
+
+
+def equal(one: Tree, other: Tree) -> bool:
+    """Whether two trees have the same tags, keys and values; true is not 1 here."""
+    if isinstance(one, Tagged) and isinstance(other, Tagged):
+        return one.tag == other.tag and set(one) == set(other) and all(equal(one[k], other[k]) for k in one)
+    if isinstance(one, list) and isinstance(other, list):
+        return len(one) == len(other) and all(map(equal, one, other))
+    return type(one) is type(other) and bool(one == other)
