@@ -18,8 +18,9 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from forcectl.cache import BlockCache
 from forcectl.errors import BadInputError, invalid, unknown
 
 Lane = Any  # a float when the block has one lane, else an array of shape (n,)
@@ -134,10 +135,12 @@ class LaneBlock(LeafSystem):
         self.check_together({name: lane_values(name, p.value, size, p.allowed) for name, p in parameters.items()})
         self.parameter_names = tuple(parameters)
         self.parameter_units = {name: p.unit for name, p in parameters.items()}
-        self._values = self.DeclareCacheEntry(
+        self._values = BlockCache(
+            self,
             "parameter values",
-            ValueProducer(allocate=lambda: Value[object](()), calc=self._collect),
-            prerequisites_of_calc={self.all_parameters_ticket()},
+            lambda: Value[object](()),
+            lambda block, context, value: block._collect(context, value),
+            {self.all_parameters_ticket()},
         )
 
     @property

@@ -19,8 +19,9 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable, Joint, JointActuator, ModelInstanceIndex
-from pydrake.systems.framework import CacheEntry, Context, InputPort, LeafSystem, ValueProducer
+from pydrake.systems.framework import Context, InputPort, LeafSystem
 
+from forcectl.cache import BlockCache
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.models import add_packages, robot_folder, tool_folder
 from forcectl.robot_facts import ControlFacts, ToolFacts, load_control_facts, load_tool_facts
@@ -263,16 +264,15 @@ class RobotModel:
         return float(np.linalg.svd(J, compute_uv=False)[-1])
 
 
-def posture_cache(block: LeafSystem, robot: RobotModel, position: InputPort) -> CacheEntry:
+def posture_cache(block: LeafSystem, robot: RobotModel, position: InputPort) -> BlockCache:
     """A cache entry of `block` with a context of `robot.plant` in the posture of the port, shape (n,) [rad]."""
+    index = position.get_index()  # the port itself would keep the block
 
-    def calc(context: Context, value: AbstractValue) -> None:
-        robot.set_positions(value.get_mutable_value(), position.Eval(context))
+    def calc(block: LeafSystem, context: Context, value: AbstractValue) -> None:
+        robot.set_positions(value.get_mutable_value(), block.EvalVectorInput(context, index).value())
 
-    return block.DeclareCacheEntry(
-        "robot posture",
-        ValueProducer(allocate=lambda: AbstractValue.Make(robot.create_context()), calc=calc),
-        prerequisites_of_calc={position.ticket()},
+    return BlockCache(
+        block, "robot posture", lambda: AbstractValue.Make(robot.create_context()), calc, {position.ticket()}
     )
 
 

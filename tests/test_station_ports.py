@@ -34,7 +34,6 @@ from forcectl.testing import (
     assert_same_after_reset_and_clone,
     run_diagram,
 )
-from forcectl.testing.memory import _drake_releases_blocks
 from forcectl.testing.plugin import CheckDiagram
 
 JOINTS = 6
@@ -197,12 +196,6 @@ def test_singular_postures_and_unknown_fidelities_are_refused_by_name() -> None:
         StationConfig(fidelity="Multibdy")
 
 
-@pytest.mark.xfail(
-    _drake_releases_blocks(),
-    reason="newer Drake: a block that keeps a cache entry of its own as an attribute, or gives one a bound method, is "
-    "never collected",
-    raises=AssertionError,
-)
 @every_fidelity
 def test_memory_is_released(fidelity: str) -> None:
     def build() -> Diagram:

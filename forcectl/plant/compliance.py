@@ -15,12 +15,11 @@ from collections.abc import Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context, LeafSystem, ValueProducer
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.robot import RobotModel
+from forcectl.robot import RobotModel, posture_cache
 
 Array = NDArray[np.float64]
 
@@ -117,11 +116,7 @@ class RobotCompliance(LeafSystem):
             raise invalid("RobotCompliance.n", self._n.tolist(), "three numbers of unit length")
         self._stiffness = self.DeclareNumericParameter(BasicVector(robot.joint_stiffness))
         self._motor_position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
-        self._posture = self.DeclareCacheEntry(
-            "plant context in this posture",
-            ValueProducer(allocate=lambda: AbstractValue.Make(robot.create_context()), calc=self._set_posture),
-            prerequisites_of_calc={self._motor_position.ticket()},
-        )
+        self._posture = posture_cache(self, robot, self._motor_position)
         self.DeclareVectorOutputPort(
             "robot_compliance",
             1,
@@ -142,9 +137,6 @@ class RobotCompliance(LeafSystem):
         if not (values > 0).all():
             raise invalid("joint_stiffness", values.tolist(), "positive")
         context.get_mutable_numeric_parameter(self._stiffness).SetFromVector(values)
-
-    def _set_posture(self, context: Context, value: AbstractValue) -> None:
-        self._robot.set_positions(value.get_mutable_value(), self._motor_position.Eval(context))
 
     def _calc_compliance(self, context: Context, output: BasicVector) -> None:
         stiffness = context.get_numeric_parameter(self._stiffness).value()
