@@ -1,7 +1,7 @@
 """The drives of a robot with elastic joints: motor inertia, cascaded servo, friction, spring torque.
 
-    B phi'' = B w_v [(v_r - phi') + w_i int(v_r - phi')] - S^-T tau_spring - b phi' - c sign(phi'),   v_r = K_v (r -
-    phi) + r'
+    B phi'' = B w_v [(v_r - phi') + w_i int(v_r - phi')] - S^-T tau_spring - b phi' - c sign(phi')
+    v_r     = K_v (r - phi) + r'
 
 phi = S q_m are the motor angles divided by the gear ratios: S is the identity but for the couplings between motors, and
 B = diag(J_m N^2) is the inertia of the rotors at the joints. The step of `forcectl.plant.servo`, written as a linear
@@ -11,8 +11,7 @@ system and a saturation, because soft(s, c) = s - sat(s, -c, c):
     v+ = (s - sat(s, -dt c/B, dt c/B)) / (1 + dt (w_v (1 + w_i dt) + b/B))
 
 Both are C++ blocks: beside a multibody plant a Python callback runs with cold caches and costs three times as much, and
-this one runs more often than any other. A sticking axis stands still to rounding
-(1e-18 rad/s; exactly in Python).
+this one runs more often than any other. A sticking axis stands still exactly: s and sat(s) are then the same number.
 """
 
 from __future__ import annotations
@@ -21,7 +20,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort
+from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort
 from pydrake.systems.primitives import LinearSystem, MatrixGain, Multiplexer, Saturation
 
 from forcectl.errors import invalid
@@ -37,9 +36,9 @@ class InnerStep(NamedTuple):
 
     free_x: Matrix  # s = free_x x + free_u u, shapes (n, 3n)
     free_u: Matrix
-    state: Matrix  # x+ = state x + inputs u + friction sat(s), shapes (3n, 3n), (3n, 3n), (3n, n)
+    state: Matrix  # x+ = state x + inputs u + slip (s - sat(s)), shapes (3n, 3n), (3n, 3n), (3n, n)
     inputs: Matrix
-    friction: Matrix
+    slip: Matrix
 
 
 def inner_step(gains: ServoGains, to_motor: Matrix, push: Matrix) -> InnerStep:
@@ -52,22 +51,14 @@ def inner_step(gains: ServoGains, to_motor: Matrix, push: Matrix) -> InnerStep:
     eye, zero, dt = np.eye(n), np.zeros((n, n)), gains.step
     k, w = gains.position[:, None], gains.velocity[:, None]
     wanted_x, wanted_u = np.hstack([-k * eye, zero, zero]), np.hstack([k * to_motor, to_motor, zero])
-    free_x = w * wanted_x + np.hstack([zero, eye, np.diag(gains.integral)])
-    free_u = w * wanted_u + np.hstack([zero, zero, push])
-    inverse = gains.inverse[:, None]
-    speed_x, speed_u, speed_f = inverse * free_x, inverse * free_u, -inverse * eye
+    rest = np.zeros((n, 3 * n))
+    speed = gains.inverse[:, None] * eye
     return InnerStep(
-        free_x,
-        free_u,
-        np.vstack(
-            [
-                np.hstack([eye, zero, zero]) + dt * speed_x,
-                speed_x,
-                np.hstack([zero, zero, eye]) + dt * (wanted_x - speed_x),
-            ]
-        ),
-        np.vstack([dt * speed_u, speed_u, dt * (wanted_u - speed_u)]),
-        np.vstack([dt * speed_f, speed_f, -dt * speed_f]),
+        free_x=w * wanted_x + np.hstack([zero, eye, np.diag(gains.integral)]),
+        free_u=w * wanted_u + np.hstack([zero, zero, push]),
+        state=np.vstack([np.hstack([eye, zero, zero]), rest, np.hstack([zero, zero, eye]) + dt * wanted_x]),
+        inputs=np.vstack([rest, rest, dt * wanted_u]),
+        slip=np.vstack([dt * speed, speed, -dt * speed]),
     )
 
 
@@ -75,19 +66,18 @@ def unrolled_steps(step: InnerStep, dt: float, count: int) -> tuple[list[Matrix]
     """`count` inner steps in a row, the reference moving on with its rate.
 
     Returns:
-        for each step the matrix of its s on [x, u, sat of the steps before], and the matrix of the last x on
-        [x, u, all sat]; x and u are those at the start.
+        for each step the matrix of its s on [x, u, s - sat(s) of the steps before], and the matrix of the last x on
+        [x, u, all s - sat(s)]; x and u are those at the start.
     """
-    n = step.friction.shape[1]
+    n = step.slip.shape[1]
     x = np.hstack([np.eye(3 * n), np.zeros((3 * n, 3 * n))])
     frees = []
     for i in range(count):
         moved = np.eye(3 * n)
         moved[:n, n : 2 * n] = i * dt * np.eye(n)
-        pad = np.zeros((3 * n, i * n))
-        u = np.hstack([np.zeros((3 * n, 3 * n)), moved, pad])
+        u = np.hstack([np.zeros((3 * n, 3 * n)), moved, np.zeros((3 * n, i * n))])
         frees.append(step.free_x @ x + step.free_u @ u)
-        x = np.hstack([step.state @ x + step.inputs @ u, step.friction])
+        x = np.hstack([step.state @ x + step.inputs @ u, step.slip])
     return frees, x
 
 
@@ -156,24 +146,32 @@ class Drive(Diagram):
         builder = DiagramBuilder()
         add, connect, export = builder.AddNamedSystem, builder.Connect, builder.ExportInput
         add("axes", axes)
-        stick = [add(f"friction_{i + 1}", Saturation(-gains.stick, gains.stick)) for i in range(substeps)]
+        eye = np.eye(n)
+        slips: list[OutputPort] = []
         readers: list[list[InputPort]] = [[], []]
-        for i, (free, friction) in enumerate(zip(frees, stick, strict=True)):
-            known = add(f"known_{i + 1}", Multiplexer([3 * n, 2 * n, n] + [n] * i))
-            speed = add(f"free_speed_{i + 1}", MatrixGain(free))
+        for i, free in enumerate(frees, start=1):
+            known = add(f"known_{i}", Multiplexer([3 * n, 2 * n, n] + [n] * len(slips)))
+            speed = add(f"free_speed_{i}", MatrixGain(free))
+            friction = add(f"friction_{i}", Saturation(-gains.stick, gains.stick))
+            pair = add(f"free_speed_and_friction_{i}", Multiplexer([n, n]))
+            slip = add(f"slip_{i}", MatrixGain(np.hstack([eye, -eye])))
             connect(axes.get_output_port(), known.get_input_port(0))
+            for j, earlier in enumerate(slips):
+                connect(earlier, known.get_input_port(3 + j))
             connect(known.get_output_port(), speed.get_input_port())
             connect(speed.get_output_port(), friction.get_input_port())
-            for j in range(i):
-                connect(stick[j].get_output_port(), known.get_input_port(3 + j))
-            for reader, port in zip(readers, (1, 2), strict=True):
-                reader.append(known.get_input_port(port))
+            connect(speed.get_output_port(), pair.get_input_port(0))
+            connect(friction.get_output_port(), pair.get_input_port(1))
+            connect(pair.get_output_port(), slip.get_input_port())
+            slips.append(slip.get_output_port())
+            for reader, index in zip(readers, (1, 2), strict=True):
+                reader.append(known.get_input_port(index))
         both = add("axes_inputs", Multiplexer([2 * n, n] + [n] * substeps))
-        for j, friction in enumerate(stick):
-            connect(friction.get_output_port(), both.get_input_port(2 + j))
+        for j, port in enumerate(slips):
+            connect(port, both.get_input_port(2 + j))
         connect(both.get_output_port(), axes.get_input_port())
-        for reader, port, name in zip(readers, (0, 1), ("reference", "spring_torque"), strict=True):
-            outside = export(both.get_input_port(port), name)
+        for reader, index, name in zip(readers, (0, 1), ("reference", "spring_torque"), strict=True):
+            outside = export(both.get_input_port(index), name)
             for read in reader:
                 builder.ConnectInput(outside, read)
         zero = np.zeros((n, n))

@@ -20,7 +20,7 @@ from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuil
 from pydrake.systems.primitives import LinearSystem
 
 from forcectl.errors import invalid
-from forcectl.lanes import FEW_LANES, SCALAR_MATH, Lane, LaneBlock, Parameter, check, lane_values, whole_multiple
+from forcectl.lanes import Lane, LaneBlock, Parameter, check, lane_values, whole_multiple
 from forcectl.plant.position_loop import LONGEST_DELAY, first_order_hold, interleave, second_order, zero_order_hold
 
 _CHUNK = 1024
@@ -132,20 +132,9 @@ class ForceDigitiser(LaneBlock):
     def _tare_update(self, context: Context, next_state: DiscreteValues) -> None:
         next_state.set_value(self._tare, self._raw(context, np.zeros(self._size)))
 
-    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
-        """The parameters, channel by channel for a few channels."""
-        if not 1 < self._size <= FEW_LANES:
-            return values
-        return tuple(zip(*[value.tolist() for value in values], strict=True))
-
     def _raw(self, context: Context, noise: NDArray[np.float64]) -> NDArray[np.float64]:
-        values = self._values.Eval(context)
-        force = self._force.Eval(context)
-        if not 1 < self._size <= FEW_LANES:
-            return self.stack(digitise(self.lane(force), self.lane(noise), *values, m=self.math))
-        # A few channels one by one on floats: half the time of numpy, the same bits.
-        channels = zip(force.tolist(), noise.tolist(), values, strict=True)
-        return np.array([digitise(f, w, *channel, m=SCALAR_MATH) for f, w, channel in channels])
+        force = self.lane(self._force.Eval(context))
+        return self.stack(digitise(force, self.lane(noise), *self._values.Eval(context), m=self.math))
 
     def _reading(self, context: Context, output: BasicVector) -> None:
         tick = int(context.get_time() / self._period + 0.5)
