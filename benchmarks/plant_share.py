@@ -1,9 +1,9 @@
 """Cost of the multibody closed loop divided by that of its bare plant, in one process and in turns.
 
-The bare plant is the very one of the station, pressing with the same 15 N: same step, solver, joint springs and contact,
-and nothing else in the diagram but the source of its motor positions. It is stepped twice: through the motion that the
-loop has made, which costs the contact solver what it costs in the loop, and held still, where the solver starts from
-its solution and has nothing left to do.
+The bare plant is the very one of the station, pressing with the same 15 N: same step, solver, joint springs and
+contact, and nothing else in the diagram but the source of its motor positions. It is stepped twice: through the motion
+that the loop has made, which costs the contact solver what it costs in the loop, and held still, where the solver
+starts from its solution and has nothing left to do.
 """
 
 from __future__ import annotations
