@@ -23,7 +23,8 @@ class KinematicStation(Diagram):
         motors = add("motor_side", MotorSide(cell))
         builder.ExportInput(motors.GetInputPort("joint_position_command"), "joint_position_command")
         position = motors.GetOutputPort("motor_position")
-        tip = add("tip_displacement", TipDisplacement(cell.robot, cell.n, cell.motor_start, period=config.posture_period))
+        displacement = TipDisplacement(cell.robot, cell.n, cell.motor_start, period=config.posture_period)
+        tip = add("tip_displacement", displacement)
         connect(position, tip.GetInputPort("motor_position"))
         contact = config.environment.add_to(builder, 1, config.period, compliance_port=config.elastic_joints)
         if config.elastic_joints:
