@@ -60,7 +60,7 @@ class StationConfig:
     normal: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])  # n in the world frame
     period: float = 0.002  # control tick [s]
     time_step: float = 0.001  # step of the MultibodyPlant [s], divides the period
-    posture_period: float = 0.02  # [s] how often what depends on the posture only is renewed, whole periods
+    posture_period: float = 0.04  # [s] how often what depends on the posture only is renewed, whole periods
     singularity_limit: float = 20.0  # largest |J^-1 n| used undamped [rad/m]
     environment: EnvironmentConfig = field(default_factory=EnvironmentConfig)
     position_loop: PositionLoopConfig = field(default_factory=PositionLoopConfig)
