@@ -10,7 +10,7 @@ from __future__ import annotations
 from forcectl.viz.graph_model import Block, BlockGraph, Port
 from forcectl.viz.graph_order import feedback_edges
 from forcectl.viz.graph_shapes import shape_of, subtitle
-from forcectl.viz.graph_svg import PALETTE
+from forcectl.viz.graph_paint import PALETTE
 
 
 def to_dot(graph: BlockGraph) -> str:

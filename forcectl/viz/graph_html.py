@@ -14,8 +14,9 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, select_autoescape
 
 from forcectl.viz.graph_model import CATEGORY_TEXT, Block, BlockGraph, Parameter, Port, format_values
+from forcectl.viz.graph_paint import PALETTE
 from forcectl.viz.graph_picture import Layouter, Picture
-from forcectl.viz.graph_svg import PALETTE, box_content, draw, net_attributes, net_content, net_key, style
+from forcectl.viz.graph_svg import box_content, draw, net_content, net_key, style
 
 _WORK = 6000  # fold states times blocks that are laid out at most
 _MOST_STATES = 128
@@ -103,8 +104,8 @@ def _state(
         boxes.append([paths[box.path], stored(role), stored(content), round(box.x, 1), round(box.y, 1)])
     nets = []
     for net in picture.nets:
-        role, key = net_attributes(graph, net)
-        nets.append([stored(key), stored(role), stored(net_content(net))])
+        role, content = net_content(graph, net)
+        nets.append([stored(net_key(net.inside, net.source)), stored(role), stored(content)])
     size = [round(picture.width, 2), round(picture.height, 2)]
     return {"open": _key(opened, paths), "size": size, "boxes": boxes, "nets": nets}
 

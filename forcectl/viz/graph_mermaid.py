@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from forcectl.viz.graph_model import Block, BlockGraph
 from forcectl.viz.graph_shapes import shape_of, subtitle
-from forcectl.viz.graph_svg import PALETTE
+from forcectl.viz.graph_paint import PALETTE
 
 
 def to_mermaid(graph: BlockGraph) -> str:

@@ -7,7 +7,7 @@ from typing import Literal
 
 from forcectl.viz.graph_model import Block, Port, format_values
 
-TITLE_SIZE, TYPE_SIZE, PORT_SIZE, SIGNAL_SIZE = 12.0, 9.5, 10.0, 9.0
+TITLE_SIZE, TYPE_SIZE, PORT_SIZE, SIGNAL_SIZE, SYMBOL_SIZE = 12.0, 9.5, 10.0, 9.0, 12.0
 PORT_PITCH = 17.0
 HEADER = 36.0  # name and type above the ports of a box
 FRAME_TITLE = 28.0  # title strip of an unfolded diagram
@@ -142,7 +142,7 @@ def _symbol(block: Block, form: Form, text: str) -> Shape:
         width = max(42.0, text_width(text, 11.0) * 1.25 + 22.0)
         height = max(height, 36.0)
     else:
-        width = max(SYMBOL + 4.0, (0.0 if text.startswith(":") else text_width(text, 12.0)) + 16.0)
+        width = max(SYMBOL + 4.0, (0.0 if text.startswith(":") else text_width(text, SYMBOL_SIZE)) + 16.0)
     total = max(width, max((text_width(line, TYPE_SIZE) for line in captions), default=0.0))
     x = (total - width) / 2.0
     inputs = tuple(_on_side(form, "in", x, width, height, i, len(block.inputs)) for i in range(len(block.inputs)))
