@@ -48,7 +48,7 @@ pictures: $(VENV)/.installed ## draw the README's pictures again
 	@mkdir -p docs/images
 	$(BIN)/forcectl run fig_2_7 --out runs/pictures --force
 	cp runs/pictures/figures/force.png docs/images/fig_2_7.png
-	$(BIN)/forcectl graph fig_2_7 --depth 1 --out docs/images/closed_loop.svg
+	$(BIN)/forcectl graph fig_2_7 --out docs/images/closed_loop.svg
 	$(BIN)/python docs/pictures.py
 
 bench: $(VENV)/.installed-test ## speed: import, build, real-time factors, cost per control tick
@@ -82,13 +82,13 @@ $(VENV)/.made:
 
 $(VENV)/.installed: $(VENV)/.made pyproject.toml constraints.txt
 	@echo "Installing Drake and the other packages into $(VENV); the first time this takes a few minutes ..."
-	$(PIP) --editable ".[render]"
+	$(PIP) --editable .
 	@touch $@
 
 $(VENV)/.installed-test: $(VENV)/.installed
-	$(PIP) --editable ".[render,control,test]"
+	$(PIP) --editable ".[control,test]"
 	@touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed-test
-	$(PIP) --editable ".[render,control,test,dev]"
+	$(PIP) --editable ".[control,test,dev]"
 	@touch $@

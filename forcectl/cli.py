@@ -145,8 +145,8 @@ def graph(
         str | None, typer.Option("--format", metavar="|".join(FORMATS), help="Default: from --out, else svg.")
     ] = None,
     depth: Annotated[
-        int | None, typer.Option(metavar="N", min=0, help="Levels of nesting to unfold; default all.")
-    ] = None,
+        int, typer.Option(metavar="N", min=0, help="Levels of nesting to unfold; the HTML page starts there.")
+    ] = 1,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="File to write (replaced if it exists).")] = None,
     variant: Variant = None,
     settings: Settings = None,

@@ -150,9 +150,24 @@ def test_a_run_that_has_to_stop_is_exit_code_1_with_one_line_and_the_log_kept(fo
     assert (tmp_path / "here.failed" / "log.nc").exists()
 
 
+@pytest.mark.parametrize("format_", ["pdf", "png"])
+def test_graph_prints(forcectl, tmp_path, format_):
+    assert forcectl("graph", "fig_2_7", "--format", format_) == (0, f"wrote fig_2_7.{format_}\n", "")
+    assert (tmp_path / f"fig_2_7.{format_}").stat().st_size > 5000
+
+
+def test_graph_unfolds_one_level_or_as_many_as_asked_for(forcectl, tmp_path):
+    for name, options in (("plain", ()), ("one", ("--depth", 1)), ("two", ("--depth", 2))):
+        assert forcectl("graph", "fig_2_7", *options, "--out", f"{name}.svg")[0] == 0
+    plain, one, two = ((tmp_path / f"{name}.svg").read_text(encoding="utf-8") for name in ("plain", "one", "two"))
+    assert plain == one
+    assert "force_law" not in one
+    assert "force_law" in two
+
+
 @pytest.mark.parametrize("format_", ["svg", "html", "dot", "mermaid"])
 def test_graph_writes_one_file(forcectl, tmp_path, format_):
-    code, out, _ = forcectl("graph", "fig_2_7", "--format", format_, "--depth", 1)
+    code, out, _ = forcectl("graph", "fig_2_7", "--format", format_)
     assert code == 0
     (written,) = tmp_path.iterdir()
     assert out == f"wrote {written.name}\n"

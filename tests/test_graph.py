@@ -10,7 +10,7 @@ from forcectl.viz.graph import FORMATS, Graph, block_graph, export, graph
 
 
 def test_a_graph_shows_itself_in_a_notebook():
-    shown = graph(force_loop(), depth=1)
+    shown = graph(force_loop())
     assert shown._repr_svg_().startswith("<svg")
     assert "<svg" in shown._repr_html_()
     bundle = shown._repr_mimebundle_()
@@ -40,9 +40,23 @@ def test_the_format_wins_over_the_file_name(tmp_path):
     assert path.read_text(encoding="utf-8").startswith("digraph")
 
 
-def test_everything_is_unfolded_unless_a_depth_is_given():
-    assert "position_loop" in export(force_loop(), format="dot")
-    assert "position_loop" not in export(force_loop(), format="dot", depth=1)
+@pytest.mark.parametrize("format", ["dot", "mermaid", "svg"])
+def test_one_level_is_unfolded_unless_a_depth_is_given(format):
+    assert export(force_loop(), format=format) == export(force_loop(), format=format, depth=1)
+    assert "position_loop" not in export(force_loop(), format=format)
+    assert "position_loop" in export(force_loop(), format=format, depth=2)
+    assert export(force_loop(), format=format, depth=2) == export(force_loop(), format=format, depth=None)
+
+
+def test_the_page_holds_all_levels_and_opens_at_the_first():
+    page = export(force_loop(), format="html")
+    scene = page.partition('id="scene"')[2].partition("</svg>")[0]
+    assert ">station<" in scene
+    assert ">position_loop<" not in scene
+    assert "position_loop" in page
+
+
+def test_a_single_block_is_drawn_too():
     assert "ForceLaw" in export(ForceLaw(), format="dot")
 
 
@@ -61,7 +75,7 @@ def test_unknown_formats_are_refused_and_nothing_is_written(format, tmp_path):
 def test_the_model_is_within_reach():
     shown = graph(force_loop())
     assert isinstance(shown, Graph)
-    assert shown.model == block_graph(force_loop(), depth=None)
+    assert shown.model == block_graph(force_loop())
     assert tuple(sorted(FORMATS)) == FORMATS
 
 

@@ -111,6 +111,9 @@ def test_the_run_directory_is_complete_and_runs_again(tmp_path):
         "diagram.html",
     }
     assert expected <= {path.name for path in out.iterdir()}
+    # The picture is the loop of the thesis; what is inside its blocks is in the page, to be unfolded.
+    assert "force_law" not in (out / "diagram.svg").read_text(encoding="utf-8")
+    assert "force_law" in (out / "diagram.html").read_text(encoding="utf-8")
     assert {path.name for path in (out / "figures").iterdir()} == {
         "force.png",
         "force.svg",

@@ -1,8 +1,8 @@
 """Block diagrams of any Drake diagram that people want to look at.
 
     from forcectl.viz.graph import graph, export
-    graph(diagram, depth=1)                     # shows itself in a notebook
-    export(diagram, "loop.html")                # svg, html, dot, mermaid, png, pdf
+    graph(diagram)                              # shows itself in a notebook
+    export(diagram, "loop.pdf", depth=2)        # dot, html, mermaid, pdf, png, svg
 
 The picture reads from left to right: the forward path in one row, the wires that close loops below. Nested diagrams are
 boxes that can be unfolded, ports have names, wires carry size and unit, sampled blocks their sample time.
@@ -86,7 +86,7 @@ class Graph:
 def graph(
     diagram: System,
     *,
-    depth: int | None = None,
+    depth: int | None = 1,
     hide_unused: bool = True,
     signals: bool = True,
     loggers: bool = False,
@@ -102,7 +102,7 @@ def export(
     diagram: System,
     path: str | os.PathLike[str] | None = None,
     format: str | None = None,
-    depth: int | None = None,
+    depth: int | None = 1,
     *,
     hide_unused: bool = True,
     signals: bool = True,
@@ -115,10 +115,10 @@ def export(
         diagram: any Drake diagram or system.
         path: file to write; replaced if it exists.
         format: one of `FORMATS`; by default what `path` ends in, else svg.
-        depth, hide_unused, signals, loggers, context: as for `block_graph`, with everything unfolded by default.
+        depth, hide_unused, signals, loggers, context: as for `block_graph`.
 
     Raises:
-        BadInputError: an unknown format, no renderer for it, or an argument that `block_graph` refuses.
+        BadInputError: an unknown format, or an argument that `block_graph` refuses.
     """
     chosen = format or (format_of(path) if path is not None else "svg")
     model = block_graph(

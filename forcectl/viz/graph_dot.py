@@ -9,8 +9,8 @@ from __future__ import annotations
 
 from forcectl.viz.graph_model import Block, BlockGraph, Port
 from forcectl.viz.graph_order import feedback_edges
-from forcectl.viz.graph_shapes import shape_of, subtitle
 from forcectl.viz.graph_paint import PALETTE
+from forcectl.viz.graph_shapes import shape_of, subtitle
 
 
 def to_dot(graph: BlockGraph) -> str:

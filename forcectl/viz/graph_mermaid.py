@@ -3,8 +3,8 @@
 from __future__ import annotations
 
 from forcectl.viz.graph_model import Block, BlockGraph
-from forcectl.viz.graph_shapes import shape_of, subtitle
 from forcectl.viz.graph_paint import PALETTE
+from forcectl.viz.graph_shapes import shape_of, subtitle
 
 
 def to_mermaid(graph: BlockGraph) -> str:

@@ -46,10 +46,13 @@ class Letters:
     bold: bool = False
 
 
-BODIES = {name: Paint(fill, line, 1.2) for name, (fill, line) in PALETTE.items()}
-INKS = {name: Paint("none", line, 1.5) for name, (_, line) in PALETTE.items()}
-# Bodies that look alike whatever kind of block they show.
-SPECIAL_BODIES = {"frame": Paint("#4a5866", "#8b97a3", 1.0, 0.045), "bar": Paint("#2b3640", "#2b3640", 1.2)}
+# Outlines of blocks by the class of their group; the last one that fits counts.
+BODIES: dict[str, Paint] = {
+    **{kind: Paint(fill, line, 1.2) for kind, (fill, line) in PALETTE.items()},
+    "frame": Paint("#4a5866", "#8b97a3", 1.0, 0.045),
+    "bar": Paint("#2b3640", "#2b3640", 1.2),
+}
+INKS: dict[str, Paint] = {kind: Paint("none", line, 1.5) for kind, (_, line) in PALETTE.items()}
 SHAPES = {
     "more": Paint("none", "#4a5866", 1.2),
     "pill": Paint(PAPER, "#9a7b45", 0.8, 0.75),
@@ -72,7 +75,5 @@ def paint_of(role: str, group: str) -> Paint:
     """Paint of an outline by its role and the classes of the group that it is in."""
     if role in SHAPES:
         return SHAPES[role]
-    kinds = group.split()
-    table = INKS if role == "ink" else {**BODIES, **SPECIAL_BODIES}
-    chosen = [table[kind] for kind in (*SPECIAL_BODIES, *PALETTE) if kind in kinds and kind in table]
-    return chosen[0]
+    kinds, table = group.split(), INKS if role == "ink" else BODIES
+    return [paint for kind, paint in table.items() if kind in kinds][-1]

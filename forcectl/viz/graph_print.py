@@ -9,11 +9,10 @@ import io
 import math
 from collections.abc import Iterable, Iterator
 from pathlib import Path as FilePath
+from typing import Any, Literal
 
 import matplotlib as mpl
 from matplotlib.artist import Artist
-from matplotlib.backends.backend_agg import FigureCanvasAgg
-from matplotlib.backends.backend_pdf import FigureCanvasPdf
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
@@ -30,18 +29,22 @@ from forcectl.viz.graph_route import Point
 
 _PER_INCH = 96.0  # pixels of the picture, as in a browser
 _ZOOM = 2.0  # pixels of a PNG per pixel of the picture
-_MOST_PIXELS, _LONGEST_SIDE = 1.0e8, 32000.0  # of a PNG: larger ones are drawn smaller, or few programs open them
+_MOST_PIXELS, _LONGEST_SIDE = 5.0e7, 32000.0  # of a PNG: larger ones are drawn smaller, or few programs open them
 _LARGEST_PAGE = 200.0  # side of a page [in] that a PDF may have
 # DejaVu Sans is wider than Helvetica, which the boxes are made for, and reads like it when a little smaller.
-_FONTS = {False: ("DejaVuSans.ttf", 0.92), True: ("DejaVuSans-Bold.ttf", 0.86)}
-_ANCHORS = {"start": "left", "middle": "center", "end": "right"}
-_CODES = {"M": (Path.MOVETO,), "L": (Path.LINETO,), "Q": (Path.CURVE3, Path.CURVE3)}
+_FONTS = {False: ("DejaVuSans.ttf", 0.9), True: ("DejaVuSans-Bold.ttf", 0.86)}
+_ANCHORS: dict[str, Literal["left", "center", "right"]] = {"start": "left", "middle": "center", "end": "right"}
+_CODES = {"M": [Path.MOVETO], "L": [Path.LINETO], "Q": [Path.CURVE3, Path.CURVE3], "Z": [Path.CLOSEPOLY]}
 _KAPPA = 0.5523  # of a cubic curve that looks like a quarter of a circle
-# Settings that the canvases read by themselves: real text in a PDF, and dashes in units of the line's width.
-_SETTINGS = {
+# What Matplotlib would read from a `matplotlibrc`: real text in a PDF, the whole figure, dashes in units of line width.
+_SETTINGS: dict[Any, Any] = {
     "pdf.fonttype": 42,
     "pdf.compression": 6,
     "pdf.use14corefonts": False,
+    "savefig.bbox": None,
+    "savefig.facecolor": "auto",
+    "savefig.edgecolor": "auto",
+    "savefig.transparent": False,
     "lines.scale_dashes": True,
     "path.sketch": None,
     "path.effects": [],
@@ -55,10 +58,10 @@ def to_png(graph: BlockGraph) -> bytes:
     picture = Layouter(graph).picture()
     zoom = min(_ZOOM, _LONGEST_SIDE / max(_size(picture)), math.sqrt(_MOST_PIXELS / math.prod(_size(picture))))
     content = io.BytesIO()
+    facts = {"Title": _title(graph), "Software": None}
     with mpl.rc_context(_SETTINGS):
-        figure = _figure(graph, picture, _PER_INCH)
-        figure.set_dpi(_PER_INCH * zoom)
-        FigureCanvasAgg(figure).print_png(content, metadata={"Software": None, "Title": _title(graph)})
+        figure = figure_of(graph, picture, _PER_INCH)
+        figure.savefig(content, format="png", dpi=_PER_INCH * zoom, metadata=facts)
     return content.getvalue()
 
 
@@ -69,7 +72,7 @@ def to_pdf(graph: BlockGraph) -> bytes:
     content = io.BytesIO()
     facts = {"Title": _title(graph), "Creator": None, "Producer": None, "CreationDate": None}
     with mpl.rc_context(_SETTINGS):
-        FigureCanvasPdf(_figure(graph, picture, per_inch)).print_pdf(content, metadata=facts)
+        figure_of(graph, picture, per_inch).savefig(content, format="pdf", dpi=72.0, metadata=facts)
     return content.getvalue()
 
 
@@ -81,11 +84,13 @@ def _size(picture: Picture) -> tuple[int, int]:
     return math.ceil(picture.width), math.ceil(picture.height)
 
 
-def _figure(graph: BlockGraph, picture: Picture, per_inch: float) -> Figure:
+def figure_of(graph: BlockGraph, picture: Picture, per_inch: float) -> Figure:
+    """A figure that shows the picture and nothing else, with `per_inch` pixels of the picture to the inch."""
     width, height = _size(picture)
     # The hundredth of a pixel keeps rounding from losing a whole one.
     inches = (width + 0.01) / per_inch, (height + 0.01) / per_inch
-    figure = Figure(figsize=inches, facecolor=PAPER, edgecolor="none", linewidth=0.0, layout="none")
+    figure = Figure(figsize=inches, facecolor=PAPER, edgecolor="none", linewidth=0.0)
+    figure.set_layout_engine("none")
     whole = Affine2D().scale(1.0 / width, -1.0 / height).translate(0.0, 1.0) + figure.transFigure
     point = 72.0 / per_inch  # points per pixel of the picture
     for group, (x, y), marks in _groups(graph, picture):
@@ -151,10 +156,10 @@ def _patch(mark: Rectangle | Disc | Stroke, group: str, place: Transform, point:
 
 def _path(stroke: Stroke) -> Path:
     vertices: list[Point] = []
-    codes: list[int] = []
+    codes = []
     for letter, points in stroke.steps:
         vertices += points or vertices[:1]
-        codes += _CODES.get(letter, (Path.CLOSEPOLY,))
+        codes += _CODES[letter]
     return Path(vertices, codes)
 
 

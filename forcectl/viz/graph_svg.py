@@ -7,7 +7,7 @@ from html import escape
 
 from forcectl.viz.graph_marks import Disc, Label, Mark, Rectangle, Stroke, box_marks, net_marks
 from forcectl.viz.graph_model import CATEGORY_TEXT, Block, BlockGraph, Category, Endpoint
-from forcectl.viz.graph_paint import BODIES, DASHES, INKS, LETTERS, PAPER, SHAPES, SPECIAL_BODIES, Letters, Paint
+from forcectl.viz.graph_paint import BODIES, DASHES, INKS, LETTERS, PAPER, SHAPES, Letters, Paint
 from forcectl.viz.graph_picture import MARGIN, Layouter, Picture, PlacedBox, PlacedNet
 from forcectl.viz.graph_shapes import TYPE_SIZE, text_width
 
@@ -18,7 +18,7 @@ LEGEND_HEIGHT = 26.0
 def style() -> str:
     """Rules of the picture; everything is below `.fcg`, so that nothing leaks into the page around it."""
     rules = [f".fcg text{{font-family:{FONTS}}}", f".fcg .paper{{fill:{PAPER}}}"]
-    rules += [f".fcg .{kind} .body{{{_paint(paint)}}}" for kind, paint in {**BODIES, **SPECIAL_BODIES}.items()]
+    rules += [f".fcg .{kind} .body{{{_paint(paint)}}}" for kind, paint in BODIES.items()]
     rules += [f".fcg .{kind} .ink{{{_paint(paint)}}}" for kind, paint in INKS.items()]
     rules += [f".fcg .{role}{{{_paint(paint)}}}" for role, paint in SHAPES.items()]
     rules += [f".fcg .{role}{{{_letters(letters)}}}" for role, letters in LETTERS.items()]
