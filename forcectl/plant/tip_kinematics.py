@@ -45,7 +45,7 @@ class TipDisplacement(LeafSystem):
     ```
 
     motor_position: shape (n_q,) [rad].
-    displacement: shape (1,), n'(p_WT(q) - p_WT(q_0)) [m]. Feedthrough.
+    displacement: shape (1,), dx of (2.1) as above [m]: exact at the renewals. Feedthrough.
 
     Sampling: the tangent is state, renewed every `period` [s].
 
