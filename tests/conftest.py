@@ -5,6 +5,8 @@ from __future__ import annotations
 import os
 from importlib.metadata import entry_points
 
+from hypothesis import settings
+
 # Before NumPy is imported: BLAS reads these once.
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
@@ -14,3 +16,8 @@ os.environ.setdefault("MPLBACKEND", "Agg")
 _PLUGIN = "forcectl.testing.plugin"
 _announced = any(point.value == _PLUGIN for point in entry_points(group="pytest11"))
 pytest_plugins = [] if _announced else [_PLUGIN]
+
+# The same examples at every run, so that a change is judged by what it changed. New ones: HYPOTHESIS_PROFILE=explore.
+settings.register_profile("repeatable", derandomize=True, deadline=None)
+settings.register_profile("explore", max_examples=500, deadline=None)
+settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))

@@ -53,7 +53,7 @@ def fine_contact(
 
 
 @given(displacements, stiffnesses, compliances)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_force_is_displacement_over_total_compliance(dx, k, c_r):
     """F = max(0, -dx/C_T), C_T = C_R + 1/K_E. (2.7), (2.8)"""
     block = CompliantContact(1, stiffness=k, robot_compliance=c_r)
@@ -65,14 +65,14 @@ def test_force_is_displacement_over_total_compliance(dx, k, c_r):
 
 
 @given(displacements, stiffnesses, compliances)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_linear_contact_also_pulls(dx, k, c_r):
     force = force_at(LinearContact(1, stiffness=k, robot_compliance=c_r), dx).item()
     assert force == pytest.approx(-dx / (c_r + 1 / k), rel=1e-12)
 
 
 @given(displacements, displacements, stiffnesses, st.floats(0.0, 1e4), compliances)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_a_step_fulfils_its_own_equations(dx, z, k, rate, c_r):
     """-dx = C_R F + z+ while touching and F = K z+ + D/h (z+ - z); never pulling; free relaxation when lost."""
     force, after = damped_contact(dx, z, k, rate, c_r)

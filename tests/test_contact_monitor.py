@@ -51,7 +51,7 @@ forces = st.one_of(st.just(0.0), st.floats(0.0, 20.0), st.floats(0.0, 2.0))
 
 
 @given(st.lists(st.tuples(forces, forces), min_size=1, max_size=30), st.sampled_from([0.0, 1e-9, 0.5]))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_follows_the_state_machine(rows, threshold):
     samples = np.array(rows)
     log = watch(samples, threshold=threshold)
@@ -62,7 +62,7 @@ def test_follows_the_state_machine(rows, threshold):
 
 
 @given(st.sampled_from([APPROACH, CONTACT, LOST]), st.floats(-1.0, 5.0), st.floats(0.0, 2.0))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_a_force_within_the_threshold_changes_nothing(mode, force, threshold):
     after = float(next_mode(mode, force, threshold))
     if 0.0 < force <= threshold:

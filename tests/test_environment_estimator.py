@@ -44,7 +44,7 @@ samples = st.lists(st.tuples(st.floats(0.5, 30.0), st.floats(-1.0, 1.0)), min_si
 
 
 @given(samples, st.floats(0.9, 1.0), st.floats(-8, 2))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_recursion_equals_batch_least_squares(rows, mu, exponent):
     phi = np.array([row[0] for row in rows])
     z = C_E * phi * (1 + 0.3 * np.array([row[1] for row in rows]))

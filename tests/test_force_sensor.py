@@ -141,7 +141,7 @@ def test_noise_does_not_depend_on_how_often_one_looks():
 
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 63), st.integers(0, 10**6))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_white_noise_is_a_pure_function(seed, lane, tick):
     one = white_noise(((seed, lane),), tick)
     assert np.array_equal(one, white_noise(((seed, lane),), tick))
@@ -162,7 +162,7 @@ def test_same_seed_same_run():
 
 
 @given(st.floats(-1e4, 1e4), st.floats(1e-3, 10.0), st.floats(1e-3, 1e3))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_quantise_and_saturate(force, quantum, limit):
     rounded = float(quantise(force, quantum))
     assert abs(rounded - force) <= quantum / 2 * (1 + 1e-9) + 1e-12 * abs(force)

@@ -59,7 +59,7 @@ def test_a_compliance_from_the_port_acts_at_once():
 
 
 @given(st.floats(-50, 50), st.floats(0, 10))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_dead_zone(error, width):
     expected = 0.0 if abs(error) <= width else error - math.copysign(width, error)
     assert float(dead_zone(error, width)) == pytest.approx(expected, abs=1e-12)
@@ -67,7 +67,7 @@ def test_dead_zone(error, width):
 
 
 @given(st.floats(-0.1, 0.1), st.floats(-100, 100), st.floats(0, 1e-3), st.floats(-0.1, 0.0), st.floats(0.0, 0.1))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_integral_step(command, error, gain, lower, upper):
     after = float(integral_step(command, error, gain, lower, upper))
     assert lower <= after <= upper

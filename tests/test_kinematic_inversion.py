@@ -68,7 +68,7 @@ def test_below_its_limit_the_guard_changes_nothing(q, n):
 
 
 @given(st.lists(st.floats(-1, 1), min_size=36, max_size=36), st.floats(0.1, 100.0))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_guard_is_finite_for_any_jacobian(entries, limit):
     J = np.array(entries).reshape(6, 6)
     direction, damped = guarded_direction(J, Z, limit, DAMPING)

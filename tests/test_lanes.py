@@ -330,7 +330,7 @@ def test_a_lane_that_breaks_leaves_the_others_alone(block):
 
 
 @given(st.lists(st.floats(1e-6, 1e6), min_size=1, max_size=6))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_lane_values_keeps_good_values(values):
     np.testing.assert_array_equal(lane_values("gain", values, len(values), "positive"), values)
     np.testing.assert_array_equal(lane_values("gain", values[0], 4, "not negative"), np.full(4, values[0]))
@@ -375,7 +375,7 @@ def test_check_gives_a_float():
 
 
 @given(st.integers(0, 1000), st.floats(1e-4, 1e-2))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_whole_multiple_counts(count, period):
     assert whole_multiple("delay", count * period, period, "period") == count
     with pytest.raises(BadInputError, match=r"delay = .*whole multiple of period"):

@@ -37,7 +37,7 @@ def the_step(t, desired, initial=0.0):
     return step
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(
     bandwidth=st.floats(0.8, 8.0),
     start=st.sampled_from([0.0, 5.0, 20.0]),
@@ -57,7 +57,7 @@ def test_first_order_response_up_and_down_at_any_time(bandwidth, start, target, 
         assert settled - DT - 1e-9 <= m.settling_time(t, force, step, band) <= settled + 1e-9
 
 
-@settings(deadline=None, max_examples=40)
+@settings(max_examples=40)
 @given(omega=st.floats(2.0, 20.0), zeta=st.floats(0.15, 0.8), target=st.floats(1.0, 100.0))
 def test_second_order_overshoot(omega, zeta, target):
     t, desired, force = second_order(omega, zeta, target, duration=10 / (zeta * omega))

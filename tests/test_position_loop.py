@@ -52,7 +52,7 @@ def follow(loop: PositionLoop, u: np.ndarray, period: float, accuracy: float = 1
 
 
 @given(bandwidths, damping_ratios, periods)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_zero_order_hold_equals_scipy(w, z, period):
     a, b = second_order(w, z)
     ours = zero_order_hold(a, b, period)
@@ -62,7 +62,7 @@ def test_zero_order_hold_equals_scipy(w, z, period):
 
 
 @given(bandwidths, damping_ratios)
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_second_order_has_the_poles_of_h_and_gain_one(w, z):
     a, b = second_order(w, z)
     np.testing.assert_allclose(np.poly(a), [1, 2 * z * w, w**2], rtol=1e-9)
@@ -71,7 +71,7 @@ def test_second_order_has_the_poles_of_h_and_gain_one(w, z):
 
 
 @given(bandwidths, damping_ratios, st.lists(st.floats(-5, 5), min_size=3, max_size=20))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_first_order_hold_is_exact_for_straight_lines(w, z, u):
     a, b = second_order(w, z)
     phi, g0, g1 = first_order_hold(a, b, 0.002)

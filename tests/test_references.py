@@ -84,7 +84,7 @@ def test_ramp_to_where_it_is_is_a_constant():
 
 
 @given(st.floats(0.0, 50.0), st.floats(0.0, 50.0), st.floats(0.1, 100.0), st.floats(0.0, 10.0), st.floats(0.0, 30.0))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_ramps(force, initial, rate, start, time):
     config = RampConfig(force=force, rate=rate, start_time=start, initial_force=initial)
     moved = min(rate * max(0.0, time - start), abs(force - initial))
@@ -98,7 +98,7 @@ sequences = st.lists(st.tuples(st.floats(0.05, 5.0), st.floats(0.0, 40.0)), min_
 
 
 @given(sequences, st.one_of(st.just(0.0), st.floats(1e-6, 2.0)), st.lists(st.floats(0.0, 45.0), min_size=1, max_size=8))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_sequences(steps, first, times):
     starts = (first + np.cumsum([0.0, *[gap for gap, _ in steps[1:]]])).tolist()
     forces = [force for _, force in steps]

@@ -184,7 +184,7 @@ def test_the_reference_moves_on_with_its_rate_inside_a_tick():
     st.floats(0.0, 5.0),
     st.integers(1, 32),
 )
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_one_step_is_the_soft_threshold(x, v, i, r, coulomb, count):
     """One inner step by its printed form, repeated."""
     dt = PERIOD / count
@@ -203,7 +203,7 @@ def test_one_step_is_the_soft_threshold(x, v, i, r, coulomb, count):
 
 
 @given(st.floats(-1.0, 1.0), st.floats(0.0, 3.0), st.integers(1, 16))
-@settings(max_examples=50, deadline=None)
+@settings(max_examples=50)
 def test_a_push_below_the_friction_moves_nothing(share, coulomb, count):
     """At rest on its reference, a load below a_c leaves v exactly zero; beyond it the drive gives way."""
     dt = PERIOD / count

@@ -37,7 +37,7 @@ def tip(q: np.ndarray) -> np.ndarray:
 
 
 @given(angles)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_displacement_is_that_of_the_tool_along_n(dq):
     q = START + np.array(dq)
     for n in NORMALS:
@@ -47,7 +47,7 @@ def test_displacement_is_that_of_the_tool_along_n(dq):
 
 
 @given(angles)
-@settings(max_examples=30, deadline=None)
+@settings(max_examples=30)
 def test_between_renewals_the_tangent_is_followed(dq):
     """What it leaves out is of second order: arm length times half the squared joint motion."""
     dq = 0.02 * np.array(dq)
