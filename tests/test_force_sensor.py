@@ -17,8 +17,8 @@ from forcectl.plant.force_sensor import (
     ForceDigitiser,
     ForceSensor,
     ForceSensorConfig,
-    quantise,
-    saturate,
+    converter,
+    digitise,
     sensor_filter,
     white_noise,
 )
@@ -164,11 +164,11 @@ def test_same_seed_same_run():
 @given(st.floats(-1e4, 1e4), st.floats(1e-3, 10.0), st.floats(1e-3, 1e3))
 @settings(max_examples=50)
 def test_quantise_and_saturate(force, quantum, limit):
-    rounded = float(quantise(force, quantum))
+    rounded = float(digitise(force, 0.0, converter(0.0, 0.0, quantum, math.inf)))
     assert abs(rounded - force) <= quantum / 2 * (1 + 1e-9) + 1e-12 * abs(force)
     assert rounded / quantum == pytest.approx(round(rounded / quantum), abs=1e-9 * max(1, abs(force / quantum)))
-    assert float(quantise(force, 0.0)) == force
-    assert float(saturate(force, limit)) == min(max(force, -limit), limit)
+    assert float(digitise(force, 0.0, converter(0.0, 0.0, 0.0, math.inf))) == force
+    assert float(digitise(force, 0.0, converter(0.0, 0.0, 0.0, limit))) == min(max(force, -limit), limit)
 
 
 def test_the_reading_goes_through_bias_range_and_quanta_in_this_order():

@@ -12,7 +12,7 @@ from __future__ import annotations
 import builtins
 from dataclasses import dataclass
 from functools import lru_cache
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -45,20 +45,29 @@ def white_noise(sources: tuple[tuple[int, int], ...], tick: int) -> NDArray[np.f
     return row
 
 
-def saturate(force: Lane, limit: Lane, m: Any = np) -> Lane:
-    """`force` limited to +-limit [N]."""
-    return m.maximum(m.minimum(force, limit), -limit)
+class Converter(NamedTuple):
+    """What digitising needs to know of a channel, derived from its parameters by `converter`."""
+
+    bias: Lane  # [N]
+    noise_std: Lane  # [N]
+    upper: Lane  # end of the range [N]
+    lower: Lane  # its other end [N]
+    quantum: Lane  # [N]; 1 where there is none
+    quantised: Any  # whether there is one; None when there is one in every lane
 
 
-def quantise(force: Lane, quantum: Lane, m: Any = np) -> Lane:
-    """`force` rounded to whole quanta [N]; quantum = 0 leaves it as it is."""
-    step = quantum + (quantum == 0)
-    return m.where(quantum > 0, step * m.floor(force / step + 0.5), force)
+def converter(bias: Lane, noise_std: Lane, quantum: Lane, limit: Lane) -> Converter:
+    """The numbers `digitise` needs; quantum = 0 [N]: not quantised."""
+    exists = quantum > 0
+    return Converter(bias, noise_std, limit, -limit, quantum + (1 - exists), None if np.all(exists) else exists)
 
 
-def digitise(force: Lane, noise: Lane, bias: Lane, noise_std: Lane, quantum: Lane, limit: Lane, *, m: Any = np) -> Lane:
-    """The raw reading of a true force [N]: bias and noise (unit white, times its deviation), range, quanta."""
-    return quantise(saturate(force + (bias + noise_std * noise), limit, m), quantum, m)
+def digitise(force: Lane, noise: Lane, channel: Converter, m: Any = np) -> Lane:
+    """The raw reading of a true force [N]: bias and noise (unit white, times its deviation), range, whole quanta."""
+    bias, noise_std, upper, lower, quantum, quantised = channel
+    seen = m.maximum(m.minimum(force + (bias + noise_std * noise), upper), lower)
+    rounded = quantum * m.floor(seen / quantum + 0.5)
+    return rounded if quantised is None else m.where(quantised, rounded, seen)
 
 
 class ForceDigitiser(LaneBlock):
@@ -127,21 +136,25 @@ class ForceDigitiser(LaneBlock):
         """
         if self._tare is None:
             raise invalid("tare", False, "true to tare the sensor")
-        context.SetDiscreteState(self._tare, self._raw(context, np.zeros(self._size)))
+        context.SetDiscreteState(self._tare, self.stack(self._raw(context, np.zeros(self._size))))
 
     def _tare_update(self, context: Context, next_state: DiscreteValues) -> None:
-        next_state.set_value(self._tare, self._raw(context, np.zeros(self._size)))
+        next_state.set_value(self._tare, self.stack(self._raw(context, np.zeros(self._size))))
 
-    def _raw(self, context: Context, noise: NDArray[np.float64]) -> NDArray[np.float64]:
+    def derive(self, values: tuple[Lane, ...]) -> Converter:
+        """What `digitise` needs of the parameters."""
+        return converter(*values)
+
+    def _raw(self, context: Context, noise: NDArray[np.float64]) -> Lane:
         force = self.lane(self._force.Eval(context))
-        return self.stack(digitise(force, self.lane(noise), *self._values.Eval(context), m=self.math))
+        return digitise(force, self.lane(noise), self._values.Eval(context), self.math)
 
     def _reading(self, context: Context, output: BasicVector) -> None:
         tick = int(context.get_time() / self._period + 0.5)
         reading = self._raw(context, white_noise(self._sources, tick))
         if self._tare is not None:
-            reading = reading - context.get_discrete_state(self._tare).value()
-        output.SetFromVector(reading)
+            reading = reading - self.lane(context.get_discrete_state(self._tare).value())
+        self.write(output, reading)
 
 
 def sensor_filter(
