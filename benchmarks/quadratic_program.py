@@ -1,7 +1,7 @@
 """Solving one quadratic program, by solver: what decides which one `forcectl.control.quadratic_program` takes.
 
-Programs of the size of a robot controller (6 variables) and a dual arm (14), coefficients changed at every tick, through
-the same layer, checks included.
+Programs of the size of a robot controller (6 variables) and of a dual arm (14), with other coefficients at every tick,
+through the same layer, checks included.
 """
 
 from __future__ import annotations
