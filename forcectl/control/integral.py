@@ -8,7 +8,7 @@ The minus sign goes with F = -dx/C_T (2.8). e(.) is an optional dead zone agains
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -96,14 +96,15 @@ class IntegralForceLaw(SampledLaw):
         """The limits are in order."""
         check_order("lower_limit", "upper_limit", values)
 
-    def command(self, context: Context, held: Lane) -> Lane:
+    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
         """One tick of the law."""
+        (last,) = held
         gain, width, lower, upper = self._values.Eval(context)
         if self._compliance is not None:
             gain = gain * self.lane(self._compliance.Eval(context))
         error = self.lane(self._desired.Eval(context)) - self.lane(self._measured.Eval(context))
-        after = integral_step(held, dead_zone(error, width, self.math), gain, lower, upper, self.math)
-        return self.math.where(after == after, after, held)
+        after = integral_step(last, dead_zone(error, width, self.math), gain, lower, upper, self.math)
+        return (self.math.where(after == after, after, last),)
 
 
 class LinearIntegralForceLaw(Diagram):

@@ -10,20 +10,24 @@ its step ends on a tick: runge_kutta3 gives that a sixth of the step.
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from typing import Any
+from weakref import ref
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
+from forcectl.cache import BlockCache
 from forcectl.lanes import Lane, LaneBlock, Parameter, check, lane_values
 
 
 class SampledLaw(LaneBlock):
     """Base of sampled laws for n lanes.
 
-    A subclass declares its input ports, then calls `declare_command`, and gives the law in `command`.
+    A subclass declares its input ports, then calls `declare_command` and gives the law in `step`. What it remembers
+    besides the command it may show with `declare_output`.
 
     Args:
         size: lanes n. parameters: see `LaneBlock`. period: control tick [s].
@@ -33,35 +37,55 @@ class SampledLaw(LaneBlock):
         self._period = check("period", period, "positive")
         super().__init__(size, parameters)
 
-    def declare_command(self, name: str, reads: set[Any], initial: ArrayLike = 0.0) -> None:
-        """Declare the output port `name` of shape (n,), its memory and its event.
+    def declare_command(
+        self, name: str, reads: set[Any], initial: ArrayLike = 0.0, further: Mapping[str, ArrayLike] | None = None
+    ) -> None:
+        """Declare the output port `name` of shape (n,), the memory of the law and its event.
 
         Args:
             reads: tickets of the inputs the law uses. initial: the command held before the first tick.
+            further: what else the law remembers from tick to tick, by name, with the value before the first one.
         """
-        start = lane_values("initial command", initial, self._size)
-        # The tick the held command belongs to (repeated per lane), then the command.
-        self._held = self.DeclareDiscreteState(np.concatenate([np.full(self._size, -1.0), start]))
+        memory = {name: initial, **(further or {})}
+        self._place = {key: i for i, key in enumerate(memory)}
+        start = [lane_values(f"initial {key}", value, self._size) for key, value in memory.items()]
+        # The tick the held values belong to (repeated per lane), then the values.
+        self._held = self.DeclareDiscreteState(np.concatenate([np.full(self._size, -1.0), *start]))
         reads = reads | {self.time_ticket(), self.discrete_state_ticket(self._held), self.all_parameters_ticket()}
-        self._output = self.DeclareVectorOutputPort(name, self._size, self._calc, prerequisites_of_calc=reads)
+        self._now = BlockCache(
+            self,
+            "values of this tick",
+            lambda: Value[object](()),
+            lambda block, context, value: value.set_value(block._compute(context)),
+            reads,
+        )
+        self.declare_output(name)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._period, offset_sec=0.0, update=self._hold)
 
+    def declare_output(self, name: str) -> None:
+        """Declare an output port of shape (n,) that shows the remembered value of that name."""
+        block, place = ref(self), self._place[name]
+
+        def show(context: Context, output: BasicVector) -> None:
+            law: Any = block()
+            law.write(output, law._now.Eval(context)[place])
+
+        self.DeclareVectorOutputPort(name, self._size, show, prerequisites_of_calc={self._now.ticket()})
+
     @abstractmethod
-    def command(self, context: Context, held: Lane) -> Lane:
-        """The command of a new tick, from the inputs and the command held so far."""
+    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+        """The values of a new tick, the command first, from the inputs and the values held so far."""
 
     def _tick(self, context: Context) -> float:
         # The small shift keeps an instant k * period, rounded down, in its own tick.
         return (context.get_time() + 1e-9) // self._period
 
-    def _calc(self, context: Context, output: BasicVector) -> None:
-        memory = context.get_discrete_state(self._held).value()
-        held = memory.item(1) if self._size == 1 else memory[self._size :]
-        known = memory.item(0) == self._tick(context)
-        self.write(output, held if known else self.command(context, held))
+    def _compute(self, context: Context) -> Sequence[Lane]:
+        tick, *held = self.lanes(context.get_discrete_state(self._held).value())
+        known = (tick if self._size == 1 else tick[0]) == self._tick(context)
+        return held if known else self.step(context, held)
 
     def _hold(self, context: Context, next_state: DiscreteValues) -> None:
-        memory = np.empty(2 * self._size)
-        memory[: self._size] = self._tick(context)
-        memory[self._size :] = self._output.Eval(context)
-        next_state.set_value(self._held, memory)
+        tick = self._tick(context)
+        values = self._now.Eval(context)
+        next_state.set_value(self._held, self.stack(tick if self._size == 1 else np.full(self._size, tick), *values))
