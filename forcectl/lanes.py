@@ -41,6 +41,7 @@ _CHECKS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.bool_]]] = {
     "positive": lambda v: v > 0,
     "positive and finite": lambda v: (v > 0) & np.isfinite(v),
     "not negative": lambda v: v >= 0,
+    "negative and finite": lambda v: (v < 0) & np.isfinite(v),
     "finite": np.isfinite,
     "a number": lambda v: ~np.isnan(v),
     "above 0 and at most 1": lambda v: (v > 0) & (v <= 1),
@@ -52,7 +53,8 @@ class Parameter:
     """A value per lane that lives in the Context.
 
     value: number or shape (n,). allowed: "positive", "not negative" or "a number" (each may be
-    infinite), "finite", "positive and finite" or "above 0 and at most 1". unit: for documentation and graphs.
+    infinite), "finite", "positive and finite", "negative and finite" or "above 0 and at most 1". unit: for
+    documentation and graphs.
     """
 
     value: ArrayLike
