@@ -33,12 +33,13 @@ from pydrake.multibody.plant import (
     DiscreteContactApproximation,
     MultibodyPlant,
 )
-from pydrake.multibody.tree import Joint, PdControllerGains
+from pydrake.multibody.tree import FixedOffsetFrame, Joint, PdControllerGains, PrismaticJoint, SpatialInertia
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, LinearSystem, MatrixGain
 
 from forcectl.diagrams.parts import export_outputs
 from forcectl.diagrams.station import Cell
+from forcectl.diagrams.station_surface import add_surface_height
 from forcectl.diagrams.truth import add_contact_state
 from forcectl.errors import BadInputError
 from forcectl.models import add_packages
@@ -54,7 +55,12 @@ _LARGEST_DRIVE_STEP = 0.5e-3  # [s] friction sticks and slips with a time of its
 
 
 def add_environment(plant: MultibodyPlant, cell: Cell, tip: Vector) -> Joint:
-    """The environment body, its top face through `tip` with outward normal n; returns its weld to the world."""
+    """The environment body, its top face through `tip` with outward normal n; returns the weld that bears the contact.
+
+    A flat surface is welded to the world. An uneven one is a plate that slides along n and is driven to the height of
+    the surface under the tool, so that the contact normal stays n and one compliance holds everywhere; the contact acts
+    on a massless skin welded to the plate, so that the reaction of that weld is free of the plate's inertia.
+    """
     config = cell.config.environment
     parser = Parser(plant)
     add_packages(parser.package_map())
@@ -63,20 +69,38 @@ def add_environment(plant: MultibodyPlant, cell: Cell, tip: Vector) -> Joint:
     y = np.cross(cell.n, side) / np.linalg.norm(np.cross(cell.n, side))
     R_WE = RotationMatrix(np.column_stack([np.cross(y, cell.n), y, cell.n]))
     surface = plant.GetFrameByName("surface", instance)
-    weld = plant.WeldFrames(plant.world_frame(), surface, RigidTransform(R_WE, tip))
+    X_WE = RigidTransform(R_WE, tip)
+    if config.surface.flat:
+        body, X_BS = surface.body(), surface.GetFixedPoseInBodyFrame()
+        weld = plant.WeldFrames(plant.world_frame(), surface, X_WE)
+    else:
+        body, X_BS = plant.AddRigidBody("surface_skin", instance, SpatialInertia.Zero()), RigidTransform()
+        guide = plant.AddFrame(FixedOffsetFrame("surface_guide", plant.world_frame(), X_WE, instance))
+        slide = plant.AddJoint(PrismaticJoint("surface_slide", guide, surface, [0.0, 0.0, 1.0]))
+        drive = plant.AddJointActuator("surface_drive", slide)
+        # Without damping: the implicit step damps so stiff a drive by itself, and the plate is there a step later.
+        drive.set_controller_gains(PdControllerGains(p=_plate_stiffness(surface.body().default_mass(), cell), d=0.0))
+        weld = plant.WeldFrames(surface, body.body_frame())
     plant.set_gravity_enabled(instance, False)
-    compliance = 1 / config.stiffness + _missing_compliance(cell)
+    missing = _missing_compliance(cell)
+    if not config.surface.flat:
+        missing -= 1 / _plate_stiffness(surface.body().default_mass(), cell)
+    compliance = 1 / config.stiffness + missing
     if not compliance > 0:
-        largest = -1 / _missing_compliance(cell)
+        largest = -1 / missing
         raise BadInputError(f"stiffness = {config.stiffness:g}: must be below {largest:.4g} N/m in Multibody")
     # Drake puts ball and surface in series and adds their relaxation times: their damping is to be D_E.
     material = _material(1 / compliance, config.damping * (compliance + _BALL_COMPLIANCE))
     # Thick, so that the ball never comes out of the other side of a soft surface.
     depth = 0.5
     block = RigidTransform([0.0, 0.0, -depth / 2])
-    X_BS = surface.GetFixedPoseInBodyFrame()
-    plant.RegisterCollisionGeometry(surface.body(), X_BS @ block, Box(1.0, 1.0, depth), "contact_surface", material)
+    plant.RegisterCollisionGeometry(body, X_BS @ block, Box(1.0, 1.0, depth), "contact_surface", material)
     return weld
+
+
+def _plate_stiffness(mass: float, cell: Cell) -> float:
+    """Stiffness of the drive of an uneven surface [N/m], as `Cell.spring_stiffness` of rigid joints."""
+    return 10.0 * mass / cell.config.time_step**2
 
 
 def _missing_compliance(cell: Cell) -> float:
@@ -218,13 +242,22 @@ class MultibodyStation(Diagram):
         connect(sensor.GetOutputPort("measured_force"), compensation.GetInputPort("wrench"))
         connect(position, compensation.GetInputPort("motor_position"))
 
+        # An uneven surface is raised to its height at the place of the links.
+        height = {}
+        links = add("link_state", _split_state(plant, parts))
+        connect(plant.get_state_output_port(parts.instance), links.get_input_port())
+        if not config.environment.surface.flat:
+            height["surface_height"] = add_surface_height(builder, cell, links.get_output_port(), cell.start)
+            at_rest = add("surface_reference", MatrixGain(np.array([[1.0], [0.0]])))
+            surface = weld.parent_body().model_instance()
+            connect(height["surface_height"], at_rest.get_input_port())
+            connect(at_rest.get_output_port(), plant.get_desired_state_input_port(surface))
+
         # Truth: the mounting of the (weightless) environment carries the contact force, along -z of its surface.
         force = add("contact_force", MatrixGain(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -1.0]])))
-        tip = add("tip_displacement", TipDisplacement(robot, cell.n, q_0, period=config.posture_period))
-        links = add("link_state", _split_state(plant, parts))
+        tip = add("tip_displacement", TipDisplacement(robot, cell.n, q_0, period=None))
         connect(wrist_and_mounting.get_output_port(1), force.get_input_port())
         connect(position, tip.GetInputPort("motor_position"))
-        connect(plant.get_state_output_port(parts.instance), links.get_input_port())
         export_outputs(
             builder,
             {
@@ -236,6 +269,7 @@ class MultibodyStation(Diagram):
                 "contact_displacement": tip.GetOutputPort("displacement"),
                 "link_position": links.get_output_port(),
                 "contact_state": add_contact_state(builder, force.get_output_port()),
+                **height,
             },
         )
         builder.BuildInto(self)

@@ -44,6 +44,8 @@ def test_displacement_is_that_of_the_tool_along_n(dq):
         block = TipDisplacement(ROBOT, n, START)
         log = run_diagram(block, 0.04, period=0.02, inputs={"motor_position": q})
         assert log["displacement"][-1, 0] == pytest.approx(n @ (tip(q) - tip(START)), abs=1e-12)
+        exact = evaluate(TipDisplacement(ROBOT, n, START, period=None), "displacement", motor_position=q).item()
+        assert exact == pytest.approx(n @ (tip(q) - tip(START)), abs=1e-12)
 
 
 @given(angles)

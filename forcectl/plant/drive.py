@@ -21,7 +21,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort
-from pydrake.systems.primitives import LinearSystem, MatrixGain, Multiplexer, Saturation
+from pydrake.systems.primitives import Demultiplexer, LinearSystem, MatrixGain, Multiplexer, Saturation
 
 from forcectl.errors import invalid
 from forcectl.lanes import check, check_count, lane_values
@@ -146,23 +146,22 @@ class Drive(Diagram):
         builder = DiagramBuilder()
         add, connect, export = builder.AddNamedSystem, builder.Connect, builder.ExportInput
         add("axes", axes)
-        eye = np.eye(n)
+        eye, unlimited = np.eye(n), np.full(n, np.inf)
         slips: list[OutputPort] = []
         readers: list[list[InputPort]] = [[], []]
         for i, free in enumerate(frees, start=1):
             known = add(f"known_{i}", Multiplexer([3 * n, 2 * n, n] + [n] * len(slips)))
-            speed = add(f"free_speed_{i}", MatrixGain(free))
-            friction = add(f"friction_{i}", Saturation(-gains.stick, gains.stick))
-            pair = add(f"free_speed_and_friction_{i}", Multiplexer([n, n]))
-            slip = add(f"slip_{i}", MatrixGain(np.hstack([eye, -eye])))
+            # s and -s; only the second half is limited, so that their sum is s - sat(s), exactly zero when sticking.
+            speed = add(f"free_speed_{i}", MatrixGain(np.vstack([free, -free])))
+            limit = np.concatenate([unlimited, gains.stick])
+            friction = add(f"friction_{i}", Saturation(-limit, limit))
+            slip = add(f"slip_{i}", MatrixGain(np.hstack([eye, eye])))
             connect(axes.get_output_port(), known.get_input_port(0))
             for j, earlier in enumerate(slips):
                 connect(earlier, known.get_input_port(3 + j))
             connect(known.get_output_port(), speed.get_input_port())
             connect(speed.get_output_port(), friction.get_input_port())
-            connect(speed.get_output_port(), pair.get_input_port(0))
-            connect(friction.get_output_port(), pair.get_input_port(1))
-            connect(pair.get_output_port(), slip.get_input_port())
+            connect(friction.get_output_port(), slip.get_input_port())
             slips.append(slip.get_output_port())
             for reader, index in zip(readers, (1, 2), strict=True):
                 reader.append(known.get_input_port(index))
@@ -175,14 +174,13 @@ class Drive(Diagram):
             for read in reader:
                 builder.ConnectInput(outside, read)
         zero = np.zeros((n, n))
-        for name, rows in (
-            ("motor_state", [[back, zero, zero], [zero, back, zero]]),
-            ("motor_position", [[back, zero, zero]]),
-            ("motor_velocity", [[zero, back, zero]]),
-        ):
-            block = add(name, MatrixGain(np.block(rows)))
-            connect(axes.get_output_port(), block.get_input_port())
-            builder.ExportOutput(block.get_output_port(), name)
+        state = add("motor_state", MatrixGain(np.block([[back, zero, zero], [zero, back, zero]])))
+        halves = add("position_and_velocity", Demultiplexer([n, n]))
+        connect(axes.get_output_port(), state.get_input_port())
+        connect(state.get_output_port(), halves.get_input_port())
+        builder.ExportOutput(state.get_output_port(), "motor_state")
+        builder.ExportOutput(halves.get_output_port(0), "motor_position")
+        builder.ExportOutput(halves.get_output_port(1), "motor_velocity")
         builder.BuildInto(self)
 
 

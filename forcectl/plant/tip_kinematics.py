@@ -36,7 +36,8 @@ class TipDisplacement(LeafSystem):
         dx = dx_s + n'J(q_s) (q - q_s)
 
     with the posture q_s of the last renewal: in between, the path of the tool is followed by its tangent. What that
-    leaves out is about (speed * period)^2/2 per metre of arm, 0.08 um at 20 mm/s and 20 ms.
+    leaves out is about (speed * period)^2/2 per metre of arm, 0.08 um at 20 mm/s and 20 ms. Without renewals the path
+    is followed itself: for a signal that is seldom read.
 
     ```
     name: TipDisplacement
@@ -45,15 +46,15 @@ class TipDisplacement(LeafSystem):
     ```
 
     motor_position: shape (n_q,) [rad].
-    displacement: shape (1,), dx of (2.1) as above [m]: exact at the renewals. Feedthrough.
+    displacement: shape (1,), dx of (2.1) as above [m]: exact at the renewals, or without them. Feedthrough.
 
-    Sampling: the tangent is state, renewed every `period` [s].
+    Sampling: the tangent is state, renewed every `period` [s]; None: no tangent and no state.
 
     Args:
         robot: kinematics. n: unit normal in W, shape (3,). start: q_0, shape (n_q,) [rad].
     """
 
-    def __init__(self, robot: RobotModel, n: ArrayLike, start: Vector, *, period: float = 0.02):
+    def __init__(self, robot: RobotModel, n: ArrayLike, start: Vector, *, period: float | None = 0.02):
         super().__init__()
         self._robot, self._n = robot, unit_normal(n)
         self._position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
@@ -62,6 +63,9 @@ class TipDisplacement(LeafSystem):
         start = lane_values("start", start, robot.num_joints)
         robot.set_positions(context, start)
         self._origin = float(self._n @ robot.tip_position(context))
+        if period is None:
+            self.DeclareVectorOutputPort("displacement", 1, self._exact, prerequisites_of_calc={self._posture.ticket()})
+            return
         # n'J, then the displacement it would have at q = 0.
         self._tangent = self.DeclareDiscreteState(self._at(context, start))
         self.DeclareVectorOutputPort(
@@ -74,10 +78,15 @@ class TipDisplacement(LeafSystem):
             period_sec=check("period", period, "positive"), offset_sec=0.0, update=self._renew
         )
 
+    def _reached(self, plant_context: Context) -> float:
+        return float(self._n @ self._robot.tip_position(plant_context)) - self._origin
+
+    def _exact(self, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, self._reached(self._posture.Eval(context)))
+
     def _at(self, plant_context: Context, q: Vector) -> Vector:
         row = self._n @ self._robot.jacobian(plant_context)[3:]
-        displacement = self._n @ self._robot.tip_position(plant_context) - self._origin
-        return np.append(row, displacement - row @ q)
+        return np.append(row, self._reached(plant_context) - row @ q)
 
     def _renew(self, context: Context, next_state: DiscreteValues) -> None:
         next_state.set_value(self._at(self._posture.Eval(context), self._position.Eval(context)))
