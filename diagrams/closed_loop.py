@@ -26,6 +26,7 @@ LOGGED = (
     "displacement_command",
     "contact_displacement",
     "motor_position",
+    "surface_height",
 )
 
 

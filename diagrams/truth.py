@@ -9,6 +9,7 @@ from pydrake.systems.primitives import Gain, Saturation
 from forcectl.diagrams.motor_side import MotorSide
 from forcectl.diagrams.parts import export_outputs
 from forcectl.diagrams.station import Cell
+from forcectl.diagrams.station_surface import add_depth, add_surface_height
 from forcectl.plant.tip_kinematics import ForceToWrench, LinkPosition
 
 
@@ -30,11 +31,15 @@ def finish_light_station(
     """Sensor, truth and exported ports of a station without robot dynamics.
 
     Args:
-        motors: the motor side. contact: with the output `contact_force`. displacement: along n, what the contact gets.
+        motors: the motor side. contact: with the output `contact_force`. displacement: of the tool along n.
     """
     robot = cell.robot
-    builder.Connect(displacement, contact.GetInputPort("displacement"))
     force, position = contact.GetOutputPort("contact_force"), motors.GetOutputPort("motor_position")
+    height, depth = {}, displacement
+    if not cell.config.environment.surface.flat:
+        height["surface_height"] = add_surface_height(builder, cell, position, cell.motor_start)
+        depth = add_depth(builder, displacement, height["surface_height"])
+    builder.Connect(depth, contact.GetInputPort("displacement"))
     sensor = cell.config.force_sensor.add_to(builder, cell.config.period, seed=seed)
     builder.Connect(force, sensor.GetInputPort("force"))
     measured = sensor.GetOutputPort("measured_force")
@@ -55,5 +60,6 @@ def finish_light_station(
             "contact_displacement": displacement,
             "link_position": links.GetOutputPort("link_position"),
             "contact_state": add_contact_state(builder, force),
+            **height,
         },
     )

@@ -29,6 +29,7 @@ from forcectl.plant.drive import Drive
 from forcectl.plant.force_sensor import ForceDigitiser, ForceSensor
 from forcectl.plant.position_loop import PositionLoop
 from forcectl.plant.servo import Servo, ServoCore
+from forcectl.plant.surface import GrooveConfig, SurfaceConfig, SurfaceHeight
 from forcectl.plant.tip_kinematics import ForceToWrench, LinkPosition, TipDisplacement
 from forcectl.plant.wrist_sensor import ToolCompensation, WeldWrenches
 from forcectl.robot import RobotModel, add_robot
@@ -183,6 +184,13 @@ EXAMPLES: dict[type[System], list[Example]] = {
             lambda: TipDisplacement(robot(), Z, START),
             each("displacement", "motor_position"),
             {"motor_position": posture},
+        )
+    ],
+    SurfaceHeight: [
+        Example(
+            lambda: SurfaceHeight(SurfaceConfig(slope=0.01, grooves=GrooveConfig()).profile(0.01)),
+            each("surface_height", "path_position"),
+            {"path_position": lambda t: 0.5 * t},
         )
     ],
     LinkPosition: [

@@ -13,7 +13,7 @@ environment relaxes by itself.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, field
 from typing import Any
 
 import numpy as np
@@ -23,6 +23,7 @@ from pydrake.systems.primitives import Gain
 
 from forcectl.errors import invalid
 from forcectl.lanes import Lane, LaneBlock, Parameter, check, lane_values
+from forcectl.plant.surface import SurfaceConfig
 
 
 def elastic_force(dx: Lane, stiffness: Lane, m: Any = np) -> Lane:
@@ -153,6 +154,7 @@ class EnvironmentConfig:
     stiffness: float = 5.9e3  # K_E [N/m], > 0
     damping: float = 0.0  # D_E [N s/m], >= 0
     one_sided: bool = True  # false: the linear two-sided spring (OneDimensional only)
+    surface: SurfaceConfig = field(default_factory=SurfaceConfig)  # flat by default
 
     def __post_init__(self) -> None:
         check("stiffness", self.stiffness, "positive")
