@@ -52,25 +52,32 @@ class SampledLaw(LaneBlock):
         # The tick the held values belong to (repeated per lane), then the values.
         self._held = self.DeclareDiscreteState(np.concatenate([np.full(self._size, -1.0), *start]))
         reads = reads | {self.time_ticket(), self.discrete_state_ticket(self._held), self.all_parameters_ticket()}
-        self._now = BlockCache(
-            self,
-            "values of this tick",
-            lambda: Value[object](()),
-            lambda block, context, value: value.set_value(block._compute(context)),
-            reads,
-        )
-        self.declare_output(name)
+        # A law that remembers nothing but its command needs no cache beside that of its port.
+        self._now = None
+        if further:
+            self._now = BlockCache(
+                self,
+                "values of this tick",
+                lambda: Value[object](()),
+                lambda block, context, value: value.set_value(block._compute(context)),
+                reads,
+            )
+            self.declare_output(name)
+        else:
+            self._command = self.DeclareVectorOutputPort(name, self._size, self._show, prerequisites_of_calc=reads)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._period, offset_sec=0.0, update=self._hold)
 
     def declare_output(self, name: str) -> None:
         """Declare an output port of shape (n,) that shows the remembered value of that name."""
-        block, place = ref(self), self._place[name]
+        block, place, now = ref(self), self._place[name], self._now
+        if now is None:
+            raise ValueError(f"{name}: the law remembers its command only, and that is an output")
 
         def show(context: Context, output: BasicVector) -> None:
             law: Any = block()
-            law.write(output, law._now.Eval(context)[place])
+            law.write(output, now.Eval(context)[place])
 
-        self.DeclareVectorOutputPort(name, self._size, show, prerequisites_of_calc={self._now.ticket()})
+        self.DeclareVectorOutputPort(name, self._size, show, prerequisites_of_calc={now.ticket()})
 
     @abstractmethod
     def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
@@ -85,7 +92,16 @@ class SampledLaw(LaneBlock):
         known = (tick if self._size == 1 else tick[0]) == self._tick(context)
         return held if known else self.step(context, held)
 
+    def _show(self, context: Context, output: BasicVector) -> None:
+        self.write(output, self._compute(context)[0])
+
     def _hold(self, context: Context, next_state: DiscreteValues) -> None:
         tick = self._tick(context)
-        values = self._now.Eval(context)
-        next_state.set_value(self._held, self.stack(tick if self._size == 1 else np.full(self._size, tick), *values))
+        values = self._now.Eval(context) if self._now else (self.lane(self._command.Eval(context)),)
+        if self._size > 1:
+            next_state.set_value(self._held, np.concatenate([np.full(self._size, tick), *values]))
+            return
+        held = next_state.get_mutable_vector(self._held)
+        held.SetAtIndex(0, tick)
+        for i, value in enumerate(values, start=1):
+            held.SetAtIndex(i, value)
