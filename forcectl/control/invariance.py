@@ -116,8 +116,9 @@ def times_4(state: Sequence[Lane], gamma: Lane, m: Any = np) -> tuple[Lane, ...]
         first, value = m.where(better, trial, first), m.where(better, after, value)
     # Divide it out from the end that keeps the digits of the other two.
     safe = first + (first == 0)
-    last = m.where(abs(first) ** 3 > abs(c), -c / safe, b + first * (a + first))
-    middle = m.where(abs(first) ** 3 > abs(c), (last - b) / safe, a + first)
+    large = abs(first * first * first) > abs(c)
+    last = m.where(large, -c / safe, b + first * (a + first))
+    middle = m.where(large, (last - b) / safe, a + first)
     half = -0.5 * middle
     far = half + m.copysign(m.sqrt(m.maximum(half * half - last, 0.0)), half)
     others = far, last / (far + (far == 0))

@@ -20,6 +20,7 @@ from forcectl.simulation.yaml_tree import Tagged, parse
 CONTROLLERS = {
     "Integral": "forcectl.control.integral:IntegralConfig",
     "AdaptiveIntegral": "forcectl.control.adaptive_integral:AdaptiveIntegralConfig",
+    "FourthDegreeInvariance": "forcectl.control.fourth_degree_force_law:FourthDegreeInvarianceConfig",
     "Import": "forcectl.simulation.imported:ImportConfig",
 }
 REFERENCES = {
