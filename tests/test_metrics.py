@@ -72,6 +72,30 @@ def signals(t, desired, force, **more):
     return {"time": t, "desired_force": desired, "measured_force": force, "contact_force": force} | more
 
 
+def test_a_bouncing_force_falls_back_and_comes_again():
+    """Bounces of known depth: |cos| arches below the target, and one pause on the way that does not count."""
+    t = DT * np.arange(3001)
+    pause = 15.0 * np.minimum(t, 0.4) - 2.0 * np.maximum(0.0, 0.05 - np.abs(t - 0.2)) / 0.05  # before half of it
+    arches = 15.0 - np.array([4.0, 2.0, 1.0])[np.clip(np.floor(t - 1).astype(int), 0, 2)] * np.abs(np.sin(np.pi * t))
+    force = np.where(t < 1, pause + 9.0 * np.clip((t - 0.4) / 0.6, 0, 1), np.where(t < 4, arches, 15.0))
+    step = the_step(t, np.full_like(t, 15.0))
+    assert m.largest_drop(force, step) == pytest.approx(4.0, abs=1e-4)
+    assert m.entries(force, step, 0.02) == 4
+    down = m.Step(0, len(t), 0.0, 30.0, 15.0)
+    assert m.largest_drop(30.0 - force, down) == pytest.approx(4.0, abs=1e-4)
+    assert m.entries(30.0 - force, down, 0.02) == 4
+
+
+def test_a_force_that_never_turns_falls_back_by_nothing():
+    t, desired, force = first_order(3.0, 15.0)
+    values = m.metrics_of(signals(t, desired, force))
+    assert values["largest_drop_N"] == 0.0
+    assert values["entries_2pct"] == 1.0
+    short = m.metrics_of(signals(t, desired, 0.4 * force))
+    assert short["largest_drop_N"] is None
+    assert short["entries_2pct"] == 0.0
+
+
 def test_step_down_overshoots_below_the_target():
     t = DT * np.arange(1001)
     force = 10 + 10 * np.exp(-5 * t) * np.cos(20 * t)
@@ -174,6 +198,61 @@ def test_every_metric_is_present_and_documented():
     assert list(values) == m.metric_names()
     assert values["realtime_factor"] == 50.0
     for name in m.metric_names():
-        unit, meaning = (m.STEP_METRICS | m.RUN_METRICS)[name]
+        unit, meaning = m.METRICS[name]
         assert unit
         assert meaning
+
+
+def in_motion(force, *, begin=4.0, end=9.0, desired=10.0, initial=0.0):
+    """Motion metrics of a force [N] given as a function of time, over 10 s."""
+    t = DT * np.arange(5001)
+    return m.motion_metrics(t, np.full_like(t, desired), force(t), begin, end, initial)
+
+
+def test_a_bump_in_motion_is_its_peak_and_the_time_to_the_band():
+    """10 N after 3/w; then 2 N (1 - |t - 6|) for 1 s on either side, and half of that downwards at 8 s."""
+
+    def force(t):
+        up, down = (np.clip(1 - np.abs(t - at), 0, None) for at in (6.0, 8.0))
+        return 10 * (1 - np.exp(-3 * t)) + 2 * up - 0.5 * down
+
+    values = in_motion(force)
+    assert values["peak_in_motion_N"] == pytest.approx(2.0, abs=1e-4)
+    assert values["time_of_peak_in_motion_s"] == pytest.approx(2.0, abs=DT)
+    # 2 (1 - x) = 0.2 at x = 0.9: outside from 5.1 to 6.9 s.
+    assert values["recovery_time_2pct_s"] == pytest.approx(0.9, abs=2 * DT)
+    assert values["longest_excursion_2pct_s"] == pytest.approx(1.8, abs=4 * DT)
+    assert values["dip_in_motion_N"] == pytest.approx(0.5, abs=1e-4)
+    assert values["mean_force_in_motion_N"] == pytest.approx(10 + (2.0 - 0.5) / 5, abs=1e-3)
+    assert values["settling_time_2pct_before_motion_s"] == pytest.approx(math.log(50) / 3, abs=2 * DT)
+
+
+def test_what_happens_before_and_after_the_motion_does_not_count_in_it():
+    values = in_motion(lambda t: np.where((t < 4) | (t > 9), 14.0, 10.1))
+    assert values["peak_in_motion_N"] == pytest.approx(0.1)
+    assert values["mean_force_in_motion_N"] == pytest.approx(10.1)
+    assert values["recovery_time_2pct_s"] == 0.0
+    assert values["settling_time_2pct_before_motion_s"] is None
+
+
+def test_a_force_that_never_comes_back_has_no_recovery_time_and_is_out_for_the_whole_motion():
+    values = in_motion(lambda t: np.where(t < 5, 10.0, 12.0))
+    assert values["recovery_time_2pct_s"] is None
+    assert values["longest_excursion_2pct_s"] == pytest.approx(4.0, abs=2 * DT)
+    assert in_motion(lambda t: 12.0 + 0 * t)["longest_excursion_2pct_s"] == pytest.approx(5.0, abs=2 * DT)
+
+
+def test_metrics_of_a_motion_are_undefined_without_one_and_when_the_run_ends_before_it():
+    t, desired, force = first_order(2.0, 10.0, duration=3.0)
+    for motion in (None, (4.0, 9.0)):
+        values = m.metrics_of(signals(t, desired, force), motion=motion)
+        undefined = set(m.MOTION_METRICS) - {"settling_time_2pct_before_motion_s"}
+        assert all(values[name] is None for name in undefined)
+    assert values["settling_time_2pct_before_motion_s"] == values["settling_time_2pct_s"]
+    assert list(values) == m.metric_names()
+
+
+def test_a_run_cut_short_is_judged_by_the_part_of_the_motion_that_it_has():
+    t = DT * np.arange(2501)
+    values = m.metrics_of(signals(t, np.full_like(t, 10.0), 10.0 + 0.2 * (t > 4.5)), motion=(4.0, 9.0))
+    assert values["mean_force_in_motion_N"] == pytest.approx(10.1, abs=1e-3)

@@ -32,6 +32,8 @@ STEP_METRICS: dict[str, tuple[str, str]] = {
     "settling_time_5pct_s": ("s", "last time outside 5 % of the reference"),
     "settling_time_2pct_s": ("s", "last time outside 2 % of the reference"),
     "steady_state_error_N": ("N", "mean of reference less force over the last tenth of the step"),
+    "largest_drop_N": ("N", "furthest the force goes back after half of the step"),
+    "entries_2pct": ("1", "how many times the force comes within 2 % of the reference"),
     "max_abs_model_error_N": ("N", "largest distance from the reference model"),
     "time_of_max_abs_model_error_s": ("s", "when that is"),
     "max_positive_model_error_N": ("N", "furthest above the reference model"),
@@ -138,6 +140,23 @@ def steady_state_error(force: Signal, step: Step) -> float:
     return float(np.mean(step.target - force[first : step.end]))
 
 
+def largest_drop(force: Signal, step: Step) -> float | None:
+    """Furthest that the force falls back [N] from what it had reached, once half of the step is done."""
+    progress = (force[step.first : step.end] - step.start) * (1 if step.size >= 0 else -1)
+    done = np.flatnonzero(progress >= 0.5 * abs(step.size))
+    if done.size == 0:
+        return None
+    later = progress[done[0] :]
+    return float((np.maximum.accumulate(later) - later).max())
+
+
+def entries(force: Signal, step: Step, band: float) -> int:
+    """How many times the force comes within +-`band` of the target; each bounce off it counts."""
+    width = band * (abs(step.target) or abs(step.size))
+    inside = np.abs(force[step.first : step.end] - step.target) <= width
+    return int(np.sum(np.diff(inside, prepend=False) & inside))
+
+
 def model_response(time: Signal, desired: Signal, bandwidth: float, initial: float = 0.0) -> Signal:
     """Response F_M [N] of M(s) = w/(s + w) to the desired force, held between samples; exact for steps.
 
@@ -182,6 +201,8 @@ def step_metrics(
         "settling_time_5pct_s": settling_time(time, force, step, 0.05),
         "settling_time_2pct_s": settling_time(time, force, step, 0.02),
         "steady_state_error_N": steady_state_error(force, step),
+        "largest_drop_N": largest_drop(force, step),
+        "entries_2pct": float(entries(force, step, 0.02)),
     }
     if model is not None:
         error = force - model
