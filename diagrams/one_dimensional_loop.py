@@ -46,6 +46,10 @@ class OneDimensionalLoopConfig:
     def __post_init__(self) -> None:
         check("robot_compliance", self.robot_compliance, "not negative")
         check("period", self.period, "positive")
+        if not self.environment.surface.flat:
+            raise BadInputError(
+                "environment.surface is not flat: must be, because a loop without a robot does not move"
+            )
 
     @staticmethod
     def linear(controller: IntegralConfig | None = None) -> OneDimensionalLoopConfig:

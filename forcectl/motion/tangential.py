@@ -92,6 +92,11 @@ class TangentialMotionConfig:
         for name in ("distance", "start_time"):
             check(name, getattr(self, name), "not negative")
 
+    def interval(self) -> tuple[float, float] | None:
+        """Begin and end of the motion [s]; None without one."""
+        duration = move_duration(self.distance, self.speed, self.acceleration)
+        return (self.start_time, self.start_time + duration) if duration else None
+
     def trajectory(self, robot: RobotModel, start: Vector, n: Vector) -> PiecewisePolynomial | Vector:
         """dq_uc over time [rad], or the constant zero.
 

@@ -8,6 +8,8 @@ signals (a settling time when the force has not settled) is None.
     rise        10 % to 90 % of the step
     settling    last time outside a band of +-2 % or +-5 % of F_ref
     model error e = F - F_M, F_M the response of M(s) = w/(s + w) to the desired force
+
+A run with motion along the surface has further ones: of the force up to its beginning, and during it.
 """
 
 from __future__ import annotations
@@ -41,29 +43,41 @@ STEP_METRICS: dict[str, tuple[str, str]] = {
     "model_error_sd_N": ("N", "standard deviation from the reference model over the window"),
     "model_error_window_s": ("s", "length of that window"),
 }
+# None in a run without motion.
+MOTION_METRICS: dict[str, tuple[str, str]] = {
+    "settling_time_2pct_before_motion_s": ("s", "the same as above, of the last step before the motion begins"),
+    "mean_force_in_motion_N": ("N", "mean of the measured force during the motion"),
+    "peak_in_motion_N": ("N", "furthest above the reference during the motion"),
+    "time_of_peak_in_motion_s": ("s", "when that is, from the beginning of the motion"),
+    "recovery_time_2pct_s": ("s", "from that peak until the force is back within 2 % of the reference"),
+    "dip_in_motion_N": ("N", "furthest below the reference during the motion"),
+    "longest_excursion_2pct_s": ("s", "longest time without being within 2 % of the reference during the motion"),
+}
 RUN_METRICS: dict[str, tuple[str, str]] = {
     "peak_force_N": ("N", "largest true contact force of the run"),
     "contact_loss_s": ("s", "time without contact after the first contact"),
     "control_effort_m": ("m", "path length of the displacement command"),
     "realtime_factor": ("1", "simulated time divided by computing time"),
 }
+METRICS = STEP_METRICS | MOTION_METRICS | RUN_METRICS
+_MOTION_BAND = 0.02  # of the reference
 _SETTLED_SHARE = 0.1  # of the step, over which the steady state is averaged
 
 
 def metric_names() -> list[str]:
     """Names of all metrics."""
-    return [*STEP_METRICS, *RUN_METRICS]
+    return list(METRICS)
 
 
 def is_metric(name: str) -> bool:
     """Whether `name` is a metric, also of one step out of several (`step_2.overshoot_N`)."""
     one = re.fullmatch(r"step_[1-9]\d*\.(\w+)", name)
-    return one.group(1) in STEP_METRICS if one else name in STEP_METRICS or name in RUN_METRICS
+    return one.group(1) in STEP_METRICS if one else name in METRICS
 
 
 def metric_unit(name: str) -> str:
     """Unit of a metric."""
-    return (STEP_METRICS | RUN_METRICS)[name.rpartition(".")[2]][0]
+    return METRICS[name.rpartition(".")[2]][0]
 
 
 @dataclass(frozen=True)
@@ -220,6 +234,42 @@ def step_metrics(
     return result
 
 
+def longest_stretch(time: Signal, inside: NDArray[np.bool_]) -> float:
+    """Longest time [s] from one sample that is true to the next that is, or to an end of the signal."""
+    ends = np.concatenate([time[:1], time[inside], time[-1:]])
+    return float(np.diff(ends).max())
+
+
+def motion_metrics(
+    time: Signal, desired: Signal, force: Signal, begin: float, end: float, initial: float = 0.0
+) -> dict[str, float | None]:
+    """`MOTION_METRICS` of a motion.
+
+    Args:
+        time: [s]. desired, force: desired and measured [N]. begin, end: of the motion [s]. initial: force at the start
+            [N].
+    """
+    result: dict[str, float | None] = dict.fromkeys(MOTION_METRICS)
+    before, (first, last) = time < begin, np.searchsorted(time, [begin, end])
+    steps = find_steps(time[before], desired[before], initial)
+    if steps:
+        result["settling_time_2pct_before_motion_s"] = settling_time(time, force, steps[-1], _MOTION_BAND)
+    if last - first < 2:
+        return result
+    error = force - desired
+    within, moving = np.abs(error) <= _MOTION_BAND * np.abs(desired), slice(first, last)
+    highest = first + int(np.argmax(error[moving]))
+    back = np.flatnonzero(within[highest:])
+    return result | {
+        "mean_force_in_motion_N": float(np.mean(force[moving])),
+        "peak_in_motion_N": max(0.0, float(error[highest])),
+        "time_of_peak_in_motion_s": float(time[highest] - begin),
+        "recovery_time_2pct_s": float(time[highest + back[0]] - time[highest]) if back.size else None,
+        "dip_in_motion_N": max(0.0, float(-error[moving].min())),
+        "longest_excursion_2pct_s": longest_stretch(time[moving], within[moving]),
+    }
+
+
 def contact_loss(time: Signal, in_contact: NDArray[np.bool_]) -> float | None:
     """Time [s] without contact after the first contact; None without any contact."""
     touched = np.flatnonzero(in_contact)
@@ -235,7 +285,11 @@ def control_effort(command: Signal) -> float:
 
 
 def metrics_of(
-    signals: Mapping[str, Any], *, window: float = 4.1, realtime_factor: float | None = None
+    signals: Mapping[str, Any],
+    *,
+    window: float = 4.1,
+    realtime_factor: float | None = None,
+    motion: tuple[float, float] | None = None,
 ) -> dict[str, float | None]:
     """All metrics of one run.
 
@@ -244,6 +298,7 @@ def metrics_of(
             and where they exist `model_force`, `contact_state`, `displacement_command`.
         window: T_w [s] of `model_error_sd_N`.
         realtime_factor: measured by the caller.
+        motion: begin and end of the motion along the surface [s].
 
     Returns:
         Name -> value; None where a metric is undefined. Never NaN.
@@ -255,6 +310,9 @@ def metrics_of(
     result: dict[str, float | None] = dict(steps[-1]) if steps else dict.fromkeys(STEP_METRICS)
     if len(steps) > 1:
         result |= {f"step_{i}.{name}": value for i, step in enumerate(steps, start=1) for name, value in step.items()}
+    result |= dict.fromkeys(MOTION_METRICS)
+    if motion is not None:
+        result |= motion_metrics(time, desired, force, *motion, float(contact[0]))
     in_contact = found["contact_state"] > 0.5 if "contact_state" in found else contact > 0
     command = found.get("displacement_command")
     result |= {

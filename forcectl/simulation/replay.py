@@ -1,6 +1,7 @@
 """Replay of a run: robot, surface and contact force in three dimensions, as one HTML page without any network access.
 
-Drawn from the log alone, so it works for every fidelity. Motions are true to scale.
+Drawn from the log alone, so it works for every fidelity. Motions are true to scale. An uneven surface moves by its
+height under the tool, as the tool sees it; its grooves are dark lines on the plate.
 """
 
 from __future__ import annotations
@@ -14,6 +15,7 @@ from pydrake.geometry import Box, Meshcat, MeshcatVisualizer, MeshcatVisualizerP
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.tree import FixedOffsetFrame, PrismaticJoint
 from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.diagrams.station import StationConfig, describe
@@ -22,29 +24,41 @@ from forcectl.robot import add_robot
 
 FRAMES = 32.0  # pictures per second of simulated time
 ARROW = 0.02  # [m/N] length of the bar that shows the contact force
-_BLUE = Rgba(0.0, 0.45, 0.7, 1.0)
+_BLUE, _DARK = Rgba(0.0, 0.45, 0.7, 1.0), Rgba(0.15, 0.15, 0.17, 1.0)
+_PLATE = np.array([0.3, 0.2])  # [m] length and width of the plate
 
 
 def write_replay(log: xr.Dataset, station: StationConfig, path: Path) -> None:
     """Write the replay of one variant.
 
     Args:
-        log: over time, with `motor_position` and `contact_force`.
+        log: over time, with `motor_position`, `contact_force` and, for an uneven surface, `surface_height`.
         station: what was simulated.
         path: HTML file to write.
     """
     cell = describe(station)
     context = cell.robot.create_context()
     cell.robot.set_positions(context, cell.start)
-    # The surface frame has its z axis along n.
-    X_WE = RigidTransform(RotationMatrix.MakeFromOneVector(cell.n, 2), cell.robot.pose(context).translation())
+    # The surface frame has its z axis along n, and its x axis along the path over an uneven surface.
+    surface = station.environment.surface
+    uneven = None if surface.flat else surface
+    R_WE = RotationMatrix.MakeFromOneVector(cell.n, 2)
+    if uneven:
+        d = uneven.direction_across(cell.n)
+        R_WE = RotationMatrix(np.column_stack([d, np.cross(cell.n, d), cell.n]))
+    X_WE = RigidTransform(R_WE, cell.robot.pose(context).translation())
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
     joints = add_robot(plant, station.robot, station.tool).joints
     parser = Parser(plant)
     add_packages(parser.package_map())
-    (surface,) = parser.AddModelsFromUrl("package://spring_plate/spring_plate.sdf")
-    plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("surface", surface), X_WE)
+    (plate,) = parser.AddModelsFromUrl("package://spring_plate/spring_plate.sdf")
+    top = plant.GetFrameByName("surface", plate)
+    if uneven:
+        guide = plant.AddFrame(FixedOffsetFrame("surface_guide", plant.world_frame(), X_WE))
+        plant.AddJoint(PrismaticJoint("surface_slide", guide, top, [0.0, 0.0, 1.0]))
+    else:
+        plant.WeldFrames(plant.world_frame(), top, X_WE)
     plant.Finalize()
     meshcat = _quiet_meshcat()
     visualizer = MeshcatVisualizer.AddToBuilder(
@@ -54,9 +68,15 @@ def write_replay(log: xr.Dataset, station: StationConfig, path: Path) -> None:
     root = diagram.CreateDefaultContext()
     own = plant.GetMyMutableContextFromRoot(root)
     positions, indices = plant.GetPositions(own), [joint.position_start() for joint in joints]
-    # The bar stands beside the tool and grows along n.
+    # The bar stands beside the tool, where it does not go, and grows along n.
     meshcat.SetObject("force/bar", Box(0.012, 0.012, 1.0), _BLUE)
-    meshcat.SetTransform("force", X_WE @ RigidTransform([0.1, 0.0, 0.0]))
+    meshcat.SetTransform("force", X_WE @ RigidTransform([-0.1 if uneven else 0.1, 0.0, 0.0]))
+    meshcat.SetTransform("grooves", X_WE)
+    if uneven and uneven.grooves:
+        on_plate = (c for c in uneven.grooves.centres(uneven.length) if abs(c) < _PLATE[0] / 2)
+        for i, centre in enumerate(on_plate):
+            meshcat.SetObject(f"grooves/lines/{i}", Box(uneven.grooves.width, _PLATE[1], 2e-4), _DARK)
+            meshcat.SetTransform(f"grooves/lines/{i}", RigidTransform([centre, 0.0, 0.0]))
     tip = X_WE.translation()
     meshcat.SetCameraPose(tip + np.array([0.3, -1.4, 0.3]), 0.85 * tip)
 
@@ -67,6 +87,10 @@ def write_replay(log: xr.Dataset, station: StationConfig, path: Path) -> None:
         when = float(times[k])
         root.SetTime(when)
         positions[indices] = log["motor_position"].values[k]
+        if uneven:
+            height = float(log["surface_height"].values[k])
+            positions[plant.GetJointByName("surface_slide").position_start()] = height
+            meshcat.SetTransform("grooves/lines", RigidTransform([0.0, 0.0, height]), when)
         plant.SetPositions(own, positions)
         diagram.ForcedPublish(root)
         length = max(1e-4, ARROW * float(log["contact_force"].values[k]))

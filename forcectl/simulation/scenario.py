@@ -21,7 +21,7 @@ from forcectl.simulation import catalog
 from forcectl.simulation.catalog import CONTROLLERS, REFERENCES, ScenarioFile
 from forcectl.simulation.expectations import Expectation
 from forcectl.simulation.schema import Reader, first_of, join, to_tree
-from forcectl.simulation.yaml_tree import Tagged, Tree, difference, merge, nest, plain
+from forcectl.simulation.yaml_tree import Tagged, Tree, difference, merge, nest, plain, tag_of
 
 LONGEST_DURATION = 86_400.0  # [s]
 TAGS = CONTROLLERS | REFERENCES
@@ -120,7 +120,7 @@ def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[
     layers = _Layers(file, variant, overrides or {})
     reader = Reader(layers.origin)
     tree = layers.merged()
-    _locate_reference_file(tree, file.folder)
+    _locate_files(tree, file.folder)
     scenario: Scenario = reader.dataclass(Scenario, tree, "")
     names = select_variants(file)
     for i, expectation in enumerate(scenario.expect):
@@ -184,13 +184,18 @@ def _holds(tree: Tree, parts: list[str]) -> bool:
     return True
 
 
-def _locate_reference_file(tree: Tagged, folder: Path) -> None:
+def _locate_files(tree: Tagged, folder: Path) -> None:
     # A file beside the scenario is found from anywhere.
-    reference = tree.get("reference")
-    if isinstance(reference, Tagged) and reference.tag == "File" and isinstance(reference.get("path"), str):
-        beside = folder / reference["path"]
-        if beside.is_file():
-            reference["path"] = str(beside)
+    reference: Tree = tree.get("reference")
+    surface: Tree = tree
+    for name in ("station", "environment", "surface"):
+        surface = surface.get(name) if isinstance(surface, Tagged) else None
+    named = [reference] if tag_of(reference) == "File" else []
+    for part in [*named, surface]:
+        if isinstance(part, Tagged) and isinstance(part.get("path"), str) and part["path"]:
+            beside = folder / part["path"]
+            if beside.is_file():
+                part["path"] = str(beside)
 
 
 def build(scenario: Scenario) -> ClosedLoop:

@@ -79,7 +79,9 @@ def simulate(
         return Outcome(variant, dataset, {}, failure, loop.diagram, cause)
     factor = scenario.duration / computing if computing > 0 else None
     signals = {str(name): dataset[name].values for name in dataset.variables}
-    metrics = metrics_of(signals, window=scenario.model_error_window, realtime_factor=factor)
+    metrics = metrics_of(
+        signals, window=scenario.model_error_window, realtime_factor=factor, motion=scenario.motion.interval()
+    )
     return Outcome(variant, dataset, metrics, None, loop.diagram)
 
 

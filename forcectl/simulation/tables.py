@@ -9,7 +9,7 @@ from rich.table import Table
 
 from forcectl.simulation.expectations import Verdict
 from forcectl.simulation.listing import new_table
-from forcectl.simulation.metrics import RUN_METRICS, STEP_METRICS, metric_unit
+from forcectl.simulation.metrics import metric_names, metric_unit
 
 
 def metrics_table(metrics: Mapping[str, Mapping[str, float | None]], title: str = "") -> Table:
@@ -17,8 +17,7 @@ def metrics_table(metrics: Mapping[str, Mapping[str, float | None]], title: str 
     table = new_table(escape(title), "metric", "unit")
     for variant in metrics:
         table.add_column(escape(variant), justify="right")
-    known = STEP_METRICS | RUN_METRICS
-    names = list(dict.fromkeys([*known, *(name for values in metrics.values() for name in values)]))
+    names = list(dict.fromkeys([*metric_names(), *(name for values in metrics.values() for name in values)]))
     for name in names:
         values = [one.get(name) for one in metrics.values()]
         if any(v is not None for v in values):
