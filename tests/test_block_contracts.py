@@ -17,6 +17,7 @@ from block_examples import EXAMPLES
 from pydrake.systems.framework import Diagram, System
 
 from forcectl.control.integral import IntegralForceLaw
+from forcectl.control.invariance_force_law import InvarianceForceLaw
 from forcectl.control.sampled_law import SampledLaw
 from forcectl.diagrams.force_controller import ForceController
 from forcectl.diagrams.station import STATION_INPUTS, STATION_OUTPUTS
@@ -98,7 +99,7 @@ def test_everything_remembered_is_in_the_context(kind, example):
 
 # --- parameters of the lane blocks -----------------------------------------------------------------------------------
 
-POSITIVE, NOT_NEGATIVE, FINITE, NUMBER = "positive", "not negative", "finite", "number"
+POSITIVE, NEGATIVE, NOT_NEGATIVE, FINITE, NUMBER = "positive", "negative", "not negative", "finite", "number"
 LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str]]] = {
     CompliantContact: (
         lambda size=2, **changed: CompliantContact(
@@ -130,6 +131,17 @@ LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str
             "compliance": POSITIVE,
         },
     ),
+    InvarianceForceLaw: (
+        lambda size=2, **changed: InvarianceForceLaw(size, **{"compliance": 1e-4, **changed}),
+        {
+            "gamma": NEGATIVE,
+            "upper_acceleration": POSITIVE,
+            "speed_limit": POSITIVE,
+            "lower_limit": NUMBER,
+            "upper_limit": NUMBER,
+            "compliance": POSITIVE,
+        },
+    ),
     EnvironmentComplianceEstimator: (
         lambda size=2, **changed: EnvironmentComplianceEstimator(size, **{"initial_compliance": 1e-4, **changed}),
         {
@@ -154,6 +166,8 @@ def bad_values(allowed: str) -> list[object]:
     values: list[object] = [[1.0, NAN], [1.0] * 3, "soft", None, [[1.0, 1.0]]]
     if allowed == POSITIVE:
         values += [[1.0, 0.0], [1.0, -1.0], -1.0]
+    if allowed == NEGATIVE:
+        values += [[-1.0, 0.0], [-1.0, 1.0], 1.0]
     if allowed == NOT_NEGATIVE:
         values += [[1.0, -1.0], -1.0]
     return values
@@ -169,8 +183,8 @@ def test_every_lane_block_has_its_parameters_in_the_table():
 def test_a_bad_parameter_is_refused_by_name_when_built(kind, name, allowed):
     build, _ = LANE_BLOCKS[kind]
     for value in bad_values(allowed):
-        if value is None and name == "compliance":
-            continue  # no compliance: the port takes its place
+        if value is None and name in ("compliance", "upper_acceleration"):
+            continue  # a port or a default takes its place
         with pytest.raises(BadInputError, match=name) as caught:
             build(**{name: value})
         assert "\n" not in str(caught.value)

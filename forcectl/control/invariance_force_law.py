@@ -1,12 +1,33 @@
-"""Force control by set invariance without a nominal controller: relative degree 2, one step ahead (Sec. 3.2.2, 3.4)."""
+"""Force control by set invariance without a nominal controller: relative degree 2, one step ahead (Sec. 3.2.2, 3.4).
+
+    y = -dx_bar - C_T_hat F_bar <= 0,    y'' = -dx_bar''                                            (3.44), (3.50)
+
+The control is the acceleration of the displacement command, integrated twice, exactly for a control held over the tick:
+
+    dx_bar[k+1] = dx_bar[k] + Ts v[k] + Ts^2 u/2,    v[k+1] = v[k] + Ts u
+
+The law knows the force through C_T_hat only: with a wrong one it ends at F = (C_T_hat/C_T) F_bar (3.55).
+"""
 
 from __future__ import annotations
 
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
 from typing import Any
 
 import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Context, DiagramBuilder
 
-from forcectl.lanes import Lane
+from forcectl.control.force_law import LoopFacts
+from forcectl.control.integral import check_limits
+from forcectl.control.quadratic_program import Status
+from forcectl.control.sampled_law import SampledLaw
+from forcectl.errors import invalid
+from forcectl.lanes import Lane, Parameter, check, check_order, lane_values
+
+_NOT_FINITE = float(Status.NOT_FINITE)
 
 
 def one_step_acceleration(y: Lane, rate: Lane, gamma: Lane, upper: Lane, period: float, m: Any = np) -> Lane:
@@ -32,3 +53,168 @@ def one_step_acceleration(y: Lane, rate: Lane, gamma: Lane, upper: Lane, period:
     n = m.floor(((1.0 + 8.0 * m.maximum(ahead, 0.0)) ** 0.5 - 1.0) * 0.5)
     next_speed = m.where(ahead < 0.0, 2.0 * ahead, n + (ahead - 0.5 * n * (n + 1.0)) / (n + 1.0))
     return side * m.minimum(m.maximum(-gamma * (next_speed - speed), gamma), upper)
+
+
+class InvarianceForceLaw(SampledLaw):
+    """Invariance force controller [57] for n independent force loops.
+
+    ```
+    name: InvarianceForceLaw
+    input_ports: [desired_force, measured_force, compliance (optional)]
+    output_ports: [displacement_command, invariance_function, status]
+    parameters: [gamma, upper_acceleration, speed_limit, lower_limit, upper_limit, compliance (optional)]
+    ```
+
+    desired_force, measured_force: shape (n,) [N]; of the measured one only that it is a number.
+    compliance: shape (n,), C_T_hat [m/N], > 0; the port exists when no `compliance` is given, else it is a parameter.
+    displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1). Feedthrough of all inputs at the tick.
+    invariance_function: shape (n,), Phi(y, y') [m] of the state before the tick; above zero while the constraint cannot
+    be kept within gamma, as after a step down.
+    status: shape (n,), 0, or `Status.NOT_FINITE` while the command brakes and holds.
+
+    Parameters (Context, shape (n,)): gamma [m/s^2] < 0, the deceleration towards the constraint; upper_acceleration
+    [m/s^2] > 0, the largest away from rest; speed_limit [m/s] > 0 of the command; lower_limit and upper_limit [m] of
+    the command; compliance C_T_hat [m/N] > 0.
+
+    A desired force below the present one is reached in the same manner from the other side. The set point may move at
+    any time, also by a changing estimate of the compliance: position and velocity of the command stay continuous.
+
+    A rising reference is followed at the distance the command needs to stop, so that F never passes F_bar, however the
+    reference goes on. A falling one is followed with its speed and its acceleration, by differences. If it begins to
+    fall at r [N/s] all at once, F exceeds it until the command moves as fast, by at most C_T r^2/(2 upper_acceleration)
+    + 2 Ts r; and where it stops all at once, F falls short by at most C_T r^2/(-2 gamma). A smooth one that leaves the
+    command a fifth of its acceleration is exceeded by less than a thousandth of its amplitude (sines, once reached). A
+    single jump is a step, not a speed.
+
+    A desired force, measured force or compliance that is not finite (or a compliance not above zero) brakes the command
+    within gamma and holds it there.
+
+    Sampling: `period` [s]; no delay from desired_force to displacement_command, see `SampledLaw`.
+    """
+
+    port_units = {"invariance_function": "m", "status": "1"}
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        gamma: ArrayLike = -0.1,
+        upper_acceleration: ArrayLike | None = None,
+        compliance: ArrayLike | None = None,
+        speed_limit: ArrayLike = np.inf,
+        lower_limit: ArrayLike = -np.inf,
+        upper_limit: ArrayLike = np.inf,
+        period: float = 0.002,
+    ):
+        if upper_acceleration is None:
+            upper_acceleration = -lane_values(f"{type(self).__name__}.gamma", gamma, size, "negative and finite")
+        parameters = {
+            "gamma": Parameter(gamma, "negative and finite", "m/s^2"),
+            "upper_acceleration": Parameter(upper_acceleration, "positive and finite", "m/s^2"),
+            "speed_limit": Parameter(speed_limit, "positive", "m/s"),
+            "lower_limit": Parameter(lower_limit, "a number", "m"),
+            "upper_limit": Parameter(upper_limit, "a number", "m"),
+        }
+        if compliance is not None:
+            parameters["compliance"] = Parameter(compliance, "positive and finite", "m/N")
+        super().__init__(size, parameters, period)
+        self.sample_delay = {("desired_force", "displacement_command"): 0.0}
+        self._desired = self.DeclareVectorInputPort("desired_force", size)
+        self._measured = self.DeclareVectorInputPort("measured_force", size)
+        self._compliance = self.DeclareVectorInputPort("compliance", size) if compliance is None else None
+        inputs = [self._desired, self._measured, *([self._compliance] if self._compliance else [])]
+        further = {
+            "velocity": 0.0,
+            "invariance_function": 0.0,
+            "status": 0.0,
+            "desired": 0.0,
+            "slope": 0.0,
+            "bend": 0.0,
+        }
+        self.declare_command("displacement_command", {port.ticket() for port in inputs}, further=further)
+        self.declare_output("invariance_function")
+        self.declare_output("status")
+
+    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """The limits are in order."""
+        check_order("lower_limit", "upper_limit", values)
+
+    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+        """The parameters, with -gamma and the largest acceleration of the command."""
+        gamma, upper, *rest = values
+        return gamma, -gamma, upper, self.math.maximum(upper, -gamma), *rest
+
+    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+        """One tick of the law."""
+        maximum, minimum, where, period = self.math.maximum, self.math.minimum, self.math.where, self._period
+        gamma, opposite, upper, most, speed_limit, lower_limit, upper_limit, *fixed = self._values.Eval(context)
+        x, v, _, _, last, last_slope, last_bend = held
+        desired = self.lane(self._desired.Eval(context))
+        measured = self.lane(self._measured.Eval(context))
+        compliance = fixed[0] if self._compliance is None else self.lane(self._compliance.Eval(context))
+        good = (abs(desired) < inf) & (abs(measured) < inf) & (compliance > 0.0) & (compliance < inf)
+        desired, compliance = where(good, desired, last), where(good, compliance, 0.0)
+
+        # How fast the reference falls and how much faster it gets, as far as two differences in a row agree on it: at
+        # jumps and corners they do not.
+        slope = (desired - last) / period
+        bend = (slope - last_slope) / period
+        free = -compliance * desired
+        target = minimum(maximum(free, lower_limit), upper_limit)
+        follow = where(free == target, compliance, 0.0)
+        rate = -v - follow * minimum(maximum(slope, last_slope), 0.0)
+        retreat = minimum(-follow * minimum(maximum(bend, last_bend), 0.0), 0.9 * opposite)
+        y = target - x
+        braking = minimum(maximum(v / period, gamma), opposite)
+        chosen = one_step_acceleration(y, rate, gamma + retreat, upper, period, self.math) - retreat
+        a = where(good, chosen, braking)
+
+        # The limits bind the command last; they never ask for more than the accelerations do.
+        a = minimum(maximum(a, (v - speed_limit) / period), (v + speed_limit) / period)
+        a = minimum(maximum(a, -most), most)
+        after = x + period * (v - 0.5 * period * a)
+        inside = minimum(maximum(after, minimum(x, lower_limit)), maximum(x, upper_limit))
+        velocity = where(inside == after, v - period * a, 0.0)
+        phi = y + 0.5 * maximum(rate, 0.0) * rate / opposite
+        return inside, velocity, phi, where(good, 0.0, _NOT_FINITE), desired, slope, bend
+
+
+@dataclass(kw_only=True)
+class InvarianceConfig:
+    """Scenario part `!Invariance`."""
+
+    gamma: float = -0.1  # [m/s^2], < 0: deceleration towards the constraint
+    upper_acceleration: float | None = None  # [m/s^2], > 0; null: -gamma
+    compliance_error: float = 1.0  # C_T_hat / C_T, > 0
+    speed_limit: float = inf  # [m/s], > 0, of the command
+    lower_limit: float = -0.1  # [m], below zero: deepest command
+    upper_limit: float = 0.1  # [m], above zero: furthest retreat
+
+    def __post_init__(self) -> None:
+        check_invariance(self.gamma, self.upper_acceleration, self.speed_limit)
+        check("compliance_error", self.compliance_error, "positive")
+        check_limits(self.lower_limit, self.upper_limit)
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> InvarianceForceLaw:
+        """Add the law; it believes in `compliance_error` times the true total compliance."""
+        law = InvarianceForceLaw(
+            facts.size,
+            gamma=self.gamma,
+            upper_acceleration=self.upper_acceleration,
+            compliance=self.compliance_error * facts.total_compliance,
+            speed_limit=self.speed_limit,
+            lower_limit=self.lower_limit,
+            upper_limit=self.upper_limit,
+            period=facts.period,
+        )
+        return builder.AddNamedSystem("force_law", law)
+
+
+def check_invariance(gamma: float, upper_acceleration: float | None, speed_limit: float) -> None:
+    """The accelerations [m/s^2] and the speed limit [m/s] of an invariance law."""
+    if not check("gamma", gamma) < 0:
+        raise invalid("gamma", gamma, "below zero")
+    if upper_acceleration is not None:
+        check("upper_acceleration", upper_acceleration, "positive")
+    if not speed_limit > 0:
+        raise invalid("speed_limit", speed_limit, "above zero")
