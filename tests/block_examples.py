@@ -5,13 +5,14 @@ from __future__ import annotations
 import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
-from functools import cache
+from functools import cache, partial
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from forcectl.control.adaptive_integral import AdaptiveIntegralForceLaw
+from forcectl.control.fourth_degree_force_law import FourthDegreeForceLaw
 from forcectl.control.integral import IntegralConfig, IntegralForceLaw, LinearIntegralForceLaw
 from forcectl.control.kinematic_inversion import ConstantKinematicInversion, KinematicInversion
 from forcectl.diagrams.force_controller import ForceController
@@ -75,6 +76,11 @@ def adaptive() -> AdaptiveIntegralForceLaw:
     return AdaptiveIntegralForceLaw(
         law(), estimator, filter_bandwidth=12.6, filter_damping_ratio=1.0, filter_delay_ticks=1, period=0.002
     )
+
+
+def fourth_degree(**changed: object) -> FourthDegreeForceLaw:
+    known = {"gamma": -1e5, "alpha": [1.0, 3.0], "bandwidth": [12.6, 30.0], "acceleration_limit": 0.1}
+    return FourthDegreeForceLaw(2, **{**known, **changed})
 
 
 def drive() -> Drive:
@@ -239,6 +245,18 @@ EXAMPLES: dict[type[System], list[Example]] = {
             each("displacement_command", "desired_force", "measured_force"),
             {"desired_force": 15.0, "measured_force": force},
         ),
+    ],
+    FourthDegreeForceLaw: [
+        Example(
+            partial(fourth_degree, derivatives=form),
+            {
+                (output, name)
+                for output in ("displacement_command", "invariance_function", "status")
+                for name in ("desired_force", "measured_force", "compliance")
+            },
+            {"desired_force": 15.0, "measured_force": force, "compliance": [1e-4, 2e-4]},
+        )
+        for form in ("model", "difference")
     ],
     LinearIntegralForceLaw: [
         Example(
