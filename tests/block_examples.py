@@ -11,9 +11,10 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from forcectl.control.adaptive_integral import AdaptiveIntegralForceLaw
+from forcectl.control.adaptive_force_law import AdaptiveForceLaw
 from forcectl.control.fourth_degree_force_law import FourthDegreeForceLaw
 from forcectl.control.integral import IntegralConfig, IntegralForceLaw, LinearIntegralForceLaw
+from forcectl.control.invariance_force_law import InvarianceForceLaw
 from forcectl.control.kinematic_inversion import ConstantKinematicInversion, KinematicInversion
 from forcectl.diagrams.force_controller import ForceController
 from forcectl.diagrams.motor_side import MotorSide
@@ -71,9 +72,9 @@ def law() -> IntegralForceLaw:
     return IntegralForceLaw(2, integral_gain=[1.5, 3.0], period=0.002)
 
 
-def adaptive() -> AdaptiveIntegralForceLaw:
+def adaptive() -> AdaptiveForceLaw:
     estimator = EnvironmentComplianceEstimator(2, initial_compliance=1e-4, robot_compliance=3e-5)
-    return AdaptiveIntegralForceLaw(
+    return AdaptiveForceLaw(
         law(), estimator, filter_bandwidth=12.6, filter_damping_ratio=1.0, filter_delay_ticks=1, period=0.002
     )
 
@@ -227,7 +228,7 @@ EXAMPLES: dict[type[System], list[Example]] = {
             {"wrench": lambda t: np.arange(6) * t, "motor_position": posture},
         )
     ],
-    AdaptiveIntegralForceLaw: [
+    AdaptiveForceLaw: [
         Example(
             adaptive,
             each("displacement_command", "desired_force", "measured_force"),
@@ -257,6 +258,26 @@ EXAMPLES: dict[type[System], list[Example]] = {
             {"desired_force": 15.0, "measured_force": force, "compliance": [1e-4, 2e-4]},
         )
         for form in ("model", "difference")
+    ],
+    InvarianceForceLaw: [
+        Example(
+            lambda: InvarianceForceLaw(2, gamma=[-0.1, -0.02]),
+            {
+                pair
+                for output in ("displacement_command", "invariance_function", "status")
+                for pair in each(output, "desired_force", "measured_force", "compliance")
+            },
+            {"desired_force": force, "measured_force": force, "compliance": [1e-4, 2e-4]},
+        ),
+        Example(
+            lambda: InvarianceForceLaw(2, gamma=-0.1, compliance=1e-4, upper_acceleration=0.2, speed_limit=0.02),
+            {
+                pair
+                for output in ("displacement_command", "invariance_function", "status")
+                for pair in each(output, "desired_force", "measured_force")
+            },
+            {"desired_force": force, "measured_force": force},
+        ),
     ],
     LinearIntegralForceLaw: [
         Example(

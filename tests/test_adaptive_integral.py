@@ -9,7 +9,8 @@ import pytest
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer
 
-from forcectl.control.adaptive_integral import AdaptiveIntegralConfig, AdaptiveIntegralForceLaw
+from forcectl.control.adaptive_force_law import AdaptiveForceLaw
+from forcectl.control.adaptive_integral import AdaptiveIntegralConfig
 from forcectl.control.force_law import LoopFacts
 from forcectl.errors import BadInputError
 from forcectl.motion.references import Reference
@@ -34,7 +35,7 @@ def facts(n: int = 1, delay: float = 0.0) -> LoopFacts:
     )
 
 
-def law(n: int = 1, delay: float = 0.0, **changed: float) -> AdaptiveIntegralForceLaw:
+def law(n: int = 1, delay: float = 0.0, **changed: float) -> AdaptiveForceLaw:
     return AdaptiveIntegralConfig(**changed).add_to(DiagramBuilder(), facts(n, delay))
 
 

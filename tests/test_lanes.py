@@ -12,7 +12,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from forcectl.control.adaptive_integral import AdaptiveIntegralForceLaw
+from forcectl.control.adaptive_force_law import AdaptiveForceLaw
 from forcectl.control.integral import IntegralForceLaw
 from forcectl.errors import BadInputError
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
@@ -35,12 +35,12 @@ def spread(low: float, high: float, n: int) -> np.ndarray:
     return np.random.default_rng(n).permutation(np.geomspace(low, high, n))
 
 
-def adaptive(n: int, p: Values) -> AdaptiveIntegralForceLaw:
+def adaptive(n: int, p: Values) -> AdaptiveForceLaw:
     estimator = EnvironmentComplianceEstimator(
         n, initial_compliance=p["start"], initial_covariance=p["covariance"], robot_compliance=p["robot"]
     )
     law = IntegralForceLaw(n, integral_gain=p["gain"], dead_zone=p["zone"])
-    return AdaptiveIntegralForceLaw(
+    return AdaptiveForceLaw(
         law,
         estimator,
         filter_bandwidth=p["bandwidth"],

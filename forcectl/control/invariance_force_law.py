@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, DiagramBuilder
 
+from forcectl.control.adaptive_force_law import Adaptation, AdaptiveForceLaw
 from forcectl.control.force_law import LoopFacts
 from forcectl.control.integral import check_limits
 from forcectl.control.quadratic_program import Status
@@ -195,19 +196,37 @@ class InvarianceConfig:
         check("compliance_error", self.compliance_error, "positive")
         check_limits(self.lower_limit, self.upper_limit)
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> InvarianceForceLaw:
-        """Add the law; it believes in `compliance_error` times the true total compliance."""
-        law = InvarianceForceLaw(
+    def law(self, facts: LoopFacts, compliance: ArrayLike | None) -> InvarianceForceLaw:
+        """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
+        return InvarianceForceLaw(
             facts.size,
             gamma=self.gamma,
             upper_acceleration=self.upper_acceleration,
-            compliance=self.compliance_error * facts.total_compliance,
+            compliance=compliance,
             speed_limit=self.speed_limit,
             lower_limit=self.lower_limit,
             upper_limit=self.upper_limit,
             period=facts.period,
         )
-        return builder.AddNamedSystem("force_law", law)
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> InvarianceForceLaw | AdaptiveForceLaw:
+        """Add the law; it believes in `compliance_error` times the true total compliance."""
+        return builder.AddNamedSystem("force_law", self.law(facts, self.compliance_error * facts.total_compliance))
+
+
+@dataclass(kw_only=True)
+class AdaptiveInvarianceConfig(Adaptation, InvarianceConfig):
+    """Scenario part `!AdaptiveInvariance`: the constraint with the compliance estimated on line. (3.56)"""
+
+    compliance_error: float = 0.8  # initial C_E_hat / C_E, > 0; 1/1.2 = stiffness 20 % too high
+
+    def __post_init__(self) -> None:
+        Adaptation.__post_init__(self)
+        InvarianceConfig.__post_init__(self)
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> AdaptiveForceLaw:
+        """Add the law with its estimator."""
+        return self.adapt(builder, facts, self.law(facts, None))
 
 
 def check_invariance(gamma: float, upper_acceleration: float | None, speed_limit: float) -> None:
