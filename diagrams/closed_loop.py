@@ -59,7 +59,7 @@ class ClosedLoop:
     def derived(self, values: NDArray[np.float64]) -> dict[str, tuple[str, NDArray[np.float64]]]:
         """Signals that follow from logged ones, by name: unit and samples (k,).
 
-        The contact state, and in the multibody loop the displacement of the tool, are not needed tick by tick.
+        The contact state, and the displacement of the tool of a robot, are not needed tick by tick.
 
         Args:
             values: the log, shape (n, k).
@@ -115,7 +115,8 @@ def build_closed_loop(
     for system in (plant, control):
         for i in range(system.num_output_ports()):
             port = system.get_output_port(i)
-            skipped = port.get_name() == "contact_displacement" and station.fidelity == "Multibody"  # see `derived`
+            # See `derived`.
+            skipped = port.get_name() == "contact_displacement" and station.fidelity != "OneDimensional"
             if (port.get_name() in LOGGED and not skipped) or (system is control and port.size() == 1):
                 ports[port.get_name()] = port
     log = add_log(builder, ports, station.period, cell.robot.facts.arm_joints)

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import ZeroOrderHold
 
 from forcectl.diagrams.motor_side import MotorSide
 from forcectl.diagrams.station import Cell
+from forcectl.diagrams.station_surface import add_surface_height
 from forcectl.diagrams.truth import finish_light_station
-from forcectl.plant.compliance import RobotCompliance
+from forcectl.plant.tip_contact import TipContact
 from forcectl.plant.tip_kinematics import TipDisplacement
 
 
@@ -17,22 +17,32 @@ class KinematicStation(Diagram):
 
     def __init__(self, cell: Cell, seed: int):
         super().__init__()
-        config = cell.config
+        config, robot, q_0 = cell.config, cell.robot, cell.motor_start
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
         motors = add("motor_side", MotorSide(cell))
         builder.ExportInput(motors.GetInputPort("joint_position_command"), "joint_position_command")
         position = motors.GetOutputPort("motor_position")
-        displacement = TipDisplacement(cell.robot, cell.n, cell.motor_start, period=config.posture_period)
-        tip = add("tip_displacement", displacement)
+        contact = add(
+            "contact",
+            TipContact(
+                robot,
+                cell.n,
+                q_0,
+                cell.spring_stiffness,
+                stiffness=config.environment.stiffness,
+                damping=config.environment.damping,
+                uneven=not config.environment.surface.flat,
+                period=config.period,
+                posture_period=config.posture_period,
+            ),
+        )
+        connect(position, contact.GetInputPort("motor_position"))
+        height = add_surface_height(builder, cell, position, q_0)
+        if height is not None:
+            connect(height, contact.GetInputPort("surface_height"))
+        tip = add("tip_displacement", TipDisplacement(robot, cell.n, q_0, period=None))
         connect(position, tip.GetInputPort("motor_position"))
-        contact = config.environment.add_to(builder, 1, config.period, compliance_port=config.elastic_joints)
-        if config.elastic_joints:
-            compliance = add("robot_compliance", RobotCompliance(cell.robot, cell.n))
-            # It changes with the posture, much slower than the force: sampled.
-            held = add("held_compliance", ZeroOrderHold(config.posture_period, 1))
-            connect(position, compliance.GetInputPort("motor_position"))
-            connect(compliance.GetOutputPort("robot_compliance"), held.get_input_port())
-            connect(held.get_output_port(), contact.GetInputPort("robot_compliance"))
-        finish_light_station(builder, cell, seed, motors, contact, tip.GetOutputPort("displacement"))
+        force = contact.GetOutputPort("contact_force")
+        finish_light_station(builder, cell, seed, motors, force, tip.GetOutputPort("displacement"), height)
         builder.BuildInto(self)

@@ -243,14 +243,13 @@ class MultibodyStation(Diagram):
         connect(position, compensation.GetInputPort("motor_position"))
 
         # An uneven surface is raised to its height at the place of the links.
-        height = {}
         links = add("link_state", _split_state(plant, parts))
         connect(plant.get_state_output_port(parts.instance), links.get_input_port())
-        if not config.environment.surface.flat:
-            height["surface_height"] = add_surface_height(builder, cell, links.get_output_port(), cell.start)
+        height = add_surface_height(builder, cell, links.get_output_port(), cell.start)
+        if height is not None:
             at_rest = add("surface_reference", MatrixGain(np.array([[1.0], [0.0]])))
             surface = weld.parent_body().model_instance()
-            connect(height["surface_height"], at_rest.get_input_port())
+            connect(height, at_rest.get_input_port())
             connect(at_rest.get_output_port(), plant.get_desired_state_input_port(surface))
 
         # Truth: the mounting of the (weightless) environment carries the contact force, along -z of its surface.
@@ -269,7 +268,7 @@ class MultibodyStation(Diagram):
                 "contact_displacement": tip.GetOutputPort("displacement"),
                 "link_position": links.get_output_port(),
                 "contact_state": add_contact_state(builder, force.get_output_port()),
-                **height,
+                **({} if height is None else {"surface_height": height}),
             },
         )
         builder.BuildInto(self)

@@ -22,12 +22,16 @@ def surface_profile(cell: Cell) -> SurfaceProfile:
     return cell.config.environment.surface.profile(tool.contact_ball_radius if tool else 0.0)
 
 
-def add_surface_height(builder: DiagramBuilder, cell: Cell, joint_position: OutputPort, start: Vector) -> OutputPort:
-    """Add the path coordinate and the height of the surface there, shape (1,) [m].
+def add_surface_height(
+    builder: DiagramBuilder, cell: Cell, joint_position: OutputPort, start: Vector
+) -> OutputPort | None:
+    """Add the path coordinate and the height of the surface there, shape (1,) [m]; nothing when it is flat.
 
     Args:
         joint_position: of the side that counts as the tool's, shape (n_q,) [rad]. start: where it starts, s = 0.
     """
+    if cell.config.environment.surface.flat:
+        return None
     d = cell.config.environment.surface.direction_across(cell.n)
     if cell.config.fidelity == "OneDimensional":
         row = (d @ cell.robot.jacobian(cell.start_context())[3:]).reshape(1, -1)

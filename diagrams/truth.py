@@ -3,13 +3,12 @@
 from __future__ import annotations
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Gain, Saturation
 
 from forcectl.diagrams.motor_side import MotorSide
 from forcectl.diagrams.parts import export_outputs
 from forcectl.diagrams.station import Cell
-from forcectl.diagrams.station_surface import add_depth, add_surface_height
 from forcectl.plant.tip_kinematics import ForceToWrench, LinkPosition
 
 
@@ -26,20 +25,20 @@ def add_contact_state(builder: DiagramBuilder, force: OutputPort) -> OutputPort:
 
 
 def finish_light_station(
-    builder: DiagramBuilder, cell: Cell, seed: int, motors: MotorSide, contact: System, displacement: OutputPort
+    builder: DiagramBuilder,
+    cell: Cell,
+    seed: int,
+    motors: MotorSide,
+    force: OutputPort,
+    displacement: OutputPort,
+    height: OutputPort | None,
 ) -> None:
     """Sensor, truth and exported ports of a station without robot dynamics.
 
     Args:
-        motors: the motor side. contact: with the output `contact_force`. displacement: of the tool along n.
+        motors: the motor side. force: of the contact. displacement: of the tool along n. height: of an uneven surface.
     """
-    robot = cell.robot
-    force, position = contact.GetOutputPort("contact_force"), motors.GetOutputPort("motor_position")
-    height, depth = {}, displacement
-    if not cell.config.environment.surface.flat:
-        height["surface_height"] = add_surface_height(builder, cell, position, cell.motor_start)
-        depth = add_depth(builder, displacement, height["surface_height"])
-    builder.Connect(depth, contact.GetInputPort("displacement"))
+    robot, position = cell.robot, motors.GetOutputPort("motor_position")
     sensor = cell.config.force_sensor.add_to(builder, cell.config.period, seed=seed)
     builder.Connect(force, sensor.GetInputPort("force"))
     measured = sensor.GetOutputPort("measured_force")
@@ -60,6 +59,6 @@ def finish_light_station(
             "contact_displacement": displacement,
             "link_position": links.GetOutputPort("link_position"),
             "contact_state": add_contact_state(builder, force),
-            **height,
+            **({} if height is None else {"surface_height": height}),
         },
     )

@@ -16,7 +16,7 @@ from forcectl.control.fourth_degree_force_law import FourthDegreeForceLaw
 from forcectl.control.integral import IntegralConfig, IntegralForceLaw, LinearIntegralForceLaw
 from forcectl.control.invariance_force_law import InvarianceForceLaw
 from forcectl.control.kinematic_inversion import ConstantKinematicInversion, KinematicInversion
-from forcectl.diagrams.force_controller import ForceController
+from forcectl.diagrams.force_controller import ForceController, JointController, build_controller
 from forcectl.diagrams.motor_side import MotorSide
 from forcectl.diagrams.station import Cell, StationConfig, describe
 from forcectl.diagrams.station_kinematic import KinematicStation
@@ -32,6 +32,7 @@ from forcectl.plant.force_sensor import ForceDigitiser, ForceSensor
 from forcectl.plant.position_loop import PositionLoop
 from forcectl.plant.servo import Servo, ServoCore
 from forcectl.plant.surface import GrooveConfig, SurfaceConfig, SurfaceHeight
+from forcectl.plant.tip_contact import TipContact
 from forcectl.plant.tip_kinematics import ForceToWrench, LinkPosition, TipDisplacement
 from forcectl.plant.wrist_sensor import ToolCompensation, WeldWrenches
 from forcectl.robot import RobotModel, add_robot
@@ -186,7 +187,24 @@ EXAMPLES: dict[type[System], list[Example]] = {
             {"motor_position": posture},
         )
     ],
+    TipContact: [
+        Example(
+            lambda: TipContact(robot(), Z, START, robot().joint_stiffness, stiffness=5900, damping=50),
+            each("contact_force", "motor_position"),
+            {"motor_position": posture},
+        ),
+        Example(
+            lambda: TipContact(robot(), Z, START, np.full(6, np.inf), stiffness=5900, uneven=True),
+            each("contact_force", "motor_position", "surface_height"),
+            {"motor_position": posture, "surface_height": lambda t: 1e-3 * t},
+        ),
+    ],
     TipDisplacement: [
+        Example(
+            lambda: TipDisplacement(robot(), Z, START, period=None),
+            each("displacement", "motor_position"),
+            {"motor_position": posture},
+        ),
         Example(
             lambda: TipDisplacement(robot(), Z, START),
             each("displacement", "motor_position"),
@@ -247,18 +265,6 @@ EXAMPLES: dict[type[System], list[Example]] = {
             {"desired_force": 15.0, "measured_force": force},
         ),
     ],
-    FourthDegreeForceLaw: [
-        Example(
-            partial(fourth_degree, derivatives=form),
-            {
-                (output, name)
-                for output in ("displacement_command", "invariance_function", "status")
-                for name in ("desired_force", "measured_force", "compliance")
-            },
-            {"desired_force": 15.0, "measured_force": force, "compliance": [1e-4, 2e-4]},
-        )
-        for form in ("model", "difference")
-    ],
     InvarianceForceLaw: [
         Example(
             lambda: InvarianceForceLaw(2, gamma=[-0.1, -0.02]),
@@ -278,6 +284,18 @@ EXAMPLES: dict[type[System], list[Example]] = {
             },
             {"desired_force": force, "measured_force": force},
         ),
+    ],
+    FourthDegreeForceLaw: [
+        Example(
+            partial(fourth_degree, derivatives=form),
+            {
+                (output, name)
+                for output in ("displacement_command", "invariance_function", "status")
+                for name in ("desired_force", "measured_force", "compliance")
+            },
+            {"desired_force": 15.0, "measured_force": force, "compliance": [1e-4, 2e-4]},
+        )
+        for form in ("model", "difference")
     ],
     LinearIntegralForceLaw: [
         Example(
@@ -312,7 +330,7 @@ EXAMPLES: dict[type[System], list[Example]] = {
     ],
     ForceController: [
         Example(
-            lambda: ForceController(IntegralConfig(), cell("Kinematic")),
+            lambda: build_controller(IntegralConfig(), cell("Kinematic")),
             each("joint_position_command", "desired_force", "measured_force", "unconstrained_reference")
             | each("displacement_command", "desired_force", "measured_force"),
             {"desired_force": 15.0, "motor_position": posture},

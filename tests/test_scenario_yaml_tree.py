@@ -77,7 +77,7 @@ def test_a_difference_merged_on_the_base_gives_the_other(base, other):
 
 
 def expressible(base, other):
-    """Merging removes neither a key nor a tag, at any depth: only towards trees that keep both is there a difference."""
+    """Merging removes no key or tag at any depth, so there is a difference only towards trees that keep them."""
     if not isinstance(base, Tagged) or not isinstance(other, Tagged) or other.tag not in (None, base.tag):
         return True
     return other.tag == base.tag and all(key in other and expressible(base[key], other[key]) for key in base)

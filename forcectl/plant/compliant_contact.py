@@ -89,19 +89,26 @@ class CompliantContact(LaneBlock):
         if not compliance_port:
             parameters["robot_compliance"] = Parameter(robot_compliance, "not negative", "m/N")
         super().__init__(size, parameters)
-        self._displacement = self.DeclareVectorInputPort("displacement", size)
-        self._compliance = self.DeclareVectorInputPort("robot_compliance", size) if compliance_port else None
-        reads = {self.all_parameters_ticket(), self._displacement.ticket()}
-        if self._compliance is not None:
-            reads.add(self._compliance.ticket())
+        reads = {self.all_parameters_ticket()} | self._declare_inputs(compliance_port)
         if self._damped:
             self._z = self.DeclareDiscreteState(size)
             reads.add(self.discrete_state_ticket(self._z))
             self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
         self.DeclareVectorOutputPort("contact_force", size, self._force, prerequisites_of_calc=reads)
 
+    def _declare_inputs(self, compliance_port: bool) -> set[Any]:
+        """Declare the inputs that `_situation` reads; returns their tickets."""
+        self._displacement = self.DeclareVectorInputPort("displacement", self._size)
+        self._compliance = self.DeclareVectorInputPort("robot_compliance", self._size) if compliance_port else None
+        return {port.ticket() for port in (self._displacement, self._compliance) if port is not None}
+
+    def _situation(self, context: Context) -> tuple[Lane, Lane]:
+        """dx [m], and C_R [m/N] unless it is a parameter."""
+        compliance = None if self._compliance is None else self.lane(self._compliance.Eval(context))
+        return self.lane(self._displacement.Eval(context)), compliance
+
     def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
-        """(K_E, D_E/h, C_R, 1/C_T); the last two are None when C_R comes through its port."""
+        """(K_E, D_E/h, C_R, 1/C_T); the last two are None when C_R is not a parameter."""
         stiffness, *rest = values
         rate = rest.pop(0) / self._period if self._damped else 0.0
         if rest:
@@ -110,10 +117,9 @@ class CompliantContact(LaneBlock):
 
     def _solve(self, context: Context) -> tuple[Lane, Lane]:
         stiffness, rate, compliance, total = self._values.Eval(context)
-        dx = self.lane(self._displacement.Eval(context))
-        if self._compliance is not None:
-            compliance = self.lane(self._compliance.Eval(context))
-            total = stiffness / (1 + compliance * stiffness)
+        dx, seen = self._situation(context)
+        if seen is not None:
+            compliance, total = seen, stiffness / (1 + seen * stiffness)
         if not self._damped:
             return elastic_force(dx, total, self.math), None
         z = self.lane(context.get_discrete_state(self._z).value())
@@ -171,12 +177,9 @@ class EnvironmentConfig:
         period: float,
         *,
         robot_compliance: ArrayLike = 0.0,
-        compliance_port: bool = False,
     ) -> CompliantContact | LinearContact:
         """Add the contact for n lanes."""
         if not self.one_sided:
-            if compliance_port:
-                raise invalid("one_sided", False, "true unless station.fidelity = OneDimensional")
             linear = LinearContact(size, stiffness=self.stiffness, robot_compliance=robot_compliance)
             return builder.AddNamedSystem("contact", linear)
         block = CompliantContact(
@@ -184,7 +187,6 @@ class EnvironmentConfig:
             stiffness=self.stiffness,
             damping=self.damping,
             robot_compliance=robot_compliance,
-            compliance_port=compliance_port,
             period=period,
         )
         return builder.AddNamedSystem("contact", block)
