@@ -73,9 +73,20 @@ def test_the_tool_moves_straight_keeps_its_orientation_and_its_height(
         here.robot.set_positions(context, q)
         X = here.robot.pose(context)
         moved = X.translation() - X_0.translation()
-        np.testing.assert_allclose(moved, distance * along, atol=2e-5)
-        assert abs(moved @ here.n) < 2e-6
+        np.testing.assert_allclose(moved, distance * along, atol=2e-6)
+        assert abs(moved @ here.n) < 1e-7
         assert (X.rotation() @ X_0.rotation().inverse()).ToAngleAxis().angle() < 1e-5
+
+
+@pytest.mark.parametrize("speed", [0.002, 0.02, 1.0])
+def test_the_tool_keeps_the_speed_limit(speed: float) -> None:
+    here, config = cell(), TangentialMotionConfig(distance=0.1, speed=speed)
+    path = trajectory(config, here)
+    times = np.linspace(0.0, path.end_time(), 1001)
+    row = here.robot.jacobian(here.start_context())[3]
+    # By the Jacobian of the start, which is good enough for 0.1 m here.
+    speeds = np.array([row @ path.EvalDerivative(t).ravel() for t in times])
+    assert speeds.max() < 1.03 * min(speed, np.sqrt(0.1 * config.acceleration))
 
 
 def test_the_block_waits_moves_and_stays() -> None:

@@ -19,7 +19,7 @@ from forcectl.motion.references import Reference
 from forcectl.robot import RobotModel
 
 Vector = NDArray[np.float64]
-_KNOTS = 200
+_KNOTS, _RAMP_KNOTS = 160, 40  # of the whole move, and further ones in each of its ramps
 
 
 def trapezoidal_profile(distance: float, speed: float, acceleration: float, times: Vector) -> Vector:
@@ -28,7 +28,7 @@ def trapezoidal_profile(distance: float, speed: float, acceleration: float, time
     Args:
         distance: [m], >= 0. speed: [m/s], > 0. acceleration: [m/s^2], > 0.
     """
-    ramp = min(speed / acceleration, np.sqrt(distance / acceleration))
+    ramp = ramp_duration(distance, speed, acceleration)
     top = acceleration * ramp
     end = distance / top + ramp if top > 0 else 0.0
     t = np.clip(times, 0.0, end)
@@ -37,9 +37,14 @@ def trapezoidal_profile(distance: float, speed: float, acceleration: float, time
     return covered
 
 
+def ramp_duration(distance: float, speed: float, acceleration: float) -> float:
+    """Duration of the ramp up, and of that down, of that move [s]."""
+    return min(speed / acceleration, float(np.sqrt(distance / acceleration)))
+
+
 def move_duration(distance: float, speed: float, acceleration: float) -> float:
     """Duration of that move [s]."""
-    ramp = min(speed / acceleration, float(np.sqrt(distance / acceleration)))
+    ramp = ramp_duration(distance, speed, acceleration)
     return distance / (acceleration * ramp) + ramp if ramp > 0 else 0.0
 
 
@@ -109,7 +114,11 @@ class TangentialMotionConfig:
         if abs(along @ n) > 1e-6:
             raise invalid("direction", self.direction, f"perpendicular to the normal {n.tolist()}")
         end = move_duration(self.distance, self.speed, self.acceleration)
-        times = np.linspace(0.0, end, _KNOTS)
+        ramp = np.linspace(0.0, ramp_duration(self.distance, self.speed, self.acceleration), _RAMP_KNOTS)
+        times = np.concatenate([ramp[:-1], end - ramp[::-1]])
+        if end > 2.001 * ramp[-1]:
+            cruise = np.linspace(ramp[-1], end - ramp[-1], _KNOTS)[:-1]
+            times = np.concatenate([ramp[:-1], cruise, end - ramp[::-1]])
         covered = trapezoidal_profile(self.distance, self.speed, self.acceleration, times)
         postures = line_postures(robot, start, covered[:, None] * along) - start
         rest = np.zeros(robot.num_joints)
