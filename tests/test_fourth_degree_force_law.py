@@ -21,7 +21,7 @@ from forcectl.control.invariance import invariance_function
 from forcectl.control.quadratic_program import Status
 from forcectl.errors import BadInputError
 from forcectl.plant.position_loop import interleave, second_order, zero_order_hold
-from forcectl.simulation.metrics import Step, entries, largest_drop, overshoot, settling_time
+from forcectl.simulation.metrics import Step, largest_drop, overshoot, settling_time, touches
 from forcectl.testing import Log, assert_docstring_matches, assert_passes_no_nan, assert_ports, run_diagram
 
 PERIOD, C, W, GAMMA, FORCE = 0.002, 1e-4, 12.6, -1e5, 15.0
@@ -129,11 +129,11 @@ def test_without_the_subset_the_force_bounces_off_and_with_it_it_does_not() -> N
     assert np.min(touching["force"]) < -500.0, "contact is lost"
     assert settled(touching) is None
     assert largest_drop(bouncing["force"][:, 0], the_step(bouncing)) == pytest.approx(1.6, abs=0.4)
-    assert entries(bouncing["force"][:, 0], the_step(bouncing), 0.002) > 3
+    assert touches(bouncing["force"][:, 0], the_step(bouncing), 0.002) > 3
     for alpha in (0.5, 1.0, 3.0, 5.0):
         force = ideal(alpha)["force"][:, 0]
         assert largest_drop(force, the_step(ideal(alpha))) < 0.2
-        assert entries(force, the_step(ideal(alpha)), 0.02) == 1
+        assert touches(force, the_step(ideal(alpha)), 0.02) == 1
 
 
 @both_forms

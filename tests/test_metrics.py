@@ -80,20 +80,22 @@ def test_a_bouncing_force_falls_back_and_comes_again():
     force = np.where(t < 1, pause + 9.0 * np.clip((t - 0.4) / 0.6, 0, 1), np.where(t < 4, arches, 15.0))
     step = the_step(t, np.full_like(t, 15.0))
     assert m.largest_drop(force, step) == pytest.approx(4.0, abs=1e-4)
-    assert m.entries(force, step, 0.02) == 4
+    assert m.touches(force, step, 0.02) == 4
     down = m.Step(0, len(t), 0.0, 30.0, 15.0)
     assert m.largest_drop(30.0 - force, down) == pytest.approx(4.0, abs=1e-4)
-    assert m.entries(30.0 - force, down, 0.02) == 4
+    assert m.touches(30.0 - force, down, 0.02) == 4
+    through = np.array([0.0, 14.9, 40.0, 14.0, 40.0, 15.0, 0.0])  # a bounce that passes the band unseen
+    assert m.touches(through, m.Step(0, 7, 0.0, 0.0, 15.0), 0.02) == 2
 
 
 def test_a_force_that_never_turns_falls_back_by_nothing():
     t, desired, force = first_order(3.0, 15.0)
     values = m.metrics_of(signals(t, desired, force))
     assert values["largest_drop_N"] == 0.0
-    assert values["entries_2pct"] == 1.0
+    assert values["touches_2pct"] == 1.0
     short = m.metrics_of(signals(t, desired, 0.4 * force))
     assert short["largest_drop_N"] is None
-    assert short["entries_2pct"] == 0.0
+    assert short["touches_2pct"] == 0.0
 
 
 def test_step_down_overshoots_below_the_target():

@@ -35,7 +35,7 @@ STEP_METRICS: dict[str, tuple[str, str]] = {
     "settling_time_2pct_s": ("s", "last time outside 2 % of the reference"),
     "steady_state_error_N": ("N", "mean of reference less force over the last tenth of the step"),
     "largest_drop_N": ("N", "furthest the force goes back after half of the step"),
-    "entries_2pct": ("1", "how many times the force comes within 2 % of the reference"),
+    "touches_2pct": ("1", "how many times the force comes to 2 % of the reference, bounces included"),
     "max_abs_model_error_N": ("N", "largest distance from the reference model"),
     "time_of_max_abs_model_error_s": ("s", "when that is"),
     "max_positive_model_error_N": ("N", "furthest above the reference model"),
@@ -164,11 +164,11 @@ def largest_drop(force: Signal, step: Step) -> float | None:
     return float((np.maximum.accumulate(later) - later).max())
 
 
-def entries(force: Signal, step: Step, band: float) -> int:
-    """How many times the force comes within +-`band` of the target; each bounce off it counts."""
-    width = band * (abs(step.target) or abs(step.size))
-    inside = np.abs(force[step.first : step.end] - step.target) <= width
-    return int(np.sum(np.diff(inside, prepend=False) & inside))
+def touches(force: Signal, step: Step, band: float) -> int:
+    """How many times the force comes to within `band` of the target or beyond: once, and again after each bounce."""
+    short = (step.target - force[step.first : step.end]) * (1 if step.size >= 0 else -1)
+    there = short <= band * (abs(step.target) or abs(step.size))
+    return int(np.sum(np.diff(there, prepend=False) & there))
 
 
 def model_response(time: Signal, desired: Signal, bandwidth: float, initial: float = 0.0) -> Signal:
@@ -216,7 +216,7 @@ def step_metrics(
         "settling_time_2pct_s": settling_time(time, force, step, 0.02),
         "steady_state_error_N": steady_state_error(force, step),
         "largest_drop_N": largest_drop(force, step),
-        "entries_2pct": float(entries(force, step, 0.02)),
+        "touches_2pct": float(touches(force, step, 0.02)),
     }
     if model is not None:
         error = force - model
