@@ -22,6 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, DiagramBuilder
 
+from forcectl.control.adaptive_force_law import Adaptation, AdaptiveForceLaw
 from forcectl.control.force_law import LoopFacts
 from forcectl.control.integral import check_limits
 from forcectl.control.invariance import FLOAT_MATH, invariance_4
@@ -215,16 +216,16 @@ class FourthDegreeInvarianceConfig:
             raise unknown("derivatives", str(self.derivatives), DERIVATIVES)
         check_limits(self.lower_limit, self.upper_limit)
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> FourthDegreeForceLaw:
-        """Add the law; it believes in `compliance_error` times the true total compliance."""
-        law = FourthDegreeForceLaw(
+    def law(self, facts: LoopFacts, compliance: ArrayLike | None) -> FourthDegreeForceLaw:
+        """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
+        return FourthDegreeForceLaw(
             facts.size,
             gamma=self.gamma,
             upper=self.upper,
             alpha=self.alpha,
             bandwidth=facts.sensor_bandwidth if self.bandwidth is None else self.bandwidth,
             damping_ratio=self.damping_ratio,
-            compliance=self.compliance_error * facts.total_compliance,
+            compliance=compliance,
             acceleration_limit=self.acceleration_limit,
             rest_region=self.rest_region,
             lower_limit=self.lower_limit,
@@ -232,4 +233,22 @@ class FourthDegreeInvarianceConfig:
             derivatives=self.derivatives,
             period=facts.period,
         )
-        return builder.AddNamedSystem("force_law", law)
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> FourthDegreeForceLaw | AdaptiveForceLaw:
+        """Add the law; it believes in `compliance_error` times the true total compliance."""
+        return builder.AddNamedSystem("force_law", self.law(facts, self.compliance_error * facts.total_compliance))
+
+
+@dataclass(kw_only=True)
+class AdaptiveFourthDegreeInvarianceConfig(Adaptation, FourthDegreeInvarianceConfig):
+    """Scenario part `!AdaptiveFourthDegreeInvariance`: the same with the compliance estimated on line. (Fig. 3.10)"""
+
+    compliance_error: float = 2 / 3  # initial C_E_hat / C_E, > 0; 1/1.5 = stiffness 50 % too high
+
+    def __post_init__(self) -> None:
+        Adaptation.__post_init__(self)
+        FourthDegreeInvarianceConfig.__post_init__(self)
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> AdaptiveForceLaw:
+        """Add the law with its estimator."""
+        return self.adapt(builder, facts, self.law(facts, None))

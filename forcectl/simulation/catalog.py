@@ -21,6 +21,7 @@ CONTROLLERS = {
     "Integral": "forcectl.control.integral:IntegralConfig",
     "AdaptiveIntegral": "forcectl.control.adaptive_integral:AdaptiveIntegralConfig",
     "FourthDegreeInvariance": "forcectl.control.fourth_degree_force_law:FourthDegreeInvarianceConfig",
+    "AdaptiveFourthDegreeInvariance": "forcectl.control.fourth_degree_force_law:AdaptiveFourthDegreeInvarianceConfig",
     "AdaptiveInvariance": "forcectl.control.invariance_force_law:AdaptiveInvarianceConfig",
     "Invariance": "forcectl.control.invariance_force_law:InvarianceConfig",
     "Import": "forcectl.simulation.imported:ImportConfig",
