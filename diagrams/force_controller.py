@@ -6,7 +6,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import PassThrough
 
-from forcectl.control.force_law import ControllerConfig, LoopFacts
+from forcectl.control.force_law import ControllerConfig, LoopFacts, RobotFacts
 from forcectl.control.kinematic_inversion import ConstantKinematicInversion, KinematicInversion
 from forcectl.diagrams.parts import affine, input_names, output_names
 from forcectl.diagrams.station import Cell
@@ -34,14 +34,15 @@ class ForceController(Diagram):
     desired_force, measured_force: shape (1,) [N]. motor_position, motor_velocity, unconstrained_reference: shape (n_q,)
     [rad, rad/s, rad]; the last is the joint motion in the unconstrained directions, from the start posture.
     joint_position_command: shape (n_q,) [rad]. displacement_command: shape (1,) [m].
+
+    Args:
+        builder: holds the law; it is built into this diagram. law: a ForceLaw.
     """
 
-    def __init__(self, config: ControllerConfig, cell: Cell):
+    def __init__(self, builder: DiagramBuilder, law: System, cell: Cell):
         super().__init__()
         n_q, q_0 = cell.robot.num_joints, cell.motor_start
-        builder = DiagramBuilder()
         add, connect, export = builder.AddNamedSystem, builder.Connect, builder.ExportInput
-        law = config.add_to(builder, loop_facts(cell))
         _require(law, ("desired_force", "measured_force"), ("displacement_command",))
         export(law.GetInputPort("desired_force"), "desired_force")
         export(law.GetInputPort("measured_force"), "measured_force")
@@ -70,8 +71,34 @@ class ForceController(Diagram):
         builder.BuildInto(self)
 
 
-def add_controller(builder: DiagramBuilder, config: ControllerConfig, cell: Cell) -> System:
-    """Add the controller of a configuration under the name `controller`, with the ports of the ForceController slot.
+class JointController(Diagram):
+    """A controller of joints as its configuration makes it, whatever blocks that are, with the ports it has.
+
+    ```
+    name: JointController
+    input_ports: [desired_force, measured_force, motor_position, motor_velocity, unconstrained_reference]
+    output_ports: [joint_position_command, (further outputs of the controller)]
+    ```
+
+    See `ForceController` for the ports.
+
+    Args:
+        builder: holds the controller; it is built into this diagram. controller: with the ports above.
+    """
+
+    def __init__(self, builder: DiagramBuilder, controller: System):
+        super().__init__()
+        _require(controller, CONTROLLER_INPUTS, ("joint_position_command",))
+        for name in CONTROLLER_INPUTS:
+            builder.ExportInput(controller.GetInputPort(name), name)
+        for i in range(controller.num_output_ports()):
+            port = controller.get_output_port(i)
+            builder.ExportOutput(port, port.get_name())
+        builder.BuildInto(self)
+
+
+def build_controller(config: ControllerConfig, cell: Cell) -> ForceController | JointController:
+    """The controller of a configuration, with the ports of the ForceController slot.
 
     A configuration whose system has the output `joint_position_command` is used as it is; a force law, with the output
     `displacement_command`, gets the kinematic inversion.
@@ -79,14 +106,16 @@ def add_controller(builder: DiagramBuilder, config: ControllerConfig, cell: Cell
     Raises:
         BadInputError: the system has neither, or lacks an input of its slot.
     """
-    scratch = DiagramBuilder()
-    made = config.add_to(scratch, loop_facts(cell))
-    if "joint_position_command" not in output_names(made):
-        return builder.AddNamedSystem("controller", ForceController(config, cell))
-    _require(made, CONTROLLER_INPUTS, ("joint_position_command",))
-    controller = config.add_to(builder, loop_facts(cell))
-    controller.set_name("controller")
-    return controller
+    builder = DiagramBuilder()
+    made = config.add_to(builder, loop_facts(cell))
+    if "joint_position_command" in output_names(made):
+        return JointController(builder, made)
+    return ForceController(builder, made, cell)
+
+
+def add_controller(builder: DiagramBuilder, config: ControllerConfig, cell: Cell) -> System:
+    """Add the controller of a configuration under the name `controller`; see `build_controller`."""
+    return builder.AddNamedSystem("controller", build_controller(config, cell))
 
 
 def loop_facts(cell: Cell) -> LoopFacts:
@@ -100,6 +129,14 @@ def loop_facts(cell: Cell) -> LoopFacts:
         sensor_bandwidth=sensor.bandwidth,
         sensor_damping_ratio=sensor.damping_ratio,
         sensor_delay=sensor.delay,
+        robot=RobotFacts(
+            model=cell.robot,
+            n=cell.n,
+            start=cell.motor_start,
+            posture_period=cell.config.posture_period,
+            singularity_limit=cell.config.singularity_limit,
+            straight=cell.config.fidelity == "OneDimensional",
+        ),
     )
 
 

@@ -18,6 +18,26 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, System
 
+from forcectl.robot import RobotModel
+
+
+@dataclass(frozen=True)
+class RobotFacts:
+    """What a controller of joints may be told of the robot in its loop.
+
+    model: kinematics, limits. n: unit normal in W, shape (3,). start: motor positions q_0 at the start, (n_q,) [rad].
+    posture_period: how often what depends on the posture only is renewed [s].
+    singularity_limit: joint motion per metre of tool motion that is used undamped [rad/m].
+    straight: the plant has the constant Jacobian of the start posture (one-dimensional station).
+    """
+
+    model: RobotModel
+    n: NDArray[np.float64]
+    start: NDArray[np.float64]
+    posture_period: float
+    singularity_limit: float
+    straight: bool
+
 
 @dataclass(frozen=True)
 class LoopFacts:
@@ -25,6 +45,7 @@ class LoopFacts:
 
     size: lanes n. period: control tick [s]. robot_compliance, environment_compliance: C_R and C_E [m/N], shape (n,).
     sensor_bandwidth [rad/s], sensor_damping_ratio [-], sensor_delay [s]: of the force sensor.
+    robot: of a loop around a robot, else None.
     """
 
     size: int
@@ -34,6 +55,7 @@ class LoopFacts:
     sensor_bandwidth: float
     sensor_damping_ratio: float
     sensor_delay: float
+    robot: RobotFacts | None = None
 
     @property
     def total_compliance(self) -> NDArray[np.float64]:

@@ -182,6 +182,8 @@ class QuadraticProgram:
         self._soft = np.flatnonzero(np.isfinite(weight))
         self._weight = weight[self._soft]
         self._tolerance = tolerance
+        self._no_lower, self._no_u_lower = np.full(self._m, -np.inf), np.full(self._n, -np.inf)
+        self._no_u_upper = -self._no_u_lower
         self._solver = solver(self._n, self._m)
         # The second program has one more variable per soft row: E u - s.
         k = len(self._soft)
@@ -209,12 +211,9 @@ class QuadraticProgram:
             u_lower, u_upper: bounds of u, shape (n,); none when None.
             fallback: u when there is no solution: hold-and-brake, say. Shape (n,), returned as it is.
         """
-        if lower is None:
-            lower = np.full(self._m, -np.inf)
-        if u_lower is None:
-            u_lower = np.full(self._n, -np.inf)
-        if u_upper is None:
-            u_upper = np.full(self._n, np.inf)
+        lower = self._no_lower if lower is None else lower
+        u_lower = self._no_u_lower if u_lower is None else u_lower
+        u_upper = self._no_u_upper if u_upper is None else u_upper
         if not _usable(hessian, gradient, matrix, lower, upper, u_lower, u_upper):
             return Solution(fallback, Status.NOT_FINITE, 0.0)
         bounds = (lower, upper, u_lower, u_upper)
@@ -274,18 +273,27 @@ class QuadraticProgram:
             u, infeasible = solver(hessian, gradient, matrix, lower, upper, u_lower, u_upper)
         except Exception:  # a solver of Drake, of a package or of a test: whatever it raises, the tick goes on
             return None, False
-        if u is None or u.shape != gradient.shape or not np.isfinite(u).all():
+        if u is None or u.shape != gradient.shape:
             return None, infeasible
         reached = matrix @ u
-        allowed = self._tolerance * (1.0 + np.abs(matrix) @ np.abs(u))
-        near = self._tolerance * (1.0 + np.abs(u))
-        holds = (
-            (reached <= upper + allowed).all()
-            and (reached >= lower - allowed).all()
-            and (u <= u_upper + near).all()
-            and (u >= u_lower - near).all()
-        )
-        return (u, False) if holds else (None, False)
+        worst = max((reached - upper).max().item(), (u - u_upper).max().item(), (u_lower - u).max().item())
+        if lower is not self._no_lower:
+            worst = max(worst, (lower - reached).max().item())
+        if worst <= self._tolerance and np.isfinite(u).all():
+            return u, False
+        return (u, False) if self._holds(u, reached, matrix, lower, upper, u_lower, u_upper) else (None, infeasible)
+
+    def _holds(
+        self, u: Array, reached: Array, matrix: Array, lower: Array, upper: Array, u_lower: Array, u_upper: Array
+    ) -> bool:
+        """Whether u is finite and satisfies every row and bound, to the tolerance relative to its terms."""
+        if not np.isfinite(u).all():
+            return False
+        rows = self._tolerance * (1.0 + np.abs(matrix) @ np.abs(u))
+        bounds = self._tolerance * (1.0 + np.abs(u))
+        above = (reached <= upper + rows).all() and (u <= u_upper + bounds).all()
+        below = (reached >= lower - rows).all() and (u >= u_lower - bounds).all()
+        return bool(above and below)
 
 
 def _usable(
