@@ -21,7 +21,7 @@ from scipy.linalg.lapack import dgesv
 
 from forcectl.errors import BadInputError
 from forcectl.lanes import check, lane_values
-from forcectl.robot import RobotModel, posture_cache, unit_normal
+from forcectl.robot import RobotModel, has_moved, posture_cache, unit_normal
 
 Vector = NDArray[np.float64]
 _NO_ROTATION = np.zeros(3)
@@ -100,7 +100,7 @@ class KinematicInversion(LeafSystem):
     joint_position_command: shape (n_q,), q_bar [rad]. Feedthrough of displacement_command and unconstrained_reference.
     near_singular: 1 while the inverse is damped, else 0. State.
 
-    Sampling: J^-1 n is state, renewed every `period` [s]: it changes with the posture, much slower than the force loop.
+    Sampling: J^-1 n is state, renewed every `period` [s] if the posture has changed: much slower than the force loop.
 
     Args:
         robot: kinematics. n: unit normal in W, shape (3,). start: q_0, shape (n_q,) [rad].
@@ -131,6 +131,7 @@ class KinematicInversion(LeafSystem):
         first, damped = guarded_direction(robot.jacobian(context), self._n, self._limit, self._damping)
         self._direction = self.DeclareDiscreteState(first)
         self._near = self.DeclareDiscreteState([float(damped)])
+        self._taken_at = self.DeclareDiscreteState(self._start)
         reads = {self.discrete_state_ticket(self._direction), self._command.ticket(), self._unconstrained.ticket()}
         self.DeclareVectorOutputPort("joint_position_command", q, self._joint_command, prerequisites_of_calc=reads)
         self.DeclareStateOutputPort("near_singular", self._near)
@@ -139,15 +140,20 @@ class KinematicInversion(LeafSystem):
         )
 
     def _renew(self, context: Context, next_state: DiscreteValues) -> None:
+        q = self._position.Eval(context)
+        if not has_moved(q, context.get_discrete_state(self._taken_at).value()):
+            return
         jacobian = self._robot.jacobian(self._posture.Eval(context))
         direction, damped = guarded_direction(jacobian, self._n, self._limit, self._damping)
         next_state.set_value(self._direction, direction)
         next_state.set_value(self._near, [float(damped)])
+        next_state.set_value(self._taken_at, q)
 
     def _joint_command(self, context: Context, output: BasicVector) -> None:
-        dx = self._command.Eval(context).item()
-        direction = context.get_discrete_state(self._direction).value()
-        output.SetFromVector(self._start + direction * dx + self._unconstrained.Eval(context))
+        q = context.get_discrete_state(self._direction).value() * self._command.Eval(context).item()
+        q += self._start
+        q += self._unconstrained.Eval(context)
+        output.SetFromVector(q)
 
 
 class ConstantKinematicInversion(Diagram):

@@ -16,7 +16,7 @@ from pydrake.systems.framework import Context, DiscreteValues
 from forcectl.lanes import Lane, check, lane_values
 from forcectl.plant.compliance import robot_compliance
 from forcectl.plant.compliant_contact import CompliantContact
-from forcectl.robot import RobotModel, posture_cache, unit_normal
+from forcectl.robot import RobotModel, has_moved, posture_cache, unit_normal
 
 Vector = NDArray[np.float64]
 
@@ -36,8 +36,8 @@ class TipContact(CompliantContact):
 
     Parameters (Context, shape (1,)): stiffness K_E [N/m] > 0, damping D_E [N s/m] >= 0.
 
-    Sampling: tangent of the path and compliance of the robot are state, renewed every `posture_period` [s]; the
-    deformation of a damped environment every `period` [s].
+    Sampling: tangent of the path and compliance of the robot are state, renewed every `posture_period` [s] if the
+    posture has changed; the deformation of a damped environment every `period` [s].
 
     Args:
         robot: kinematics. n: unit normal in W, shape (3,). start: q_0, shape (n_q,) [rad].
@@ -72,8 +72,9 @@ class TipContact(CompliantContact):
         context = self._robot.create_context()
         self._robot.set_positions(context, self._start)
         self._origin = float(self._n @ self._robot.tip_position(context))
-        # n'J, then the displacement it would have at q = 0, then C_R.
+        # n'J, then the displacement it would have at q = 0, then C_R; and the posture they belong to.
         self._geometry = self.DeclareDiscreteState(self._at(context, self._start))
+        self._taken_at = self.DeclareDiscreteState(self._start)
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=self._posture_period, offset_sec=0.0, update=self._renew_geometry
         )
@@ -87,10 +88,13 @@ class TipContact(CompliantContact):
         if not self._rigid:
             matrix = robot_compliance(self._robot, plant_context, self._joint_stiffness)
             compliance = float(self._n @ matrix[3:, 3:] @ self._n)
-        return np.array([*row, reached - row @ q, compliance])
+        return np.concatenate([row, [reached - row @ q, compliance]])
 
     def _renew_geometry(self, context: Context, next_state: DiscreteValues) -> None:
-        next_state.set_value(self._geometry, self._at(self._posture.Eval(context), self._position.Eval(context)))
+        q = self._position.Eval(context)
+        if has_moved(q, context.get_discrete_state(self._taken_at).value()):
+            next_state.set_value(self._geometry, self._at(self._posture.Eval(context), q))
+            next_state.set_value(self._taken_at, q)
 
     def _situation(self, context: Context) -> tuple[Lane, Lane]:
         geometry = context.get_discrete_state(self._geometry).value()

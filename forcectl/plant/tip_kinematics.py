@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from forcectl.lanes import check, lane_values
-from forcectl.robot import RobotModel, posture_cache, unit_normal
+from forcectl.robot import RobotModel, has_moved, posture_cache, unit_normal
 
 Vector = NDArray[np.float64]
 
@@ -48,7 +48,7 @@ class TipDisplacement(LeafSystem):
     motor_position: shape (n_q,) [rad].
     displacement: shape (1,), dx of (2.1) as above [m]: exact at the renewals, or without them. Feedthrough.
 
-    Sampling: the tangent is state, renewed every `period` [s]; None: no tangent and no state.
+    Sampling: the tangent is state, renewed every `period` [s] if the posture has changed; None: no tangent and no state.
 
     Args:
         robot: kinematics. n: unit normal in W, shape (3,). start: q_0, shape (n_q,) [rad].
@@ -68,6 +68,7 @@ class TipDisplacement(LeafSystem):
             return
         # n'J, then the displacement it would have at q = 0.
         self._tangent = self.DeclareDiscreteState(self._at(context, start))
+        self._taken_at = self.DeclareDiscreteState(start)
         self.DeclareVectorOutputPort(
             "displacement",
             1,
@@ -89,7 +90,10 @@ class TipDisplacement(LeafSystem):
         return np.append(row, self._reached(plant_context) - row @ q)
 
     def _renew(self, context: Context, next_state: DiscreteValues) -> None:
-        next_state.set_value(self._at(self._posture.Eval(context), self._position.Eval(context)))
+        q = self._position.Eval(context)
+        if has_moved(q, context.get_discrete_state(self._taken_at).value()):
+            next_state.set_value(self._tangent, self._at(self._posture.Eval(context), q))
+            next_state.set_value(self._taken_at, q)
 
     def _displacement(self, context: Context, output: BasicVector) -> None:
         tangent = context.get_discrete_state(self._tangent).value()

@@ -22,7 +22,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from forcectl.errors import BadInputError
 from forcectl.lanes import check, lane_values
-from forcectl.robot import RobotModel, posture_cache, unit_normal
+from forcectl.robot import RobotModel, has_moved, posture_cache, unit_normal
 
 Vector = NDArray[np.float64]
 
@@ -80,7 +80,7 @@ class ToolCompensation(LeafSystem):
     measured_wrench: shape (6,), of the environment on the tool at S in S [Nm, N]. Feedthrough of wrench.
     measured_force: shape (1,), its force along n [N]. Feedthrough of wrench.
 
-    Sampling: the orientation of the sensor is state, renewed every `period` [s].
+    Sampling: the orientation of the sensor is state, renewed every `period` [s] if the posture has changed.
 
     Args:
         start: q_0 [rad]. tared: the sensor was made zero in that posture, weight of the tool included.
@@ -94,13 +94,15 @@ class ToolCompensation(LeafSystem):
         self._position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
         self._posture = posture_cache(self, robot, self._position)
         context = robot.create_context()
-        robot.set_positions(context, lane_values("start", start, robot.num_joints))
+        start = lane_values("start", start, robot.num_joints)
+        robot.set_positions(context, start)
         self._tared = np.zeros(6)
         n_S, weight = self._orient(context)
         if tared:
             self._tared, weight = weight, np.zeros(6)
         # n in S, and the weight that is not in the sensor's zero.
         self._state = self.DeclareDiscreteState(np.concatenate([n_S, weight]))
+        self._taken_at = self.DeclareDiscreteState(start)
         reads: Any = {self._wrench.ticket(), self.discrete_state_ticket(self._state)}
         self.DeclareVectorOutputPort("measured_wrench", 6, self._measured_wrench, prerequisites_of_calc=reads)
         self.DeclareVectorOutputPort("measured_force", 1, self._measured_force, prerequisites_of_calc=reads)
@@ -113,7 +115,10 @@ class ToolCompensation(LeafSystem):
         return R_SW @ self._n, self._load @ (R_SW @ self._gravity) - self._tared
 
     def _renew(self, context: Context, next_state: DiscreteValues) -> None:
-        next_state.set_value(np.concatenate(self._orient(self._posture.Eval(context))))
+        q = self._position.Eval(context)
+        if has_moved(q, context.get_discrete_state(self._taken_at).value()):
+            next_state.set_value(self._state, np.concatenate(self._orient(self._posture.Eval(context))))
+            next_state.set_value(self._taken_at, q)
 
     def _measured_wrench(self, context: Context, output: BasicVector) -> None:
         output.SetFromVector(self._wrench.Eval(context) - context.get_discrete_state(self._state).value()[3:])
