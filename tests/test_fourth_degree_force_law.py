@@ -13,6 +13,7 @@ from pydrake.systems.primitives import LinearSystem
 
 from forcectl.control.force_law import LoopFacts
 from forcectl.control.fourth_degree_force_law import (
+    AdaptiveFourthDegreeInvarianceConfig,
     FourthDegreeForceLaw,
     FourthDegreeInvarianceConfig,
     fourth_derivative,
@@ -310,6 +311,28 @@ def test_config_uses_what_it_is_told() -> None:
     context = own.CreateDefaultContext()
     np.testing.assert_array_equal(own.parameter(context, "bandwidth"), 75.4)
     np.testing.assert_array_equal(own.parameter(context, "upper"), 2e4)
+
+
+def test_the_adaptive_law_starts_from_the_compliance_it_is_told() -> None:
+    config = AdaptiveFourthDegreeInvarianceConfig(compliance_error=0.5)
+    adaptive = config.add_to(DiagramBuilder(), FACTS)
+    outputs = {"displacement_command", "invariance_function", "status", "environment_compliance"}
+    assert_ports(
+        adaptive,
+        {"desired_force": 2, "measured_force": 2, "motor_displacement": 2},
+        dict.fromkeys(outputs, 2),
+    )
+    inputs = {"desired_force": FORCE, "measured_force": 0.0}
+    log = run_diagram(adaptive, 0.1, period=PERIOD, inputs=inputs)
+    np.testing.assert_allclose(log["environment_compliance"][0], 0.5 * FACTS.environment_compliance)
+    # Below the minimum force nothing is learnt, so it is the plain law with that compliance.
+    believed = FACTS.robot_compliance + 0.5 * FACTS.environment_compliance
+    plain = FourthDegreeInvarianceConfig().law(FACTS, believed)
+    expected = run_diagram(plain, 0.1, period=PERIOD, inputs=inputs)
+    np.testing.assert_array_equal(log["displacement_command"], expected["displacement_command"])
+    for name, value in (("forgetting", 0.0), ("gamma", 1.0), ("initial_covariance", -1.0)):
+        with pytest.raises(BadInputError, match=name):
+            AdaptiveFourthDegreeInvarianceConfig(**{name: value})
 
 
 @pytest.mark.parametrize(
