@@ -49,8 +49,8 @@ class SampledLaw(LaneBlock):
         memory = {name: initial, **(further or {})}
         self._place = {key: i for i, key in enumerate(memory)}
         start = [lane_values(f"initial {key}", value, self._size) for key, value in memory.items()]
-        # The tick the held values belong to (repeated per lane), then the values.
-        self._held = self.DeclareDiscreteState(np.concatenate([np.full(self._size, -1.0), *start]))
+        # The time of the tick the held values belong to (repeated per lane), then the values.
+        self._held = self.DeclareDiscreteState(np.concatenate([np.full(self._size, -self._period), *start]))
         reads = reads | {self.time_ticket(), self.discrete_state_ticket(self._held), self.all_parameters_ticket()}
         # A law that remembers nothing but its command needs no cache beside that of its port.
         self._now = None
@@ -83,25 +83,22 @@ class SampledLaw(LaneBlock):
     def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
         """The values of a new tick, the command first, from the inputs and the values held so far."""
 
-    def _tick(self, context: Context) -> float:
-        # The small shift keeps an instant k * period, rounded down, in its own tick.
-        return (context.get_time() + 1e-9) // self._period
-
     def _compute(self, context: Context) -> Sequence[Lane]:
-        tick, *held = self.lanes(context.get_discrete_state(self._held).value())
-        known = (tick if self._size == 1 else tick[0]) == self._tick(context)
+        since, *held = self.lanes(context.get_discrete_state(self._held).value())
+        # Rounding of the times of the ticks is far below the margin.
+        known = context.get_time() - (since if self._size == 1 else since[0]) < 0.999 * self._period
         return held if known else self.step(context, held)
 
     def _show(self, context: Context, output: BasicVector) -> None:
         self.write(output, self._compute(context)[0])
 
     def _hold(self, context: Context, next_state: DiscreteValues) -> None:
-        tick = self._tick(context)
+        time = context.get_time()
         values = self._now.Eval(context) if self._now else (self.lane(self._command.Eval(context)),)
         if self._size > 1:
-            next_state.set_value(self._held, np.concatenate([np.full(self._size, tick), *values]))
+            next_state.set_value(self._held, np.concatenate([np.full(self._size, time), *values]))
             return
         held = next_state.get_mutable_vector(self._held)
-        held.SetAtIndex(0, tick)
+        held.SetAtIndex(0, time)
         for i, value in enumerate(values, start=1):
             held.SetAtIndex(i, value)
