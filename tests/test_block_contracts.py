@@ -19,7 +19,7 @@ from pydrake.systems.framework import Diagram, System
 from forcectl.control.integral import IntegralForceLaw
 from forcectl.control.invariance_force_law import InvarianceForceLaw
 from forcectl.control.sampled_law import SampledLaw
-from forcectl.diagrams.force_controller import ForceController
+from forcectl.diagrams.force_controller import ForceController, JointController
 from forcectl.diagrams.station import STATION_INPUTS, STATION_OUTPUTS
 from forcectl.diagrams.station_kinematic import KinematicStation
 from forcectl.diagrams.station_multibody import MultibodyStation
@@ -68,6 +68,9 @@ def test_docstring_lists_the_ports(kind, example, monkeypatch):
     monkeypatch.setattr(kind, "__doc__", kind.__doc__.replace("<name>", ", ".join(outputs)))
     if kind is ForceController:  # `(further outputs of the law)`: this law has none
         monkeypatch.setattr(kind, "__doc__", kind.__doc__.replace(", (further outputs of the law)", ""))
+    if kind is JointController:
+        further = ", ".join(outputs[1:])
+        monkeypatch.setattr(kind, "__doc__", kind.__doc__.replace("(further outputs of the controller)", further))
     assert_docstring_matches(block)
 
 

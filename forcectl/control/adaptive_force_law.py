@@ -86,9 +86,9 @@ class Adaptation:
         if not 0 < check("forgetting", self.forgetting) <= 1:
             raise invalid("forgetting", self.forgetting, "above 0 and at most 1")
 
-    def adapt(self, builder: DiagramBuilder, facts: LoopFacts, law: SampledLaw | Diagram) -> AdaptiveForceLaw:
-        """Add the law with an estimator that starts from `compliance_error` times the true environment compliance."""
-        estimator = EnvironmentComplianceEstimator(
+    def estimator(self, facts: LoopFacts) -> EnvironmentComplianceEstimator:
+        """The estimator, starting from `compliance_error` times the true environment compliance."""
+        return EnvironmentComplianceEstimator(
             facts.size,
             initial_compliance=self.compliance_error * facts.environment_compliance,
             initial_covariance=self.initial_covariance,
@@ -97,9 +97,12 @@ class Adaptation:
             minimum_force=self.minimum_force,
             period=facts.period,
         )
+
+    def adapt(self, builder: DiagramBuilder, facts: LoopFacts, law: SampledLaw | Diagram) -> AdaptiveForceLaw:
+        """Add the law with the estimator."""
         block = AdaptiveForceLaw(
             law,
-            estimator,
+            self.estimator(facts),
             filter_bandwidth=facts.sensor_bandwidth,
             filter_damping_ratio=facts.sensor_damping_ratio,
             filter_delay_ticks=whole_multiple("delay", facts.sensor_delay, facts.period, "period"),

@@ -67,12 +67,22 @@ class Solution(NamedTuple):
     slack: float
 
 
+class Coefficients(NamedTuple):
+    """The numbers of a program, see the module's documentation; bounds that are not wanted are infinite."""
+
+    hessian: Array
+    gradient: Array
+    matrix: Array
+    lower: Array
+    upper: Array
+    u_lower: Array
+    u_upper: Array
+
+
 class Solver(Protocol):
     """A solver for programs of one size."""
 
-    def __call__(
-        self, hessian: Array, gradient: Array, matrix: Array, lower: Array, upper: Array, u_lower: Array, u_upper: Array
-    ) -> tuple[Array | None, bool]:
+    def __call__(self, program: Coefficients) -> tuple[Array | None, bool]:
         """The optimum, or None; and whether the program was found infeasible. May raise."""
         ...
 
@@ -102,14 +112,12 @@ class DrakeSolver:
         for name, value in options.items():
             self._options.SetOption(self._solver.solver_id(), name, value)
 
-    def __call__(
-        self, hessian: Array, gradient: Array, matrix: Array, lower: Array, upper: Array, u_lower: Array, u_upper: Array
-    ) -> tuple[Array | None, bool]:
+    def __call__(self, program: Coefficients) -> tuple[Array | None, bool]:
         """See `Solver`."""
-        self._cost.UpdateCoefficients(hessian, gradient, 0.0, is_convex=True)
-        self._rows.UpdateCoefficients(matrix, lower, upper)
-        self._bounds.UpdateLowerBound(u_lower)
-        self._bounds.UpdateUpperBound(u_upper)
+        self._cost.UpdateCoefficients(program.hessian, program.gradient, 0.0, is_convex=True)
+        self._rows.UpdateCoefficients(program.matrix, program.lower, program.upper)
+        self._bounds.UpdateLowerBound(program.u_lower)
+        self._bounds.UpdateUpperBound(program.u_upper)
         result = self._solver.Solve(self._program, None, self._options)
         if result.is_success():
             return result.get_x_val(), False
@@ -122,10 +130,9 @@ class DaqpPackage:
     def __init__(self, n: int, m: int):
         self._kinds = np.zeros(n + m, dtype=np.int32)
 
-    def __call__(
-        self, hessian: Array, gradient: Array, matrix: Array, lower: Array, upper: Array, u_lower: Array, u_upper: Array
-    ) -> tuple[Array | None, bool]:
+    def __call__(self, program: Coefficients) -> tuple[Array | None, bool]:
         """See `Solver`."""
+        hessian, gradient, matrix, lower, upper, u_lower, u_upper = program
         above = np.minimum(np.concatenate([u_upper, upper]), _DAQP_INFINITY)
         below = np.maximum(np.concatenate([u_lower, lower]), -_DAQP_INFINITY)
         kinds = np.where(above == below, np.int32(5), self._kinds)  # equalities
@@ -211,95 +218,74 @@ class QuadraticProgram:
             u_lower, u_upper: bounds of u, shape (n,); none when None.
             fallback: u when there is no solution: hold-and-brake, say. Shape (n,), returned as it is.
         """
-        lower = self._no_lower if lower is None else lower
-        u_lower = self._no_u_lower if u_lower is None else u_lower
-        u_upper = self._no_u_upper if u_upper is None else u_upper
-        if not _usable(hessian, gradient, matrix, lower, upper, u_lower, u_upper):
+        program = Coefficients(
+            hessian,
+            gradient,
+            matrix,
+            self._no_lower if lower is None else lower,
+            upper,
+            self._no_u_lower if u_lower is None else u_lower,
+            self._no_u_upper if u_upper is None else u_upper,
+        )
+        if not _usable(program):
             return Solution(fallback, Status.NOT_FINITE, 0.0)
-        bounds = (lower, upper, u_lower, u_upper)
-        u, infeasible = self._attempt(self._solver, hessian, gradient, matrix, *bounds)
+        u, infeasible = self._attempt(self._solver, program)
         if u is not None:
             return Solution(u, Status.OPTIMAL, 0.0)
-        why = Status.INFEASIBLE if infeasible else Status.SOLVER_FAILED
-        if self._slack_solver is None:
-            return Solution(fallback, why, 0.0)
-        return self._with_slack(self._slack_solver, hessian, gradient, matrix, bounds, fallback)
-
-    def _with_slack(
-        self,
-        solver: Solver,
-        hessian: Array,
-        gradient: Array,
-        matrix: Array,
-        bounds: tuple[Array, Array, Array, Array],
-        fallback: Array,
-    ) -> Solution:
-        lower, upper, u_lower, u_upper = bounds
-        n, k = self._n, len(self._soft)
-        wide = np.zeros((n + k, n + k))
-        wide[:n, :n] = hessian
-        wide[range(n, n + k), range(n, n + k)] = self._weight * (np.trace(hessian) / n)
-        free = np.full(k, np.inf)
-        answer, infeasible = self._attempt(
-            solver,
-            wide,
-            np.concatenate([gradient, np.zeros(k)]),
-            np.hstack([matrix, self._slack_columns]),
-            lower,
-            upper,
-            np.concatenate([u_lower, -free]),
-            np.concatenate([u_upper, free]),
-        )
-        if answer is None:
+        if self._slack_solver is not None:
+            u, infeasible = self._attempt(self._slack_solver, self._with_slack(program))
+        if u is None:
             return Solution(fallback, Status.INFEASIBLE if infeasible else Status.SOLVER_FAILED, 0.0)
-        u = answer[:n]
+        u = u[: self._n]
         reached = matrix[self._soft] @ u
-        slack = float(np.maximum(reached - upper[self._soft], lower[self._soft] - reached).max(initial=0.0))
-        return Solution(u, Status.SLACK, slack)
+        slack = np.maximum(reached - upper[self._soft], program.lower[self._soft] - reached)
+        return Solution(u, Status.SLACK, max(0.0, slack.max().item()))
 
-    def _attempt(
-        self,
-        solver: Solver,
-        hessian: Array,
-        gradient: Array,
-        matrix: Array,
-        lower: Array,
-        upper: Array,
-        u_lower: Array,
-        u_upper: Array,
-    ) -> tuple[Array | None, bool]:
+    def _with_slack(self, program: Coefficients) -> Coefficients:
+        """The program with one more variable s per soft row, E u - s, and its cost."""
+        n, k = self._n, len(self._soft)
+        hessian = np.zeros((n + k, n + k))
+        hessian[:n, :n] = program.hessian
+        hessian[range(n, n + k), range(n, n + k)] = self._weight * (np.trace(program.hessian) / n)
+        free = np.full(k, np.inf)
+        return program._replace(
+            hessian=hessian,
+            gradient=np.concatenate([program.gradient, np.zeros(k)]),
+            matrix=np.hstack([program.matrix, self._slack_columns]),
+            u_lower=np.concatenate([program.u_lower, -free]),
+            u_upper=np.concatenate([program.u_upper, free]),
+        )
+
+    def _attempt(self, solver: Solver, program: Coefficients) -> tuple[Array | None, bool]:
         """The solver's answer if it holds, and whether the program was found infeasible."""
         try:
-            u, infeasible = solver(hessian, gradient, matrix, lower, upper, u_lower, u_upper)
+            u, infeasible = solver(program)
         except Exception:  # a solver of Drake, of a package or of a test: whatever it raises, the tick goes on
             return None, False
-        if u is None or u.shape != gradient.shape:
+        if u is None or u.shape != program.gradient.shape:
             return None, infeasible
-        reached = matrix @ u
-        worst = max((reached - upper).max().item(), (u - u_upper).max().item(), (u_lower - u).max().item())
-        if lower is not self._no_lower:
-            worst = max(worst, (lower - reached).max().item())
-        if worst <= self._tolerance and np.isfinite(u).all():
+        reached = program.matrix @ u
+        worst = max((reached - program.upper).max(), (u - program.u_upper).max(), (program.u_lower - u).max())
+        if program.lower is not self._no_lower:
+            worst = max(worst, (program.lower - reached).max())
+        if (worst <= self._tolerance and np.isfinite(u).all()) or self._holds(program, u, reached):
             return u, False
-        return (u, False) if self._holds(u, reached, matrix, lower, upper, u_lower, u_upper) else (None, infeasible)
+        return None, infeasible
 
-    def _holds(
-        self, u: Array, reached: Array, matrix: Array, lower: Array, upper: Array, u_lower: Array, u_upper: Array
-    ) -> bool:
+    def _holds(self, program: Coefficients, u: Array, reached: Array) -> bool:
         """Whether u is finite and satisfies every row and bound, to the tolerance relative to its terms."""
         if not np.isfinite(u).all():
             return False
-        rows = self._tolerance * (1.0 + np.abs(matrix) @ np.abs(u))
+        rows = self._tolerance * (1.0 + np.abs(program.matrix) @ np.abs(u))
         bounds = self._tolerance * (1.0 + np.abs(u))
-        above = (reached <= upper + rows).all() and (u <= u_upper + bounds).all()
-        below = (reached >= lower - rows).all() and (u >= u_lower - bounds).all()
+        above = (reached <= program.upper + rows).all() and (u <= program.u_upper + bounds).all()
+        below = (reached >= program.lower - rows).all() and (u >= program.u_lower - bounds).all()
         return bool(above and below)
 
 
-def _usable(
-    hessian: Array, gradient: Array, matrix: Array, lower: Array, upper: Array, u_lower: Array, u_upper: Array
-) -> bool:
+def _usable(program: Coefficients) -> bool:
     """All coefficients finite, no bound NaN, none infinite on the wrong side."""
+    hessian, gradient, matrix, lower, upper, u_lower, u_upper = program
     # Added, because Python's min() and max() may lose a NaN; what infinity less infinity makes one is wrong as well.
     high, low = upper.min().item() + u_upper.min().item(), lower.max().item() + u_lower.max().item()
     finite = np.isfinite(hessian).all() and np.isfinite(gradient).all() and np.isfinite(matrix).all()

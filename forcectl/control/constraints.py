@@ -1,0 +1,298 @@
+"""Constraints of a robot that is commanded in joint accelerations u, as rows E u <= f, by invariance.
+
+A constraint is an output y <= 0 of relative degree r, and a row that says how u changes its r-th derivative:
+
+    r = 0    y   = row u + bias       (torque)             row u <= -bias
+    r = 1    y'  = row u + bias       (speed)              row u <= -y/Ts - bias
+    r = 2    y'' = row u + bias       (position)           row u <= a(y, y') - bias
+
+with a(y, y') the largest acceleration after which y <= 0 can still be kept with braking at gamma < 0, one tick ahead
+(`one_step_acceleration`). It is a row at every state: there is no active set to be found first. A row that is violated
+asks for the way back within |gamma| (3.57).
+
+Between ticks u is held, and y'' changes with the posture by at most |y'''| Ts. So a constraint whose rows were kept is
+violated by at most |y'''| Ts^3/6 (r = 2) or |y''| Ts^2/2 (r = 1): nothing for joint positions and speeds, which are
+integrated exactly, and less than a micrometre for a tool at 1 m/s and 2 ms. That bound does not add up: what one tick
+leaves is seen by the next, which for that may brake harder than gamma, up to twice.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, replace
+from typing import Any, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from forcectl.control.invariance_force_law import one_step_acceleration
+from forcectl.control.robot_motion import RobotMotion
+from forcectl.errors import BadInputError, invalid
+from forcectl.lanes import check, lane_values
+from forcectl.robot import JointLimits, unit_normal
+
+Vector = NDArray[np.float64]
+
+# What one evaluation gives: y, y' (read if r = 2 only), row, bias. Floats and a row of shape (n,), or k of each.
+Evaluation = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]
+
+
+@runtime_checkable
+class Constraint(Protocol):
+    """What a constraint has to offer, forcectl's or a user's own.
+
+        class Wall:
+            relative_degree = 2
+            def __init__(self, height: float): self.height = height
+            def evaluate(self, motion):
+                z, dz = motion.position[2], motion.velocity[5]
+                return self.height - z, -dz, -motion.jacobian[5], -motion.bias[5]
+
+    An attribute `gamma` (< 0, in units of y'') replaces the controller's default.
+    """
+
+    relative_degree: int
+
+    def evaluate(self, motion: RobotMotion) -> Evaluation:
+        """(y, y', row, bias) at this motion; y is not read if r = 0."""
+        ...
+
+
+class CartesianWall:
+    """A plane the tool centre point stays in front of.
+
+        y = -normal' (p - point) [m]
+
+    Args:
+        point: on the plane, (3,) [m]. normal: towards the free side, (3,). gamma: [m/s^2], < 0; None: the default.
+    """
+
+    relative_degree = 2
+
+    def __init__(self, point: ArrayLike, normal: ArrayLike, gamma: float | None = None):
+        self._point, self._normal = lane_values("point", point, 3), unit_normal(normal)
+        if gamma is not None:
+            self.gamma = gamma
+
+    def evaluate(self, motion: RobotMotion) -> Evaluation:
+        """See `Constraint`."""
+        n = self._normal
+        return (
+            -n @ (motion.position - self._point),
+            -n @ motion.velocity[3:],
+            -n @ motion.jacobian[3:],
+            -n @ motion.bias[3:],
+        )
+
+
+class ForceLimit:
+    """The contact force stays below a maximum, by the model and by the sensor, whichever is nearer.
+
+        y = max(-dx_bar - C_T_hat F_max, C_T_hat (F - F_max)) [m]
+
+    Args:
+        maximum: F_max [N], > 0. gamma: [m/s^2], < 0; None: the controller's.
+    """
+
+    relative_degree = 2
+
+    def __init__(self, maximum: float, gamma: float | None = None):
+        self._maximum = check("maximum_force", maximum, "positive")
+        if gamma is not None:
+            self.gamma = gamma
+
+    def evaluate(self, motion: RobotMotion) -> Evaluation:
+        """See `Constraint`."""
+        contact, maximum = motion.contact, self._maximum
+        n = contact.normal
+        by_model = -contact.displacement - contact.compliance * maximum
+        by_sensor = contact.compliance * (contact.measured_force - maximum)
+        return max(by_model, by_sensor), -n @ motion.velocity[3:], -n @ motion.jacobian[3:], -n @ motion.bias[3:]
+
+
+class JointTorqueLimit:
+    """The torque of the commanded motion stays within limits, by the model: |M u + h| <= limit.
+
+    Args:
+        limit: joint side, (n,) [Nm].
+    """
+
+    relative_degree = 0
+
+    def __init__(self, limit: Vector):
+        self._joints = np.flatnonzero(np.isfinite(limit))
+        self._limit = limit[self._joints]
+
+    def evaluate(self, motion: RobotMotion) -> Evaluation:
+        """See `Constraint`."""
+        M, h = motion.inertia[self._joints], motion.load[self._joints]
+        return np.zeros(2 * len(h)), 0.0, np.vstack([M, -M]), np.concatenate([h - self._limit, -h - self._limit])
+
+
+def bounded_acceleration(y: Vector, rate: Vector, gamma: Vector, period: float) -> Vector:
+    """The bound a(y, y') of y'' for constraints of relative degree 2, without a limit on how fast they are approached.
+
+    Args:
+        y: constraint outputs, (k,). rate: y'. gamma: braking, < 0. period: tick Ts [s].
+
+    Returns:
+        at least gamma where the constraint holds and can be kept with gamma; down to 2 gamma where it could not, which
+        is what the curvature of one tick leaves; within +-gamma where it is violated.
+    """
+    bound: Vector = one_step_acceleration(y, rate, gamma, np.where(y > 0.0, -gamma, np.inf), period)
+    late = (bound <= gamma) & (y <= 0.0)
+    if late.any():
+        # The larger root a of Phi(y + Ts y' + Ts^2 a/2, y' + Ts a) = 0, or rest if that comes first.
+        half = rate / period - 0.5 * gamma
+        square = half**2 - (rate**2 - 2.0 * gamma * (y + period * rate)) / period**2
+        root = -half + np.sqrt(np.maximum(square, 0.0))
+        needed = np.where(square >= 0.0, root, 2.0 * gamma)
+        bound = np.where(late, np.maximum(np.minimum(needed, gamma), 2.0 * gamma), bound)
+    return bound
+
+
+def checked_limits(limits: JointLimits, start: RobotMotion) -> JointLimits:
+    """Joint limits that a controller can keep: every acceleration finite, 20 rad/s^2 where the robot names none.
+
+    Raises:
+        BadInputError: limits that contradict each other or the start posture.
+    """
+    q, n = start.q, len(start.q)
+    for name in ("position_lower", "position_upper", "velocity", "acceleration", "torque"):
+        value = getattr(limits, name)
+        if np.shape(value) != (n,) or np.isnan(value).any():
+            raise invalid(f"limits.{name}", np.asarray(value).tolist(), f"{n} numbers")
+    for name in ("velocity", "acceleration", "torque"):
+        if not (getattr(limits, name) > 0).all():
+            raise invalid(f"limits.{name}", getattr(limits, name).tolist(), "above zero")
+    if not (limits.position_lower < limits.position_upper).all():
+        upper = limits.position_upper.tolist()
+        raise invalid("limits.position_lower", limits.position_lower.tolist(), f"below position_upper = {upper}")
+    if not ((limits.position_lower <= q) & (q <= limits.position_upper)).all():
+        raise BadInputError(f"limits: the start posture {np.round(q, 4).tolist()} rad is outside the position limits")
+    if not (np.abs(start.load) < limits.torque).all():
+        load = np.round(start.load, 1).tolist()
+        raise invalid("limits.torque", limits.torque.tolist(), f"enough to hold the start posture, {load} Nm")
+    acceleration = np.where(np.isfinite(limits.acceleration), limits.acceleration, 20.0)
+    return replace(limits, acceleration=acceleration)
+
+
+@dataclass(frozen=True)
+class Rows:
+    """What the constraints ask for at one tick: E u <= f, lower <= u <= upper.
+
+    matrix: E, (m, n). limit: f, (m,). direct: how many rows, at the beginning, are of relative degree 0.
+    lower, upper: (n,) [rad/s^2]. violation: the largest y above zero, of relative degree 1 and 2.
+    """
+
+    matrix: Vector
+    limit: Vector
+    direct: int
+    lower: Vector
+    upper: Vector
+    violation: float
+
+
+class ConstraintSet:
+    """Joint limits, as bounds of u, and further constraints, as rows; evaluated together.
+
+    Joint positions (r = 2) are kept with half of the acceleration limit, so that braking and the way back are always
+    possible; then there are speeds (r = 1) and accelerations (r = 0).
+
+    Args:
+        constraints: any number. limits: of the joints, see `checked_limits`. start: motion to try the constraints on.
+        period: tick Ts [s]. gamma: of constraints without their own, < 0.
+
+    Raises:
+        BadInputError: a constraint that does not keep to the protocol or is violated at the start.
+    """
+
+    _FAR = 1e6  # [rad] stands for no position limit
+
+    def __init__(
+        self, constraints: Sequence[Constraint], limits: JointLimits, start: RobotMotion, period: float, gamma: float
+    ):
+        self._n, self._period = len(start.q), check("period", period, "positive")
+        found = [(c, *_try(c, start, gamma)) for c in constraints]
+        found.sort(key=lambda item: item[0].relative_degree)
+        self._parts: list[tuple[Constraint, slice]] = []
+        row = 0
+        for constraint, rows, _ in found:
+            self._parts.append((constraint, slice(row, row + rows)))
+            row += rows
+        self.size = row
+        degrees = [c.relative_degree for c, rows, _ in found for _ in range(rows)]
+        self._first, self._second = degrees.count(0), degrees.count(0) + degrees.count(1)
+        self._room, self._velocity = limits.acceleration, limits.velocity
+        self._outer = np.minimum(np.concatenate([limits.position_upper, -limits.position_lower]), self._FAR)
+        own = [g for _, rows, g in found for _ in range(rows)][self._second :]
+        # Joint positions come last, upper limits first.
+        self._gamma = np.concatenate([own, -0.5 * self._room, -0.5 * self._room])
+
+    def rows(self, motion: RobotMotion) -> Rows:
+        """The rows and bounds at this tick; those of a constraint that raises are not a number."""
+        m, n, first, second, Ts = self.size, self._n, self._first, self._second, self._period
+        q, v, room = motion.q, motion.v, self._room
+        matrix, values = np.empty((m, n)), np.empty((3, m + 2 * n))
+        for constraint, place in self._parts:
+            try:
+                values[0, place], values[1, place], matrix[place], values[2, place] = constraint.evaluate(motion)
+            except Exception:  # a user's constraint: whatever it raises, the tick goes on
+                values[:, place] = np.nan
+        y, rate, bias = values
+        y[m : m + n], y[m + n :] = q, -q
+        y[m:] -= self._outer
+        rate[m : m + n], rate[m + n :] = v, -v
+        bound = bounded_acceleration(y[second:], rate[second:], self._gamma, Ts)
+        limit = -bias[:m]
+        limit[first:second] -= y[first:second] / Ts
+        limit[second:] += bound[: m - second]
+        upper = np.minimum(bound[m - second : m - second + n], (self._velocity - v) / Ts)
+        lower = np.maximum(-bound[m - second + n :], (-self._velocity - v) / Ts)
+        speed = (np.abs(v) - self._velocity).max().item()
+        # fmax: one constraint that is no number does not hide the others.
+        violation = max(0.0, speed, np.fmax.reduce(y[first:]).item())
+        upper, lower = np.maximum(np.minimum(upper, room), -room), np.maximum(np.minimum(lower, room), -room)
+        return Rows(matrix, limit, first, lower, upper, violation)
+
+    def brake(self, v: Vector, rows: Rows) -> Vector:
+        """u that brings all joints to rest together, the slowest with half of its acceleration limit (n,) [rad/s^2].
+
+        The path is kept; only where it would pass a position limit a joint brakes by itself.
+
+        Args:
+            v: joint speeds [rad/s].
+        """
+        time = max((np.abs(v) / self._room).max().item() * 2.0, self._period)
+        braking: Vector = np.minimum(np.maximum(v / -time, rows.lower), rows.upper)
+        return braking
+
+
+def _try(constraint: Any, start: RobotMotion, gamma: float) -> tuple[int, float]:
+    """Number of rows and gamma of a constraint."""
+    name, n = type(constraint).__name__, len(start.q)
+    if not isinstance(constraint, Constraint):
+        raise BadInputError(f"constraint {name} lacks relative_degree or evaluate(motion)")
+    if constraint.relative_degree not in (0, 1, 2):
+        raise invalid(f"relative_degree of constraint {name}", constraint.relative_degree, "0, 1 or 2")
+    own = getattr(constraint, "gamma", gamma)
+    if not check(f"gamma of constraint {name}", own) < 0:
+        raise invalid(f"gamma of constraint {name}", own, "below zero")
+    wanted = f"(y, y', row, bias): numbers and a row of shape ({n},), or k of each"
+    try:
+        y, rate, row, bias = constraint.evaluate(start)
+        row = np.asarray(row, dtype=float)
+        rows = 1 if row.ndim == 1 else len(row)
+        together = [np.broadcast_to(np.asarray(part, dtype=float), rows) for part in (y, rate, bias)]
+    except BadInputError:
+        raise
+    except Exception as error:  # whatever a user's constraint does
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise BadInputError(f"constraint {name}: evaluate must return {wanted}, but: {reason}") from error
+    if row.shape not in ((n,), (rows, n)) or rows < 1:
+        raise BadInputError(f"constraint {name}: evaluate returned a row of shape {row.shape}: must return {wanted}")
+    if not (np.isfinite(row).all() and all(np.isfinite(part).all() for part in together)):
+        raise BadInputError(f"constraint {name}: is not finite in the start posture")
+    if constraint.relative_degree > 0 and together[0].max() > 0:
+        raise BadInputError(f"constraint {name}: is violated in the start posture, by {together[0].max():.3g}")
+    return rows, float(own)

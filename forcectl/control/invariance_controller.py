@@ -1,0 +1,343 @@
+"""Invariance force control of a robot in joint accelerations, with constraints: the QP (3.53)*.
+
+    y = -dx_bar - C_T_hat F_bar <= 0,    y'' = -n'(J u + J'q')                                       (3.50)*
+    min |y'' - ybar''|^2 + |J_uc u + J_uc' q' - (xbar_uc'' + K_D e' + K_P e)|^2    s.t.   E u <= f    (3.51), (3.53)*
+    q[k+1] = q[k] + Ts q'[k] + Ts^2 u/2,    q'[k+1] = q'[k] + Ts u
+
+with q the commanded joint positions, x = x(q), and ybar'' the acceleration of the scalar law (`regulate_force`). With a
+nominal gain, instead, the integral law proposes u_nom, and min |u - u_nom|^2 is corrected by the same rows (3.18).
+Further regulated outputs have a y, a ybar'' and a row of their own (3.37).
+
+The rows are, soft ones first: y'' <= ybar'' for every regulated output; then, hard, the maximum force, joint torques
+and whatever constraints there are. Joint positions, speeds and accelerations bound u. When they contradict each other
+the regulated outputs give way; then, or when there is nothing to solve, the joints brake together and hold.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from scipy.linalg.lapack import dsyev
+
+from forcectl.cache import BlockCache
+from forcectl.control.constraints import (
+    Constraint,
+    ConstraintSet,
+    ForceLimit,
+    JointTorqueLimit,
+    Rows,
+    checked_limits,
+)
+from forcectl.control.force_law import RobotFacts
+from forcectl.control.quadratic_program import QuadraticProgram, Solution, SolverFactory, Status, fastest
+from forcectl.control.regulated_output import Course, Regulated, RegulatedCoordinate, corrected, regulate_force
+from forcectl.control.robot_motion import Contact, RobotMotion, StraightMotion, turn
+from forcectl.errors import BadInputError, invalid
+from forcectl.lanes import check
+from forcectl.robot import JointLimits
+
+Vector = NDArray[np.float64]
+
+_SLACK_WEIGHT = 1e6  # of regulated outputs: what slack costs beside the objective
+_DAMPING = 0.05  # lambda_max of the damped inverse [m], as in the kinematic inversion
+_REDUNDANT = 1e-4  # weight of rest for joints that the task leaves free
+_CONTACT_FORCE = 0.5  # [N] contact is there above, and lost below half of it
+_ROUNDING = 1e-12  # violations below are none
+
+# What is put out besides the command, with units.
+_DIAGNOSTICS = {
+    "displacement_command": "m",
+    "invariance_function": "m",
+    "status": "1",
+    "active_constraints": "1",
+    "slack": "m/s^2",
+    "constraint_violation": "",
+    "near_singular": "1",
+    "contact_lost": "1",
+}
+
+
+class InvarianceController(LeafSystem):
+    """Invariance controller of a robot.
+
+    ```
+    name: InvarianceController
+    input_ports: [desired_force, measured_force, motor_position, motor_velocity, unconstrained_reference,
+      compliance (optional)]
+    output_ports: [joint_position_command, displacement_command, invariance_function, status, active_constraints, slack,
+      constraint_violation, near_singular, contact_lost]
+    ```
+
+    desired_force: shape (1,) [N]. measured_force: shape (1,) [N], read by the maximum force and the nominal law.
+    motor_position, motor_velocity: shape (n_q,) [rad, rad/s]; not read, the command is taken for the motion.
+    unconstrained_reference: shape (n_q,), joint motion in the unconstrained directions from the start posture [rad].
+    compliance: shape (1,), C_T_hat [m/N]; the port exists when no `compliance` is given.
+    joint_position_command: shape (n_q,), q_bar [rad]; its speed changes within the acceleration limits, always.
+    displacement_command: shape (1,), the part dx_bar of it along n [m].
+    invariance_function: shape (1,), Phi(y, y') [m] before the tick: above zero while y <= 0 cannot be kept with gamma.
+    status: shape (1,), `Status` [1]; from INFEASIBLE on the joints brake and hold.
+    active_constraints: shape (1,), rows and bounds that hold with equality [1]. slack: shape (1,) [m/s^2].
+    constraint_violation: shape (1,), largest violation among maximum force [m], joint limits [rad, rad/s], torques [Nm]
+    and the constraints [their units] before the tick; 0 for none. A step of the desired force is no violation.
+    near_singular: shape (1,), 1 while the inverse is damped [1].
+    contact_lost: shape (1,), 1 while the force is gone though the command presses; it goes no deeper than before [1].
+
+    Every output is feedthrough of desired_force, measured_force, unconstrained_reference and compliance at the tick.
+
+    Sampling: `period` [s]; no delay, see `SampledLaw`: what the tick computes is put out at once and held.
+
+    Args:
+        robot: kinematics, normal and start. compliance: C_T_hat [m/N] > 0, or None for the input port.
+        gamma: of the force [m/s^2], < 0. upper_acceleration: largest away from rest [m/s^2], > 0; None: -gamma.
+        maximum_force: [N], > 0, by the model and by the sensor. nominal_gain: K_I [1/s] of the law to be corrected;
+            None: the law of (3.53).
+        limits: of the joints; None: the robot's. constraints: further ones. constraint_gamma: of those without their
+            own [m/s^2], < 0. outputs: regulated beside the force. tracking_bandwidth: w [1/s], K_P = w^2, K_D = 2 w.
+        solver: of the quadratic program.
+
+    Raises:
+        BadInputError: values out of range, or that contradict each other or the start posture.
+    """
+
+    port_units = _DIAGNOSTICS
+
+    def __init__(
+        self,
+        robot: RobotFacts,
+        *,
+        compliance: float | None,
+        gamma: float = -0.1,
+        upper_acceleration: float | None = None,
+        maximum_force: float = math.inf,
+        nominal_gain: float | None = None,
+        limits: JointLimits | None = None,
+        constraints: Sequence[Constraint] = (),
+        constraint_gamma: float = -1.0,
+        outputs: Sequence[RegulatedCoordinate] = (),
+        tracking_bandwidth: float = 30.0,
+        period: float = 0.002,
+        solver: SolverFactory = fastest,
+    ):
+        super().__init__()
+        self.sample_delay = {("desired_force", "joint_position_command"): 0.0}
+        self._facts, self._n = robot, robot.model.num_joints
+        self._period = check("period", period, "positive")
+        self._gamma = check_gamma("gamma", gamma)
+        self._upper = (
+            -gamma if upper_acceleration is None else check("upper_acceleration", upper_acceleration, "positive")
+        )
+        if not maximum_force > 0:
+            raise invalid("maximum_force", maximum_force, "above zero")
+        self._maximum_force = maximum_force
+        self._nominal_gain = None if nominal_gain is None else check("nominal_gain", nominal_gain, "positive")
+        self._known_compliance = math.nan if compliance is None else check("compliance", compliance, "positive")
+        self._bandwidth = check("tracking_bandwidth", tracking_bandwidth, "positive")
+
+        self._origin = RobotMotion(robot.model, robot.model.create_context(), robot.start, np.zeros(self._n))
+        self._origin.contact = Contact(robot.n, 0.0, 1.0, 0.0)
+        limits = checked_limits(robot.model.limits if limits is None else limits, self._origin)
+        everything: list[Constraint] = [JointTorqueLimit(limits.torque)] if np.isfinite(limits.torque).any() else []
+        if maximum_force < math.inf:
+            everything.append(ForceLimit(maximum_force, self._gamma))
+        everything += constraints
+        constraint_gamma = check_gamma("constraint_gamma", constraint_gamma)
+        self._constraints = ConstraintSet(everything, limits, self._origin, self._period, constraint_gamma)
+
+        self._outputs = tuple(outputs)
+        self._axes = np.vstack([robot.n, *(output.axis for output in outputs)])
+        if not np.allclose(self._axes @ self._axes.T, np.eye(len(self._axes)), atol=1e-6):
+            raise BadInputError("outputs: their axes must be perpendicular to the normal and to each other")
+        self._gammas = [self._gamma, *(check_gamma("outputs.gamma", output.gamma) for output in outputs)]
+        self._across = np.eye(3) - self._axes.T @ self._axes
+        # y'' of the force is -x'' along n, that of a coordinate is x'' along its axis.
+        self._signs = np.array([-1.0] + [1.0] * len(outputs))
+        self._signed_axes = self._signs[:, None] * self._axes
+
+        weights = np.full(len(self._axes) + self._constraints.size, np.inf)
+        weights[: len(self._axes)] = _SLACK_WEIGHT
+        self._program = QuadraticProgram(self._n, len(weights), slack_weight=weights, solver=solver)
+        self._declare()
+
+    def _declare(self) -> None:
+        n = self._n
+        self._desired = self.DeclareVectorInputPort("desired_force", 1)
+        self._measured = self.DeclareVectorInputPort("measured_force", 1)
+        self.DeclareVectorInputPort("motor_position", n)
+        self.DeclareVectorInputPort("motor_velocity", n)
+        self._reference = self.DeclareVectorInputPort("unconstrained_reference", n)
+        inputs = [self._desired, self._measured, self._reference]
+        self._compliance = None
+        if math.isnan(self._known_compliance):
+            self._compliance = self.DeclareVectorInputPort("compliance", 1)
+            inputs.append(self._compliance)
+        # The tick this belongs to, q, q', the last two references, the course of the force, whether there was contact,
+        # and the diagnostics.
+        further = 3 * n + len(Course._fields) + 1 + len(_DIAGNOSTICS)
+        memory = np.concatenate([[-1.0], self._facts.start, np.zeros(further)])
+        self._memory = self.DeclareDiscreteState(memory)
+        model = self._facts.model
+        # Places to work in, overwritten at every use; each context has its own.
+        self._scratch = [
+            BlockCache(
+                self, name, lambda: AbstractValue.Make(model.create_context()), _nothing, {self.nothing_ticket()}
+            )
+            for name in ("commanded posture", "reference posture")
+        ]
+        reads = {port.ticket() for port in inputs} | {self.time_ticket(), self.discrete_state_ticket(self._memory)}
+        self._now = BlockCache(
+            self,
+            "values of this tick",
+            lambda: Value[object](()),
+            lambda block, context, value: value.set_value(block._compute(context)),
+            reads,
+        )
+        self._show("joint_position_command", slice(1, 1 + n))
+        for i, name in enumerate(_DIAGNOSTICS, start=len(memory) - len(_DIAGNOSTICS)):
+            self._show(name, slice(i, i + 1))
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._period, offset_sec=0.0, update=self._hold)
+
+    def _show(self, name: str, place: slice) -> None:
+        now = self._now
+
+        def show(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(now.Eval(context)[place])
+
+        self.DeclareVectorOutputPort(name, place.stop - place.start, show, prerequisites_of_calc={now.ticket()})
+
+    def _hold(self, context: Context, next_state: DiscreteValues) -> None:
+        next_state.set_value(self._memory, self._now.Eval(context))
+
+    def _compute(self, context: Context) -> Vector:
+        memory: Vector = context.get_discrete_state(self._memory).value()
+        # The small shift keeps an instant k * period, rounded down, in its own tick.
+        tick = (context.get_time() + 1e-9) // self._period
+        return memory if memory.item(0) == tick else self._step(context, memory, tick)
+
+    def _motion(self, context: Context, place: int, q: Vector, v: Vector) -> RobotMotion:
+        if self._facts.straight:
+            return StraightMotion(self._origin, q, v)
+        return RobotMotion(self._facts.model, self._scratch[place].Eval(context), q, v)
+
+    def _step(self, context: Context, memory: Vector, tick: float) -> Vector:
+        """The memory after a tick."""
+        n, Ts = self._n, self._period
+        q, v, last, before = memory[1 : 1 + 4 * n].reshape(4, n)
+        *course, touched = memory[1 + 4 * n : 5 + 4 * n].tolist()
+        past = Course(*course)
+        desired, measured = self._desired.Eval(context).item(), self._measured.Eval(context).item()
+        compliance = self._known_compliance if self._compliance is None else self._compliance.Eval(context).item()
+        reference = self._reference.Eval(context)
+        if memory.item(0) < 0:
+            last = before = reference
+        good = math.isfinite(desired + measured) and 0.0 < compliance < math.inf
+        if not np.isfinite(reference).all():
+            good, reference = False, last
+
+        motion = self._motion(context, 0, q, v)
+        x = (self._axes @ (motion.position - self._origin.position)).tolist()
+        rates = (self._axes @ motion.velocity[3:]).tolist()
+        motion.contact = Contact(self._facts.n, x[0], compliance, measured)
+        rows = self._constraints.rows(motion)
+        solution, violation = Solution(self._constraints.brake(v, rows), Status.NOT_FINITE, 0.0), rows.violation
+        active = near = lost = 0.0
+        phi = memory.item(-len(_DIAGNOSTICS) + 1)
+        if good:
+            desired = min(desired, self._maximum_force)
+            force, past = regulate_force(x[0], rates[0], desired, compliance, past, self._gamma, self._upper, Ts)
+            outputs = [force]
+            for output, xi, rate in zip(self._outputs, x[1:], rates[1:], strict=True):
+                outputs.append(output.regulate(xi, rate, Ts))
+            if self._nominal_gain is not None:
+                outputs = self._nominal(self._nominal_gain, outputs, compliance * (measured - desired))
+            wanted = self._wanted(context, motion, (reference, last, before), outputs)
+            solution, active, near, direct = self._solve(motion, rows, wanted, outputs, solution.u)
+            violation = max(violation, direct)
+            phi = force.y - 0.5 * max(force.rate, 0.0) ** 2 / self._gamma
+            pressing = -x[0] > _CONTACT_FORCE * compliance
+            touched = float(pressing and (touched > 0 or measured > _CONTACT_FORCE))
+            lost = float(touched > 0 and measured < 0.5 * _CONTACT_FORCE)
+        else:
+            past = Course(past.desired, 0.0, 0.0)
+
+        u = solution.u
+        bent = (self._facts.n @ (motion.jacobian[3:] @ u + motion.bias[3:])).item()
+        violation = violation if violation > _ROUNDING else 0.0
+        command = x[0] + Ts * rates[0] + 0.5 * Ts**2 * bent
+        shown = [command, phi, float(solution.status), active, solution.slack, violation, near, lost]
+        position, velocity = q + Ts * v + 0.5 * Ts**2 * u, v + Ts * u
+        return np.concatenate([[tick], position, velocity, reference, last, past, [touched], shown])
+
+    def _nominal(self, gain: float, outputs: list[Regulated], force_error: float) -> list[Regulated]:
+        """The same outputs with the accelerations of the integral law; `force_error`: C_T_hat (F - F_bar) [m]."""
+        errors = [force_error, *(output.y for output in outputs[1:])]
+        return [
+            corrected(output, (-gain * error - output.rate) / self._period, gamma, self._period)
+            for output, error, gamma in zip(outputs, errors, self._gammas, strict=True)
+        ]
+
+    def _wanted(
+        self, context: Context, motion: RobotMotion, references: tuple[Vector, Vector, Vector], outputs: list[Regulated]
+    ) -> Vector:
+        """The spatial acceleration x'' that the terms of the objective ask for together (6,)."""
+        now, last, before = references
+        Ts, w = self._period, self._bandwidth
+        # Where q[k] should be is the reference of one tick ago; with the one of now, differences about it are central.
+        rate, bend = (now - before) / (2 * Ts), (now - 2 * last + before) / Ts**2
+        path = self._motion(context, 1, self._facts.start + last, rate)
+        error = np.concatenate([turn(motion.rotation, path.rotation), path.position - motion.position])
+        wanted = w * w * error - 2 * w * motion.velocity
+        if rate.any() or bend.any():
+            wanted += 2 * w * path.velocity + path.bias + path.jacobian @ bend
+        wanted[3:] = self._across @ wanted[3:] + np.array([output.wish for output in outputs]) @ self._signed_axes
+        return wanted
+
+    def _solve(
+        self, motion: RobotMotion, rows: Rows, wanted: Vector, outputs: list[Regulated], brake: Vector
+    ) -> tuple[Solution, float, float, float]:
+        """The solution, how many rows and bounds are active, whether J is damped, and the violation of direct rows."""
+        k, J = len(outputs), motion.jacobian
+        matrix = np.concatenate([self._signed_axes @ J[3:], rows.matrix])
+        limits = [output.bound for output in outputs] - self._signed_axes @ motion.bias[3:]
+        limit = np.concatenate([limits, rows.limit])
+
+        hessian, gradient = J.T @ J, J.T @ (motion.bias - wanted)
+        damping = self._damping(hessian)
+        if damping > 0:  # towards rest
+            hessian += damping * np.eye(self._n)
+            gradient += damping * 2 * self._bandwidth * motion.v
+        if self._nominal_gain is not None:
+            gradient = np.linalg.solve(hessian, gradient)
+            hessian = np.eye(self._n)
+        solution = self._program.solve(
+            hessian, gradient, matrix, limit, u_lower=rows.lower, u_upper=rows.upper, fallback=brake
+        )
+        u = solution.u
+        beyond = matrix @ u - limit
+        active = np.count_nonzero(beyond > -1e-9) + np.count_nonzero((u >= rows.upper) | (u <= rows.lower))
+        direct = beyond[k : k + rows.direct].max(initial=0.0).item()
+        return solution, float(active), float(damping > _REDUNDANT), direct
+
+    def _damping(self, hessian: Vector) -> float:
+        """lambda^2 of the damped inverse, from the smallest singular value of J that the task needs."""
+        free = max(0, self._n - 6)
+        smallest = dsyev(hessian, compute_v=0)[0].item(free)  # LAPACK itself: a third of the time of numpy's wrapper
+        limit = 1.0 / self._facts.singularity_limit**2
+        damping = _DAMPING**2 * (1.0 - max(smallest, 0.0) / limit) if smallest < limit else 0.0
+        return max(damping, _REDUNDANT if free else 0.0)
+
+
+def check_gamma(name: str, gamma: float) -> float:
+    """A braking deceleration [m/s^2] below zero, else BadInputError."""
+    if not check(name, gamma) < 0:
+        raise invalid(name, gamma, "below zero")
+    return gamma
+
+
+def _nothing(block: Any, context: Context, value: AbstractValue) -> None:
+    """Computes nothing: the value is a place to work in."""

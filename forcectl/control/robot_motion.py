@@ -1,0 +1,117 @@
+"""What a controller in joint accelerations knows of the motion (q, q') it commands: pose, J, J'q', and M on demand.
+
+    x' = J q',    x'' = J u + J'q',    u = q''
+
+Computed once per tick and handed to every constraint.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context
+
+from forcectl.robot import RobotModel
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Contact:
+    """What is known of the contact at one tick.
+
+    normal: n in W, (3,). displacement: dx_bar along n [m], into the surface when negative. compliance: C_T_hat [m/N].
+    measured_force: [N].
+    """
+
+    normal: Vector
+    displacement: float
+    compliance: float
+    measured_force: float
+
+
+class RobotMotion:
+    """The commanded motion at one tick; spatial vectors are [rotation; translation] in W.
+
+    Attributes:
+        q, v: joint positions and speeds, (n,) [rad, rad/s].
+        position, rotation: of the TCP, (3,) [m] and (3, 3).
+        contact: filled in by the controller.
+    """
+
+    q: Vector
+    v: Vector
+    position: Vector
+    rotation: Vector
+    contact: Contact
+
+    def __init__(self, robot: RobotModel, context: Context, q: Vector, v: Vector):
+        """`context`: of `robot.plant`, overwritten; must stay in this posture while the motion is in use."""
+        self._robot, self._context = robot, context
+        self.q, self.v = q, v
+        robot.set_positions(context, q)
+        robot.set_velocities(context, v)
+        X_WT = robot.pose(context)
+        self.position, self.rotation = X_WT.translation(), X_WT.rotation().matrix()
+
+    @cached_property
+    def jacobian(self) -> Vector:
+        """J_WT, (6, n) [1; m]."""
+        return self._robot.jacobian(self._context)
+
+    @cached_property
+    def velocity(self) -> Vector:
+        """J v, (6,) [rad/s; m/s]."""
+        velocity: Vector = self.jacobian @ self.v
+        return velocity
+
+    @cached_property
+    def bias(self) -> Vector:
+        """J'v, (6,) [rad/s^2; m/s^2]."""
+        return self._robot.bias_acceleration(self._context)
+
+    @cached_property
+    def inertia(self) -> Vector:
+        """M(q) with the rotors' share, joint side, (n, n) [kg m2]."""
+        return self._robot.mass_matrix(self._context) + self._robot.motor_inertia
+
+    @cached_property
+    def load(self) -> Vector:
+        """c(q, v) + g(q): joint torque of the motion at u = 0, (n,) [Nm]."""
+        return self._robot.load_torque(self._context)
+
+
+class StraightMotion(RobotMotion):
+    """The same about one posture q_0, with the Jacobian of that posture: what the one-dimensional station is made of.
+
+    Args:
+        origin: the motion at rest in q_0.
+    """
+
+    def __init__(self, origin: RobotMotion, q: Vector, v: Vector):
+        self._robot, self._context = origin._robot, origin._context
+        self.q, self.v = q, v
+        self.jacobian, self.bias = origin.jacobian, origin.bias
+        moved = origin.jacobian @ (q - origin.q)
+        self.position = origin.position + moved[3:]
+        x, y, z = moved[:3]
+        # Rotation to first order: what `turn` reads off it is the difference of the rotation vectors.
+        self.rotation = (np.eye(3) + np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])) @ origin.rotation
+
+
+def turn(from_: Vector, to: Vector) -> Vector:
+    """Rotation vector from one orientation to another, exact for small angles and of the right sign below pi.
+
+    Args:
+        from_, to: rotation matrices (3, 3).
+
+    Returns:
+        sin(angle) * axis in W, (3,) [rad].
+    """
+    R = to @ from_.T
+    vector: Vector = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
+    vector *= 0.5
+    return vector

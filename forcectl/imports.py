@@ -1,0 +1,42 @@
+"""Objects of the user's, named by their import path."""
+
+from __future__ import annotations
+
+import importlib
+import sys
+from pathlib import Path
+from typing import Any
+
+from forcectl.errors import BadInputError, invalid, unknown
+
+
+def import_object(path: str, field_name: str = "path") -> Any:
+    """The object behind "package.module:name"; modules in the working directory are found too.
+
+    Raises:
+        BadInputError: the path has another form, or the module or the name in it does not exist.
+    """
+    module_name, colon, name = path.partition(":")
+    if not (colon and name.isidentifier() and all(part.isidentifier() for part in module_name.split("."))):
+        raise invalid(field_name, path, 'an import path such as "package.module:Name"')
+    here = str(Path.cwd())
+    added = here not in sys.path
+    if added:  # an installed command does not look into the working directory by itself
+        sys.path.append(here)
+    try:
+        module = importlib.import_module(module_name)
+    except Exception as error:  # whatever the user's module does while it is imported
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise BadInputError(f"{field_name} = {path!r}: must be importable, but: {reason}") from error
+    finally:
+        if added:
+            sys.path.remove(here)
+    if not hasattr(module, name):
+        raise BadInputError(
+            f"{field_name} = {path!r}: " + str(unknown(f"name in {module_name}", name, _public(module)))
+        )
+    return getattr(module, name)
+
+
+def _public(module: object) -> list[str]:
+    return [name for name in vars(module) if not name.startswith("_")]
