@@ -258,3 +258,14 @@ def test_a_run_cut_short_is_judged_by_the_part_of_the_motion_that_it_has():
     t = DT * np.arange(2501)
     values = m.metrics_of(signals(t, np.full_like(t, 10.0), 10.0 + 0.2 * (t > 4.5)), motion=(4.0, 9.0))
     assert values["mean_force_in_motion_N"] == pytest.approx(10.1, abs=1e-3)
+
+
+def test_distance_of_two_forces_until_a_share_of_the_step():
+    time = np.arange(0.0, 1.0, 0.01)
+    desired, other = np.full_like(time, 10.0), 10.0 * time
+    force = other + np.where(time < 0.5, 0.2, np.where(time < 0.7, -0.4, 3.0))
+    (step,) = m.find_steps(time, desired)
+    assert m.force_distance(time, force, other, step, 0.3) == pytest.approx(0.2)
+    assert m.force_distance(time, force, other, step, 0.6) == pytest.approx(0.4)
+    assert m.force_distance(time, force, other, step, 0.9) == pytest.approx(3.0)
+    assert m.force_distance(time, force, other, step, 1.0) is None

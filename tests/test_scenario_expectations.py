@@ -7,7 +7,7 @@ import json
 import pytest
 
 from forcectl.errors import BadInputError
-from forcectl.simulation.expectations import Expectation, Term, Tolerance, judge
+from forcectl.simulation.expectations import Expectation, Other, Term, Tolerance, judge
 
 METRICS = {
     "a": {"overshoot_pct": 4.0, "rise_time_s": 1.0, "settling_time_2pct_s": None},
@@ -104,3 +104,28 @@ def test_wrong_expectations(fields, message):
     with pytest.raises(BadInputError) as caught:
         Expectation(target="t", **fields)
     assert message in str(caught.value)
+
+
+def test_distance_from_another_variant():
+    def distance(variant, other, share):
+        return {("a", "b", 0.6): 0.2, ("b", "a", 1.0): None}[variant, other, share]
+
+    near = Expectation(
+        target="t", metric="force_distance_N", variant="a", distance_to=Other(variant="b", until_pct=60), maximum=0.3
+    )
+    assert near.variants(NAMES) == {"variant": "a", "distance_to.variant": "b"}
+    judged = judge(near, METRICS, NAMES, "Kinematic", distance)
+    assert (judged.ours, judged.passed) == (0.2, True)
+    undefined = Expectation(
+        target="t", metric="force_distance_N", variant="b", distance_to=Other(variant="a"), maximum=0.3
+    )
+    assert judge(undefined, METRICS, NAMES, "Kinematic", distance).passed is False
+
+
+def test_distance_needs_the_other_variant_and_the_other_way_round():
+    with pytest.raises(BadInputError, match="distance_to"):
+        Expectation(target="t", metric="force_distance_N", maximum=0.3)
+    with pytest.raises(BadInputError, match="distance_to"):
+        Expectation(target="t", metric="overshoot_pct", distance_to=Other(variant="a"), maximum=0.3)
+    with pytest.raises(BadInputError, match="until_pct"):
+        Other(variant="a", until_pct=101.0)

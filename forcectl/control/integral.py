@@ -157,18 +157,21 @@ class IntegralConfig:
         """Bandwidth K_I [rad/s] of the nominal closed loop M(s) = K_I/(s + K_I)."""
         return self.integral_gain
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> IntegralForceLaw:
-        """Add the law; it believes in `compliance_error` times the true total compliance."""
-        law = IntegralForceLaw(
+    def law(self, facts: LoopFacts, compliance: ArrayLike | None, *, limited: bool = True) -> IntegralForceLaw:
+        """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
+        return IntegralForceLaw(
             facts.size,
             integral_gain=self.integral_gain,
-            compliance=self.compliance_error * facts.total_compliance,
+            compliance=compliance,
             dead_zone=self.dead_zone,
-            lower_limit=self.lower_limit,
-            upper_limit=self.upper_limit,
+            lower_limit=self.lower_limit if limited else -np.inf,
+            upper_limit=self.upper_limit if limited else np.inf,
             period=facts.period,
         )
-        return builder.AddNamedSystem("force_law", law)
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> IntegralForceLaw:
+        """Add the law; it believes in `compliance_error` times the true total compliance."""
+        return builder.AddNamedSystem("force_law", self.law(facts, self.compliance_error * facts.total_compliance))
 
 
 def check_limits(lower: float, upper: float) -> None:

@@ -94,6 +94,7 @@ class InvarianceForceLaw(SampledLaw):
     """
 
     port_units = {"invariance_function": "m", "status": "1"}
+    own_memory: tuple[str, ...] = ()
 
     def __init__(
         self,
@@ -122,17 +123,13 @@ class InvarianceForceLaw(SampledLaw):
         self.sample_delay = {("desired_force", "displacement_command"): 0.0}
         self._desired = self.DeclareVectorInputPort("desired_force", size)
         self._measured = self.DeclareVectorInputPort("measured_force", size)
+        own = self.declare_own_inputs()
         self._compliance = self.DeclareVectorInputPort("compliance", size) if compliance is None else None
-        inputs = [self._desired, self._measured, *([self._compliance] if self._compliance else [])]
-        further = {
-            "velocity": 0.0,
-            "invariance_function": 0.0,
-            "status": 0.0,
-            "desired": 0.0,
-            "slope": 0.0,
-            "bend": 0.0,
-        }
-        self.declare_command("displacement_command", {port.ticket() for port in inputs}, further=further)
+        reads = {self._desired.ticket(), self._measured.ticket(), *own}
+        if self._compliance is not None:
+            reads.add(self._compliance.ticket())
+        memory = ("velocity", "invariance_function", "status", "desired", "slope", "bend", *self.own_memory)
+        self.declare_command("displacement_command", reads, further=dict.fromkeys(memory, 0.0))
         self.declare_output("invariance_function")
         self.declare_output("status")
 
@@ -145,11 +142,26 @@ class InvarianceForceLaw(SampledLaw):
         gamma, upper, *rest = values
         return gamma, -gamma, upper, self.math.maximum(upper, -gamma), *rest
 
+    def declare_own_inputs(self) -> set[Any]:
+        """Declare the inputs of a subclass after those of the slot; their tickets."""
+        return set()
+
+    def decide(
+        self, context: Context, y: Lane, rate: Lane, v: Lane, gamma: Lane, upper: Lane, own: Sequence[Lane]
+    ) -> tuple[Lane, Sequence[Lane]]:
+        """The acceleration y'' of a new tick, and the subclass' own memory after it.
+
+        Args:
+            y, rate: constraint output [m] and its rate [m/s]. v: velocity of the command [m/s]. gamma, upper: bounds of
+                y'' relative to the set point [m/s^2]. own: the subclass' own memory.
+        """
+        return one_step_acceleration(y, rate, gamma, upper, self._period, self.math), own
+
     def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
         """One tick of the law."""
         maximum, minimum, where, period = self.math.maximum, self.math.minimum, self.math.where, self._period
         gamma, opposite, upper, most, speed_limit, lower_limit, upper_limit, *fixed = self._values.Eval(context)
-        x, v, _, _, last, last_slope, last_bend = held
+        x, v, _, _, last, last_slope, last_bend, *own = held
         desired = self.lane(self._desired.Eval(context))
         measured = self.lane(self._measured.Eval(context))
         compliance = fixed[0] if self._compliance is None else self.lane(self._compliance.Eval(context))
@@ -167,8 +179,8 @@ class InvarianceForceLaw(SampledLaw):
         retreat = minimum(-follow * minimum(maximum(bend, last_bend), 0.0), 0.9 * opposite)
         y = target - x
         braking = minimum(maximum(v / period, gamma), opposite)
-        chosen = one_step_acceleration(y, rate, gamma + retreat, upper, period, self.math) - retreat
-        a = where(good, chosen, braking)
+        chosen, own_after = self.decide(context, y, rate, v, gamma + retreat, upper, own)
+        a = where(good, chosen - retreat, braking)
 
         # The limits bind the command last; they never ask for more than the accelerations do.
         a = minimum(maximum(a, (v - speed_limit) / period), (v + speed_limit) / period)
@@ -177,7 +189,7 @@ class InvarianceForceLaw(SampledLaw):
         inside = minimum(maximum(after, minimum(x, lower_limit)), maximum(x, upper_limit))
         velocity = where(inside == after, v - period * a, 0.0)
         phi = y + 0.5 * maximum(rate, 0.0) * rate / opposite
-        return inside, velocity, phi, where(good, 0.0, _NOT_FINITE), desired, slope, bend
+        return inside, velocity, phi, where(good, 0.0, _NOT_FINITE), desired, slope, bend, *own_after
 
 
 @dataclass(kw_only=True)

@@ -23,6 +23,8 @@ CONTROLLERS = {
     "FourthDegreeInvariance": "forcectl.control.fourth_degree_force_law:FourthDegreeInvarianceConfig",
     "AdaptiveFourthDegreeInvariance": "forcectl.control.fourth_degree_force_law:AdaptiveFourthDegreeInvarianceConfig",
     "AdaptiveInvariance": "forcectl.control.invariance_force_law:AdaptiveInvarianceConfig",
+    "InvarianceControl": "forcectl.control.invariance_control:InvarianceControlConfig",
+    "AdaptiveInvarianceControl": "forcectl.control.invariance_control:AdaptiveInvarianceControlConfig",
     "Invariance": "forcectl.control.invariance_force_law:InvarianceConfig",
     "Import": "forcectl.simulation.imported:ImportConfig",
 }

@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.lanes import check
-from forcectl.simulation.metrics import is_metric, metric_names
+from forcectl.simulation.metrics import PAIR_METRICS, is_metric, metric_names
 
 Metrics = Mapping[str, float | None]
+# (variant, other variant, share of the last step) -> `force_distance_N`
+Distance = Callable[[str, str, float], float | None]
 
 
 @dataclass(kw_only=True)
@@ -21,6 +23,18 @@ class Term:
 
     def __post_init__(self) -> None:
         _check_metric(self.metric)
+
+
+@dataclass(kw_only=True)
+class Other:
+    """The variant whose force is compared with, and for how long."""
+
+    variant: str
+    until_pct: float = 100.0  # of the last step, until the other one has first made this much of it
+
+    def __post_init__(self) -> None:
+        if not 0 < check("until_pct", self.until_pct) <= 100:
+            raise invalid("until_pct", self.until_pct, "above 0 and at most 100")
 
 
 @dataclass(kw_only=True)
@@ -43,7 +57,8 @@ class Tolerance:
 class Expectation:
     """One line of `expect`.
 
-    The value judged is metric(variant), less that of `minus`, or divided by that of `ratio`. It passes when it lies
+    The value judged is metric(variant), less that of `minus`, or divided by that of `ratio`; the metric
+    `force_distance_N` is that of the variant's measured force from the one in `distance_to`. It passes when it lies
     within `tolerance` of `published` (if there is a tolerance) and between `minimum` and `maximum` (`strict`: not on
     them).
     """
@@ -53,6 +68,7 @@ class Expectation:
     variant: str | None = None  # null: the only one
     minus: Term | None = None
     ratio: Term | None = None
+    distance_to: Other | None = None
     published: float | str | None = None  # the thesis' number, or its statement in words
     expected: float | None = None  # what the default plant gives; helps to find a fault, is not judged
     tolerance: Tolerance | None = None
@@ -64,7 +80,10 @@ class Expectation:
     )  # judged on these, only reported on others; empty: judged on all
 
     def __post_init__(self) -> None:
-        _check_metric(self.metric)
+        if self.metric not in PAIR_METRICS:
+            _check_metric(self.metric)
+        if (self.distance_to is not None) != (self.metric in PAIR_METRICS):
+            raise BadInputError(f"target {self.target!r}: force_distance_N and distance_to must go together")
         if self.tolerance is not None and not isinstance(self.published, float):
             raise invalid("published", self.published, "a number, because there is a tolerance")
         if self.tolerance is None and self.minimum is None and self.maximum is None:
@@ -74,7 +93,7 @@ class Expectation:
         """The variant of each term, by key; a term without one takes that of the expectation, then the first."""
         own = self.variant if self.variant is not None else names[0]
         found = {"variant": own}
-        for key in ("minus", "ratio"):
+        for key in ("minus", "ratio", "distance_to"):
             term = getattr(self, key)
             if term is not None:
                 found[f"{key}.variant"] = term.variant if term.variant is not None else own
@@ -105,7 +124,13 @@ class Verdict:
         return row | ({"note": self.note} if self.note else {})
 
 
-def judge(expectation: Expectation, metrics: Mapping[str, Metrics], names: Sequence[str], fidelity: str) -> Verdict:
+def judge(
+    expectation: Expectation,
+    metrics: Mapping[str, Metrics],
+    names: Sequence[str],
+    fidelity: str,
+    distance: Distance = lambda variant, other, share: None,
+) -> Verdict:
     """The verdict on one expectation.
 
     Args:
@@ -113,8 +138,9 @@ def judge(expectation: Expectation, metrics: Mapping[str, Metrics], names: Seque
         metrics: variant -> metric -> value.
         names: all variants of the scenario; one that failed has no metrics.
         fidelity: of the station that was simulated.
+        distance: looks `force_distance_N` up.
     """
-    ours, note = _value(expectation, metrics, names)
+    ours, note = _value(expectation, metrics, names, distance)
     judged = not expectation.fidelities or fidelity in expectation.fidelities
     published = expectation.published
     return Verdict(
@@ -128,13 +154,18 @@ def judge(expectation: Expectation, metrics: Mapping[str, Metrics], names: Seque
     )
 
 
-def _value(expectation: Expectation, metrics: Mapping[str, Metrics], names: Sequence[str]) -> tuple[float | None, str]:
+def _value(
+    expectation: Expectation, metrics: Mapping[str, Metrics], names: Sequence[str], distance: Distance
+) -> tuple[float | None, str]:
     where = expectation.variants(names)
 
     def look_up(metric: str, variant: str) -> float | None:
         return metrics.get(variant, {}).get(metric)
 
-    value = look_up(expectation.metric, where["variant"])
+    if (other_one := expectation.distance_to) is not None:
+        value = distance(where["variant"], other_one.variant, other_one.until_pct / 100)
+    else:
+        value = look_up(expectation.metric, where["variant"])
     if value is None:
         return None, f"{expectation.metric} of {where['variant']!r} is undefined"
     for key, term in (("minus", expectation.minus), ("ratio", expectation.ratio)):

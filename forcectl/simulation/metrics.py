@@ -60,6 +60,10 @@ RUN_METRICS: dict[str, tuple[str, str]] = {
     "realtime_factor": ("1", "simulated time divided by computing time"),
 }
 METRICS = STEP_METRICS | MOTION_METRICS | RUN_METRICS
+# Of two variants; only to be asked for in `expect`.
+PAIR_METRICS: dict[str, tuple[str, str]] = {
+    "force_distance_N": ("N", "largest distance of the measured force from that of another variant"),
+}
 _MOTION_BAND = 0.02  # of the reference
 _SETTLED_SHARE = 0.1  # of the step, over which the steady state is averaged
 
@@ -282,6 +286,18 @@ def contact_loss(time: Signal, in_contact: NDArray[np.bool_]) -> float | None:
 def control_effort(command: Signal) -> float:
     """Path length [m] of the displacement command: the sum of its absolute changes."""
     return float(np.sum(np.abs(np.diff(command))))
+
+
+def force_distance(time: Signal, force: Signal, other: Signal, step: Step, share: float) -> float | None:
+    """Largest distance [N] of two forces from the step on, until `other` has first made this share of it.
+
+    None when it never does.
+    """
+    end = time_to_share(time, other, step, share)
+    if end is None:
+        return None
+    until = step.first + int(np.searchsorted(time[step.first : step.end], step.time + end, side="right"))
+    return float(np.max(np.abs(force - other)[step.first : until]))
 
 
 def metrics_of(

@@ -181,20 +181,22 @@ def _simulate_all(parts: Sequence[_Part], workers: int, progress: Progress | Non
 
 
 def _report(part: _Part, outcomes: Mapping[str, Outcome | str]) -> PartReport:
-    metrics, failures = {}, {}
+    done: list[Outcome] = []
+    failures = {}
     for name in part.scenarios:
         outcome = outcomes[name]
         if isinstance(outcome, Outcome) and outcome.failure is None:
-            metrics[name] = outcome.metrics
+            done.append(outcome)
         else:
             failures[name] = outcome if isinstance(outcome, str) else str(outcome.failure)
     rows = [
         Verdict(f"run of {name!r}", None, None, None, "must complete", False, why) for name, why in failures.items()
     ]
-    rows += verdicts_on(part.file, part.scenarios, metrics)
+    rows += verdicts_on(part.file, part.scenarios, done)
     if part.several:
         rows = [replace(row, target=f"{row.target} [{part.fidelity}]") for row in rows]
     title = next(iter(part.scenarios.values())).title
+    metrics = {outcome.variant: outcome.metrics for outcome in done}
     return PartReport(part.file.name, title, part.fidelity, rows, metrics, failures)
 
 

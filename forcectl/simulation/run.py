@@ -14,6 +14,7 @@ from forcectl.errors import BadInputError, RunFailedError
 from forcectl.simulation.catalog import ScenarioFile
 from forcectl.simulation.expectations import Verdict, judge
 from forcectl.simulation.logs import stack, write_netcdf
+from forcectl.simulation.metrics import find_steps, force_distance
 from forcectl.simulation.run_directory import FAILED, check_free, manifest, write_json, write_whole
 from forcectl.simulation.scenario import TAGS, Scenario, as_file, build, resolve, resolved_tree, select_variants
 from forcectl.simulation.schema import to_tree
@@ -124,7 +125,7 @@ def finish(
     failed = next((outcome for outcome in outcomes if outcome.failure is not None), None)
     diagram = outcomes[0].diagram or build(next(iter(scenarios.values()))).diagram
     first = next(iter(scenarios.values()))
-    verdicts = [] if failed else verdicts_on(file, scenarios, metrics)
+    verdicts = [] if failed else verdicts_on(file, scenarios, outcomes)
 
     def fill(folder: Path) -> None:
         text = dump(resolved_tree(scenarios))
@@ -164,14 +165,24 @@ def finish(
     return RunResult(file.name, log, metrics, diagram, directory, verdicts)
 
 
-def verdicts_on(
-    file: ScenarioFile, scenarios: Mapping[str, Scenario], metrics: Mapping[str, Mapping[str, float | None]]
-) -> list[Verdict]:
+def verdicts_on(file: ScenarioFile, scenarios: Mapping[str, Scenario], outcomes: Sequence[Outcome]) -> list[Verdict]:
     """The verdicts on every expectation whose variants were all run."""
     first = next(iter(scenarios.values()))
     names = select_variants(file)
+    done = {outcome.variant: outcome for outcome in outcomes if outcome.failure is None}
+    metrics = {name: outcome.metrics for name, outcome in done.items()}
+
+    def distance(variant: str, other: str, share: float) -> float | None:
+        if not {variant, other} <= set(done):
+            return None
+        one, two = done[variant].log, done[other].log
+        time, desired = two["time"].values, two["desired_force"].values
+        steps = find_steps(time, desired, two["contact_force"].values[0].item())
+        forces = one["measured_force"].values, two["measured_force"].values
+        return force_distance(time, *forces, steps[-1], share) if steps else None
+
     return [
-        judge(expectation, metrics, names, first.station.fidelity)
+        judge(expectation, metrics, names, first.station.fidelity, distance)
         for expectation in first.expect
         if set(expectation.variants(names).values()) <= set(scenarios)
     ]
