@@ -26,14 +26,15 @@ VERTICAL, OBLIQUE = (0.0, 0.0, 1.0), (1.0, 0.0, 1.0)
 
 
 def ideal(fidelity: str, gain: float, stiffness: float, normal: tuple[float, ...] = VERTICAL, **changes: Any) -> Any:
+    """A run of the ideal preset, but with the usual control tick."""
+    usual = {"duration": 2.0, "station__period": PERIOD, "station__time_step": 0.001}
     return closed_loop(
         preset="ideal",
-        duration=2.0,
         station__fidelity=fidelity,
         station__normal=normal,
         station__environment__stiffness=stiffness,
         controller__integral_gain=gain,
-        **changes,
+        **(usual | changes),
     )
 
 
@@ -136,6 +137,25 @@ def test_kinematic_station_follows_the_curved_kinematics_of_the_robot(gain: floa
     assert percent_apart(force, np.array(found)) < 0.1
     # The curvature is there to be followed: the straight-line loop is further away than that.
     assert percent_apart(force, sampled_reference(count, gain)) > 0.1
+
+
+@pytest.mark.parametrize(("fidelity", "allowed"), [("OneDimensional", 0.1), ("Kinematic", 0.1), ("Multibody", 0.3)])
+@pytest.mark.parametrize(("gain", "stiffness", "normal"), [(3.0, SPRINGS, VERTICAL), (4.5, 1e6, (0.3, -0.8, 0.5))])
+def test_the_ideal_preset_is_the_continuous_loop(
+    fidelity: str, allowed: float, gain: float, stiffness: float, normal: tuple[float, ...]
+) -> None:
+    """To 0.1 % of the step; the multibody robot's wrist sensor also feels the inertia of the tool."""
+    log = closed_loop(
+        preset="ideal",
+        duration=1.5,
+        station__fidelity=fidelity,
+        station__normal=normal,
+        station__environment__stiffness=stiffness,
+        controller__integral_gain=gain,
+    )
+    some = slice(None, None, 40)
+    reference = continuous_reference(signal(log, "time")[some], gain)
+    assert percent_apart(signal(log, "measured_force")[some], reference) < allowed
 
 
 @pytest.mark.parametrize("gain", [1.5, 4.5])
