@@ -26,6 +26,7 @@ CONTROLLERS = {
     "InvarianceControl": "forcectl.control.invariance_control:InvarianceControlConfig",
     "AdaptiveInvarianceControl": "forcectl.control.invariance_control:AdaptiveInvarianceControlConfig",
     "Invariance": "forcectl.control.invariance_force_law:InvarianceConfig",
+    "InvarianceRobot": "forcectl.control.invariance_robot:InvarianceRobotConfig",
     "Import": "forcectl.simulation.imported:ImportConfig",
 }
 REFERENCES = {
