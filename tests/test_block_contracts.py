@@ -16,6 +16,7 @@ import pytest
 from block_examples import EXAMPLES
 from pydrake.systems.framework import Diagram, System
 
+from forcectl.control.fourth_degree_force_law import FourthDegreeForceLaw
 from forcectl.control.integral import IntegralForceLaw
 from forcectl.control.invariance_force_law import InvarianceForceLaw
 from forcectl.control.sampled_law import SampledLaw
@@ -135,6 +136,23 @@ LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str
             "compliance": POSITIVE,
         },
     ),
+    FourthDegreeForceLaw: (
+        lambda size=2, **changed: FourthDegreeForceLaw(
+            size, **{"gamma": -1e5, "alpha": 3.0, "bandwidth": 12.6, "compliance": 1e-4, **changed}
+        ),
+        {
+            "gamma": NEGATIVE,
+            "upper": POSITIVE,
+            "alpha": NOT_NEGATIVE,
+            "bandwidth": POSITIVE,
+            "damping_ratio": POSITIVE,
+            "acceleration_limit": POSITIVE,
+            "rest_region": NOT_NEGATIVE,
+            "lower_limit": NUMBER,
+            "upper_limit": NUMBER,
+            "compliance": POSITIVE,
+        },
+    ),
     InvarianceForceLaw: (
         lambda size=2, **changed: InvarianceForceLaw(size, **{"compliance": 1e-4, **changed}),
         {
@@ -189,7 +207,7 @@ def test_every_lane_block_has_its_parameters_in_the_table():
 def test_a_bad_parameter_is_refused_by_name_when_built(kind, name, allowed):
     build, _ = LANE_BLOCKS[kind]
     for value in bad_values(allowed):
-        if value is None and name in ("compliance", "upper_acceleration"):
+        if value is None and name in ("compliance", "upper_acceleration", "upper"):
             continue  # a port or a default takes its place
         with pytest.raises(BadInputError, match=name) as caught:
             build(**{name: value})
