@@ -16,6 +16,7 @@ from forcectl.control.adaptive_force_law import Adaptation, AdaptiveForceLaw
 from forcectl.control.constraints import CartesianWall
 from forcectl.control.fourth_degree_force_law import FourthDegreeForceLaw
 from forcectl.control.integral import IntegralConfig, IntegralForceLaw, LinearIntegralForceLaw
+from forcectl.control.invariance_control import InvarianceControl, InvarianceCorrection
 from forcectl.control.invariance_controller import InvarianceController
 from forcectl.control.invariance_force_law import InvarianceForceLaw
 from forcectl.control.invariance_robot import AdaptiveInvarianceController, InvarianceRobotConfig
@@ -327,6 +328,28 @@ EXAMPLES: dict[type[System], list[Example]] = {
             {"desired_force": 15.0, "measured_force": force, "compliance": [1e-4, 2e-4]},
         )
         for form in ("model", "difference")
+    ],
+    InvarianceCorrection: [
+        Example(
+            lambda: InvarianceCorrection(2, gamma=-0.1, upper_acceleration=10.0),
+            {
+                pair
+                for output in ("displacement_command", "invariance_function", "status")
+                for pair in each(output, "desired_force", "measured_force", "nominal_command", "compliance")
+            },
+            {"desired_force": force, "measured_force": force, "nominal_command": push, "compliance": [1e-4, 2e-4]},
+        ),
+    ],
+    InvarianceControl: [
+        Example(
+            lambda: InvarianceControl(law(), InvarianceCorrection(2, compliance=1e-4)),
+            {
+                pair
+                for output in ("displacement_command", "invariance_function", "status")
+                for pair in each(output, "desired_force", "measured_force", "compliance")
+            },
+            {"desired_force": force, "measured_force": force, "compliance": [1e-4, 2e-4]},
+        ),
     ],
     LinearIntegralForceLaw: [
         Example(

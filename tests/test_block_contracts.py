@@ -18,6 +18,7 @@ from pydrake.systems.framework import Diagram, System
 
 from forcectl.control.fourth_degree_force_law import FourthDegreeForceLaw
 from forcectl.control.integral import IntegralForceLaw
+from forcectl.control.invariance_control import InvarianceCorrection
 from forcectl.control.invariance_force_law import InvarianceForceLaw
 from forcectl.control.sampled_law import SampledLaw
 from forcectl.diagrams.force_controller import ForceController, JointController
@@ -155,6 +156,17 @@ LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str
     ),
     InvarianceForceLaw: (
         lambda size=2, **changed: InvarianceForceLaw(size, **{"compliance": 1e-4, **changed}),
+        {
+            "gamma": NEGATIVE,
+            "upper_acceleration": POSITIVE,
+            "speed_limit": POSITIVE,
+            "lower_limit": NUMBER,
+            "upper_limit": NUMBER,
+            "compliance": POSITIVE,
+        },
+    ),
+    InvarianceCorrection: (
+        lambda size=2, **changed: InvarianceCorrection(size, **{"compliance": 1e-4, **changed}),
         {
             "gamma": NEGATIVE,
             "upper_acceleration": POSITIVE,
