@@ -14,6 +14,7 @@ from forcectl.conventions import unit_of
 from forcectl.diagrams.force_controller import add_controller
 from forcectl.diagrams.log import LoggedSignal, SignalLog, add_log
 from forcectl.diagrams.station import Cell, StationConfig, build_station, describe
+from forcectl.diagrams.truth import CONTACT_FORCE
 from forcectl.errors import invalid
 from forcectl.motion.references import ForceReferenceConfig
 from forcectl.motion.tangential import TangentialMotionConfig
@@ -64,7 +65,7 @@ class ClosedLoop:
         Args:
             values: the log, shape (n, k).
         """
-        touching = (values[self.signals["contact_force"].rows][0] > 0).astype(float)
+        touching = np.clip(values[self.signals["contact_force"].rows][0] / CONTACT_FORCE, 0.0, 1.0)
         further = {"contact_state": (unit_of("contact_state"), touching)}
         if "contact_displacement" in self.signals:
             return further

@@ -11,13 +11,15 @@ from forcectl.diagrams.parts import export_outputs
 from forcectl.diagrams.station import Cell
 from forcectl.plant.tip_kinematics import ForceToWrench, LinkPosition
 
+CONTACT_FORCE = 1e-9  # [N] from here on it is contact and not rounding
+
 
 def add_contact_state(builder: DiagramBuilder, force: OutputPort) -> OutputPort:
-    """1 while there is contact, else 0: the force in units of 1e-9 N, limited to 1.
+    """1 while there is contact, else 0: the force in units of `CONTACT_FORCE`, limited to 1.
 
     Two C++ primitives, because every run logs it; `forcectl.plant.contact_monitor` turns losses into events.
     """
-    scaled = builder.AddNamedSystem("contact_scale", Gain(1e9, 1))
+    scaled = builder.AddNamedSystem("contact_scale", Gain(1 / CONTACT_FORCE, 1))
     state = builder.AddNamedSystem("contact_state", Saturation(np.zeros(1), np.ones(1)))
     builder.Connect(force, scaled.get_input_port())
     builder.Connect(scaled.get_output_port(), state.get_input_port())
