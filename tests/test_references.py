@@ -19,6 +19,7 @@ from forcectl.motion.references import (
     RampConfig,
     Reference,
     SequenceConfig,
+    SineConfig,
     StepConfig,
     held_trajectory,
     linear_trajectory,
@@ -90,6 +91,25 @@ def test_ramps(force, initial, rate, start, time):
     moved = min(rate * max(0.0, time - start), abs(force - initial))
     expected = initial + math.copysign(moved, force - initial)
     assert scalar(config, [time])[0] == pytest.approx(expected, abs=1e-9)
+
+
+# --- sine ------------------------------------------------------------------------------------------------------------
+
+
+def test_sine():
+    config = SineConfig(force=15.0, amplitude=5.0, frequency=0.5, start_time=1.0)
+    np.testing.assert_allclose(scalar(config, [0.0, 1.0, 1.5, 2.0, 2.5, 1001.5]), [15, 15, 20, 15, 10, 20], atol=1e-9)
+    np.testing.assert_allclose(values(config, [1.25], size=3), 15 + 5 * math.sin(math.pi / 4))
+    assert config.largest_force() == 20.0
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [("force", -1.0), ("amplitude", -1.0), ("amplitude", 15.1), ("frequency", 0.0), ("start_time", math.nan)],
+)
+def test_sine_checks_itself(name, value):
+    with pytest.raises(BadInputError, match=name):
+        SineConfig(**{name: value})
 
 
 # --- sequence --------------------------------------------------------------------------------------------------------

@@ -1,4 +1,4 @@
-"""References: step, ramp, sequence and file, all as Drake trajectories."""
+"""References: step, ramp, sine, sequence and file, all as Drake trajectories."""
 
 from __future__ import annotations
 
@@ -9,10 +9,10 @@ from itertools import pairwise
 from pathlib import Path
 
 import numpy as np
-from numpy.typing import ArrayLike
+from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
-from pydrake.trajectories import PiecewisePolynomial
+from pydrake.trajectories import FunctionHandleTrajectory, PiecewisePolynomial, Trajectory
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import check
@@ -45,10 +45,10 @@ class Reference(Diagram):
     ```
     """
 
-    def __init__(self, name: str, trajectory: PiecewisePolynomial | ArrayLike):
+    def __init__(self, name: str, trajectory: Trajectory | ArrayLike):
         super().__init__()
         builder = DiagramBuilder()
-        if isinstance(trajectory, PiecewisePolynomial):
+        if isinstance(trajectory, Trajectory):
             source = builder.AddNamedSystem("trajectory", TrajectorySource(trajectory))
         else:
             constant = np.atleast_1d(np.asarray(trajectory, dtype=float))
@@ -139,6 +139,37 @@ class RampConfig(_ForceReference):
 
 
 @dataclass(kw_only=True)
+class SineConfig:
+    """Scenario part `!Sine`: `force` until `start_time`, from then on force + amplitude sin(2 pi frequency t)."""
+
+    force: float = 15.0  # [N], >= amplitude: mean
+    amplitude: float = 5.0  # [N], >= 0
+    frequency: float = 0.5  # [Hz], > 0
+    start_time: float = 0.0  # [s], >= 0
+
+    def __post_init__(self) -> None:
+        for name in ("force", "amplitude", "start_time"):
+            check(name, getattr(self, name), "not negative")
+        check("frequency", self.frequency, "positive")
+        if self.amplitude > self.force:
+            raise invalid("amplitude", self.amplitude, f"at most force = {self.force:g}: a contact cannot pull")
+
+    def largest_force(self) -> float:
+        """Largest force the reference asks for [N]."""
+        return self.force + self.amplitude
+
+    def add_to(self, builder: DiagramBuilder, size: int) -> Reference:
+        """Add the block `reference` with the output `desired_force`, shape (n,) [N]."""
+        mean, amplitude, rate, start = self.force, self.amplitude, 2 * math.pi * self.frequency, self.start_time
+
+        def value(time: float) -> NDArray[np.float64]:
+            return np.full((size, 1), mean + amplitude * math.sin(rate * max(time - start, 0.0)))
+
+        trajectory = FunctionHandleTrajectory(value, size, 1, 0.0, math.inf)
+        return builder.AddNamedSystem("reference", Reference("desired_force", trajectory))
+
+
+@dataclass(kw_only=True)
 class SequenceConfig(_ForceReference):
     """Scenario part `!Sequence`: steps to `forces[i]` at `times[i]`, zero before the first."""
 
@@ -201,4 +232,4 @@ class FileConfig(_ForceReference):
         return held_trajectory(times, forces) if self.hold else linear_trajectory(times, forces)
 
 
-ForceReferenceConfig = StepConfig | RampConfig | SequenceConfig | FileConfig
+ForceReferenceConfig = StepConfig | RampConfig | SineConfig | SequenceConfig | FileConfig

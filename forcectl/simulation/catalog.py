@@ -32,6 +32,7 @@ CONTROLLERS = {
 REFERENCES = {
     "Step": "forcectl.motion.references:StepConfig",
     "Ramp": "forcectl.motion.references:RampConfig",
+    "Sine": "forcectl.motion.references:SineConfig",
     "Sequence": "forcectl.motion.references:SequenceConfig",
     "File": "forcectl.motion.references:FileConfig",
 }
