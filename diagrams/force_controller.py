@@ -48,20 +48,19 @@ class ForceController(Diagram):
         export(law.GetInputPort("measured_force"), "measured_force")
         command = law.GetOutputPort("displacement_command")
         # Every input of the slot exists, whatever a law makes of it.
-        position = add("motor_position", PassThrough(n_q))
-        export(position.get_input_port(), "motor_position")
         export(add("motor_velocity", PassThrough(n_q)).get_input_port(), "motor_velocity")
-        if "motor_displacement" in input_names(law):
-            tip = add("motor_displacement", _displacement(cell))
-            connect(position.get_output_port(), tip.get_input_port())
-            connect(tip.get_output_port(), law.GetInputPort("motor_displacement"))
         if cell.config.fidelity == "OneDimensional":
             inversion = add("kinematic_inversion", ConstantKinematicInversion(cell.direction, cell.normal_row, q_0))
+            position = export(add("motor_position", PassThrough(n_q)).get_input_port(), "motor_position")
         else:
             limit, period = cell.config.singularity_limit, cell.config.posture_period
             block = KinematicInversion(cell.robot, cell.n, q_0, period=period, limit=limit)
             inversion = add("kinematic_inversion", block)
-            connect(position.get_output_port(), inversion.GetInputPort("motor_position"))
+            position = export(inversion.GetInputPort("motor_position"), "motor_position")
+        if "motor_displacement" in input_names(law):
+            tip = add("motor_displacement", _displacement(cell))
+            builder.ConnectInput(position, tip.get_input_port())
+            connect(tip.get_output_port(), law.GetInputPort("motor_displacement"))
         connect(command, inversion.GetInputPort("displacement_command"))
         export(inversion.GetInputPort("unconstrained_reference"), "unconstrained_reference")
         builder.ExportOutput(inversion.GetOutputPort("joint_position_command"), "joint_position_command")
