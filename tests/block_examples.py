@@ -161,6 +161,16 @@ def robot_feedthrough(*further: str) -> set[tuple[str, str]]:
     return {pair for name in outputs for pair in each(name, *ROBOT_INPUTS, *further)}
 
 
+FORCES: dict[str, Input] = {"desired_force": force, "measured_force": force}
+SOFT = FORCES | {"compliance": [1e-4, 2e-4]}
+NOMINAL = SOFT | {"nominal_command": push}
+
+
+def law_feedthrough(*inputs: str) -> set[tuple[str, str]]:
+    """Of the laws that show their invariance function and status."""
+    return {pair for name in ("displacement_command", "invariance_function", "status") for pair in each(name, *inputs)}
+
+
 EXAMPLES: dict[type[System], list[Example]] = {
     CompliantContact: [
         Example(
@@ -298,58 +308,22 @@ EXAMPLES: dict[type[System], list[Example]] = {
         ),
     ],
     InvarianceForceLaw: [
-        Example(
-            lambda: InvarianceForceLaw(2, gamma=[-0.1, -0.02]),
-            {
-                pair
-                for output in ("displacement_command", "invariance_function", "status")
-                for pair in each(output, "desired_force", "measured_force", "compliance")
-            },
-            {"desired_force": force, "measured_force": force, "compliance": [1e-4, 2e-4]},
-        ),
-        Example(
-            lambda: InvarianceForceLaw(2, gamma=-0.1, compliance=1e-4, upper_acceleration=0.2, speed_limit=0.02),
-            {
-                pair
-                for output in ("displacement_command", "invariance_function", "status")
-                for pair in each(output, "desired_force", "measured_force")
-            },
-            {"desired_force": force, "measured_force": force},
-        ),
+        Example(partial(InvarianceForceLaw, 2), law_feedthrough(*SOFT), SOFT),
+        Example(partial(InvarianceForceLaw, 2, compliance=1e-4, speed_limit=0.02), law_feedthrough(*FORCES), FORCES),
     ],
     FourthDegreeForceLaw: [
         Example(
             partial(fourth_degree, derivatives=form),
-            {
-                (output, name)
-                for output in ("displacement_command", "invariance_function", "status")
-                for name in ("desired_force", "measured_force", "compliance")
-            },
+            law_feedthrough("desired_force", "measured_force", "compliance"),
             {"desired_force": 15.0, "measured_force": force, "compliance": [1e-4, 2e-4]},
         )
         for form in ("model", "difference")
     ],
-    InvarianceCorrection: [
-        Example(
-            lambda: InvarianceCorrection(2, gamma=-0.1, upper_acceleration=10.0),
-            {
-                pair
-                for output in ("displacement_command", "invariance_function", "status")
-                for pair in each(output, "desired_force", "measured_force", "nominal_command", "compliance")
-            },
-            {"desired_force": force, "measured_force": force, "nominal_command": push, "compliance": [1e-4, 2e-4]},
-        ),
-    ],
+    InvarianceCorrection: [Example(partial(InvarianceCorrection, 2), law_feedthrough(*NOMINAL), NOMINAL)],
     InvarianceControl: [
         Example(
-            lambda: InvarianceControl(law(), InvarianceCorrection(2, compliance=1e-4)),
-            {
-                pair
-                for output in ("displacement_command", "invariance_function", "status")
-                for pair in each(output, "desired_force", "measured_force", "compliance")
-            },
-            {"desired_force": force, "measured_force": force, "compliance": [1e-4, 2e-4]},
-        ),
+            lambda: InvarianceControl(law(), InvarianceCorrection(2, compliance=1e-4)), law_feedthrough(*SOFT), SOFT
+        )
     ],
     LinearIntegralForceLaw: [
         Example(
