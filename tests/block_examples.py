@@ -296,11 +296,7 @@ EXAMPLES: dict[type[System], list[Example]] = {
         )
     ],
     IntegralForceLaw: [
-        Example(
-            law,
-            each("displacement_command", "desired_force", "measured_force", "compliance"),
-            {"desired_force": 15.0, "measured_force": force, "compliance": [1e-4, 2e-4]},
-        ),
+        Example(law, each("displacement_command", *SOFT), SOFT),
         Example(
             lambda: IntegralForceLaw(2, integral_gain=1.5, compliance=1e-4, dead_zone=0.2),
             each("displacement_command", "desired_force", "measured_force"),
