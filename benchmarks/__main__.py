@@ -4,7 +4,16 @@ from __future__ import annotations
 
 import argparse
 
-from benchmarks import _measure, control_tick, memory, plant_share, quadratic_program, real_time, start_up
+from benchmarks import (
+    _measure,
+    control_tick,
+    memory,
+    plant_share,
+    quadratic_program,
+    real_time,
+    robot_controller,
+    start_up,
+)
 
 
 def run_all() -> None:
@@ -13,7 +22,7 @@ def run_all() -> None:
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     arguments = parser.parse_args()
     rows: list[_measure.Row] = []
-    for module in (start_up, real_time, control_tick, quadratic_program, plant_share, memory):
+    for module in (start_up, real_time, control_tick, robot_controller, quadratic_program, plant_share, memory):
         rows += module.benchmark(max(1, arguments.repeats))
     _measure.report("forcectl benchmarks", rows, arguments.json)
 

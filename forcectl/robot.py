@@ -204,6 +204,9 @@ class RobotModel:
 
     def set_velocities(self, context: Context, v: Array) -> None:
         """Set the joint speeds v, shape (n,) [rad/s]."""
+        if self._arm_only:
+            self.plant.SetVelocities(context, v)
+            return
         everything = self.plant.GetVelocities(context)
         everything[self._v] = v
         self.plant.SetVelocities(context, everything)
@@ -228,6 +231,15 @@ class RobotModel:
         columns: Array = J if self._arm_only else J[:, self._v]
         return columns
 
+    def bias_acceleration(self, context: Context) -> Array:
+        """J'v: spatial acceleration of the TCP in the world at the joint speeds of `context`, none changing, (6,)."""
+        world = self._world
+        A = self.plant.CalcBiasSpatialAcceleration(
+            context, JacobianWrtVariable.kV, self.tcp_frame, _ORIGIN, world, world
+        )
+        bias: Array = A.get_coeffs()
+        return bias
+
     def link_poses(self, context: Context) -> dict[str, RigidTransform]:
         """Poses in the world of the distal frames named in the facts' `link_compliance`."""
         return {name: frame.CalcPoseInWorld(context) for name, frame in self._link_frames.items()}
@@ -237,10 +249,15 @@ class RobotModel:
         torque: Array = -self.plant.CalcGravityGeneralizedForces(context)[self._v]
         return torque
 
+    def load_torque(self, context: Context) -> Array:
+        """c(q, v) + g(q): joint torque of a motion without acceleration, at q and v of `context`, shape (n,) [Nm]."""
+        torque: Array = self.plant.CalcBiasTerm(context) - self.plant.CalcGravityGeneralizedForces(context)
+        return torque if self._arm_only else torque[self._v]
+
     def mass_matrix(self, context: Context) -> Array:
         """Link-side mass matrix, without rotors, shape (n, n) [kg m2]."""
-        M: Array = self.plant.CalcMassMatrix(context)[np.ix_(self._v, self._v)]
-        return M
+        M: Array = self.plant.CalcMassMatrix(context)
+        return M if self._arm_only else M[np.ix_(self._v, self._v)]
 
     def inverse_dynamics(self, context: Context, q: Array, v: Array, vdot: Array, rotors: bool = True) -> Array:
         """Joint-side torque of the motion (q, v, vdot) without friction, shape (n,) [Nm].
@@ -250,7 +267,7 @@ class RobotModel:
         self.set_positions(context, q)
         self.set_velocities(context, v)
         inertia = self.mass_matrix(context) + (self.motor_inertia if rotors else 0.0)
-        torque: Array = inertia @ vdot + self.plant.CalcBiasTerm(context)[self._v] + self.gravity_torque(context)
+        torque: Array = inertia @ vdot + self.load_torque(context)
         return torque
 
     def smallest_singular_value(self, context: Context) -> float:

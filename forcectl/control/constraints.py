@@ -19,8 +19,8 @@ leaves is seen by the next, which for that may brake harder than gamma, up to tw
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any, Protocol, runtime_checkable
+from dataclasses import replace
+from typing import Any, NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from forcectl.control.invariance_force_law import one_step_acceleration
 from forcectl.control.robot_motion import RobotMotion
 from forcectl.errors import BadInputError, invalid
-from forcectl.lanes import check, lane_values
+from forcectl.lanes import FEW_LANES, SCALAR_MATH, Lane, check, lane_values
 from forcectl.robot import JointLimits, unit_normal
 
 Vector = NDArray[np.float64]
@@ -77,12 +77,8 @@ class CartesianWall:
     def evaluate(self, motion: RobotMotion) -> Evaluation:
         """See `Constraint`."""
         n = self._normal
-        return (
-            -n @ (motion.position - self._point),
-            -n @ motion.velocity[3:],
-            -n @ motion.jacobian[3:],
-            -n @ motion.bias[3:],
-        )
+        row = -n @ motion.jacobian[3:]
+        return -n @ (motion.position - self._point), row @ motion.v, row, -n @ motion.bias[3:]
 
 
 class ForceLimit:
@@ -104,10 +100,9 @@ class ForceLimit:
     def evaluate(self, motion: RobotMotion) -> Evaluation:
         """See `Constraint`."""
         contact, maximum = motion.contact, self._maximum
-        n = contact.normal
         by_model = -contact.displacement - contact.compliance * maximum
         by_sensor = contact.compliance * (contact.measured_force - maximum)
-        return max(by_model, by_sensor), -n @ motion.velocity[3:], -n @ motion.jacobian[3:], -n @ motion.bias[3:]
+        return max(by_model, by_sensor), -contact.rate, -contact.row, -contact.bias
 
 
 class JointTorqueLimit:
@@ -120,35 +115,36 @@ class JointTorqueLimit:
     relative_degree = 0
 
     def __init__(self, limit: Vector):
-        self._joints = np.flatnonzero(np.isfinite(limit))
-        self._limit = limit[self._joints]
+        limited = np.isfinite(limit)
+        self._some = None if limited.all() else np.flatnonzero(limited)
+        self._twice = np.concatenate([limit[limited], limit[limited]])
 
     def evaluate(self, motion: RobotMotion) -> Evaluation:
         """See `Constraint`."""
-        M, h = motion.inertia[self._joints], motion.load[self._joints]
-        return np.zeros(2 * len(h)), 0.0, np.vstack([M, -M]), np.concatenate([h - self._limit, -h - self._limit])
+        M, h = motion.inertia, motion.load
+        if self._some is not None:
+            M, h = M[self._some], h[self._some]
+        return 0.0, 0.0, np.concatenate([M, -M]), np.concatenate([h, -h]) - self._twice
 
 
-def bounded_acceleration(y: Vector, rate: Vector, gamma: Vector, period: float) -> Vector:
+def bounded_acceleration(y: Lane, rate: Lane, gamma: Lane, period: float, m: Any = np) -> Lane:
     """The bound a(y, y') of y'' for constraints of relative degree 2, without a limit on how fast they are approached.
 
     Args:
-        y: constraint outputs, (k,). rate: y'. gamma: braking, < 0. period: tick Ts [s].
+        y: constraint output. rate: y'. gamma: braking, < 0. period: tick Ts [s]. m: numpy for arrays of shape (k,), or
+            `SCALAR_MATH` for floats.
 
     Returns:
         at least gamma where the constraint holds and can be kept with gamma; down to 2 gamma where it could not, which
         is what the curvature of one tick leaves; within +-gamma where it is violated.
     """
-    bound: Vector = one_step_acceleration(y, rate, gamma, np.where(y > 0.0, -gamma, np.inf), period)
-    late = (bound <= gamma) & (y <= 0.0)
-    if late.any():
-        # The larger root a of Phi(y + Ts y' + Ts^2 a/2, y' + Ts a) = 0, or rest if that comes first.
-        half = rate / period - 0.5 * gamma
-        square = half**2 - (rate**2 - 2.0 * gamma * (y + period * rate)) / period**2
-        root = -half + np.sqrt(np.maximum(square, 0.0))
-        needed = np.where(square >= 0.0, root, 2.0 * gamma)
-        bound = np.where(late, np.maximum(np.minimum(needed, gamma), 2.0 * gamma), bound)
-    return bound
+    bound = one_step_acceleration(y, rate, gamma, m.where(y > 0.0, -gamma, np.inf), period, m)
+    # The larger root a of Phi(y + Ts y' + Ts^2 a/2, y' + Ts a) = 0: braking that is late by what a tick has left.
+    half = rate / period - 0.5 * gamma
+    square = half * half - (rate * rate - 2.0 * gamma * (y + period * rate)) / period**2
+    root = m.where(square >= 0.0, m.maximum(square, 0.0) ** 0.5 - half, 2.0 * gamma)
+    late = m.maximum(m.minimum(root, gamma), 2.0 * gamma)
+    return m.where((bound <= gamma) & (y <= 0.0), late, bound)
 
 
 def checked_limits(limits: JointLimits, start: RobotMotion) -> JointLimits:
@@ -177,8 +173,7 @@ def checked_limits(limits: JointLimits, start: RobotMotion) -> JointLimits:
     return replace(limits, acceleration=acceleration)
 
 
-@dataclass(frozen=True)
-class Rows:
+class Rows(NamedTuple):
     """What the constraints ask for at one tick: E u <= f, lower <= u <= upper.
 
     matrix: E, (m, n). limit: f, (m,). direct: how many rows, at the beginning, are of relative degree 0.
@@ -207,8 +202,6 @@ class ConstraintSet:
         BadInputError: a constraint that does not keep to the protocol or is violated at the start.
     """
 
-    _FAR = 1e6  # [rad] stands for no position limit
-
     def __init__(
         self, constraints: Sequence[Constraint], limits: JointLimits, start: RobotMotion, period: float, gamma: float
     ):
@@ -223,37 +216,54 @@ class ConstraintSet:
         self.size = row
         degrees = [c.relative_degree for c, rows, _ in found for _ in range(rows)]
         self._first, self._second = degrees.count(0), degrees.count(0) + degrees.count(1)
-        self._room, self._velocity = limits.acceleration, limits.velocity
-        self._outer = np.minimum(np.concatenate([limits.position_upper, -limits.position_lower]), self._FAR)
-        own = [g for _, rows, g in found for _ in range(rows)][self._second :]
-        # Joint positions come last, upper limits first.
-        self._gamma = np.concatenate([own, -0.5 * self._room, -0.5 * self._room])
+        self._room = limits.acceleration
+        each = (limits.position_lower, limits.position_upper, limits.velocity, limits.acceleration)
+        self._joints = [limit.tolist() for limit in each]
+        self._gamma = [g for _, rows, g in found for _ in range(rows)][self._second :]
 
     def rows(self, motion: RobotMotion) -> Rows:
         """The rows and bounds at this tick; those of a constraint that raises are not a number."""
         m, n, first, second, Ts = self.size, self._n, self._first, self._second, self._period
-        q, v, room = motion.q, motion.v, self._room
-        matrix, values = np.empty((m, n)), np.empty((3, m + 2 * n))
+        q, v = motion.q, motion.v
+        matrix, values = np.empty((m, n)), np.empty((3, m))
         for constraint, place in self._parts:
             try:
                 values[0, place], values[1, place], matrix[place], values[2, place] = constraint.evaluate(motion)
             except Exception:  # a user's constraint: whatever it raises, the tick goes on
                 values[:, place] = np.nan
         y, rate, bias = values
-        y[m : m + n], y[m + n :] = q, -q
-        y[m:] -= self._outer
-        rate[m : m + n], rate[m + n :] = v, -v
-        bound = bounded_acceleration(y[second:], rate[second:], self._gamma, Ts)
-        limit = -bias[:m]
-        limit[first:second] -= y[first:second] / Ts
-        limit[second:] += bound[: m - second]
-        upper = np.minimum(bound[m - second : m - second + n], (self._velocity - v) / Ts)
-        lower = np.maximum(-bound[m - second + n :], (-self._velocity - v) / Ts)
-        speed = (np.abs(v) - self._velocity).max().item()
-        # fmax: one constraint that is no number does not hide the others.
-        violation = max(0.0, speed, np.fmax.reduce(y[first:]).item())
-        upper, lower = np.maximum(np.minimum(upper, room), -room), np.maximum(np.minimum(lower, room), -room)
+        limit = -bias
+        if second > first:
+            limit[first:second] -= y[first:second] / Ts
+        if m - second > FEW_LANES:
+            limit[second:] += bounded_acceleration(y[second:], rate[second:], np.array(self._gamma), Ts)
+        elif m > second:
+            one_by_one = zip(y[second:].tolist(), rate[second:].tolist(), self._gamma, strict=True)
+            limit[second:] += [bounded_acceleration(*numbers, Ts, SCALAR_MATH) for numbers in one_by_one]
+        lower, upper, violation = self._joint_bounds(q, v)
+        if m > first:
+            # fmax: one constraint that is no number does not hide the others.
+            violation = max(violation, np.fmax.reduce(y[first:]).item())
         return Rows(matrix, limit, first, lower, upper, violation)
+
+    def _joint_bounds(self, q: Vector, v: Vector) -> tuple[Vector, Vector, float]:
+        """Bounds of u by the joint limits, and by how much a position [rad] or speed [rad/s] is beyond one."""
+        Ts, m = self._period, SCALAR_MATH
+        lower, upper, violation = [], [], 0.0
+        # Joint by joint in floats: for an arm a third of the cost of numpy.
+        for x, rate, low, high, speed, room in zip(q.tolist(), v.tolist(), *self._joints, strict=True):
+            down, up = (-speed - rate) / Ts, (speed - rate) / Ts
+            # A limit so far away that after a tick of full acceleration there is a tick left before braking binds
+            # nothing.
+            ahead, back = max(rate + Ts * room, 0.0), max(Ts * room - rate, 0.0)
+            if x - high + ahead * (2 * Ts + ahead / room) > 0.0:
+                up = min(up, bounded_acceleration(x - high, rate, -0.5 * room, Ts, m))
+            if low - x + back * (2 * Ts + back / room) > 0.0:
+                down = max(down, -bounded_acceleration(low - x, -rate, -0.5 * room, Ts, m))
+            lower.append(max(min(down, room), -room))
+            upper.append(max(min(up, room), -room))
+            violation = max(violation, x - high, low - x, abs(rate) - speed)
+        return np.array(lower), np.array(upper), violation
 
     def brake(self, v: Vector, rows: Rows) -> Vector:
         """u that brings all joints to rest together, the slowest with half of its acceleration limit (n,) [rad/s^2].

@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
-from scipy.linalg.lapack import dsyev
+from scipy.linalg.lapack import dpotrf, dsyev
 
 from forcectl.cache import BlockCache
 from forcectl.control.constraints import (
@@ -140,7 +140,7 @@ class InvarianceController(LeafSystem):
         self._bandwidth = check("tracking_bandwidth", tracking_bandwidth, "positive")
 
         self._origin = RobotMotion(robot.model, robot.model.create_context(), robot.start, np.zeros(self._n))
-        self._origin.contact = Contact(robot.n, 0.0, 1.0, 0.0)
+        self._origin.contact = Contact(0.0, 0.0, robot.n @ self._origin.jacobian[3:], 0.0, 1.0, 0.0)
         limits = checked_limits(robot.model.limits if limits is None else limits, self._origin)
         everything: list[Constraint] = [JointTorqueLimit(limits.torque)] if np.isfinite(limits.torque).any() else []
         if maximum_force < math.inf:
@@ -158,6 +158,7 @@ class InvarianceController(LeafSystem):
         # y'' of the force is -x'' along n, that of a coordinate is x'' along its axis.
         self._signs = np.array([-1.0] + [1.0] * len(outputs))
         self._signed_axes = self._signs[:, None] * self._axes
+        self._eye = np.eye(self._n)
 
         weights = np.full(len(self._axes) + self._constraints.size, np.inf)
         weights[: len(self._axes)] = _SLACK_WEIGHT
@@ -176,10 +177,10 @@ class InvarianceController(LeafSystem):
         if math.isnan(self._known_compliance):
             self._compliance = self.DeclareVectorInputPort("compliance", 1)
             inputs.append(self._compliance)
-        # The tick this belongs to, q, q', the last two references, the course of the force, whether there was contact,
-        # and the diagnostics.
+        # The time of the tick this belongs to, q, q', the last two references, the course of the force, whether there
+        # was contact, and the diagnostics.
         further = 3 * n + len(Course._fields) + 1 + len(_DIAGNOSTICS)
-        memory = np.concatenate([[-1.0], self._facts.start, np.zeros(further)])
+        memory = np.concatenate([[-self._period], self._facts.start, np.zeros(further)])
         self._memory = self.DeclareDiscreteState(memory)
         model = self._facts.model
         # Places to work in, overwritten at every use; each context has its own.
@@ -215,16 +216,17 @@ class InvarianceController(LeafSystem):
 
     def _compute(self, context: Context) -> Vector:
         memory: Vector = context.get_discrete_state(self._memory).value()
-        # The small shift keeps an instant k * period, rounded down, in its own tick.
-        tick = (context.get_time() + 1e-9) // self._period
-        return memory if memory.item(0) == tick else self._step(context, memory, tick)
+        time = context.get_time()
+        # Rounding of the times of the ticks is far below the margin.
+        known = time - memory.item(0) < 0.999 * self._period
+        return memory if known else self._step(context, memory, time)
 
     def _motion(self, context: Context, place: int, q: Vector, v: Vector) -> RobotMotion:
         if self._facts.straight:
             return StraightMotion(self._origin, q, v)
         return RobotMotion(self._facts.model, self._scratch[place].Eval(context), q, v)
 
-    def _step(self, context: Context, memory: Vector, tick: float) -> Vector:
+    def _step(self, context: Context, memory: Vector, time: float) -> Vector:
         """The memory after a tick."""
         n, Ts = self._n, self._period
         q, v, last, before = memory[1 : 1 + 4 * n].reshape(4, n)
@@ -241,10 +243,12 @@ class InvarianceController(LeafSystem):
 
         motion = self._motion(context, 0, q, v)
         x = (self._axes @ (motion.position - self._origin.position)).tolist()
-        rates = (self._axes @ motion.velocity[3:]).tolist()
-        motion.contact = Contact(self._facts.n, x[0], compliance, measured)
+        # x'' = along u + bent for every regulated output.
+        along, bent = self._axes @ motion.jacobian[3:], self._axes @ motion.bias[3:]
+        rates = (along @ v).tolist()
+        motion.contact = Contact(x[0], rates[0], along[0], bent.item(0), compliance, measured)
         rows = self._constraints.rows(motion)
-        solution, violation = Solution(self._constraints.brake(v, rows), Status.NOT_FINITE, 0.0), rows.violation
+        solution, violation = Solution(v, Status.NOT_FINITE, 0.0), rows.violation
         active = near = lost = 0.0
         phi = memory.item(-len(_DIAGNOSTICS) + 1)
         if good:
@@ -256,7 +260,7 @@ class InvarianceController(LeafSystem):
             if self._nominal_gain is not None:
                 outputs = self._nominal(self._nominal_gain, outputs, compliance * (measured - desired))
             wanted = self._wanted(context, motion, (reference, last, before), outputs)
-            solution, active, near, direct = self._solve(motion, rows, wanted, outputs, solution.u)
+            solution, active, near, direct = self._solve(motion, rows, (along, bent), wanted, outputs)
             violation = max(violation, direct)
             phi = force.y - 0.5 * max(force.rate, 0.0) ** 2 / self._gamma
             pressing = -x[0] > _CONTACT_FORCE * compliance
@@ -265,13 +269,12 @@ class InvarianceController(LeafSystem):
         else:
             past = Course(past.desired, 0.0, 0.0)
 
-        u = solution.u
-        bent = (self._facts.n @ (motion.jacobian[3:] @ u + motion.bias[3:])).item()
+        u = self._constraints.brake(v, rows) if solution.status.brakes else solution.u
         violation = violation if violation > _ROUNDING else 0.0
-        command = x[0] + Ts * rates[0] + 0.5 * Ts**2 * bent
+        command = x[0] + Ts * rates[0] + 0.5 * Ts**2 * ((along[0] @ u).item() + bent.item(0))
         shown = [command, phi, float(solution.status), active, solution.slack, violation, near, lost]
         position, velocity = q + Ts * v + 0.5 * Ts**2 * u, v + Ts * u
-        return np.concatenate([[tick], position, velocity, reference, last, past, [touched], shown])
+        return np.concatenate([[time], position, velocity, reference, last, past, [touched], shown])
 
     def _nominal(self, gain: float, outputs: list[Regulated], force_error: float) -> list[Regulated]:
         """The same outputs with the accelerations of the integral law; `force_error`: C_T_hat (F - F_bar) [m]."""
@@ -298,38 +301,43 @@ class InvarianceController(LeafSystem):
         return wanted
 
     def _solve(
-        self, motion: RobotMotion, rows: Rows, wanted: Vector, outputs: list[Regulated], brake: Vector
+        self,
+        motion: RobotMotion,
+        rows: Rows,
+        task: tuple[Vector, Vector],
+        wanted: Vector,
+        outputs: list[Regulated],
     ) -> tuple[Solution, float, float, float]:
         """The solution, how many rows and bounds are active, whether J is damped, and the violation of direct rows."""
-        k, J = len(outputs), motion.jacobian
-        matrix = np.concatenate([self._signed_axes @ J[3:], rows.matrix])
-        limits = [output.bound for output in outputs] - self._signed_axes @ motion.bias[3:]
-        limit = np.concatenate([limits, rows.limit])
+        k, J, (along, bent) = len(outputs), motion.jacobian, task
+        matrix = np.concatenate([self._signs[:, None] * along, rows.matrix])
+        limit = np.concatenate([[output.bound for output in outputs] - self._signs * bent, rows.limit])
 
         hessian, gradient = J.T @ J, J.T @ (motion.bias - wanted)
         damping = self._damping(hessian)
         if damping > 0:  # towards rest
-            hessian += damping * np.eye(self._n)
+            hessian += damping * self._eye
             gradient += damping * 2 * self._bandwidth * motion.v
         if self._nominal_gain is not None:
             gradient = np.linalg.solve(hessian, gradient)
-            hessian = np.eye(self._n)
+            hessian = self._eye
         solution = self._program.solve(
-            hessian, gradient, matrix, limit, u_lower=rows.lower, u_upper=rows.upper, fallback=brake
+            hessian, gradient, matrix, limit, u_lower=rows.lower, u_upper=rows.upper, fallback=motion.v
         )
         u = solution.u
         beyond = matrix @ u - limit
-        active = np.count_nonzero(beyond > -1e-9) + np.count_nonzero((u >= rows.upper) | (u <= rows.lower))
+        active = (beyond > -1e-9).sum().item() + ((u >= rows.upper) | (u <= rows.lower)).sum().item()
         direct = beyond[k : k + rows.direct].max(initial=0.0).item()
         return solution, float(active), float(damping > _REDUNDANT), direct
 
     def _damping(self, hessian: Vector) -> float:
         """lambda^2 of the damped inverse, from the smallest singular value of J that the task needs."""
-        free = max(0, self._n - 6)
-        smallest = dsyev(hessian, compute_v=0)[0].item(free)  # LAPACK itself: a third of the time of numpy's wrapper
-        limit = 1.0 / self._facts.singularity_limit**2
-        damping = _DAMPING**2 * (1.0 - max(smallest, 0.0) / limit) if smallest < limit else 0.0
-        return max(damping, _REDUNDANT if free else 0.0)
+        limit, free = 1.0 / self._facts.singularity_limit**2, max(0, self._n - 6)
+        # Usually far from singular, and then this Cholesky factor exists; at a fifth of the cost of the eigenvalues.
+        if free == 0 and dpotrf(hessian - limit * self._eye)[1] == 0:
+            return 0.0
+        smallest = max(dsyev(hessian, compute_v=0)[0].item(free), 0.0)
+        return max(_DAMPING**2 * (1.0 - smallest / limit), _REDUNDANT if free else 0.0)
 
 
 def check_gamma(name: str, gamma: float) -> float:

@@ -227,11 +227,13 @@ class QuadraticProgram:
             self._no_u_lower if u_lower is None else u_lower,
             self._no_u_upper if u_upper is None else u_upper,
         )
-        if not _usable(program):
+        if not _finite(program):
             return Solution(fallback, Status.NOT_FINITE, 0.0)
         u, infeasible = self._attempt(self._solver, program)
         if u is not None:
             return Solution(u, Status.OPTIMAL, 0.0)
+        if not _bounded(program):
+            return Solution(fallback, Status.NOT_FINITE, 0.0)
         if self._slack_solver is not None:
             u, infeasible = self._attempt(self._slack_solver, self._with_slack(program))
         if u is None:
@@ -264,11 +266,15 @@ class QuadraticProgram:
             return None, False
         if u is None or u.shape != program.gradient.shape:
             return None, infeasible
-        reached = program.matrix @ u
-        worst = max((reached - program.upper).max(), (u - program.u_upper).max(), (program.u_lower - u).max())
-        if program.lower is not self._no_lower:
-            worst = max(worst, (program.lower - reached).max())
-        if (worst <= self._tolerance and np.isfinite(u).all()) or self._holds(program, u, reached):
+        reached, tolerance = program.matrix @ u, self._tolerance
+        # One by one, because NaN fails every comparison but is lost by Python's max().
+        plainly = (
+            (reached - program.upper).max() <= tolerance
+            and (u - program.u_upper).max() <= tolerance
+            and (program.u_lower - u).max() <= tolerance
+            and (program.lower is self._no_lower or (program.lower - reached).max() <= tolerance)
+        )
+        if plainly or self._holds(program, u, reached):
             return u, False
         return None, infeasible
 
@@ -283,10 +289,13 @@ class QuadraticProgram:
         return bool(above and below)
 
 
-def _usable(program: Coefficients) -> bool:
-    """All coefficients finite, no bound NaN, none infinite on the wrong side."""
-    hessian, gradient, matrix, lower, upper, u_lower, u_upper = program
-    # Added, because Python's min() and max() may lose a NaN; what infinity less infinity makes one is wrong as well.
-    high, low = upper.min().item() + u_upper.min().item(), lower.max().item() + u_lower.max().item()
-    finite = np.isfinite(hessian).all() and np.isfinite(gradient).all() and np.isfinite(matrix).all()
-    return bool(finite and high > -np.inf and low < np.inf)
+def _finite(program: Coefficients) -> bool:
+    """Whether the coefficients that are no bounds are finite."""
+    hessian, gradient, matrix, *_ = program
+    return bool(np.isfinite(hessian).all() and np.isfinite(gradient).all() and np.isfinite(matrix).all())
+
+
+def _bounded(program: Coefficients) -> bool:
+    """Whether no bound is NaN or infinite on the wrong side. No answer satisfies such a bound, so this can wait."""
+    upper, lower = np.append(program.upper, program.u_upper), np.append(program.lower, program.u_lower)
+    return bool((upper > -np.inf).all() and (lower < np.inf).all())

@@ -7,8 +7,8 @@ Computed once per tick and handed to every constraint.
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from functools import cached_property
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -19,16 +19,17 @@ from forcectl.robot import RobotModel
 Vector = NDArray[np.float64]
 
 
-@dataclass(frozen=True)
-class Contact:
+class Contact(NamedTuple):
     """What is known of the contact at one tick.
 
-    normal: n in W, (3,). displacement: dx_bar along n [m], into the surface when negative. compliance: C_T_hat [m/N].
-    measured_force: [N].
+    displacement: dx_bar along n [m], into the surface when negative. rate: its rate [m/s]; its second derivative is
+    row u + bias, with row (n,) [m/rad], bias [m/s^2]. compliance: C_T_hat [m/N]. measured_force: [N].
     """
 
-    normal: Vector
     displacement: float
+    rate: float
+    row: Vector
+    bias: float
     compliance: float
     measured_force: float
 
