@@ -70,7 +70,7 @@ def write_replay(log: xr.Dataset, station: StationConfig, path: Path) -> None:
     positions, indices = plant.GetPositions(own), [joint.position_start() for joint in joints]
     # The bar stands beside the tool, where it does not go, and grows along n.
     meshcat.SetObject("force/bar", Box(0.012, 0.012, 1.0), _BLUE)
-    meshcat.SetTransform("force", X_WE @ RigidTransform([-0.1 if uneven else 0.1, 0.0, 0.0]))
+    meshcat.SetTransform("force", X_WE @ RigidTransform([-0.12, 0.08, 0.0] if uneven else [0.1, 0.0, 0.0]))
     meshcat.SetTransform("grooves", X_WE)
     if uneven and uneven.grooves:
         on_plate = (c for c in uneven.grooves.centres(uneven.length) if abs(c) < _PLATE[0] / 2)
