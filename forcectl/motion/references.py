@@ -95,6 +95,35 @@ def _check_times(name: str, times: list[float]) -> None:
         raise invalid(name, times, f"strictly increasing, by at least {_SHORTEST:g} s")
 
 
+def read_series(path: str, column: str) -> tuple[list[float], list[float]]:
+    """The columns `time` [s] and `column` of a CSV file, times increasing.
+
+    Raises:
+        BadInputError: about `path`: no such file, column or number, too few rows, or times out of order.
+    """
+    if not Path(path).is_file():
+        raise invalid("path", path, f"an existing CSV file with the columns time and {column}")
+    times, values = [], []
+    try:
+        text = Path(path).read_text(encoding="utf-8-sig")  # spreadsheets put a byte order mark in front
+    except (OSError, UnicodeDecodeError):
+        raise invalid("path", path, "a readable CSV file in UTF-8") from None
+    table = csv.DictReader(text.splitlines(), skipinitialspace=True)
+    if not {"time", column} <= set(table.fieldnames or ()):
+        raise BadInputError(f"path = {path!r} has columns {table.fieldnames}: must have time and {column}")
+    for number, row in enumerate(table, start=2):
+        try:
+            times.append(float(row["time"]))
+            values.append(float(row[column]))
+        except (TypeError, ValueError):
+            found = f"time = {row['time']!r}, {column} = {row[column]!r}"
+            raise BadInputError(f"path = {path!r} line {number}: {found}: must be numbers") from None
+    if len(times) < 2:
+        raise BadInputError(f"path = {path!r} has {len(times)} rows: must have at least 2")
+    _check_times(f"path = {path!r}: column time", times)
+    return times, values
+
+
 @dataclass(kw_only=True)
 class StepConfig(_ForceReference):
     """Scenario part `!Step`: `initial_force` until `start_time`, then `force`."""
@@ -198,37 +227,13 @@ class FileConfig(_ForceReference):
     hold: bool = False  # true: keep each value until the next time instead of joining them
 
     def __post_init__(self) -> None:
-        times, forces = self._read()
-        _check_times(f"path = {self.path!r}: column time", times)
+        times, forces = read_series(self.path, "force")
         for f in forces:
             check(f"path = {self.path!r}: column force", f, "not negative")
 
-    def _read(self) -> tuple[list[float], list[float]]:
-        path = Path(self.path)
-        if not path.is_file():
-            raise invalid("path", self.path, "an existing CSV file with the columns time and force")
-        times, forces = [], []
-        try:
-            text = path.read_text(encoding="utf-8-sig")  # spreadsheets put a byte order mark in front
-        except (OSError, UnicodeDecodeError):
-            raise invalid("path", self.path, "a readable CSV file in UTF-8") from None
-        table = csv.DictReader(text.splitlines(), skipinitialspace=True)
-        if not {"time", "force"} <= set(table.fieldnames or ()):
-            raise BadInputError(f"path = {self.path!r} has columns {table.fieldnames}: must have time and force")
-        for number, row in enumerate(table, start=2):
-            try:
-                times.append(float(row["time"]))
-                forces.append(float(row["force"]))
-            except (TypeError, ValueError):
-                values = f"time = {row['time']!r}, force = {row['force']!r}"
-                raise BadInputError(f"path = {self.path!r} line {number}: {values}: must be numbers") from None
-        if len(times) < 2:
-            raise BadInputError(f"path = {self.path!r} has {len(times)} rows: must have at least 2")
-        return times, forces
-
     def trajectory(self) -> PiecewisePolynomial | float:
         """The reference over time [N]."""
-        times, forces = self._read()
+        times, forces = read_series(self.path, "force")
         return held_trajectory(times, forces) if self.hold else linear_trajectory(times, forces)
 
 

@@ -1,0 +1,164 @@
+"""Excitation of a contact in open loop: trapezoidal-velocity moves, or any profile from a file (Sec. 4.3.2).
+
+A profile is a displacement u_hat [m] along n, negative into the surface. The one of the thesis is not published; moves
+of 1 mm up to 4 mm on springs of 5900 N/m, which press with up to 24 N, reproduce its gains (targets, section 2). On
+another contact they are scaled so that they press with the same force.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.polynomial import Polynomial
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.trajectories import PiecewisePolynomial
+
+from forcectl.errors import BadInputError
+from forcectl.lanes import check
+from forcectl.motion.references import Reference, linear_trajectory, read_series
+
+SPRING_STIFFNESS = 5900.0  # [N/m] that the default moves are made for
+_SHORTEST = 1e-9  # segment of a trajectory [s]
+
+
+def move(distance: float, speed: float, acceleration: float) -> list[tuple[float, float]]:
+    """The phases of one rest-to-rest move: (duration [s], acceleration [m/s^2]), triangular when it is short."""
+    sign, distance = math.copysign(1.0, distance), abs(distance)
+    ramp = min(speed / acceleration, math.sqrt(distance / acceleration))
+    cruise = (distance - acceleration * ramp**2) / (acceleration * ramp) if ramp > 0 else 0.0
+    return [(ramp, sign * acceleration), (cruise, 0.0), (ramp, -sign * acceleration)]
+
+
+def trapezoidal_moves(
+    positions: list[float], *, speed: float, acceleration: float, rest: float, start_rest: float = 0.0
+) -> PiecewisePolynomial:
+    """Moves with trapezoidal velocity from each position to the next, and a rest after each.
+
+    Args:
+        positions: [m]. speed: [m/s], > 0. acceleration: [m/s^2], > 0. rest: after each move [s]. start_rest: before the
+            first one [s].
+
+    Returns:
+        Trajectory of shape (1, 1) [m], constant before and after.
+    """
+    times, pieces = [0.0], []
+
+    def add(duration: float, *coefficients: float) -> None:
+        # Phases too short to be a segment are left out; the next one begins at its own position all the same.
+        if duration >= _SHORTEST:
+            times.append(times[-1] + duration)
+            pieces.append(np.array([[Polynomial(np.array(coefficients))]]))
+
+    add(start_rest, positions[0])
+    for begin, end in pairwise(positions):
+        x, v = begin, 0.0
+        for duration, a in move(end - begin, speed, acceleration):
+            add(duration, x, v, 0.5 * a)
+            x, v = x + duration * (v + 0.5 * duration * a), v + duration * a
+        add(rest, end)
+    return PiecewisePolynomial(pieces, times)
+
+
+def stack_scaled(trajectory: PiecewisePolynomial, scale: NDArray[np.float64]) -> PiecewisePolynomial:
+    """One scalar trajectory times each of `scale` (n,): shape (n, 1)."""
+    pieces = []
+    for i in range(trajectory.get_number_of_segments()):
+        coefficients = trajectory.getPolynomial(i).GetCoefficients()
+        pieces.append(np.array([[Polynomial(factor * coefficients)] for factor in scale]))
+    return PiecewisePolynomial(pieces, trajectory.get_segment_times())
+
+
+class _Excitation:
+    """What the configurations of excitations share: scaling, and adding themselves for n lanes."""
+
+    scale: float | None
+
+    def trajectory(self) -> PiecewisePolynomial:
+        """Displacement over time before scaling, shape (1, 1) [m]."""
+        raise NotImplementedError
+
+    def end_time(self) -> float:
+        """When the profile is over [s]."""
+        return float(self.trajectory().end_time())
+
+    def add_to(self, builder: DiagramBuilder, environment_compliance: ArrayLike) -> Reference:
+        """Add the block `excitation` with the output `excitation`, shape (n,) [m], for n contacts.
+
+        Args:
+            environment_compliance: C_E [m/N], shape (n,), known about; decides the scale when that is None.
+        """
+        compliance = np.atleast_1d(np.asarray(environment_compliance, dtype=float))
+        scale = SPRING_STIFFNESS * compliance if self.scale is None else np.full(compliance.size, self.scale)
+        profile = stack_scaled(self.trajectory(), scale)
+        return builder.AddNamedSystem("excitation", Reference("excitation", profile))
+
+
+@dataclass(kw_only=True)
+class TrapezoidalMovesConfig(_Excitation):
+    """Scenario part `!TrapezoidalMoves`: rest-to-rest moves along n."""
+
+    depths: list[float] = field(
+        default_factory=lambda: [0.0, 1e-3, 2e-3, 3e-3, 4e-3, 3e-3, 2e-3, 1e-3, 0.0]
+    )  # into the surface, first where it begins [m]
+    speed: float = 0.005  # [m/s], > 0
+    acceleration: float = 0.05  # [m/s^2], > 0
+    rest: float = 2.0  # after each move [s], >= 0
+    start_rest: float = 0.5  # before the first one [s], >= 0
+    scale: float | None = None  # factor on depths, speed and acceleration, > 0; null: 5900 N/m / K_E, same forces
+
+    def __post_init__(self) -> None:
+        _check_scale(self.scale)
+        for depth in self.depths:
+            check("depths", depth)
+        if len(self.depths) < 2 or len(set(self.depths)) < 2:
+            raise BadInputError(f"depths = {self.depths}: must be at least two, not all equal")
+        for name in ("speed", "acceleration"):
+            check(name, getattr(self, name), "positive")
+        for name in ("rest", "start_rest"):
+            check(name, getattr(self, name), "not negative")
+
+    def trajectory(self) -> PiecewisePolynomial:
+        """Displacement over time before scaling [m]: minus the depths."""
+        positions = [-depth for depth in self.depths]
+        return trapezoidal_moves(
+            positions, speed=self.speed, acceleration=self.acceleration, rest=self.rest, start_rest=self.start_rest
+        )
+
+
+@dataclass(kw_only=True)
+class ExcitationFileConfig(_Excitation):
+    """Scenario part `!ExcitationFile`: a CSV file with the columns `time` [s] and `displacement` [m], < 0 pressing.
+
+    The points are joined by straight lines.
+    """
+
+    path: str = ""  # relative to the working directory, or absolute
+    scale: float | None = 1.0  # factor on the displacement, > 0; null: 5900 N/m / K_E
+
+    def __post_init__(self) -> None:
+        _check_scale(self.scale)
+        _, displacements = read_series(self.path, "displacement")
+        for x in displacements:
+            check(f"path = {self.path!r}: column displacement", x)
+        if len(set(displacements)) < 2:
+            raise BadInputError(f"path = {self.path!r}: column displacement is constant: must move, to excite")
+
+    def trajectory(self) -> PiecewisePolynomial:
+        """Displacement over time before scaling [m]."""
+        return linear_trajectory(*read_series(self.path, "displacement"))
+
+
+ExcitationConfig = TrapezoidalMovesConfig | ExcitationFileConfig
+EXCITATIONS = {
+    "TrapezoidalMoves": "forcectl.motion.excitation:TrapezoidalMovesConfig",
+    "ExcitationFile": "forcectl.motion.excitation:ExcitationFileConfig",
+}
+
+
+def _check_scale(scale: float | None) -> None:
+    if scale is not None:
+        check("scale", scale, "positive")
