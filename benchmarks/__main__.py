@@ -7,6 +7,7 @@ import argparse
 from benchmarks import (
     _measure,
     control_tick,
+    force_laws,
     memory,
     plant_share,
     quadratic_program,
@@ -22,7 +23,16 @@ def run_all() -> None:
     parser.add_argument("--json", action="store_true", help="print JSON instead of a table")
     arguments = parser.parse_args()
     rows: list[_measure.Row] = []
-    for module in (start_up, real_time, control_tick, robot_controller, quadratic_program, plant_share, memory):
+    for module in (
+        start_up,
+        real_time,
+        control_tick,
+        force_laws,
+        robot_controller,
+        quadratic_program,
+        plant_share,
+        memory,
+    ):
         rows += module.benchmark(max(1, arguments.repeats))
     _measure.report("forcectl benchmarks", rows, arguments.json)
 

@@ -165,7 +165,7 @@ class InvarianceForceLaw(SampledLaw):
         desired = self.lane(self._desired.Eval(context))
         measured = self.lane(self._measured.Eval(context))
         compliance = fixed[0] if self._compliance is None else self.lane(self._compliance.Eval(context))
-        good = (abs(desired) < inf) & (abs(measured) < inf) & (compliance > 0.0) & (compliance < inf)
+        good = (abs(desired) + abs(measured) + compliance < inf) & (compliance > 0.0)
         desired, compliance = where(good, desired, last), where(good, compliance, 0.0)
 
         # How fast the reference falls and how much faster it gets, as far as two differences in a row agree on it: at
@@ -178,16 +178,17 @@ class InvarianceForceLaw(SampledLaw):
         rate = -v - follow * minimum(maximum(slope, last_slope), 0.0)
         retreat = minimum(-follow * minimum(maximum(bend, last_bend), 0.0), 0.9 * opposite)
         y = target - x
-        braking = minimum(maximum(v / period, gamma), opposite)
         chosen, own_after = self.decide(context, y, rate, v, gamma + retreat, upper, own)
-        a = where(good, chosen - retreat, braking)
+        braked = v - minimum(maximum(v, period * gamma), period * opposite)
+        wanted = where(good, v - period * (chosen - retreat), braked)
 
         # The limits bind the command last; they never ask for more than the accelerations do.
-        a = minimum(maximum(a, (v - speed_limit) / period), (v + speed_limit) / period)
-        a = minimum(maximum(a, -most), most)
-        after = x + period * (v - 0.5 * period * a)
+        change = period * most
+        wanted = minimum(maximum(wanted, -speed_limit), speed_limit)
+        wanted = minimum(maximum(wanted, v - change), v + change)
+        after = x + 0.5 * period * (v + wanted)
         inside = minimum(maximum(after, minimum(x, lower_limit)), maximum(x, upper_limit))
-        velocity = where(inside == after, v - period * a, 0.0)
+        velocity = where(inside == after, wanted, 0.0)
         phi = y + 0.5 * maximum(rate, 0.0) * rate / opposite
         return inside, velocity, phi, where(good, 0.0, _NOT_FINITE), desired, slope, bend, *own_after
 

@@ -97,8 +97,5 @@ class SampledLaw(LaneBlock):
         values = self._now.Eval(context) if self._now else (self.lane(self._command.Eval(context)),)
         if self._size > 1:
             next_state.set_value(self._held, np.concatenate([np.full(self._size, time), *values]))
-            return
-        held = next_state.get_mutable_vector(self._held)
-        held.SetAtIndex(0, time)
-        for i, value in enumerate(values, start=1):
-            held.SetAtIndex(i, value)
+        else:
+            next_state.set_value(self._held, np.array([time, *values]))
