@@ -27,6 +27,7 @@ CONTROLLERS = {
     "AdaptiveInvarianceControl": "forcectl.control.invariance_control:AdaptiveInvarianceControlConfig",
     "Invariance": "forcectl.control.invariance_force_law:InvarianceConfig",
     "InvarianceRobot": "forcectl.control.invariance_robot:InvarianceRobotConfig",
+    "Vrft": "forcectl.control.linear_law:VrftConfig",
     "Import": "forcectl.simulation.imported:ImportConfig",
 }
 REFERENCES = {
