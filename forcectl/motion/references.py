@@ -227,7 +227,7 @@ class FileConfig(_ForceReference):
     hold: bool = False  # true: keep each value until the next time instead of joining them
 
     def __post_init__(self) -> None:
-        times, forces = read_series(self.path, "force")
+        _, forces = read_series(self.path, "force")
         for f in forces:
             check(f"path = {self.path!r}: column force", f, "not negative")
 
