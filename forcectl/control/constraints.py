@@ -84,7 +84,9 @@ class CartesianWall:
 class ForceLimit:
     """The contact force stays below a maximum, by the model and by the sensor, whichever is nearer.
 
-        y = max(-dx_bar - C_T_hat F_max, C_T_hat (F - F_max)) [m]
+        y = max(-dx_bar - C_T_hat F_max, C_T_hat (F - F_max)/2) [m]
+
+    Half of the compliance, so that one that is believed up to twice too large does not count on a longer way to stop.
 
     Args:
         maximum: F_max [N], > 0. gamma: [m/s^2], < 0; None: the controller's.
@@ -101,7 +103,7 @@ class ForceLimit:
         """See `Constraint`."""
         contact, maximum = motion.contact, self._maximum
         by_model = -contact.displacement - contact.compliance * maximum
-        by_sensor = contact.compliance * (contact.measured_force - maximum)
+        by_sensor = 0.5 * contact.compliance * (contact.measured_force - maximum)
         return max(by_model, by_sensor), -contact.rate, -contact.row, -contact.bias
 
 

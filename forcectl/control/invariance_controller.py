@@ -17,7 +17,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -37,13 +37,15 @@ from forcectl.control.constraints import (
 from forcectl.control.force_law import RobotFacts
 from forcectl.control.quadratic_program import QuadraticProgram, Solution, SolverFactory, Status, fastest
 from forcectl.control.regulated_output import Course, Regulated, RegulatedCoordinate, corrected, regulate_force
-from forcectl.control.robot_motion import Contact, RobotMotion, StraightMotion, turn
+from forcectl.control.robot_motion import Contact, RobotMotion, StraightMotion
+from forcectl.control.tracking import Tracking
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import check
 from forcectl.robot import JointLimits
 
 Vector = NDArray[np.float64]
 
+_PRIORITY = 1e3  # weight of regulated outputs beside the unconstrained directions
 _SLACK_WEIGHT = 1e6  # of regulated outputs: what slack costs beside the objective
 _DAMPING = 0.05  # lambda_max of the damped inverse [m], as in the kinematic inversion
 _REDUNDANT = 1e-4  # weight of rest for joints that the task leaves free
@@ -61,6 +63,18 @@ _DIAGNOSTICS = {
     "near_singular": "1",
     "contact_lost": "1",
 }
+
+
+class Along(NamedTuple):
+    """x'' = rows u + bias + missed along the axes of the k regulated outputs at one tick.
+
+    missed: what that fell short of in the tick before, because the posture changed within it. Left out, it adds up
+    while a step of the force is braked: 3 um at 1 m/s along the surface.
+    """
+
+    rows: Vector
+    bias: Vector
+    missed: Vector
 
 
 class InvarianceController(LeafSystem):
@@ -98,8 +112,8 @@ class InvarianceController(LeafSystem):
         maximum_force: [N], > 0, by the model and by the sensor. nominal_gain: K_I [1/s] of the law to be corrected;
             None: the law of (3.53).
         limits: of the joints; None: the robot's. constraints: further ones. constraint_gamma: of those without their
-            own [m/s^2], < 0. outputs: regulated beside the force. tracking_bandwidth: w [1/s], K_P = w^2, K_D = 2 w.
-        solver: of the quadratic program.
+            own [m/s^2], < 0. outputs: regulated beside the force. tracking_bandwidth, tracking_acceleration: of the
+            unconstrained directions [1/s, m/s^2], see `Tracking`. solver: of the quadratic program.
 
     Raises:
         BadInputError: values out of range, or that contradict each other or the start posture.
@@ -121,6 +135,7 @@ class InvarianceController(LeafSystem):
         constraint_gamma: float = -1.0,
         outputs: Sequence[RegulatedCoordinate] = (),
         tracking_bandwidth: float = 30.0,
+        tracking_acceleration: float = 2.0,
         period: float = 0.002,
         solver: SolverFactory = fastest,
     ):
@@ -137,7 +152,7 @@ class InvarianceController(LeafSystem):
         self._maximum_force = maximum_force
         self._nominal_gain = None if nominal_gain is None else check("nominal_gain", nominal_gain, "positive")
         self._known_compliance = math.nan if compliance is None else check("compliance", compliance, "positive")
-        self._bandwidth = check("tracking_bandwidth", tracking_bandwidth, "positive")
+        self._tracking = Tracking(tracking_bandwidth, tracking_acceleration, robot.model.facts.characteristic_length)
 
         self._origin = RobotMotion(robot.model, robot.model.create_context(), robot.start, np.zeros(self._n))
         self._origin.contact = Contact(0.0, 0.0, robot.n @ self._origin.jacobian[3:], 0.0, 1.0, 0.0)
@@ -157,7 +172,6 @@ class InvarianceController(LeafSystem):
         self._across = np.eye(3) - self._axes.T @ self._axes
         # y'' of the force is -x'' along n, that of a coordinate is x'' along its axis.
         self._signs = np.array([-1.0] + [1.0] * len(outputs))
-        self._signed_axes = self._signs[:, None] * self._axes
         self._eye = np.eye(self._n)
 
         weights = np.full(len(self._axes) + self._constraints.size, np.inf)
@@ -178,8 +192,8 @@ class InvarianceController(LeafSystem):
             self._compliance = self.DeclareVectorInputPort("compliance", 1)
             inputs.append(self._compliance)
         # The time of the tick this belongs to, q, q', the last two references, the course of the force, whether there
-        # was contact, and the diagnostics.
-        further = 3 * n + len(Course._fields) + 1 + len(_DIAGNOSTICS)
+        # was contact, the rates that the tick led to as far as it knew, and the diagnostics.
+        further = 3 * n + len(Course._fields) + 1 + len(self._axes) + len(_DIAGNOSTICS)
         memory = np.concatenate([[-self._period], self._facts.start, np.zeros(further)])
         self._memory = self.DeclareDiscreteState(memory)
         model = self._facts.model
@@ -231,7 +245,7 @@ class InvarianceController(LeafSystem):
         n, Ts = self._n, self._period
         q, v, last, before = memory[1 : 1 + 4 * n].reshape(4, n)
         *course, touched = memory[1 + 4 * n : 5 + 4 * n].tolist()
-        past = Course(*course)
+        past, foreseen = Course(*course), memory[5 + 4 * n : -len(_DIAGNOSTICS)]
         desired, measured = self._desired.Eval(context).item(), self._measured.Eval(context).item()
         compliance = self._known_compliance if self._compliance is None else self._compliance.Eval(context).item()
         reference = self._reference.Eval(context)
@@ -243,10 +257,11 @@ class InvarianceController(LeafSystem):
 
         motion = self._motion(context, 0, q, v)
         x = (self._axes @ (motion.position - self._origin.position)).tolist()
-        # x'' = along u + bent for every regulated output.
-        along, bent = self._axes @ motion.jacobian[3:], self._axes @ motion.bias[3:]
-        rates = (along @ v).tolist()
-        motion.contact = Contact(x[0], rates[0], along[0], bent.item(0), compliance, measured)
+        rate = self._axes @ motion.velocity[3:]
+        along = Along(self._axes @ motion.jacobian[3:], self._axes @ motion.bias[3:], (rate - foreseen) / Ts)
+        rates = rate.tolist()
+        bias = along.bias.item(0) + along.missed.item(0)
+        motion.contact = Contact(x[0], rates[0], along.rows[0], bias, compliance, measured)
         rows = self._constraints.rows(motion)
         solution, violation = Solution(v, Status.NOT_FINITE, 0.0), rows.violation
         active = near = lost = 0.0
@@ -255,12 +270,12 @@ class InvarianceController(LeafSystem):
             desired = min(desired, self._maximum_force)
             force, past = regulate_force(x[0], rates[0], desired, compliance, past, self._gamma, self._upper, Ts)
             outputs = [force]
-            for output, xi, rate in zip(self._outputs, x[1:], rates[1:], strict=True):
-                outputs.append(output.regulate(xi, rate, Ts))
+            for output, xi, vi in zip(self._outputs, x[1:], rates[1:], strict=True):
+                outputs.append(output.regulate(xi, vi, Ts))
             if self._nominal_gain is not None:
                 outputs = self._nominal(self._nominal_gain, outputs, compliance * (measured - desired))
-            wanted = self._wanted(context, motion, (reference, last, before), outputs)
-            solution, active, near, direct = self._solve(motion, rows, (along, bent), wanted, outputs)
+            wanted = self._wanted(context, motion, (reference, last, before), outputs, along.missed)
+            solution, active, near, direct = self._solve(motion, rows, along, wanted, outputs)
             violation = max(violation, direct)
             phi = force.y - 0.5 * max(force.rate, 0.0) ** 2 / self._gamma
             pressing = -x[0] > _CONTACT_FORCE * compliance
@@ -271,10 +286,13 @@ class InvarianceController(LeafSystem):
 
         u = self._constraints.brake(v, rows) if solution.status.brakes else solution.u
         violation = violation if violation > _ROUNDING else 0.0
-        command = x[0] + Ts * rates[0] + 0.5 * Ts**2 * ((along[0] @ u).item() + bent.item(0))
+        bending = along.rows @ u + along.bias
+        command = x[0] + Ts * rates[0] + 0.5 * Ts**2 * bending.item(0)
         shown = [command, phi, float(solution.status), active, solution.slack, violation, near, lost]
         position, velocity = q + Ts * v + 0.5 * Ts**2 * u, v + Ts * u
-        return np.concatenate([[time], position, velocity, reference, last, past, [touched], shown])
+        return np.concatenate(
+            [[time], position, velocity, reference, last, past, [touched], rate + Ts * bending, shown]
+        )
 
     def _nominal(self, gain: float, outputs: list[Regulated], force_error: float) -> list[Regulated]:
         """The same outputs with the accelerations of the integral law; `force_error`: C_T_hat (F - F_bar) [m]."""
@@ -285,39 +303,44 @@ class InvarianceController(LeafSystem):
         ]
 
     def _wanted(
-        self, context: Context, motion: RobotMotion, references: tuple[Vector, Vector, Vector], outputs: list[Regulated]
+        self,
+        context: Context,
+        motion: RobotMotion,
+        references: tuple[Vector, Vector, Vector],
+        outputs: list[Regulated],
+        missed: Vector,
     ) -> Vector:
         """The spatial acceleration x'' that the terms of the objective ask for together (6,)."""
         now, last, before = references
-        Ts, w = self._period, self._bandwidth
+        Ts = self._period
         # Where q[k] should be is the reference of one tick ago; with the one of now, differences about it are central.
-        rate, bend = (now - before) / (2 * Ts), (now - 2 * last + before) / Ts**2
-        path = self._motion(context, 1, self._facts.start + last, rate)
-        error = np.concatenate([turn(motion.rotation, path.rotation), path.position - motion.position])
-        wanted = w * w * error - 2 * w * motion.velocity
-        if rate.any() or bend.any():
-            wanted += 2 * w * path.velocity + path.bias + path.jacobian @ bend
-        wanted[3:] = self._across @ wanted[3:] + np.array([output.wish for output in outputs]) @ self._signed_axes
+        path = self._motion(context, 1, self._facts.start + last, (now - before) / (2 * Ts))
+        wanted = self._tracking.acceleration(motion, path, (now - 2 * last + before) / Ts**2, self._across)
+        wanted[3:] += (self._signs * [output.wish for output in outputs] - missed) @ self._axes
         return wanted
 
     def _solve(
         self,
         motion: RobotMotion,
         rows: Rows,
-        task: tuple[Vector, Vector],
+        along: Along,
         wanted: Vector,
         outputs: list[Regulated],
     ) -> tuple[Solution, float, float, float]:
         """The solution, how many rows and bounds are active, whether J is damped, and the violation of direct rows."""
-        k, J, (along, bent) = len(outputs), motion.jacobian, task
-        matrix = np.concatenate([self._signs[:, None] * along, rows.matrix])
-        limit = np.concatenate([[output.bound for output in outputs] - self._signs * bent, rows.limit])
+        k, J = len(outputs), motion.jacobian
+        matrix = np.concatenate([self._signs[:, None] * along.rows, rows.matrix])
+        bounds = [output.bound for output in outputs] - self._signs * (along.bias + along.missed)
+        limit = np.concatenate([bounds, rows.limit])
 
         hessian, gradient = J.T @ J, J.T @ (motion.bias - wanted)
         damping = self._damping(hessian)
         if damping > 0:  # towards rest
             hessian += damping * self._eye
-            gradient += damping * 2 * self._bandwidth * motion.v
+            gradient += damping * 2 * self._tracking.bandwidth * motion.v
+        # The regulated outputs come first: beside limits that leave too little for all, the rest gives way.
+        hessian += _PRIORITY * (along.rows.T @ along.rows)
+        gradient += _PRIORITY * ((along.bias - self._axes @ wanted[3:]) @ along.rows)
         if self._nominal_gain is not None:
             gradient = np.linalg.solve(hessian, gradient)
             hessian = self._eye

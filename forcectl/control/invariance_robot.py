@@ -151,6 +151,7 @@ class InvarianceRobotConfig:
     nominal_gain: float | None = None  # K_I [1/s], > 0, of an integral law to be corrected; null: no such law
     maximum_force: float = inf  # [N], > 0
     tracking_bandwidth: float = 30.0  # w [1/s], > 0, of the unconstrained directions
+    tracking_acceleration: float = 2.0  # [m/s^2], > 0, in the unconstrained directions
     limits: JointLimitConfig = field(default_factory=JointLimitConfig)
     walls: list[WallConfig] = field(default_factory=list)
     constraints: list[ConstraintConfig] = field(default_factory=list)
@@ -161,7 +162,7 @@ class InvarianceRobotConfig:
         for name in ("upper_acceleration", "nominal_gain"):
             if getattr(self, name) is not None:
                 check(name, getattr(self, name), "positive")
-        for name in ("compliance_error", "tracking_bandwidth"):
+        for name in ("compliance_error", "tracking_bandwidth", "tracking_acceleration"):
             check(name, getattr(self, name), "positive")
         if not self.maximum_force > 0:
             raise invalid("maximum_force", self.maximum_force, "above zero")
@@ -182,6 +183,7 @@ class InvarianceRobotConfig:
             constraints=[*constraints, *(part.constraint() for part in self.constraints)],
             outputs=[RegulatedCoordinate(unit_normal(o.axis), o.displacement, o.gamma) for o in self.outputs],
             tracking_bandwidth=self.tracking_bandwidth,
+            tracking_acceleration=self.tracking_acceleration,
             period=facts.period,
         )
         if self.adaptation is None:
