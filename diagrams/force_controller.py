@@ -47,8 +47,6 @@ class ForceController(Diagram):
         export(law.GetInputPort("desired_force"), "desired_force")
         export(law.GetInputPort("measured_force"), "measured_force")
         command = law.GetOutputPort("displacement_command")
-        # Every input of the slot exists, whatever a law makes of it.
-        export(add("motor_velocity", PassThrough(n_q)).get_input_port(), "motor_velocity")
         if cell.config.fidelity == "OneDimensional":
             inversion = add("kinematic_inversion", ConstantKinematicInversion(cell.direction, cell.normal_row, q_0))
             position = export(add("motor_position", PassThrough(n_q)).get_input_port(), "motor_position")
@@ -57,6 +55,8 @@ class ForceController(Diagram):
             block = KinematicInversion(cell.robot, cell.n, q_0, period=period, limit=limit)
             inversion = add("kinematic_inversion", block)
             position = export(inversion.GetInputPort("motor_position"), "motor_position")
+        # Every input of the slot exists, whatever a law makes of it.
+        export(add("motor_velocity", PassThrough(n_q)).get_input_port(), "motor_velocity")
         if "motor_displacement" in input_names(law):
             tip = add("motor_displacement", _displacement(cell))
             builder.ConnectInput(position, tip.get_input_port())

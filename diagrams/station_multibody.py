@@ -46,7 +46,7 @@ from forcectl.models import add_packages
 from forcectl.plant.drive import Drive, joint_to_motor
 from forcectl.plant.position_loop import PositionLoop
 from forcectl.plant.tip_kinematics import TipDisplacement, Vector
-from forcectl.plant.wrist_sensor import ToolCompensation, WeldWrenches
+from forcectl.plant.wrist_sensor import WristSensor
 from forcectl.robot import RobotParts, add_robot
 
 # Compliance of the ball of the tool [m/N]: small beside any environment, and in series with it (taken out again below).
@@ -229,18 +229,38 @@ class MultibodyStation(Diagram):
         # Wrist sensor: the wrench at the weld between sensor and tool, tool weight included.
         if parts.sensor_weld is None:
             raise BadInputError("tool: has no sensor_weld: must name one for station.fidelity = Multibody")
-        wrenches = add("weld_wrenches", WeldWrenches(plant, [parts.sensor_weld, weld]))
-        wrist_and_mounting = add("wrist_and_mounting", Demultiplexer([6, 6]))
-        sensor = config.force_sensor.add_to(builder, config.period, wrench=True, seed=seed)
-        compensation = add(
-            "tool_compensation",
-            ToolCompensation(robot, cell.n, q_0, tared=config.force_sensor.tare, period=config.posture_period),
+        sensed = config.force_sensor
+        scale = sensed.channel_scale()
+        sensor = add(
+            "wrist_sensor",
+            WristSensor(
+                plant,
+                parts.sensor_weld,
+                weld,
+                robot,
+                cell.n,
+                q_0,
+                posture_period=config.posture_period,
+                electronics={
+                    "bias": sensed.bias * scale,
+                    "noise_std": sensed.noise_std * scale,
+                    "quantum": sensed.quantum * scale,
+                    "range": sensed.range * scale,
+                    "tare": sensed.tare,
+                    "seed": seed,
+                    "period": config.period,
+                },
+            ),
         )
-        connect(plant.get_reaction_forces_output_port(), wrenches.GetInputPort("reaction_forces"))
-        connect(wrenches.GetOutputPort("wrenches"), wrist_and_mounting.get_input_port())
-        connect(wrist_and_mounting.get_output_port(0), sensor.GetInputPort("force"))
-        connect(sensor.GetOutputPort("measured_force"), compensation.GetInputPort("wrench"))
-        connect(position, compensation.GetInputPort("motor_position"))
+        readings_and_truth = add("readings_and_truth", Demultiplexer([7, 1]))
+        filter_ = add("sensor_filter", sensed.filter(7, config.period))
+        wrench_and_force = add("wrench_and_force", Demultiplexer([6, 1]))
+        connect(plant.get_reaction_forces_output_port(), sensor.GetInputPort("reaction_forces"))
+        connect(position, sensor.GetInputPort("motor_position"))
+        connect(sensor.GetOutputPort("readings"), readings_and_truth.get_input_port())
+        connect(readings_and_truth.get_output_port(0), filter_.get_input_port())
+        connect(filter_.get_output_port(), wrench_and_force.get_input_port())
+        force = readings_and_truth.get_output_port(1)
 
         # An uneven surface is raised to its height at the place of the links.
         links = add("link_state", _split_state(plant, parts))
@@ -252,22 +272,19 @@ class MultibodyStation(Diagram):
             connect(height, at_rest.get_input_port())
             connect(at_rest.get_output_port(), plant.get_desired_state_input_port(surface))
 
-        # Truth: the mounting of the (weightless) environment carries the contact force, along -z of its surface.
-        force = add("contact_force", MatrixGain(np.array([[0.0, 0.0, 0.0, 0.0, 0.0, -1.0]])))
         tip = add("tip_displacement", TipDisplacement(robot, cell.n, q_0, period=None))
-        connect(wrist_and_mounting.get_output_port(1), force.get_input_port())
         connect(position, tip.GetInputPort("motor_position"))
         export_outputs(
             builder,
             {
                 "motor_position": position,
                 "motor_velocity": velocity,
-                "measured_wrench": compensation.GetOutputPort("measured_wrench"),
-                "measured_force": compensation.GetOutputPort("measured_force"),
-                "contact_force": force.get_output_port(),
+                "measured_wrench": wrench_and_force.get_output_port(0),
+                "measured_force": wrench_and_force.get_output_port(1),
+                "contact_force": force,
                 "contact_displacement": tip.GetOutputPort("displacement"),
                 "link_position": links.get_output_port(),
-                "contact_state": add_contact_state(builder, force.get_output_port()),
+                "contact_state": add_contact_state(builder, force),
                 **({} if height is None else {"surface_height": height}),
             },
         )

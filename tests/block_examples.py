@@ -40,7 +40,7 @@ from forcectl.plant.servo import Servo, ServoCore
 from forcectl.plant.surface import GrooveConfig, SurfaceConfig, SurfaceHeight
 from forcectl.plant.tip_contact import TipContact
 from forcectl.plant.tip_kinematics import ForceToWrench, LinkPosition, TipDisplacement
-from forcectl.plant.wrist_sensor import ToolCompensation, WeldWrenches
+from forcectl.plant.wrist_sensor import Electronics, WristSensor
 from forcectl.robot import RobotModel, add_robot
 from forcectl.testing.runs import Input
 
@@ -120,16 +120,27 @@ def drive() -> Drive:
     )
 
 
-def weld_wrenches() -> Diagram:
-    """The plant and the block that reads its welds, because the block's input carries no vector."""
+def wrist_sensor() -> Diagram:
+    """The plant and the sensor that reads its welds, because the sensor's input carries no vector."""
     builder = DiagramBuilder()
     plant = builder.AddSystem(MultibodyPlant(0.001))
     plant.SetUseSampledOutputPorts(False)  # Drake 1.51 does not reset sampled outputs with the rest of its state
     parts = add_robot(plant, "comau_smart_six", "force_probe")
     plant.Finalize()
-    read = builder.AddSystem(WeldWrenches(plant, [parts.sensor_weld]))
+    electronics: Electronics = {
+        "bias": 0.1,
+        "noise_std": 0.05,
+        "quantum": 0.05,
+        "range": 400.0,
+        "tare": True,
+        "seed": 1,
+        "period": 0.002,
+    }
+    weld = parts.sensor_weld
+    read = builder.AddSystem(WristSensor(plant, weld, weld, robot(), Z, START, electronics=electronics))
     builder.Connect(plant.get_reaction_forces_output_port(), read.GetInputPort("reaction_forces"))
-    builder.ExportOutput(read.GetOutputPort("wrenches"), "wrenches")
+    builder.ExportInput(read.GetInputPort("motor_position"), "motor_position")
+    builder.ExportOutput(read.GetOutputPort("readings"), "readings")
     builder.ExportInput(plant.get_actuation_input_port(), "actuation")
     return builder.Build()
 
@@ -274,18 +285,12 @@ EXAMPLES: dict[type[System], list[Example]] = {
             {"motor_position": posture, "measured_force": lambda t: 15 * t},
         )
     ],
-    WeldWrenches: [
+    WristSensor: [
         Example(
-            lambda: next(s for s in weld_wrenches().GetSystems() if isinstance(s, WeldWrenches)),
-            each("wrenches", "reaction_forces"),
-            runnable=weld_wrenches,
-        )
-    ],
-    ToolCompensation: [
-        Example(
-            lambda: ToolCompensation(robot(), Z, START, tared=True),
-            each("measured_wrench", "wrench") | each("measured_force", "wrench"),
-            {"wrench": lambda t: np.arange(6) * t, "motor_position": posture},
+            lambda: next(s for s in wrist_sensor().GetSystems() if isinstance(s, WristSensor)),
+            each("readings", "reaction_forces"),
+            {"motor_position": posture},
+            runnable=wrist_sensor,
         )
     ],
     AdaptiveForceLaw: [

@@ -151,9 +151,10 @@ def test_folded_loop_is_the_thesis_figure(fidelity: str) -> None:
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_unfolded_loop_shows_the_blocks_inside(experiment: str, fidelity: str) -> None:
     own = {"OneDimensional": "contact", "Kinematic": "tip_displacement", "Multibody": "plant"}[fidelity]
+    sensor = "wrist_sensor" if fidelity == "Multibody" else "force_sensor"
     folded, unfolded = names_at(experiment, fidelity, 1), names_at(experiment, fidelity, None)
-    assert {"force_law", "position_loop", "force_sensor", own} <= unfolded
-    assert not {"force_law", "position_loop", "force_sensor", own} & folded
+    assert {"force_law", "position_loop", sensor, own} <= unfolded
+    assert not {"force_law", "position_loop", sensor, own} & folded
 
 
 def test_units_and_sample_times_are_on_the_picture() -> None:
@@ -166,5 +167,5 @@ def test_units_and_sample_times_are_on_the_picture() -> None:
 def test_interactive_page_holds_the_whole_diagram() -> None:
     page = export(diagram_of("fig_2_7", "Multibody"), format="html")
     assert isinstance(page, str)
-    for block in ("force_law", "position_loop", "plant", "tool_compensation"):
+    for block in ("force_law", "position_loop", "plant", "wrist_sensor"):
         assert block in page

@@ -10,6 +10,7 @@ exact for forces that are linear between ticks and, unlike a zero-order hold, ad
 from __future__ import annotations
 
 import builtins
+from abc import abstractmethod
 from dataclasses import dataclass
 from functools import lru_cache
 from typing import Any, NamedTuple
@@ -70,25 +71,18 @@ def digitise(force: Lane, noise: Lane, channel: Converter, m: Any = np) -> Lane:
     return rounded if quantised is None else m.where(quantised, rounded, seen)
 
 
-class ForceDigitiser(LaneBlock):
-    """The sensor's electronics: bias, noise, range, quantisation and taring.
-
-    ```
-    name: ForceDigitiser
-    input_ports: [force]
-    output_ports: [reading]
-    parameters: [bias, noise_std, quantum, range]
-    ```
-
-    force: shape (n,), true force or wrench component [N or Nm].
-    reading: shape (n,), same unit. Feedthrough of force.
+class SensorElectronics(LaneBlock):
+    """Base of the blocks that digitise: bias, noise, range, quantisation and taring of n channels.
 
     Parameters (Context, shape (n,)): bias, noise_std >= 0 (standard deviation per tick), quantum >= 0, range > 0, all
-    in the unit of the input. Taring: with `tare` the first reading without noise becomes the zero (state, set by an
+    in the unit of the channel. Taring: with `tare` the first reading without noise becomes the zero (state, set by an
     initialisation event); `tare_now` does the same at any time.
+
+    A subclass declares its ports in `declare_ports`, says what the channels feel in `feels`, and reads with `read`.
 
     Args:
         seed: of the noise; lane i of a bundle uses seeds[i] when a list is given, and then equals the run alone.
+        unit: of the channels, for documentation.
     """
 
     def __init__(
@@ -114,19 +108,29 @@ class ForceDigitiser(LaneBlock):
             },
         )
         self._period = check("period", period, "positive")
-        self.port_units = {"force": unit, "reading": unit}
         # One seed: the channels of one sensor draw independently. A list: each lane is a sensor of its own.
         sources = [(s, 0) for s in seed] if isinstance(seed, list) else [(seed, i) for i in builtins.range(size)]
         if len(sources) != size or not all(isinstance(s, int) and s >= 0 for s, _ in sources):
             raise invalid("seed", seed, f"a whole number, not negative, or a list of {size} of them")
         self._sources = tuple(sources)
-        self._force = self.DeclareVectorInputPort("force", size)
-        reads: Any = {self._force.ticket(), self.time_ticket(), self.all_parameters_ticket()}
+        self.reads: set[Any] = {self.time_ticket(), self.all_parameters_ticket()}
         self._tare = self.DeclareDiscreteState(size) if tare else None
         if tare:
-            reads.add(self.discrete_state_ticket(self._tare))
+            self.reads.add(self.discrete_state_ticket(self._tare))
             self.DeclareInitializationDiscreteUpdateEvent(self._tare_update)
-        self.DeclareVectorOutputPort("reading", size, self._reading, prerequisites_of_calc=reads)
+        self.declare_ports(unit)
+
+    @abstractmethod
+    def declare_ports(self, unit: str) -> None:
+        """Declare the ports; the outputs depend on the inputs and on `reads`."""
+
+    @abstractmethod
+    def feels(self, context: Context) -> NDArray[np.float64]:
+        """What the channels feel, shape (n,)."""
+
+    def derive(self, values: tuple[Lane, ...]) -> Converter:
+        """What `digitise` needs of the parameters."""
+        return converter(*values)
 
     def tare_now(self, context: Context) -> None:
         """Make the present reading (without noise) the zero, as an operator does before touching a surface.
@@ -136,25 +140,56 @@ class ForceDigitiser(LaneBlock):
         """
         if self._tare is None:
             raise invalid("tare", False, "true to tare the sensor")
-        context.SetDiscreteState(self._tare, self.stack(self._raw(context, np.zeros(self._size))))
+        context.SetDiscreteState(self._tare, self._quiet(context))
 
     def _tare_update(self, context: Context, next_state: DiscreteValues) -> None:
-        next_state.set_value(self._tare, self.stack(self._raw(context, np.zeros(self._size))))
+        next_state.set_value(self._tare, self._quiet(context))
 
-    def derive(self, values: tuple[Lane, ...]) -> Converter:
-        """What `digitise` needs of the parameters."""
-        return converter(*values)
+    def _quiet(self, context: Context) -> NDArray[np.float64]:
+        return self.stack(self._raw(context, self.feels(context), np.zeros(self._size)))
 
-    def _raw(self, context: Context, noise: NDArray[np.float64]) -> Lane:
-        force = self.lane(self._force.Eval(context))
-        return digitise(force, self.lane(noise), self._values.Eval(context), self.math)
+    def _raw(self, context: Context, felt: NDArray[np.float64], noise: NDArray[np.float64]) -> Lane:
+        return digitise(self.lane(felt), self.lane(noise), self._values.Eval(context), self.math)
 
-    def _reading(self, context: Context, output: BasicVector) -> None:
+    def read(self, context: Context, felt: NDArray[np.float64]) -> Lane:
+        """The reading of the channels that feel `felt`, shape (n,)."""
         tick = int(context.get_time() / self._period + 0.5)
-        reading = self._raw(context, white_noise(self._sources, tick))
+        reading = self._raw(context, felt, white_noise(self._sources, tick))
         if self._tare is not None:
             reading = reading - self.lane(context.get_discrete_state(self._tare).value())
-        self.write(output, reading)
+        return reading
+
+
+class ForceDigitiser(SensorElectronics):
+    """The sensor's electronics, for forces that are signals.
+
+    ```
+    name: ForceDigitiser
+    input_ports: [force]
+    output_ports: [reading]
+    parameters: [bias, noise_std, quantum, range]
+    ```
+
+    force: shape (n,), true force or wrench component [N or Nm].
+    reading: shape (n,), same unit. Feedthrough of force.
+
+    Parameters and arguments: see `SensorElectronics`.
+    """
+
+    def declare_ports(self, unit: str) -> None:
+        """Input and output."""
+        self.port_units = {"force": unit, "reading": unit}
+        self._force = self.DeclareVectorInputPort("force", self._size)
+        reads = self.reads | {self._force.ticket()}
+        self.DeclareVectorOutputPort("reading", self._size, self._reading, prerequisites_of_calc=reads)
+
+    def feels(self, context: Context) -> NDArray[np.float64]:
+        """The force."""
+        force: NDArray[np.float64] = self._force.Eval(context)
+        return force
+
+    def _reading(self, context: Context, output: BasicVector) -> None:
+        self.write(output, self.read(context, self._force.Eval(context)))
 
 
 def sensor_filter(
@@ -287,24 +322,31 @@ class ForceSensorConfig:
         if not isinstance(self.tare, bool):
             raise invalid("tare", self.tare, "true or false")
 
+    def channel_scale(self) -> NDArray[np.float64]:
+        """Factors on noise, quantum, bias and range of the six channels of a wrench [torque; force], shape (6,)."""
+        return np.repeat([self.torque_ratio, 1.0], 3)
+
+    def filter(self, size: int, period: float) -> LinearSystem:
+        """The filter behind the electronics, for n channels."""
+        ticks = whole_multiple("delay", self.delay, period, "period")
+        return sensor_filter(size, self.bandwidth, self.damping_ratio, period, ticks)
+
     def add_to(
-        self, builder: DiagramBuilder, period: float, *, size: int = 1, wrench: bool = False, seed: int | list[int] = 0
+        self, builder: DiagramBuilder, period: float, *, size: int = 1, seed: int | list[int] = 0
     ) -> ForceSensor:
-        """Add a sensor of n force channels, or with `wrench` one of six channels [torque; force]."""
-        scale = np.repeat([self.torque_ratio, 1.0], 3) if wrench else np.ones(size)
+        """Add a sensor of n force channels."""
         block = ForceSensor(
-            len(scale),
+            size,
             bandwidth=self.bandwidth,
             damping_ratio=self.damping_ratio,
-            noise_std=self.noise_std * scale,
-            quantum=self.quantum * scale,
-            bias=self.bias * scale,
-            range=self.range * scale,
+            noise_std=self.noise_std,
+            quantum=self.quantum,
+            bias=self.bias,
+            range=self.range,
             delay=self.delay,
-            # Without bias or weight the first reading is zero already.
-            tare=self.tare and (wrench or self.bias != 0),
+            # Without bias the first reading is zero already.
+            tare=self.tare and self.bias != 0,
             seed=seed,
-            unit="Nm,N" if wrench else "N",
             period=period,
         )
         return builder.AddNamedSystem("force_sensor", block)

@@ -48,7 +48,7 @@ class TipDisplacement(LeafSystem):
     motor_position: shape (n_q,) [rad].
     displacement: shape (1,), dx of (2.1) as above [m]: exact at the renewals, or without them. Feedthrough.
 
-    Sampling: the tangent is state, renewed every `period` [s] if the posture has changed; None: no tangent and no state.
+    Sampling: the tangent is state, renewed every `period` [s] if the posture has changed; None: no state.
 
     Args:
         robot: kinematics. n: unit normal in W, shape (3,). start: q_0, shape (n_q,) [rad].
