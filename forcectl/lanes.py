@@ -33,6 +33,7 @@ SCALAR_MATH: Any = SimpleNamespace(
     maximum=max,
     minimum=min,
     copysign=math.copysign,
+    sqrt=math.sqrt,
     floor=lambda v: v // 1.0 if math.isfinite(v) else v,
     where=lambda condition, a, b: a if condition else b,
 )

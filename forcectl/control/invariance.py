@@ -27,7 +27,7 @@ from forcectl.lanes import SCALAR_MATH, Lane
 Array = NDArray[np.float64]
 
 # Operations that give the same bits on floats and on arrays; np itself serves arrays.
-FLOAT_MATH: Any = SimpleNamespace(**vars(SCALAR_MATH) | {"sqrt": math.sqrt, "frexp": math.frexp, "ldexp": math.ldexp})
+FLOAT_MATH: Any = SimpleNamespace(**vars(SCALAR_MATH) | {"frexp": math.frexp, "ldexp": math.ldexp})
 _ITERATIONS = 8  # of Newton's, from a bound at most 2.6 times the root: relative error below 1e-15
 
 

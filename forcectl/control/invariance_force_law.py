@@ -51,7 +51,7 @@ def one_step_acceleration(y: Lane, rate: Lane, gamma: Lane, upper: Lane, period:
     speed = side * rate / speed_step
     # In units of speed_step and speed_step * Ts: the corner of speed n is n (n + 1)/2 half steps ahead.
     ahead = -side * y / (speed_step * period) - 0.5 * speed
-    n = m.floor(((1.0 + 8.0 * m.maximum(ahead, 0.0)) ** 0.5 - 1.0) * 0.5)
+    n = m.floor((m.sqrt(1.0 + 8.0 * m.maximum(ahead, 0.0)) - 1.0) * 0.5)
     next_speed = m.where(ahead < 0.0, 2.0 * ahead, n + (ahead - 0.5 * n * (n + 1.0)) / (n + 1.0))
     return side * m.minimum(m.maximum(-gamma * (next_speed - speed), gamma), upper)
 
