@@ -252,6 +252,8 @@ class InvarianceController(LeafSystem):
         if memory.item(0) < 0:
             last = before = reference
         good = math.isfinite(desired + measured) and 0.0 < compliance < math.inf
+        if not good:  # no number then that depends on it
+            measured = compliance = math.nan
         if not np.isfinite(reference).all():
             good, reference = False, last
 

@@ -1,0 +1,88 @@
+"""The robot's invariance controller run tick by tick against a spring that follows its command."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+
+from forcectl.control.force_law import RobotFacts
+from forcectl.control.invariance_controller import InvarianceController
+from forcectl.diagrams.force_controller import loop_facts
+from forcectl.diagrams.station import StationConfig, describe
+
+PERIOD, COMPLIANCE = 0.002, 2e-4
+N = 6
+
+
+@cache
+def robot_facts(fidelity: str = "Kinematic", **station: Any) -> RobotFacts:
+    facts = loop_facts(describe(StationConfig(fidelity=fidelity, **station))).robot
+    assert facts is not None
+    return facts
+
+
+def make(fidelity: str = "Kinematic", **changes: Any) -> InvarianceController:
+    return InvarianceController(robot_facts(fidelity), **{"compliance": COMPLIANCE} | changes)
+
+
+Course = Callable[[int], Any]
+
+
+def drive(
+    controller: InvarianceController,
+    ticks: int,
+    *,
+    desired: Course | float = 15.0,
+    measured: Callable[[int, float], float] | None = None,
+    reference: Course | None = None,
+    compliance: Course | None = None,
+    stiffness: float = 1 / COMPLIANCE,
+) -> dict[str, np.ndarray]:
+    """Every output of the controller over time, shape (ticks,) or (ticks, n).
+
+    Args:
+        desired, reference, compliance: inputs by tick. measured: force by tick and displacement command of the tick
+            before; None: a spring that is always in contact.
+    """
+    context = controller.CreateDefaultContext()
+    simulator = Simulator(controller, context)
+    names = [controller.get_output_port(i).get_name() for i in range(controller.num_output_ports())]
+    ports = {name: controller.GetOutputPort(name) for name in names}
+    for name in ("motor_position", "motor_velocity"):
+        controller.GetInputPort(name).FixValue(context, np.zeros(N))
+    log: dict[str, list[Any]] = {name: [] for name in names}
+    dx = 0.0
+    for k in range(ticks):
+        if k:
+            simulator.AdvanceTo(k * PERIOD)  # before the event of this tick, which the next call handles
+        force = measured(k, dx) if measured else -dx * stiffness
+        values = {
+            "desired_force": [desired(k) if callable(desired) else desired],
+            "measured_force": [force],
+            "unconstrained_reference": reference(k) if reference else np.zeros(N),
+        }
+        if compliance:
+            values["compliance"] = [compliance(k)]
+        for name, value in values.items():
+            controller.GetInputPort(name).FixValue(context, np.asarray(value, dtype=float))
+        if k == 0:
+            simulator.Initialize()
+        for name, port in ports.items():
+            log[name].append(port.Eval(context))
+        dx = log["displacement_command"][-1].item()
+    return {name: np.squeeze(np.array(values)) for name, values in log.items()}
+
+
+def accelerations(log: dict[str, np.ndarray], start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Joint speeds at the ends of the ticks and the accelerations in them, from the command alone (ticks, n)."""
+    q = np.vstack([start, log["joint_position_command"]])
+    v = np.zeros((len(q), q.shape[1]))
+    u = np.zeros((len(q) - 1, q.shape[1]))
+    for k in range(len(u)):
+        u[k] = 2 * (q[k + 1] - q[k] - PERIOD * v[k]) / PERIOD**2
+        v[k + 1] = v[k] + PERIOD * u[k]
+    return v[1:], u
