@@ -116,6 +116,7 @@ class InvarianceControl(Diagram):
 class InvarianceControlConfig:
     """Scenario part `!InvarianceControl`."""
 
+    # Of an integral law the limits of the command are not used: the ones below are.
     nominal: Any = field(default_factory=lambda: IntegralConfig(integral_gain=3.0), metadata={"tags": NOMINAL_LAWS})
     gamma: float = -0.1  # [m/s^2], < 0: deceleration towards the constraint
     upper_acceleration: float = 10.0  # [m/s^2], > 0: of the control

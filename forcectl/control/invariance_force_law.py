@@ -88,7 +88,8 @@ class InvarianceForceLaw(SampledLaw):
     single jump is a step, not a speed.
 
     A desired force, measured force or compliance that is not finite (or a compliance not above zero) brakes the command
-    within gamma and holds it there.
+    within gamma and holds it there. Lost contact does not show in what the law knows: the command stays at its set
+    point, and so does the force when contact is back.
 
     Sampling: `period` [s]; no delay from desired_force to displacement_command, see `SampledLaw`.
     """
