@@ -194,6 +194,16 @@ def test_peak_force_is_of_the_true_force_and_effort_is_the_path_length():
     assert values["control_effort_m"] == pytest.approx(4e-3 * 10, rel=1e-3)
 
 
+def test_every_violation_of_a_constraint_counts_however_small():
+    t, desired, force = first_order(2.0, 10.0)
+    violation = np.zeros_like(t)
+    violation[[5, 6, 90]] = [1e-12, 3e-4, 1e-9]
+    values = m.metrics_of(signals(t, desired, force, constraint_violation=violation))
+    assert (values["constraint_violations"], values["largest_constraint_violation"]) == (3.0, 3e-4)
+    values = m.metrics_of(signals(t, desired, force))
+    assert values["constraint_violations"] is values["largest_constraint_violation"] is None
+
+
 def test_every_metric_is_present_and_documented():
     t, desired, force = first_order(2.0, 10.0)
     values = m.metrics_of(signals(t, desired, force, model_force=force), realtime_factor=50.0)

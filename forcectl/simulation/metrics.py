@@ -57,6 +57,8 @@ RUN_METRICS: dict[str, tuple[str, str]] = {
     "peak_force_N": ("N", "largest true contact force of the run"),
     "contact_loss_s": ("s", "time without contact after the first contact"),
     "control_effort_m": ("m", "path length of the displacement command"),
+    "constraint_violations": ("1", "ticks in which a constraint of the controller was violated, by however little"),
+    "largest_constraint_violation": ("SI", "the furthest of them, in the unit of its constraint (m, rad, rad/s, Nm)"),
     "realtime_factor": ("1", "simulated time divided by computing time"),
 }
 METRICS = STEP_METRICS | MOTION_METRICS | RUN_METRICS
@@ -311,7 +313,7 @@ def metrics_of(
 
     Args:
         signals: arrays over time: `time`, `desired_force`, `measured_force`, `contact_force`,
-            and where they exist `model_force`, `contact_state`, `displacement_command`.
+            and where they exist `model_force`, `contact_state`, `displacement_command`, `constraint_violation`.
         window: T_w [s] of `model_error_sd_N`.
         realtime_factor: measured by the caller.
         motion: begin and end of the motion along the surface [s].
@@ -329,12 +331,15 @@ def metrics_of(
     result |= dict.fromkeys(MOTION_METRICS)
     if motion is not None:
         result |= motion_metrics(time, desired, force, *motion, float(contact[0]))
+    violation = found.get("constraint_violation")
     in_contact = found["contact_state"] > 0.5 if "contact_state" in found else contact > 0
     command = found.get("displacement_command")
     result |= {
         "peak_force_N": float(contact.max()),
         "contact_loss_s": contact_loss(time, in_contact),
         "control_effort_m": control_effort(command) if command is not None else None,
+        "constraint_violations": float(np.count_nonzero(violation > 0)) if violation is not None else None,
+        "largest_constraint_violation": float(violation.max()) if violation is not None else None,
         "realtime_factor": realtime_factor,
     }
     return {name: value if value is None or np.isfinite(value) else None for name, value in result.items()}
@@ -348,4 +353,5 @@ _SIGNALS = (
     "model_force",
     "contact_state",
     "displacement_command",
+    "constraint_violation",
 )
