@@ -1,0 +1,228 @@
+"""Recursive VRFT: the gains of a PID force controller from the data of an experiment, sample by sample (Sec. 4.5).
+
+The controller whose closed loop is M(z) = (1 - A) z^-1/(1 - A z^-1), A = 1 - Ts w_c, would have seen the virtual error
+e_v = (M^-1 - 1) y [N] and answered with the recorded u [m]. Least squares over K_P, K_I Ts and K_D/Ts of (4.20):
+
+    phi[k] = F(z) [y - y z^-1, y, y - 2 y z^-1 + y z^-2]/(1 - A),    target F(z) u[k-1]                (4.27)*
+    F = 1 (Sec. 4.5),    or L = M (1 - M), which weighs the samples as the closed loop does (Sec. 4.2)
+
+u[k-1] belongs to y[k], because the virtual error of (4.24) is one sample ahead. u and y are counted from the first
+sample, at rest. The recursion (4.19) keeps P = U D U' in its factors: symmetric and positive whatever P_0 is.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+from weakref import ref
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
+
+from forcectl.errors import invalid
+from forcectl.lanes import SCALAR_MATH, Lane, LaneBlock, Parameter, check, lane_values
+
+GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
+_WAIT = 3.0  # samples after a gap until the differences no longer reach across it
+_DATA = 11  # numbers that `regressor_step` remembers
+
+
+def regressor_step(
+    memory: Sequence[Lane], u: Lane, y: Lane, decay: Lane, prefilter: bool, m: Any = np
+) -> tuple[tuple[Lane, Lane, Lane], Lane, Lane, list[Lane]]:
+    """One sample of the data in regressor form.
+
+    Args:
+        memory: `_DATA` lanes, zero before the first sample. u: u_hat at this tick [m]. y: force at this tick [N].
+        decay: A. prefilter: F = M (1 - M) instead of 1.
+
+    Returns:
+        phi, target, whether to learn from them, and the memory.
+    """
+    started, rest_u, rest_y, wait, y1, slope_y, s1, rate, u1, slope_u, t1 = memory
+    good = (abs(u) < np.inf) & (abs(y) < np.inf)
+    first = good & (started == 0)
+    rest_u, rest_y = m.where(first, u, rest_u), m.where(first, y, rest_y)
+    u, y = m.where(good, u - rest_u, u1), m.where(good, y - rest_y, y1)
+    if prefilter:
+        slope_y, slope_u = decay * slope_y + (y - y1), decay * slope_u + (u - u1)
+        s, t, target = decay * s1 + slope_y, decay * t1 + slope_u, (1.0 - decay) * t1
+    else:
+        s, t, target = y / (1.0 - decay), u, t1
+    phi = (s - s1, s, s - s1 - rate)
+    wait = m.where(good, m.maximum(wait - 1.0, 0.0), _WAIT)
+    started = m.where(good, 1.0, started)
+    learn = good & (wait == 0)
+    return phi, target, learn, [started, rest_u, rest_y, wait, y, slope_y, s, s - s1, u, slope_u, t]
+
+
+def rls_step(
+    theta: Sequence[Lane],
+    diagonal: Sequence[Lane],
+    upper: Sequence[Lane],
+    phi: Sequence[Lane],
+    target: Lane,
+    forgetting: Lane,
+) -> tuple[list[Lane], list[Lane], list[Lane]]:
+    """One update of recursive least squares (4.19) with three parameters, in Bierman's form.
+
+    Args:
+        theta: estimate (3). diagonal: of D (3). upper: U above its diagonal of ones (3), row by row.
+        phi: regressor (3). target: scalar. forgetting: lambda, 0 < lambda <= 1.
+
+    Returns:
+        theta, D and U after the sample; P = U D U'.
+    """
+    d0, d1, d2 = diagonal
+    u01, u02, u12 = upper
+    p0, p1, p2 = phi
+    f1, f2 = p1 + u01 * p0, p2 + u02 * p0 + u12 * p1
+    g0, g1, g2 = d0 * p0, d1 * f1, d2 * f2
+    a0 = forgetting + p0 * g0
+    a1 = a0 + f1 * g1
+    a2 = a1 + f2 * g2
+    # Of P phi, each column adds its share; the old entries of U go into the next ones.
+    k0, k1 = g0 + u01 * g1, g1
+    above = [u01 - f1 / a0 * g0, u02 - f2 / a1 * k0, u12 - f2 / a1 * k1]
+    k0, k1 = k0 + u02 * g2, k1 + u12 * g2
+    error = (target - (p0 * theta[0] + p1 * theta[1] + p2 * theta[2])) / a2
+    return (
+        [theta[0] + k0 * error, theta[1] + k1 * error, theta[2] + g2 * error],
+        [d0 / a0, d1 * a0 / (a1 * forgetting), d2 * a1 / (a2 * forgetting)],
+        above,
+    )
+
+
+def recursive_vrft(
+    u: ArrayLike,
+    y: ArrayLike,
+    *,
+    bandwidth: float,
+    period: float,
+    prefilter: bool = True,
+    initial_covariance: float = 100.0,
+    forgetting: float = 1.0,
+) -> NDArray[np.float64]:
+    """Gains after each sample of a recorded experiment.
+
+    Args:
+        u: u_hat (k,) [m]. y: force (k,) [N]; the first sample of both at rest. bandwidth: w_c of M [rad/s].
+        period: Ts [s]. initial_covariance: P_0 = this times the identity. The rest: see `RecursiveVrft`.
+
+    Returns:
+        K_P, K_I, K_D [m/N, m/(N s), m s/N], shape (k, 3).
+    """
+    decay, learnt = 1.0 - period * bandwidth, []
+    memory, theta, d, upper = [0.0] * _DATA, [0.0] * 3, [initial_covariance] * 3, [0.0] * 3
+    for uk, yk in zip(np.asarray(u, dtype=float).tolist(), np.asarray(y, dtype=float).tolist(), strict=True):
+        phi, target, learn, memory = regressor_step(memory, uk, yk, decay, prefilter, SCALAR_MATH)
+        if learn:
+            theta, d, upper = rls_step(theta, d, upper, phi, target, forgetting)
+        learnt.append(theta)
+    return np.array(learnt) * [1.0, 1.0 / period, period]
+
+
+class RecursiveVrft(LaneBlock):
+    """Tunes the PID gains of n force loops while their experiment runs.
+
+    ```
+    name: RecursiveVrft
+    input_ports: [controller_output, measured_force, mode (optional)]
+    output_ports: [proportional_gain, integral_gain, derivative_gain]
+    parameters: [bandwidth, forgetting]
+    ```
+
+    controller_output: shape (n,), u_hat as commanded [m]. measured_force: shape (n,) [N].
+    mode: shape (n,); samples count while it is below 0.5 (`EXCITE`). The port does not exist with `always`.
+    proportional_gain, integral_gain, derivative_gain: shape (n,), K_P [m/N], K_I [m/(N s)], K_D [m s/N]; zero before
+        the first sample. State, no direct feedthrough.
+
+    Parameters (Context, shape (n,)): bandwidth w_c [rad/s] > 0 of the reference model, below 1/period; forgetting in
+    (0, 1], 1 for a surface that does not change.
+
+    A sample that is not finite is skipped, and the two after it whose differences reach across the gap.
+
+    Sampling: every `period` [s]; the outputs change one tick after the samples they use.
+
+    Args:
+        prefilter: weigh with M (1 - M); without it, noise biases K_P. initial_covariance: P_0 is this times the
+            identity, > 0, for the gains K_P, K_I Ts, K_D/Ts and the data as in (4.27).
+    """
+
+    port_units = {"proportional_gain": "m/N", "integral_gain": "m/(N s)", "derivative_gain": "m s/N"}
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        bandwidth: ArrayLike = 1.5,
+        forgetting: ArrayLike = 1.0,
+        initial_covariance: ArrayLike = 100.0,
+        prefilter: bool = True,
+        always: bool = False,
+        period: float = 0.002,
+    ):
+        self._period = check("period", period, "positive")
+        super().__init__(
+            size,
+            {
+                "bandwidth": Parameter(bandwidth, "positive and finite", "rad/s"),
+                "forgetting": Parameter(forgetting, "above 0 and at most 1", "1"),
+            },
+        )
+        self._prefilter = prefilter
+        self._output = self.DeclareVectorInputPort("controller_output", size)
+        self._force = self.DeclareVectorInputPort("measured_force", size)
+        self._mode = None if always else self.DeclareVectorInputPort("mode", size)
+        covariance = lane_values("initial_covariance", initial_covariance, size, "positive and finite")
+        zero = np.zeros(size)
+        self._estimate = self.DeclareDiscreteState(np.concatenate([zero, zero, zero]))
+        self._factors = self.DeclareDiscreteState(np.concatenate([covariance] * 3 + [zero] * 3))
+        self._data = self.DeclareDiscreteState(np.concatenate([zero] * _DATA))
+        for i, (name, factor) in enumerate(zip(GAINS, (1.0, 1.0 / period, period), strict=True)):
+            self._declare_gain(name, i, factor)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
+
+    def _declare_gain(self, name: str, index: int, factor: float) -> None:
+        block, reads = ref(self), {self.discrete_state_ticket(self._estimate)}
+
+        def show(context: Context, output: BasicVector) -> None:
+            tuner: Any = block()
+            theta = tuner.lanes(context.get_discrete_state(tuner._estimate).value())
+            tuner.write(output, theta[index] * factor)
+
+        self.DeclareVectorOutputPort(name, self._size, show, prerequisites_of_calc=reads)
+
+    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+        """(A, forgetting)."""
+        bandwidth, forgetting = values
+        return 1.0 - self._period * bandwidth, forgetting
+
+    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """The reference model is stable and does not alternate."""
+        if not (values["bandwidth"] * self._period < 1).all():
+            limit = f"below 1/period = {1 / self._period:g} rad/s"
+            raise invalid("bandwidth", values["bandwidth"].tolist(), limit)
+
+    def _update(self, context: Context, next_state: DiscreteValues) -> None:
+        m = self.math
+        decay, forgetting = self._values.Eval(context)
+        u, y = self.lane(self._output.Eval(context)), self.lane(self._force.Eval(context))
+        theta = self.lanes(context.get_discrete_state(self._estimate).value())
+        factors = self.lanes(context.get_discrete_state(self._factors).value())
+        data = self.lanes(context.get_discrete_state(self._data).value())
+        phi, target, learn, after = regressor_step(data, u, y, decay, self._prefilter, m)
+        if self._mode is not None:
+            running = self.lane(self._mode.Eval(context)) < 0.5
+            learn = learn & running
+            after = [m.where(running, a, b) for a, b in zip(after, data, strict=True)]
+        new, diagonal, upper = rls_step(theta, factors[:3], factors[3:], phi, target, forgetting)
+        # Infinity minus infinity is not a number, so one comparison catches both NaN and overflow.
+        change = new[0] - theta[0] + new[1] - theta[1] + new[2] - theta[2]
+        learn = learn & (change - change == 0)
+        new = [m.where(learn, a, b) for a, b in zip(new, theta, strict=True)]
+        kept = [m.where(learn, a, b) for a, b in zip(diagonal + upper, factors, strict=True)]
+        next_state.set_value(self._estimate, self.stack(*new))
+        next_state.set_value(self._factors, self.stack(*kept))
+        next_state.set_value(self._data, self.stack(*after))
