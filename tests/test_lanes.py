@@ -41,9 +41,8 @@ def adaptive(n: int, p: Values) -> AdaptiveForceLaw:
     estimator = EnvironmentComplianceEstimator(
         n, initial_compliance=p["start"], initial_covariance=p["covariance"], robot_compliance=p["robot"]
     )
-    law = IntegralForceLaw(n, integral_gain=p["gain"], dead_zone=p["zone"])
     return AdaptiveForceLaw(
-        law,
+        IntegralForceLaw(n, integral_gain=p["gain"], dead_zone=p["zone"]),
         estimator,
         filter_bandwidth=p["bandwidth"],
         filter_damping_ratio=p["damping"],
@@ -77,6 +76,7 @@ def parameters(n: int) -> dict[str, np.ndarray]:
     }
 
 
+FORCES = {"desired_force": (1, 20.0), "measured_force": (1, 20.0)}
 # Each block with the inputs it is driven by: number of quantities stacked in the port, and their size.
 BLOCKS: dict[str, tuple[Make, dict[str, tuple[int, float]]]] = {
     "elastic contact": (
@@ -145,25 +145,23 @@ BLOCKS: dict[str, tuple[Make, dict[str, tuple[int, float]]]] = {
             lower_limit=-p["limit"],
             upper_limit=p["limit"],
         ),
-        {"desired_force": (1, 20.0), "measured_force": (1, 20.0)},
+        FORCES,
     ),
     "integral law with a port": (
         lambda n, p: IntegralForceLaw(n, integral_gain=p["gain"]),
-        {"desired_force": (1, 20.0), "measured_force": (1, 20.0), "compliance": (1, -1e-4)},
+        FORCES | {"compliance": (1, -1e-4)},
     ),
     "invariance law": (
-        lambda n, p: InvarianceForceLaw(
-            n, gamma=-p["gain"], upper_acceleration=p["coulomb"], compliance=p["compliance"], speed_limit=p["zone"]
-        ),
-        {"desired_force": (1, 20.0), "measured_force": (1, 20.0)},
+        lambda n, p: InvarianceForceLaw(n, upper_acceleration=p["coulomb"], compliance=p["start"], speed_limit=1e-2),
+        FORCES,
     ),
     "invariance law with a port": (
         lambda n, p: InvarianceForceLaw(n, gamma=-p["gain"], lower_limit=-p["limit"], upper_limit=p["limit"]),
-        {"desired_force": (1, 20.0), "measured_force": (1, 20.0), "compliance": (1, -1e-4)},
+        FORCES | {"compliance": (1, -1e-4)},
     ),
     "invariance correction": (
         lambda n, p: InvarianceCorrection(n, gamma=-p["gain"], compliance=p["compliance"]),
-        {"desired_force": (1, 20.0), "measured_force": (1, 20.0), "nominal_command": (1, 2e-3)},
+        FORCES | {"nominal_command": (1, 2e-3)},
     ),
     "estimator": (
         lambda n, p: EnvironmentComplianceEstimator(
@@ -171,10 +169,7 @@ BLOCKS: dict[str, tuple[Make, dict[str, tuple[int, float]]]] = {
         ),
         {"measured_force": (1, 20.0), "displacement": (1, 2e-3)},
     ),
-    "adaptive law": (
-        adaptive,
-        {"desired_force": (1, 20.0), "measured_force": (1, 20.0), "motor_displacement": (1, 2e-3)},
-    ),
+    "adaptive law": (adaptive, FORCES | {"motor_displacement": (1, 2e-3)}),
 }
 
 
