@@ -151,10 +151,7 @@ BLOCKS: dict[str, tuple[Make, dict[str, tuple[int, float]]]] = {
         lambda n, p: IntegralForceLaw(n, integral_gain=p["gain"]),
         FORCES | {"compliance": (1, -1e-4)},
     ),
-    "invariance law": (
-        lambda n, p: InvarianceForceLaw(n, upper_acceleration=p["coulomb"], compliance=p["start"], speed_limit=1e-2),
-        FORCES,
-    ),
+    "invariance law": (lambda n, p: InvarianceForceLaw(n, compliance=p["start"], speed_limit=p["limit"]), FORCES),
     "invariance law with a port": (
         lambda n, p: InvarianceForceLaw(n, gamma=-p["gain"], lower_limit=-p["limit"], upper_limit=p["limit"]),
         FORCES | {"compliance": (1, -1e-4)},
