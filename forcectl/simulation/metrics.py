@@ -42,6 +42,7 @@ STEP_METRICS: dict[str, tuple[str, str]] = {
     "time_of_max_positive_model_error_s": ("s", "when that is"),
     "model_error_sd_N": ("N", "standard deviation from the reference model over the window"),
     "model_error_window_s": ("s", "length of that window"),
+    "lag_behind_model_5pct_s": ("s", "how much later than the reference model the force has made 5 % of the step"),
 }
 # None in a run without motion.
 MOTION_METRICS: dict[str, tuple[str, str]] = {
@@ -61,11 +62,20 @@ RUN_METRICS: dict[str, tuple[str, str]] = {
     "largest_constraint_violation": ("SI", "the furthest of them, in the unit of its constraint (m, rad, rad/s, Nm)"),
     "realtime_factor": ("1", "simulated time divided by computing time"),
 }
-METRICS = STEP_METRICS | MOTION_METRICS | RUN_METRICS
+# None in a run without tuning of a controller.
+TUNING_METRICS: dict[str, tuple[str, str]] = {
+    "proportional_gain": ("m/N", "as tuned, at the end of the run"),
+    "integral_gain": ("m/(N s)", "the same"),
+    "derivative_gain": ("m s/N", "the same"),
+    "hand_over_time_s": ("s", "when the controller takes over from the excitation"),
+    "hand_over_jump_m": ("m", "change of the displacement command in that tick"),
+}
+METRICS = STEP_METRICS | MOTION_METRICS | TUNING_METRICS | RUN_METRICS
 # Of two variants; only to be asked for in `expect`.
 PAIR_METRICS: dict[str, tuple[str, str]] = {
     "force_distance_N": ("N", "largest distance of the measured force from that of another variant"),
 }
+GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
 _MOTION_BAND = 0.02  # of the reference
 _SETTLED_SHARE = 0.1  # of the step, over which the steady state is averaged
 
@@ -237,6 +247,9 @@ def step_metrics(
             "model_error_sd_N": sd,
             "model_error_window_s": used,
         }
+        reached = [time_to_share(time, signal, step, 0.05) for signal in (force, model)]
+        if reached[0] is not None and reached[1] is not None:
+            result["lag_behind_model_5pct_s"] = reached[0] - reached[1]
     return result
 
 
@@ -283,6 +296,19 @@ def contact_loss(time: Signal, in_contact: NDArray[np.bool_]) -> float | None:
         return None
     first = int(touched[0])
     return float(np.sum(np.diff(time)[first:][~in_contact[first:-1]]))
+
+
+def tuning_metrics(time: Signal, signals: Mapping[str, Signal]) -> dict[str, float | None]:
+    """`TUNING_METRICS` from the signals of those names, `mode` (0, then 1) and `displacement_command`."""
+    result: dict[str, float | None] = dict.fromkeys(TUNING_METRICS)
+    result |= {name: float(signals[name][-1]) for name in GAINS if name in signals}
+    if "mode" in signals and "displacement_command" in signals:
+        closed = np.flatnonzero(np.diff(signals["mode"]) > 0)
+        if closed.size:
+            tick, command = int(closed[0]), signals["displacement_command"]
+            result["hand_over_time_s"] = float(time[tick + 1])
+            result["hand_over_jump_m"] = abs(float(command[tick + 1] - command[tick]))
+    return result
 
 
 def control_effort(command: Signal) -> float:
@@ -334,6 +360,7 @@ def metrics_of(
     violation = found.get("constraint_violation")
     in_contact = found["contact_state"] > 0.5 if "contact_state" in found else contact > 0
     command = found.get("displacement_command")
+    result |= tuning_metrics(time, found)
     result |= {
         "peak_force_N": float(contact.max()),
         "contact_loss_s": contact_loss(time, in_contact),
