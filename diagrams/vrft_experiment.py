@@ -156,6 +156,7 @@ class RecursiveVrftConfig:
     prefilter: bool = True  # false: as in Sec. 4.5
     initial_covariance: float = 100.0  # P_0, > 0
     forgetting: float = 1.0  # (0, 1]
+    data_resolution: float = 0.0  # the force is rounded to this for the tuning [N], >= 0
     hand_over_time: float | None = None  # [s], >= 0; null: when the excitation is over
     convergence_window: float | None = None  # [s], > 0; hand over earlier, when the gains have not changed for so long
     convergence_tolerance: float = 0.01  # by more than this share of their value, >= 0
@@ -169,7 +170,7 @@ class RecursiveVrftConfig:
             check(name, getattr(self, name), "positive")
         if not 0 < check("forgetting", self.forgetting) <= 1:
             raise invalid("forgetting", self.forgetting, "above 0 and at most 1")
-        for name in ("convergence_tolerance", "derivative_filter", "robot_compliance_error"):
+        for name in ("data_resolution", "convergence_tolerance", "derivative_filter", "robot_compliance_error"):
             check(name, getattr(self, name), "not negative")
         if self.hand_over_time is not None:
             check("hand_over_time", self.hand_over_time, "not negative")
@@ -198,6 +199,7 @@ class RecursiveVrftConfig:
             facts.size,
             bandwidth=self.reference_bandwidth,
             forgetting=self.forgetting,
+            resolution=self.data_resolution,
             initial_covariance=self.initial_covariance,
             prefilter=self.prefilter,
             period=facts.period,

@@ -57,6 +57,13 @@ def regressor_step(
     return phi, target, learn, [started, rest_u, rest_y, wait, y, slope_y, s, s - s1, u, slope_u, t]
 
 
+def rounded(value: Lane, quantum: Lane, m: Any = np) -> Lane:
+    """`value` rounded to whole quanta; as it is where there is no quantum."""
+    exists = quantum > 0
+    size = m.where(exists, quantum, 1.0)
+    return m.where(exists, size * m.floor(value / size + 0.5), value)
+
+
 def rls_step(
     theta: Sequence[Lane],
     diagonal: Sequence[Lane],
@@ -130,7 +137,7 @@ class RecursiveVrft(LaneBlock):
     name: RecursiveVrft
     input_ports: [controller_output, measured_force, mode (optional)]
     output_ports: [proportional_gain, integral_gain, derivative_gain]
-    parameters: [bandwidth, forgetting]
+    parameters: [bandwidth, forgetting, resolution]
     ```
 
     controller_output: shape (n,), u_hat as commanded [m]. measured_force: shape (n,) [N].
@@ -139,7 +146,9 @@ class RecursiveVrft(LaneBlock):
         the first sample. State, no direct feedthrough.
 
     Parameters (Context, shape (n,)): bandwidth w_c [rad/s] > 0 of the reference model, below 1/period; forgetting in
-    (0, 1], 1 for a surface that does not change.
+    (0, 1], 1 for a surface that does not change; resolution [N] >= 0 that the force is rounded to before it is used, as
+    in a recording. Second differences of a force without any round-off tell a K_D that no measured data would (targets,
+    section 2).
 
     A sample that is not finite is skipped, and the two after it whose differences reach across the gap.
 
@@ -158,6 +167,7 @@ class RecursiveVrft(LaneBlock):
         *,
         bandwidth: ArrayLike = 1.5,
         forgetting: ArrayLike = 1.0,
+        resolution: ArrayLike = 0.0,
         initial_covariance: ArrayLike = 100.0,
         prefilter: bool = True,
         always: bool = False,
@@ -169,6 +179,7 @@ class RecursiveVrft(LaneBlock):
             {
                 "bandwidth": Parameter(bandwidth, "positive and finite", "rad/s"),
                 "forgetting": Parameter(forgetting, "above 0 and at most 1", "1"),
+                "resolution": Parameter(resolution, "not negative", "N"),
             },
         )
         self._prefilter = prefilter
@@ -195,9 +206,9 @@ class RecursiveVrft(LaneBlock):
         self.DeclareVectorOutputPort(name, self._size, show, prerequisites_of_calc=reads)
 
     def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
-        """(A, forgetting)."""
-        bandwidth, forgetting = values
-        return 1.0 - self._period * bandwidth, forgetting
+        """(A, forgetting, resolution)."""
+        bandwidth, forgetting, resolution = values
+        return 1.0 - self._period * bandwidth, forgetting, resolution
 
     def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
         """The reference model is stable and does not alternate."""
@@ -207,8 +218,9 @@ class RecursiveVrft(LaneBlock):
 
     def _update(self, context: Context, next_state: DiscreteValues) -> None:
         m = self.math
-        decay, forgetting = self._values.Eval(context)
+        decay, forgetting, resolution = self._values.Eval(context)
         u, y = self.lane(self._output.Eval(context)), self.lane(self._force.Eval(context))
+        y = rounded(y, resolution, m)
         theta = self.lanes(context.get_discrete_state(self._estimate).value())
         factors = self.lanes(context.get_discrete_state(self._factors).value())
         data = self.lanes(context.get_discrete_state(self._data).value())
