@@ -14,7 +14,9 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from forcectl.control.adaptive_force_law import Adaptation, AdaptiveForceLaw
 from forcectl.control.constraints import CartesianWall
+from forcectl.control.force_law import LoopFacts
 from forcectl.control.fourth_degree_force_law import FourthDegreeForceLaw
+from forcectl.control.governor import CommandGovernor, GovernedConfig, GovernedForceLaw
 from forcectl.control.integral import IntegralConfig, IntegralForceLaw, LinearIntegralForceLaw
 from forcectl.control.invariance_control import InvarianceControl, InvarianceCorrection
 from forcectl.control.invariance_controller import InvarianceController
@@ -102,6 +104,11 @@ def robot_controller(**changes: Any) -> InvarianceController:
 def adaptive_robot_controller() -> AdaptiveInvarianceController:
     facts = loop_facts(cell("Kinematic"))
     return AdaptiveInvarianceController(robot_controller(compliance=None), Adaptation().estimator(facts), facts)
+
+
+def governed() -> GovernedForceLaw:
+    facts = LoopFacts(2, 0.002, np.full(2, 3e-5), np.full(2, 2e-4), 12.6, 1.0, 0.0)
+    return GovernedConfig(law=IntegralConfig()).add_to(DiagramBuilder(), facts)
 
 
 def drive() -> Drive:
@@ -324,6 +331,25 @@ EXAMPLES: dict[type[System], list[Example]] = {
     InvarianceControl: [
         Example(
             lambda: InvarianceControl(law(), InvarianceCorrection(2, compliance=1e-4)), law_feedthrough(*SOFT), SOFT
+        )
+    ],
+    CommandGovernor: [
+        Example(
+            partial(CommandGovernor, 2, delay=0.01, **further),
+            each("governed_reference", *FORCES) | each("status", *FORCES),
+            FORCES,
+        )
+        for further in ({}, {"upper_limit": 30.0, "rate_limit": 2e3}, {"horizon": 4, "upper_force": 10.0})
+    ],
+    GovernedForceLaw: [
+        Example(
+            governed,
+            {
+                pair
+                for name in ("displacement_command", "governed_reference", "governor_status")
+                for pair in each(name, *FORCES)
+            },
+            FORCES,
         )
     ],
     LinearIntegralForceLaw: [

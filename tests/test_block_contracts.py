@@ -17,6 +17,7 @@ from block_examples import EXAMPLES
 from pydrake.systems.framework import Diagram, System
 
 from forcectl.control.fourth_degree_force_law import FourthDegreeForceLaw
+from forcectl.control.governor import CommandGovernor, GovernedForceLaw
 from forcectl.control.integral import IntegralForceLaw
 from forcectl.control.invariance_control import InvarianceCorrection
 from forcectl.control.invariance_force_law import InvarianceForceLaw
@@ -69,8 +70,9 @@ def test_docstring_lists_the_ports(kind, example, monkeypatch):
     outputs = [block.get_output_port(i).get_name() for i in range(block.num_output_ports())]
     # A block whose output is named by its user says so in angle brackets.
     monkeypatch.setattr(kind, "__doc__", kind.__doc__.replace("<name>", ", ".join(outputs)))
-    if kind is ForceController:  # `(further outputs of the law)`: this law has none
-        monkeypatch.setattr(kind, "__doc__", kind.__doc__.replace(", (further outputs of the law)", ""))
+    if kind in (ForceController, GovernedForceLaw):  # `(further outputs of the law)`: this law has none
+        for side in ("inputs", "outputs"):
+            monkeypatch.setattr(kind, "__doc__", kind.__doc__.replace(f", (further {side} of the law)", ""))
     if kind is JointController:
         further = ", ".join(outputs[1:])
         monkeypatch.setattr(kind, "__doc__", kind.__doc__.replace("(further outputs of the controller)", further))
@@ -175,6 +177,20 @@ LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str
             "lower_limit": NUMBER,
             "upper_limit": NUMBER,
             "compliance": POSITIVE,
+        },
+    ),
+    CommandGovernor: (
+        lambda size=2, **changed: CommandGovernor(size, **{"period": 0.002, **changed}),
+        {
+            "inner_pole": POSITIVE,
+            "reference_pole": POSITIVE,
+            "output_weight": NOT_NEGATIVE,
+            "reference_weight": POSITIVE,
+            "lower_limit": NUMBER,
+            "upper_limit": NUMBER,
+            "rate_limit": POSITIVE,
+            "lower_force": NUMBER,
+            "upper_force": NUMBER,
         },
     ),
     EnvironmentComplianceEstimator: (

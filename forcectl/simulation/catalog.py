@@ -28,6 +28,7 @@ CONTROLLERS = {
     "Invariance": "forcectl.control.invariance_force_law:InvarianceConfig",
     "InvarianceRobot": "forcectl.control.invariance_robot:InvarianceRobotConfig",
     "Vrft": "forcectl.control.linear_law:VrftConfig",
+    "Governed": "forcectl.control.governor:GovernedConfig",
     "RecursiveVrft": "forcectl.diagrams.vrft_experiment:RecursiveVrftConfig",
     "Import": "forcectl.simulation.imported:ImportConfig",
 }
