@@ -1,4 +1,4 @@
-"""The published statements of Chapter 2, and the integral row of Table 4.1, on every fidelity."""
+"""The published statements of Chapter 2 on every fidelity."""
 
 from __future__ import annotations
 
@@ -96,20 +96,6 @@ def test_2_14_only_the_product_of_gain_and_believed_compliance_matters(fidelity:
     ]
     for force in forces[1:]:
         np.testing.assert_allclose(force, forces[0], atol=1e-6)
-
-
-@light_fidelities
-def test_table_4_1_model_error_of_the_integral_controller(fidelity: str) -> None:
-    (metrics,) = result("table_4_1_integral", fidelity).metrics.values()
-    assert metrics["model_error_window_s"] == pytest.approx(4.1)
-    assert metrics["max_abs_model_error_N"] == pytest.approx(4.05, abs=0.25)
-    assert metrics["model_error_sd_N"] == pytest.approx(1.24, abs=0.10)
-
-
-def test_table_4_1_with_the_linear_plant_of_the_calibration() -> None:
-    (metrics,) = forcectl.run("table_4_1_integral", overrides={"preset": "delay_only"}).metrics.values()
-    assert metrics["max_abs_model_error_N"] == pytest.approx(3.84, rel=0.02)
-    assert metrics["model_error_sd_N"] == pytest.approx(1.23, rel=0.02)
 
 
 @slow_multibody

@@ -381,4 +381,6 @@ _SIGNALS = (
     "contact_state",
     "displacement_command",
     "constraint_violation",
+    "mode",
+    *GAINS,
 )
