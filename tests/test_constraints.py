@@ -137,7 +137,9 @@ def test_rows_come_by_relative_degree_with_their_bounds() -> None:
     torque = JointTorqueLimit(np.array([100.0, np.inf, 200.0, np.inf, np.inf, np.inf]))
     together = gather(WALLS[0], Speed(), torque)
     motion = at(v=np.full(N, 0.05))
-    rows = together.rows(motion)
+    wall = WALLS[0].evaluate(motion)
+    rate = float(wall[1])  # type: ignore[arg-type]
+    rows = together.rows(motion, np.array([rate]))
     assert together.size == 2 * 2 + 2 + 1
     assert rows.direct == 4
     u = np.arange(1.0, 7.0)
@@ -147,28 +149,32 @@ def test_rows_come_by_relative_degree_with_their_bounds() -> None:
     np.testing.assert_allclose(rows.matrix[:4] @ u - rows.limit[:4], beyond)
     speed = -(motion.velocity[3] - 0.1) / PERIOD - motion.bias[3]
     np.testing.assert_allclose(rows.limit[4:6], [speed, 0.05 / PERIOD - 0.7])
-    wall = WALLS[0].evaluate(motion)
     expected = bounded_acceleration(float(wall[0]), float(wall[1]), -1.0, PERIOD, SCALAR_MATH) - wall[3]  # type: ignore[arg-type]
     assert rows.limit[6] == pytest.approx(float(expected))
+    # What the tick before missed of y'' is missed again, it says; but no more than gamma.
+    for foreseen, missed in ((rate - 0.3 * PERIOD, 0.3), (rate + 9.0, -1.0), (math.nan, 0.0)):
+        again = together.rows(motion, np.array([foreseen]))
+        assert again.limit[6] == pytest.approx(float(expected) - missed)
+    np.testing.assert_allclose(together.foresee(rows, u), [rate + PERIOD * (rows.matrix[6] @ u + wall[3])])
 
 
 def test_bounds_of_joints_far_from_their_limits_are_the_accelerations_and_near_them_what_braking_leaves() -> None:
     limits, start = own_limits(), robot_facts().start
-    rows = gather().rows(at())
+    rows = gather().rows(at(), np.zeros(0))
     np.testing.assert_array_equal(rows.upper, limits.acceleration)
     np.testing.assert_array_equal(rows.lower, -limits.acceleration)
     upper = start + 0.01
     together = gather(position_upper=upper, velocity=np.full(N, 0.05))
     v = np.full(N, 0.04)
-    rows = together.rows(at(v=v))
+    rows = together.rows(at(v=v), np.zeros(0))
     expected = [
         min(a, (0.05 - 0.04) / PERIOD, bounded_acceleration(-0.01, 0.04, -0.5 * a, PERIOD, SCALAR_MATH))
         for a in limits.acceleration
     ]
     np.testing.assert_allclose(rows.upper, expected)
     assert rows.violation == 0.0
-    assert together.rows(at(v=np.full(N, 0.07))).violation == pytest.approx(0.02)
-    assert together.rows(at(q=upper + 1e-3)).violation == pytest.approx(1e-3)
+    assert together.rows(at(v=np.full(N, 0.07)), np.zeros(0)).violation == pytest.approx(0.02)
+    assert together.rows(at(q=upper + 1e-3), np.zeros(0)).violation == pytest.approx(1e-3)
 
 
 def test_braking_brings_all_joints_to_rest_together() -> None:
@@ -176,7 +182,7 @@ def test_braking_brings_all_joints_to_rest_together() -> None:
     q, v = robot_facts().start.copy(), np.array([0.5, -0.2, 0.1, 0.0, 0.3, 1.0])
     path = v / np.linalg.norm(v)
     for _ in range(200):
-        u = together.brake(v, together.rows(at(q, v)))
+        u = together.brake(v, together.rows(at(q, v), np.zeros(0)))
         assert (np.abs(u) <= 0.5 * own_limits().acceleration * (1 + 1e-9)).all()
         v = v + PERIOD * u
         np.testing.assert_allclose(v - (v @ path) * path, 0.0, atol=1e-12)

@@ -12,8 +12,9 @@ asks for the way back within |gamma| (3.57).
 
 Between ticks u is held, and y'' changes with the posture by at most |y'''| Ts. So a constraint whose rows were kept is
 violated by at most |y'''| Ts^3/6 (r = 2) or |y''| Ts^2/2 (r = 1): nothing for joint positions and speeds, which are
-integrated exactly, and less than a micrometre for a tool at 1 m/s and 2 ms. That bound does not add up: what one tick
-leaves is seen by the next, which for that may brake harder than gamma, up to twice.
+integrated exactly. For a coordinate of the tool |y'''| <= L (S^3 + 3 S A), with the reach L and the sums S, A of joint
+speeds and accelerations; below a micrometre at 1 m/s and 2 ms. That does not add up: the next tick takes into account
+what the last one missed, and may brake harder than gamma, up to twice.
 """
 
 from __future__ import annotations
@@ -28,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from forcectl.control.invariance_force_law import one_step_acceleration
 from forcectl.control.robot_motion import RobotMotion
 from forcectl.errors import BadInputError, invalid
-from forcectl.lanes import FEW_LANES, SCALAR_MATH, Lane, check, lane_values
+from forcectl.lanes import SCALAR_MATH, Lane, check, lane_values
 from forcectl.robot import JointLimits, unit_normal
 
 Vector = NDArray[np.float64]
@@ -179,7 +180,8 @@ class Rows(NamedTuple):
     """What the constraints ask for at one tick: E u <= f, lower <= u <= upper.
 
     matrix: E, (m, n). limit: f, (m,). direct: how many rows, at the beginning, are of relative degree 0.
-    lower, upper: (n,) [rad/s^2]. violation: the largest y above zero, of relative degree 1 and 2.
+    lower, upper: (n,) [rad/s^2]. violation: the largest y above zero, of relative degree 1 and 2. rate, bias: y', and
+    y'' at u = 0, of the rows of relative degree 2, which are the last ones.
     """
 
     matrix: Vector
@@ -188,6 +190,8 @@ class Rows(NamedTuple):
     lower: Vector
     upper: Vector
     violation: float
+    rate: Vector
+    bias: Vector
 
 
 class ConstraintSet:
@@ -218,13 +222,18 @@ class ConstraintSet:
         self.size = row
         degrees = [c.relative_degree for c, rows, _ in found for _ in range(rows)]
         self._first, self._second = degrees.count(0), degrees.count(0) + degrees.count(1)
+        self.foreseen_size = row - self._second  # of the vector of `foresee`, zeros at rest
         self._room = limits.acceleration
         each = (limits.position_lower, limits.position_upper, limits.velocity, limits.acceleration)
         self._joints = [limit.tolist() for limit in each]
         self._gamma = [g for _, rows, g in found for _ in range(rows)][self._second :]
 
-    def rows(self, motion: RobotMotion) -> Rows:
-        """The rows and bounds at this tick; those of a constraint that raises are not a number."""
+    def rows(self, motion: RobotMotion, foreseen: Vector) -> Rows:
+        """The rows and bounds at this tick; those of a constraint that raises are not a number.
+
+        Args:
+            foreseen: y' at this tick as the tick before foresaw it, see `foresee`.
+        """
         m, n, first, second, Ts = self.size, self._n, self._first, self._second, self._period
         q, v = motion.q, motion.v
         matrix, values = np.empty((m, n)), np.empty((3, m))
@@ -237,16 +246,26 @@ class ConstraintSet:
         limit = -bias
         if second > first:
             limit[first:second] -= y[first:second] / Ts
-        if m - second > FEW_LANES:
-            limit[second:] += bounded_acceleration(y[second:], rate[second:], np.array(self._gamma), Ts)
-        elif m > second:
-            one_by_one = zip(y[second:].tolist(), rate[second:].tolist(), self._gamma, strict=True)
-            limit[second:] += [bounded_acceleration(*numbers, Ts, SCALAR_MATH) for numbers in one_by_one]
+        if m > second:
+            parts = (y[second:].tolist(), rate[second:].tolist(), foreseen.tolist(), self._gamma)
+            limit[second:] += [self._bound(*numbers) for numbers in zip(*parts, strict=True)]
         lower, upper, violation = self._joint_bounds(q, v)
         if m > first:
             # fmax: one constraint that is no number does not hide the others.
             violation = max(violation, np.fmax.reduce(y[first:]).item())
-        return Rows(matrix, limit, first, lower, upper, violation)
+        return Rows(matrix, limit, first, lower, upper, violation, rate[second:], bias[second:])
+
+    def foresee(self, rows: Rows, u: Vector) -> Vector:
+        """y' at the next tick, of the rows of relative degree 2, as far as it is known in this one."""
+        expected: Vector = rows.rate + self._period * (rows.matrix[self._second :] @ u + rows.bias)
+        return expected
+
+    def _bound(self, y: float, rate: float, foreseen: float, gamma: float) -> float:
+        """The bound of row u + bias: that of y'' less what the tick before missed of it, within gamma."""
+        missed = (rate - foreseen) / self._period
+        missed = max(min(missed, -gamma), gamma) if missed == missed else 0.0
+        bound: float = bounded_acceleration(y, rate, gamma, self._period, SCALAR_MATH)
+        return bound - missed
 
     def _joint_bounds(self, q: Vector, v: Vector) -> tuple[Vector, Vector, float]:
         """Bounds of u by the joint limits, and by how much a position [rad] or speed [rad/s] is beyond one."""

@@ -193,7 +193,8 @@ class InvarianceController(LeafSystem):
             inputs.append(self._compliance)
         # The time of the tick this belongs to, q, q', the last two references, the course of the force, whether there
         # was contact, the rates that the tick led to as far as it knew, and the diagnostics.
-        further = 3 * n + len(Course._fields) + 1 + len(self._axes) + len(_DIAGNOSTICS)
+        self._foreseen = len(self._axes) + self._constraints.foreseen_size
+        further = 3 * n + len(Course._fields) + 1 + self._foreseen + len(_DIAGNOSTICS)
         memory = np.concatenate([[-self._period], self._facts.start, np.zeros(further)])
         self._memory = self.DeclareDiscreteState(memory)
         model = self._facts.model
@@ -260,11 +261,10 @@ class InvarianceController(LeafSystem):
         motion = self._motion(context, 0, q, v)
         x = (self._axes @ (motion.position - self._origin.position)).tolist()
         rate = self._axes @ motion.velocity[3:]
-        along = Along(self._axes @ motion.jacobian[3:], self._axes @ motion.bias[3:], (rate - foreseen) / Ts)
-        rates = rate.tolist()
-        bias = along.bias.item(0) + along.missed.item(0)
-        motion.contact = Contact(x[0], rates[0], along.rows[0], bias, compliance, measured)
-        rows = self._constraints.rows(motion)
+        k, rates = len(x), rate.tolist()
+        along = Along(self._axes @ motion.jacobian[3:], self._axes @ motion.bias[3:], (rate - foreseen[:k]) / Ts)
+        motion.contact = Contact(x[0], rates[0], along.rows[0], along.bias.item(0), compliance, measured)
+        rows = self._constraints.rows(motion, foreseen[k:])
         solution, violation = Solution(v, Status.NOT_FINITE, 0.0), rows.violation
         active = near = lost = 0.0
         phi = memory.item(-len(_DIAGNOSTICS) + 1)
@@ -290,11 +290,10 @@ class InvarianceController(LeafSystem):
         violation = violation if violation > _ROUNDING else 0.0
         bending = along.rows @ u + along.bias
         command = x[0] + Ts * rates[0] + 0.5 * Ts**2 * bending.item(0)
+        foreseen = np.concatenate([rate + Ts * bending, self._constraints.foresee(rows, u)])
         shown = [command, phi, float(solution.status), active, solution.slack, violation, near, lost]
         position, velocity = q + Ts * v + 0.5 * Ts**2 * u, v + Ts * u
-        return np.concatenate(
-            [[time], position, velocity, reference, last, past, [touched], rate + Ts * bending, shown]
-        )
+        return np.concatenate([[time], position, velocity, reference, last, past, [touched], foreseen, shown])
 
     def _nominal(self, gain: float, outputs: list[Regulated], force_error: float) -> list[Regulated]:
         """The same outputs with the accelerations of the integral law; `force_error`: C_T_hat (F - F_bar) [m]."""
