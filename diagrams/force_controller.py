@@ -62,7 +62,13 @@ class ForceController(Diagram):
             builder.ConnectInput(position, tip.get_input_port())
             connect(tip.get_output_port(), law.GetInputPort("motor_displacement"))
         connect(command, inversion.GetInputPort("displacement_command"))
-        export(inversion.GetInputPort("unconstrained_reference"), "unconstrained_reference")
+        unconstrained = export(inversion.GetInputPort("unconstrained_reference"), "unconstrained_reference")
+        if "path_displacement" in input_names(law):
+            asked = add("asked_position", affine(np.eye(n_q), q_0))
+            along = add("path_displacement", _displacement(cell))
+            builder.ConnectInput(unconstrained, asked.get_input_port())
+            connect(asked.get_output_port(), along.get_input_port())
+            connect(along.get_output_port(), law.GetInputPort("path_displacement"))
         builder.ExportOutput(inversion.GetOutputPort("joint_position_command"), "joint_position_command")
         for i in range(law.num_output_ports()):
             port = law.get_output_port(i)

@@ -1,7 +1,7 @@
 """The slot of a force law: what fills it, and what it may know of the loop.
 
 ForceLaw (scalar heart of a controller, for n loops at once)
-    in   desired_force, measured_force: shape (n,) [N]; motor_displacement: shape (n,) [m], optional
+    in   desired_force, measured_force: shape (n,) [N]; motor_displacement, path_displacement: shape (n,) [m], optional
     out  displacement_command: shape (n,) [m]; any further outputs are diagnostics
 
 ForceController (commands a robot)

@@ -1,7 +1,8 @@
 """Motion in the unconstrained directions: a straight line along the surface, as joint motion from the start posture.
 
-The tool keeps its orientation and its coordinate along n; the speed is trapezoidal. The line is solved by inverse
-kinematics at knots in time, joined by a cubic spline: dq_uc(t) of (2.12).
+The tool keeps its orientation and its coordinate along n, or climbs with the slope of the surface as far as that is
+known; the speed is trapezoidal. The line is solved by inverse kinematics at knots in time, joined by a cubic spline:
+dq_uc(t) of (2.12).
 """
 
 from __future__ import annotations
@@ -19,6 +20,7 @@ from forcectl.motion.references import Reference
 from forcectl.robot import RobotModel
 
 Vector = NDArray[np.float64]
+_STEEPEST = 0.3  # slope [-], as that of a surface
 _KNOTS, _RAMP_KNOTS = 160, 40  # of the whole move, and further ones in each of its ramps
 
 
@@ -88,6 +90,7 @@ class TangentialMotionConfig:
     speed: float = 0.002  # [m/s], > 0
     acceleration: float = 0.05  # [m/s^2], > 0
     start_time: float = 0.0  # [s], >= 0
+    slope: float = 0.0  # [-] rise of the path along n: that of the surface, as far as it is known
 
     def __post_init__(self) -> None:
         if len(self.direction) != 3 or not all(np.isfinite(d) for d in self.direction) or not any(self.direction):
@@ -96,6 +99,8 @@ class TangentialMotionConfig:
             check(name, getattr(self, name), "positive")
         for name in ("distance", "start_time"):
             check(name, getattr(self, name), "not negative")
+        if abs(check("slope", self.slope)) > _STEEPEST:
+            raise invalid("slope", self.slope, f"from -{_STEEPEST:g} to {_STEEPEST:g}")
 
     def interval(self) -> tuple[float, float] | None:
         """Begin and end of the motion [s]; None without one."""
@@ -120,7 +125,7 @@ class TangentialMotionConfig:
             cruise = np.linspace(ramp[-1], end - ramp[-1], _KNOTS)[:-1]
             times = np.concatenate([ramp[:-1], cruise, end - ramp[::-1]])
         covered = trapezoidal_profile(self.distance, self.speed, self.acceleration, times)
-        postures = line_postures(robot, start, covered[:, None] * along) - start
+        postures = line_postures(robot, start, covered[:, None] * (along + self.slope * n)) - start
         rest = np.zeros(robot.num_joints)
         return PiecewisePolynomial.CubicWithContinuousSecondDerivatives(self.start_time + times, postures.T, rest, rest)
 

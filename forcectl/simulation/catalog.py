@@ -26,6 +26,7 @@ CONTROLLERS = {
     "InvarianceControl": "forcectl.control.invariance_control:InvarianceControlConfig",
     "AdaptiveInvarianceControl": "forcectl.control.invariance_control:AdaptiveInvarianceControlConfig",
     "Invariance": "forcectl.control.invariance_force_law:InvarianceConfig",
+    "PredictiveInvariance": "forcectl.control.predictive_correction:PredictiveInvarianceConfig",
     "InvarianceRobot": "forcectl.control.invariance_robot:InvarianceRobotConfig",
     "Vrft": "forcectl.control.linear_law:VrftConfig",
     "Governed": "forcectl.control.governor:GovernedConfig",
