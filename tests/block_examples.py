@@ -6,14 +6,13 @@ import math
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
 from functools import cache, partial
-from typing import Any
 
 import numpy as np
+import robot_controller_examples as robot_form
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from forcectl.control.adaptive_force_law import Adaptation, AdaptiveForceLaw
-from forcectl.control.constraints import CartesianWall
+from forcectl.control.adaptive_force_law import AdaptiveForceLaw
 from forcectl.control.force_law import LoopFacts
 from forcectl.control.fourth_degree_force_law import FourthDegreeForceLaw
 from forcectl.control.governor import CommandGovernor, GovernedConfig, GovernedForceLaw
@@ -21,10 +20,9 @@ from forcectl.control.integral import IntegralConfig, IntegralForceLaw, LinearIn
 from forcectl.control.invariance_control import InvarianceControl, InvarianceCorrection
 from forcectl.control.invariance_controller import InvarianceController
 from forcectl.control.invariance_force_law import InvarianceForceLaw
-from forcectl.control.invariance_robot import AdaptiveInvarianceController, InvarianceRobotConfig
+from forcectl.control.invariance_robot import AdaptiveInvarianceController
 from forcectl.control.kinematic_inversion import ConstantKinematicInversion, KinematicInversion
-from forcectl.control.regulated_output import RegulatedCoordinate
-from forcectl.diagrams.force_controller import ForceController, JointController, build_controller, loop_facts
+from forcectl.diagrams.force_controller import ForceController, JointController, build_controller
 from forcectl.diagrams.motor_side import MotorSide
 from forcectl.diagrams.station import Cell, StationConfig, describe
 from forcectl.diagrams.station_kinematic import KinematicStation
@@ -93,19 +91,6 @@ def fourth_degree(**changed: object) -> FourthDegreeForceLaw:
     return FourthDegreeForceLaw(2, **{**known, **changed})
 
 
-def robot_controller(**changes: Any) -> InvarianceController:
-    """The invariance controller of the robot, with everything it may have."""
-    wall = CartesianWall([1.2, 0.0, 0.0], [-1.0, 0.0, 0.0])
-    sideways = RegulatedCoordinate(np.array([0.0, 1.0, 0.0]), 0.002, -0.1)
-    arguments = {"compliance": 2e-4, "maximum_force": 40.0, "constraints": [wall], "outputs": [sideways]}
-    return InvarianceController(loop_facts(cell("Kinematic")).robot, **arguments | changes)
-
-
-def adaptive_robot_controller() -> AdaptiveInvarianceController:
-    facts = loop_facts(cell("Kinematic"))
-    return AdaptiveInvarianceController(robot_controller(compliance=None), Adaptation().estimator(facts), facts)
-
-
 def governed() -> GovernedForceLaw:
     facts = LoopFacts(2, 0.002, np.full(2, 3e-5), np.full(2, 2e-4), 12.6, 1.0, 0.0)
     return GovernedConfig(law=IntegralConfig()).add_to(DiagramBuilder(), facts)
@@ -164,19 +149,6 @@ class Example:
 
 def each(output: str, *inputs: str) -> set[tuple[str, str]]:
     return {(output, name) for name in inputs}
-
-
-ROBOT_INPUTS: dict[str, Input] = {
-    "desired_force": lambda t: 15 * math.cos(60 * t),
-    "measured_force": lambda t: 15 * math.sin(40 * t),
-    "unconstrained_reference": lambda t: 0.02 * np.arange(6) * t,
-}
-
-
-def robot_feedthrough(*further: str) -> set[tuple[str, str]]:
-    """Every output of the robot's invariance controller, from every input that it reads."""
-    outputs = ("joint_position_command", *InvarianceController.port_units)
-    return {pair for name in outputs for pair in each(name, *ROBOT_INPUTS, *further)}
 
 
 FORCES: dict[str, Input] = {"desired_force": force, "measured_force": force}
@@ -391,24 +363,26 @@ EXAMPLES: dict[type[System], list[Example]] = {
             {"desired_force": 15.0, "motor_position": posture},
         )
     ],
-    JointController: [
-        Example(
-            lambda: build_controller(InvarianceRobotConfig(), cell("Kinematic")),
-            robot_feedthrough(),
-            ROBOT_INPUTS,
-        )
-    ],
+    JointController: [Example(robot_form.joint_controller, robot_form.robot_feedthrough(), robot_form.ROBOT_INPUTS)],
     InvarianceController: [
-        Example(robot_controller, robot_feedthrough(), ROBOT_INPUTS),
-        Example(lambda: robot_controller(nominal_gain=3.0), robot_feedthrough(), ROBOT_INPUTS),
+        Example(robot_form.robot_controller, robot_form.robot_feedthrough(), robot_form.ROBOT_INPUTS),
         Example(
-            lambda: robot_controller(compliance=None),
-            robot_feedthrough("compliance"),
-            ROBOT_INPUTS | {"compliance": lambda t: 2e-4 + 1e-3 * t},
+            lambda: robot_form.robot_controller(nominal_gain=3.0),
+            robot_form.robot_feedthrough(),
+            robot_form.ROBOT_INPUTS,
+        ),
+        Example(
+            lambda: robot_form.robot_controller(compliance=None),
+            robot_form.robot_feedthrough("compliance"),
+            robot_form.ROBOT_INPUTS | {"compliance": lambda t: 2e-4 + 1e-3 * t},
         ),
     ],
     AdaptiveInvarianceController: [
-        Example(adaptive_robot_controller, robot_feedthrough(), ROBOT_INPUTS | {"motor_position": posture})
+        Example(
+            robot_form.adaptive_robot_controller,
+            robot_form.robot_feedthrough(),
+            robot_form.ROBOT_INPUTS | {"motor_position": posture},
+        )
     ],
     MotorSide: [
         Example(

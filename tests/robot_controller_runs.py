@@ -13,6 +13,7 @@ from forcectl.control.force_law import RobotFacts
 from forcectl.control.invariance_controller import InvarianceController
 from forcectl.diagrams.force_controller import loop_facts
 from forcectl.diagrams.station import StationConfig, describe
+from forcectl.robot import JointLimits
 
 PERIOD, COMPLIANCE = 0.002, 2e-4
 N = 6
@@ -86,3 +87,32 @@ def accelerations(log: dict[str, np.ndarray], start: np.ndarray) -> tuple[np.nda
         u[k] = 2 * (q[k + 1] - q[k] - PERIOD * v[k]) / PERIOD**2
         v[k + 1] = v[k] + PERIOD * u[k]
     return v[1:], u
+
+
+def limits(**changes: Any) -> JointLimits:
+    own = robot_facts().model.limits
+    names = ("position_lower", "position_upper", "velocity", "acceleration", "torque")
+    return JointLimits(**{name: changes.get(name, getattr(own, name)) for name in names})
+
+
+def tips(log: dict[str, np.ndarray]) -> np.ndarray:
+    """Displacement of the tool from the start (ticks, 3) [m]."""
+    facts = robot_facts()
+    context = facts.model.create_context()
+    places = []
+    for q in [facts.start, *log["joint_position_command"]]:
+        facts.model.set_positions(context, q)
+        places.append(facts.model.tip_position(context))
+    return np.array(places[1:]) - places[0]
+
+
+def assert_smooth(log: dict[str, np.ndarray], used: JointLimits | None = None) -> None:
+    """Everything is finite, and the command keeps the joint limits: its speed is continuous."""
+    used = used or limits()
+    assert all(np.isfinite(values).all() for values in log.values())
+    v, u = accelerations(log, robot_facts().start)
+    assert (np.abs(u) <= used.acceleration * (1 + 1e-6) + 1e-6).all()
+    assert (np.abs(v) <= used.velocity * (1 + 1e-9)).all()
+    q = log["joint_position_command"]
+    assert (q <= used.position_upper + 1e-9).all()
+    assert (q >= used.position_lower - 1e-9).all()

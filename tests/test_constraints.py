@@ -22,7 +22,6 @@ from forcectl.control.constraints import (
 )
 from forcectl.control.robot_motion import Contact, RobotMotion
 from forcectl.errors import BadInputError
-from forcectl.lanes import SCALAR_MATH
 from forcectl.robot import JointLimits
 
 NAMES = ("position_lower", "position_upper", "velocity", "acceleration", "torque")
@@ -59,7 +58,7 @@ def test_a_double_integrator_at_the_bound_keeps_the_constraint_and_comes_to_rest
         return
     braked = 0.0
     for _ in range(20000):
-        a = min(bounded_acceleration(y, rate, gamma, PERIOD, SCALAR_MATH), 5.0)
+        a = min(bounded_acceleration(y, rate, gamma, PERIOD), 5.0)
         braked = min(braked, a)
         y, rate = y + PERIOD * rate + 0.5 * PERIOD**2 * a, rate + PERIOD * a
         assert y <= 1e-12
@@ -71,15 +70,19 @@ def test_a_double_integrator_at_the_bound_keeps_the_constraint_and_comes_to_rest
 
 @settings(deadline=None, derandomize=True, max_examples=200)
 @given(st.floats(-0.1, 0.1), st.floats(-1.0, 1.0), st.floats(-10.0, -0.05))
-def test_the_bound_is_the_same_for_floats_and_arrays_and_never_below_twice_gamma(
+def test_the_bound_is_never_below_twice_gamma_and_the_way_back_within_gamma(
     y: float, rate: float, gamma: float
 ) -> None:
-    one = bounded_acceleration(y, rate, gamma, PERIOD, SCALAR_MATH)
-    many = bounded_acceleration(np.full(3, y), np.full(3, rate), np.full(3, gamma), PERIOD)
-    np.testing.assert_allclose(many, one, rtol=1e-12, atol=1e-12)
+    one = bounded_acceleration(y, rate, gamma, PERIOD)
     assert one >= 2 * gamma * (1 + 1e-12)
     if y > 0:
         assert abs(one) <= -gamma * (1 + 1e-12)
+
+
+def test_no_bound_far_away_and_nothing_for_what_is_no_number() -> None:
+    assert bounded_acceleration(-math.inf, 0.1, -1.0, PERIOD) == math.inf
+    for y, rate in ((math.nan, 0.0), (-1.0, math.nan), (math.inf, 0.0), (-1.0, math.inf), (-math.inf, math.nan)):
+        assert math.isnan(bounded_acceleration(y, rate, -1.0, PERIOD))
 
 
 def test_braking_that_is_late_by_what_a_tick_left_is_made_up_for() -> None:
@@ -88,7 +91,7 @@ def test_braking_that_is_late_by_what_a_tick_left_is_made_up_for() -> None:
     for late in (1e-6, 1e-5, 1e-4):
         y, v = edge + late, rate
         for _ in range(2000):
-            a = bounded_acceleration(y, v, gamma, PERIOD, SCALAR_MATH)
+            a = bounded_acceleration(y, v, gamma, PERIOD)
             y, v = y + PERIOD * v + 0.5 * PERIOD**2 * min(a, 1.0), v + PERIOD * min(a, 1.0)
             assert y < 1e-12
 
@@ -149,7 +152,7 @@ def test_rows_come_by_relative_degree_with_their_bounds() -> None:
     np.testing.assert_allclose(rows.matrix[:4] @ u - rows.limit[:4], beyond)
     speed = -(motion.velocity[3] - 0.1) / PERIOD - motion.bias[3]
     np.testing.assert_allclose(rows.limit[4:6], [speed, 0.05 / PERIOD - 0.7])
-    expected = bounded_acceleration(float(wall[0]), float(wall[1]), -1.0, PERIOD, SCALAR_MATH) - wall[3]  # type: ignore[arg-type]
+    expected = bounded_acceleration(float(wall[0]), float(wall[1]), -1.0, PERIOD) - wall[3]  # type: ignore[arg-type]
     assert rows.limit[6] == pytest.approx(float(expected))
     # What the tick before missed of y'' is missed again, it says; but no more than gamma.
     for foreseen, missed in ((rate - 0.3 * PERIOD, 0.3), (rate + 9.0, -1.0), (math.nan, 0.0)):
@@ -168,8 +171,7 @@ def test_bounds_of_joints_far_from_their_limits_are_the_accelerations_and_near_t
     v = np.full(N, 0.04)
     rows = together.rows(at(v=v), np.zeros(0))
     expected = [
-        min(a, (0.05 - 0.04) / PERIOD, bounded_acceleration(-0.01, 0.04, -0.5 * a, PERIOD, SCALAR_MATH))
-        for a in limits.acceleration
+        min(a, (0.05 - 0.04) / PERIOD, bounded_acceleration(-0.01, 0.04, -0.5 * a, PERIOD)) for a in limits.acceleration
     ]
     np.testing.assert_allclose(rows.upper, expected)
     assert rows.violation == 0.0

@@ -8,7 +8,18 @@ from typing import Any
 import numpy as np
 import pytest
 from pydrake.systems.analysis import Simulator
-from robot_controller_runs import COMPLIANCE, PERIOD, N, accelerations, drive, make, robot_facts
+from robot_controller_runs import (
+    COMPLIANCE,
+    PERIOD,
+    N,
+    accelerations,
+    assert_smooth,
+    drive,
+    limits,
+    make,
+    robot_facts,
+    tips,
+)
 
 from forcectl.control.constraints import CartesianWall
 from forcectl.control.invariance_force_law import InvarianceForceLaw
@@ -16,39 +27,9 @@ from forcectl.control.quadratic_program import Coefficients, Solver, Status, fas
 from forcectl.control.regulated_output import RegulatedCoordinate
 from forcectl.control.robot_motion import RobotMotion
 from forcectl.errors import BadInputError
-from forcectl.robot import JointLimits
 
 STEP = 15.0 * COMPLIANCE  # depth of 15 N [m]
 SIDE = np.array([0.0, 1.0, 0.0])
-
-
-def limits(**changes: Any) -> JointLimits:
-    own = robot_facts().model.limits
-    names = ("position_lower", "position_upper", "velocity", "acceleration", "torque")
-    return JointLimits(**{name: changes.get(name, getattr(own, name)) for name in names})
-
-
-def tips(log: dict[str, np.ndarray]) -> np.ndarray:
-    """Displacement of the tool from the start (ticks, 3) [m]."""
-    facts = robot_facts()
-    context = facts.model.create_context()
-    places = []
-    for q in [facts.start, *log["joint_position_command"]]:
-        facts.model.set_positions(context, q)
-        places.append(facts.model.tip_position(context))
-    return np.array(places[1:]) - places[0]
-
-
-def assert_smooth(log: dict[str, np.ndarray], used: JointLimits | None = None) -> None:
-    """Everything is finite, and the command keeps the joint limits: its speed is continuous."""
-    used = used or limits()
-    assert all(np.isfinite(values).all() for values in log.values())
-    v, u = accelerations(log, robot_facts().start)
-    assert (np.abs(u) <= used.acceleration * (1 + 1e-6) + 1e-6).all()
-    assert (np.abs(v) <= used.velocity * (1 + 1e-9)).all()
-    q = log["joint_position_command"]
-    assert (q <= used.position_upper + 1e-9).all()
-    assert (q >= used.position_lower - 1e-9).all()
 
 
 # --- the law ----------------------------------------------------------------------------------------------------------
@@ -341,62 +322,6 @@ def test_a_reference_that_jumps_is_reached_within_the_limits_with_the_force_kept
     assert log["displacement_command"].min() > -STEP - 1e-5
     np.testing.assert_allclose(log["displacement_command"][300:], -STEP, atol=1e-4)
     assert np.ptp(log["joint_position_command"][-50:], axis=0).max() < 1e-3
-
-
-# --- random runs ------------------------------------------------------------------------------------------------------
-
-
-def random_run(seed: int, ticks: int = 250) -> float:
-    """A run with random limits, wall, reference and forces: the largest violation by the bound of one sample."""
-    rng = np.random.default_rng(seed)
-    facts = robot_facts()
-    context = facts.model.create_context()
-    facts.model.set_positions(context, facts.start)
-    place, away = facts.model.tip_position(context), rng.normal(size=3) * [1, 1, 0.2]
-    away /= np.linalg.norm(away)
-    wall = CartesianWall(place + rng.uniform(0.01, 0.05) * away, -away, -(10 ** rng.uniform(-1, 0.5)))
-    room = rng.uniform(0.05, 0.4, N)
-    used = limits(
-        position_lower=np.maximum(facts.model.limits.position_lower, facts.start - room),
-        position_upper=np.minimum(facts.model.limits.position_upper, facts.start + room),
-        velocity=facts.model.limits.velocity * rng.uniform(0.1, 1.0, N),
-    )
-    stiffness, desired = 10 ** rng.uniform(3, 6), rng.uniform(1, 30, 4)
-    most = rng.uniform(0.7, 1.5) * desired.max()
-    size, speed, phase = rng.uniform(-0.5, 0.5, N), rng.uniform(0.5, 3.0, N), rng.uniform(0, 6, N)
-    controller = make(
-        compliance=1 / stiffness,
-        gamma=-(10 ** rng.uniform(-3, 0)),
-        maximum_force=most,
-        limits=used,
-        constraints=[wall],
-    )
-    log = drive(
-        controller,
-        ticks,
-        desired=lambda k: desired[4 * k // ticks],
-        stiffness=stiffness,
-        reference=lambda k: size * (np.sin(speed * k * PERIOD + phase) - np.sin(phase)),
-    )
-    assert_smooth(log, used)
-    assert -log["displacement_command"].min() * stiffness <= most + max(1e-6 * stiffness, 1e-6)
-    # What is put out is the state before the tick: the last tick of the log is missing in it.
-    deep = max((place + move - wall._point) @ away for move in tips(log))
-    v, u = accelerations(log, facts.start)
-    S, A = np.abs(v).sum(axis=1), np.abs(u).sum(axis=1)
-    reach = 1.5  # [m] of the tool from the first axis, at most
-    bound = float((reach * (S**3 + 3 * S * A) * PERIOD**3 / 6).max())
-    assert deep <= max(log["constraint_violation"].max(), bound) + 1e-9
-    return float(log["constraint_violation"].max()) / bound
-
-
-def test_no_constraint_is_violated_by_more_than_a_sample_leaves() -> None:
-    assert max(random_run(seed) for seed in range(15)) <= 1.0
-
-
-@pytest.mark.slow
-def test_no_constraint_is_violated_by_more_than_a_sample_leaves_in_1000_runs() -> None:
-    assert max(random_run(seed) for seed in range(100, 1100)) <= 1.0
 
 
 # --- bad input --------------------------------------------------------------------------------------------------------

@@ -20,7 +20,12 @@ def tool(x: float, v: float) -> Any:
     """A tool at x along the first axis; what a motion has of it."""
     speed = np.array([0.0, 0.0, 0.0, v, 0.0, 0.0])
     return SimpleNamespace(
-        position=np.array([x, 0.0, 0.0]), rotation=np.eye(3), velocity=speed, bias=STILL, jacobian=np.zeros((6, 6))
+        position=np.array([x, 0.0, 0.0]),
+        rotation=np.eye(3),
+        velocity=speed,
+        v=NO_BEND,
+        bias=STILL,
+        jacobian=np.zeros((6, 6)),
     )
 
 

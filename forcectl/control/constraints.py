@@ -11,14 +11,16 @@ with a(y, y') the largest acceleration after which y <= 0 can still be kept with
 asks for the way back within |gamma| (3.57).
 
 Between ticks u is held, and y'' changes with the posture by at most |y'''| Ts. So a constraint whose rows were kept is
-violated by at most |y'''| Ts^3/6 (r = 2) or |y''| Ts^2/2 (r = 1): nothing for joint positions and speeds, which are
-integrated exactly. For a coordinate of the tool |y'''| <= L (S^3 + 3 S A), with the reach L and the sums S, A of joint
-speeds and accelerations; below a micrometre at 1 m/s and 2 ms. That does not add up: the next tick takes into account
-what the last one missed, and may brake harder than gamma, up to twice.
+violated by at most 2/3 |y'''| Ts^3 (r = 2: 1/6 in the tick, 1/2 by the speed it leaves to the next) or |y''| Ts^2/2
+(r = 1): nothing for joint positions and speeds, which are integrated exactly. For a coordinate of the tool |y'''| <=
+L (S^3 + 3 S A), with the reach L and the sums S, A of joint speeds and accelerations; about a micrometre at 1 m/s and
+2 ms. It does not add up: the next tick takes into account what the last one missed, and may brake harder than gamma, up
+to twice.
 """
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -29,7 +31,7 @@ from numpy.typing import ArrayLike, NDArray
 from forcectl.control.invariance_force_law import one_step_acceleration
 from forcectl.control.robot_motion import RobotMotion
 from forcectl.errors import BadInputError, invalid
-from forcectl.lanes import SCALAR_MATH, Lane, check, lane_values
+from forcectl.lanes import SCALAR_MATH, check, lane_values
 from forcectl.robot import JointLimits, unit_normal
 
 Vector = NDArray[np.float64]
@@ -130,24 +132,27 @@ class JointTorqueLimit:
         return 0.0, 0.0, np.concatenate([M, -M]), np.concatenate([h, -h]) - self._twice
 
 
-def bounded_acceleration(y: Lane, rate: Lane, gamma: Lane, period: float, m: Any = np) -> Lane:
+def bounded_acceleration(y: float, rate: float, gamma: float, period: float) -> float:
     """The bound a(y, y') of y'' for constraints of relative degree 2, without a limit on how fast they are approached.
 
     Args:
-        y: constraint output. rate: y'. gamma: braking, < 0. period: tick Ts [s]. m: numpy for arrays of shape (k,), or
-            `SCALAR_MATH` for floats.
+        y: constraint output. rate: y'. gamma: braking, < 0. period: tick Ts [s].
 
     Returns:
         at least gamma where the constraint holds and can be kept with gamma; down to 2 gamma where it could not, which
-        is what the curvature of one tick leaves; within +-gamma where it is violated.
+        is what the curvature of one tick leaves; within +-gamma where it is violated. No bound, infinity, for a y of
+        minus infinity; NaN for what is no number.
     """
-    bound = one_step_acceleration(y, rate, gamma, m.where(y > 0.0, -gamma, np.inf), period, m)
+    if not math.isfinite(y + rate):  # comparisons would make some number of it
+        return math.inf if y == -math.inf and math.isfinite(rate) else math.nan
+    bound: float = one_step_acceleration(y, rate, gamma, -gamma if y > 0.0 else math.inf, period, SCALAR_MATH)
+    if bound > gamma or y > 0.0:
+        return bound
     # The larger root a of Phi(y + Ts y' + Ts^2 a/2, y' + Ts a) = 0: braking that is late by what a tick has left.
     half = rate / period - 0.5 * gamma
     square = half * half - (rate * rate - 2.0 * gamma * (y + period * rate)) / period**2
-    root = m.where(square >= 0.0, m.maximum(square, 0.0) ** 0.5 - half, 2.0 * gamma)
-    late = m.maximum(m.minimum(root, gamma), 2.0 * gamma)
-    return m.where((bound <= gamma) & (y <= 0.0), late, bound)
+    root = math.sqrt(square) - half if square >= 0.0 else 2.0 * gamma
+    return max(min(root, gamma), 2.0 * gamma)
 
 
 def checked_limits(limits: JointLimits, start: RobotMotion) -> JointLimits:
@@ -264,12 +269,11 @@ class ConstraintSet:
         """The bound of row u + bias: that of y'' less what the tick before missed of it, within gamma."""
         missed = (rate - foreseen) / self._period
         missed = max(min(missed, -gamma), gamma) if missed == missed else 0.0
-        bound: float = bounded_acceleration(y, rate, gamma, self._period, SCALAR_MATH)
-        return bound - missed
+        return bounded_acceleration(y, rate, gamma, self._period) - missed
 
     def _joint_bounds(self, q: Vector, v: Vector) -> tuple[Vector, Vector, float]:
         """Bounds of u by the joint limits, and by how much a position [rad] or speed [rad/s] is beyond one."""
-        Ts, m = self._period, SCALAR_MATH
+        Ts = self._period
         lower, upper, violation = [], [], 0.0
         # Joint by joint in floats: for an arm a third of the cost of numpy.
         for x, rate, low, high, speed, room in zip(q.tolist(), v.tolist(), *self._joints, strict=True):
@@ -278,9 +282,9 @@ class ConstraintSet:
             # nothing.
             ahead, back = max(rate + Ts * room, 0.0), max(Ts * room - rate, 0.0)
             if x - high + ahead * (2 * Ts + ahead / room) > 0.0:
-                up = min(up, bounded_acceleration(x - high, rate, -0.5 * room, Ts, m))
+                up = min(up, bounded_acceleration(x - high, rate, -0.5 * room, Ts))
             if low - x + back * (2 * Ts + back / room) > 0.0:
-                down = max(down, -bounded_acceleration(low - x, -rate, -0.5 * room, Ts, m))
+                down = max(down, -bounded_acceleration(low - x, -rate, -0.5 * room, Ts))
             lower.append(max(min(down, room), -room))
             upper.append(max(min(up, room), -room))
             violation = max(violation, x - high, low - x, abs(rate) - speed)

@@ -172,7 +172,7 @@ class InvarianceController(LeafSystem):
         self._across = np.eye(3) - self._axes.T @ self._axes
         # y'' of the force is -x'' along n, that of a coordinate is x'' along its axis.
         self._signs = np.array([-1.0] + [1.0] * len(outputs))
-        self._eye = np.eye(self._n)
+        self._column, self._eye = self._signs[:, None], np.eye(self._n)
 
         weights = np.full(len(self._axes) + self._constraints.size, np.inf)
         weights[: len(self._axes)] = _SLACK_WEIGHT
@@ -330,7 +330,7 @@ class InvarianceController(LeafSystem):
     ) -> tuple[Solution, float, float, float]:
         """The solution, how many rows and bounds are active, whether J is damped, and the violation of direct rows."""
         k, J = len(outputs), motion.jacobian
-        matrix = np.concatenate([self._signs[:, None] * along.rows, rows.matrix])
+        matrix = np.concatenate([self._column * along.rows, rows.matrix])
         bounds = [output.bound for output in outputs] - self._signs * (along.bias + along.missed)
         limit = np.concatenate([bounds, rows.limit])
 
@@ -350,7 +350,7 @@ class InvarianceController(LeafSystem):
         )
         u = solution.u
         beyond = matrix @ u - limit
-        active = (beyond > -1e-9).sum().item() + ((u >= rows.upper) | (u <= rows.lower)).sum().item()
+        active = np.count_nonzero(beyond > -1e-9) + np.count_nonzero((u >= rows.upper) | (u <= rows.lower))
         direct = beyond[k : k + rows.direct].max(initial=0.0).item()
         return solution, float(active), float(damping > _REDUNDANT), direct
 

@@ -112,7 +112,5 @@ def turn(from_: Vector, to: Vector) -> Vector:
     Returns:
         sin(angle) * axis in W, (3,) [rad].
     """
-    R = to @ from_.T
-    vector: Vector = np.array([R[2, 1] - R[1, 2], R[0, 2] - R[2, 0], R[1, 0] - R[0, 1]])
-    vector *= 0.5
-    return vector
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = (to @ from_.T).tolist()
+    return np.array([0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)])

@@ -40,7 +40,10 @@ class Tracking:
             across: projection on the directions that are tracked (3, 3).
         """
         w = self.bandwidth
-        wanted = 2 * w * (path.velocity - motion.velocity) + path.bias + path.jacobian @ bend
+        wanted = -2 * w * motion.velocity
+        ahead = 2 * w * path.v + bend
+        if ahead.any() or path.v.any():  # J and J'v of a path at rest are not needed
+            wanted += path.jacobian @ ahead + path.bias
         wanted[:3] += _pull(turn(motion.rotation, path.rotation), w, self._angular)
         wanted[3:] = across @ wanted[3:] + _pull(across @ (path.position - motion.position), w, self._linear)
         _shorten(wanted[:3], self._angular)

@@ -1,0 +1,55 @@
+"""The robot's invariance controller among the block examples: how it is built, its inputs and its feedthrough."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+import numpy as np
+
+from forcectl.control.adaptive_force_law import Adaptation
+from forcectl.control.constraints import CartesianWall
+from forcectl.control.force_law import LoopFacts
+from forcectl.control.invariance_controller import InvarianceController
+from forcectl.control.invariance_robot import AdaptiveInvarianceController, InvarianceRobotConfig
+from forcectl.control.regulated_output import RegulatedCoordinate
+from forcectl.diagrams.force_controller import JointController, build_controller, loop_facts
+from forcectl.diagrams.station import StationConfig, describe
+from forcectl.testing.runs import Input
+
+
+@cache
+def facts() -> LoopFacts:
+    return loop_facts(describe(StationConfig(fidelity="Kinematic")))
+
+
+def robot_controller(**changes: Any) -> InvarianceController:
+    """The invariance controller of the robot, with everything it may have."""
+    wall = CartesianWall([1.2, 0.0, 0.0], [-1.0, 0.0, 0.0])
+    sideways = RegulatedCoordinate(np.array([0.0, 1.0, 0.0]), 0.002, -0.1)
+    arguments = {"compliance": 2e-4, "maximum_force": 40.0, "constraints": [wall], "outputs": [sideways]}
+    return InvarianceController(facts().robot, **arguments | changes)
+
+
+def joint_controller() -> JointController:
+    made = build_controller(InvarianceRobotConfig(), describe(StationConfig(fidelity="Kinematic")))
+    assert isinstance(made, JointController)
+    return made
+
+
+def adaptive_robot_controller() -> AdaptiveInvarianceController:
+    return AdaptiveInvarianceController(robot_controller(compliance=None), Adaptation().estimator(facts()), facts())
+
+
+ROBOT_INPUTS: dict[str, Input] = {
+    "desired_force": lambda t: 15 * math.cos(60 * t),
+    "measured_force": lambda t: 15 * math.sin(40 * t),
+    "unconstrained_reference": lambda t: 0.02 * np.arange(6) * t,
+}
+
+
+def robot_feedthrough(*further: str) -> set[tuple[str, str]]:
+    """Every output of the robot's invariance controller, from every input that it reads."""
+    outputs = ("joint_position_command", *InvarianceController.port_units)
+    return {(output, name) for output in outputs for name in (*ROBOT_INPUTS, *further)}
