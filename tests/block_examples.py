@@ -3,14 +3,13 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field
 from functools import cache, partial
 
 import numpy as np
-import robot_controller_examples as robot_form
+from block_example import Example, each
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from robot_controller_examples import ROBOT_EXAMPLES
 
 from forcectl.control.adaptive_force_law import AdaptiveForceLaw
 from forcectl.control.force_law import LoopFacts
@@ -18,11 +17,9 @@ from forcectl.control.fourth_degree_force_law import FourthDegreeForceLaw
 from forcectl.control.governor import CommandGovernor, GovernedConfig, GovernedForceLaw
 from forcectl.control.integral import IntegralConfig, IntegralForceLaw, LinearIntegralForceLaw
 from forcectl.control.invariance_control import InvarianceControl, InvarianceCorrection
-from forcectl.control.invariance_controller import InvarianceController
 from forcectl.control.invariance_force_law import InvarianceForceLaw
-from forcectl.control.invariance_robot import AdaptiveInvarianceController
 from forcectl.control.kinematic_inversion import ConstantKinematicInversion, KinematicInversion
-from forcectl.diagrams.force_controller import ForceController, JointController, build_controller
+from forcectl.diagrams.force_controller import ForceController, build_controller
 from forcectl.diagrams.motor_side import MotorSide
 from forcectl.diagrams.station import Cell, StationConfig, describe
 from forcectl.diagrams.station_kinematic import KinematicStation
@@ -137,20 +134,6 @@ def wrist_sensor() -> Diagram:
     return builder.Build()
 
 
-@dataclass(frozen=True)
-class Example:
-    """One way to build a block; `runnable` is what is simulated when the block cannot run alone."""
-
-    build: Callable[[], System]
-    feedthrough: set[tuple[str, str]] = field(default_factory=set)
-    inputs: Mapping[str, Input] = field(default_factory=dict)
-    runnable: Callable[[], System] | None = None
-
-
-def each(output: str, *inputs: str) -> set[tuple[str, str]]:
-    return {(output, name) for name in inputs}
-
-
 FORCES: dict[str, Input] = {"desired_force": force, "measured_force": force}
 SOFT = FORCES | {"compliance": [1e-4, 2e-4]}
 NOMINAL = SOFT | {"nominal_command": push}
@@ -161,7 +144,7 @@ def law_feedthrough(*inputs: str) -> set[tuple[str, str]]:
     return {pair for name in ("displacement_command", "invariance_function", "status") for pair in each(name, *inputs)}
 
 
-EXAMPLES: dict[type[System], list[Example]] = {
+EXAMPLES: dict[type[System], list[Example]] = ROBOT_EXAMPLES | {
     CompliantContact: [
         Example(
             lambda: CompliantContact(2, stiffness=[5900, 1e5]),
@@ -361,27 +344,6 @@ EXAMPLES: dict[type[System], list[Example]] = {
             each("joint_position_command", "desired_force", "measured_force", "unconstrained_reference")
             | each("displacement_command", "desired_force", "measured_force"),
             {"desired_force": 15.0, "motor_position": posture},
-        )
-    ],
-    JointController: [Example(robot_form.joint_controller, robot_form.robot_feedthrough(), robot_form.ROBOT_INPUTS)],
-    InvarianceController: [
-        Example(robot_form.robot_controller, robot_form.robot_feedthrough(), robot_form.ROBOT_INPUTS),
-        Example(
-            lambda: robot_form.robot_controller(nominal_gain=3.0),
-            robot_form.robot_feedthrough(),
-            robot_form.ROBOT_INPUTS,
-        ),
-        Example(
-            lambda: robot_form.robot_controller(compliance=None),
-            robot_form.robot_feedthrough("compliance"),
-            robot_form.ROBOT_INPUTS | {"compliance": lambda t: 2e-4 + 1e-3 * t},
-        ),
-    ],
-    AdaptiveInvarianceController: [
-        Example(
-            robot_form.adaptive_robot_controller,
-            robot_form.robot_feedthrough(),
-            robot_form.ROBOT_INPUTS | {"motor_position": posture},
         )
     ],
     MotorSide: [

@@ -1,4 +1,4 @@
-"""The robot's invariance controller among the block examples: how it is built, its inputs and its feedthrough."""
+"""Examples of the robot's invariance controller and its diagrams."""
 
 from __future__ import annotations
 
@@ -7,10 +7,12 @@ from functools import cache
 from typing import Any
 
 import numpy as np
+from block_example import Example
+from pydrake.systems.framework import System
 
 from forcectl.control.adaptive_force_law import Adaptation
 from forcectl.control.constraints import CartesianWall
-from forcectl.control.force_law import LoopFacts
+from forcectl.control.force_law import LoopFacts, RobotFacts
 from forcectl.control.invariance_controller import InvarianceController
 from forcectl.control.invariance_robot import AdaptiveInvarianceController, InvarianceRobotConfig
 from forcectl.control.regulated_output import RegulatedCoordinate
@@ -24,12 +26,18 @@ def facts() -> LoopFacts:
     return loop_facts(describe(StationConfig(fidelity="Kinematic")))
 
 
+def robot() -> RobotFacts:
+    found = facts().robot
+    assert found is not None
+    return found
+
+
 def robot_controller(**changes: Any) -> InvarianceController:
     """The invariance controller of the robot, with everything it may have."""
     wall = CartesianWall([1.2, 0.0, 0.0], [-1.0, 0.0, 0.0])
     sideways = RegulatedCoordinate(np.array([0.0, 1.0, 0.0]), 0.002, -0.1)
     arguments = {"compliance": 2e-4, "maximum_force": 40.0, "constraints": [wall], "outputs": [sideways]}
-    return InvarianceController(facts().robot, **arguments | changes)
+    return InvarianceController(robot(), **arguments | changes)
 
 
 def joint_controller() -> JointController:
@@ -53,3 +61,32 @@ def robot_feedthrough(*further: str) -> set[tuple[str, str]]:
     """Every output of the robot's invariance controller, from every input that it reads."""
     outputs = ("joint_position_command", *InvarianceController.port_units)
     return {(output, name) for output in outputs for name in (*ROBOT_INPUTS, *further)}
+
+
+def moving(t: float) -> np.ndarray:
+    return robot().start + 0.05 * np.sin(np.arange(1, 7) * (3 * t + 0.1))
+
+
+ROBOT_EXAMPLES: dict[type[System], list[Example]] = {
+    JointController: [Example(joint_controller, robot_feedthrough(), ROBOT_INPUTS)],
+    InvarianceController: [
+        Example(robot_controller, robot_feedthrough(), ROBOT_INPUTS),
+        Example(
+            lambda: robot_controller(nominal_gain=3.0),
+            robot_feedthrough(),
+            ROBOT_INPUTS,
+        ),
+        Example(
+            lambda: robot_controller(compliance=None),
+            robot_feedthrough("compliance"),
+            ROBOT_INPUTS | {"compliance": lambda t: 2e-4 + 1e-3 * t},
+        ),
+    ],
+    AdaptiveInvarianceController: [
+        Example(
+            adaptive_robot_controller,
+            robot_feedthrough(),
+            ROBOT_INPUTS | {"motor_position": moving},
+        )
+    ],
+}
