@@ -14,30 +14,28 @@ presses, y = F > 0), and so are the gains.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass
-from itertools import pairwise
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import qr, solve_triangular
+from scipy.linalg import qr
 from scipy.signal import lfilter
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.controller_basis import ControllerBasis, Filter, PidGains
 from forcectl.estimation.excitation_order import excitation_order
+from forcectl.estimation.noise_share import noise_in_regressors
+from forcectl.estimation.plant_model import PlantModel, identify_plant
 from forcectl.estimation.reference_model import ReferenceModel
 from forcectl.lanes import check_count
 
 Array = NDArray[np.float64]
 
-# A model mismatch above this share of the wanted response is said to be out of reach.
-OUT_OF_REACH = 0.1
-# A gain is not identifiable when this share of what tells it apart is noise, or zero is within so many standard errors.
-_NOISE_SHARE = 0.1
-_STANDARD_ERRORS = 3.0
+OUT_OF_REACH = 0.1  # a model mismatch above this is said to be out of reach
 _BLOCKS = 32  # of the record, for standard errors that hold with correlated residuals
 _LONGEST_BLOCK = 50_000  # [samples], bounds the memory
-_QUIET = 100  # samples that the input rests before noise is read off the output
+_HORIZON = 8  # time constants of the reference model that are predicted
+_LONGEST_HORIZON = 8_000  # [samples]
 
 
 @dataclass(frozen=True)
@@ -52,7 +50,9 @@ class VrftFit:
     excitation_order: persistent-excitation order of e_L, at most 10.
     noise_rms: of the output where the input rests [N]; None when it never does.
     noise_share: per gain, the share of noise in what tells it apart from the others [-]; None as above.
-    model_mismatch: size of (M - T) u over that of M u, as the data predict it to first order; T: tuned loop.
+    plant: model identified from the same record; it does not enter the gains.
+    predicted_step, model_step: unit step responses of the tuned loop on that plant and of the reference model,
+        shape (h,) [-]; NaN from where the loop has diverged.
     warnings: one line each.
     """
 
@@ -70,12 +70,20 @@ class VrftFit:
     excitation_order: int
     noise_rms: float | None
     noise_share: Array | None
-    model_mismatch: float
-    warnings: tuple[str, ...]
+    plant: PlantModel
+    predicted_step: Array
+    model_step: Array
+    warnings: tuple[str, ...] = ()
+
+    @property
+    def model_mismatch(self) -> float:
+        """|s_T - s_M| over |1 - s_M|, the step responses of tuned loop and reference model [-]; infinite: unstable."""
+        missing = float(np.linalg.norm(self.predicted_step - self.model_step) / np.linalg.norm(1 - self.model_step))
+        return missing if np.isfinite(missing) else np.inf
 
     @property
     def out_of_reach(self) -> bool:
-        """Whether no controller of this form is expected to come near the reference model."""
+        """Whether the tuned loop is expected to miss the reference model by more than `OUT_OF_REACH`."""
         return self.model_mismatch > OUT_OF_REACH
 
 
@@ -128,7 +136,11 @@ def fit_vrft(
     total = float(np.sum(triangle[:, size] ** 2))
     misfit = float(np.sum((triangle[:, size] - triangle[:, :size] @ gains) ** 2))
     singular = np.linalg.svd(_unit_columns(triangle[:, :size])[0], compute_uv=False)
-    noise_rms, share = _noise(u, y, model, basis, prefilter, weight, triangle[:size, :size])
+    noise_rms, share = noise_in_regressors(
+        u, y, triangle[:size, :size], lambda noise: _columns(_filtered(u, noise, model, prefilter, weight)[0], basis)
+    )
+    plant = identify_plant(u, y, basis.period)
+    horizon = int(min(_HORIZON * model.time_constant / model.period + 10 * model.delay + 100, _LONGEST_HORIZON))
     fit = VrftFit(
         basis=basis,
         model=model,
@@ -144,11 +156,11 @@ def fit_vrft(
         excitation_order=excitation_order(error),
         noise_rms=noise_rms,
         noise_share=share,
-        model_mismatch=_mismatch(u, y, model, basis, gains),
-        warnings=(),
+        plant=plant,
+        predicted_step=plant.closed_loop_step(basis, gains, horizon),
+        model_step=model.response(np.ones(horizon)),
     )
-    object.__setattr__(fit, "warnings", tuple(_warnings(fit, u, y)))
-    return fit
+    return replace(fit, warnings=tuple(_warnings(fit, y)))
 
 
 def virtual_error(y: ArrayLike, model: ReferenceModel) -> Array:
@@ -281,65 +293,15 @@ def _sandwich(inverse: Array, scores: Array) -> Array:
     return np.sqrt(share * np.sum((scores @ inverse.T) ** 2, axis=0))
 
 
-def _noise(
-    u: Array,
-    y: Array,
-    model: ReferenceModel,
-    basis: ControllerBasis,
-    prefilter: bool,
-    weight: Filter | None,
-    triangle: Array,
-) -> tuple[float | None, Array | None]:
-    """Noise of the output where the input rests [N], and its share in what tells each gain apart."""
-    noise, share = resting_noise(u, y)
-    if not share:
-        return None, None
-    rms = float(np.sqrt(np.sum(noise**2) / (share * noise.size)))
-    error, target, skip = _filtered(np.zeros_like(u), noise, model, prefilter, weight)
-    factor = _triangle(np.vstack([_triangle(rows) for rows in _rows(error, target, basis, skip)]))[:, : basis.size]
-    scaled, lengths = _unit_columns(triangle)
-    if np.linalg.matrix_rank(scaled, tol=1e-13) < basis.size:
-        return rms, np.ones(basis.size)
-    # Row i of (R^T R)^-1 is the combination of regressors that sees gain i alone, but for its length.
-    root = solve_triangular(scaled, np.eye(basis.size))
-    alone = root @ root.T / lengths
-    energy = np.sum((factor @ alone.T) ** 2, axis=0) / share
-    return rms, np.minimum(energy / np.diag(root @ root.T), 1.0)
+_NOISE_SHARE = 0.1  # of what tells a gain apart: above, it is not identifiable
+_STANDARD_ERRORS = 3.0  # nor is it when zero is within so many
+_EXPLAINED = 0.9  # of the output by the plant model: below, its prediction is not to be trusted
 
 
-def resting_noise(u: Array, y: Array) -> tuple[Array, float]:
-    """What is left of y, less a parabola, in the second half of every stretch where u rests; zero elsewhere.
-
-    Returns:
-        The noise (k,) and the share of the record that it was read from, 0 when u never rests.
-    """
-    edges = np.flatnonzero(np.diff(u)) + 1
-    bounds = np.concatenate([[0], edges, [u.size]])
-    noise, used = np.zeros_like(y), 0
-    for start, end in pairwise(bounds):
-        if end - start >= 2 * _QUIET:
-            middle = (start + end) // 2
-            part = y[middle:end]
-            shape = np.linspace(-1.0, 1.0, part.size)
-            noise[middle:end] = part - np.polynomial.legendre.legval(
-                shape, np.polynomial.legendre.legfit(shape, part, 2)
-            )
-            used += part.size
-    return noise, used / y.size
-
-
-def _mismatch(u: Array, y: Array, model: ReferenceModel, basis: ControllerBasis, gains: Array) -> float:
-    """|(1 - M)(M u - (1 - M) C y)| over |M u|: to first order (M - T) u."""
-    wanted, error = model.response(u), y - model.response(y)
-    missing = wanted - basis.response(gains, error)
-    missing -= model.response(missing)
-    return float(np.linalg.norm(missing) / np.linalg.norm(wanted))
-
-
-def _warnings(fit: VrftFit, u: Array, y: Array) -> Iterator[str]:
+def _warnings(fit: VrftFit, y: Array) -> Iterator[str]:
     size = fit.basis.size
     if fit.excitation_order < min(size, 10):
-        yield (f"the record excites {fit.excitation_order} of {size} gains: move more often, or in another rhythm")
+        yield f"the record excites {fit.excitation_order} of {size} gains: move more often, or in another rhythm"
     noise = fit.noise_share if fit.noise_share is not None else np.zeros(size)
     noisy = noise > _NOISE_SHARE
     open_sign = (np.abs(fit.gains) < _STANDARD_ERRORS * fit.standard_errors) & ~noisy
@@ -354,10 +316,15 @@ def _warnings(fit: VrftFit, u: Array, y: Array) -> Iterator[str]:
         yield f"the record does not begin at rest: y[0] = {y[0]:.3g}; u and y must be deviations from rest"
     if abs(fit.model.static_gain - 1) > 1e-6:
         yield f"the reference model ends at {fit.model.static_gain:.4g} of the reference, not at 1"
-    if fit.out_of_reach:
+    if fit.plant.explained < _EXPLAINED:
+        share = f"{100 * max(fit.plant.explained, 0.0):.0f} %"
+        yield f"a linear plant explains only {share} of the output: the prediction is not to be trusted"
+    if not np.isfinite(fit.model_mismatch):
+        yield "reference model out of reach: the tuned loop is expected to be unstable; choose a slower model"
+    elif fit.out_of_reach:
         yield (
             f"reference model out of reach: the loop is expected to miss it by {100 * fit.model_mismatch:.0f} %; "
-            "choose a slower one, or one with the delay of the plant"
+            "choose a slower model, or one with the delay of the plant"
         )
 
 
