@@ -16,6 +16,14 @@ from matplotlib.figure import Figure
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 _REFERENCE = "#707070"
 _MOST_LABELLED = 12
+_FIRST_SAMPLES = 0.2  # of a tuning
+_GAIN = "proportional_gain"
+_TUNING = {
+    "controller_output": "u_hat [m]",
+    _GAIN: "K_P [m/N]",
+    "integral_gain": "K_I [m/(N s)]",
+    "derivative_gain": "K_D [m s/N]",
+}
 
 
 def force_figure(log: Any, title: str = "") -> Figure:
@@ -52,12 +60,35 @@ def error_figure(log: Any, title: str = "") -> Figure:
     return figure
 
 
+def tuning_figure(log: Any, title: str = "") -> Figure:
+    """Output of a controller, at first its excitation, and the gains tuned meanwhile, of every variant over time."""
+    signals = {name: label for name, label in _TUNING.items() if name in log}
+    figure = Figure(figsize=(8.0, 0.8 + 1.7 * len(signals)), layout="constrained")
+    rows = figure.subplots(len(signals), sharex=True, squeeze=False)[:, 0]
+    for axes, (name, label) in zip(rows, signals.items(), strict=True):
+        for colour, (variant, one) in zip(_colours(log), _variants(log), strict=True):
+            axes.plot(one["time"], one[name], color=colour, lw=1.6, label=variant)
+        axes.set_ylabel(label)
+        # The first samples make the gains jump so far that nothing else would be seen.
+        later = log[name].where(log["time"] > _FIRST_SAMPLES * log["time"][-1])
+        low, high = min(0.0, float(later.min())), max(0.0, float(later.max()))
+        if high > low:
+            axes.set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))
+        _frame(axes)
+    rows[0].set_title(title, loc="left", fontsize=11, parse_math=False)
+    rows[-1].set_xlabel("time [s]")
+    _finish(rows[0], log)
+    return figure
+
+
 def write_figures(log: Any, folder: Path, title: str = "") -> list[Path]:
     """Write the figures that the log has signals for, as SVG and PNG; the same log gives the same files."""
     folder.mkdir(parents=True, exist_ok=True)
     figures = {"force": force_figure(log, title)}
     if "model_force" in log:
         figures["model_error"] = error_figure(log, title)
+    if _GAIN in log:
+        figures["tuning"] = tuning_figure(log, title)
     return [path for stem, figure in figures.items() for path in save(figure, folder / stem)]
 
 
@@ -77,10 +108,14 @@ def _new(title: str, ylabel: str) -> tuple[Figure, Axes]:
     axes.set_title(title, loc="left", fontsize=11, parse_math=False)
     axes.set_xlabel("time [s]")
     axes.set_ylabel(ylabel)
+    _frame(axes)
+    return figure, axes
+
+
+def _frame(axes: Axes) -> None:
     axes.grid(color="#e4e4e4", lw=0.8)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-    return figure, axes
 
 
 def _finish(axes: Axes, log: Any) -> None:
