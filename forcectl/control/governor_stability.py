@@ -37,6 +37,8 @@ Array = NDArray[np.float64]
 # ten million ticks.
 _POLE_MARGIN = 1e-7
 _FREQUENCY_MARGIN = 1e-12
+# What cannot move a pole by a rounding error, and would overflow when divided by.
+_NEGLIGIBLE = 1e-10
 # Roots of a higher degree take minutes.
 _MOST_TICKS = 2000
 
@@ -92,6 +94,8 @@ def frequency_margin(inner_pole: float, alpha: float, delay_ticks: int, true_del
     """
     _check(inner_pole, alpha, delay_ticks, true_delay_ticks)
     pole, fed_back = (1.0 - alpha) * inner_pole, alpha * inner_pole ** (delay_ticks + 1)
+    if fed_back < _NEGLIGIBLE:
+        return (1.0 - pole) ** 2 - 4.0 * fed_back**2
     series = np.zeros(max(2, abs(delay_ticks - true_delay_ticks) + 1))
     series[0] = (1.0 - pole) ** 2 + 2.0 * pole - 2.0 * fed_back**2
     series[1] = -2.0 * pole
@@ -118,7 +122,8 @@ def largest_alpha(inner_pole: float, delay_ticks: int, true_delay_ticks: int) ->
     feedback = characteristic_polynomial(inner_pole, 1.0, delay_ticks, true_delay_ticks) - open_loop
     # D(z) E(1/z) = D(1/z) E(z) where D/E is real on the unit circle.
     real_ratio = np.convolve(open_loop, feedback[::-1]) - np.convolve(open_loop[::-1], feedback)
-    roots = np.roots(np.trim_zeros(real_ratio, "f"))
+    real_ratio[np.abs(real_ratio) < _NEGLIGIBLE**2 * np.abs(real_ratio).max()] = 0.0
+    roots = np.roots(real_ratio)
     z = np.append(roots[np.abs(np.abs(roots) - 1.0) < 1e-6], [1.0, -1.0])
     z /= np.abs(z)
     with np.errstate(divide="ignore", invalid="ignore"):
@@ -131,10 +136,11 @@ def published_bound(inner_pole: float, delay_ticks: int, true_delay_ticks: int) 
     """The bound of alpha [1] of (4.42), which the thesis calls sufficient for delays that differ by any amount.
 
     It is what the first row of Jury's table says for eps = 1, so a necessary condition there and no guarantee: with
-    A = 0.997, N = 40, where it is 0.7746, a true delay of 20 ticks is unstable from alpha = 0.09 on.
+    A = 0.997, N = 40, where it is 0.7746, a true delay of 20 ticks is unstable from alpha = 0.09 on. For eps < 0 it has
+    Nbar in the place of N.
     """
     _check(inner_pole, 0.0, delay_ticks, true_delay_ticks)
-    a, n = inner_pole, min(delay_ticks, true_delay_ticks)
+    a, n = inner_pole, max(delay_ticks, true_delay_ticks)
     power = a**n
     root = np.sqrt(power * (a * a * power - 2.0 * a * power + 5.0 * power + 4.0))
     return float((a * power - power + root) / (2.0 * a * power * (power + 1.0)))
