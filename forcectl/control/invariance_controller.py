@@ -23,7 +23,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
-from scipy.linalg.lapack import dpotrf, dsyev
+from scipy.linalg.lapack import dposv, dpotrf, dsyev
 
 from forcectl.cache import BlockCache
 from forcectl.control.constraints import (
@@ -290,10 +290,10 @@ class InvarianceController(LeafSystem):
         violation = violation if violation > _ROUNDING else 0.0
         bending = along.rows @ u + along.bias
         command = x[0] + Ts * rates[0] + 0.5 * Ts**2 * bending.item(0)
-        foreseen = np.concatenate([rate + Ts * bending, self._constraints.foresee(rows, u)])
         shown = [command, phi, float(solution.status), active, solution.slack, violation, near, lost]
         position, velocity = q + Ts * v + 0.5 * Ts**2 * u, v + Ts * u
-        return np.concatenate([[time], position, velocity, reference, last, past, [touched], foreseen, shown])
+        foreseen = (rate + Ts * bending, self._constraints.foresee(rows, u))
+        return np.concatenate([[time], position, velocity, reference, last, [*past, touched], *foreseen, shown])
 
     def _nominal(self, gain: float, outputs: list[Regulated], force_error: float) -> list[Regulated]:
         """The same outputs with the accelerations of the integral law; `force_error`: C_T_hat (F - F_bar) [m]."""
@@ -343,7 +343,7 @@ class InvarianceController(LeafSystem):
         hessian += _PRIORITY * (along.rows.T @ along.rows)
         gradient += _PRIORITY * ((along.bias - self._axes @ wanted[3:]) @ along.rows)
         if self._nominal_gain is not None:
-            gradient = np.linalg.solve(hessian, gradient)
+            gradient = dposv(hessian, gradient)[1]
             hessian = self._eye
         solution = self._program.solve(
             hessian, gradient, matrix, limit, u_lower=rows.lower, u_upper=rows.upper, fallback=motion.v

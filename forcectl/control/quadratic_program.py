@@ -35,8 +35,8 @@ from forcectl.lanes import check_count
 
 Array = NDArray[np.float64]
 
-_DAQP_INFINITY = 1e30
 _DAQP_INFEASIBLE = -1
+_EQUALITY = np.int32(5)  # kind of a row, to DAQP
 # Rows are normalised inside DAQP, so this holds in the units of u; its default 1e-6 would be micrometres per s^2.
 _PRIMAL_TOLERANCE = 1e-10
 
@@ -133,9 +133,8 @@ class DaqpPackage:
     def __call__(self, program: Coefficients) -> tuple[Array | None, bool]:
         """See `Solver`."""
         hessian, gradient, matrix, lower, upper, u_lower, u_upper = program
-        above = np.minimum(np.concatenate([u_upper, upper]), _DAQP_INFINITY)
-        below = np.maximum(np.concatenate([u_lower, lower]), -_DAQP_INFINITY)
-        kinds = np.where(above == below, np.int32(5), self._kinds)  # equalities
+        above, below = np.concatenate([u_upper, upper]), np.concatenate([u_lower, lower])
+        kinds = np.where(above == below, _EQUALITY, self._kinds)
         u, _, flag, _ = daqp.solve(hessian, gradient, matrix, above, below, kinds, primal_tol=_PRIMAL_TOLERANCE)
         return (u, False) if flag > 0 else (None, flag == _DAQP_INFEASIBLE)
 
