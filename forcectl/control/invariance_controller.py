@@ -292,8 +292,8 @@ class InvarianceController(LeafSystem):
         command = x[0] + Ts * rates[0] + 0.5 * Ts**2 * bending.item(0)
         shown = [command, phi, float(solution.status), active, solution.slack, violation, near, lost]
         position, velocity = q + Ts * v + 0.5 * Ts**2 * u, v + Ts * u
-        foreseen = (rate + Ts * bending, self._constraints.foresee(rows, u))
-        return np.concatenate([[time], position, velocity, reference, last, [*past, touched], *foreseen, shown])
+        expected = (rate + Ts * bending, self._constraints.foresee(rows, u))
+        return np.concatenate([[time], position, velocity, reference, last, [*past, touched], *expected, shown])
 
     def _nominal(self, gain: float, outputs: list[Regulated], force_error: float) -> list[Regulated]:
         """The same outputs with the accelerations of the integral law; `force_error`: C_T_hat (F - F_bar) [m]."""
