@@ -10,6 +10,7 @@ from block_example import Example, each
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from robot_controller_examples import ROBOT_EXAMPLES
+from vrft_examples import VRFT_EXAMPLES
 
 from forcectl.control.adaptive_force_law import AdaptiveForceLaw
 from forcectl.control.force_law import LoopFacts
@@ -93,6 +94,10 @@ def governed() -> GovernedForceLaw:
     return GovernedConfig(law=IntegralConfig()).add_to(DiagramBuilder(), facts)
 
 
+def predictive() -> PredictiveForceLaw:
+    return PredictiveInvarianceConfig().add_to(DiagramBuilder(), replace(loop_facts(cell("Kinematic")), size=2))
+
+
 def drive() -> Drive:
     return Drive(
         [2.0, 3.0],
@@ -136,6 +141,14 @@ def wrist_sensor() -> Diagram:
 
 FORCES: dict[str, Input] = {"desired_force": force, "measured_force": force}
 SOFT = FORCES | {"compliance": [1e-4, 2e-4]}
+CORRECTED = {
+    "measured_force": force,
+    "motor_displacement": push,
+    "path_displacement": push,
+    "planned_displacement": push,
+    "nominal_command": push,
+    "felt_displacements": lambda t: np.tile(push(t), 2),
+}
 NOMINAL = SOFT | {"nominal_command": push}
 
 
@@ -144,7 +157,8 @@ def law_feedthrough(*inputs: str) -> set[tuple[str, str]]:
     return {pair for name in ("displacement_command", "invariance_function", "status") for pair in each(name, *inputs)}
 
 
-EXAMPLES: dict[type[System], list[Example]] = ROBOT_EXAMPLES | {
+ELSEWHERE = ROBOT_EXAMPLES | VRFT_EXAMPLES
+EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
     CompliantContact: [
         Example(
             lambda: CompliantContact(2, stiffness=[5900, 1e5]),
@@ -305,6 +319,29 @@ EXAMPLES: dict[type[System], list[Example]] = ROBOT_EXAMPLES | {
                 for pair in each(name, *FORCES)
             },
             FORCES,
+        )
+    ],
+    PredictiveCorrection: [
+        Example(
+            lambda: PredictiveCorrection(2, compliance=[1e-4, 2e-4], lead=0.2),
+            {
+                pair
+                for name in ("displacement_command", "planned_command", "surface_offset", "drive_offset")
+                for pair in each(name, *CORRECTED)
+            },
+            CORRECTED,
+        )
+    ],
+    PredictiveForceLaw: [
+        Example(
+            predictive,
+            {
+                *law_feedthrough("desired_force", "measured_force"),
+                *each("displacement_command", "motor_displacement"),
+                *each("surface_offset", "desired_force", "measured_force", "motor_displacement"),
+                *each("drive_offset", "desired_force", "measured_force", "motor_displacement"),
+            },
+            FORCES | {"motor_displacement": push, "path_displacement": push},
         )
     ],
     LinearIntegralForceLaw: [

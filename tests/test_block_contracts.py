@@ -21,14 +21,17 @@ from forcectl.control.governor import CommandGovernor, GovernedForceLaw
 from forcectl.control.integral import IntegralForceLaw
 from forcectl.control.invariance_control import InvarianceCorrection
 from forcectl.control.invariance_force_law import InvarianceForceLaw
+from forcectl.control.linear_law import GAINS, LinearForceLaw
 from forcectl.control.sampled_law import SampledLaw
 from forcectl.diagrams.force_controller import ForceController, JointController
 from forcectl.diagrams.station import STATION_INPUTS, STATION_OUTPUTS
 from forcectl.diagrams.station_kinematic import KinematicStation
 from forcectl.diagrams.station_multibody import MultibodyStation
 from forcectl.diagrams.station_one_dimensional import OneDimensionalStation
+from forcectl.diagrams.vrft_experiment import ExperimentSequencer
 from forcectl.errors import BadInputError
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
+from forcectl.estimation.recursive_vrft import RecursiveVrft
 from forcectl.lanes import LaneBlock
 from forcectl.plant.compliant_contact import CompliantContact
 from forcectl.plant.contact_monitor import ContactMonitorCore
@@ -109,6 +112,13 @@ def test_everything_remembered_is_in_the_context(kind, example):
 # --- parameters of the lane blocks -----------------------------------------------------------------------------------
 
 POSITIVE, NEGATIVE, NOT_NEGATIVE, FINITE, NUMBER = "positive", "negative", "not negative", "finite", "number"
+
+
+def linear_law(size: int = 2, **changed: object) -> LinearForceLaw:
+    gains = [changed.pop(name, -1e-4) for name in GAINS]
+    return LinearForceLaw(size, gains=gains, fir=[changed.pop("fir_0", 0.0)], **changed)
+
+
 LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str]]] = {
     CompliantContact: (
         lambda size=2, **changed: CompliantContact(
@@ -202,6 +212,27 @@ LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str
             "lower_bound": NUMBER,
             "upper_bound": NUMBER,
         },
+    ),
+    LinearForceLaw: (
+        linear_law,
+        {
+            "robot_compliance": NOT_NEGATIVE,
+            "derivative_filter": NOT_NEGATIVE,
+            "lower_limit": NUMBER,
+            "upper_limit": NUMBER,
+            "proportional_gain": FINITE,
+            "integral_gain": FINITE,
+            "derivative_gain": FINITE,
+            "fir_0": FINITE,
+        },
+    ),
+    RecursiveVrft: (
+        lambda size=2, **changed: RecursiveVrft(size, **changed),
+        {"bandwidth": POSITIVE, "forgetting": POSITIVE, "resolution": NOT_NEGATIVE},
+    ),
+    ExperimentSequencer: (
+        lambda size=2, **changed: ExperimentSequencer(size, **changed),
+        {"hand_over_time": NOT_NEGATIVE, "window": POSITIVE, "tolerance": NOT_NEGATIVE},
     ),
     ContactMonitorCore: (lambda size=2, **changed: ContactMonitorCore(size, **changed), {}),
 }

@@ -38,7 +38,7 @@ class LinearForceLaw(SampledLaw):
         derivative_gain (optional), excitation (optional), mode (optional)]
     output_ports: [displacement_command, controller_output]
     parameters: [robot_compliance, derivative_filter, lower_limit, upper_limit, proportional_gain (optional),
-        integral_gain (optional), derivative_gain (optional), fir_0 (optional), fir_1 (optional), ...]
+        integral_gain (optional), derivative_gain (optional), fir_0 (optional), fir_1 (optional), fir_2 (optional)]
     ```
 
     desired_force, measured_force: shape (n,) [N].
@@ -51,7 +51,7 @@ class LinearForceLaw(SampledLaw):
     controller_output: shape (n,), u_hat = dx_bar + C_R_hat F [m] as commanded, after the limits.
 
     Parameters (Context, shape (n,)): robot_compliance C_R_hat [m/N] >= 0, derivative_filter T_D [s] >= 0, lower_limit
-    and upper_limit of dx_bar [m], the three gains, and fir_0, fir_1, ... [m/N].
+    and upper_limit of dx_bar [m], the three gains, and fir_0, fir_1, ... [m/N], as many as are given.
 
     It starts at dx_bar = 0 under the force it finds. At a limit the integral stands still unless it leads away from it.
     A force, gain or excitation that is not a number holds the last command and everything remembered. Lost contact
