@@ -12,7 +12,6 @@ from forcectl.control.tracking import Tracking
 from forcectl.errors import BadInputError
 
 STILL = np.zeros(6)
-NO_BEND = np.zeros(6)
 PERIOD = 0.002
 
 
@@ -22,16 +21,15 @@ def tool(x: float, v: float) -> Any:
     return SimpleNamespace(
         position=np.array([x, 0.0, 0.0]),
         rotation=np.eye(3),
-        velocity=speed,
-        v=NO_BEND,
+        v=speed,
         bias=STILL,
-        jacobian=np.zeros((6, 6)),
+        jacobian=np.eye(6),
     )
 
 
 def acceleration(x: float, v: float, across: np.ndarray | None = None) -> np.ndarray:
     return Tracking(30.0, 2.0, 0.5).acceleration(
-        tool(x, v), tool(0.0, 0.0), NO_BEND, np.eye(3) if across is None else across
+        tool(x, v), tool(0.0, 0.0), STILL, STILL, np.eye(3) if across is None else across
     )
 
 

@@ -172,6 +172,7 @@ class InvarianceController(LeafSystem):
         self._across = np.eye(3) - self._axes.T @ self._axes
         # y'' of the force is -x'' along n, that of a coordinate is x'' along its axis.
         self._signs = np.array([-1.0] + [1.0] * len(outputs))
+        self._rest = np.zeros(self._n)
         self._column, self._eye = self._signs[:, None], np.eye(self._n)
 
         weights = np.full(len(self._axes) + self._constraints.size, np.inf)
@@ -315,8 +316,9 @@ class InvarianceController(LeafSystem):
         now, last, before = references
         Ts = self._period
         # Where q[k] should be is the reference of one tick ago; with the one of now, differences about it are central.
-        path = self._motion(context, 1, self._facts.start + last, (now - before) / (2 * Ts))
-        wanted = self._tracking.acceleration(motion, path, (now - 2 * last + before) / Ts**2, self._across)
+        rate, bend = (now - before) / (2 * Ts), (now - 2 * last + before) / Ts**2
+        path = self._motion(context, 1, self._facts.start + last, self._rest)
+        wanted = self._tracking.acceleration(motion, path, rate, bend, self._across)
         wanted[3:] += (self._signs * [output.wish for output in outputs] - missed) @ self._axes
         return wanted
 

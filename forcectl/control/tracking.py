@@ -32,18 +32,18 @@ class Tracking:
         self._linear = check("tracking_acceleration", acceleration, "positive")
         self._angular = acceleration / check("characteristic_length", length, "positive")
 
-    def acceleration(self, motion: RobotMotion, path: RobotMotion, bend: Vector, across: Vector) -> Vector:
+    def acceleration(
+        self, motion: RobotMotion, path: RobotMotion, rate: Vector, bend: Vector, across: Vector
+    ) -> Vector:
         """Spatial acceleration x'' (6,) [rad/s^2; m/s^2].
 
         Args:
-            motion: of the tool. path: where it should be, with its speed. bend: joint accelerations of the path (n,).
+            motion: of the tool. path: where it should be. rate, bend: joint speeds and accelerations of the path (n,);
+                they are turned into the tool's with the Jacobian where it is: on the path that is the same, and costs 20 us less.
             across: projection on the directions that are tracked (3, 3).
         """
         w = self.bandwidth
-        wanted = -2 * w * motion.velocity
-        ahead = 2 * w * path.v + bend
-        if ahead.any() or path.v.any():  # J and J'v of a path at rest are not needed
-            wanted += path.jacobian @ ahead + path.bias
+        wanted = motion.jacobian @ (2 * w * (rate - motion.v) + bend) + motion.bias
         wanted[:3] += _pull(turn(motion.rotation, path.rotation), w, self._angular)
         wanted[3:] = across @ wanted[3:] + _pull(across @ (path.position - motion.position), w, self._linear)
         _shorten(wanted[:3], self._angular)
