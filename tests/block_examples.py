@@ -20,6 +20,11 @@ from forcectl.control.integral import IntegralConfig, IntegralForceLaw, LinearIn
 from forcectl.control.invariance_control import InvarianceControl, InvarianceCorrection
 from forcectl.control.invariance_force_law import InvarianceForceLaw
 from forcectl.control.kinematic_inversion import ConstantKinematicInversion, KinematicInversion
+from forcectl.control.predictive_correction import (
+    PredictiveCorrection,
+    PredictiveForceLaw,
+    PredictiveInvarianceConfig,
+)
 from forcectl.diagrams.force_controller import ForceController, build_controller
 from forcectl.diagrams.motor_side import MotorSide
 from forcectl.diagrams.station import Cell, StationConfig, describe
@@ -95,7 +100,8 @@ def governed() -> GovernedForceLaw:
 
 
 def predictive() -> PredictiveForceLaw:
-    return PredictiveInvarianceConfig().add_to(DiagramBuilder(), replace(loop_facts(cell("Kinematic")), size=2))
+    two, soft = np.array([3e-5, 4e-5]), np.array([1e-5, 1e-4])
+    return PredictiveInvarianceConfig().add_to(DiagramBuilder(), LoopFacts(2, 0.002, two, soft, 12.6, 1.0, 0.004))
 
 
 def drive() -> Drive:

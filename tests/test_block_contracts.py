@@ -22,6 +22,7 @@ from forcectl.control.integral import IntegralForceLaw
 from forcectl.control.invariance_control import InvarianceCorrection
 from forcectl.control.invariance_force_law import InvarianceForceLaw
 from forcectl.control.linear_law import GAINS, LinearForceLaw
+from forcectl.control.predictive_correction import PredictiveCorrection
 from forcectl.control.sampled_law import SampledLaw
 from forcectl.diagrams.force_controller import ForceController, JointController
 from forcectl.diagrams.station import STATION_INPUTS, STATION_OUTPUTS
@@ -187,6 +188,20 @@ LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str
             "lower_limit": NUMBER,
             "upper_limit": NUMBER,
             "compliance": POSITIVE,
+        },
+    ),
+    PredictiveCorrection: (
+        lambda size=2, **changed: PredictiveCorrection(size, **{"compliance": 1e-4, **changed}),
+        {
+            "compliance": POSITIVE,
+            "surface_bandwidth": NOT_NEGATIVE,
+            "drive_bandwidth": NOT_NEGATIVE,
+            "search_speed": NOT_NEGATIVE,
+            "lead": NOT_NEGATIVE,
+            "minimum_force": NOT_NEGATIVE,
+            "offset_limit": NOT_NEGATIVE,
+            "lower_limit": NUMBER,
+            "upper_limit": NUMBER,
         },
     ),
     CommandGovernor: (

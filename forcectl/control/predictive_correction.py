@@ -54,8 +54,7 @@ class PredictiveCorrection(SampledLaw):
     felt_displacements: shape (2n,), both through the filter of the force sensor [m].
     planned_displacement: shape (n,), h (u + s) [m]. nominal_command: shape (n,), u [m].
     displacement_command: shape (n,), dx_bar = u + s - e [m], held over [t_k, t_k+1). Feedthrough of all inputs at the
-    tick but planned_displacement, as all outputs. planned_command: shape (n,), u + s [m]. surface_offset, drive_offset:
-    shape (n,), s and e [m].
+    tick, as all outputs. planned_command: shape (n,), u + s [m]. surface_offset, drive_offset: shape (n,), s and e [m].
 
     Parameters (Context, shape (n,)): compliance C_T_hat [m/N] > 0; surface_bandwidth w_s and drive_bandwidth w_e [1/s]
     >= 0; search_speed [m/s] >= 0; lead T [s] >= 0; minimum_force [N] >= 0 from which there is contact; offset_limit [m]
