@@ -38,8 +38,9 @@ class Tracking:
         """Spatial acceleration x'' (6,) [rad/s^2; m/s^2].
 
         Args:
-            motion: of the tool. path: where it should be. rate, bend: joint speeds and accelerations of the path (n,);
-                they are turned into the tool's with the Jacobian where it is: on the path that is the same, and costs 20 us less.
+            motion: of the tool. path: where it should be. rate, bend: joint speeds and accelerations of the path (n,),
+                turned into the tool's by the Jacobian where it is, 20 us less than by the path's own. On the path they
+                are the same; pressed in by 3 mm at 20 mm/s the tool is led beside it by 1 um.
             across: projection on the directions that are tracked (3, 3).
         """
         w = self.bandwidth
