@@ -105,6 +105,19 @@ def test_the_block_waits_moves_and_stays() -> None:
     np.testing.assert_array_equal(values[3], values[4])
 
 
+@pytest.mark.parametrize("slope", [0.02, -0.1])
+def test_the_path_climbs_with_a_known_slope(slope: float) -> None:
+    here = cell()
+    path = trajectory(TangentialMotionConfig(distance=0.1, speed=0.02, slope=slope), here)
+    context, tips = here.robot.create_context(), []
+    for t in np.linspace(0.0, path.end_time(), 50):
+        here.robot.set_positions(context, here.start + path.value(t).ravel())
+        tips.append(here.robot.tip_position(context))
+    moved = np.array(tips) - tips[0]
+    assert moved[-1, 0] == pytest.approx(0.1, abs=1e-6)
+    np.testing.assert_allclose(moved[:, 2], slope * moved[:, 0], atol=2e-6)
+
+
 def test_without_a_distance_nothing_moves() -> None:
     np.testing.assert_array_equal(
         TangentialMotionConfig().trajectory(cell().robot, cell().start, cell().n), np.zeros(6)
@@ -122,6 +135,8 @@ def test_without_a_distance_nothing_moves() -> None:
         ({"speed": 0.0}, "speed"),
         ({"acceleration": -1.0}, "acceleration"),
         ({"start_time": -1.0}, "start_time"),
+        ({"slope": 0.4}, "slope"),
+        ({"slope": np.nan}, "slope"),
     ],
 )
 def test_bad_values_are_named(values: dict[str, Any], told: str) -> None:

@@ -153,12 +153,13 @@ class PredictiveForceLaw(Diagram):
     ```
     name: PredictiveForceLaw
     input_ports: [desired_force, measured_force, motor_displacement, path_displacement]
-    output_ports: [displacement_command, surface_offset, drive_offset, (further outputs of the law)]
+    output_ports: [displacement_command, surface_offset, drive_offset, invariance_function (optional), status (optional)]
     ```
 
     desired_force, measured_force: shape (n,) [N]. motor_displacement: shape (n,), actual motor-side dx along n [m].
     path_displacement: shape (n,), dx_uc: what the reference in the unconstrained directions asks for along n [m].
-    The outputs are those of `PredictiveCorrection` and of the law.
+    displacement_command: shape (n,) [m]. surface_offset, drive_offset: shape (n,), s and e [m].
+    invariance_function, status: of laws that have them.
 
     Sampling: `period` [s]; no delay beyond that of the law.
 
