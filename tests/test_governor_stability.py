@@ -104,7 +104,7 @@ def test_the_frequency_margin_is_the_smallest_over_all_frequencies(pole, n, true
 
 def test_constants_of_the_thesis():
     assert pytest.approx(0.0089197, abs=5e-8) == ALPHA
-    assert (1 - ALPHA) * A == pytest.approx(0.988107, abs=5e-7)
+    assert spectral_radius(A, ALPHA, N, N) == pytest.approx(0.988107, abs=5e-7)
     assert spectral_radius(A, ALPHA, N, N) == pytest.approx(A * Q / ((1 - A) ** 2 + Q), abs=1e-15)
     roots = np.roots(characteristic_polynomial(A, ALPHA, N, N))
     assert np.count_nonzero(roots == 0) == N

@@ -120,10 +120,11 @@ class CommandGovernor(SampledLaw):
         self.sample_delay = {("measured_force", "governed_reference"): 0.0}
         self._desired = self.DeclareVectorInputPort("desired_force", size)
         self._measured = self.DeclareVectorInputPort("measured_force", size)
-        memory = {"wanted_force": initial_force, "status": 0.0}
-        memory |= {f"reference_{i}_ticks_ago": initial_force for i in range(1, self._ticks + 1)}
+        start = lane_values("initial_force", initial_force, size)
+        memory: dict[str, ArrayLike] = {"wanted_force": start, "status": 0.0}
+        memory |= {f"reference_{i}_ticks_ago": start for i in range(1, self._ticks + 1)}
         reads = {self._desired.ticket(), self._measured.ticket()}
-        self.declare_command("governed_reference", reads, initial_force, memory)
+        self.declare_command("governed_reference", reads, start, memory)
         self.declare_output("status")
 
     def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:

@@ -20,13 +20,14 @@ and with constraints that r moved into them, because the problem has one variabl
 from __future__ import annotations
 
 from collections.abc import Sequence
+from math import isfinite
 from numbers import Integral
 from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from forcectl.control.quadratic_program import QuadraticProgram, Solution, SolverFactory, fastest
+from forcectl.control.quadratic_program import QuadraticProgram, Solution, SolverFactory, Status, fastest
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import Lane, check_count
 
@@ -96,12 +97,17 @@ def coefficients(
     check_weights(output_weight, reference_weight)
     ahead = check_ticks("delay_ticks", delay_ticks) + 1
     input_gain = 1.0 - inner_pole
-    total = input_gain**2 * output_weight + reference_weight
+    total = input_gain * input_gain * output_weight + reference_weight
+    # By products, because powers of floats and of arrays differ in the last digit.
+    decays, wanted_decay = [inner_pole], reference_pole
+    for _ in range(ahead - 1):
+        decays.append(decays[-1] * inner_pole)
+        wanted_decay = wanted_decay * reference_pole
     return Coefficients(
         input_gain=input_gain,
-        force_decay=inner_pole**ahead,
-        past_weights=[input_gain * inner_pole**i for i in range(1, ahead)],
-        wanted_decay=reference_pole**ahead,
+        force_decay=decays[-1],
+        past_weights=[input_gain * decay for decay in decays[:-1]],
+        wanted_decay=wanted_decay,
         gain=input_gain * output_weight / total,
         share=reference_weight / total,
         reference_pole=reference_pole,
@@ -239,6 +245,9 @@ class GovernorProgram:
             last: r[t-1] [N]. limits: numbers.
         """
         c, h = numbers.c, len(self._ahead)
+        fallback = np.full(h, last)
+        if not isfinite(wanted + desired + free):
+            return Solution(fallback, Status.NOT_FINITE, 0.0)
         unforced = numbers.free_decay * free
         later = numbers.wanted_decay * (wanted - desired) + desired
         # The change from r[t-1] to r[t] is a row of r[t] alone.
@@ -255,5 +264,5 @@ class GovernorProgram:
             lower=np.concatenate([before - limits.rate, (limits.lower_force - unforced) / c.input_gain]),
             u_lower=np.minimum(limits.lower, last + reach),
             u_upper=np.maximum(limits.upper, last - reach),
-            fallback=np.full(h, last),
+            fallback=fallback,
         )
