@@ -75,14 +75,15 @@ class ExperimentSequencer(LaneBlock):
         m, time = self.math, context.get_time()
         hand_over_time, window, tolerance = self._values.Eval(context)
         excitation, kp, ki = (self.lane(port.Eval(context)) for port in self._inputs)
+        known = (abs(kp) < np.inf) & (abs(ki) < np.inf)
+        kp, ki = m.where(known, kp, 0.0), m.where(known, ki, 0.0)
         mode, last, since, kp_then, ki_then = self.lanes(context.get_discrete_state(self._memory).value())
         changed = (abs(kp - kp_then) > tolerance * abs(kp)) | (abs(ki - ki_then) > tolerance * abs(ki))
         since = m.where(changed, time, since)
         kp_then, ki_then = m.where(changed, kp, kp_then), m.where(changed, ki, ki_then)
         over = time >= hand_over_time - self._half_tick
         converged = (time - since >= window) & (excitation == last)
-        usable = (abs(kp) < np.inf) & (abs(ki) < np.inf) & (ki < 0)
-        mode = m.where((over | converged) & usable, REGULATE, mode)
+        mode = m.where((over | converged) & (ki < 0), REGULATE, mode)
         next_state.set_value(self._memory, self.stack(mode, excitation, since, kp_then, ki_then))
 
     def _show(self, context: Context, output: BasicVector) -> None:

@@ -140,13 +140,13 @@ class LinearForceLaw(SampledLaw):
         others = proportional + derivative + moving - feedback
         after = integral + ki * period * error
         free = after + others
-        stop = ((free > upper) & (after > integral)) | ((free < lower) & (after < integral))
-        integral = m.where(stop, integral, after)
+        # At a limit the integral goes as far as the limit, and never back to get there.
+        after = m.where((free > upper) & (after > integral), m.maximum(integral, upper - others), after)
+        integral = m.where((free < lower) & (after < integral), m.minimum(integral, lower - others), after)
         command = m.minimum(m.maximum(integral + others, lower), upper)
         if self._open_loop:
             command = m.where(regulate, command, m.minimum(m.maximum(excitation - feedback, lower), upper))
-            derivative = m.where(regulate, derivative, 0.0)
-            integral = m.where(regulate, integral, command + feedback - proportional - moving)
+            integral = m.where(regulate, integral, command - others)
         new = (command, command + feedback, 1.0, integral, proportional, derivative, error, *past[:-1])
         good = good & (abs(free) < np.inf)
         return [m.where(good, a, b) for a, b in zip(new, held, strict=True)]
