@@ -30,6 +30,13 @@ app = typer.Typer(
     context_settings={"help_option_names": ["-h", "--help"]},
 )
 
+tuning = typer.Typer(
+    help="Make a controller from a recorded experiment: forcectl tune vrft record.csv --reference-model 1.5",
+    rich_markup_mode=None,
+    no_args_is_help=True,
+)
+app.add_typer(tuning, name="tune")
+
 Target = Annotated[str, typer.Argument(metavar="SCENARIO", help="Name of a shipped experiment or path of a YAML file.")]
 Diagrammed = Annotated[
     str,
@@ -233,6 +240,74 @@ def reproduce(
     )
     if check_ and missed:
         raise typer.Exit(1)
+
+
+@tuning.command()
+def vrft(
+    data: Annotated[str, typer.Argument(metavar="DATA", help="CSV with units in its header, or log.nc of a run.")],
+    reference_model: Annotated[
+        str,
+        typer.Option(
+            metavar="M",
+            help="Bandwidth [rad/s], or a mapping: {bandwidth: 3, order: 2, delay: 40}, {poles: [-3, -5]} [rad/s], "
+            "{numerator: [9], denominator: [1, 6, 9]} in s, with discrete: true in z.",
+        ),
+    ],
+    form: Annotated[
+        str, typer.Option(metavar="continuous|discrete|fir:N", help="PID (4.3.3), PID (4.20), N FIR coefficients.")
+    ] = "continuous",
+    prefilter: Annotated[bool, typer.Option(help="Filter with L = M (1 - M); without, noise biases strongly.")] = True,
+    second: Annotated[
+        str | None, typer.Option(metavar="FILE", help="The same experiment once more, as instrument against noise.")
+    ] = None,
+    input_: Annotated[str | None, typer.Option("--input", metavar="NAME", help="Column of the displacement.")] = None,
+    output: Annotated[str | None, typer.Option("--output", metavar="NAME", help="Column of the force.")] = None,
+    variant: Annotated[str | None, typer.Option(metavar="V", help="Variant of a log with several.")] = None,
+    flip_input: Annotated[
+        bool, typer.Option("--flip-input", help="The file counts displacements into the surface as positive.")
+    ] = False,
+    compensated: Annotated[
+        bool | None,
+        typer.Option(
+            "--compensated/--uncompensated",
+            help="Whether dx = u - C_R F was commanded (4.12); default yes, but no for displacement_command.",
+        ),
+    ] = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Directory to write; default tuned/<name>-<n>.")
+    ] = None,
+    force: Annotated[bool, typer.Option("--force", help="Replace the earlier result in --out.")] = False,
+) -> None:
+    """Tune a PID or FIR force controller by virtual reference feedback tuning (VRFT) of an open-loop experiment.
+
+    DATA has a column each of time, displacement and force, in any order, with units: time [s], displacement [mm],
+    force [N]. Pressing is a negative displacement and a positive force.
+
+    Example: forcectl tune vrft record.csv --reference-model 1.5 --out tuned
+    """
+    from forcectl.simulation.tune import CONTROLLER, tune_vrft
+    from forcectl.simulation.tuning_report import gains_table, report_lines
+
+    tuned = tune_vrft(
+        data,
+        reference_model,
+        form=form,
+        prefilter=prefilter,
+        second=second,
+        input_column=input_,
+        output_column=output,
+        variant=variant,
+        flip_input=flip_input,
+        compensated=compensated,
+        out=out,
+        force=force,
+    )
+    console = _console()
+    console.print(gains_table(tuned.fit))
+    console.print()
+    typer.echo("\n".join([*report_lines(tuned.fit, tuned.record), *(f"warning: {text}" for text in tuned.warnings)]))
+    typer.echo(f"results in {tuned.directory}: {CONTROLLER}, summary.json, figures/")
+    typer.echo(f"next: forcectl run {tuned.directory / CONTROLLER}")
 
 
 def parse_settings(settings: list[str]) -> dict[str, Any]:

@@ -89,6 +89,13 @@ class ReferenceModel:
         slowest = max((abs(p) for p in self.poles), default=0.0)
         return -self.period / float(np.log(slowest)) if slowest > 0 else 0.0
 
+    @property
+    def bandwidth(self) -> float:
+        """Where |M| has fallen to 1/sqrt(2) of its static value [rad/s]; of the first-order model w_c, about."""
+        rates = np.geomspace(1e-5, 0.999 * np.pi, 4000) / self.period
+        low = np.abs(self.frequency_response(rates)) < abs(self.static_gain) / np.sqrt(2)
+        return float(rates[int(np.argmax(low))] if low.any() else rates[-1])
+
     def sections(self) -> NDArray[np.float64]:
         """M without its delay as second-order sections, shape (n, 6), for `scipy.signal.sosfilt`."""
         return np.asarray(zpk2sos(np.asarray(self.zeros), np.asarray(self.poles), self.gain), dtype=float)

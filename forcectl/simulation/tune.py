@@ -1,0 +1,243 @@
+"""Tuning from a recorded experiment: gains, a report on them, the loop to expect, and a scenario that runs it.
+
+controller.yaml  a scenario with the controller `!Vrft`, for `forcectl run`
+summary.json     gains in both forms, fit report, warnings
+figures/         experiment and prediction, SVG and PNG
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.estimation.controller_basis import ControllerBasis, continuous_pid, discrete_pid, fir
+from forcectl.estimation.reference_model import ReferenceModel, ReferenceModelConfig
+from forcectl.estimation.vrft import VrftFit, fit_vrft
+from forcectl.simulation.recorded import Recorded, read_record
+from forcectl.simulation.run_directory import SUMMARY, check_free, free_name, write_json, write_whole
+from forcectl.simulation.schema import Reader
+from forcectl.simulation.tuning_report import summary
+from forcectl.simulation.yaml_tree import Tagged, dump, parse
+
+CONTROLLER = "controller.yaml"
+_SAMPLES_PER_TIME_CONSTANT = 5
+_CONTROL_PERIOD = 0.002  # [s] of the shipped station
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """A tuned controller: its reference model, the record and the fit, and the directory with the results.
+
+    compensated: whether the robot's compliance was fed back in the experiment.
+    """
+
+    config: ReferenceModelConfig
+    record: Recorded
+    fit: VrftFit
+    compensated: bool
+    directory: Path
+
+    @property
+    def bandwidth(self) -> float:
+        """Of the first-order reference model that was asked for, or that comes near the one of higher order [rad/s]."""
+        asked = self.config.bandwidth if self.config.order == 1 else None
+        return asked if asked is not None else _round(self.fit.model.bandwidth)
+
+    @property
+    def controller(self) -> Tagged:
+        """The scenario part `!Vrft`."""
+        part = Tagged({"proportional_gain": 0.0, "integral_gain": 0.0, "derivative_gain": 0.0}, "Vrft")
+        pid = self.fit.pid
+        if pid is None:
+            part["fir"] = [float(gain) for gain in self.fit.gains]
+        else:
+            part["proportional_gain"], part["integral_gain"] = pid.proportional, pid.integral
+            part["derivative_gain"], part["derivative_filter"] = pid.derivative, pid.derivative_time
+        part["robot_compliance_error"] = 1.0 if self.compensated else 0.0
+        part["reference_bandwidth"] = self.bandwidth
+        return part
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Of the fit, and of the record."""
+        own = []
+        if self.record.resting < 20:
+            own.append("the record does not begin with a rest: its first sample is taken for the values at rest")
+        if self.fit.pid is None and not math.isclose(self.record.period, _CONTROL_PERIOD, rel_tol=1e-3):
+            own.append(
+                f"FIR coefficients are for the period of the record, {self.record.period:g} s, and the station runs at "
+                f"{_CONTROL_PERIOD:g} s: set station.period"
+            )
+        return (*self.fit.warnings, *own)
+
+
+def tune_vrft(
+    data: str | Path,
+    reference_model: str | float | ReferenceModelConfig,
+    *,
+    form: str = "continuous",
+    prefilter: bool = True,
+    second: str | Path | None = None,
+    input_column: str | None = None,
+    output_column: str | None = None,
+    variant: str | None = None,
+    flip_input: bool = False,
+    compensated: bool | None = None,
+    out: str | Path | None = None,
+    force: bool = False,
+) -> Tuned:
+    """Tune a controller from a recorded experiment and write it.
+
+    Args:
+        data: CSV file or log.nc. reference_model: bandwidth [rad/s], or the text of a mapping with the keys of
+            `ReferenceModelConfig`.
+        form: "continuous" or "discrete" PID, or "fir:N" with N coefficients.
+        prefilter: L = M (1 - M). second: record of a second, equal experiment, used as instrument.
+        input_column, output_column, variant, flip_input: see `read_record`.
+        compensated: whether the compliance of the robot was fed back in the experiment (4.12); None: by the name of
+            the input, which is not when it is `displacement_command`.
+        out: directory, default tuned/<name of the data>-<n>. force: replace an earlier result there.
+
+    Raises:
+        BadInputError: data, model or directory cannot be used; nothing was written.
+    """
+    config = reference_model_config(reference_model)
+    _basis(form, 1.0)
+    directory = Path(out).expanduser() if out is not None else free_name(Path("tuned"), Path(data).stem)
+    check_free(directory, force)
+    columns: dict[str, Any] = {
+        "input_column": input_column,
+        "output_column": output_column,
+        "variant": variant,
+        "flip_input": flip_input,
+    }
+    record = read_record(data, **columns)
+    model = config.model(record.period)
+    _check_against_model(record, model)
+    instrument = None
+    if second is not None:
+        again = read_record(second, **columns)
+        if again.u.size != record.u.size or not math.isclose(again.period, record.period, rel_tol=1e-3):
+            raise BadInputError(
+                f"{again.origin} has {again.u.size} samples at {again.period:g} s: must have {record.u.size} at "
+                f"{record.period:g} s, as {record.origin}"
+            )
+        instrument = again.y
+    fit = fit_vrft(record.u, record.y, model, _basis(form, record.period), prefilter=prefilter, instrument=instrument)
+    if fit.plant.static_gain > 0:
+        raise BadInputError(
+            f"{record.origin}: {record.output_name} rises with {record.input_name}: pressing must be a negative "
+            "displacement and a positive force; use --flip-input where displacements into the surface are positive"
+        )
+    if compensated is None:
+        compensated = record.input_name.split(" ")[0].lower() not in ("displacement_command",)
+    tuned = Tuned(config, record, fit, compensated, directory)
+    write_whole(directory, lambda folder: _write(tuned, folder), force)
+    return tuned
+
+
+def reference_model_config(text: str | float | ReferenceModelConfig) -> ReferenceModelConfig:
+    """The reference model behind `1.5` (bandwidth [rad/s]) or `{bandwidth: 1.5, order: 2}`.
+
+    Raises:
+        BadInputError: neither, or a key that does not exist.
+    """
+    if isinstance(text, ReferenceModelConfig):
+        return text
+    tree = parse(text, "--reference-model") if isinstance(text, str) else text
+    if isinstance(tree, int | float) and not isinstance(tree, bool):
+        tree = Tagged({"bandwidth": tree})
+    if not isinstance(tree, Tagged):
+        raise BadInputError(
+            f"--reference-model {text!r}: must be a bandwidth [rad/s] or a mapping such as {{bandwidth: 1.5, order: 2}}"
+        )
+    config: ReferenceModelConfig = Reader(lambda key: "--reference-model").dataclass(ReferenceModelConfig, tree, "")
+    return config
+
+
+def _basis(form: str, period: float) -> ControllerBasis:
+    kind, _, taps = form.partition(":")
+    if kind == "fir" and taps.isdecimal() and int(taps) > 0:
+        return fir(int(taps), period)
+    if form not in ("continuous", "discrete"):
+        raise invalid("form", form, "continuous, discrete or fir:N, as in fir:10")
+    return continuous_pid(period) if form == "continuous" else discrete_pid(period)
+
+
+def _check_against_model(record: Recorded, model: ReferenceModel) -> None:
+    duration, slowest = record.u.size * record.period, model.time_constant
+    longest = slowest / _SAMPLES_PER_TIME_CONSTANT
+    if record.period > longest > 0:
+        raise BadInputError(
+            f"{record.origin}: sampled every {record.period:g} s: must be at most {longest:.3g} s for a reference model "
+            f"with the time constant {slowest:.3g} s; sample faster, or choose a slower model"
+        )
+    if duration < 2 * slowest:
+        raise BadInputError(
+            f"{record.origin}: lasts {duration:.3g} s: must last at least {2 * slowest:.3g} s, twice the time constant of "
+            "the reference model; record longer, or choose a faster model"
+        )
+
+
+def _write(tuned: Tuned, folder: Path) -> None:
+    (folder / CONTROLLER).write_text(_scenario_text(tuned), encoding="utf-8")
+    write_json(folder / SUMMARY, summary(tuned.fit, tuned.record, tuned.warnings))
+    _write_figures(tuned, folder / "figures")
+
+
+def _scenario_text(tuned: Tuned) -> str:
+    fit, record = tuned.fit, tuned.record
+    station = Tagged({"environment": Tagged({"stiffness": _round(-fit.plant.static_gain)})})
+    remark = "the stiffness of the contact in the record"
+    if not tuned.compensated:
+        # Without the feedback of (4.12) the record cannot tell robot from environment.
+        station["elastic_joints"] = False
+        remark = "rigid joints: the stiffness is that of robot and environment together"
+    tree = Tagged(
+        {
+            "title": f"VRFT controller tuned on {record.origin}",
+            "source": "forcectl tune vrft",
+            "station": station,
+            "controller": tuned.controller,
+            "reference": Tagged({"force": _step(record)}, "Step"),
+            "reference_model": tuned.bandwidth,
+            "duration": _round(min(max(_horizon(fit), 1.0), 600.0)),
+        }
+    )
+    return f"# station: {remark}\n{dump(tree)}"
+
+
+def _round(value: float, digits: int = 4) -> float:
+    return float(f"{value:.{digits}g}")
+
+
+def _step(record: Recorded) -> float:
+    """A reference step within what was recorded [N]."""
+    return _round(max(0.8 * float(record.y.max()), 1.0), 2)
+
+
+def _horizon(fit: VrftFit) -> float:
+    return fit.predicted_step.size * fit.model.period
+
+
+def _write_figures(tuned: Tuned, folder: Path) -> None:
+    # Matplotlib takes half a second to import.
+    from forcectl.viz.figures import save
+    from forcectl.viz.tuning_figures import experiment_figure, prediction_figure
+
+    folder.mkdir()
+    fit, record = tuned.fit, tuned.record
+    shown = slice(None, None, max(record.u.size // 20_000, 1))  # a picture has no room for more
+    force, of_model = record.y + record.y_rest, fit.plant.response(record.u) + record.y_rest
+    title = f"{record.origin}: the plant model explains {100 * fit.plant.explained:.1f} % of the force"
+    displacement = record.u + record.u_rest
+    figure = experiment_figure(record.time[shown], displacement[shown], force[shown], of_model[shown], title)
+    save(figure, folder / "experiment")
+    step, time = _step(record), fit.model.period * np.arange(fit.predicted_step.size, dtype=float)
+    title = f"Step of {step:g} N, predicted with the plant model identified from {record.origin}"
+    save(prediction_figure(time, step * fit.predicted_step, step * fit.model_step, title), folder / "prediction")
