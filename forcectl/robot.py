@@ -1,7 +1,6 @@
-"""A robot and its tool: parsing them into any plant, and the quantities control needs of them.
+"""The quantities control needs of a robot and its tool: kinematics, torques, inertias, stiffness.
 
-`add_robot` puts the same models into a simulated plant that `RobotModel` uses for control. A robot is a folder; nothing
-in the code names one.
+A robot is a folder; nothing in the code names one. `add_robot` puts the same models into a simulated plant.
 
 The link-side plant holds no rotors: with elastic joints the rotor inertia, geared up, turns on the motor side. Its
 matrix is B = T' diag(J_m) T with the map T from joint to motor speeds, gear ratios and motor couplings included.
@@ -16,35 +15,28 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, JacobianWrtVariable, Joint, JointActuator, ModelInstanceIndex
+from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import Context, InputPort, LeafSystem
 
 from forcectl.cache import BlockCache
-from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.models import add_packages, robot_folder, tool_folder
-from forcectl.robot_facts import ControlFacts, ToolFacts, load_control_facts, load_tool_facts
+from forcectl.errors import invalid
+from forcectl.robot_facts import ControlFacts
+from forcectl.robot_parts import ArmParts, RobotParts, add_robot, frame_named
+
+__all__ = [
+    "ArmParts",
+    "JointLimits",
+    "RobotModel",
+    "RobotParts",
+    "add_robot",
+    "has_moved",
+    "posture_cache",
+    "unit_normal",
+]
 
 Array = NDArray[np.float64]
 _ORIGIN = np.zeros(3)
-
-
-@dataclass(frozen=True)
-class RobotParts:
-    """A robot and its tool as they are in a plant; joints and actuators are the arm's, in the order of its facts."""
-
-    facts: ControlFacts
-    tool_facts: ToolFacts | None
-    instance: ModelInstanceIndex
-    tool_instance: ModelInstanceIndex | None
-    joints: tuple[Joint, ...]
-    actuators: tuple[JointActuator, ...]
-    flange_frame: Frame
-    tcp_frame: Frame  # the flange when there is no tool
-    contact_ball_frame: Frame | None
-    sensor_frame: Frame | None
-    sensor_weld: Joint | None
 
 
 @dataclass(frozen=True)
@@ -56,54 +48,6 @@ class JointLimits:
     velocity: Array  # [rad/s]
     acceleration: Array  # [rad/s2]
     torque: Array  # joint side [Nm]
-
-
-def add_robot(
-    plant: MultibodyPlant, robot: str | Path, tool: str | Path | None, X_WB: RigidTransform | None = None
-) -> RobotParts:
-    """Parse a robot into `plant`, weld its base to the world and its tool to the flange, and set the default posture.
-
-    Args:
-        plant: not yet finalized; gets the geometry too when it is registered with a scene graph.
-        robot: name of a shipped robot or path of a robot folder.
-        tool: name of a shipped tool, path of a tool folder, or None for the bare flange.
-        X_WB: pose of the robot's base frame in the world; identity when None.
-
-    Raises:
-        BadInputError: unknown robot or tool, or a model that does not fit its facts.
-    """
-    folder = robot_folder(robot)
-    facts = load_control_facts(folder)
-    instance = _add_model(plant, folder / facts.model)
-    base, flange = (_frame(plant, name, instance) for name in (facts.base_frame, facts.flange_frame))
-    plant.WeldFrames(plant.world_frame(), base, X_WB or RigidTransform())
-    joints = tuple(_revolute_or_prismatic(plant, name, instance) for name in facts.arm_joints)
-    for joint, position in zip(joints, facts.default_posture, strict=True):
-        if not joint.position_lower_limits()[0] <= position <= joint.position_upper_limits()[0]:
-            raise invalid(f"default posture of {joint.name()} [rad]", float(position), "within the joint's limits")
-        joint.set_default_positions(np.array([position]))
-    actuators = tuple(_actuator(plant, joint) for joint in joints)
-    if tool is None:
-        return RobotParts(facts, None, instance, None, joints, actuators, flange, flange, None, None, None)
-
-    tool_at = tool_folder(tool)
-    tool_facts = load_tool_facts(tool_at)
-    tool_instance = _add_model(plant, tool_at / tool_facts.model)
-    plant.WeldFrames(flange, _frame(plant, tool_facts.mount_frame, tool_instance))
-    ball, sensor, weld = tool_facts.contact_ball_frame, tool_facts.sensor_frame, tool_facts.sensor_weld
-    return RobotParts(
-        facts,
-        tool_facts,
-        instance,
-        tool_instance,
-        joints,
-        actuators,
-        flange,
-        tcp_frame=_frame(plant, tool_facts.tcp_frame, tool_instance),
-        contact_ball_frame=_frame(plant, ball, tool_instance) if ball else None,
-        sensor_frame=_frame(plant, sensor, tool_instance) if sensor else None,
-        sensor_weld=_joint(plant, weld, tool_instance) if weld else None,
-    )
 
 
 def unit_normal(n: ArrayLike) -> Array:
@@ -122,6 +66,9 @@ def unit_normal(n: ArrayLike) -> Array:
 class RobotModel:
     """Control-side quantities of a robot with its tool: kinematics, torques, inertias, stiffness.
 
+    Of a robot with several arms the vectors cover the joints of all, and what is said of the TCP is said of the first
+    arm's; `parts.arms` has the frames and joints of each, and the functions that end in `_of` take any frame.
+
     Holds no state: every function takes a context of `plant` (see `create_context`), so that a block can keep one in a
     cache entry. Vectors over joints have shape (n,), n = `num_joints`, in the order of the control facts; other joints
     of the model (a gripper, say) stay at their defaults. Spatial vectors are [rotation; translation], in the world W.
@@ -130,7 +77,7 @@ class RobotModel:
         facts, tool_facts: what the YAML files say; `tool_facts` is None without a tool.
         plant: robot and tool, fixed to the world, continuous, without geometry, finalized.
         parts: joints, actuators and frames in `plant`.
-        tcp_frame: tool centre point T.
+        tcp_frame: tool centre point T, of the first arm.
         limits: joint limits.
         stiffness_set: name of the joint-stiffness set in use.
         joint_stiffness: its values [Nm/rad].
@@ -159,7 +106,7 @@ class RobotModel:
         every = np.arange(self.num_joints)
         self._arm_only = np.array_equal(self._q, every[: plant.num_positions()]) and plant.num_positions() == len(every)
         self._link_frames = {
-            frame: _frame(plant, frame, parts.instance, "link_compliance frame") for frame in facts.link_compliance
+            frame: frame_named(plant, frame, parts.instance, "link_compliance frame") for frame in facts.link_compliance
         }
 
     @classmethod
@@ -172,8 +119,8 @@ class RobotModel:
         """A robot with its tool, by shipped name or folder path.
 
         Args:
-            robot: shipped robot or robot folder.
-            tool: shipped tool, tool folder, or None for the bare flange.
+            robot: shipped robot or robot folder; "yumi/left" is one arm of a robot that has several.
+            tool: shipped tool, tool folder, or None for the bare flange; every arm has one.
             stiffness_set: which joint stiffness to use; the facts' default when None.
 
         Raises:
@@ -233,10 +180,12 @@ class RobotModel:
 
     def bias_acceleration(self, context: Context) -> Array:
         """J'v: spatial acceleration of the TCP in the world at the joint speeds of `context`, none changing, (6,)."""
+        return self.bias_acceleration_of(context, self.tcp_frame)
+
+    def bias_acceleration_of(self, context: Context, frame: Frame) -> Array:
+        """As `bias_acceleration`, of the origin of `frame`, shape (6,)."""
         world = self._world
-        A = self.plant.CalcBiasSpatialAcceleration(
-            context, JacobianWrtVariable.kV, self.tcp_frame, _ORIGIN, world, world
-        )
+        A = self.plant.CalcBiasSpatialAcceleration(context, JacobianWrtVariable.kV, frame, _ORIGIN, world, world)
         bias: Array = A.get_coeffs()
         return bias
 
@@ -274,9 +223,12 @@ class RobotModel:
         """Distance from a singular posture [1]: smallest singular value of the TCP Jacobian.
 
         Translations are divided by the facts' `characteristic_length`. With fewer than six joints it tells whether the
-        joints move the TCP independently.
+        joints move the TCP independently. Of several arms it is the least.
         """
-        J = self.jacobian(context)
+        return min(self._smallest_singular_value(context, arm) for arm in self.parts.arms.values())
+
+    def _smallest_singular_value(self, context: Context, arm: ArmParts) -> float:
+        J = self.jacobian_of(context, arm.tcp_frame)[:, arm.joints]
         J[3:] /= self.facts.characteristic_length
         return float(np.linalg.svd(J, compute_uv=False)[-1])
 
@@ -326,47 +278,3 @@ def _limits(parts: RobotParts) -> JointLimits:
         ),
         torque=np.array([actuator.effort_limit() for actuator in parts.actuators]),
     )
-
-
-def _add_model(plant: MultibodyPlant, file: Path) -> ModelInstanceIndex:
-    if not file.is_file():
-        raise BadInputError(f"model = {file.name!r}: there is no such file in folder {str(file.parent)!r}")
-    parser = Parser(plant)
-    add_packages(parser.package_map())
-    try:
-        instances: list[ModelInstanceIndex] = parser.AddModels(file)
-    except RuntimeError as error:
-        raise BadInputError(f"{file.name}: cannot be read: {' '.join(str(error).split())}") from error
-    if len(instances) != 1:
-        raise BadInputError(f"{file.name} holds {len(instances)} models: must hold exactly one")
-    return instances[0]
-
-
-def _frame(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex, kind: str = "frame") -> Frame:
-    if not plant.HasFrameNamed(name, instance):
-        frames = [plant.get_frame(i) for i in plant.GetFrameIndices(instance)]
-        raise unknown(f"{kind} of {plant.GetModelInstanceName(instance)}", name, [f.name() for f in frames if f.name()])
-    return plant.GetFrameByName(name, instance)
-
-
-def _joint(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex) -> Joint:
-    if not plant.HasJointNamed(name, instance):
-        known = [plant.get_joint(i).name() for i in plant.GetJointIndices(instance)]
-        raise unknown(f"joint of {plant.GetModelInstanceName(instance)}", name, known)
-    return plant.GetJointByName(name, instance)
-
-
-def _revolute_or_prismatic(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex) -> Joint:
-    joint = _joint(plant, name, instance)
-    if joint.num_positions() != 1:
-        raise BadInputError(f"arm joint {name!r} has {joint.num_positions()} positions: must have one")
-    return joint
-
-
-def _actuator(plant: MultibodyPlant, joint: Joint) -> JointActuator:
-    # Asked for one model instance before Finalize, Drake returns an empty list.
-    for index in plant.GetJointActuatorIndices():
-        actuator = plant.get_joint_actuator(index)
-        if actuator.joint().index() == joint.index():
-            return actuator
-    raise BadInputError(f"arm joint {joint.name()!r} has no actuator: the model must give it one")

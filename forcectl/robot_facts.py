@@ -47,13 +47,28 @@ class MotorCoupling:
 
 
 @dataclass
+class ArmFacts:
+    """One arm of a robot that has several."""
+
+    flange_frame: str = ""  # carries the tool; z out of the flange
+    joints: list[str] = field(default_factory=list)  # consecutive in `arm_joints`
+
+
+@dataclass
 class ControlFacts:
-    """A robot's `*.control.yaml`. Lists have one entry per arm joint, in the order of `arm_joints`; units are SI."""
+    """A robot's `*.control.yaml`. Lists have one entry per arm joint, in the order of `arm_joints`; units are SI.
+
+    Friction of motor and gear (5.2), joint side, at the joint speed v:
+    friction_offset + coulomb_friction * sign(v) + v * (viscous_friction if v > 0 else viscous_friction_backward).
+    """
 
     model: str = ""  # URDF or SDF file in the same folder
     base_frame: str = ""  # welded to the world
-    flange_frame: str = ""  # carries the tool; z out of the flange
-    arm_joints: list[str] = field(default_factory=list)
+    arm_joints: list[str] = field(default_factory=list)  # of all arms, one arm after the other
+    flange_frame: str = field(default="", metadata=_OPTIONAL)  # of a robot with one arm: carries the tool, z out of it
+    arms: dict[str, ArmFacts] = field(default_factory=dict, metadata=_OPTIONAL)  # of a robot with several
+    # Joints of the model that nothing drives here (a gripper's): made rigid at this position [rad] or [m].
+    held_joints: dict[str, float] = field(default_factory=dict, metadata=_OPTIONAL)
     default_posture_deg: np.ndarray = field(default_factory=_empty)  # [deg]
     characteristic_length: float = 0.0  # [m], makes translations and rotations comparable in the singularity measure
     joint_stiffness: dict[str, np.ndarray] = field(default_factory=dict)  # named sets, joint side [Nm/rad]
@@ -65,6 +80,9 @@ class ControlFacts:
     rotor_inertia: np.ndarray = field(default_factory=_empty)  # motor side [kg m2]
     coulomb_friction: np.ndarray = field(default_factory=_empty)  # joint side [Nm]
     viscous_friction: np.ndarray = field(default_factory=_empty)  # joint side [Nms/rad]
+    # At negative speeds [Nms/rad]; as `viscous_friction` when left out.
+    viscous_friction_backward: np.ndarray = field(default_factory=_empty, metadata=_OPTIONAL)
+    friction_offset: np.ndarray = field(default_factory=_empty, metadata=_OPTIONAL)  # [Nm]; zero when left out
     motor_coupling: list[MotorCoupling] = field(default_factory=list, metadata=_OPTIONAL)
     # Distal frame of a link -> six diagonal entries, rotations [rad/Nm] then translations [m/N], in that frame's axes.
     link_compliance: dict[str, np.ndarray] = field(default_factory=dict, metadata=_OPTIONAL)
@@ -91,6 +109,38 @@ class ControlFacts:
             raise unknown("stiffness set", name, self.joint_stiffness)
         return self.joint_stiffness[name]
 
+    def only(self, arm: str) -> "ControlFacts":
+        """The facts of one arm of a robot that has several; the joints of the others are held in the default posture.
+
+        Raises:
+            BadInputError: there is no such arm.
+        """
+        if arm not in self.arms:
+            raise unknown(f"arm of {self.model}", arm, self.arms)
+        joints = self.arms[arm].joints
+        first = self.arm_joints.index(joints[0])
+        mine = slice(first, first + len(joints))
+        others = {name: float(q) for name, q in zip(self.arm_joints, self.default_posture, strict=True)}
+        return dataclasses.replace(
+            self,
+            arm_joints=joints,
+            arms={arm: self.arms[arm]},
+            held_joints=self.held_joints | {name: q for name, q in others.items() if name not in joints},
+            joint_stiffness={name: values[mine] for name, values in self.joint_stiffness.items()},
+            motor_coupling=[coupling for coupling in self.motor_coupling if coupling.motor_of in joints],
+            **{name: getattr(self, name)[mine] for name in _PER_JOINT},
+        )
+
+
+_NOT_NEGATIVE = (
+    "transmission_damping",
+    "rotor_inertia",
+    "coulomb_friction",
+    "viscous_friction",
+    "viscous_friction_backward",
+)
+_PER_JOINT = (*_NOT_NEGATIVE, "default_posture_deg", "gear_ratio", "friction_offset")
+
 
 @dataclass
 class ToolFacts:
@@ -99,6 +149,7 @@ class ToolFacts:
     model: str = ""  # URDF or SDF file in the same folder
     mount_frame: str = ""  # welded to the robot's flange
     tcp_frame: str = ""  # z is the tool axis, away from the flange
+    held_joints: dict[str, float] = field(default_factory=dict, metadata=_OPTIONAL)  # rigid at this position [rad], [m]
     contact_ball_frame: str | None = field(default=None, metadata=_OPTIONAL)  # centre of the ball that touches
     contact_ball_radius: float = field(default=0.0, metadata=_OPTIONAL)  # [m]; a sharp point is 0
     sensor_frame: str | None = field(default=None, metadata=_OPTIONAL)  # where the wrist sensor measures
@@ -106,13 +157,17 @@ class ToolFacts:
 
 
 def load_control_facts(folder: Path) -> ControlFacts:
-    """Read and check the control facts in a robot folder.
+    """Read and check the control facts in a robot folder; what may be left out is filled in.
 
     Raises:
         BadInputError: no such file, an unknown or missing key, a wrong length, or a value that is not allowed.
     """
     file = facts_file(folder, ROBOT_FACTS)
     facts = _load(ControlFacts, file)
+    if not facts.viscous_friction_backward.size:
+        facts.viscous_friction_backward = facts.viscous_friction
+    if not facts.friction_offset.size:
+        facts.friction_offset = _constant(np.zeros(facts.num_joints))
     for where, value, allowed, ok in _control_checks(facts):
         if not ok:
             raise invalid(f"{file.name}: {where}", value, allowed)
@@ -129,6 +184,9 @@ def load_tool_facts(folder: Path) -> ToolFacts:
     facts = _load(ToolFacts, file)
     if not (np.isfinite(facts.contact_ball_radius) and facts.contact_ball_radius >= 0):
         raise invalid(f"{file.name}: contact_ball_radius", facts.contact_ball_radius, "a finite number >= 0")
+    for joint, position in facts.held_joints.items():
+        if not np.isfinite(position):
+            raise invalid(f"{file.name}: held_joints.{joint}", position, "finite")
     return facts
 
 
@@ -138,10 +196,9 @@ Check = tuple[str, Any, str, bool]  # (field, value, what is allowed, whether it
 def _control_checks(facts: ControlFacts) -> Iterator[Check]:
     n = facts.num_joints
     yield "arm_joints", facts.arm_joints, "different joint names, at least one", 0 < n == len(set(facts.arm_joints))
-    for name in ("transmission_damping", "rotor_inertia", "coulomb_friction", "viscous_friction"):
-        yield _numbers(name, getattr(facts, name), n, "not negative")
-    yield _numbers("default_posture_deg", facts.default_posture_deg, n)
-    yield _numbers("gear_ratio", facts.gear_ratio, n)
+    yield from _arm_checks(facts)
+    for name in _PER_JOINT:
+        yield _numbers(name, getattr(facts, name), n, "not negative" if name in _NOT_NEGATIVE else "")
     yield "gear_ratio", facts.gear_ratio.tolist(), "different from zero", bool(np.all(facts.gear_ratio != 0))
     for name, stiffness in facts.joint_stiffness.items():
         yield _numbers(f"joint_stiffness.{name}", stiffness, n, "positive")
@@ -166,6 +223,24 @@ def _control_checks(facts: ControlFacts) -> Iterator[Check]:
         yield name, value, "a positive finite number", bool(np.isfinite(value) and value > 0)
 
 
+def _arm_checks(facts: ControlFacts) -> Iterator[Check]:
+    if not facts.arms:
+        yield "flange_frame", facts.flange_frame, "a frame of the model (or give `arms`)", bool(facts.flange_frame)
+    else:
+        yield "flange_frame", facts.flange_frame, "left out beside `arms`: each arm has its own", not facts.flange_frame
+        joints = [joint for arm in facts.arms.values() for joint in arm.joints]
+        yield "arms: joints", joints, "those of arm_joints, in the same order", joints == facts.arm_joints
+        for name, arm in facts.arms.items():
+            yield f"arms.{name}: joints", arm.joints, "at least one joint", bool(arm.joints)
+    for joint, position in facts.held_joints.items():
+        yield f"held_joints.{joint}", position, "finite", bool(np.isfinite(position))
+        yield "held_joints", joint, "another joint than the arm joints", joint not in facts.arm_joints
+    for coupling in facts.motor_coupling:
+        pair = {coupling.motor_of, coupling.driven_by}
+        in_one = not facts.arms or any(pair <= set(arm.joints) for arm in facts.arms.values())
+        yield "motor_coupling", sorted(pair), "two joints of one arm", in_one or not pair <= set(facts.arm_joints)
+
+
 def _numbers(where: str, values: np.ndarray, length: int, sign: str = "") -> Check:
     ok = values.shape == (length,) and bool(np.isfinite(values).all())
     ok = ok and not (sign == "positive" and (values <= 0).any()) and not (sign == "not negative" and (values < 0).any())
@@ -183,8 +258,13 @@ def _load(schema: type[T], file: Path) -> T:
     except Exception as error:
         raise BadInputError(f"{file.name}: cannot be read: {' '.join(str(error).split())}") from error
     for value in _arrays(facts):
-        value.flags.writeable = False
+        _constant(value)
     return facts
+
+
+def _constant(values: np.ndarray) -> np.ndarray:
+    values.flags.writeable = False
+    return values
 
 
 def _check_shape(schema: Any, data: Any, where: str) -> None:

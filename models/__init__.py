@@ -3,6 +3,8 @@
 A robot is a folder with one URDF or SDF and one `*.control.yaml` (see `forcectl.robot_facts`); a tool is a folder with
 one URDF or SDF and one `*.tool.yaml`. A user's own folder works wherever a shipped name does. Every shipped folder has
 a `package.xml`, so that `package://comau_smart_six/...` works after `add_packages`.
+
+The name or path of a robot with several arms means all of them; "yumi/left" means its left arm alone.
 """
 
 from __future__ import annotations
@@ -41,6 +43,19 @@ def robot_folder(name_or_path: str | Path) -> Path:
         BadInputError: neither a shipped name nor a folder.
     """
     return _folder("robot", name_or_path, list_robots())
+
+
+def robot_and_arm(name_or_path: str | Path) -> tuple[Path, str | None]:
+    """The folder of a robot and, where the last part of the name is not a folder, the name of the arm that is meant.
+
+    Raises:
+        BadInputError: neither a robot nor "robot/arm".
+    """
+    whole = str(name_or_path)
+    robot, slash, arm = whole.rpartition("/")
+    if slash and robot and arm and whole not in list_robots() and not Path(whole).expanduser().is_dir():
+        return robot_folder(robot), arm
+    return robot_folder(name_or_path), None
 
 
 def tool_folder(name_or_path: str | Path) -> Path:
