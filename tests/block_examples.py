@@ -7,24 +7,19 @@ from functools import cache, partial
 
 import numpy as np
 from block_example import Example, each
+from governor_examples import GOVERNOR_EXAMPLES
+from predictive_examples import PREDICTIVE_EXAMPLES
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from robot_controller_examples import ROBOT_EXAMPLES
 from vrft_examples import VRFT_EXAMPLES
 
 from forcectl.control.adaptive_force_law import AdaptiveForceLaw
-from forcectl.control.force_law import LoopFacts
 from forcectl.control.fourth_degree_force_law import FourthDegreeForceLaw
-from forcectl.control.governor import CommandGovernor, GovernedConfig, GovernedForceLaw
 from forcectl.control.integral import IntegralConfig, IntegralForceLaw, LinearIntegralForceLaw
 from forcectl.control.invariance_control import InvarianceControl, InvarianceCorrection
 from forcectl.control.invariance_force_law import InvarianceForceLaw
 from forcectl.control.kinematic_inversion import ConstantKinematicInversion, KinematicInversion
-from forcectl.control.predictive_correction import (
-    PredictiveCorrection,
-    PredictiveForceLaw,
-    PredictiveInvarianceConfig,
-)
 from forcectl.diagrams.force_controller import ForceController, build_controller
 from forcectl.diagrams.motor_side import MotorSide
 from forcectl.diagrams.station import Cell, StationConfig, describe
@@ -94,16 +89,6 @@ def fourth_degree(**changed: object) -> FourthDegreeForceLaw:
     return FourthDegreeForceLaw(2, **{**known, **changed})
 
 
-def governed() -> GovernedForceLaw:
-    facts = LoopFacts(2, 0.002, np.full(2, 3e-5), np.full(2, 2e-4), 12.6, 1.0, 0.0)
-    return GovernedConfig(law=IntegralConfig()).add_to(DiagramBuilder(), facts)
-
-
-def predictive() -> PredictiveForceLaw:
-    two, soft = np.array([3e-5, 4e-5]), np.array([1e-5, 1e-4])
-    return PredictiveInvarianceConfig().add_to(DiagramBuilder(), LoopFacts(2, 0.002, two, soft, 12.6, 1.0, 0.004))
-
-
 def drive() -> Drive:
     return Drive(
         [2.0, 3.0],
@@ -147,14 +132,6 @@ def wrist_sensor() -> Diagram:
 
 FORCES: dict[str, Input] = {"desired_force": force, "measured_force": force}
 SOFT = FORCES | {"compliance": [1e-4, 2e-4]}
-CORRECTED = {
-    "measured_force": force,
-    "motor_displacement": push,
-    "path_displacement": push,
-    "planned_displacement": push,
-    "nominal_command": push,
-    "felt_displacements": lambda t: np.tile(push(t), 2),
-}
 NOMINAL = SOFT | {"nominal_command": push}
 
 
@@ -163,7 +140,7 @@ def law_feedthrough(*inputs: str) -> set[tuple[str, str]]:
     return {pair for name in ("displacement_command", "invariance_function", "status") for pair in each(name, *inputs)}
 
 
-ELSEWHERE = ROBOT_EXAMPLES | VRFT_EXAMPLES
+ELSEWHERE = ROBOT_EXAMPLES | VRFT_EXAMPLES | PREDICTIVE_EXAMPLES | GOVERNOR_EXAMPLES
 EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
     CompliantContact: [
         Example(
@@ -306,48 +283,6 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
     InvarianceControl: [
         Example(
             lambda: InvarianceControl(law(), InvarianceCorrection(2, compliance=1e-4)), law_feedthrough(*SOFT), SOFT
-        )
-    ],
-    CommandGovernor: [
-        Example(
-            partial(CommandGovernor, 2, delay=0.01, **further),
-            each("governed_reference", *FORCES) | each("status", *FORCES),
-            FORCES,
-        )
-        for further in ({}, {"upper_limit": 30.0, "rate_limit": 2e3}, {"horizon": 4, "upper_force": 10.0})
-    ],
-    GovernedForceLaw: [
-        Example(
-            governed,
-            {
-                pair
-                for name in ("displacement_command", "governed_reference", "governor_status")
-                for pair in each(name, *FORCES)
-            },
-            FORCES,
-        )
-    ],
-    PredictiveCorrection: [
-        Example(
-            lambda: PredictiveCorrection(2, compliance=[1e-4, 2e-4], lead=0.2),
-            {
-                pair
-                for name in ("displacement_command", "planned_command", "surface_offset", "drive_offset")
-                for pair in each(name, *CORRECTED)
-            },
-            CORRECTED,
-        )
-    ],
-    PredictiveForceLaw: [
-        Example(
-            predictive,
-            {
-                *law_feedthrough("desired_force", "measured_force"),
-                *each("displacement_command", "motor_displacement"),
-                *each("surface_offset", "desired_force", "measured_force", "motor_displacement"),
-                *each("drive_offset", "desired_force", "measured_force", "motor_displacement"),
-            },
-            FORCES | {"motor_displacement": push, "path_displacement": push},
         )
     ],
     LinearIntegralForceLaw: [
