@@ -153,7 +153,8 @@ class PredictiveForceLaw(Diagram):
     ```
     name: PredictiveForceLaw
     input_ports: [desired_force, measured_force, motor_displacement, path_displacement]
-    output_ports: [displacement_command, surface_offset, drive_offset, invariance_function (optional), status (optional)]
+    output_ports: [displacement_command, surface_offset, drive_offset, invariance_function (optional),
+        status (optional)]
     ```
 
     desired_force, measured_force: shape (n,) [N]. motor_displacement: shape (n,), actual motor-side dx along n [m].
