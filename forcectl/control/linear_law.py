@@ -136,7 +136,9 @@ class LinearForceLaw(SampledLaw):
         integral = m.where(started > 0, integral + (proportional - kp * past[0]), feedback)
         proportional = kp * error
         derivative = (filter_time * derivative + kd * (error - past[0])) / (filter_time + period)
-        moving = sum((f * e for f, e in zip(fir, (error, *past), strict=False)), 0.0)
+        moving: Lane = 0.0
+        for coefficient, e in zip(fir, (error, *past), strict=False):
+            moving = moving + coefficient * e
         others = proportional + derivative + moving - feedback
         after = integral + ki * period * error
         free = after + others
@@ -149,7 +151,9 @@ class LinearForceLaw(SampledLaw):
             integral = m.where(regulate, integral, command - others)
         new = (command, command + feedback, 1.0, integral, proportional, derivative, error, *past[:-1])
         good = good & (abs(free) < np.inf)
-        return [m.where(good, a, b) for a, b in zip(new, held, strict=True)]
+        if self._size == 1:
+            return new if good else held
+        return [np.where(good, a, b) for a, b in zip(new, held, strict=True)]
 
 
 @dataclass(kw_only=True)

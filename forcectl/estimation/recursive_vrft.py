@@ -188,20 +188,23 @@ class RecursiveVrft(LaneBlock):
         self._mode = None if always else self.DeclareVectorInputPort("mode", size)
         covariance = lane_values("initial_covariance", initial_covariance, size, "positive and finite")
         zero = np.zeros(size)
-        self._estimate = self.DeclareDiscreteState(np.concatenate([zero, zero, zero]))
-        self._factors = self.DeclareDiscreteState(np.concatenate([covariance] * 3 + [zero] * 3))
-        self._data = self.DeclareDiscreteState(np.concatenate([zero] * _DATA))
+        # theta, D, U and the data, see `rls_step` and `regressor_step`.
+        self._memory = self.DeclareDiscreteState(np.concatenate([zero] * 3 + [covariance] * 3 + [zero] * (3 + _DATA)))
         for i, (name, factor) in enumerate(zip(GAINS, (1.0, 1.0 / period, period), strict=True)):
             self._declare_gain(name, i, factor)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
 
     def _declare_gain(self, name: str, index: int, factor: float) -> None:
-        block, reads = ref(self), {self.discrete_state_ticket(self._estimate)}
+        block, reads = ref(self), {self.discrete_state_ticket(self._memory)}
 
         def show(context: Context, output: BasicVector) -> None:
             tuner: Any = block()
-            theta = tuner.lanes(context.get_discrete_state(tuner._estimate).value())
-            tuner.write(output, theta[index] * factor)
+            memory = context.get_discrete_state(tuner._memory)
+            first = index * tuner._size
+            if tuner._size == 1:
+                output.SetAtIndex(0, memory.GetAtIndex(first) * factor)
+            else:
+                output.SetFromVector(memory.value()[first : first + tuner._size] * factor)
 
         self.DeclareVectorOutputPort(name, self._size, show, prerequisites_of_calc=reads)
 
@@ -221,20 +224,21 @@ class RecursiveVrft(LaneBlock):
         decay, forgetting, resolution = self._values.Eval(context)
         u, y = self.lane(self._output.Eval(context)), self.lane(self._force.Eval(context))
         y = rounded(y, resolution, m)
-        theta = self.lanes(context.get_discrete_state(self._estimate).value())
-        factors = self.lanes(context.get_discrete_state(self._factors).value())
-        data = self.lanes(context.get_discrete_state(self._data).value())
+        memory = self.lanes(context.get_discrete_state(self._memory).value())
+        theta, diagonal, upper, data = memory[:3], memory[3:6], memory[6:9], memory[9:]
         phi, target, learn, after = regressor_step(data, u, y, decay, self._prefilter, m)
         if self._mode is not None:
             running = self.lane(self._mode.Eval(context)) < 0.5
             learn = learn & running
-            after = [m.where(running, a, b) for a, b in zip(after, data, strict=True)]
-        new, diagonal, upper = rls_step(theta, factors[:3], factors[3:], phi, target, forgetting)
+            after = self._choose(running, after, data)
+        estimate, diagonal, upper = rls_step(theta, diagonal, upper, phi, target, forgetting)
         # Infinity minus infinity is not a number, so one comparison catches both NaN and overflow.
-        change = new[0] - theta[0] + new[1] - theta[1] + new[2] - theta[2]
-        learn = learn & (change - change == 0)
-        new = [m.where(learn, a, b) for a, b in zip(new, theta, strict=True)]
-        kept = [m.where(learn, a, b) for a, b in zip(diagonal + upper, factors, strict=True)]
-        next_state.set_value(self._estimate, self.stack(*new))
-        next_state.set_value(self._factors, self.stack(*kept))
-        next_state.set_value(self._data, self.stack(*after))
+        total = estimate[0] + estimate[1] + estimate[2]
+        learn = learn & (total - total == 0)
+        learnt = self._choose(learn, [*estimate, *diagonal, *upper], memory[:9])
+        next_state.set_value(self._memory, self.stack(*learnt, *after))
+
+    def _choose(self, condition: Lane, new: Sequence[Lane], old: Sequence[Lane]) -> Sequence[Lane]:
+        if self._size == 1:
+            return new if condition else old
+        return [np.where(condition, a, b) for a, b in zip(new, old, strict=True)]
