@@ -285,9 +285,11 @@ def vrft(
 
     Example: forcectl tune vrft record.csv --reference-model 1.5 --out tuned
     """
+    from forcectl.simulation.run_directory import free_name
     from forcectl.simulation.tune import CONTROLLER, tune_vrft
     from forcectl.simulation.tuning_report import gains_table, report_lines
 
+    directory = out or free_name(Path("tuned"), Path(data).stem)
     tuned = tune_vrft(
         data,
         reference_model,
@@ -299,15 +301,15 @@ def vrft(
         variant=variant,
         flip_input=flip_input,
         compensated=compensated,
-        out=out,
+        out=directory,
         force=force,
     )
     console = _console()
     console.print(gains_table(tuned.fit))
     console.print()
     typer.echo("\n".join([*report_lines(tuned.fit, tuned.record), *(f"warning: {text}" for text in tuned.warnings)]))
-    typer.echo(f"results in {tuned.directory}: {CONTROLLER}, summary.json, figures/")
-    typer.echo(f"next: forcectl run {tuned.directory / CONTROLLER}")
+    typer.echo(f"results in {directory}: {CONTROLLER}, summary.json, figures/")
+    typer.echo(f"next: forcectl run {directory / CONTROLLER}")
 
 
 def parse_settings(settings: list[str]) -> dict[str, Any]:

@@ -31,7 +31,8 @@ _OWN_UNITS = {"controller_output": "m"}
 
 _JITTER = 0.05  # of the period that a time may be off
 _FEWEST = 100  # rows
-_AT_REST = 1e-3  # of its range that the input may move while it rests
+_AT_REST = (1e-9, 1e-3)  # of its range that the input may move while it rests; the second where it is measured
+LONG_REST = 20  # samples
 _BEYOND = 0.05  # of its range that the input moves on while the force stands still: it is saturated
 _STUCK = 10  # samples that this takes
 _SAME = 1e-6  # of its range by which a saturated force may differ
@@ -106,8 +107,8 @@ def read_record(
                 f"{table.origin}: column {column.label} is constant at {column.values[0]:g} in all rows: {what}"
             )
     _check_saturation(table, force, u, y)
-    moving = np.abs(u - u[0]) > _AT_REST * np.ptp(u)
-    resting = int(np.argmax(moving))
+    rests = [int(np.argmax(np.abs(u - u[0]) > share * np.ptp(u))) for share in _AT_REST]
+    resting = rests[0] if rests[0] >= LONG_REST else rests[1]
     y_rest = float(y[:resting].mean())
     return Recorded(table.origin, moved.label, force.label, period, u - u[0], y - y_rest, float(u[0]), y_rest, resting)
 

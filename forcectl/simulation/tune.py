@@ -18,8 +18,8 @@ from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.controller_basis import ControllerBasis, continuous_pid, discrete_pid, fir
 from forcectl.estimation.reference_model import ReferenceModel, ReferenceModelConfig
 from forcectl.estimation.vrft import VrftFit, fit_vrft
-from forcectl.simulation.recorded import Recorded, read_record
-from forcectl.simulation.run_directory import SUMMARY, check_free, free_name, write_json, write_whole
+from forcectl.simulation.recorded import LONG_REST, Recorded, read_record
+from forcectl.simulation.run_directory import SUMMARY, check_free, write_json, write_whole
 from forcectl.simulation.schema import Reader
 from forcectl.simulation.tuning_report import summary
 from forcectl.simulation.yaml_tree import Tagged, dump, parse
@@ -40,7 +40,7 @@ class Tuned:
     record: Recorded
     fit: VrftFit
     compensated: bool
-    directory: Path
+    directory: Path | None  # None when nothing was written
 
     @property
     def bandwidth(self) -> float:
@@ -63,10 +63,35 @@ class Tuned:
         return part
 
     @property
+    def scenario(self) -> Tagged:
+        """The controller in a loop with a contact as stiff as that of the record."""
+        station = Tagged({"environment": Tagged({"stiffness": _round(-self.fit.plant.static_gain)})})
+        if not self.compensated:
+            # Without the feedback of (4.12) the record cannot tell robot from environment.
+            station["elastic_joints"] = False
+        horizon = self.fit.predicted_step.size * self.fit.model.period
+        return Tagged(
+            {
+                "title": f"VRFT controller tuned on {self.record.origin}",
+                "source": "forcectl tune vrft",
+                "station": station,
+                "controller": self.controller,
+                "reference": Tagged({"force": self.step}, "Step"),
+                "reference_model": self.bandwidth,
+                "duration": _round(min(max(horizon, 1.0), 600.0)),
+            }
+        )
+
+    @property
+    def step(self) -> float:
+        """A step of the reference within what was recorded [N]."""
+        return _round(max(0.8 * float(self.record.y.max()), 1.0), 2)
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """Of the fit, and of the record."""
         own = []
-        if self.record.resting < 20:
+        if self.record.resting < LONG_REST:
             own.append("the record does not begin with a rest: its first sample is taken for the values at rest")
         if self.fit.pid is None and not math.isclose(self.record.period, _CONTROL_PERIOD, rel_tol=1e-3):
             own.append(
@@ -101,15 +126,16 @@ def tune_vrft(
         input_column, output_column, variant, flip_input: see `read_record`.
         compensated: whether the compliance of the robot was fed back in the experiment (4.12); None: by the name of
             the input, which is not when it is `displacement_command`.
-        out: directory, default tuned/<name of the data>-<n>. force: replace an earlier result there.
+        out: directory to write; None writes nothing. force: replace an earlier result there.
 
     Raises:
         BadInputError: data, model or directory cannot be used; nothing was written.
     """
     config = reference_model_config(reference_model)
     _basis(form, 1.0)
-    directory = Path(out).expanduser() if out is not None else free_name(Path("tuned"), Path(data).stem)
-    check_free(directory, force)
+    directory = None if out is None else Path(out).expanduser()
+    if directory is not None:
+        check_free(directory, force)
     columns: dict[str, Any] = {
         "input_column": input_column,
         "output_column": output_column,
@@ -137,7 +163,8 @@ def tune_vrft(
     if compensated is None:
         compensated = record.input_name.split(" ")[0].lower() not in ("displacement_command",)
     tuned = Tuned(config, record, fit, compensated, directory)
-    write_whole(directory, lambda folder: _write(tuned, folder), force)
+    if directory is not None:
+        write_whole(directory, lambda folder: _write(tuned, folder), force)
     return tuned
 
 
@@ -174,55 +201,28 @@ def _check_against_model(record: Recorded, model: ReferenceModel) -> None:
     longest = slowest / _SAMPLES_PER_TIME_CONSTANT
     if record.period > longest > 0:
         raise BadInputError(
-            f"{record.origin}: sampled every {record.period:g} s: must be at most {longest:.3g} s for a reference model "
-            f"with the time constant {slowest:.3g} s; sample faster, or choose a slower model"
+            f"{record.origin}: sampled every {record.period:g} s: must be at most {longest:.3g} s for a reference "
+            f"model with the time constant {slowest:.3g} s; sample faster, or choose a slower model"
         )
     if duration < 2 * slowest:
         raise BadInputError(
-            f"{record.origin}: lasts {duration:.3g} s: must last at least {2 * slowest:.3g} s, twice the time constant of "
-            "the reference model; record longer, or choose a faster model"
+            f"{record.origin}: lasts {duration:.3g} s: must last at least {2 * slowest:.3g} s, twice the time constant "
+            "of the reference model; record longer, or choose a faster model"
         )
 
 
 def _write(tuned: Tuned, folder: Path) -> None:
-    (folder / CONTROLLER).write_text(_scenario_text(tuned), encoding="utf-8")
+    remark = (
+        "of the contact in the record" if tuned.compensated else "of robot and contact together: the joints are rigid"
+    )
+    text = f"# station: the stiffness is that {remark}\n{dump(tuned.scenario)}"
+    (folder / CONTROLLER).write_text(text, encoding="utf-8")
     write_json(folder / SUMMARY, summary(tuned.fit, tuned.record, tuned.warnings))
     _write_figures(tuned, folder / "figures")
 
 
-def _scenario_text(tuned: Tuned) -> str:
-    fit, record = tuned.fit, tuned.record
-    station = Tagged({"environment": Tagged({"stiffness": _round(-fit.plant.static_gain)})})
-    remark = "the stiffness of the contact in the record"
-    if not tuned.compensated:
-        # Without the feedback of (4.12) the record cannot tell robot from environment.
-        station["elastic_joints"] = False
-        remark = "rigid joints: the stiffness is that of robot and environment together"
-    tree = Tagged(
-        {
-            "title": f"VRFT controller tuned on {record.origin}",
-            "source": "forcectl tune vrft",
-            "station": station,
-            "controller": tuned.controller,
-            "reference": Tagged({"force": _step(record)}, "Step"),
-            "reference_model": tuned.bandwidth,
-            "duration": _round(min(max(_horizon(fit), 1.0), 600.0)),
-        }
-    )
-    return f"# station: {remark}\n{dump(tree)}"
-
-
 def _round(value: float, digits: int = 4) -> float:
     return float(f"{value:.{digits}g}")
-
-
-def _step(record: Recorded) -> float:
-    """A reference step within what was recorded [N]."""
-    return _round(max(0.8 * float(record.y.max()), 1.0), 2)
-
-
-def _horizon(fit: VrftFit) -> float:
-    return fit.predicted_step.size * fit.model.period
 
 
 def _write_figures(tuned: Tuned, folder: Path) -> None:
@@ -238,6 +238,6 @@ def _write_figures(tuned: Tuned, folder: Path) -> None:
     displacement = record.u + record.u_rest
     figure = experiment_figure(record.time[shown], displacement[shown], force[shown], of_model[shown], title)
     save(figure, folder / "experiment")
-    step, time = _step(record), fit.model.period * np.arange(fit.predicted_step.size, dtype=float)
+    step, time = tuned.step, fit.model.period * np.arange(fit.predicted_step.size, dtype=float)
     title = f"Step of {step:g} N, predicted with the plant model identified from {record.origin}"
     save(prediction_figure(time, step * fit.predicted_step, step * fit.model_step, title), folder / "prediction")

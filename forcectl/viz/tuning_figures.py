@@ -57,7 +57,6 @@ def prediction_figure(time: Array, predicted: Array, model: Array, title: str = 
     for axes in (above, below):
         _plain(axes)
     largest = float(model.max())
-    above.set_ylim(min(0.0, -0.02 * largest), None)
     # A loop that runs away must not hide the model it runs away from.
     if not (predicted[-1] == predicted[-1] and abs(predicted).max() < 3 * largest):
         above.set_ylim(-largest, 3 * largest)
