@@ -15,6 +15,7 @@ from benchmarks import (
     real_time,
     robot_controller,
     start_up,
+    vrft,
 )
 
 
@@ -32,6 +33,7 @@ def run_all() -> None:
         governor,
         robot_controller,
         quadratic_program,
+        vrft,
         plant_share,
         memory,
     ):
