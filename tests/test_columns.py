@@ -55,8 +55,8 @@ def test_columns_are_found_by_any_writing_of_their_name(tmp_path):
         ("time [s],force [N]\n", "no rows"),
         ("0.0,1.0\n0.1,2.0\n", "no header"),
         ("a,b\n1,2\n3\n", "row 3 has 1 cells: must have 2"),
+        ("a,b\n1,2\n" + "3" * 200_000 + "\n", "row 3 has 1 cells"),
         ("a,b\n1,2,3\n4,5,6\n", "row 2 has 3 cells: must have 2"),
-        ("a,b\n1,2\n3,four\n", "row 3, column b: 'four' must be a number"),
         ("a [N],A [N]\n1,2\n", "two columns called 'A'"),
     ],
 )
@@ -64,6 +64,13 @@ def test_what_is_wrong_with_a_table(tmp_path, text, words):
     with pytest.raises(BadInputError, match=words) as caught:
         read_columns(write(tmp_path, text))
     assert str(caught.value).startswith("data.csv")
+
+
+def test_words_matter_only_in_a_column_that_is_used(tmp_path):
+    table = read_columns(write(tmp_path, "a,note,b\n1,start,2\n3,,four\n5,end,five\n"))
+    np.testing.assert_array_equal(table.find("a", (), "force").values, [1.0, 3.0, 5.0])
+    with pytest.raises(BadInputError, match=r"data\.csv row 3, column b: 'four' must be a number"):
+        table.find("b", (), "force")
 
 
 def test_files_that_are_no_tables(tmp_path):

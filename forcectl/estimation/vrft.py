@@ -32,6 +32,7 @@ from forcectl.lanes import check_count
 Array = NDArray[np.float64]
 
 OUT_OF_REACH = 0.1  # a model mismatch above this is said to be out of reach
+_SETTLED = 0.02  # of a unit step: growth of a smaller error is none
 _BLOCKS = 32  # of the record, for standard errors that hold with correlated residuals
 _LONGEST_BLOCK = 50_000  # [samples], bounds the memory
 _HORIZON = 8  # time constants of the reference model that are predicted
@@ -78,8 +79,16 @@ class VrftFit:
     @property
     def model_mismatch(self) -> float:
         """|s_T - s_M| over |1 - s_M|, the step responses of tuned loop and reference model [-]; infinite: unstable."""
-        missing = float(np.linalg.norm(self.predicted_step - self.model_step) / np.linalg.norm(1 - self.model_step))
-        return missing if np.isfinite(missing) else np.inf
+        if not self.stable:
+            return np.inf
+        return float(np.linalg.norm(self.predicted_step - self.model_step) / np.linalg.norm(1 - self.model_step))
+
+    @property
+    def stable(self) -> bool:
+        """Whether the predicted step response neither diverges nor grows from the third quarter to the fourth."""
+        *_, before, after = np.array_split(self.predicted_step - self.model_step, 4)
+        late = float(np.sqrt(np.mean(after**2)))
+        return late <= 1.01 * float(np.sqrt(np.mean(before**2))) + _SETTLED
 
     @property
     def out_of_reach(self) -> bool:
@@ -319,7 +328,7 @@ def _warnings(fit: VrftFit, y: Array) -> Iterator[str]:
     if fit.plant.explained < _EXPLAINED:
         share = f"{100 * max(fit.plant.explained, 0.0):.0f} %"
         yield f"a linear plant explains only {share} of the output: the prediction is not to be trusted"
-    if not np.isfinite(fit.model_mismatch):
+    if not fit.stable:
         yield "reference model out of reach: the tuned loop is expected to be unstable; choose a slower model"
     elif fit.out_of_reach:
         yield (

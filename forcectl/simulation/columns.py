@@ -26,11 +26,15 @@ _NETCDF = (".nc", ".nc4", ".h5", ".hdf5", ".cdf")
 
 @dataclass(frozen=True)
 class Column:
-    """One quantity: its name as written, its unit ("" when none is given) and its values (k,)."""
+    """One quantity: its name as written, its unit ("" when none is given) and its values (k,).
+
+    fault: where the first cell is that holds no number, "" when there is none; its value and empty ones are NaN.
+    """
 
     name: str
     unit: str
     values: Array
+    fault: str = ""
 
     @property
     def label(self) -> str:
@@ -50,8 +54,14 @@ class Columns:
         """The column called `wanted`, or else the first of `names` that there is.
 
         Raises:
-            BadInputError: there is none; the message names the columns that there are.
+            BadInputError: there is none (the message names those that there are), or a cell of it is no number.
         """
+        column = self._named(wanted, names, kind)
+        if column.fault:
+            raise BadInputError(f"{self.origin} {column.fault}")
+        return column
+
+    def _named(self, wanted: str | None, names: Sequence[str], kind: str) -> Column:
         there = ", ".join(column.label for column in self.columns.values())
         if wanted is not None:
             if _key(wanted) not in self.columns:
@@ -75,7 +85,7 @@ def read_columns(path: Path, variant: str | None = None) -> Columns:
         path: CSV, or NetCDF by its suffix. variant: which one of a log of several.
 
     Raises:
-        BadInputError: the file cannot be read, has no header or no rows, or a cell is no number; names row and column.
+        BadInputError: the file cannot be read, has no header or no rows, or a row has too many or too few cells.
     """
     if not path.is_file():
         raise BadInputError(f"data file {str(path)!r} does not exist: must be a CSV file or a log.nc")
@@ -100,7 +110,7 @@ def _read_csv(path: Path) -> Columns:
     if not lines:
         raise BadInputError(f"{path.name} is empty: must have a header and rows")
     separator = max(";\t,", key=lines[0][1].count)
-    header = [part.strip() for part in next(csv.reader([lines[0][1]], delimiter=separator))]
+    header = [part.strip() for part in _cells(lines[0][1], separator)]
     if all(_is_number(part) for part in header):
         raise BadInputError(
             f"{path.name} has no header: its first row must name columns and units, as in "
@@ -110,12 +120,13 @@ def _read_csv(path: Path) -> Columns:
     if not rows:
         raise BadInputError(f"{path.name} has a header and no rows")
     decimal_comma = separator == ";" and "." not in rows[0][1]
+    faults = [""] * len(header)
     body = "\n".join(line for _, line in rows)
     body = body.replace(",", ".") if decimal_comma else body
     try:
         values = np.loadtxt(io.StringIO(body), delimiter=separator, ndmin=2, comments=None)
     except ValueError:
-        values = _read_slowly(path.name, header, separator, rows, decimal_comma)
+        values, faults = _read_slowly(path.name, header, separator, rows, decimal_comma)
     if values.shape[1] != len(header):
         raise BadInputError(
             f"{path.name} row {rows[0][0]} has {values.shape[1]} cells: must have {len(header)}, as the header"
@@ -126,9 +137,16 @@ def _read_csv(path: Path) -> Columns:
         name, unit = (found["name"], found["unit"] or "") if found else (part, "")
         if _key(name) in columns:
             raise BadInputError(f"{path.name} has two columns called {name!r}: rename one")
-        columns[_key(name)] = Column(name, unit, np.ascontiguousarray(values[:, i]))
+        columns[_key(name)] = Column(name, unit, np.ascontiguousarray(values[:, i]), faults[i])
     numbers = [n for n, _ in rows]
     return Columns(path.name, columns, lambda k: f"row {numbers[k]}")
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    try:
+        return next(csv.reader([line], delimiter=separator))
+    except csv.Error:  # a cell of more than 100 000 letters
+        return [line]
 
 
 def _is_number(text: str) -> bool:
@@ -141,22 +159,20 @@ def _is_number(text: str) -> bool:
 
 def _read_slowly(
     name: str, header: list[str], separator: str, rows: list[tuple[int, str]], decimal_comma: bool
-) -> Array:
-    """Cell by cell, to say which one is wrong; a cell that is empty is NaN until it is known to matter."""
-    values = np.empty((len(rows), len(header)))
+) -> tuple[Array, list[str]]:
+    """Cell by cell: the values, NaN where there is no number, and the first fault of each column."""
+    values, faults = np.full((len(rows), len(header)), np.nan), [""] * len(header)
     for k, (number, line) in enumerate(rows):
-        cells = next(csv.reader([line], delimiter=separator))
+        cells = _cells(line, separator)
         if len(cells) != len(header):
             raise BadInputError(f"{name} row {number} has {len(cells)} cells: must have {len(header)}, as the header")
         for i, cell in enumerate(cells):
             cell = cell.strip().replace(",", ".") if decimal_comma else cell.strip()
-            if cell == "":
-                values[k, i] = np.nan
-            elif _is_number(cell):
+            if _is_number(cell):
                 values[k, i] = float(cell)
-            else:
-                raise BadInputError(f"{name} row {number}, column {header[i]}: {cell[:40]!r} must be a number")
-    return values
+            elif cell and not faults[i]:
+                faults[i] = f"row {number}, column {header[i]}: {cell[:40]!r} must be a number"
+    return values, faults
 
 
 def _read_log(path: Path, variant: str | None) -> Columns:

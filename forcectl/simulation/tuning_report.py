@@ -41,7 +41,7 @@ def report_lines(fit: VrftFit, record: Recorded) -> list[str]:
         f"excitation order {_order(fit.excitation_order)}, noise {noise}"
     )
     plant = f"a plant model from the same record, which explains {100 * fit.plant.explained:.2f} % of the force"
-    if math.isfinite(fit.model_mismatch):
+    if fit.stable:
         verdict = "out of reach" if fit.out_of_reach else f"within reach, up to {100 * OUT_OF_REACH:g} %"
         missed = f"the loop misses the reference model by {100 * fit.model_mismatch:.1f} % ({verdict})"
         lines.append(f"predicted with {plant}: {missed}, overshoot {_overshoot(fit):.1f} %")
@@ -62,7 +62,6 @@ def summary(fit: VrftFit, record: Recorded, warnings: Sequence[str]) -> dict[str
     """The report as plain values: numbers that do not exist are null."""
     pid = fit.pid
     predicted, wanted = fit.predicted_step, fit.model_step
-    stable = math.isfinite(fit.model_mismatch)
     return {
         "data": {
             "file": record.origin,
@@ -109,9 +108,9 @@ def summary(fit: VrftFit, record: Recorded, warnings: Sequence[str]) -> dict[str
             "plant_static_gain_N_m": fit.plant.static_gain,
             "model_mismatch": _finite(fit.model_mismatch),
             "out_of_reach": fit.out_of_reach,
-            "stable": stable,
-            "overshoot_pct": _overshoot(fit) if stable else None,
-            "largest_difference": float(np.abs(predicted - wanted).max()) if stable else None,
+            "stable": fit.stable,
+            "overshoot_pct": _overshoot(fit) if fit.stable else None,
+            "largest_difference": float(np.abs(predicted - wanted).max()) if fit.stable else None,
         },
         "warnings": list(warnings),
     }
