@@ -52,6 +52,8 @@ class ArmFacts:
 
     flange_frame: str = ""  # carries the tool; z out of the flange
     joints: list[str] = field(default_factory=list)  # consecutive in `arm_joints`
+    # Links so near the flange that a tool on it touches their shapes in the ordinary: never checked against the tool.
+    tool_neighbours: list[str] = field(default_factory=list, metadata=_OPTIONAL)
 
 
 @dataclass

@@ -2,9 +2,10 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
-from dataclasses import dataclass
+import json
+from dataclasses import dataclass, replace
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis
@@ -22,7 +23,7 @@ from pydrake.multibody.tree import (
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.models import add_packages, robot_and_arm, tool_folder
-from forcectl.robot_facts import ControlFacts, ToolFacts, load_control_facts, load_tool_facts
+from forcectl.robot_facts import ArmFacts, ControlFacts, ToolFacts, load_control_facts, load_tool_facts
 
 
 @dataclass(frozen=True)
@@ -110,9 +111,21 @@ def add_robot(
     facts = load_control_facts(folder)
     if arm is not None:
         facts = facts.only(arm)
-    instance = _add_model(plant, folder / facts.model)
-    base = frame_named(plant, facts.base_frame, instance)
-    plant.WeldFrames(plant.world_frame(), base, X_WB or RigidTransform())
+    arms = facts.arms or {"arm": ArmFacts(facts.flange_frame, facts.arm_joints)}
+    whole = _ModelFile.look(folder / facts.model)
+    models, filters = {whole.name: whole}, []
+    tool_facts, tools = None, {}  # the latter: what each arm's tool is called in the plant
+    if tool is not None:
+        tool_at = tool_folder(tool)
+        tool_facts = load_tool_facts(tool_at)
+        tool_file = _ModelFile.look(tool_at / tool_facts.model)
+        tools = {name: tool_file.name if len(arms) == 1 else f"{name}_{tool_file.name}" for name in arms}
+        models |= dict.fromkeys(tools.values(), tool_file)
+        filters = [(name, whole.name, arms[arm].tool_neighbours) for arm, name in tools.items()]
+    instances = _parse(plant, models, filters)
+    instance = instances[whole.name]
+
+    plant.WeldFrames(plant.world_frame(), frame_named(plant, facts.base_frame, instance), X_WB or RigidTransform())
     _hold(plant, facts.held_joints, instance)
     joints = tuple(_revolute_or_prismatic(plant, name, instance) for name in facts.arm_joints)
     for joint, position in zip(joints, facts.default_posture, strict=True):
@@ -121,45 +134,87 @@ def add_robot(
         joint.set_default_positions(np.array([position]))
     actuators = tuple(_actuator(plant, joint) for joint in joints)
 
-    arms = {}
-    tool_facts = None if tool is None else load_tool_facts(tool_folder(tool))
-    for name, flange_frame, mine in _arms(facts):
-        flange = frame_named(plant, flange_frame, instance)
-        if tool is None or tool_facts is None:
-            arms[name] = ArmParts(name, mine, flange, tcp_frame=flange)
-        else:
-            # Two tools of one name need a prefix; the only one keeps its name.
-            prefix = name if len(facts.arms) > 1 else ""
-            arms[name] = _add_tool(plant, ArmParts(name, mine, flange, flange), tool_folder(tool), tool_facts, prefix)
-    return RobotParts(facts, tool_facts, instance, joints, actuators, arms)
+    parts, first = {}, 0
+    for name, one in arms.items():
+        mine, flange = slice(first, first + len(one.joints)), frame_named(plant, one.flange_frame, instance)
+        parts[name] = ArmParts(name, mine, flange, tcp_frame=flange)
+        if tool_facts is not None:
+            parts[name] = _with_tool(plant, parts[name], instances[tools[name]], tool_facts)
+        first = mine.stop
+    return RobotParts(facts, tool_facts, instance, joints, actuators, parts)
 
 
-def _arms(facts: ControlFacts) -> Iterable[tuple[str, str, slice]]:
-    """Name, flange and joints of each arm."""
-    if not facts.arms:
-        return [("arm", facts.flange_frame, slice(0, facts.num_joints))]
-    arms, first = [], 0
-    for name, arm in facts.arms.items():
-        arms.append((name, arm.flange_frame, slice(first, first + len(arm.joints))))
-        first += len(arm.joints)
-    return arms
+@dataclass(frozen=True)
+class _ModelFile:
+    """A URDF or SDF file, the name of its one model, and its bodies."""
+
+    path: Path
+    name: str
+    bodies: tuple[str, ...]
+
+    @classmethod
+    def look(cls, path: Path) -> _ModelFile:
+        if not path.is_file():
+            raise BadInputError(f"model = {path.name!r}: there is no such file in folder {str(path.parent)!r}")
+        plant = MultibodyPlant(time_step=0.0)
+        parser = Parser(plant)
+        add_packages(parser.package_map())
+        try:
+            instances: list[ModelInstanceIndex] = parser.AddModels(path)
+        except RuntimeError as error:
+            raise BadInputError(f"{path.name}: cannot be read: {_one_line(error)}") from error
+        if len(instances) != 1:
+            raise BadInputError(f"{path.name} holds {len(instances)} models: must hold exactly one")
+        bodies = tuple(plant.get_body(index).name() for index in plant.GetBodyIndices(instances[0]))
+        return cls(path, plant.GetModelInstanceName(instances[0]), bodies)
 
 
-def _add_tool(plant: MultibodyPlant, arm: ArmParts, folder: Path, facts: ToolFacts, prefix: str) -> ArmParts:
+def _parse(
+    plant: MultibodyPlant, models: dict[str, _ModelFile], filters: list[tuple[str, str, list[str]]]
+) -> dict[str, ModelInstanceIndex]:
+    """Add models under the names given; `filters` are (tool, robot, links that are never checked against the tool).
+
+    All in one go: Drake refuses a collision filter between models that were not parsed together.
+    """
+    parser = Parser(plant)
+    add_packages(parser.package_map())
+    directives: list[dict[str, Any]] = []
+    for name, model in models.items():
+        parser.package_map().Add(f"folder_of_{name}", str(model.path.parent))
+        directives.append({"add_model": {"name": name, "file": f"package://folder_of_{name}/{model.path.name}"}})
+    for tool, robot, links in filters:
+        for link in links:
+            if link not in models[robot].bodies:
+                raise unknown(f"link in tool_neighbours of {robot}", link, models[robot].bodies)
+        sides = {f"{tool}_bodies": (tool, models[tool].bodies), f"beside_{tool}": (robot, links)}
+        for (group, (owner, bodies)), other in zip(sides.items(), reversed(sides), strict=True):
+            members = [f"{owner}::{body}" for body in bodies]
+            entry = {"name": group, "members": members, "ignored_collision_filter_groups": [other]}
+            directives += [{"add_collision_filter_group": entry}] if links else []
+    try:
+        parser.AddModelsFromString(json.dumps({"directives": directives}), "dmd.yaml")
+    except RuntimeError as error:
+        files = " or ".join(dict.fromkeys(model.path.name for model in models.values()))
+        raise BadInputError(f"{files}: cannot be added: {_one_line(error)}") from error
+    return {name: plant.GetModelInstanceByName(name) for name in models}
+
+
+def _one_line(error: RuntimeError) -> str:
+    return " ".join(str(error).split())
+
+
+def _with_tool(plant: MultibodyPlant, arm: ArmParts, tool: ModelInstanceIndex, facts: ToolFacts) -> ArmParts:
     """`arm` with a tool welded to its flange."""
-    instance = _add_model(plant, folder / facts.model, prefix)
-    plant.WeldFrames(arm.flange_frame, frame_named(plant, facts.mount_frame, instance))
-    _hold(plant, facts.held_joints, instance)
+    plant.WeldFrames(arm.flange_frame, frame_named(plant, facts.mount_frame, tool))
+    _hold(plant, facts.held_joints, tool)
     ball, sensor, weld = facts.contact_ball_frame, facts.sensor_frame, facts.sensor_weld
-    return ArmParts(
-        arm.name,
-        arm.joints,
-        arm.flange_frame,
-        tcp_frame=frame_named(plant, facts.tcp_frame, instance),
-        tool_instance=instance,
-        contact_ball_frame=frame_named(plant, ball, instance) if ball else None,
-        sensor_frame=frame_named(plant, sensor, instance) if sensor else None,
-        sensor_weld=_joint(plant, weld, instance) if weld else None,
+    return replace(
+        arm,
+        tcp_frame=frame_named(plant, facts.tcp_frame, tool),
+        tool_instance=tool,
+        contact_ball_frame=frame_named(plant, ball, tool) if ball else None,
+        sensor_frame=frame_named(plant, sensor, tool) if sensor else None,
+        sensor_weld=_joint(plant, weld, tool) if weld else None,
     )
 
 
@@ -169,20 +224,6 @@ def frame_named(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex, 
         frames = [plant.get_frame(i) for i in plant.GetFrameIndices(instance)]
         raise unknown(f"{kind} of {plant.GetModelInstanceName(instance)}", name, [f.name() for f in frames if f.name()])
     return plant.GetFrameByName(name, instance)
-
-
-def _add_model(plant: MultibodyPlant, file: Path, prefix: str = "") -> ModelInstanceIndex:
-    if not file.is_file():
-        raise BadInputError(f"model = {file.name!r}: there is no such file in folder {str(file.parent)!r}")
-    parser = Parser(plant, model_name_prefix=prefix)
-    add_packages(parser.package_map())
-    try:
-        instances: list[ModelInstanceIndex] = parser.AddModels(file)
-    except RuntimeError as error:
-        raise BadInputError(f"{file.name}: cannot be read: {' '.join(str(error).split())}") from error
-    if len(instances) != 1:
-        raise BadInputError(f"{file.name} holds {len(instances)} models: must hold exactly one")
-    return instances[0]
 
 
 def _hold(plant: MultibodyPlant, positions: dict[str, float], instance: ModelInstanceIndex) -> None:
