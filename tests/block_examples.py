@@ -7,6 +7,7 @@ from functools import cache, partial
 
 import numpy as np
 from block_example import Example, each
+from block_examples_estimation import ESTIMATION_EXAMPLES
 from governor_examples import GOVERNOR_EXAMPLES
 from predictive_examples import PREDICTIVE_EXAMPLES
 from pydrake.multibody.plant import MultibodyPlant
@@ -140,7 +141,7 @@ def law_feedthrough(*inputs: str) -> set[tuple[str, str]]:
     return {pair for name in ("displacement_command", "invariance_function", "status") for pair in each(name, *inputs)}
 
 
-ELSEWHERE = ROBOT_EXAMPLES | VRFT_EXAMPLES | PREDICTIVE_EXAMPLES | GOVERNOR_EXAMPLES
+ELSEWHERE = ROBOT_EXAMPLES | ESTIMATION_EXAMPLES | VRFT_EXAMPLES | PREDICTIVE_EXAMPLES | GOVERNOR_EXAMPLES
 EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
     CompliantContact: [
         Example(

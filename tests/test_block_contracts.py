@@ -14,6 +14,7 @@ from importlib import import_module
 import numpy as np
 import pytest
 from block_examples import EXAMPLES
+from block_examples_estimation import momentum_observer
 from pydrake.systems.framework import Diagram, System
 
 from forcectl.control.fourth_degree_force_law import FourthDegreeForceLaw
@@ -32,6 +33,7 @@ from forcectl.diagrams.station_one_dimensional import OneDimensionalStation
 from forcectl.diagrams.vrft_experiment import ExperimentSequencer
 from forcectl.errors import BadInputError
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
+from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.recursive_vrft import RecursiveVrft
 from forcectl.lanes import LaneBlock
 from forcectl.plant.compliant_contact import CompliantContact
@@ -249,6 +251,19 @@ LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str
         lambda size=2, **changed: ExperimentSequencer(size, **changed),
         {"hand_over_time": NOT_NEGATIVE, "window": POSITIVE, "tolerance": NOT_NEGATIVE},
     ),
+    MomentumObserver: (
+        momentum_observer,
+        {
+            "gain": POSITIVE,
+            "offset": FINITE,
+            "coulomb": NOT_NEGATIVE,
+            "viscous_forward": NOT_NEGATIVE,
+            "viscous_backward": NOT_NEGATIVE,
+            "move": NOT_NEGATIVE,
+            "still": NOT_NEGATIVE,
+            "limit": POSITIVE,
+        },
+    ),
     ContactMonitorCore: (lambda size=2, **changed: ContactMonitorCore(size, **changed), {}),
 }
 PARAMETERS = [
@@ -282,7 +297,7 @@ def test_every_lane_block_has_its_parameters_in_the_table():
 def test_a_bad_parameter_is_refused_by_name_when_built(kind, name, allowed):
     build, _ = LANE_BLOCKS[kind]
     for value in bad_values(allowed):
-        if value is None and name in ("compliance", "upper_acceleration", "upper"):
+        if value is None and name in ("compliance", "upper_acceleration", "upper", "viscous_backward"):
             continue  # a port or a default takes its place
         with pytest.raises(BadInputError, match=name) as caught:
             build(**{name: value})

@@ -1,0 +1,232 @@
+"""External joint torques from the generalized momentum, without accelerations and without a force sensor.
+
+    p = B(q) q',   p' = C'q' + tau_g - tau_F + tau + tau_ext                                           (5.4), (5.5)
+    r = K_R [p - p(0) - int (tau + C'q' + tau_g - tau_F + r) dt],   so   r' = K_R (tau_ext - r)        (5.6)*, (5.7)
+
+tau_g is gravity as a force on the right-hand side. (5.6) is printed without p(0): its residual would start at K_R p(0).
+
+Sampled, the balance over a tick gives the mean external torque d in it, and (5.7) has an exact step for a mean:
+
+    d_k = (p_k - p_{k-1} - int tau dt)/T - mean(C'q' + tau_g - tau_F),   r_k = r_{k-1} + (1 - e^{-K_R T})(d_k - r_{k-1})
+
+This is (5.6)* itself, differenced: nothing integrates for ever, p(0) is the first sample, and a lost sample makes T
+longer and nothing else. The integral of the motor torque comes from the rate of the plant: torque sampled at the tick
+is off by 10-15 % of every transient.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
+from pydrake.systems.primitives import DiscreteTimeIntegrator
+
+from forcectl.cache import BlockCache
+from forcectl.control.sampled_law import SampledLaw
+from forcectl.errors import BadInputError
+from forcectl.estimation.momentum_model import MomentumModel
+from forcectl.lanes import Lane, Parameter, check
+from forcectl.plant.joint_friction import JointFriction, friction_threshold, mean_features
+
+Array = NDArray[np.float64]
+
+
+def residual_step(residual: Array, mean_torque: Array, gain: Array, elapsed: float) -> Array:
+    """(5.7) over a time in which the external torque has this mean; arguments [Nm, Nm, 1/s, s]."""
+    stepped: Array = residual - np.expm1(-gain * elapsed) * (mean_torque - residual)
+    return stepped
+
+
+def dead_band(residual: Array, threshold: Array) -> Array:
+    """The part of the residual [Nm] beyond the threshold [Nm]."""
+    beyond: Array = np.copysign(np.maximum(np.abs(residual) - threshold, 0.0), residual)
+    return beyond
+
+
+class MomentumObserver(SampledLaw):
+    """External joint torques of n joints by the momentum observer (5.6)*, less what may be friction (5.3)*.
+
+    ```
+    name: MomentumObserver
+    input_ports: [joint_position, joint_velocity, torque_integral, reset]
+    output_ports: [external_torque, residual, reading_ok]
+    parameters: [gain, offset, coulomb, viscous_forward, viscous_backward, move, still, limit]
+    ```
+
+    joint_position: shape (n,) [rad]. joint_velocity: shape (n,) [rad/s].
+    torque_integral: shape (n,), integral over time of the torque that drives the joints [Nms], see
+        `add_torque_integral`.
+    reset: shape (1,) [1], may be left unconnected; above 0.5 the residual is zero and the observer starts anew.
+    external_torque: shape (n,), the residual beyond the threshold of the friction [Nm].
+    residual: shape (n,), r [Nm].
+    reading_ok: shape (n,), 1 for a joint whose readings of this tick were used, else 0 [1].
+        All are feedthrough of all inputs at the tick, and held.
+
+    Parameters (Context, shape (n,)): gain K_R [1/s] > 0; offset tau_O [Nm], coulomb tau_C [Nm] >= 0, viscous_forward
+    and viscous_backward D+, D- [Nms/rad] >= 0 of the friction (5.2); move and still [Nm] >= 0 of the threshold; limit
+    [Nm] > 0 of the residual.
+
+    Bad readings never enter the residual: it is held, and what happened meanwhile is caught up on with the next good
+    sample (the mean over the gap) or, after more than `longest_gap`, left out. Bad readings are
+    - a number that is not finite: `reading_ok` is 0 for its joint;
+    - a frozen encoder: a position that repeats bit for bit while the joint moves faster than `frozen_speed`, and from
+      then on until it changes: `reading_ok` is 0 for its joint;
+    - a lost sample: positions, speeds and torques all repeat bit for bit; `reading_ok` is 0 for all joints. Beyond
+      `longest_gap` such readings are believed, of a robot at rest with its motors off, once per gap.
+
+    Sampling: `period` [s]; no delay from the inputs to the outputs, see `SampledLaw`. The first tick only starts it.
+
+    Args:
+        model: momentum terms of the n joints. friction: of (5.2), zero when None.
+    """
+
+    def __init__(
+        self,
+        model: MomentumModel,
+        friction: JointFriction | None = None,
+        *,
+        gain: ArrayLike = 25.0,
+        move: ArrayLike = 0.0,
+        still: ArrayLike = 0.0,
+        limit: ArrayLike = np.inf,
+        period: float = 0.004,
+        frozen_speed: float = 0.1,
+        longest_gap: float = 0.02,
+    ):
+        n = model.num_joints
+        friction = JointFriction(n) if friction is None else friction
+        if friction.size != n:
+            raise BadInputError(f"friction is of {friction.size} joints: must be of {n}, as the model")
+        super().__init__(
+            n,
+            {
+                "gain": Parameter(gain, "positive and finite", "1/s"),
+                "offset": Parameter(friction.offset, "finite", "Nm"),
+                "coulomb": Parameter(friction.coulomb, "not negative", "Nm"),
+                "viscous_forward": Parameter(friction.viscous_forward, "not negative", "Nms/rad"),
+                "viscous_backward": Parameter(friction.viscous_backward, "not negative", "Nms/rad"),
+                "move": Parameter(move, "not negative", "Nm"),
+                "still": Parameter(still, "not negative", "Nm"),
+                "limit": Parameter(limit, "positive", "Nm"),
+            },
+            period,
+        )
+        self._model = model
+        self._frozen_speed = check("frozen_speed", frozen_speed, "positive")
+        # Ticks are not exact; and without any gap there is still the tick itself.
+        self._longest = max(check("longest_gap", longest_gap, "not negative"), period) + 0.5 * period
+        self.sample_delay = {("torque_integral", "external_torque"): 0.0}
+        self.port_units = {
+            "joint_position": "rad",
+            "joint_velocity": "rad/s",
+            "torque_integral": "Nms",
+            "reset": "1",
+            "external_torque": "Nm",
+            "residual": "Nm",
+            "reading_ok": "1",
+        }
+        self._position = self.DeclareVectorInputPort("joint_position", n)
+        self._velocity = self.DeclareVectorInputPort("joint_velocity", n)
+        self._integral = self.DeclareVectorInputPort("torque_integral", n)
+        self._reset = self.DeclareVectorInputPort("reset", 1)
+        self._scratch = BlockCache(
+            self,
+            "plant context",
+            lambda: AbstractValue.Make(model.create_context()),
+            lambda block, context, value: None,
+            {self.nothing_ticket()},
+        )
+        inputs = (self._position, self._velocity, self._integral, self._reset)
+        self.declare_command(
+            "external_torque",
+            {port.ticket() for port in inputs},
+            further={
+                "residual": 0.0,
+                "reading_ok": 0.0,
+                "frozen": 0.0,
+                # Of the last good sample; its time is repeated for every joint, negative before the first one.
+                "time": -1.0,
+                "position": 0.0,
+                "velocity": 0.0,
+                "torque_integral": 0.0,
+                "momentum": 0.0,
+                "force": 0.0,
+            },
+        )
+        self.declare_output("residual")
+        self.declare_output("reading_ok")
+
+    def check_together(self, values: Mapping[str, Array]) -> None:
+        """Infinite friction is none that can be subtracted."""
+        for name in ("coulomb", "viscous_forward", "viscous_backward", "move", "still"):
+            if not np.isfinite(values[name]).all():
+                raise BadInputError(f"{name} = {values[name].tolist()}: must be finite")
+
+    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+        """The parameters as arrays, also for one joint: the model works on arrays."""
+        return tuple(np.atleast_1d(value) for value in values)
+
+    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+        """One tick of the observer."""
+        after = self._tick(context, [np.atleast_1d(value) for value in held])
+        return after if self._size > 1 else [value.item() for value in after]
+
+    def _tick(self, context: Context, held: list[Any]) -> list[Any]:
+        external, residual, ok, frozen, since, q_last, v_last, impulse_last, momentum_last, force_last = held
+        now = context.get_time()
+        q, v, impulse = (port.Eval(context) for port in (self._position, self._velocity, self._integral))
+        if self._reset.HasValue(context) and self._reset.Eval(context)[0] > 0.5:
+            residual, external, frozen, since = 0.0 * residual, 0.0 * external, 0.0 * frozen, 0.0 * since - 1.0
+        started = since[0] >= 0
+        elapsed = now - since[0]
+
+        finite = np.isfinite(q) & np.isfinite(v) & np.isfinite(impulse)
+        same = (q == q_last) | ~np.isfinite(q)
+        lost = False
+        if started:
+            moving = np.maximum(np.abs(v), np.abs(v_last)) > self._frozen_speed
+            frozen = (same & (moving | (frozen > 0))).astype(float)
+            lost = bool(same.all()) and np.array_equal(v, v_last) and np.array_equal(impulse, impulse_last)
+            ok = finite & (frozen == 0) & (not lost or elapsed > self._longest)
+        else:
+            ok = finite
+        if not ok.all():
+            ok = ok.astype(float)
+            return [external, residual, ok, frozen, since, q_last, v_last, impulse_last, momentum_last, force_last]
+
+        gain, offset, coulomb, forward, backward, move, still, limit = self._values.Eval(context)
+        momentum, coriolis, gravity = self._model.terms(self._scratch.Eval(context), q, v)
+        force = coriolis + gravity
+        if started and (lost or elapsed <= self._longest):
+            sign, ahead, back = mean_features(v_last, v)
+            friction = offset + coulomb * sign + forward * ahead + backward * back
+            mean = (momentum - momentum_last - impulse + impulse_last) / elapsed
+            mean = mean - 0.5 * (force + force_last) + friction
+            stepped = residual_step(residual, mean, gain, elapsed)
+            # An overflow of absurd readings holds the residual too.
+            residual = np.where(np.isfinite(stepped), np.minimum(np.maximum(stepped, -limit), limit), residual)
+        external = dead_band(residual, friction_threshold(v, move, still))
+        time = np.full(self._size, now)
+        return [external, residual, ok.astype(float), frozen, time, q, v, impulse, momentum, force]
+
+
+def add_torque_integral(builder: DiagramBuilder, torque: OutputPort, time_step: float) -> OutputPort:
+    """Integrate the motor torque at the rate of the plant, for the `torque_integral` input of the observer.
+
+    The torque port has to show the torque of the coming step (`plant.SetUseSampledOutputPorts(False)` before
+    `Finalize`); with sampled output ports it is that of the last one.
+
+    Args:
+        torque: shape (n,) [Nm]. time_step: of the plant [s].
+
+    Returns:
+        port of shape (n,) [Nms].
+    """
+    step = check("time_step", time_step, "positive")
+    integral = builder.AddNamedSystem("torque_integral", DiscreteTimeIntegrator(torque.size(), step))
+    builder.Connect(torque, integral.get_input_port())
+    return integral.get_output_port()

@@ -1,0 +1,174 @@
+"""The wrench at a frame of the robot from its external joint torques.
+
+    mu = (J')^+ (r - r_0)                                                                              (5.8)
+
+The least-squares wrench at the origin of a frame. Where the arm cannot feel a direction, J' loses rank and the inverse
+grows without bound; singular values s of J' (translations per `length`) below a limit e are inverted as
+
+    1/s  ->  s/e^2
+
+which is continuous, never larger than 1/e, and fades out what cannot be felt; all other directions stay exact.
+r_0 is taken in joint torques: what taring removes, friction offsets above all, belongs to the joints and not to a
+posture.
+"""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from scipy.linalg.lapack import dgesdd
+
+from forcectl.cache import BlockCache
+from forcectl.errors import BadInputError
+from forcectl.estimation.momentum_model import MomentumModel
+from forcectl.lanes import check
+
+Array = NDArray[np.float64]
+_ORIGIN = np.zeros(3)
+
+
+def wrench_from_torques(jacobian: Array, torque: Array, *, smallest: float, length: float) -> tuple[Array, bool]:
+    """Least-squares wrench of joint torques.
+
+    Args:
+        jacobian: of the frame, rows [rotation; translation] or translation alone, shape (6, n) or (3, n) [1; m].
+        torque: external joint torques, shape (n,) [Nm]. smallest: e, singular value below which is damped [1].
+        length: that translations are divided by [m].
+
+    Returns:
+        wrench on the robot, [torque; force] or force, shape (6,) or (3,) [Nm, N], and whether it was damped.
+    """
+    scale = np.ones(len(jacobian))
+    scale[-3:] = 1.0 / length
+    # LAPACK itself: half the time of numpy's wrapper for so small a matrix.
+    U, s, Vt, _ = dgesdd(scale[:, None] * jacobian, full_matrices=0)
+    solution: Array = scale * (U @ (s / np.maximum(s, smallest) ** 2 * (Vt @ torque)))
+    # Fewer joints than directions: some of them are never felt.
+    return solution, bool(s[-1] < smallest) or len(s) < len(jacobian)
+
+
+class WrenchEstimator(LeafSystem):
+    """Wrench of the environment on the robot from external joint torques.
+
+    ```
+    name: WrenchEstimator
+    input_ports: [external_torque, joint_position, tare]
+    output_ports: [wrench, near_singular]
+    ```
+
+    external_torque: shape (n,), from a `MomentumObserver` [Nm]. joint_position: shape (n,) [rad].
+    tare: shape (1,) [1], may be left unconnected. Above 0.5 the wrench is zero and r_0 becomes the mean torque of the
+        ticks since it rose; below -0.5 r_0 is forgotten, zero.
+    wrench: shape (6,), of the environment on the robot at the origin of `frame`, [torque; force] in `expressed_in`
+        [Nm, N]. near_singular: shape (1,), 1 while a direction is damped, else 0 [1]. Feedthrough of all inputs.
+
+    Torques or positions that are not finite hold the wrench of the last tick.
+
+    Sampling: every `period` [s] what is held and the mean for r_0; no delay.
+
+    Args:
+        model: the n joints. frame: where the wrench acts. expressed_in: any frame of the same plant; world when None.
+        moment: False if only a force acts at the frame: then the torque is zero and the force has less noise.
+        smallest: e [1]. length: of the arm, that translations are divided by [m].
+    """
+
+    def __init__(
+        self,
+        model: MomentumModel,
+        frame: Frame,
+        expressed_in: Frame | None = None,
+        *,
+        moment: bool = True,
+        smallest: float = 0.02,
+        length: float = 0.5,
+        period: float = 0.004,
+    ):
+        super().__init__()
+        n = model.num_joints
+        for given in (frame, expressed_in):
+            if given is not None and not model.owns(given):
+                raise BadInputError(f"frame {given.name()!r}: must be of the plant of the momentum model")
+        self._model, self._frame = model, frame
+        self._expressed_in = model.plant.world_frame() if expressed_in is None else expressed_in
+        self._first_row = 0 if moment else 3
+        self._smallest, self._length = check("smallest", smallest, "positive"), check("length", length, "positive")
+        self.port_units = {
+            "external_torque": "Nm",
+            "joint_position": "rad",
+            "tare": "1",
+            "wrench": "Nm,N",
+            "near_singular": "1",
+        }
+        self._torque = self.DeclareVectorInputPort("external_torque", n)
+        self._position = self.DeclareVectorInputPort("joint_position", n)
+        self._tare = self.DeclareVectorInputPort("tare", 1)
+        self._zero = self.DeclareDiscreteState(n)
+        self._count = self.DeclareDiscreteState(1)
+        self._last = self.DeclareDiscreteState(7)  # wrench, near_singular
+        self._scratch = BlockCache(
+            self,
+            "plant context",
+            lambda: AbstractValue.Make(model.create_context()),
+            lambda block, context, value: None,
+            {self.nothing_ticket()},
+        )
+        reads: Any = {port.ticket() for port in (self._torque, self._position, self._tare)}
+        reads |= {self.discrete_state_ticket(self._zero), self.discrete_state_ticket(self._last)}
+        self._now = BlockCache(
+            self,
+            "wrench and near_singular",
+            lambda: AbstractValue.Make(BasicVector(7)),
+            lambda block, context, value: value.get_mutable_value().SetFromVector(block._estimate(context)),
+            reads,
+        )
+        known = {self._now.ticket()}
+        self.DeclareVectorOutputPort("wrench", 6, self._show_wrench, prerequisites_of_calc=known)
+        self.DeclareVectorOutputPort("near_singular", 1, self._show_near, prerequisites_of_calc=known)
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=check("period", period, "positive"), offset_sec=0.0, update=self._hold
+        )
+
+    def _tare_level(self, context: Context) -> float:
+        return float(self._tare.Eval(context)[0]) if self._tare.HasValue(context) else 0.0
+
+    def _estimate(self, context: Context) -> Array:
+        torque, q = self._torque.Eval(context), self._position.Eval(context)
+        if not (np.isfinite(torque).all() and np.isfinite(q).all()):
+            held: Array = context.get_discrete_state(self._last).value()
+            return held
+        level = self._tare_level(context)
+        if not level < -0.5:
+            torque = torque - context.get_discrete_state(self._zero).value()
+        now = np.zeros(7)
+        jacobian = self._model.jacobian(self._scratch.Eval(context), q, self._frame, self._expressed_in)
+        first = self._first_row
+        now[first:6], now[6] = wrench_from_torques(
+            jacobian[first:], torque, smallest=self._smallest, length=self._length
+        )
+        if level > 0.5:
+            now[:6] = 0.0
+        return now
+
+    def _hold(self, context: Context, next_state: DiscreteValues) -> None:
+        next_state.set_value(self._last, self._now.Eval(context).value())
+        level, torque = self._tare_level(context), self._torque.Eval(context)
+        count = context.get_discrete_state(self._count).value()[0]
+        if level > 0.5 and np.isfinite(torque).all():
+            mean = context.get_discrete_state(self._zero).value() if count > 0 else np.zeros_like(torque)
+            next_state.set_value(self._zero, mean + (torque - mean) / (count + 1))
+            next_state.set_value(self._count, [count + 1])
+        elif not level > 0.5:
+            next_state.set_value(self._count, [0.0])
+            if level < -0.5:
+                next_state.set_value(self._zero, np.zeros_like(torque))
+
+    def _show_wrench(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._now.Eval(context).value()[:6])
+
+    def _show_near(self, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, self._now.Eval(context).value()[6])
