@@ -111,13 +111,14 @@ def run(
     Example: forcectl run fig_2_7 --set controller.integral_gain=2 --seed 3
     """
     from forcectl.simulation.catalog import find_scenario
+    from forcectl.simulation.progress import ProgressBars
     from forcectl.simulation.run import run as simulate
     from forcectl.simulation.run_directory import free_name
     from forcectl.simulation.tables import metrics_table, verdict_table
 
     file = find_scenario(scenario)
     directory = out or free_name(Path("runs"), file.name)
-    with _progress() as progress:
+    with ProgressBars() as progress:
         result = simulate(
             file,
             variant=variant,
@@ -219,6 +220,7 @@ def reproduce(
     Example: forcectl reproduce fig_2_7 fig_2_8 --check
     """
     from forcectl.simulation.catalog import list_experiments
+    from forcectl.simulation.progress import ProgressBars
     from forcectl.simulation.reproduce import reproduce as compare
     from forcectl.simulation.run_directory import free_name
     from forcectl.simulation.tables import verdict_table
@@ -227,7 +229,7 @@ def reproduce(
         raise BadInputError(f"reproduce: must have either names or --all, known: {', '.join(list_experiments())}")
     names = list_experiments() if all_ else list(dict.fromkeys(experiments or []))
     directory = out or free_name(Path("runs"), "reproduce")
-    with _progress() as progress:
+    with ProgressBars() as progress:
         report = compare(names, out=directory, fidelity=fidelity, workers=workers, force=force, progress=progress.show)
     console = _console()
     for part in report.parts:
@@ -357,30 +359,6 @@ def _console() -> Console:
     from rich.console import Console
 
     return Console()
-
-
-class _progress:
-    """A bar per running job on standard error, gone when all is done; nothing when that is not a terminal."""
-
-    def __enter__(self) -> _progress:
-        from rich.console import Console
-        from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
-
-        console = Console(stderr=True)
-        columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
-        self._bars = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
-        self._tasks: dict[str, Any] = {}
-        self._bars.start()
-        return self
-
-    def show(self, name: str, share: float) -> None:
-        """Move the bar called `name` to `share` of its length."""
-        if name not in self._tasks:
-            self._tasks[name] = self._bars.add_task(name, total=1.0)
-        self._bars.update(self._tasks[name], completed=share)
-
-    def __exit__(self, *_: object) -> None:
-        self._bars.stop()
 
 
 # Typer carries its own copy of Click in newer versions, so the base of its complaints is found by name.

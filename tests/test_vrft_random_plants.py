@@ -60,21 +60,28 @@ def best_distance(start, plant, stiffness, bandwidth, reference, wanted):
     return best
 
 
+# Input, what the distance is taken over, and the least share of plants within 50 %. VRFT minimises |(M - T) W u|: the
+# distance is the fitting one where u looks like it. Slow moves say little of what a step would show at once.
+KINDS = {
+    "fast moves, step": (trapezoidal_moves(speed=0.02, acceleration=1.0, period=PERIOD), np.ones, 0.95),
+    "noise, H2 norm": (1e-3 * np.random.default_rng(0).normal(size=6000), lambda size: np.eye(1, size)[0], 0.95),
+    "moves of the thesis, step": (trapezoidal_moves(period=PERIOD), np.ones, 0.9),
+}
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("kind", ["moves and steps", "noise and H2"])
+@pytest.mark.parametrize("kind", KINDS)
 def test_tuned_loops_are_as_good_as_the_best_pid_or_the_report_says_out_of_reach(kind):
-    """The distance is the one that VRFT minimises for that input: over a step for slow moves, the H2 norm for noise."""
+    u, make_reference, share = KINDS[kind]
     rng = np.random.default_rng(2018)
-    moves = trapezoidal_moves(speed=0.02, acceleration=1.0, period=PERIOD)
     ratios, flagged, beyond = [], 0, []
     for _ in range(PLANTS):
         *plant, slowness, stiffness = random_plant(rng)
         bandwidth = min(10 ** rng.uniform(-1.0, 0.3) / slowness, 50.0)
         model = first_order(bandwidth, PERIOD)
-        u = moves if kind == "moves and steps" else 1e-3 * rng.normal(size=6000)
         fit = fit_vrft(u, lfilter(*plant, u), model, discrete_pid(PERIOD))
         horizon = int(min(max(8 / bandwidth, 5 * slowness) / PERIOD, 8000))
-        reference = np.ones(horizon) if kind == "moves and steps" else np.eye(1, horizon)[0]
+        reference = make_reference(horizon)
         wanted = model.response(reference)
         tuned = distance(fit.gains, plant, reference, wanted)
         best = best_distance(fit.gains, plant, stiffness, bandwidth, reference, wanted)
@@ -89,6 +96,6 @@ def test_tuned_loops_are_as_good_as_the_best_pid_or_the_report_says_out_of_reach
         f"mismatch, flagged): {[tuple(round(float(v), 3) for v in row) for row in beyond]}"
     )
     assert np.median(ratios) <= 1.1
-    assert np.mean(np.array(ratios) <= 1.5) >= 0.95
+    assert np.mean(np.array(ratios) <= 1.5) >= share
     assert all(row[-1] for row in beyond)
-    assert flagged <= 0.75 * len(ratios)  # a flag that is always up says nothing
+    assert flagged <= 0.8 * len(ratios)  # a flag that is always up says nothing
