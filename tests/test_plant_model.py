@@ -46,6 +46,12 @@ def test_a_loop_that_diverges_is_predicted_to():
     assert np.isfinite(plant.closed_loop_step(fir(1, TS), [-4e-5], 4000)).all()
 
 
+def test_an_input_that_moves_only_at_the_end_explains_nothing():
+    u = np.zeros(500)
+    u[-1] = -1e-3
+    assert identify_plant(u, np.sin(0.1 * np.arange(500)), TS).explained <= 0.0
+
+
 def test_the_beginning_of_the_record_may_rest_for_long():
     u = np.concatenate([np.zeros(30_000), trapezoidal_moves()])
     plant = identify_plant(u, lfilter(*contact(1e4, (12.6,), 3), u), TS)

@@ -139,6 +139,48 @@ def test_quantised_steps_after_long_rests_are_not_taken_for_saturation(tmp_path)
     assert read_record(write(tmp_path, columns)).u.size == u.size
 
 
+def test_damaged_files_are_refused_in_one_line_or_read(tmp_path):
+    text = write(tmp_path, {name: values[:400] for name, values in good().items()}).read_text()
+    rng = np.random.default_rng(0)
+    pieces = [
+        "nan",
+        "inf",
+        "",
+        '"',
+        ",",
+        ";",
+        "\t",
+        "1e400",
+        "-",
+        "\n",
+        "[",
+        "mm",
+        "\x00",
+        "é",
+        "#",
+        "1_000",
+        "time [s]",
+        "\r",
+    ]
+    messages = []
+    for _ in range(150):
+        damaged = text
+        for _ in range(rng.integers(1, 4)):
+            place = rng.integers(0, len(damaged) if rng.random() < 0.6 else 60)
+            piece = pieces[rng.integers(len(pieces))]
+            damaged = damaged[:place] + piece + damaged[place + rng.integers(0, 20) :]
+        (tmp_path / "damaged.csv").write_text(damaged, encoding="utf-8")
+        try:
+            record = read_record(tmp_path / "damaged.csv")
+        except BadInputError as error:
+            messages.append(str(error))
+        else:
+            assert np.isfinite(record.u).all()
+            assert np.isfinite(record.y).all()
+    assert len(messages) > 75
+    assert not any("\n" in message for message in messages)
+
+
 def test_one_column_cannot_be_both(tmp_path):
     with pytest.raises(BadInputError, match="both"):
         read_record(write(tmp_path, good()), input_column="force")

@@ -260,6 +260,8 @@ GOOD_U, GOOD_Y = record()
         ({"u": np.zeros_like(GOOD_U)}, "nothing can be learnt"),
         ({"y": np.full_like(GOOD_Y, 3.0)}, "nothing can be learnt"),
         ({"y": np.where(np.arange(GOOD_Y.size) == 17, np.nan, GOOD_Y)}, r"y\[17\] = nan"),
+        ({"y": np.where(np.arange(GOOD_Y.size) == 17, 1e200, GOOD_Y)}, r"y\[17\] = 1e\+200"),
+        ({"u": 1e-200 * GOOD_U}, "nothing can be learnt"),
         ({"u": GOOD_U[:20], "y": GOOD_Y[:20]}, "at least 31 for 3 gains"),
         ({"u": "words"}, "numbers"),
         ({"model": first_order(1.5, 0.004)}, "period of the reference model"),

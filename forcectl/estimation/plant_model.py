@@ -108,6 +108,8 @@ def _fit(u: Array, y: Array, pole: float, delay: int) -> _Fit:
     (triangle,) = qr(rows, mode="r", overwrite_a=True, check_finite=False)
     matrix, wanted = triangle[: _TERMS + 1, :_TERMS], triangle[: _TERMS + 1, _TERMS]
     left, singular, right = np.linalg.svd(matrix, full_matrices=False)
+    if not singular[0]:  # the input moves too late to show in the output
+        return float(wanted @ wanted), pole, delay, np.zeros(_TERMS)
     seen = left.T @ wanted
     noise = max(float(wanted @ wanted - seen @ seen), 0.0) / max(y.size - _TERMS, 1)
     # What the input hardly moves would be fitted to the noise: it is held to the size of what is well known.

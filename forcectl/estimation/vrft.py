@@ -32,6 +32,7 @@ from forcectl.lanes import check_count
 Array = NDArray[np.float64]
 
 OUT_OF_REACH = 0.1  # a model mismatch above this is said to be out of reach
+_LARGEST = 1e15  # [m] or [N], and one over it the smallest range: sums of squares stay finite
 _SETTLED = 0.02  # of a unit step: growth of a smaller error is none
 _BLOCKS = 32  # of the record, for standard errors that hold with correlated residuals
 _LONGEST_BLOCK = 50_000  # [samples], bounds the memory
@@ -193,9 +194,10 @@ def _signal(name: str, values: ArrayLike) -> Array:
         raise invalid(name, type(values).__name__, "an array of numbers") from None
     if array.ndim != 1:
         raise BadInputError(f"{name} has shape {array.shape}: must be one-dimensional")
-    if not np.isfinite(array).all():
-        k = int(np.flatnonzero(~np.isfinite(array))[0])
-        raise invalid(f"{name}[{k}]", float(array[k]), "a finite number")
+    sound = np.abs(array) <= _LARGEST
+    if not sound.all():
+        k = int(np.argmin(sound))
+        raise invalid(f"{name}[{k}]", float(array[k]), f"a finite number, at most {_LARGEST:g} in size")
     return array
 
 
@@ -206,7 +208,7 @@ def _check(u: Array, y: Array, model: ReferenceModel, basis: ControllerBasis) ->
     if u.size < least:
         raise BadInputError(f"u has {u.size} samples: must have at least {least} for {basis.size} gains")
     for name, values in (("u", u), ("y", y)):
-        if values.min() == values.max():
+        if np.ptp(values) < 1 / _LARGEST:
             raise invalid(f"{name} (all samples)", float(values[0]), "changing: nothing can be learnt from a constant")
     if abs(model.period - basis.period) > 1e-9 * basis.period:
         raise invalid("period of the reference model", model.period, f"that of the controller, {basis.period:g} s")
