@@ -50,15 +50,15 @@ class JointLimits:
     torque: Array  # joint side [Nm]
 
 
-def unit_normal(n: ArrayLike) -> Array:
-    """n as a unit vector of shape (3,); BadInputError when it is not a direction."""
+def unit_normal(n: ArrayLike, name: str = "normal") -> Array:
+    """n as a unit vector of shape (3,); BadInputError, with its name, when it is not a direction."""
     try:
         vector = np.asarray(n, dtype=float)
     except (TypeError, ValueError):
-        raise invalid("normal", n, "three numbers") from None
+        raise invalid(name, n, "three numbers") from None
     length = np.linalg.norm(vector) if vector.shape == (3,) else np.nan
     if not np.isfinite(length) or length < 1e-9:
-        raise invalid("normal", np.asarray(n).tolist(), "three finite numbers, not all zero")
+        raise invalid(name, np.asarray(n).tolist(), "three finite numbers, not all zero")
     unit: Array = vector / length
     return unit
 

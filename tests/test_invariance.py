@@ -293,6 +293,7 @@ def test_bad_states_and_bounds(function) -> None:
         (lambda: iv.alpha_for_rate_limit(-1.0, 1.0, -1.0), "force_error"),
         (lambda: iv.alpha_for_rate_limit(1.0, 0.0, -1.0), "rate_limit"),
         (lambda: iv.alpha_for_rate_limit(1.0, 1.0, 1.0), "gamma"),
+        (lambda: iv.alpha_for_rate_limit("a", 1.0, -1.0), "force_error"),
         (lambda: iv.alpha_for_compliance(0.0, 1.0), "lower"),
         (lambda: iv.alpha_for_compliance(2.0, 1.0), "upper"),
         (lambda: iv.alpha_for_compliance(1.0, 2.0, margin=1.0), "margin"),

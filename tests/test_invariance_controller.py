@@ -131,6 +131,15 @@ def test_a_second_regulated_output_reaches_its_set_point_without_overshoot_besid
         assert np.flatnonzero(away)[-1] * PERIOD < 2 * math.sqrt(distance / gamma)
 
 
+def test_a_second_regulated_output_keeps_its_own_acceleration_beside_a_corrected_integral_law() -> None:
+    for place in (0.01, -0.01):  # from either side of the set point
+        log = drive(make(nominal_gain=3.0, outputs=[RegulatedCoordinate(SIDE, place, -0.05)]), 900)
+        moved = tips(log)
+        assert np.abs(np.diff(moved[:, 1], n=2)).max() < 0.0501 * PERIOD**2
+        assert moved[-1, 1] == pytest.approx(place, abs=1e-7)
+        assert moved[:, 2].min() > -STEP - 1e-8
+
+
 def test_a_compliance_input_moves_the_set_point() -> None:
     log = drive(make(compliance=None), 900, compliance=lambda k: COMPLIANCE * (0.8 if k < 400 else 1.0))
     assert log["displacement_command"][390] == pytest.approx(-0.8 * STEP, rel=1e-6)

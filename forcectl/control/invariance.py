@@ -264,7 +264,8 @@ def alpha_for_rate_limit(force_error: ArrayLike, rate_limit: ArrayLike, gamma: A
         force_error: dF [N] that remains when the force rate reaches its limit, >= 0.
         rate_limit: F'_max [N/s], > 0. gamma: [N/s^3], < 0.
     """
-    error, rate, bound = (np.asarray(v, dtype=float) for v in (force_error, rate_limit, gamma))
+    error, rate = _numbers("force_error", force_error), _numbers("rate_limit", rate_limit)
+    bound = _numbers("gamma", gamma)
     for name, value, good, allowed in (
         ("force_error", error, error >= 0, "not negative"),
         ("rate_limit", rate, rate > 0, "positive"),
@@ -285,7 +286,7 @@ def alpha_for_compliance(lower: ArrayLike, upper: ArrayLike, *, margin: float = 
     Args:
         lower, upper: C_min and C_max [m/N], 0 < C_min <= C_max. margin: > 1.
     """
-    least, most = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
+    least, most = _numbers("lower", lower), _numbers("upper", upper)
     if not np.all((least > 0) & np.isfinite(least)):
         raise invalid("lower", least.tolist(), "positive and finite")
     if not np.all((most >= least) & np.isfinite(most)):

@@ -5,8 +5,8 @@
     q[k+1] = q[k] + Ts q'[k] + Ts^2 u/2,    q'[k+1] = q'[k] + Ts u
 
 with q the commanded joint positions, x = x(q), and ybar'' the acceleration of the scalar law (`regulate_force`). With a
-nominal gain, instead, the integral law proposes u_nom, and min |u - u_nom|^2 is corrected by the same rows (3.18).
-Further regulated outputs have a y, a ybar'' and a row of their own (3.37).
+nominal gain, instead, the integral law proposes the force's part of u_nom, and min |u - u_nom|^2 is corrected by the
+same rows (3.18). Further regulated outputs have a y, a ybar'' and a row of their own (3.37).
 
 The rows are, soft ones first: y'' <= ybar'' for every regulated output; then, hard, the maximum force, joint torques
 and whatever constraints there are. Joint positions, speeds and accelerations bound u. When they contradict each other
@@ -168,7 +168,8 @@ class InvarianceController(LeafSystem):
         self._axes = np.vstack([robot.n, *(output.axis for output in outputs)])
         if not np.allclose(self._axes @ self._axes.T, np.eye(len(self._axes)), atol=1e-6):
             raise BadInputError("outputs: their axes must be perpendicular to the normal and to each other")
-        self._gammas = [self._gamma, *(check_gamma("outputs.gamma", output.gamma) for output in outputs)]
+        for output in outputs:
+            check_gamma("outputs.gamma", output.gamma)
         self._across = np.eye(3) - self._axes.T @ self._axes
         # y'' of the force is -x'' along n, that of a coordinate is x'' along its axis.
         self._signs = np.array([-1.0] + [1.0] * len(outputs))
@@ -276,7 +277,7 @@ class InvarianceController(LeafSystem):
             for output, xi, vi in zip(self._outputs, x[1:], rates[1:], strict=True):
                 outputs.append(output.regulate(xi, vi, Ts))
             if self._nominal_gain is not None:
-                outputs = self._nominal(self._nominal_gain, outputs, compliance * (measured - desired))
+                outputs[0] = self._nominal(self._nominal_gain, force, compliance * (measured - desired))
             wanted = self._wanted(context, motion, (reference, last, before), outputs, along.missed)
             solution, active, near, direct = self._solve(motion, rows, along, wanted, outputs)
             violation = max(violation, direct)
@@ -296,13 +297,9 @@ class InvarianceController(LeafSystem):
         expected = (rate + Ts * bending, self._constraints.foresee(rows, u))
         return np.concatenate([[time], position, velocity, reference, last, [*past, touched], *expected, shown])
 
-    def _nominal(self, gain: float, outputs: list[Regulated], force_error: float) -> list[Regulated]:
-        """The same outputs with the accelerations of the integral law; `force_error`: C_T_hat (F - F_bar) [m]."""
-        errors = [force_error, *(output.y for output in outputs[1:])]
-        return [
-            corrected(output, (-gain * error - output.rate) / self._period, gamma, self._period)
-            for output, error, gamma in zip(outputs, errors, self._gammas, strict=True)
-        ]
+    def _nominal(self, gain: float, force: Regulated, force_error: float) -> Regulated:
+        """The force with the acceleration of the integral law; `force_error`: C_T_hat (F - F_bar) [m]."""
+        return corrected(force, (-gain * force_error - force.rate) / self._period, self._gamma, self._period)
 
     def _wanted(
         self,

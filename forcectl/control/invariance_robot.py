@@ -7,6 +7,7 @@ from math import inf
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import AffineSystem
 
@@ -18,10 +19,12 @@ from forcectl.control.regulated_output import RegulatedCoordinate
 from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.imports import import_object
-from forcectl.lanes import check, lane_values, whole_multiple
+from forcectl.lanes import check, whole_multiple
 from forcectl.plant.force_sensor import sensor_filter
 from forcectl.plant.tip_kinematics import TipDisplacement
 from forcectl.robot import JointLimits, unit_normal
+
+Array = NDArray[np.float64]
 
 
 class AdaptiveInvarianceController(Diagram):
@@ -96,7 +99,8 @@ class WallConfig:
     gamma: float = -1.0  # [m/s^2], < 0: deceleration towards it
 
     def __post_init__(self) -> None:
-        lane_values("point", self.point, 3)
+        if len(self.point) != 3:
+            raise invalid("point", self.point, "three numbers")
         unit_normal(self.normal)
         check_gamma("gamma", self.gamma)
 
@@ -135,7 +139,7 @@ class OutputConfig:
     gamma: float = -0.1  # [m/s^2], < 0: deceleration towards it
 
     def __post_init__(self) -> None:
-        unit_normal(self.axis)
+        unit_normal(self.axis, "axis")
         check("displacement", self.displacement)
         check_gamma("gamma", self.gamma)
 
@@ -170,6 +174,11 @@ class InvarianceRobotConfig:
     def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> System:
         """Add the controller; without adaptation it believes in `compliance_error` times the true total compliance."""
         robot = _robot(facts)
+        tip = _tip(robot)
+        for i, wall in enumerate(self.walls):
+            if unit_normal(wall.normal) @ (tip - wall.point) < 0:
+                behind = f"so that the tool is in front of the wall where it starts, {np.round(tip, 4).tolist()} m"
+                raise invalid(f"walls.{i}.point", wall.point, behind)
         constraints = [CartesianWall(wall.point, wall.normal, wall.gamma) for wall in self.walls]
         known = self.compliance_error * facts.total_compliance.item()
         controller = InvarianceController(
@@ -196,6 +205,13 @@ def _robot(facts: LoopFacts) -> RobotFacts:
     if facts.robot is None:
         raise BadInputError("controller !InvarianceRobot commands joints: there must be a robot in the loop")
     return facts.robot
+
+
+def _tip(robot: RobotFacts) -> Array:
+    """Where the tool centre point is at the start, in W (3,) [m]."""
+    context = robot.model.create_context()
+    robot.model.set_positions(context, robot.start)
+    return robot.model.tip_position(context)
 
 
 def _displacement(robot: RobotFacts) -> System:

@@ -28,7 +28,7 @@ GRID = 2e-5  # distance of the points of a profile [m]
 _NARROWEST = 5 * GRID  # what such a grid resolves [m]
 _STEEPEST = 0.3  # slope [-] up to which n is still a fair contact normal
 _LONGEST = 2.0  # path [m]; keeps the grid small
-_HIGHEST = 0.05  # height in a file [m]: beyond it the file is hardly in metres
+_HIGHEST = 0.05  # height in a file, of a groove, of roughness [m]: beyond it the number is hardly in metres
 
 
 def groove_profile(s: Array, centre: float, depth: float, width: float, flank: float) -> Array:
@@ -155,6 +155,8 @@ class GrooveConfig:
             check(name, getattr(self, name), "positive")
         if check("width", self.width) < _NARROWEST:
             raise invalid("width", self.width, f"at least {_NARROWEST:g} m")
+        if self.depth > _HIGHEST:
+            raise invalid("depth", self.depth, f"at most {_HIGHEST:g} m")
         if self.flank is not None and not 0 <= check("flank", self.flank) <= self.width / 2:
             raise invalid("flank", self.flank, f"from 0 to width/2 = {self.width / 2:g} m")
         for position in self.positions:
@@ -188,7 +190,8 @@ class RoughnessConfig:
     seed: int = 0  # its own: the surface is the same whatever the noise; >= 0
 
     def __post_init__(self) -> None:
-        check("rms", self.rms, "positive")
+        if check("rms", self.rms, "positive") > _HIGHEST:
+            raise invalid("rms", self.rms, f"at most {_HIGHEST:g} m")
         if check("correlation_length", self.correlation_length) < _NARROWEST:
             raise invalid("correlation_length", self.correlation_length, f"at least {_NARROWEST:g} m")
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
