@@ -245,7 +245,14 @@ LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str
     ),
     RecursiveVrft: (
         lambda size=2, **changed: RecursiveVrft(size, **changed),
-        {"bandwidth": POSITIVE, "forgetting": POSITIVE, "resolution": NOT_NEGATIVE},
+        {
+            "bandwidth": POSITIVE,
+            "forgetting": POSITIVE,
+            "resolution": NOT_NEGATIVE,
+            "minimum_force": NOT_NEGATIVE,
+            "minimum_rate": NOT_NEGATIVE,
+            "gain_range": POSITIVE,
+        },
     ),
     ExperimentSequencer: (
         lambda size=2, **changed: ExperimentSequencer(size, **changed),

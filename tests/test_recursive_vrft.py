@@ -157,6 +157,7 @@ def test_the_block_gives_what_the_function_gives_one_tick_later(prefilter):
 
 def test_it_learns_only_while_the_experiment_runs():
     u, y = record(0.02)
+    y = y - y[0]
     mode = {"mode": lambda t: 1.0 if t >= 2.0 - PERIOD / 2 else 0.0}
     found = tuned(RecursiveVrft(1), u, y, **mode)[:, 0]
     assert (found[1002:] == found[1001]).all()

@@ -9,6 +9,7 @@ import numpy as np
 from block_example import Example, each
 from pydrake.systems.framework import DiagramBuilder, System
 
+from forcectl.control.adaptive_vrft import AdaptiveVrft
 from forcectl.control.force_law import LoopFacts
 from forcectl.control.linear_law import LinearForceLaw
 from forcectl.diagrams.vrft_experiment import ExperimentSequencer, RecursiveVrftConfig, VrftExperiment
@@ -58,6 +59,20 @@ VRFT_EXAMPLES: dict[type[System], list[Example]] = {
             inputs={"controller_output": push, "measured_force": force},
         )
         for prefilter, always in ((True, False), (False, True))
+    ],
+    AdaptiveVrft: [
+        Example(
+            lambda: AdaptiveVrft(
+                LinearForceLaw(2, robot_compliance=3e-5),
+                RecursiveVrft(2, prefilter=False, always=True, initial_gains=VALUES, gain_range=10.0, forgetting=0.99),
+            ),
+            {
+                pair
+                for output in ("displacement_command", "controller_output")
+                for pair in each(output, "desired_force", "measured_force")
+            },
+            {"desired_force": force, "measured_force": force},
+        )
     ],
     ExperimentSequencer: [
         Example(

@@ -16,7 +16,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.framework import Context, DiagramBuilder, System
 
 from forcectl.control.force_law import LoopFacts
 from forcectl.control.integral import check_limits
@@ -200,6 +200,6 @@ class VrftConfig:
             period=facts.period,
         )
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> LinearForceLaw:
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> System:
         """Add the law."""
         return builder.AddNamedSystem("force_law", self.law(facts))

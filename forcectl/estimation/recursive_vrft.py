@@ -25,6 +25,7 @@ from forcectl.lanes import SCALAR_MATH, Lane, LaneBlock, Parameter, check, lane_
 
 GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
 _WAIT = 3.0  # samples after a gap until the differences no longer reach across it
+_SMOOTHING = 0.05  # per sample, of the rate of the force
 _DATA = 11  # numbers that `regressor_step` remembers
 
 
@@ -137,18 +138,21 @@ class RecursiveVrft(LaneBlock):
     name: RecursiveVrft
     input_ports: [controller_output, measured_force, mode (optional)]
     output_ports: [proportional_gain, integral_gain, derivative_gain]
-    parameters: [bandwidth, forgetting, resolution]
+    parameters: [bandwidth, forgetting, resolution, minimum_force, minimum_rate, gain_range]
     ```
 
     controller_output: shape (n,), u_hat as commanded [m]. measured_force: shape (n,) [N].
-    mode: shape (n,); samples count while it is below 0.5 (`EXCITE`). The port does not exist with `always`.
-    proportional_gain, integral_gain, derivative_gain: shape (n,), K_P [m/N], K_I [m/(N s)], K_D [m s/N]; zero before
-        the first sample. State, no direct feedthrough.
+    mode: shape (n,); samples count while it is below 0.5 (`EXCITE`). The port does not exist with `always`; force and
+        displacement are then counted from zero, not from the first sample.
+    proportional_gain, integral_gain, derivative_gain: shape (n,), K_P [m/N], K_I [m/(N s)], K_D [m s/N];
+        `initial_gains` before the first sample. State, no direct feedthrough.
 
     Parameters (Context, shape (n,)): bandwidth w_c [rad/s] > 0 of the reference model, below 1/period; forgetting in
     (0, 1], 1 for a surface that does not change; resolution [N] >= 0 that the force is rounded to before it is used, as
     in a recording. Second differences of a force without any round-off tell a K_D that no measured data would (targets,
-    section 2).
+    section 2). For tuning that goes on while the law regulates: minimum_force [N] >= 0 and minimum_rate [N/s] >= 0,
+    below which nothing is learnt, the rate smoothed over 20 samples; gain_range [1] > 0, the factor or its inverse that
+    K_P and K_I stay within of the initial gains, infinite: no bounds. P is kept from growing beyond P_0 by forgetting.
 
     A sample that is not finite is skipped, and the two after it whose differences reach across the gap.
 
@@ -156,7 +160,8 @@ class RecursiveVrft(LaneBlock):
 
     Args:
         prefilter: weigh with M (1 - M); without it, noise biases K_P. initial_covariance: P_0 is this times the
-            identity, > 0, for the gains K_P, K_I Ts, K_D/Ts and the data as in (4.27).
+            identity, > 0, for the gains K_P, K_I Ts, K_D/Ts and the data as in (4.27). initial_gains: K_P, K_I, K_D,
+            each a number or shape (n,).
     """
 
     port_units = {"proportional_gain": "m/N", "integral_gain": "m/(N s)", "derivative_gain": "m s/N"}
@@ -168,28 +173,38 @@ class RecursiveVrft(LaneBlock):
         bandwidth: ArrayLike = 1.5,
         forgetting: ArrayLike = 1.0,
         resolution: ArrayLike = 0.0,
+        minimum_force: ArrayLike = 0.0,
+        minimum_rate: ArrayLike = 0.0,
+        gain_range: ArrayLike = np.inf,
+        initial_gains: Sequence[ArrayLike] = (0.0, 0.0, 0.0),
         initial_covariance: ArrayLike = 100.0,
         prefilter: bool = True,
         always: bool = False,
         period: float = 0.002,
     ):
         self._period = check("period", period, "positive")
+        self._highest = lane_values("initial_covariance", initial_covariance, size, "positive and finite")
+        units = zip(initial_gains, (1.0, period, 1.0 / period), strict=True)
+        self._first = [lane_values("initial_gains", value, size) * unit for value, unit in units]
         super().__init__(
             size,
             {
                 "bandwidth": Parameter(bandwidth, "positive and finite", "rad/s"),
                 "forgetting": Parameter(forgetting, "above 0 and at most 1", "1"),
                 "resolution": Parameter(resolution, "not negative", "N"),
+                "minimum_force": Parameter(minimum_force, "not negative", "N"),
+                "minimum_rate": Parameter(minimum_rate, "not negative", "N/s"),
+                "gain_range": Parameter(gain_range, "positive", "1"),
             },
         )
         self._prefilter = prefilter
         self._output = self.DeclareVectorInputPort("controller_output", size)
         self._force = self.DeclareVectorInputPort("measured_force", size)
         self._mode = None if always else self.DeclareVectorInputPort("mode", size)
-        covariance = lane_values("initial_covariance", initial_covariance, size, "positive and finite")
-        zero = np.zeros(size)
-        # theta, D, U and the data, see `rls_step` and `regressor_step`.
-        self._memory = self.DeclareDiscreteState(np.concatenate([zero] * 3 + [covariance] * 3 + [zero] * (3 + _DATA)))
+        zero, rest_known = np.zeros(size), np.full(size, float(always))
+        # theta, D, U, the smoothed rate and the data, see `rls_step` and `regressor_step`.
+        start = [*self._first, *[self._highest] * 3, *[zero] * 4, rest_known, *[zero] * (_DATA - 1)]
+        self._memory = self.DeclareDiscreteState(np.concatenate(start))
         for i, (name, factor) in enumerate(zip(GAINS, (1.0, 1.0 / period, period), strict=True)):
             self._declare_gain(name, i, factor)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
@@ -209,9 +224,14 @@ class RecursiveVrft(LaneBlock):
         self.DeclareVectorOutputPort(name, self._size, show, prerequisites_of_calc=reads)
 
     def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
-        """(A, forgetting, resolution)."""
-        bandwidth, forgetting, resolution = values
-        return 1.0 - self._period * bandwidth, forgetting, resolution
+        """(A, forgetting, resolution, least force and rate, bounds of K_P and K_I Ts or None, P_0)."""
+        m = self.math
+        bandwidth, forgetting, resolution, force, rate, span = values
+        bounds = None
+        if np.all(np.isfinite(span)):
+            first = [self.lane(gain) for gain in self._first[:2]]
+            bounds = [(m.minimum(g / span, g * span), m.maximum(g / span, g * span)) for g in first]
+        return 1.0 - self._period * bandwidth, forgetting, resolution, force, rate, bounds, self.lane(self._highest)
 
     def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
         """The reference model is stable and does not alternate."""
@@ -221,22 +241,29 @@ class RecursiveVrft(LaneBlock):
 
     def _update(self, context: Context, next_state: DiscreteValues) -> None:
         m = self.math
-        decay, forgetting, resolution = self._values.Eval(context)
+        decay, forgetting, resolution, least, slowest, bounds, highest = self._values.Eval(context)
         u, y = self.lane(self._output.Eval(context)), self.lane(self._force.Eval(context))
         y = rounded(y, resolution, m)
         memory = self.lanes(context.get_discrete_state(self._memory).value())
-        theta, diagonal, upper, data = memory[:3], memory[3:6], memory[6:9], memory[9:]
+        theta, diagonal, upper, rate, data = memory[:3], memory[3:6], memory[6:9], memory[9], memory[10:]
         phi, target, learn, after = regressor_step(data, u, y, decay, self._prefilter, m)
+        rate = rate + _SMOOTHING * ((after[4] - data[4]) / self._period - rate)
+        learn = learn & (abs(after[4]) >= least) & (abs(rate) >= slowest)
+        kept: Sequence[Lane] = [rate, *after]
         if self._mode is not None:
             running = self.lane(self._mode.Eval(context)) < 0.5
             learn = learn & running
-            after = self._choose(running, after, data)
+            kept = self._choose(running, kept, memory[9:])
         estimate, diagonal, upper = rls_step(theta, diagonal, upper, phi, target, forgetting)
+        diagonal = [m.minimum(d, highest) for d in diagonal]
+        if bounds is not None:
+            within = [m.minimum(m.maximum(g, low), high) for g, (low, high) in zip(estimate, bounds, strict=False)]
+            estimate = [*within, estimate[2]]
         # Infinity minus infinity is not a number, so one comparison catches both NaN and overflow.
         total = estimate[0] + estimate[1] + estimate[2]
         learn = learn & (total - total == 0)
         learnt = self._choose(learn, [*estimate, *diagonal, *upper], memory[:9])
-        next_state.set_value(self._memory, self.stack(*learnt, *after))
+        next_state.set_value(self._memory, self.stack(*learnt, *kept))
 
     def _choose(self, condition: Lane, new: Sequence[Lane], old: Sequence[Lane]) -> Sequence[Lane]:
         if self._size == 1:
