@@ -43,6 +43,14 @@ def sines(start: Array, speed: Array, frequencies: Array, duration: float) -> Pi
     return PiecewisePolynomial.CubicWithContinuousSecondDerivatives(t, q, 0 * start, 0 * start)
 
 
+def excitation(robot: RobotModel, share: float, duration: float) -> PiecewisePolynomial:
+    """All joints around the default posture at this share of their speed limits, well inside their position limits."""
+    start, limits = robot.facts.default_posture, robot.limits
+    frequencies = np.linspace(0.7, 1.3, robot.num_joints)
+    room = 0.6 * np.minimum(start - limits.position_lower, limits.position_upper - start)
+    return sines(start, np.minimum(share * limits.velocity, 2 * np.pi * frequencies * room), frequencies, duration)
+
+
 @dataclass
 class Record:
     """What the loop logged at every tick: rows of time, and columns of the joints or of the wrench."""
@@ -73,6 +81,7 @@ class ArmLoop:
         gain: float = 25.0,
         move: Array | float = 0.0,
         still: Array | float = 0.0,
+        sampled_torque: bool = False,
     ):
         self.robot = RobotModel.load(robot, tool)
         n = self.robot.num_joints
@@ -120,7 +129,7 @@ class ArmLoop:
         connect(rest.get_output_port(), plant.get_applied_generalized_force_input_port())
         connect(split.get_output_port(0), observer.GetInputPort("joint_position"))
         connect(split.get_output_port(1), observer.GetInputPort("joint_velocity"))
-        integral = add_torque_integral(builder, servo.get_output_port(), time_step)
+        integral = add_torque_integral(builder, servo.get_output_port(), TICK if sampled_torque else time_step)
         connect(integral, observer.GetInputPort("torque_integral"))
         connect(observer.GetOutputPort("external_torque"), wrench.GetInputPort("external_torque"))
         connect(split.get_output_port(0), wrench.GetInputPort("joint_position"))
@@ -173,10 +182,13 @@ class ArmLoop:
                 rows[name].append(port.Eval(owner))
         return Record(**{name: np.array(values) for name, values in rows.items()})
 
+    def jacobian(self, q: Array) -> Array:
+        """J_WT, shape (6, n)."""
+        return self.model.jacobian(self.model.create_context(), q, self.robot.tcp_frame, self.robot.plant.world_frame())
+
     def external_torque(self, q: Array, wrench: Array) -> Array:
         """True external joint torques of a wrench on the tool centre point."""
-        J = self.model.jacobian(self.model.create_context(), q, self.robot.tcp_frame, self.robot.plant.world_frame())
-        return J.T @ wrench
+        return self.jacobian(q).T @ wrench
 
 
 def postures(robot: RobotModel, count: int, seed: int, *, least: float = 0.1) -> list[Array]:

@@ -15,9 +15,9 @@ than a step of 0.5 to 1 ms allows and a joint would creep under load, so there t
       v+ = soft(s, dt tau_C/B)/(1 + dt D/B),   D = D+ or D- by the sign of s,    soft(s, c) = sign(s) max(|s| - c, 0)
 
   which is exact: a sticking axis stands still (`sticking_speed`, `StickingSpeed`).
-- in a multibody plant with rigid joints, one more actuator per joint that regulates the speed to zero with an effort of
-  at most tau_C (`add_coulomb_friction`). Drake solves it with the contacts, implicitly; a sticking joint creeps by
-  load/1e7 Nms/rad, below what its solver resolves (1e-6 rad/s).
+- in a multibody plant with rigid joints, one more actuator per joint that regulates the speed to zero with an effort
+  of at most tau_C (`add_coulomb_friction`). Drake solves it implicitly, with the contacts; a sticking joint creeps by a
+  few 1e-6 rad/s, what its solver resolves.
 """
 
 from __future__ import annotations
