@@ -117,6 +117,8 @@ class ControlFacts:
         Raises:
             BadInputError: there is no such arm.
         """
+        if not self.arms:
+            raise BadInputError(f"{self.model} has one arm, which needs no name: leave out '/{arm}'")
         if arm not in self.arms:
             raise unknown(f"arm of {self.model}", arm, self.arms)
         joints = self.arms[arm].joints
