@@ -35,7 +35,7 @@ from forcectl.plant.joint_friction import JointFriction, friction_threshold, mea
 Array = NDArray[np.float64]
 
 
-def residual_step(residual: Array, mean_torque: Array, gain: Array, elapsed: float) -> Array:
+def residual_step(residual: Array, mean_torque: Array, gain: Array | float, elapsed: float) -> Array:
     """(5.7) over a time in which the external torque has this mean; arguments [Nm, Nm, 1/s, s]."""
     stepped: Array = residual - np.expm1(-gain * elapsed) * (mean_torque - residual)
     return stepped
