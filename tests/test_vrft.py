@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 from scipy.signal import lfilter
-from vrft_records import TS, contact, trapezoidal_moves
+from vrft_records import TS, contact, loop_step, trapezoidal_moves
 
 from forcectl.errors import BadInputError
 from forcectl.estimation.controller_basis import continuous_pid, discrete_pid, fir
@@ -222,6 +222,15 @@ def test_a_reference_model_with_the_delay_of_the_plant_is_matched_one_that_is_to
     assert late.model_mismatch < 0.05 < early.model_mismatch < hasty.model_mismatch
     assert (late.out_of_reach, hasty.out_of_reach) == (False, True)
     assert any("out of reach" in line for line in hasty.warnings)
+
+
+@pytest.mark.parametrize("delay", [1, 10, 40, 60])
+@pytest.mark.parametrize("bandwidth", [1.5, 4.5, 12.0, 40.0])
+def test_stability_of_the_tuned_loop_is_predicted(delay, bandwidth):
+    fit = fit_vrft(*record(delay=delay), first_order(bandwidth, TS), discrete_pid(TS))
+    step = loop_step(fit.gains, *contact(5.9e3, LAGS, delay), 40_000)
+    late, early = np.abs(step[-5000:] - 1).max(), np.abs(step[5000:10_000] - 1).max()
+    assert fit.stable == bool(np.isfinite(late) and late < 0.5 * early + 1e-3)
 
 
 def test_a_single_sinusoid_excites_two_gains_only():

@@ -52,6 +52,12 @@ class PlantModel:
         """Output per input at rest [N/m]; minus the stiffness of a contact."""
         return float(np.sqrt((1 + self.pole) / (1 - self.pole)) * self.coefficients.sum())
 
+    def rise_samples(self, longest: int) -> int:
+        """Samples until the response to a step has passed 63 % of where it ends, at most `longest`."""
+        step = self.response(np.ones(longest)) * np.sign(self.static_gain)
+        over = step >= 0.63 * abs(self.static_gain)
+        return int(np.argmax(over)) if over.any() else longest
+
     def closed_loop_step(self, basis: ControllerBasis, gains: ArrayLike, samples: int) -> Array:
         """Output of the loop that the controller closes, for a unit step of the reference, shape (samples,) [-].
 

@@ -37,6 +37,7 @@ _SETTLED = 0.02  # of a unit step: growth of a smaller error is none
 _BLOCKS = 32  # of the record, for standard errors that hold with correlated residuals
 _LONGEST_BLOCK = 50_000  # [samples], bounds the memory
 _HORIZON = 8  # time constants of the reference model that are predicted
+_PLANT_HORIZON = 20  # rise times of the plant that are predicted on top: as long as a loop may oscillate
 _LONGEST_HORIZON = 8_000  # [samples]
 
 
@@ -150,7 +151,8 @@ def fit_vrft(
         u, y, triangle[:size, :size], lambda noise: _columns(_filtered(u, noise, model, prefilter, weight)[0], basis)
     )
     plant = identify_plant(u, y, basis.period)
-    horizon = int(min(_HORIZON * model.time_constant / model.period + 10 * model.delay + 100, _LONGEST_HORIZON))
+    slow = _HORIZON * model.time_constant / model.period + _PLANT_HORIZON * plant.rise_samples(_LONGEST_HORIZON)
+    horizon = int(min(slow + 10 * model.delay + 100, _LONGEST_HORIZON))
     fit = VrftFit(
         basis=basis,
         model=model,
