@@ -132,3 +132,17 @@ def test_gains_are_logged_under_their_names():
     log = one_run("OneDimensional").log
     for name in (*GAINS, "mode", "controller_output"):
         assert name in log
+
+
+def test_an_excitation_from_a_file_is_found_beside_the_scenario(tmp_path, monkeypatch):
+    (tmp_path / "profile.csv").write_text("time,displacement\n0,0\n0.5,0\n0.8,-1e-3\n2,-1e-3\n2.2,0\n3,0\n")
+    scenario = tmp_path / "own.yaml"
+    scenario.write_text(
+        "controller: !RecursiveVrft {excitation: !ExcitationFile {path: profile.csv}}\n"
+        "reference: !Step {force: 10.0, start_time: 3.5}\nduration: 3.2\n"
+    )
+    (tmp_path / "elsewhere").mkdir()
+    monkeypatch.chdir(tmp_path / "elsewhere")
+    (metrics,) = forcectl.run(scenario).metrics.values()
+    assert metrics["hand_over_time_s"] == pytest.approx(3.0, abs=2 * PERIOD)
+    assert metrics["peak_force_N"] == pytest.approx(5.9, rel=0.05)

@@ -190,7 +190,10 @@ def _locate_files(tree: Tagged, folder: Path) -> None:
     surface: Tree = tree
     for name in ("station", "environment", "surface"):
         surface = surface.get(name) if isinstance(surface, Tagged) else None
+    controller: Tree = tree.get("controller")
+    excitation: Tree = controller.get("excitation") if isinstance(controller, Tagged) else None
     named = [reference] if tag_of(reference) == "File" else []
+    named += [excitation] if tag_of(excitation) == "ExcitationFile" else []
     for part in [*named, surface]:
         if isinstance(part, Tagged) and isinstance(part.get("path"), str) and part["path"]:
             beside = folder / part["path"]
