@@ -275,15 +275,6 @@ def test_fig_3_6_first_groove(fidelity: str) -> None:
     assert_fig_3_6(metrics)
 
 
-@pytest.mark.slow
-@every_fidelity
-def test_fig_3_6(fidelity: str) -> None:
-    metrics = fig_3_6(fidelity)
-    assert_fig_3_6(metrics)
-    for values in metrics.values():
-        assert values["settling_time_2pct_before_motion_s"] <= 10.0
-
-
 def assert_fig_3_6(metrics: dict[str, Any]) -> None:
     for values in metrics.values():
         assert values["mean_force_in_motion_N"] == pytest.approx(15.0, rel=0.02)

@@ -12,10 +12,8 @@ from forcectl.simulation.run import RunResult
 from forcectl.simulation.yaml_tree import parse
 
 LIGHT = ("OneDimensional", "Kinematic")
-# The laws on the robot take their time; one dimension holds the numbers.
-fidelities = pytest.mark.parametrize(
-    "fidelity", ["OneDimensional", *(pytest.param(name, marks=pytest.mark.slow) for name in ("Kinematic", "Multibody"))]
-)
+# Elsewhere the experiments are judged by what they expect, in `test_reproduce.py`: the robots take their time.
+in_one_dimension = pytest.mark.parametrize("fidelity", ["OneDimensional"])
 CORRECTED = ("[56]", "[57]")
 
 
@@ -30,7 +28,7 @@ def metric(experiment: str, fidelity: str, variant: str, name: str) -> float:
     return value
 
 
-@fidelities
+@in_one_dimension
 @pytest.mark.parametrize("experiment", ["fig_3_4", "fig_3_5"])
 def test_experiments_meet_what_they_expect(experiment: str, fidelity: str) -> None:
     missed = [verdict.target for verdict in result(experiment, fidelity).verdicts if verdict.passed is False]
@@ -42,14 +40,14 @@ def test_experiments_meet_what_they_expect(experiment: str, fidelity: str) -> No
 # --- Fig. 3.4 --------------------------------------------------------------------------------------------------------
 
 
-@fidelities
+@in_one_dimension
 def test_fig_3_4_no_overshoot_where_the_integral_law_has_some(fidelity: str) -> None:
     assert metric("fig_3_4", fidelity, "K_I = 3 1/s", "overshoot_pct") >= 5.0
     for law in CORRECTED:
         assert metric("fig_3_4", fidelity, law, "overshoot_pct") <= 1.0
 
 
-@fidelities
+@in_one_dimension
 def test_fig_3_4_order_of_settling(fidelity: str) -> None:
     times = [
         metric("fig_3_4", fidelity, law, "settling_time_5pct_s")
@@ -64,7 +62,7 @@ def test_fig_3_4_order_of_settling(fidelity: str) -> None:
         np.testing.assert_allclose(times, [0.61, 0.66, 1.22, 1.51], atol=0.01)
 
 
-@fidelities
+@in_one_dimension
 def test_fig_3_4_invariance_control_rises_like_its_nominal_law(fidelity: str) -> None:
     log = result("fig_3_4", fidelity).log["measured_force"]
     nominal, corrected = (log.sel(variant=name).values for name in ("K_I = 3 1/s", "[56]"))
@@ -76,7 +74,7 @@ def test_fig_3_4_invariance_control_rises_like_its_nominal_law(fidelity: str) ->
 # --- Fig. 3.5 --------------------------------------------------------------------------------------------------------
 
 
-@fidelities
+@in_one_dimension
 @pytest.mark.parametrize("law", CORRECTED)
 def test_fig_3_5_no_steady_error_and_no_overshoot_but_slower(law: str, fidelity: str) -> None:
     settling = metric("fig_3_5", fidelity, law, "step_1.settling_time_5pct_s")
@@ -90,7 +88,7 @@ def test_fig_3_5_no_steady_error_and_no_overshoot_but_slower(law: str, fidelity:
         assert integral == pytest.approx(1.81, abs=0.01)
 
 
-@fidelities
+@in_one_dimension
 @pytest.mark.parametrize("law", CORRECTED)
 def test_fig_3_5_a_second_step_is_as_fast_as_with_the_compliance_known(law: str, fidelity: str) -> None:
     known = metric("fig_3_5", fidelity, f"{law}, compliance known", "step_2.settling_time_5pct_s")

@@ -17,9 +17,8 @@ from forcectl.simulation.scenario import load_scenario
 
 MATERIALS = ("aluminium", "wood", "plastic")
 PERIOD, RESOLUTION = 0.002, 0.0039
-fidelities = pytest.mark.parametrize(
-    "fidelity", ["OneDimensional", *(pytest.param(name, marks=pytest.mark.slow) for name in ("Kinematic", "Multibody"))]
-)
+# Elsewhere the experiments are judged by what they expect, in `test_reproduce.py`: the robots take their time.
+in_one_dimension = pytest.mark.parametrize("fidelity", ["OneDimensional"])
 
 
 @lru_cache(maxsize=3)
@@ -46,14 +45,14 @@ def test_the_gains_are_those_of_the_open_loop_experiment(material: str, variant:
     np.testing.assert_allclose(written, (fit.pid.proportional, fit.pid.integral, fit.pid.derivative), rtol=5e-4)
 
 
-@fidelities
+@in_one_dimension
 def test_the_experiment_meets_what_it_expects(fidelity: str) -> None:
     verdicts = result(fidelity).verdicts
     assert len(verdicts) == 12
     assert [verdict.target for verdict in verdicts if not verdict.passed] == []
 
 
-@fidelities
+@in_one_dimension
 def test_the_governor_starts_as_the_thesis_has_it(fidelity: str) -> None:
     log = result(fidelity).log
     for material in MATERIALS:

@@ -11,10 +11,8 @@ import forcectl
 from forcectl.simulation.run import RunResult
 
 EXPERIMENTS = ("fig_3_7", "fig_3_8", "fig_3_10")
-slow_beyond_one_dimension = pytest.mark.parametrize(
-    "fidelity",
-    ["OneDimensional", *(pytest.param(name, marks=pytest.mark.slow) for name in ("Kinematic", "Multibody"))],
-)
+# Elsewhere the experiments are judged by what they expect, in `test_reproduce.py`: the robots take their time.
+in_one_dimension = pytest.mark.parametrize("fidelity", ["OneDimensional"])
 
 
 @lru_cache(maxsize=16)
@@ -29,7 +27,7 @@ def settling(fidelity: str, experiment: str, band: int) -> list[float]:
     return [float(value) for value in values if value is not None]
 
 
-@slow_beyond_one_dimension
+@in_one_dimension
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_experiments_meet_what_they_expect(experiment: str, fidelity: str) -> None:
     verdicts = result(experiment, fidelity).verdicts
@@ -38,7 +36,7 @@ def test_experiments_meet_what_they_expect(experiment: str, fidelity: str) -> No
     assert sum(verdict.passed is True for verdict in verdicts) >= len(verdicts) - 3
 
 
-@slow_beyond_one_dimension
+@in_one_dimension
 def test_fig_3_7_bouncing_without_the_subset_and_none_within_it(fidelity: str) -> None:
     metrics = result("fig_3_7", fidelity).metrics
     assert metrics["alpha = 0"]["touches_2pct"] > 1
@@ -53,7 +51,7 @@ def test_fig_3_8_settling_is_that_of_the_calibration() -> None:
     np.testing.assert_allclose(times, [0.48, 0.66, 1.35, 2.03], rtol=0.025)
 
 
-@slow_beyond_one_dimension
+@in_one_dimension
 def test_fig_3_10_settles_first_and_is_the_calibrated_one(fidelity: str) -> None:
     fourth, constraint, integral = settling(fidelity, "fig_3_10", 5)
     assert fourth + 0.3 <= min(constraint, integral)
