@@ -31,6 +31,7 @@ def run_all() -> None:
         control_tick,
         force_laws,
         governor,
+        vrft_tick,
         robot_controller,
         quadratic_program,
         vrft,
