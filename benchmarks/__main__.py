@@ -16,6 +16,7 @@ from benchmarks import (
     robot_controller,
     start_up,
     vrft,
+    vrft_tick,
 )
 
 
