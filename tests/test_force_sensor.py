@@ -304,6 +304,8 @@ def test_torque_channels_of_a_wrench_are_scaled():
     # The filter behind the electronics is that of the sensor with the same numbers.
     config = ForceSensorConfig(noise_std=0.0, quantum=0.0, tare=False, range=math.inf, delay=0.004)
     inputs = [lambda t: np.array([10 * t, 3.0])] * 2
-    whole = run_diagram(config.add_to(DiagramBuilder(), PERIOD, size=2), 0.2, period=PERIOD, inputs={"force": inputs[0]})
+    whole = run_diagram(
+        config.add_to(DiagramBuilder(), PERIOD, size=2), 0.2, period=PERIOD, inputs={"force": inputs[0]}
+    )
     alone = run_diagram(config.filter(2, PERIOD), 0.2, period=PERIOD, inputs={"u0": inputs[1]})
     np.testing.assert_array_equal(whole["measured_force"], alone["y0"])

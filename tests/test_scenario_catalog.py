@@ -30,7 +30,10 @@ def test_every_block_has_a_line_that_says_what_it_is():
 
 
 def test_models_are_listed_under_the_keys_that_name_them():
-    assert catalog.list_models() == {"station.robot": ["comau_smart_six"], "station.tool": ["force_probe"]}
+    assert catalog.list_models() == {
+        "station.robot": ["comau_smart_six", "yumi"],
+        "station.tool": ["force_probe", "yumi_gripper"],
+    }
 
 
 def test_a_file_is_found_by_path_and_its_name_is_the_stem(tmp_path, monkeypatch):

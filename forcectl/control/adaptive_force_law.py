@@ -1,4 +1,4 @@
-"""Adaptive force control: any law with a `compliance` input, fed by the EWRLS estimate of the contact (Sec. 2.3, 3.6)."""
+"""Adaptive force control: any law with a `compliance` input, fed by the EWRLS estimate of the contact."""
 
 from __future__ import annotations
 
