@@ -34,6 +34,7 @@ from pydrake.systems.primitives import Adder, AffineSystem, MatrixGain, Saturati
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import lane_values
+from forcectl.robot_facts import ControlFacts
 
 Array = NDArray[np.float64]
 COULOMB_STEEPNESS = 130.0  # [s/rad] of (5.2)
@@ -70,6 +71,17 @@ class JointFriction:
         self.viscous_forward = _finite("viscous_forward", viscous_forward, size)
         backward = viscous_forward if viscous_backward is None else viscous_backward
         self.viscous_backward = _finite("viscous_backward", backward, size)
+
+    @classmethod
+    def of_facts(cls, facts: ControlFacts) -> JointFriction:
+        """The friction in the control facts of a robot."""
+        return cls(
+            facts.num_joints,
+            offset=facts.friction_offset,
+            coulomb=facts.coulomb_friction,
+            viscous_forward=facts.viscous_friction,
+            viscous_backward=facts.viscous_friction_backward,
+        )
 
     def scaled(self, factor: float) -> JointFriction:
         """The friction of this model times `factor`, >= 0 [1]; the offset too."""
