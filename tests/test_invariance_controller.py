@@ -304,6 +304,13 @@ def test_regulated_outputs_give_way_before_limits_do() -> None:
     assert log["constraint_violation"].max() < 1e-8
 
 
+def test_an_output_out_of_reach_gives_way_before_the_force_does() -> None:
+    # 5 m behind the tool, at 2 m/s^2: within a second the joints can no longer serve both.
+    log = drive(make(outputs=[RegulatedCoordinate(np.array([1.0, 0.0, 0.0]), -5.0, -2.0)]), 1250)
+    assert log["slack"].max() > 0.0
+    assert log["displacement_command"].min() > -STEP * 1.001
+
+
 def test_lost_contact_is_told_and_the_command_stays_where_it_is() -> None:
     log = drive(make(maximum_force=20.0), 900, measured=lambda k, dx: 0.0 if 400 <= k < 600 else -dx / COMPLIANCE)
     assert_smooth(log)

@@ -10,7 +10,7 @@ same rows (3.18). Further regulated outputs have a y, a ybar'' and a row of thei
 
 The rows are, soft ones first: y'' <= ybar'' for every regulated output; then, hard, the maximum force, joint torques
 and whatever constraints there are. Joint positions, speeds and accelerations bound u. When they contradict each other
-the regulated outputs give way; then, or when there is nothing to solve, the joints brake together and hold.
+the regulated outputs give way, the force last; then, or when nothing can be solved, the joints brake together and hold.
 """
 
 from __future__ import annotations
@@ -47,6 +47,7 @@ Vector = NDArray[np.float64]
 
 _PRIORITY = 1e3  # weight of regulated outputs beside the unconstrained directions
 _SLACK_WEIGHT = 1e6  # of regulated outputs: what slack costs beside the objective
+_FORCE_FIRST = 100.0  # times that for the force: it gives way after the other outputs
 _DAMPING = 0.05  # lambda_max of the damped inverse [m], as in the kinematic inversion
 _REDUNDANT = 1e-4  # weight of rest for joints that the task leaves free
 _CONTACT_FORCE = 0.5  # [N] contact is there above, and lost below half of it
@@ -178,6 +179,7 @@ class InvarianceController(LeafSystem):
 
         weights = np.full(len(self._axes) + self._constraints.size, np.inf)
         weights[: len(self._axes)] = _SLACK_WEIGHT
+        weights[0] *= _FORCE_FIRST
         self._program = QuadraticProgram(self._n, len(weights), slack_weight=weights, solver=solver)
         self._declare()
 
