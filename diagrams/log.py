@@ -5,7 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
-from pydrake.systems.framework import Context, DiagramBuilder, OutputPort
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import LogVectorOutput, Multiplexer, VectorLog, VectorLogSink
 
 from forcectl.conventions import unit_of
@@ -37,6 +37,8 @@ def add_log(
 ) -> SignalLog:
     """Log the ports every `period` [s]: one multiplexer and one sink, a tenth of the cost of a sink each.
 
+    A signal has the unit that its block gives the port of that name, or that of the conventions.
+
     Args:
         ports: by signal name. labels: of the components of every port with more than one.
     """
@@ -45,8 +47,18 @@ def add_log(
     for i, (name, port) in enumerate(ports.items()):
         builder.Connect(port, multiplexer.get_input_port(i))
         named = tuple(labels) if labels and port.size() > 1 else None
-        signals[name] = LoggedSignal(slice(row, row + port.size()), unit_of(name), named)
+        unit = unit_of(name, _units(port.get_system()))
+        signals[name] = LoggedSignal(slice(row, row + port.size()), unit, named)
         row += port.size()
     sink = LogVectorOutput(multiplexer.get_output_port(), builder, period)
     sink.set_name("log")
     return SignalLog(sink, signals)
+
+
+def _units(system: System) -> dict[str, str]:
+    """Units that a block, or the blocks inside a diagram, give to ports by name; outer blocks win."""
+    inner = system.GetSystems() if isinstance(system, Diagram) else []
+    found: dict[str, str] = {}
+    for block in inner:
+        found |= _units(block)
+    return found | getattr(system, "port_units", {})
