@@ -21,6 +21,7 @@ from forcectl.control.governor_program import (
     GovernorProgram,
     Horizon,
     Limits,
+    check_horizon,
     check_pole,
     check_ticks,
     check_weights,
@@ -34,7 +35,7 @@ from forcectl.control.linear_law import VrftConfig
 from forcectl.control.quadratic_program import Status
 from forcectl.control.sampled_law import SampledLaw
 from forcectl.errors import BadInputError, invalid
-from forcectl.lanes import Lane, Parameter, check, check_count, check_order, lane_values, whole_multiple
+from forcectl.lanes import Lane, Parameter, check, check_order, lane_values, whole_multiple
 
 # Scenario tag of a law behind the governor -> import path of its configuration; the first is the default.
 GOVERNED_LAWS = {
@@ -75,8 +76,8 @@ class CommandGovernor(SampledLaw):
     Sampling: `period` [s]; no delay from measured_force to governed_reference, see `SampledLaw`.
 
     Args:
-        delay: of the inner loop, T_d = N `period` [s]. horizon: h >= 1 [ticks]; 1 is the thesis' and has a closed form
-            with all limits, more is a quadratic program per lane and tick.
+        delay: of the inner loop, T_d = N `period` [s]. horizon: h, 1 to 500 [ticks]; 1 is the thesis' and has a closed
+            form with all limits, more is a quadratic program per lane and tick.
         initial_force: at which the loop rests before the first tick, shape (n,) or a number [N].
 
     Raises:
@@ -103,7 +104,7 @@ class CommandGovernor(SampledLaw):
     ):
         ticks = whole_multiple("delay", check("delay", delay), check("period", period, "positive"), "period")
         self._ticks = check_ticks("delay in ticks", ticks)
-        self._horizon = check_count("horizon", horizon)
+        self._horizon = check_horizon(horizon)
         self._program = GovernorProgram(horizon) if self._horizon > 1 else None
         parameters = {
             "inner_pole": Parameter(inner_pole, "a number", "1"),
@@ -243,7 +244,7 @@ class GovernedConfig:
     delay: float = 0.08  # T_d [s], >= 0, whole control ticks
     output_weight: float = 1.0  # Q_y, >= 0
     reference_weight: float = 1e-3  # Q_r, > 0
-    horizon: int = 1  # [ticks]; more than one: a quadratic program at every tick
+    horizon: int = 1  # [ticks], 1 to 500; more than one: a quadratic program at every tick
     lower_limit: float = -inf  # [N], of the reference of the law
     upper_limit: float = inf  # [N]
     rate_limit: float = inf  # [N/s], > 0
@@ -259,7 +260,7 @@ class GovernedConfig:
         check("inner_bandwidth", inner, "positive")
         check("delay", self.delay, "not negative")
         check_weights(self.output_weight, check("reference_weight", self.reference_weight, "positive"))
-        check_count("horizon", self.horizon)
+        check_horizon(self.horizon)
         names = ("lower_limit", "upper_limit", "lower_force", "upper_force")
         _check_limits({name: lane_values(name, getattr(self, name), 1, "a number") for name in names})
 

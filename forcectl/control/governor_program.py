@@ -35,6 +35,8 @@ Array = NDArray[np.float64]
 
 # A prediction over more ticks than this is a unit taken for another.
 MOST_TICKS = 10_000
+# The matrices of a horizon of h have 2 h^2 numbers, solved for at every tick.
+_LONGEST_HORIZON = 500
 
 # What one newton of r is worth to keep the predicted force within its limits, against one newton of tracking.
 _FORCE_WEIGHT = 1e4
@@ -67,6 +69,13 @@ def check_ticks(name: str, value: int, most: int = MOST_TICKS) -> int:
     """`value` as a whole number of ticks, 0..`most`, else BadInputError."""
     if isinstance(value, bool) or not isinstance(value, Integral) or not 0 <= value <= most:
         raise invalid(name, value, f"a whole number of ticks from 0 to {most}")
+    return int(value)
+
+
+def check_horizon(value: int) -> int:
+    """A horizon [ticks], from 1 to what can be solved for at every tick, else BadInputError."""
+    if check_count("horizon", value) > _LONGEST_HORIZON:
+        raise invalid("horizon", value, f"at most {_LONGEST_HORIZON} ticks")
     return int(value)
 
 
@@ -199,13 +208,13 @@ def over_horizon(
     """The numbers of the program, once per change of a parameter.
 
     Args: those of `coefficients`, for one lane, and
-        horizon: h >= 1 [ticks].
+        horizon: h, 1 to 500 [ticks].
 
     Raises:
-        BadInputError: see `coefficients`.
+        BadInputError: see `coefficients`, or a horizon outside of that.
     """
     c = coefficients(inner_pole, reference_pole, delay_ticks, output_weight, reference_weight)
-    ticks = np.arange(check_count("horizon", horizon), dtype=float)
+    ticks = np.arange(check_horizon(horizon), dtype=float)
     response: Array = np.tril(inner_pole ** np.abs(ticks[:, None] - ticks))
     hessian = c.input_gain * c.gain * response.T @ response + c.share * np.eye(horizon)
     free_decay: Array = inner_pole**ticks
@@ -219,11 +228,11 @@ class GovernorProgram:
         horizon: h >= 1 [ticks]. solver: see `QuadraticProgram`.
 
     Raises:
-        BadInputError: a horizon that is not a whole number of at least 1.
+        BadInputError: a horizon that is not a whole number from 1 to 500.
     """
 
     def __init__(self, horizon: int, *, solver: SolverFactory = fastest):
-        h = check_count("horizon", horizon)
+        h = check_horizon(horizon)
         self._program = QuadraticProgram(h, 2 * h, slack_weight=np.repeat([np.inf, _FORCE_WEIGHT], h), solver=solver)
         self._changes = np.eye(h) - np.eye(h, k=-1)
         self._ahead = 1.0 + np.arange(h)
