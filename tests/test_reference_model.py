@@ -125,6 +125,13 @@ def test_what_no_loop_could_follow_is_refused(make, words):
         make()
 
 
+def test_the_lag_is_the_area_between_a_step_and_its_response():
+    for model in (from_bandwidth(2.0, 3, 0.002, delay=7), from_discrete([0.3, -0.2], [1.0, -1.5, 0.6], 0.01)):
+        steps = np.ones(20_000)
+        area = model.period * np.sum(steps - model.response(steps) / model.static_gain)
+        assert model.lag == pytest.approx(area, rel=1e-9)
+
+
 def test_the_ways_to_write_a_model_down_agree():
     one = ReferenceModelConfig(bandwidth=3.0, order=2, delay=4).model(TS)
     others = (

@@ -90,6 +90,12 @@ class ReferenceModel:
         return -self.period / float(np.log(slowest)) if slowest > 0 else 0.0
 
     @property
+    def lag(self) -> float:
+        """Area between a unit step and the response to it, over the static gain [s]: the delay of slow references."""
+        parts = [sign * r / (1 - r) for sign, roots in ((1, self.poles), (-1, self.zeros)) for r in roots]
+        return self.period * (self.delay + float(np.sum(parts).real))
+
+    @property
     def bandwidth(self) -> float:
         """Where |M| has fallen to 1/sqrt(2) of its static value [rad/s]; of the first-order model w_c, about."""
         rates = np.geomspace(1e-5, 0.999 * np.pi, 4000) / self.period

@@ -151,8 +151,9 @@ def fit_vrft(
         u, y, triangle[:size, :size], lambda noise: _columns(_filtered(u, noise, model, prefilter, weight)[0], basis)
     )
     plant = identify_plant(u, y, basis.period)
-    slow = _HORIZON * model.time_constant / model.period + _PLANT_HORIZON * plant.rise_samples(_LONGEST_HORIZON)
-    horizon = int(min(slow + 10 * model.delay + 100, _LONGEST_HORIZON))
+    slow = _HORIZON * max(model.time_constant, model.lag) / model.period + 10 * model.delay
+    slow += _PLANT_HORIZON * plant.rise_samples(_LONGEST_HORIZON)
+    horizon = int(min(slow + 100, _LONGEST_HORIZON))
     fit = VrftFit(
         basis=basis,
         model=model,
@@ -321,8 +322,9 @@ def _warnings(fit: VrftFit, y: Array) -> Iterator[str]:
     # Rounding leaves a standard error, too, on a gain that is exactly zero.
     open_sign &= fit.standard_errors > 1e-9 * np.abs(fit.gains).max()
     if noisy.any():
-        share = f"{100 * noise[noisy].max():.0f} % of what tells it apart is noise"
-        yield f"{_named(fit, noisy)} not identifiable: {share}; leave it out or move faster"
+        it = "it" if noisy.sum() == 1 else "them"
+        share = f"{100 * noise[noisy].max():.0f} % of what tells {it} apart is noise"
+        yield f"{_named(fit, noisy)} not identifiable: {share}; leave {it} out or move faster"
     if open_sign.any():
         yield f"{_named(fit, open_sign)} not identifiable: within {_STANDARD_ERRORS:g} standard errors of zero"
     if abs(y[0]) > 0.1 * float(np.sqrt(np.mean(y**2))):
