@@ -76,7 +76,7 @@ def test_words_matter_only_in_a_column_that_is_used(tmp_path):
 def test_files_that_are_no_tables(tmp_path):
     with pytest.raises(BadInputError, match="does not exist"):
         read_columns(tmp_path / "none.csv")
-    with pytest.raises(BadInputError, match="does not exist"):
+    with pytest.raises(BadInputError, match="is a folder"):
         read_columns(tmp_path)
     (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(BadInputError, match="not UTF-8"):

@@ -181,6 +181,20 @@ def test_damaged_files_are_refused_in_one_line_or_read(tmp_path):
     assert not any("\n" in message for message in messages)
 
 
+def test_a_number_out_of_all_proportion_is_named_by_its_row(tmp_path):
+    force = Y.copy()
+    force[5000] = 1e300
+    with pytest.raises(BadInputError, match=r"row 5002, column force \[N\]: 1e\+300 is no force of a robot"):
+        read_record(write(tmp_path, good(**{"force [N]": force})))
+
+
+def test_the_rests_show_the_stiffness_whatever_the_lags(tmp_path):
+    assert read_record(write(tmp_path, good())).gain_at_rest == pytest.approx(-5.9e3, rel=1e-3)
+    wave = 1e-3 * (np.cos(3 * TIME) - 1)
+    waves = write(tmp_path, good(**{"displacement [m]": wave, "force [N]": -5.9e3 * wave}))
+    assert read_record(waves).gain_at_rest is None
+
+
 def test_one_column_cannot_be_both(tmp_path):
     with pytest.raises(BadInputError, match="both"):
         read_record(write(tmp_path, good()), input_column="force")

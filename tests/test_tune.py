@@ -167,6 +167,32 @@ def test_a_second_experiment_is_used_as_instrument(tmp_path):
         tune_vrft(first, 1.5, second=short)
 
 
+@pytest.mark.parametrize("column", ["displacement [m]", "force [N]"])
+def test_a_second_record_of_another_experiment_is_refused(tmp_path, column):
+    columns = good()
+    other = write(tmp_path, columns | {column: 2 * columns[column]}, "other.csv")
+    with pytest.raises(BadInputError, match=r"other.csv: column .* differs from that of data.csv by 100 %"):
+        tune_vrft(write(tmp_path, columns), 1.5, second=other)
+
+
+def test_where_friction_misleads_the_plant_model_the_rests_say_how_stiff_the_contact_is(tmp_path):
+    """The moves of Fig. 4.10: the model makes 350 kN/m of 210 kN/m and predicts an overshoot that does not come."""
+    run("fig_4_8", variant="plastic", overrides={"expect": []}, out=tmp_path / "run")
+    tuned = tune_vrft(tmp_path / "run" / "log.nc", 1.5)
+    assert tuned.stiffness == pytest.approx(2.1e5, rel=0.05)
+    assert any("the prediction is not to be trusted" in line for line in tuned.warnings)
+
+
+def test_a_record_that_does_not_tell_the_stiffness_is_refused(tmp_path):
+    """The force follows 0.6 s late and has only begun to rise."""
+    columns = good()
+    columns["force [N]"] = np.concatenate([np.zeros(300), columns["force [N]"]])
+    columns = {name: values[:680] for name, values in columns.items()}
+    with pytest.raises(BadInputError, match="does not tell how stiff the contact is") as caught:
+        tune_vrft(write(tmp_path, columns), 1.5)
+    assert "\n" not in str(caught.value)
+
+
 def test_noise_is_reported_with_what_it_takes(forcectl, tmp_path):
     code, out, _ = forcectl("tune", "vrft", record_file(tmp_path, noise=0.05), "--reference-model", 1.5)
     assert code == 0
@@ -227,6 +253,7 @@ def test_a_result_is_replaced_only_on_request(tmp_path):
         ("{}", "exactly one"),
         ("200", "sampled every 0.002 s: must be at most 0.000783 s"),
         ("0.05", "must last at least 40 s"),
+        ("{bandwidth: 2, order: 40}", "must last at least 40"),
     ],
 )
 def test_reference_models_that_cannot_be_used(forcectl, tmp_path, text, words):

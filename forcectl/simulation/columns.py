@@ -88,7 +88,8 @@ def read_columns(path: Path, variant: str | None = None) -> Columns:
         BadInputError: the file cannot be read, has no header or no rows, or a row has too many or too few cells.
     """
     if not path.is_file():
-        raise BadInputError(f"data file {str(path)!r} does not exist: must be a CSV file or a log.nc")
+        kind = "is a folder" if path.is_dir() else "does not exist"
+        raise BadInputError(f"data file {str(path)!r} {kind}: must be a CSV file or a log.nc")
     if path.suffix.lower() in _NETCDF:
         return _read_log(path, variant)
     if variant is not None:

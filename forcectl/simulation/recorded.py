@@ -33,6 +33,8 @@ _JITTER = 0.05  # of the period that a time may be off
 _FEWEST = 100  # rows
 _AT_REST = (1e-9, 1e-3)  # of its range that the input may move while it rests; the second where it is measured
 LONG_REST = 20  # samples
+_REST = 0.3  # [s] that a pause must last for the force to follow
+_LARGEST = {"displacement": 10.0, "force": 1e6}  # [m], [N], from there on it is no measurement of a robot
 _BEYOND = 0.05  # of its range that the input moves on while the force stands still: it is saturated
 _STUCK = 10  # samples that this takes
 _SAME = 1e-6  # of its range by which a saturated force may differ
@@ -61,6 +63,17 @@ class Recorded:
     def time(self) -> Array:
         """From the first sample, shape (k,) [s]."""
         return self.period * np.arange(self.u.size, dtype=float)
+
+    @property
+    def gain_at_rest(self) -> float | None:
+        """Force per displacement where the input rests between moves [N/m]; None with fewer than two such places."""
+        moves = np.flatnonzero(np.abs(np.diff(self.u)) > _AT_REST[1] * np.ptp(self.u) / LONG_REST)
+        begins, ends = np.concatenate([[-1], moves]), np.concatenate([moves, [self.u.size - 1]])
+        ends = ends[(ends - begins) * self.period >= _REST]
+        ends = ends[np.abs(self.u[ends]) > _BEYOND * np.ptp(self.u)]
+        if ends.size < 2:
+            return None
+        return float(self.u[ends] @ self.y[ends] / (self.u[ends] @ self.u[ends]))
 
 
 def read_record(
@@ -100,6 +113,8 @@ def read_record(
     for column in (time, moved, force):
         _check_finite(table, column)
     period = _check_sampling(table, time.values * factors[0])
+    for column, factor, quantity in ((moved, factors[1], "displacement"), (force, factors[2], "force")):
+        _check_size(table, column, factor, quantity)
     u, y = moved.values * (-factors[1] if flip_input else factors[1]), force.values * factors[2]
     for column, values, what in ((moved, u, "the experiment must move it"), (force, y, "is there contact?")):
         if values.min() == values.max():
@@ -141,6 +156,17 @@ def _check_finite(table: Columns, column: Column) -> None:
         raise BadInputError(
             f"{table.origin} {table.row(int(bad[0]))}, column {column.label}: empty or not a number "
             f"({bad.size} such rows); fill it in, or cut the record before it"
+        )
+
+
+def _check_size(table: Columns, column: Column, factor: float, quantity: str) -> None:
+    bad = np.flatnonzero(np.abs(column.values) > _LARGEST[quantity] / factor)
+    if bad.size:
+        k = int(bad[0])
+        raise BadInputError(
+            f"{table.origin} {table.row(k)}, column {column.label}: {column.values[k]:g} is no {quantity} of a robot: "
+            f"must be at most {_LARGEST[quantity] / factor:g} {column.unit or unit_of(column.name)}; "
+            "correct the row or the unit"
         )
 
 

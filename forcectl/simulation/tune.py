@@ -27,6 +27,8 @@ from forcectl.simulation.yaml_tree import Tagged, dump, parse
 CONTROLLER = "controller.yaml"
 _SAMPLES_PER_TIME_CONSTANT = 5
 _CONTROL_PERIOD = 0.002  # [s] of the shipped station
+_REPEATED = 0.5  # rms that a second record may differ from the first by
+_HYSTERESIS = 0.1  # that the static gain of the plant model may differ from that of the rests by
 
 
 @dataclass(frozen=True)
@@ -65,7 +67,7 @@ class Tuned:
     @property
     def scenario(self) -> Tagged:
         """The controller in a loop with a contact as stiff as that of the record."""
-        station = Tagged({"environment": Tagged({"stiffness": _round(-self.fit.plant.static_gain)})})
+        station = Tagged({"environment": Tagged({"stiffness": _round(self.stiffness)})})
         if not self.compensated:
             # Without the feedback of (4.12) the record cannot tell robot from environment.
             station["elastic_joints"] = False
@@ -83,6 +85,18 @@ class Tuned:
         )
 
     @property
+    def _between_rests(self) -> float | None:
+        """The stiffness that the rests of the record show where the plant model has another one [N/m]."""
+        shown, model = self.record.gain_at_rest, self.fit.plant.static_gain
+        return -shown if shown is not None and abs(model - shown) > _HYSTERESIS * abs(shown) else None
+
+    @property
+    def stiffness(self) -> float:
+        """Of the contact: of the plant model, or of the rests between the moves where the model fails there [N/m]."""
+        shown = self._between_rests
+        return -self.fit.plant.static_gain if shown is None else shown
+
+    @property
     def step(self) -> float:
         """A step of the reference within what was recorded [N]."""
         return _round(max(0.8 * float(self.record.y.max()), 1.0), 2)
@@ -91,6 +105,11 @@ class Tuned:
     def warnings(self) -> tuple[str, ...]:
         """Of the fit, and of the record."""
         own = []
+        if self._between_rests is not None:
+            own.append(
+                f"the plant model is {-self.fit.plant.static_gain:.4g} N/m stiff and the contact at rest "
+                f"{self.stiffness:.4g} N/m (friction?): the prediction is not to be trusted, the gains stand without it"
+            )
         if self.record.resting < LONG_REST:
             own.append("the record does not begin with a rest: its first sample is taken for the values at rest")
         if self.fit.pid is None and not math.isclose(self.record.period, _CONTROL_PERIOD, rel_tol=1e-3):
@@ -153,9 +172,10 @@ def tune_vrft(
                 f"{again.origin} has {again.u.size} samples at {again.period:g} s: must have {record.u.size} at "
                 f"{record.period:g} s, as {record.origin}"
             )
+        _check_repeated(record, again)
         instrument = again.y
     fit = fit_vrft(record.u, record.y, model, _basis(form, record.period), prefilter=prefilter, instrument=instrument)
-    if fit.plant.static_gain > 0:
+    if float(record.u @ record.y) > 0:
         raise BadInputError(
             f"{record.origin}: {record.output_name} rises with {record.input_name}: pressing must be a negative "
             "displacement and a positive force; use --flip-input where displacements into the surface are positive"
@@ -163,6 +183,11 @@ def tune_vrft(
     if compensated is None:
         compensated = record.input_name.split(" ")[0].lower() not in ("displacement_command",)
     tuned = Tuned(config, record, fit, compensated, directory)
+    if tuned.stiffness <= 0:
+        raise BadInputError(
+            f"{record.origin}: does not tell how stiff the contact is: must have several moves in contact with a rest "
+            "after each; record more of them"
+        )
     if directory is not None:
         write_whole(directory, lambda folder: _write(tuned, folder), force)
     return tuned
@@ -196,6 +221,19 @@ def _basis(form: str, period: float) -> ControllerBasis:
     return continuous_pid(period) if form == "continuous" else discrete_pid(period)
 
 
+def _check_repeated(record: Recorded, again: Recorded) -> None:
+    """Refuse a second record that is not the same experiment: as an instrument it would mislead without a sign."""
+    for name, first, second in (
+        (again.input_name, record.u, again.u),
+        (again.output_name, record.y, again.y),
+    ):
+        if (differs := float(np.linalg.norm(second - first) / np.linalg.norm(first))) > _REPEATED:
+            raise BadInputError(
+                f"{again.origin}: column {name} differs from that of {record.origin} by {100 * differs:.0f} %: must be "
+                f"at most {100 * _REPEATED:g} %; repeat the same experiment"
+            )
+
+
 def _check_against_model(record: Recorded, model: ReferenceModel) -> None:
     duration, slowest = record.u.size * record.period, model.time_constant
     longest = slowest / _SAMPLES_PER_TIME_CONSTANT
@@ -204,9 +242,10 @@ def _check_against_model(record: Recorded, model: ReferenceModel) -> None:
             f"{record.origin}: sampled every {record.period:g} s: must be at most {longest:.3g} s for a reference "
             f"model with the time constant {slowest:.3g} s; sample faster, or choose a slower model"
         )
-    if duration < 2 * slowest:
+    lag = max(slowest, model.lag)
+    if duration < 2 * lag:
         raise BadInputError(
-            f"{record.origin}: lasts {duration:.3g} s: must last at least {2 * slowest:.3g} s, twice the time constant "
+            f"{record.origin}: lasts {duration:.3g} s: must last at least {2 * lag:.3g} s, twice the time constant "
             "of the reference model; record longer, or choose a faster model"
         )
 
