@@ -1,4 +1,4 @@
-"""Draw docs/images/station.png: the multibody station at its start, rendered from its own geometry.
+"""Draw pictures of the pages: the multibody station from its own geometry, and force steps on stiff, moving contact.
 
 python docs/pictures.py
 """
@@ -20,15 +20,35 @@ from pydrake.geometry import (
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.sensors import CameraInfo
 
+import forcectl as fc
 from forcectl.diagrams.station import StationConfig, describe
 from forcectl.diagrams.station_multibody import MultibodyStation
+from forcectl.viz.figures import force_figure
 
 EYE, AT = np.array([2.5, -2.1, 1.6]), np.array([0.3, 0.0, 0.66])
 WIDTH, HEIGHT, FIELD_OF_VIEW = 900, 900, 0.52
 
 
+IMAGES = Path(__file__).parent / "images"
+
+
 def main() -> None:
-    """Render the station and write the picture."""
+    """Write the pictures."""
+    render_station(IMAGES / "station.png")
+    draw_fast_contact(IMAGES / "fast_contact.png")
+
+
+def draw_fast_contact(target: Path) -> None:
+    """Force over time of the experiment `fast_sliding` on its stiffest surface."""
+    log = fc.run("fast_sliding", fidelity="Multibody", overrides={"expect": []}).log
+    stiff = [name for name in log["variant"].values if str(name).startswith("1e6 N/m")]
+    figure = force_figure(log.sel(variant=stiff), "1e6 N/m, sliding at 20 mm/s, multibody robot")
+    figure.savefig(target, metadata={"Software": None})
+    print(f"wrote {target.name}")
+
+
+def render_station(target: Path) -> None:
+    """Render the station at its start."""
     station = MultibodyStation(describe(StationConfig(fidelity="Multibody")), seed=0)
     scene_graph = station.scene_graph
     lights = [
@@ -46,7 +66,6 @@ def main() -> None:
     context = scene_graph.GetMyContextFromRoot(station.CreateDefaultContext())
     query = scene_graph.get_query_output_port().Eval(context)
     image = query.RenderColorImage(ColorRenderCamera(lens), scene_graph.world_frame_id(), X_WC)
-    target = Path(__file__).parent / "images" / "station.png"
     matplotlib.image.imsave(target, np.ascontiguousarray(image.data[:, :, :3]))
     print(f"wrote {target.name}")
 
