@@ -49,6 +49,31 @@ def fourth_derivative(state: Sequence[Lane], alpha: Lane, gamma: Lane, upper: La
     return side * m.where(phi < 0, upper, gamma), phi
 
 
+def speed_window(
+    y: Lane, absent: Lane, desired: Lane, c: Lane, w: Lane, z: Lane, least: Lane, limit: Lane, m: Any = np
+) -> tuple[Lane, Lane]:
+    """Smallest and largest velocity of the command [m/s] when y' and y'' are differences of the measured force.
+
+    Without a contact to answer it, a = c y4/w^2 + 2 z w v (3.65)* feeds itself from v_u = c |y4|/(2 z w^3) on (3 mm/s
+    at 1e4 N/m and 1e5 N/s^4). In contact 3 v_u is allowed, and what changes 0.6 of the reference or error in 2 z/w, the
+    settling of the force filter. Slower are the approach without contact (v_u, a quarter), a retreat, and pressing on
+    under too much force (a tenth of v_u, and the error in 2 z/w). With too little force and no contact: no retreat.
+
+    Args:
+        y: F - F_bar [N]. absent: there is no contact. desired: F_bar [N]. c: C_T_hat [m/N].
+        w, z: of the lag from command to force. least: the smaller of |gamma| and the largest y^(4) [N/s^4].
+        limit: no faster than this [m/s]. m: numpy, or `FLOAT_MATH` for floats.
+    """
+    unstable = 0.5 * c * least / (z * w * w * w)
+    per_newton = 0.5 * c * w / z
+    size = per_newton * m.maximum(abs(desired), abs(y))
+    speed = m.minimum(limit, m.minimum(3.0 * unstable, 0.6 * size))
+    approach = m.minimum(speed, m.minimum(unstable, 0.25 * size))
+    back = m.minimum(speed, 0.1 * unstable + per_newton * abs(y))
+    low = -m.where(y > 0, back, m.where(absent, approach, speed))
+    return low, m.where((y < 0) & absent, 0.0, back)
+
+
 class FourthDegreeForceLaw(SampledLaw):
     """Invariance force controller of relative degree 4 for n independent force loops.
 
@@ -56,8 +81,8 @@ class FourthDegreeForceLaw(SampledLaw):
     name: FourthDegreeForceLaw
     input_ports: [desired_force, measured_force, compliance (optional)]
     output_ports: [displacement_command, invariance_function, status]
-    parameters: [gamma, upper, alpha, bandwidth, damping_ratio, acceleration_limit, rest_region, lower_limit,
-        upper_limit, compliance (optional)]
+    parameters: [gamma, upper, alpha, bandwidth, damping_ratio, acceleration_limit, speed_limit, rest_region,
+        lower_limit, upper_limit, compliance (optional)]
     ```
 
     desired_force, measured_force: shape (n,) [N].
@@ -68,13 +93,20 @@ class FourthDegreeForceLaw(SampledLaw):
 
     Parameters (Context, shape (n,)): gamma [N/s^4] < 0; upper [N/s^4] > 0, the largest y^(4), |gamma| when not given;
     alpha [1] >= 0 of the virtual state; bandwidth w [rad/s] and damping_ratio z [1] of the lag between command and
-    measured force; acceleration_limit [m/s^2] > 0 of the command; rest_region [N] >= 0, within which of F_bar the
-    command brakes and rests; lower_limit and upper_limit [m] of the command; compliance C_T_hat [m/N] > 0.
+    measured force; acceleration_limit [m/s^2] > 0 and speed_limit [m/s] > 0 of the command (with differences, never
+    above `speed_window`); rest_region [N] >= 0, within which of F_bar the command brakes and rests; lower_limit and
+    upper_limit [m] of the command; compliance C_T_hat [m/N] > 0.
 
     The velocity of the command never jumps, except that it is lost at a limit of the command. A force or compliance
-    that is not a number brakes the command within the acceleration limit and holds it. Lost contact reads as F = 0: the
-    command goes after the surface as it came to it at first, down to its lower limit.
+    that is not a number brakes the command within the acceleration limit and holds it. Lost contact, for differences a
+    measured force below rest_region, stops a retreat and is followed slowly, down to the lower limit.
 
+    Range, differences, default plant, gamma -1e5: 1e3 to 1e6 N/m is held without running off. What the friction of the
+    drives lets go at once (0.1 mm of command: 1 N at 1e4 N/m, up to 5 N at 1e5 and 1e6 N/m) is hunted when it exceeds
+    rest_region: 5 N at 1e6 N/m goes up to 7.8 N, 12 to 2 N at 1e6 N/m up to 4.8 N, with contact lost at times. C_T_hat
+    three times too large, alpha = 0 and gamma = -1e7 hunt too (15 N up to 24 N at 1e4 N/m), a third is smooth and slow.
+    Far below the |gamma| or above the bandwidth that fit the plant, friction holds: gamma = -1e3 and w = 75.4 rad/s
+    behind a filter of 12.6 rad/s never get beyond 1 N at 1e4 N/m. The reference 0 ends up to 0.1 mm off the surface.
     Sampling: `period` [s]; no delay from measured_force to displacement_command, see `SampledLaw`.
 
     Args:
@@ -94,6 +126,7 @@ class FourthDegreeForceLaw(SampledLaw):
         upper: ArrayLike | None = None,
         compliance: ArrayLike | None = None,
         acceleration_limit: ArrayLike = np.inf,
+        speed_limit: ArrayLike = np.inf,
         rest_region: ArrayLike = 0.0,
         lower_limit: ArrayLike = -np.inf,
         upper_limit: ArrayLike = np.inf,
@@ -112,6 +145,7 @@ class FourthDegreeForceLaw(SampledLaw):
             "bandwidth": Parameter(bandwidth, "positive and finite", "rad/s"),
             "damping_ratio": Parameter(damping_ratio, "positive and finite", "1"),
             "acceleration_limit": Parameter(acceleration_limit, "positive", "m/s^2"),
+            "speed_limit": Parameter(speed_limit, "positive", "m/s"),
             "rest_region": Parameter(rest_region, "not negative", "N"),
             "lower_limit": Parameter(lower_limit, "a number", "m"),
             "upper_limit": Parameter(upper_limit, "a number", "m"),
@@ -149,7 +183,7 @@ class FourthDegreeForceLaw(SampledLaw):
     def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
         """One tick of the law."""
         m, period = self.math, self._period
-        gamma, upper, alpha, w, z, limit, rest, lowest, highest, *fixed, model = self._values.Eval(context)
+        gamma, upper, alpha, w, z, limit, speed, rest, lowest, highest, *fixed, model = self._values.Eval(context)
         x, _, _, v, *own = held
         desired = self.lane(self._desired.Eval(context))
         force = self.lane(self._measured.Eval(context))
@@ -170,6 +204,10 @@ class FourthDegreeForceLaw(SampledLaw):
         a = -c * (y4 / (w * w) + y2 + 2 * z * y3 / w)
         good = good & (abs(a) < np.inf) & (phi - phi == 0)
         a = m.where(good & (abs(y) >= rest), a, -v / period)
+        low, high = -speed, speed
+        if not self._from_model:
+            low, high = speed_window(y, force <= rest, desired, c, w, z, m.minimum(-gamma, upper), speed, m)
+        a = m.minimum(m.maximum(a, (low - v) / period), (high - v) / period)
         a = m.minimum(m.maximum(a, -limit), limit)
 
         after = x + period * (v + 0.5 * period * a)
@@ -198,6 +236,7 @@ class FourthDegreeInvarianceConfig:
     derivatives: str = "difference"  # of the force: model or difference
     compliance_error: float = 1.0  # C_T_hat / C_T, > 0
     acceleration_limit: float = 0.1  # of the command [m/s^2], > 0
+    speed_limit: float = np.inf  # of the command [m/s], > 0; with differences never above `speed_window`
     rest_region: float = 0.3  # [N], >= 0
     lower_limit: float = -0.1  # [m], below zero: deepest command
     upper_limit: float = 0.1  # [m], above zero: furthest retreat
@@ -210,6 +249,8 @@ class FourthDegreeInvarianceConfig:
                 check(name, getattr(self, name), "positive")
         for name in ("damping_ratio", "compliance_error", "acceleration_limit"):
             check(name, getattr(self, name), "positive")
+        if not self.speed_limit > 0:
+            raise invalid("speed_limit", self.speed_limit, "above zero")
         for name in ("alpha", "rest_region"):
             check(name, getattr(self, name), "not negative")
         if self.derivatives not in DERIVATIVES:
@@ -227,6 +268,7 @@ class FourthDegreeInvarianceConfig:
             damping_ratio=self.damping_ratio,
             compliance=compliance,
             acceleration_limit=self.acceleration_limit,
+            speed_limit=self.speed_limit,
             rest_region=self.rest_region,
             lower_limit=self.lower_limit,
             upper_limit=self.upper_limit,
