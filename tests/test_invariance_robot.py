@@ -249,3 +249,46 @@ def test_limits_of_the_scenario_replace_the_robots() -> None:
     np.testing.assert_array_equal(chosen.acceleration, robot.acceleration)
     assert math.isinf(InvarianceRobotConfig().maximum_force)
     assert ConstraintConfig(path="forcectl.control.constraints:ForceLimit", parameters={"maximum": 3.0}).constraint()
+
+
+# --- the maximum force behind the filter of the sensor ----------------------------------------------------------------
+
+
+def true_force(fidelity: str, stiffness: float, maximum: float, desired: float, error: float, **changes: Any) -> Any:
+    """The true contact force from the first touch on [N], in ticks; contact has been lost where it is zero."""
+    config = InvarianceRobotConfig(maximum_force=maximum, compliance_error=error)
+    overrides = {"reference.force": desired, "station__environment__stiffness": stiffness} | changes
+    values = run(config, fidelity, 3.0, **overrides).log.squeeze()["contact_force"].values
+    return values[np.argmax(values > 0) :]
+
+
+@pytest.mark.parametrize("error", [1.2, 1.8])
+def test_the_true_force_stays_below_the_maximum_on_stiff_contact_behind_the_sensors_filter(error: float) -> None:
+    # Without what the sensor does not show yet, 8.4 and 12.4 N, and bouncing.
+    found = true_force("OneDimensional", 5e5, 8.0, 7.0, error)
+    assert found.max() < 8.0 * 1.001 + 0.01
+    assert found.min() > 0.0
+    assert found[-500:].min() > 7.0
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("error", [0.5, 1.0, 1.2, 1.5, 1.9])
+def test_the_true_force_stays_below_the_maximum_on_the_multibody_robot(error: float) -> None:
+    found = true_force("Multibody", 5e5, 8.0, 7.0, error)
+    assert found.max() < 8.0 * 1.001 + 0.01
+    assert found.min() > 0.0
+    assert found[-500:].min() > 0.98 * min(7.0 * error, 7.2)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("error", [0.5, 1.0, 1.8])
+@pytest.mark.parametrize("fidelity", ["Kinematic", "Multibody"])
+def test_a_rising_surface_that_nobody_told_of_keeps_contact_and_the_force_near_the_maximum(
+    fidelity: str, error: float
+) -> None:
+    motion = {"direction": [0.0, 1.0, 0.0], "distance": 0.1, "speed": 0.05, "start_time": 1.0}
+    slope = {"station__environment__surface__slope": 0.1, "station__environment__surface__direction": [0.0, 1.0, 0.0]}
+    found = true_force(fidelity, 1e5, 30.0, 15.0, error, motion=motion, **slope)
+    assert found.max() < 43.0
+    assert found[-500:].max() < 38.5
+    assert found.min() > 0.0

@@ -87,9 +87,16 @@ class CartesianWall:
 class ForceLimit:
     """The contact force stays below a maximum, by the model and by the sensor, whichever is nearer.
 
-        y = max(-dx_bar - C_T_hat F_max, C_T_hat (F - F_max)/2) [m]
+        y = max(-dx_bar - C_T_hat F_max, C_T_hat (F - F_max)/2 + unseen) [m]
 
-    Half of the compliance, so that one that is believed up to twice too large does not count on a longer way to stop.
+    `unseen` is what the measured force F does not show yet, see `SensorLag`; 0 where the sensor is not known: then F is
+    kept, and the true force goes beyond while F lags. Half of the compliance, so that one that is believed up to twice
+    too large does not count on a longer way to stop: more than half of F_max is approached as fast as F shows it.
+
+    Reached behind a sensor of 12.6 rad/s with the compliance believed 0.5 to 2 times the true one, true force: pressing
+    on a flat surface within 0.01 N + 0.1 % of F_max, on stiff contact with up to 0.8 N of 8 N less where friction lets
+    joints stick and jump. A surface that the path does not know: 5 mm/s towards the tool at 1e5 N/m up to 43 N where 30
+    are allowed, for 0.4 s, and 38 N after that; 1 mm/s 34 N. Contact is kept. It is no guarantee against impact.
 
     Args:
         maximum: F_max [N], > 0. gamma: [m/s^2], < 0; None: the controller's.
@@ -106,7 +113,7 @@ class ForceLimit:
         """See `Constraint`."""
         contact, maximum = motion.contact, self._maximum
         by_model = -contact.displacement - contact.compliance * maximum
-        by_sensor = 0.5 * contact.compliance * (contact.measured_force - maximum)
+        by_sensor = 0.5 * contact.compliance * (contact.measured_force - maximum) + contact.unseen
         return max(by_model, by_sensor), -contact.rate, -contact.row, -contact.bias
 
 

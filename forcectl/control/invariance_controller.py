@@ -38,6 +38,7 @@ from forcectl.control.force_law import RobotFacts
 from forcectl.control.quadratic_program import QuadraticProgram, Solution, SolverFactory, Status, fastest
 from forcectl.control.regulated_output import Course, Regulated, RegulatedCoordinate, corrected, regulate_force
 from forcectl.control.robot_motion import Contact, RobotMotion, StraightMotion
+from forcectl.control.sensor_lag import SensorLag
 from forcectl.control.tracking import Tracking
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import check
@@ -90,7 +91,8 @@ class InvarianceController(LeafSystem):
     ```
 
     desired_force: shape (1,) [N]. measured_force: shape (1,) [N], read by the maximum force and the nominal law.
-    motor_position, motor_velocity: shape (n_q,) [rad, rad/s]; not read, the command is taken for the motion.
+    motor_position, motor_velocity: shape (n_q,) [rad, rad/s]; read only by a maximum force with a known sensor,
+      otherwise the command is taken for the motion.
     unconstrained_reference: shape (n_q,), joint motion in the unconstrained directions from the start posture [rad].
     compliance: shape (1,), C_T_hat [m/N]; the port exists when no `compliance` is given.
     joint_position_command: shape (n_q,), q_bar [rad]; its speed changes within the acceleration limits, always.
@@ -98,23 +100,24 @@ class InvarianceController(LeafSystem):
     invariance_function: shape (1,), Phi(y, y') [m] before the tick: above zero while y <= 0 cannot be kept with gamma.
     status: shape (1,), `Status` [1]; from INFEASIBLE on the joints brake and hold.
     active_constraints: shape (1,), rows and bounds that hold with equality [1]. slack: shape (1,) [m/s^2].
-    constraint_violation: shape (1,), largest violation among maximum force [m], joint limits [rad, rad/s], torques [Nm]
-    and the constraints [their units] before the tick; 0 for none. A step of the desired force is no violation.
+    constraint_violation: shape (1,), largest violation among maximum force as foreseen [m], joint limits [rad, rad/s],
+    torques [Nm] and the constraints [their units] before the tick; 0 for none. A step of the desired force is none.
     near_singular: shape (1,), 1 while the inverse is damped [1].
     contact_lost: shape (1,), 1 while the force is gone though the command presses; it goes no deeper than before [1].
 
-    Every output is feedthrough of desired_force, measured_force, unconstrained_reference and compliance at the tick.
+    Every output is feedthrough of desired_force, measured_force, unconstrained_reference, compliance and, where it is
+    read, motor_position at the tick.
 
     Sampling: `period` [s]; no delay, see `SampledLaw`: what the tick computes is put out at once and held.
 
     Args:
         robot: kinematics, normal and start. compliance: C_T_hat [m/N] > 0, or None for the input port.
         gamma: of the force [m/s^2], < 0. upper_acceleration: largest away from rest [m/s^2], > 0; None: -gamma.
-        maximum_force: [N], > 0, by the model and by the sensor. nominal_gain: K_I [1/s] of the law to be corrected;
-            None: the law of (3.53).
-        limits: of the joints; None: the robot's. constraints: further ones. constraint_gamma: of those without their
-            own [m/s^2], < 0. outputs: regulated beside the force. tracking_bandwidth, tracking_acceleration: of the
-            unconstrained directions [1/s, m/s^2], see `Tracking`. solver: of the quadratic program.
+        maximum_force: [N], > 0, of the true force, within the bounds of `ForceLimit`. sensor: its filter and delay;
+            None: the measured force does not lag. nominal_gain: K_I [1/s] of the law to be corrected; None: that of
+            (3.53). limits: of the joints; None: the robot's. constraints: further ones. constraint_gamma: of those
+            without their own [m/s^2], < 0. outputs: regulated beside the force. tracking_bandwidth,
+            tracking_acceleration: of the unconstrained directions [1/s, m/s^2], see `Tracking`. solver: of the program.
 
     Raises:
         BadInputError: values out of range, or that contradict each other or the start posture.
@@ -137,6 +140,7 @@ class InvarianceController(LeafSystem):
         outputs: Sequence[RegulatedCoordinate] = (),
         tracking_bandwidth: float = 30.0,
         tracking_acceleration: float = 2.0,
+        sensor: SensorLag | None = None,
         period: float = 0.002,
         solver: SolverFactory = fastest,
     ):
@@ -151,6 +155,8 @@ class InvarianceController(LeafSystem):
         if not maximum_force > 0:
             raise invalid("maximum_force", maximum_force, "above zero")
         self._maximum_force = maximum_force
+        self._sensor = sensor if maximum_force < math.inf else None
+        self._seen_size = 0 if self._sensor is None else self._sensor.size
         self._nominal_gain = None if nominal_gain is None else check("nominal_gain", nominal_gain, "positive")
         self._known_compliance = math.nan if compliance is None else check("compliance", compliance, "positive")
         self._tracking = Tracking(tracking_bandwidth, tracking_acceleration, robot.model.facts.characteristic_length)
@@ -187,18 +193,20 @@ class InvarianceController(LeafSystem):
         n = self._n
         self._desired = self.DeclareVectorInputPort("desired_force", 1)
         self._measured = self.DeclareVectorInputPort("measured_force", 1)
-        self.DeclareVectorInputPort("motor_position", n)
+        self._motor = self.DeclareVectorInputPort("motor_position", n)
         self.DeclareVectorInputPort("motor_velocity", n)
         self._reference = self.DeclareVectorInputPort("unconstrained_reference", n)
         inputs = [self._desired, self._measured, self._reference]
+        if self._sensor is not None:
+            inputs.append(self._motor)
         self._compliance = None
         if math.isnan(self._known_compliance):
             self._compliance = self.DeclareVectorInputPort("compliance", 1)
             inputs.append(self._compliance)
         # The time of the tick this belongs to, q, q', the last two references, the course of the force, whether there
-        # was contact, the rates that the tick led to as far as it knew, and the diagnostics.
+        # was contact, what the sensor has in it, the rates that the tick led to as far as it knew, and the diagnostics.
         self._foreseen = len(self._axes) + self._constraints.foreseen_size
-        further = 3 * n + len(Course._fields) + 1 + self._foreseen + len(_DIAGNOSTICS)
+        further = 3 * n + len(Course._fields) + 1 + self._seen_size + self._foreseen + len(_DIAGNOSTICS)
         memory = np.concatenate([[-self._period], self._facts.start, np.zeros(further)])
         self._memory = self.DeclareDiscreteState(memory)
         model = self._facts.model
@@ -250,7 +258,8 @@ class InvarianceController(LeafSystem):
         n, Ts = self._n, self._period
         q, v, last, before = memory[1 : 1 + 4 * n].reshape(4, n)
         *course, touched = memory[1 + 4 * n : 5 + 4 * n].tolist()
-        past, foreseen = Course(*course), memory[5 + 4 * n : -len(_DIAGNOSTICS)]
+        further = 5 + 4 * n + self._seen_size
+        past, foreseen = Course(*course), memory[further : -len(_DIAGNOSTICS)]
         desired, measured = self._desired.Eval(context).item(), self._measured.Eval(context).item()
         compliance = self._known_compliance if self._compliance is None else self._compliance.Eval(context).item()
         reference = self._reference.Eval(context)
@@ -267,7 +276,11 @@ class InvarianceController(LeafSystem):
         rate = self._axes @ motion.velocity[3:]
         k, rates = len(x), rate.tolist()
         along = Along(self._axes @ motion.jacobian[3:], self._axes @ motion.bias[3:], (rate - foreseen[:k]) / Ts)
-        motion.contact = Contact(x[0], rates[0], along.rows[0], along.bias.item(0), compliance, measured)
+        in_sensor, unseen = memory[5 + 4 * n : further].tolist(), 0.0
+        if self._sensor is not None:
+            moved = x[0] + (along.rows[0] @ (self._motor.Eval(context) - q)).item()
+            unseen, in_sensor = self._sensor.unseen(in_sensor, x[0], moved, compliance * measured)
+        motion.contact = Contact(x[0], rates[0], along.rows[0], along.bias.item(0), compliance, measured, unseen)
         rows = self._constraints.rows(motion, foreseen[k:])
         solution, violation = Solution(v, Status.NOT_FINITE, 0.0), rows.violation
         active = near = lost = 0.0
@@ -294,10 +307,12 @@ class InvarianceController(LeafSystem):
         violation = violation if violation > _ROUNDING else 0.0
         bending = along.rows @ u + along.bias
         command = x[0] + Ts * rates[0] + 0.5 * Ts**2 * bending.item(0)
-        shown = [command, phi, float(solution.status), active, solution.slack, violation, near, lost]
+        told = [command, phi, float(solution.status), active, solution.slack, violation, near, lost]
         position, velocity = q + Ts * v + 0.5 * Ts**2 * u, v + Ts * u
         expected = (rate + Ts * bending, self._constraints.foresee(rows, u))
-        return np.concatenate([[time], position, velocity, reference, last, [*past, touched], *expected, shown])
+        return np.concatenate(
+            [[time], position, velocity, reference, last, [*past, touched, *in_sensor], *expected, told]
+        )
 
     def _nominal(self, gain: float, force: Regulated, force_error: float) -> Regulated:
         """The force with the acceleration of the integral law; `force_error`: C_T_hat (F - F_bar) [m]."""

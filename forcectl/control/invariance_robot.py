@@ -16,6 +16,7 @@ from forcectl.control.constraints import CartesianWall, Constraint
 from forcectl.control.force_law import LoopFacts, RobotFacts
 from forcectl.control.invariance_controller import InvarianceController, check_gamma
 from forcectl.control.regulated_output import RegulatedCoordinate
+from forcectl.control.sensor_lag import SensorLag
 from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.imports import import_object
@@ -193,6 +194,7 @@ class InvarianceRobotConfig:
             outputs=[RegulatedCoordinate(unit_normal(o.axis), o.displacement, o.gamma) for o in self.outputs],
             tracking_bandwidth=self.tracking_bandwidth,
             tracking_acceleration=self.tracking_acceleration,
+            sensor=SensorLag.of(facts),
             period=facts.period,
         )
         if self.adaptation is None:

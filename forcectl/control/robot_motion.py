@@ -23,7 +23,8 @@ class Contact(NamedTuple):
     """What is known of the contact at one tick.
 
     displacement: dx_bar along n [m], into the surface when negative. rate: its rate [m/s]; its second derivative is
-    row u + bias, with row (n,) [m/rad], bias [m/s^2]. compliance: C_T_hat [m/N]. measured_force: [N].
+    row u + bias, with row (n,) [m/rad], bias [m/s^2]. compliance: C_T_hat [m/N]. measured_force: [N]. unseen: what the
+    measured force does not show yet [m], see `SensorLag`.
     """
 
     displacement: float
@@ -32,6 +33,7 @@ class Contact(NamedTuple):
     bias: float
     compliance: float
     measured_force: float
+    unseen: float = 0.0
 
 
 class RobotMotion:
