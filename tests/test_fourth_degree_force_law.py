@@ -320,6 +320,21 @@ def test_friction_and_stiffness_do_not_make_the_command_run_off(
     assert np.max(command) < 3e-4
 
 
+@pytest.mark.parametrize(("adaptive", "stiffness", "force"), [(False, 1e5, 12.0), (True, 3e4, 4.0), (True, 2e5, 15.0)])
+def test_the_multibody_station_keeps_contact_on_stiff_surfaces(adaptive: bool, stiffness: float, force: float) -> None:
+    changes = {
+        "station.environment.stiffness": stiffness,
+        "station.fidelity": "Multibody",
+        "controller": AdaptiveFourthDegreeInvarianceConfig() if adaptive else FourthDegreeInvarianceConfig(),
+        "reference": StepConfig(force=force),
+        "duration": 2.5,
+    }
+    log = forcectl.run({}, overrides=changes).log.squeeze()
+    contact = log["contact_force"].values
+    assert np.max(contact) < 1.1 * force
+    assert np.min(contact[log.time.values > 1.5]) > 0.5 * force
+
+
 @pytest.mark.parametrize("drop", [0.3, 0.6])
 def test_the_reference_zero_while_the_force_rises_stays_by_the_surface(drop: float) -> None:
     log = on_the_default_plant(1e4, force=0.0, initial_force=5.0, start_time=drop)

@@ -107,6 +107,7 @@ class FourthDegreeForceLaw(SampledLaw):
     three times too large, alpha = 0 and gamma = -1e7 hunt too (15 N up to 24 N at 1e4 N/m), a third is smooth and slow.
     Far below the |gamma| or above the bandwidth that fit the plant, friction holds: gamma = -1e3 and w = 75.4 rad/s
     behind a filter of 12.6 rad/s never get beyond 1 N at 1e4 N/m. The reference 0 ends up to 0.1 mm off the surface.
+
     Sampling: `period` [s]; no delay from measured_force to displacement_command, see `SampledLaw`.
 
     Args:
