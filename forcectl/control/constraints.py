@@ -95,8 +95,8 @@ class ForceLimit:
 
     Reached behind a sensor of 12.6 rad/s with the compliance believed 0.5 to 2 times the true one, true force: pressing
     on a flat surface within 0.01 N + 0.1 % of F_max, on stiff contact with up to 0.8 N of 8 N less where friction lets
-    joints stick and jump. A surface that the path does not know: 5 mm/s towards the tool at 1e5 N/m up to 43 N where 30
-    are allowed, for 0.4 s, and 38 N after that; 1 mm/s 34 N. Contact is kept. It is no guarantee against impact.
+    joints stick and jump. A surface that the path does not know: 5 mm/s towards the tool at 1e5 N/m up to 46 N where 30
+    are allowed, above them for up to 1 s; 1 mm/s up to 35 N. Contact is kept. It is no guarantee against impact.
 
     Args:
         maximum: F_max [N], > 0. gamma: [m/s^2], < 0; None: the controller's.
