@@ -52,10 +52,14 @@ def robot_and_arm(name_or_path: str | Path) -> tuple[Path, str | None]:
         BadInputError: neither a robot nor "robot/arm".
     """
     whole = str(name_or_path)
-    robot, slash, arm = whole.rpartition("/")
-    if slash and robot and arm and whole not in list_robots() and not Path(whole).expanduser().is_dir():
+    robot, _, arm = whole.rpartition("/")
+    if arm and not _is_robot(whole) and _is_robot(robot):
         return robot_folder(robot), arm
     return robot_folder(name_or_path), None
+
+
+def _is_robot(name: str) -> bool:
+    return name in list_robots() or (name != "" and Path(name).expanduser().is_dir())
 
 
 def tool_folder(name_or_path: str | Path) -> Path:
