@@ -177,7 +177,7 @@ def test_a_mistake_is_named_in_one_line(tmp_path, old, new, message):
     [
         ("yumi/lft", "unknown arm of yumi.urdf 'lft': did you mean 'left'?"),
         ("yum/left", "did you mean 'yumi'?"),
-        ("yumi/left/hand", "unknown robot (neither shipped nor a folder) 'yumi/left'"),
+        ("yumi/left/hand", "unknown robot (neither shipped nor a folder) 'yumi/left/hand'"),
         ("yumi/", "unknown robot"),
         ("/left", "unknown robot"),
         ("comau_smart_six/left", "comau_smart_six.urdf has one arm"),
