@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import os
+
 import numpy as np
 import pytest
 from robot_controller_runs import PERIOD, N, accelerations, assert_smooth, drive, limits, make, robot_facts, tips
 
 from forcectl.control.constraints import CartesianWall
+
+# 1000 take two minutes: a third of them at every change.
+RUNS = int(os.environ.get("FORCECTL_RANDOM_RUNS", "300"))
 
 
 def random_run(seed: int, ticks: int = 250) -> float:
@@ -58,5 +63,5 @@ def test_no_constraint_is_violated_by_more_than_a_sample_leaves() -> None:
 
 
 @pytest.mark.slow
-def test_no_constraint_is_violated_by_more_than_a_sample_leaves_in_1000_runs() -> None:
-    assert max(random_run(seed) for seed in range(100, 1100)) <= 1.0
+def test_no_constraint_is_violated_by_more_than_a_sample_leaves_in_many_runs() -> None:
+    assert max(random_run(seed) for seed in range(100, 100 + RUNS)) <= 1.0
