@@ -164,6 +164,7 @@ LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str
             "bandwidth": POSITIVE,
             "damping_ratio": POSITIVE,
             "acceleration_limit": POSITIVE,
+            "speed_limit": POSITIVE,
             "rest_region": NOT_NEGATIVE,
             "lower_limit": NUMBER,
             "upper_limit": NUMBER,
