@@ -296,7 +296,7 @@ def _instrumental(pairs: Iterator[tuple[Array, Array]]) -> tuple[Array, Array]:
     """(Z^T Phi)^-1 Z^T u and its standard errors."""
     moments = [(z.T @ rows[:, :-1], z.T @ rows[:, -1]) for rows, z in pairs]
     left, right = sum(m for m, _ in moments), sum(m for _, m in moments)
-    inverse: Array = np.linalg.pinv(left, rcond=1e-15)
+    inverse = np.asarray(np.linalg.pinv(left, rcond=1e-15), dtype=np.float64)
     gains = inverse @ right
     return gains, _sandwich(inverse, np.array([b - a @ gains for a, b in moments]))
 
