@@ -6,16 +6,16 @@ The force changes at every tick, as in a loop. The time of the same diagram with
 from __future__ import annotations
 
 import sys
-from collections.abc import Callable, Iterator
+from collections.abc import Iterator
 from pathlib import Path
-from typing import Any
 
 # Found also when this file is run as a script, from a checkout.
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks._measure import Row, interleaved_medians, main
+from benchmarks._measure import Row, main
+from benchmarks._ticks import Case, tick_rows, under_a_decaying_force
 
-PERIOD, TICKS, COMPLIANCE = 0.002, 2000, 2e-4
+COMPLIANCE = 2e-4
 
 
 def benchmark(repeats: int) -> Iterator[Row]:
@@ -27,7 +27,7 @@ def benchmark(repeats: int) -> Iterator[Row]:
     def integral() -> IntegralForceLaw:
         return IntegralForceLaw(1, integral_gain=3.0, compliance=COMPLIANCE)
 
-    laws: dict[str, tuple[Callable[[], Any] | None, str]] = {
+    laws: dict[str, Case] = {
         "without a law": (None, ""),
         "integral": (integral, ""),
         "invariance [57]": (lambda: InvarianceForceLaw(1, compliance=COMPLIANCE), "<= 20"),
@@ -40,41 +40,7 @@ def benchmark(repeats: int) -> Iterator[Row]:
             "",
         ),
     }
-    times = interleaved_medians([_run(make) for make, _ in laws.values()], max(5, repeats))
-    for (name, (make, required)), spent in zip(laws.items(), times, strict=True):
-        value = spent if make is None else spent - times[0]
-        note = "" if make is None else "per tick, less the line above"
-        yield Row(name, 1e6 * value / TICKS, "us", required=required, note=note)
-
-
-def _run(make: Callable[[], Any] | None) -> Callable[[], None]:
-    """Advances the law, fed with a force that decays, by `TICKS` ticks."""
-    import numpy as np
-    from pydrake.systems.analysis import Simulator
-    from pydrake.systems.framework import DiagramBuilder
-    from pydrake.systems.primitives import ConstantVectorSource, LinearSystem, ZeroOrderHold
-
-    builder = DiagramBuilder()
-    measured = builder.AddSystem(LinearSystem([[0.999]], np.zeros((1, 0)), [[12.0]], np.zeros((1, 0)), PERIOD))
-    measured.configure_default_state([1.0])
-    hold = builder.AddSystem(ZeroOrderHold(PERIOD, 1))
-    if make is None:
-        builder.Connect(measured.get_output_port(), hold.get_input_port())
-    else:
-        law = builder.AddSystem(make())
-        desired = builder.AddSystem(ConstantVectorSource([15.0]))
-        builder.Connect(desired.get_output_port(), law.GetInputPort("desired_force"))
-        builder.Connect(measured.get_output_port(), law.GetInputPort("measured_force"))
-        builder.Connect(law.GetOutputPort("displacement_command"), hold.get_input_port())
-    diagram = builder.Build()
-    simulator = Simulator(diagram)
-
-    def run() -> None:
-        simulator.reset_context(diagram.CreateDefaultContext())
-        simulator.Initialize()
-        simulator.AdvanceTo(TICKS * PERIOD)
-
-    return run
+    yield from tick_rows(laws, lambda make: under_a_decaying_force(make, "displacement_command"), repeats)
 
 
 if __name__ == "__main__":

@@ -13,9 +13,9 @@ from typing import Any
 # Found also when this file is run as a script, from a checkout.
 sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
-from benchmarks._measure import Row, interleaved_medians, main
+from benchmarks._measure import Row, main
+from benchmarks._ticks import PERIOD, Case, tick_rows, ticking
 
-PERIOD, TICKS = 0.002, 2000
 GAINS = (-5.37e-5, -2.53e-4, 1.62e-8)
 
 
@@ -23,7 +23,7 @@ def benchmark(repeats: int) -> Iterator[Row]:
     from forcectl.control.linear_law import LinearForceLaw
     from forcectl.estimation.recursive_vrft import RecursiveVrft
 
-    blocks: dict[str, tuple[Callable[[], Any] | None, str]] = {
+    blocks: dict[str, Case] = {
         "without a block": (None, ""),
         "linear law, PID": (
             lambda: LinearForceLaw(1, gains=GAINS, robot_compliance=3e-5, derivative_filter=0.004, lower_limit=-0.1),
@@ -32,17 +32,12 @@ def benchmark(repeats: int) -> Iterator[Row]:
         "recursive VRFT, without prefilter": (lambda: RecursiveVrft(1, prefilter=False, always=True), "<= 20"),
         "recursive VRFT, with prefilter": (lambda: RecursiveVrft(1, always=True), "<= 20"),
     }
-    times = interleaved_medians([_run(make) for make, _ in blocks.values()], max(5, repeats))
-    for (name, (make, required)), spent in zip(blocks.items(), times, strict=True):
-        value = spent if make is None else spent - times[0]
-        note = "" if make is None else "per tick, less the line above"
-        yield Row(name, 1e6 * value / TICKS, "us", required=required, note=note)
+    yield from tick_rows(blocks, _run, repeats)
 
 
 def _run(make: Callable[[], Any] | None) -> Callable[[], None]:
     """Advances the block, fed with signals that turn and decay, by `TICKS` ticks."""
     import numpy as np
-    from pydrake.systems.analysis import Simulator
     from pydrake.systems.framework import DiagramBuilder
     from pydrake.systems.primitives import LinearSystem, ZeroOrderHold
 
@@ -65,15 +60,7 @@ def _run(make: Callable[[], Any] | None) -> Callable[[], None]:
     read = builder.AddSystem(ZeroOrderHold(PERIOD, 1))
     output = sources["measured_force"] if block is None else block
     builder.Connect(output.get_output_port(0), read.get_input_port())
-    diagram = builder.Build()
-    simulator = Simulator(diagram)
-
-    def run() -> None:
-        simulator.reset_context(diagram.CreateDefaultContext())
-        simulator.Initialize()
-        simulator.AdvanceTo(TICKS * PERIOD)
-
-    return run
+    return ticking(builder.Build())
 
 
 if __name__ == "__main__":

@@ -5,6 +5,7 @@ from __future__ import annotations
 import os
 from importlib.metadata import entry_points
 
+import pytest
 from hypothesis import settings
 
 # Before NumPy is imported: BLAS reads these once.
@@ -21,3 +22,21 @@ pytest_plugins = [] if _announced else [_PLUGIN]
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.register_profile("explore", max_examples=500, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
+
+
+@pytest.fixture
+def forcectl(monkeypatch, capfd, tmp_path):
+    """Call the command line in this process, in an empty folder; returns (exit code, stdout, stderr)."""
+    from forcectl import cli
+
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+
+    def call(*arguments):
+        monkeypatch.setattr("sys.argv", ["forcectl", *map(str, arguments)])
+        with pytest.raises(SystemExit) as stopped:
+            cli.main()
+        output = capfd.readouterr()
+        return stopped.value.code, output.out, output.err
+
+    return call

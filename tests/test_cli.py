@@ -9,27 +9,10 @@ import time
 
 import pytest
 
-from forcectl import cli
 from forcectl.simulation import catalog
 from forcectl.simulation.logs import read_netcdf
 
 COMMANDS = ("list", "run", "graph", "check", "reproduce")
-
-
-@pytest.fixture
-def forcectl(monkeypatch, capfd, tmp_path):
-    """Call the command line in this process, in an empty folder; returns (exit code, stdout, stderr)."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
-
-    def call(*arguments):
-        monkeypatch.setattr("sys.argv", ["forcectl", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            cli.main()
-        output = capfd.readouterr()
-        return stopped.value.code, output.out, output.err
-
-    return call
 
 
 def test_help_names_every_command_and_takes_less_than_half_a_second():

@@ -10,7 +10,6 @@ from scipy.signal import lfilter
 from test_recorded import good, write
 from vrft_records import TS, contact, trapezoidal_moves
 
-from forcectl import cli
 from forcectl.errors import BadInputError
 from forcectl.estimation.controller_basis import continuous_pid
 from forcectl.estimation.reference_model import first_order
@@ -20,22 +19,6 @@ from forcectl.simulation.run import run
 from forcectl.simulation.scenario import load_scenario
 from forcectl.simulation.tune import reference_model_config, tune_vrft
 from forcectl.simulation.tuning_report import summary
-
-
-@pytest.fixture
-def forcectl(monkeypatch, capfd, tmp_path):
-    """Call the command line in this process, in an empty folder; returns (exit code, stdout, stderr)."""
-    monkeypatch.chdir(tmp_path)
-    monkeypatch.setenv("COLUMNS", "200")
-
-    def call(*arguments):
-        monkeypatch.setattr("sys.argv", ["forcectl", *map(str, arguments)])
-        with pytest.raises(SystemExit) as stopped:
-            cli.main()
-        output = capfd.readouterr()
-        return stopped.value.code, output.out, output.err
-
-    return call
 
 
 @pytest.fixture(scope="module")
