@@ -1,0 +1,106 @@
+"""The commanded motion of a robot with several arms: what constraints, tasks and null-space criteria read at one tick.
+
+It is itself the motion of the first arm, so what is written for a robot with one arm works unchanged; `OfArm` points
+it at another. Jacobians have a column for every joint of the robot, whichever arm they belong to.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import Context
+
+from forcectl.control.constraints import Constraint, Evaluation
+from forcectl.control.robot_motion import RobotMotion
+from forcectl.errors import BadInputError, unknown
+from forcectl.robot import RobotModel
+
+Vector = NDArray[np.float64]
+
+
+class _Beside(RobotMotion):
+    """A motion whose inertia and load are another's: they are computed once for all arms."""
+
+    _lead: RobotMotion
+
+    @cached_property
+    def inertia(self) -> Vector:
+        """See `RobotMotion`."""
+        return self._lead.inertia
+
+    @cached_property
+    def load(self) -> Vector:
+        """See `RobotMotion`."""
+        return self._lead.load
+
+
+class _OtherArm(_Beside):
+    """The motion of another frame than the first arm's TCP."""
+
+    def __init__(self, lead: RobotMotion, robot: RobotModel, context: Context, frame: Frame):
+        self._robot, self._context, self._lead = robot, context, lead
+        self.q, self.v = lead.q, lead.v
+        X_WT = frame.CalcPoseInWorld(context)
+        self.position, self.rotation = X_WT.translation(), X_WT.rotation().matrix()
+        self.jacobian = robot.jacobian_of(context, frame)
+        self.velocity = self.jacobian @ lead.v
+        self.bias = robot.bias_acceleration_of(context, frame)
+
+
+class ArmsMotion(_Beside):
+    """The motion of all arms at one tick, and itself that of the first one's TCP.
+
+    Args:
+        robot: with any number of arms. context: of `robot.plant`, overwritten; must stay in this posture while the
+            motion is in use. q, v: of all joints, (n,) [rad, rad/s].
+    """
+
+    def __init__(self, robot: RobotModel, context: Context, q: Vector, v: Vector):
+        # Not this object itself: it holds the others, and they hold the first.
+        self._lead = RobotMotion(robot, context, q, v)
+        self.__dict__ |= self._lead.__dict__
+        (first, _), *others = robot.parts.arms.items()
+        self._arms = {first: self._lead}
+        for name, arm in others:
+            self._arms[name] = _OtherArm(self._lead, robot, context, arm.tcp_frame)
+
+    def arm(self, name: str) -> RobotMotion:
+        """The same motion, of the TCP of the arm of that name.
+
+        Raises:
+            BadInputError: there is no such arm.
+        """
+        if name not in self._arms:
+            raise unknown("arm", name, self._arms)
+        return self._arms[name]
+
+    @property
+    def arm_names(self) -> tuple[str, ...]:
+        """Names of the arms, the first one first."""
+        return tuple(self._arms)
+
+
+class OfArm:
+    """A constraint written for one arm, of the named arm of a robot that has several.
+
+    Args:
+        arm: its name. constraint: any; its relative degree, gamma and slack weight are kept.
+    """
+
+    def __init__(self, arm: str, constraint: Constraint):
+        if not isinstance(constraint, Constraint):
+            raise BadInputError(f"constraint {type(constraint).__name__} lacks relative_degree or evaluate(motion)")
+        self.arm, self._constraint = arm, constraint
+        self.relative_degree = constraint.relative_degree
+        for name in ("gamma", "slack_weight"):
+            if hasattr(constraint, name):
+                setattr(self, name, getattr(constraint, name))
+
+    def evaluate(self, motion: RobotMotion) -> Evaluation:
+        """See `Constraint`."""
+        if not isinstance(motion, ArmsMotion):
+            raise BadInputError(f"OfArm: there is no arm {self.arm!r} in the motion of a robot without named arms")
+        return self._constraint.evaluate(motion.arm(self.arm))
