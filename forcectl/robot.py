@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, JacobianWrtVariable
+from pydrake.multibody.tree import Frame, JacobianWrtVariable, MultibodyForces
 from pydrake.systems.framework import Context, InputPort, LeafSystem
 
 from forcectl.cache import BlockCache
@@ -200,8 +200,22 @@ class RobotModel:
 
     def load_torque(self, context: Context) -> Array:
         """c(q, v) + g(q): joint torque of a motion without acceleration, at q and v of `context`, shape (n,) [Nm]."""
-        torque: Array = self.plant.CalcBiasTerm(context) - self.plant.CalcGravityGeneralizedForces(context)
-        return torque if self._arm_only else torque[self._v]
+        return self.torque(context, np.zeros(self.num_joints), rotors=False)
+
+    def torque(self, context: Context, vdot: Array, rotors: bool = True) -> Array:
+        """Joint-side torque of the motion at q and v of `context`, without friction, shape (n,) [Nm].
+
+        (M(q) + B) vdot + c(q, v) + g(q), with the rotors' B = `motor_inertia` if `rotors`.
+        """
+        forces = MultibodyForces(self.plant)
+        self.plant.CalcForceElementsContribution(context, forces)
+        if self._arm_only:
+            torque: Array = self.plant.CalcInverseDynamics(context, vdot, forces)
+        else:
+            everything = np.zeros(self.plant.num_velocities())
+            everything[self._v] = vdot
+            torque = self.plant.CalcInverseDynamics(context, everything, forces)[self._v]
+        return torque + self.motor_inertia @ vdot if rotors else torque
 
     def mass_matrix(self, context: Context) -> Array:
         """Link-side mass matrix, without rotors, shape (n, n) [kg m2]."""
@@ -209,15 +223,10 @@ class RobotModel:
         return M if self._arm_only else M[np.ix_(self._v, self._v)]
 
     def inverse_dynamics(self, context: Context, q: Array, v: Array, vdot: Array, rotors: bool = True) -> Array:
-        """Joint-side torque of the motion (q, v, vdot) without friction, shape (n,) [Nm].
-
-        (M(q) + B) vdot + c(q, v) + g(q), with the rotors' B = `motor_inertia` if `rotors`. Leaves q and v in `context`.
-        """
+        """As `torque`, of the motion (q, v, vdot), shape (n,) [Nm]. Leaves q and v in `context`."""
         self.set_positions(context, q)
         self.set_velocities(context, v)
-        inertia = self.mass_matrix(context) + (self.motor_inertia if rotors else 0.0)
-        torque: Array = inertia @ vdot + self.load_torque(context)
-        return torque
+        return self.torque(context, vdot, rotors)
 
     def smallest_singular_value(self, context: Context) -> float:
         """Distance from a singular posture [1]: smallest singular value of the TCP Jacobian.

@@ -51,7 +51,8 @@ class Constraint(Protocol):
                 z, dz = motion.position[2], motion.velocity[5]
                 return self.height - z, -dz, -motion.jacobian[5], -motion.bias[5]
 
-    An attribute `gamma` (< 0, in units of y'') replaces the controller's default.
+    An attribute `gamma` (< 0, in units of y'') replaces the controller's default. An attribute `slack_weight` (> 0, see
+    `QuadraticProgram`) makes the rows soft in controllers of several arms: they give way before the others.
     """
 
     relative_degree: int
@@ -127,16 +128,27 @@ class JointTorqueLimit:
     relative_degree = 0
 
     def __init__(self, limit: Vector):
-        limited = np.isfinite(limit)
+        self._limit, limited = limit, np.isfinite(limit)
         self._some = None if limited.all() else np.flatnonzero(limited)
         self._twice = np.concatenate([limit[limited], limit[limited]])
+        self.size = len(self._twice)
 
     def evaluate(self, motion: RobotMotion) -> Evaluation:
         """See `Constraint`."""
+        matrix, limit = self.rows(motion)
+        return 0.0, 0.0, matrix, -limit
+
+    def rows(self, motion: RobotMotion) -> tuple[Vector, Vector]:
+        """E (size, n) and f (size,) of the rows E u <= f."""
         M, h = motion.inertia, motion.load
         if self._some is not None:
             M, h = M[self._some], h[self._some]
-        return 0.0, 0.0, np.concatenate([M, -M]), np.concatenate([h, -h]) - self._twice
+        return np.concatenate([M, -M]), self._twice - np.concatenate([h, -h])
+
+    def excess(self, motion: RobotMotion, u: Vector) -> float:
+        """By how much the torque of u is above its limit [Nm]; <= 0 when none is. Half of the cost of the rows."""
+        excess: float = (np.abs(motion.torque(u)) - self._limit).max().item()
+        return excess
 
 
 def bounded_acceleration(y: float, rate: float, gamma: float, period: float) -> float:
@@ -232,6 +244,8 @@ class ConstraintSet:
             self._parts.append((constraint, slice(row, row + rows)))
             row += rows
         self.size = row
+        # What slack costs, of every row; infinite for hard ones.
+        self.slack_weights = np.array([_slack_weight(c) for c, rows, _ in found for _ in range(rows)])
         degrees = [c.relative_degree for c, rows, _ in found for _ in range(rows)]
         self._first, self._second = degrees.count(0), degrees.count(0) + degrees.count(1)
         self.foreseen_size = row - self._second  # of the vector of `foresee`, zeros at rest
@@ -262,9 +276,8 @@ class ConstraintSet:
             parts = (y[second:].tolist(), rate[second:].tolist(), foreseen.tolist(), self._gamma)
             limit[second:] += [self._bound(*numbers) for numbers in zip(*parts, strict=True)]
         lower, upper, violation = self._joint_bounds(q, v)
-        if m > first:
-            # fmax: one constraint that is no number does not hide the others.
-            violation = max(violation, np.fmax.reduce(y[first:]).item())
+        for value in y[first:].tolist():
+            violation = value if value > violation else violation  # a constraint that is no number hides no other
         return Rows(matrix, limit, first, lower, upper, violation, rate[second:], bias[second:])
 
     def foresee(self, rows: Rows, u: Vector) -> Vector:
@@ -287,10 +300,10 @@ class ConstraintSet:
             down, up = (-speed - rate) / Ts, (speed - rate) / Ts
             # A limit so far away that after a tick of full acceleration there is a tick left before braking binds
             # nothing.
-            ahead, back = max(rate + Ts * room, 0.0), max(Ts * room - rate, 0.0)
-            if x - high + ahead * (2 * Ts + ahead / room) > 0.0:
+            ahead, back = rate + Ts * room, Ts * room - rate
+            if x - high + (ahead * (2 * Ts + ahead / room) if ahead > 0.0 else 0.0) > 0.0:
                 up = min(up, bounded_acceleration(x - high, rate, -0.5 * room, Ts))
-            if low - x + back * (2 * Ts + back / room) > 0.0:
+            if low - x + (back * (2 * Ts + back / room) if back > 0.0 else 0.0) > 0.0:
                 down = max(down, -bounded_acceleration(low - x, -rate, -0.5 * room, Ts))
             lower.append(max(min(down, room), -room))
             upper.append(max(min(up, room), -room))
@@ -308,6 +321,11 @@ class ConstraintSet:
         time = max((np.abs(v) / self._room).max().item() * 2.0, self._period)
         braking: Vector = np.minimum(np.maximum(v / -time, rows.lower), rows.upper)
         return braking
+
+
+def _slack_weight(constraint: Constraint) -> float:
+    weight = getattr(constraint, "slack_weight", math.inf)
+    return lane_values(f"slack_weight of constraint {type(constraint).__name__}", weight, 1, "positive").item()
 
 
 def _try(constraint: Any, start: RobotMotion, gamma: float) -> tuple[int, float]:

@@ -26,18 +26,12 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from scipy.linalg.lapack import dposv, dpotrf, dsyev
 
 from forcectl.cache import BlockCache
-from forcectl.control.constraints import (
-    Constraint,
-    ConstraintSet,
-    ForceLimit,
-    JointTorqueLimit,
-    Rows,
-    checked_limits,
-)
+from forcectl.control.constrained_program import ConstrainedProgram, Outcome
+from forcectl.control.constraints import Constraint, ConstraintSet, ForceLimit, Rows, checked_limits
 from forcectl.control.force_law import RobotFacts
-from forcectl.control.quadratic_program import QuadraticProgram, Solution, SolverFactory, Status, fastest
+from forcectl.control.quadratic_program import Solution, SolverFactory, Status, fastest
 from forcectl.control.regulated_output import Course, Regulated, RegulatedCoordinate, corrected, regulate_force
-from forcectl.control.robot_motion import Contact, RobotMotion, StraightMotion
+from forcectl.control.robot_motion import Contact, Place, RobotMotion, StraightMotion, place, straight_place
 from forcectl.control.sensor_lag import SensorLag
 from forcectl.control.tracking import Tracking
 from forcectl.errors import BadInputError, invalid
@@ -47,8 +41,6 @@ from forcectl.robot import JointLimits
 Vector = NDArray[np.float64]
 
 _PRIORITY = 1e3  # weight of regulated outputs beside the unconstrained directions
-_SLACK_WEIGHT = 1e6  # of regulated outputs: what slack costs beside the objective
-_FORCE_FIRST = 100.0  # times that for the force: it gives way after the other outputs
 _DAMPING = 0.05  # lambda_max of the damped inverse [m], as in the kinematic inversion
 _REDUNDANT = 1e-4  # weight of rest for joints that the task leaves free
 _CONTACT_FORCE = 0.5  # [N] contact is there above, and lost below half of it
@@ -164,7 +156,7 @@ class InvarianceController(LeafSystem):
         self._origin = RobotMotion(robot.model, robot.model.create_context(), robot.start, np.zeros(self._n))
         self._origin.contact = Contact(0.0, 0.0, robot.n @ self._origin.jacobian[3:], 0.0, 1.0, 0.0)
         limits = checked_limits(robot.model.limits if limits is None else limits, self._origin)
-        everything: list[Constraint] = [JointTorqueLimit(limits.torque)] if np.isfinite(limits.torque).any() else []
+        everything: list[Constraint] = []
         if maximum_force < math.inf:
             everything.append(ForceLimit(maximum_force, self._gamma))
         everything += constraints
@@ -180,13 +172,11 @@ class InvarianceController(LeafSystem):
         self._across = np.eye(3) - self._axes.T @ self._axes
         # y'' of the force is -x'' along n, that of a coordinate is x'' along its axis.
         self._signs = np.array([-1.0] + [1.0] * len(outputs))
-        self._rest = np.zeros(self._n)
         self._column, self._eye = self._signs[:, None], np.eye(self._n)
+        self._singular = 1.0 / robot.singularity_limit**2  # of the squares of the singular values of J
+        self._singular_eye = self._singular * self._eye
 
-        weights = np.full(len(self._axes) + self._constraints.size, np.inf)
-        weights[: len(self._axes)] = _SLACK_WEIGHT
-        weights[0] *= _FORCE_FIRST
-        self._program = QuadraticProgram(self._n, len(weights), slack_weight=weights, solver=solver)
+        self._program = ConstrainedProgram(self._constraints, len(self._axes), limits.torque, solver)
         self._declare()
 
     def _declare(self) -> None:
@@ -248,10 +238,15 @@ class InvarianceController(LeafSystem):
         known = time - memory.item(0) < 0.999 * self._period
         return memory if known else self._step(context, memory, time)
 
-    def _motion(self, context: Context, place: int, q: Vector, v: Vector) -> RobotMotion:
+    def _motion(self, context: Context, q: Vector, v: Vector) -> RobotMotion:
         if self._facts.straight:
             return StraightMotion(self._origin, q, v)
-        return RobotMotion(self._facts.model, self._scratch[place].Eval(context), q, v)
+        return RobotMotion(self._facts.model, self._scratch[0].Eval(context), q, v)
+
+    def _place(self, context: Context, q: Vector) -> Place:
+        if self._facts.straight:
+            return straight_place(self._origin, q)
+        return place(self._facts.model, self._scratch[1].Eval(context), q)
 
     def _step(self, context: Context, memory: Vector, time: float) -> Vector:
         """The memory after a tick."""
@@ -268,10 +263,10 @@ class InvarianceController(LeafSystem):
         good = math.isfinite(desired + measured) and 0.0 < compliance < math.inf
         if not good:  # no number then that depends on it
             measured = compliance = math.nan
-        if not np.isfinite(reference).all():
+        if not math.isfinite(reference @ reference):  # a sum of squares tells it in a fifth of the time
             good, reference = False, last
 
-        motion = self._motion(context, 0, q, v)
+        motion = self._motion(context, q, v)
         x = (self._axes @ (motion.position - self._origin.position)).tolist()
         rate = self._axes @ motion.velocity[3:]
         k, rates = len(x), rate.tolist()
@@ -282,8 +277,8 @@ class InvarianceController(LeafSystem):
             unseen, in_sensor = self._sensor.unseen(in_sensor, x[0], moved, compliance * measured)
         motion.contact = Contact(x[0], rates[0], along.rows[0], along.bias.item(0), compliance, measured, unseen)
         rows = self._constraints.rows(motion, foreseen[k:])
-        solution, violation = Solution(v, Status.NOT_FINITE, 0.0), rows.violation
-        active = near = lost = 0.0
+        violation = rows.violation
+        active, near, lost = 0, 0.0, 0.0
         phi = memory.item(-len(_DIAGNOSTICS) + 1)
         if good:
             desired = min(desired, self._maximum_force)
@@ -294,25 +289,25 @@ class InvarianceController(LeafSystem):
             if self._nominal_gain is not None:
                 outputs[0] = self._nominal(self._nominal_gain, force, compliance * (measured - desired))
             wanted = self._wanted(context, motion, (reference, last, before), outputs, along.missed)
-            solution, active, near, direct = self._solve(motion, rows, along, wanted, outputs)
-            violation = max(violation, direct)
+            (solution, active, beyond), near = self._solve(motion, rows, along, wanted, outputs)
+            violation = max(violation, beyond)
             phi = force.y - 0.5 * max(force.rate, 0.0) ** 2 / self._gamma
             pressing = -x[0] > _CONTACT_FORCE * compliance
             touched = float(pressing and (touched > 0 or measured > _CONTACT_FORCE))
             lost = float(touched > 0 and measured < 0.5 * _CONTACT_FORCE)
         else:
             past = Course(past.desired, 0.0, 0.0)
+            solution = Solution(self._constraints.brake(v, rows), Status.NOT_FINITE, 0.0)
 
-        u = self._constraints.brake(v, rows) if solution.status.brakes else solution.u
+        u = solution.u
         violation = violation if violation > _ROUNDING else 0.0
         bending = along.rows @ u + along.bias
         command = x[0] + Ts * rates[0] + 0.5 * Ts**2 * bending.item(0)
         told = [command, phi, float(solution.status), active, solution.slack, violation, near, lost]
         position, velocity = q + Ts * v + 0.5 * Ts**2 * u, v + Ts * u
         expected = (rate + Ts * bending, self._constraints.foresee(rows, u))
-        return np.concatenate(
-            [[time], position, velocity, reference, last, [*past, touched, *in_sensor], *expected, told]
-        )
+        numbers = [*past, touched, *in_sensor]
+        return np.concatenate([[time], position, velocity, reference, last, numbers, *expected, told])
 
     def _nominal(self, gain: float, force: Regulated, force_error: float) -> Regulated:
         """The force with the acceleration of the integral law; `force_error`: C_T_hat (F - F_bar) [m]."""
@@ -331,7 +326,7 @@ class InvarianceController(LeafSystem):
         Ts = self._period
         # Where q[k] should be is the reference of one tick ago; with the one of now, differences about it are central.
         rate, bend = (now - before) / (2 * Ts), (now - 2 * last + before) / Ts**2
-        path = self._motion(context, 1, self._facts.start + last, self._rest)
+        path = self._place(context, self._facts.start + last)
         wanted = self._tracking.acceleration(motion, path, rate, bend, self._across)
         wanted[3:] += (self._signs * [output.wish for output in outputs] - missed) @ self._axes
         return wanted
@@ -343,13 +338,9 @@ class InvarianceController(LeafSystem):
         along: Along,
         wanted: Vector,
         outputs: list[Regulated],
-    ) -> tuple[Solution, float, float, float]:
-        """The solution, how many rows and bounds are active, whether J is damped, and the violation of direct rows."""
-        k, J = len(outputs), motion.jacobian
-        matrix = np.concatenate([self._column * along.rows, rows.matrix])
-        bounds = [output.bound for output in outputs] - self._signs * (along.bias + along.missed)
-        limit = np.concatenate([bounds, rows.limit])
-
+    ) -> tuple[Outcome, float]:
+        """What the program gives, and whether J is damped."""
+        J = motion.jacobian
         hessian, gradient = J.T @ J, J.T @ (motion.bias - wanted)
         damping = self._damping(hessian)
         if damping > 0:  # towards rest
@@ -361,20 +352,15 @@ class InvarianceController(LeafSystem):
         if self._nominal_gain is not None:
             gradient = dposv(hessian, gradient)[1]
             hessian = self._eye
-        solution = self._program.solve(
-            hessian, gradient, matrix, limit, u_lower=rows.lower, u_upper=rows.upper, fallback=motion.v
-        )
-        u = solution.u
-        beyond = matrix @ u - limit
-        active = np.count_nonzero(beyond > -1e-9) + np.count_nonzero((u >= rows.upper) | (u <= rows.lower))
-        direct = beyond[k : k + rows.direct].max(initial=0.0).item()
-        return solution, float(active), float(damping > _REDUNDANT), direct
+        bounds = [output.bound for output in outputs] - self._signs * (along.bias + along.missed)
+        soft = self._column * along.rows, bounds
+        return self._program.solve(motion, rows, hessian, gradient, soft), float(damping > _REDUNDANT)
 
     def _damping(self, hessian: Vector) -> float:
         """lambda^2 of the damped inverse, from the smallest singular value of J that the task needs."""
-        limit, free = 1.0 / self._facts.singularity_limit**2, max(0, self._n - 6)
+        limit, free = self._singular, max(0, self._n - 6)
         # Usually far from singular, and then this Cholesky factor exists; at a fifth of the cost of the eigenvalues.
-        if free == 0 and dpotrf(hessian - limit * self._eye)[1] == 0:
+        if free == 0 and dpotrf(hessian - self._singular_eye)[1] == 0:
             return 0.0
         smallest = max(dsyev(hessian, compute_v=0)[0].item(free), 0.0)
         return max(_DAMPING**2 * (1.0 - smallest / limit), _REDUNDANT if free else 0.0)

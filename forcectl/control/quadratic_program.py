@@ -20,6 +20,7 @@ solver comes from the `daqp` package.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Callable
 from enum import IntEnum
 from typing import NamedTuple, Protocol
@@ -134,7 +135,8 @@ class DaqpPackage:
         """See `Solver`."""
         hessian, gradient, matrix, lower, upper, u_lower, u_upper = program
         above, below = np.concatenate([u_upper, upper]), np.concatenate([u_lower, lower])
-        kinds = np.where(above == below, _EQUALITY, self._kinds)
+        equal = above == below
+        kinds = np.where(equal, _EQUALITY, self._kinds) if equal.any() else self._kinds
         u, _, flag, _ = daqp.solve(hessian, gradient, matrix, above, below, kinds, primal_tol=_PRIMAL_TOLERANCE)
         return (u, False) if flag > 0 else (None, flag == _DAQP_INFEASIBLE)
 
@@ -290,8 +292,11 @@ class QuadraticProgram:
 
 def _finite(program: Coefficients) -> bool:
     """Whether the coefficients that are no bounds are finite."""
-    hessian, gradient, matrix, *_ = program
-    return bool(np.isfinite(hessian).all() and np.isfinite(gradient).all() and np.isfinite(matrix).all())
+    parts = program[:3]
+    # A sum of squares tells in a fifth of the time, unless it overflows.
+    if math.isfinite(sum(np.vdot(part, part) for part in parts)):
+        return True
+    return all(np.isfinite(part).all() for part in parts)
 
 
 def _bounded(program: Coefficients) -> bool:

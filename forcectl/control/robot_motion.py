@@ -42,39 +42,21 @@ class RobotMotion:
     Attributes:
         q, v: joint positions and speeds, (n,) [rad, rad/s].
         position, rotation: of the TCP, (3,) [m] and (3, 3).
+        jacobian: J_WT, (6, n) [1; m]. velocity: J v, (6,) [rad/s; m/s]. bias: J'v, (6,) [rad/s^2; m/s^2].
         contact: filled in by the controller.
     """
 
-    q: Vector
-    v: Vector
-    position: Vector
-    rotation: Vector
     contact: Contact
 
     def __init__(self, robot: RobotModel, context: Context, q: Vector, v: Vector):
         """`context`: of `robot.plant`, overwritten; must stay in this posture while the motion is in use."""
         self._robot, self._context = robot, context
         self.q, self.v = q, v
-        robot.set_positions(context, q)
+        self.position, self.rotation = place(robot, context, q)
         robot.set_velocities(context, v)
-        X_WT = robot.pose(context)
-        self.position, self.rotation = X_WT.translation(), X_WT.rotation().matrix()
-
-    @cached_property
-    def jacobian(self) -> Vector:
-        """J_WT, (6, n) [1; m]."""
-        return self._robot.jacobian(self._context)
-
-    @cached_property
-    def velocity(self) -> Vector:
-        """J v, (6,) [rad/s; m/s]."""
-        velocity: Vector = self.jacobian @ self.v
-        return velocity
-
-    @cached_property
-    def bias(self) -> Vector:
-        """J'v, (6,) [rad/s^2; m/s^2]."""
-        return self._robot.bias_acceleration(self._context)
+        self.jacobian: Vector = robot.jacobian(context)
+        self.velocity: Vector = self.jacobian @ v
+        self.bias: Vector = robot.bias_acceleration(context)
 
     @cached_property
     def inertia(self) -> Vector:
@@ -85,6 +67,10 @@ class RobotMotion:
     def load(self) -> Vector:
         """c(q, v) + g(q): joint torque of the motion at u = 0, (n,) [Nm]."""
         return self._robot.load_torque(self._context)
+
+    def torque(self, u: Vector) -> Vector:
+        """M(q) u + c(q, v) + g(q), (n,) [Nm], at once: half of the cost of the two."""
+        return self._robot.torque(self._context, u)
 
 
 class StraightMotion(RobotMotion):
@@ -97,12 +83,31 @@ class StraightMotion(RobotMotion):
     def __init__(self, origin: RobotMotion, q: Vector, v: Vector):
         self._robot, self._context = origin._robot, origin._context
         self.q, self.v = q, v
-        self.jacobian, self.bias = origin.jacobian, origin.bias
-        moved = origin.jacobian @ (q - origin.q)
-        self.position = origin.position + moved[3:]
-        x, y, z = moved[:3]
-        # Rotation to first order: what `turn` reads off it is the difference of the rotation vectors.
-        self.rotation = (np.eye(3) + np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])) @ origin.rotation
+        self.jacobian, self.velocity, self.bias = origin.jacobian, origin.jacobian @ v, origin.bias
+        self.position, self.rotation = straight_place(origin, q)
+
+
+class Place(NamedTuple):
+    """Position (3,) [m] and rotation (3, 3) of the TCP in W."""
+
+    position: Vector
+    rotation: Vector
+
+
+def place(robot: RobotModel, context: Context, q: Vector) -> Place:
+    """Where the TCP is in posture q, (n,) [rad]; `context` is overwritten."""
+    robot.set_positions(context, q)
+    X_WT = robot.pose(context)
+    return Place(X_WT.translation(), X_WT.rotation().matrix())
+
+
+def straight_place(origin: RobotMotion, q: Vector) -> Place:
+    """The same of a `StraightMotion`."""
+    moved = origin.jacobian @ (q - origin.q)
+    x, y, z = moved[:3]
+    # Rotation to first order: what `turn` reads off it is the difference of the rotation vectors.
+    rotation = (np.eye(3) + np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])) @ origin.rotation
+    return Place(origin.position + moved[3:], rotation)
 
 
 def turn(from_: Vector, to: Vector) -> Vector:

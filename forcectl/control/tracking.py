@@ -13,7 +13,7 @@ import math
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.control.robot_motion import RobotMotion, turn
+from forcectl.control.robot_motion import Place, RobotMotion, turn
 from forcectl.lanes import check
 
 Vector = NDArray[np.float64]
@@ -33,7 +33,7 @@ class Tracking:
         self._angular = acceleration / check("characteristic_length", length, "positive")
 
     def acceleration(
-        self, motion: RobotMotion, path: RobotMotion, rate: Vector, bend: Vector, across: Vector
+        self, motion: RobotMotion, path: Place, rate: Vector, bend: Vector, across: Vector
     ) -> Vector:
         """Spatial acceleration x'' (6,) [rad/s^2; m/s^2].
 
