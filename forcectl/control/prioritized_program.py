@@ -113,9 +113,7 @@ class PrioritizedProgram:
         """
         self._check(levels)
         hessian, gradient, _ = levels[0]
-        found = self._first.solve(
-            hessian, gradient, matrix, upper, u_lower=u_lower, u_upper=u_upper, fallback=fallback
-        )
+        found = self._first.solve(hessian, gradient, matrix, upper, u_lower=u_lower, u_upper=u_upper, fallback=fallback)
         if found.status.brakes:
             return PrioritizedSolution(fallback, found.status, 0.0, 0, (0.0,) * len(levels))
         u, solved, basis = found.u, 1, None
@@ -162,7 +160,7 @@ class PrioritizedProgram:
         if len(levels) != self.levels:
             raise BadInputError(f"levels: {len(levels)} given: must be {self.levels}")
         for level, rows in zip(levels, self._tasks, strict=False):
-            shape = np.shape(level.task)
+            shape = None if level.task is None else level.task.shape
             if shape != (rows, self._n):
                 raise BadInputError(f"levels: a task has shape {shape}: must be ({rows}, {self._n})")
 

@@ -1,0 +1,352 @@
+"""The reactive controller of a robot with several arms: from task references to joint references (Algorithm 2).
+
+    min L(x+ - x_gen, x'+ - x'_gen)   s.t.   E u <= f                                    (5.14), (5.16)
+    then, with J u as it is, the criterion of the null space                             (5.18)
+    q[k+1] = q[k] + Ts q'[k] + Ts^2 u/2,    q'[k+1] = q'[k] + Ts u                       (5.15)
+
+q, q' are the commanded motion. The trajectory generator is led by what became of its last reference: by the reference
+itself while it is followed, by the commanded motion of the task where constraints made it deviate.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from forcectl.cache import BlockCache
+from forcectl.control.arms_motion import ArmsMotion
+from forcectl.control.constraints import Constraint, ConstraintSet, JointTorqueLimit, checked_limits
+from forcectl.control.null_space import Criterion, JointSpeed
+from forcectl.control.quadratic_program import SolverFactory, Status, fastest
+from forcectl.control.reading_guard import ReadingGuard, Readings
+from forcectl.control.task_coordinates import ArmTask, TaskState
+from forcectl.control.task_cost import Weights
+from forcectl.control.task_program import TaskProgram, task_levels
+from forcectl.control.task_progress import Progress, TaskProgress
+from forcectl.errors import BadInputError, invalid
+from forcectl.lanes import check, lane_values
+from forcectl.robot import JointLimits, RobotModel
+
+Vector = NDArray[np.float64]
+
+_FOLLOWED = 0.1  # of the tolerance: a reference that is missed by less is followed
+_LOOK_AHEAD = 0.05  # by how much a speed counts among positions that are missed [s]
+_ROUNDING = 1e-12  # violations below are none
+
+# What is put out besides the references, one number each, with units; in the order of `_step`.
+_DIAGNOSTICS = {
+    "status": "1",
+    "active_constraints": "1",
+    "slack": "",
+    "constraint_violation": "",
+    "tracking_error": "1",
+    "near_singular": "1",
+    "levels_solved": "1",
+    "holding": "1",
+    "reached": "1",
+    "stalled": "1",
+}
+
+
+@dataclass(frozen=True)
+class Supervision:
+    """When the motion is stopped, and what counts as reached.
+
+    longest_gap: bad readings that are passed over [s]. frozen_speed [rad/s], largest_error [rad]: see `ReadingGuard`.
+    position_tolerance [m], angle_tolerance [rad]: of the target. patience: see `TaskProgress` [s].
+    """
+
+    longest_gap: float = 0.02
+    frozen_speed: float = 0.1
+    largest_error: float = 0.5
+    position_tolerance: float = 5e-4
+    angle_tolerance: float = 5e-3
+    patience: float = 1.0
+
+
+_DEFAULT_WEIGHTS, _DEFAULT_SUPERVISION = Weights(), Supervision()
+
+
+class ReactiveController(LeafSystem):
+    """Reactive controller of a robot with any number of arms.
+
+    ```
+    name: ReactiveController
+    input_ports: [task_position_reference, task_velocity_reference, task_acceleration_reference, task_target,
+      joint_position, joint_velocity]
+    output_ports: [joint_position_reference, joint_velocity_reference, task_position, task_velocity, task_acceleration,
+      status, active_constraints, slack, constraint_violation, tracking_error, near_singular, levels_solved, holding,
+      reached, stalled, reading_ok, stage_costs]
+    ```
+
+    task_position_reference, task_velocity_reference: shape (k,), x_gen and x'_gen at the next tick, of the coordinates
+      of all tasks one after the other [m or rad, per s].
+    task_acceleration_reference: shape (k,), x''_gen at the next tick [m or rad, per s^2]; not followed, but handed back
+      in task_acceleration while the others are; may be left unconnected.
+    task_target: shape (k,), where they are to end [m or rad]; may be left unconnected, then reached and stalled are 0.
+    joint_position, joint_velocity: shape (n,), as measured [rad, rad/s]; only supervised, see `ReadingGuard`; may be
+      left unconnected.
+    joint_position_reference, joint_velocity_reference: shape (n,), q and q' at the next tick [rad, rad/s].
+    task_position, task_velocity, task_acceleration: shape (k,), the motion the next reference starts from, see this
+      module [m or rad, per s, per s^2]. From the state only: nothing passes through.
+    status: shape (1,), `Status` [1]; from INFEASIBLE on the joints brake and hold, so they do for bad readings.
+    active_constraints: shape (1,), rows and bounds that hold with equality [1].
+    slack: shape (1,), by how much soft rows are missed [their unit].
+    constraint_violation: shape (1,), largest violation of joint limits [rad, rad/s] and constraints [their units]
+      before the tick and of torques [Nm] in it; 0 for none.
+    tracking_error: shape (1,), largest miss of the reference at the next tick, in tolerances of the target [1].
+    near_singular: shape (1,), 1 while the tasks of the first level are damped [1].
+    levels_solved: shape (1,), of the priority levels, the criterion included; 0 while the joints brake [1].
+    holding: shape (1,), 1 while the joints brake and hold, for whatever reason [1].
+    reached, stalled: shape (1,), 1 when the target is reached, and when it has not come nearer for a while [1].
+    reading_ok: shape (n,), 1 for a joint whose reading of this tick is good, else 0 [1].
+    stage_costs: shape (levels,), L of every level (5.16), then u'H u/2 + g'u of the criterion.
+
+    Every output but those from the state is feedthrough of every input.
+
+    Bad input. A reference that is not a number: the joints brake together, along their path, and hold while it lasts,
+    with status NOT_FINITE. The same after readings that stay bad for longer than `longest_gap`. Constraints that
+    contradict each other at a tick: soft rows give way; then the joints brake. Lost samples leave the command alone.
+    Limits that contradict each other or the start posture are an error when it is built.
+
+    Sampling: `period` [s]; no delay, see `SampledLaw`: what the tick computes is put out at once and held.
+
+    Args:
+        robot: kinematics, inertia, limits. tasks: in any order of priority. start: commanded posture before the first
+            tick (n,) [rad]; None: the robot's default. weights: of every priority level, or one for all of them.
+            criterion: of the null space. constraints: further ones than joint limits. limits: of the joints; None: the
+            robot's. constraint_gamma: of constraints without their own, < 0. supervision: of readings and targets.
+            period: None: the robot's. solver: of the programs.
+
+    Raises:
+        BadInputError: values out of range, or that contradict each other or the start posture.
+    """
+
+    port_units = _DIAGNOSTICS | {"reading_ok": "1"}
+    optional_inputs = ("task_acceleration_reference", "task_target", "joint_position", "joint_velocity")
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        tasks: Sequence[ArmTask],
+        *,
+        start: ArrayLike | None = None,
+        weights: Weights | Sequence[Weights] = _DEFAULT_WEIGHTS,
+        criterion: Criterion | None = None,
+        constraints: Sequence[Constraint] = (),
+        limits: JointLimits | None = None,
+        constraint_gamma: float = -2.0,
+        supervision: Supervision = _DEFAULT_SUPERVISION,
+        period: float | None = None,
+        solver: SolverFactory = fastest,
+    ):
+        super().__init__()
+        self.sample_delay = {("task_position_reference", "joint_position_reference"): 0.0}
+        self._robot, self._n = robot, robot.num_joints
+        Ts = self._period = check("period", robot.facts.period if period is None else period, "positive")
+        if not tasks:
+            raise invalid("tasks", list(tasks), "at least one")
+        self._tasks = tuple(tasks)
+        q0 = lane_values("start", robot.facts.default_posture if start is None else start, self._n)
+        origin = ArmsMotion(robot, robot.create_context(), q0, np.zeros(self._n))
+        state = self._task_state(origin)
+        self._size = len(state.value)
+
+        limits = checked_limits(robot.limits if limits is None else limits, origin)
+        everything: list[Constraint] = [JointTorqueLimit(limits.torque)] if np.isfinite(limits.torque).any() else []
+        if not check("constraint_gamma", constraint_gamma) < 0:
+            raise invalid("constraint_gamma", constraint_gamma, "below zero")
+        self._constraints = ConstraintSet([*everything, *constraints], limits, origin, Ts, constraint_gamma)
+        angular = np.concatenate([task.angular for task in tasks])
+        self._tolerance = np.where(angular, supervision.angle_tolerance, supervision.position_tolerance)
+        levels = task_levels(tasks, weights, robot.facts.characteristic_length, Ts)
+        chosen = JointSpeed() if criterion is None else criterion
+        if not isinstance(chosen, Criterion):
+            raise BadInputError(f"criterion {type(chosen).__name__} lacks cost(motion, period)")
+        chosen.cost(origin, Ts)  # a criterion that does not fit the robot fails here
+        self._program = TaskProgram(self._n, levels, chosen, self._constraints, Ts, solver)
+        self._guard = ReadingGuard(supervision.longest_gap, supervision.frozen_speed, supervision.largest_error, Ts)
+        self._progress = TaskProgress(self._tolerance, supervision.patience, Ts)
+        self._declare(q0, state.value)
+
+    @property
+    def task_start(self) -> Vector:
+        """The task coordinates of the start posture, (k,)."""
+        start: Vector = self._memory_start[self._place["task_position"]].copy()
+        return start
+
+    def _declare(self, start: Vector, task_start: Vector) -> None:
+        n, k = self._n, self._size
+        quantities = ("position", "velocity", "acceleration")
+        names = [f"task_{quantity}_reference" for quantity in quantities]
+        self._references = [self.DeclareVectorInputPort(name, k) for name in names]
+        self._target = self.DeclareVectorInputPort("task_target", k)
+        self._measured = [self.DeclareVectorInputPort(name, n) for name in ("joint_position", "joint_velocity")]
+        none, nowhere = np.zeros(1), np.full(1, np.inf)
+        memory = {
+            "time": np.full(1, -self._period),
+            "joint_position_reference": start,
+            "joint_velocity_reference": np.zeros(n),
+            "task_position": task_start,
+            "task_velocity": np.zeros(k),
+            "task_acceleration": np.zeros(k),
+            "foreseen": np.zeros(self._constraints.foreseen_size),
+            "read_position": np.full(n, np.nan),
+            "reading_ok": np.ones(n),
+            "frozen": np.zeros(n),
+            "gap": none,
+            "target": np.full(k, np.nan),
+            "nearest": nowhere,
+            "ticks": none,
+            "stage_costs": np.zeros(self._program.size),
+            **dict.fromkeys(_DIAGNOSTICS, none),
+        }
+        ends = np.cumsum([len(part) for part in memory.values()]).tolist()
+        self._place = {
+            name: slice(end - len(part), end) for (name, part), end in zip(memory.items(), ends, strict=True)
+        }
+        self._memory_start = np.concatenate(list(memory.values()))
+        self._memory = self.DeclareDiscreteState(self._memory_start)
+        robot = self._robot
+        # A place to work in, overwritten at every use; each context has its own.
+        self._scratch = BlockCache(
+            self,
+            "commanded posture",
+            lambda: AbstractValue.Make(robot.create_context()),
+            lambda block, context, value: None,
+            {self.nothing_ticket()},
+        )
+        state = self.discrete_state_ticket(self._memory)
+        inputs = (*self._references, self._target, *self._measured)
+        reads = {port.ticket() for port in inputs} | {self.time_ticket(), state}
+        self._now = BlockCache(
+            self,
+            "values of this tick",
+            lambda: Value[object](()),
+            lambda block, context, value: value.set_value(block._compute(context)),
+            reads,
+        )
+        for name in ("joint_position_reference", "joint_velocity_reference"):
+            self._show(name)
+        for name in ("task_position", "task_velocity", "task_acceleration"):
+            self._show_state(name)
+        for name in (*_DIAGNOSTICS, "reading_ok", "stage_costs"):
+            self._show(name)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._period, offset_sec=0.0, update=self._hold)
+
+    def _show(self, name: str) -> None:
+        now, place = self._now, self._place[name]
+
+        def show(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(now.Eval(context)[place])
+
+        self.DeclareVectorOutputPort(name, place.stop - place.start, show, prerequisites_of_calc={now.ticket()})
+
+    def _show_state(self, name: str) -> None:
+        memory, place = self._memory, self._place[name]
+
+        def show(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(context.get_discrete_state(memory).value()[place])
+
+        reads = {self.discrete_state_ticket(memory)}
+        self.DeclareVectorOutputPort(name, place.stop - place.start, show, prerequisites_of_calc=reads)
+
+    def _hold(self, context: Context, next_state: DiscreteValues) -> None:
+        next_state.set_value(self._memory, self._now.Eval(context))
+
+    def _compute(self, context: Context) -> Vector:
+        memory: Vector = context.get_discrete_state(self._memory).value()
+        time = context.get_time()
+        # Rounding of the times of the ticks is far below the margin.
+        known = time - memory.item(0) < 0.999 * self._period
+        return memory if known else self._step(context, memory, time)
+
+    def _task_state(self, motion: ArmsMotion) -> TaskState:
+        """Of all tasks, one after the other."""
+        states = [task.state(motion) for task in self._tasks]
+        return states[0] if len(states) == 1 else TaskState(*map(np.concatenate, zip(*states, strict=True)))
+
+    def _step(self, context: Context, memory: Vector, time: float) -> Vector:
+        """The memory after a tick."""
+        Ts, place = self._period, self._place
+        q, v = memory[place["joint_position_reference"]], memory[place["joint_velocity_reference"]]
+        readings, stops = self._look(context, memory, q, v)
+        position, velocity = (port.Eval(context) for port in self._references[:2])
+        bend = self._references[2]
+        motion = ArmsMotion(self._robot, self._scratch.Eval(context), q, v)
+        state = self._task_state(motion)
+        rows = self._constraints.rows(motion, memory[place["foreseen"]])
+
+        violation, costs = rows.violation, (0.0,) * self._program.size
+        status, slack, active, near, levels = Status.NOT_FINITE, 0.0, 0, False, 0
+        good = bool(np.isfinite(position).all() and np.isfinite(velocity).all())
+        if good and not stops:
+            found = self._program.solve(motion, rows, state, position, velocity)
+            u, status, slack, levels, active, direct, near, costs = found
+            violation = max(violation, direct)
+        else:
+            u = self._constraints.brake(v, rows)
+
+        a = state.jacobian @ u + state.bias
+        x, rate = state.value + Ts * (state.rate + 0.5 * Ts * a), state.rate + Ts * a
+        missed = max(self._apart(x - position), _LOOK_AHEAD * self._apart(rate - velocity)) if good else 0.0
+        # Led by what was asked for as long as it is done, so that a plan is kept to.
+        followed = good and missed <= _FOLLOWED
+        led = [x, rate, a]
+        if followed:
+            led = [position, velocity, bend.Eval(context) if bend.HasValue(context) else a]
+        progress = self._look_ahead(context, memory, x, rate)
+        told = [
+            float(status),
+            float(active),
+            slack,
+            violation if violation > _ROUNDING else 0.0,
+            missed,
+            float(near),
+            float(levels),
+            float(levels == 0),
+            progress.reached,
+            progress.stalled,
+        ]
+        return np.concatenate(
+            [
+                [time],
+                q + Ts * v + 0.5 * Ts**2 * u,
+                v + Ts * u,
+                *led,
+                self._constraints.foresee(rows, u),
+                *readings[:3],
+                [readings.gap],
+                progress.target,
+                [progress.nearest, progress.ticks],
+                costs,
+                told,
+            ]
+        )
+
+    def _apart(self, miss: Vector) -> float:
+        """The largest of some differences of task coordinates, in tolerances."""
+        return np.abs(miss / self._tolerance).max().item()
+
+    def _look(self, context: Context, memory: Vector, q: Vector, v: Vector) -> tuple[Readings, bool]:
+        """The readings of this tick, and whether they stop the motion."""
+        place = self._place
+        position, good, frozen = (memory[place[name]] for name in ("read_position", "reading_ok", "frozen"))
+        past = Readings(position, good, frozen, memory.item(place["gap"].start))
+        if not all(port.HasValue(context) for port in self._measured):
+            return past, False
+        position, velocity = (port.Eval(context) for port in self._measured)
+        readings = self._guard.look(past, position, velocity, q, v)
+        return readings, self._guard.stops(readings)
+
+    def _look_ahead(self, context: Context, memory: Vector, x: Vector, rate: Vector) -> Progress:
+        place = self._place
+        numbers = [memory.item(place[name].start) for name in ("nearest", "ticks", "reached", "stalled")]
+        past = Progress(memory[place["target"]], *numbers)
+        target = self._target
+        return self._progress.look(past, target.Eval(context), x, rate) if target.HasValue(context) else past

@@ -1,0 +1,117 @@
+"""Orientation as a rotation vector: free of singularities up to a full turn away from its base.
+
+    R = exp([phi]x) R_0,    phi' = A(phi) w,    phi'' = A w' + A' w
+    A = 1 - [phi]x/2 + c [phi]x^2,    c = (1 - (t/2) cot(t/2))/t^2,    t = |phi|
+
+with w the angular velocity in the frame R is expressed in. A is the inverse of the left Jacobian of the exponential.
+The three numbers of a small rotation from the base are its angles about the axes of that frame, unlike Euler angles.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from forcectl.errors import invalid
+
+Vector = NDArray[np.float64]
+
+_SMALL = 1e-3  # [rad]; below, the first terms of the series are exact to 1e-15
+
+
+class OrientationState(NamedTuple):
+    """Three coordinates phi of an orientation, with phi' = rates w and phi'' = rates w' + bias.
+
+    value: (3,) [rad]. rates: (3, 3). bias: (3,) [rad/s^2].
+    """
+
+    value: Vector
+    rates: Vector
+    bias: Vector
+
+
+class RotationVector:
+    """The coordinates above.
+
+    Args:
+        base: R_0, where they are zero; (3, 3). None: the identity.
+
+    Raises:
+        BadInputError: base is not a rotation.
+    """
+
+    def __init__(self, base: ArrayLike | None = None):
+        R = np.eye(3) if base is None else np.asarray(base, dtype=float)
+        if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0:
+            raise invalid("base", np.asarray(base).tolist(), "a rotation matrix (3, 3)")
+        self._back = R.T
+
+    def state(self, rotation: Vector, angular_velocity: Vector) -> OrientationState:
+        """Of the orientation R (3, 3) that turns at w (3,) [rad/s]."""
+        x, y, z = _rotation_vector((rotation @ self._back).tolist())
+        wx, wy, wz = angular_velocity.tolist()
+        square = x * x + y * y + z * z
+        t = math.sqrt(square)
+        if t < _SMALL:
+            c, slope = 1.0 / 12.0 + square / 720.0, t / 360.0
+        else:
+            cot = 1.0 / math.tan(0.5 * t)
+            c = (1.0 - 0.5 * t * cot) / square
+            slope = (0.25 * t * (1.0 + cot * cot) - 0.5 * cot) / square - 2.0 * c / t
+        # [phi]x^2 = phi phi' - t^2.
+        rest = 1.0 - c * square
+        xy, xz, yz = c * x * y, c * x * z, c * y * z
+        rates = np.array(
+            [
+                [rest + c * x * x, xy + 0.5 * z, xz - 0.5 * y],
+                [xy - 0.5 * z, rest + c * y * y, yz + 0.5 * x],
+                [xz + 0.5 * y, yz - 0.5 * x, rest + c * z * z],
+            ]
+        )
+        a, b, d = (rates @ angular_velocity).tolist()
+        # A' w, with (a, b, d) = phi'; dc is c', and du that of t^2/2.
+        du = x * a + y * b + z * d
+        dc = slope * du / t if t > 0.0 else 0.0
+        along, turning = x * wx + y * wy + z * wz, a * wx + b * wy + d * wz
+        shrink = dc * square + 2.0 * c * du
+        bias = np.array(
+            [
+                0.5 * (d * wy - b * wz) + (dc * x + c * a) * along + c * x * turning - shrink * wx,
+                0.5 * (a * wz - d * wx) + (dc * y + c * b) * along + c * y * turning - shrink * wy,
+                0.5 * (b * wx - a * wy) + (dc * z + c * d) * along + c * z * turning - shrink * wz,
+            ]
+        )
+        return OrientationState(np.array([x, y, z]), rates, bias)
+
+    def rotation(self, value: ArrayLike) -> Vector:
+        """R of the coordinates phi (3,) [rad]."""
+        phi = np.asarray(value, dtype=float)
+        t = math.sqrt(phi @ phi)
+        first = math.sin(t) / t if t > 0.0 else 1.0
+        second = 0.5 * (math.sin(0.5 * t) / (0.5 * t)) ** 2 if t > 0.0 else 0.5
+        x, y, z = phi.tolist()
+        skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+        R: Vector = (np.eye(3) + first * skew + second * skew @ skew) @ self._back.T
+        return R
+
+
+def _rotation_vector(R: list[list[float]]) -> tuple[float, float, float]:
+    """phi of a rotation, through the unit quaternion whose largest component is found first."""
+    (a, b, c), (d, e, f), (g, h, i) = R
+    trace = a + e + i
+    if trace >= max(a, e, i):
+        w, x, y, z = 1.0 + trace, h - f, c - g, d - b
+    elif a >= max(e, i):
+        w, x, y, z = h - f, 1.0 + a - e - i, b + d, c + g
+    elif e >= i:
+        w, x, y, z = c - g, b + d, 1.0 + e - a - i, f + h
+    else:
+        w, x, y, z = d - b, c + g, f + h, 1.0 + i - a - e
+    if w < 0.0:
+        w, x, y, z = -w, -x, -y, -z
+    size = math.sqrt(x * x + y * y + z * z)
+    factor = 2.0 * math.atan2(size, w) / size if size > 1e-12 * w else 2.0 / w
+    return factor * x, factor * y, factor * z

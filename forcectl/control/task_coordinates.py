@@ -1,0 +1,111 @@
+"""Task coordinates of one arm, any of position and orientation, and how joint accelerations change them.
+
+    x = f(q),    x' = J q',    x'' = J u + J'q'                                                        (5.10)
+
+Position and orientation are those of the TCP in the world, or in the TCP frame of another arm, the leader.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.control.arms_motion import ArmsMotion
+from forcectl.control.robot_motion import RobotMotion
+from forcectl.control.rotation_vector import OrientationState
+from forcectl.errors import BadInputError, invalid, unknown
+
+Vector = NDArray[np.float64]
+
+COORDINATES = ("x", "y", "z", "phi", "theta", "psi")
+
+
+class TaskState(NamedTuple):
+    """k task coordinates at one tick.
+
+    value, rate: x, x', (k,) [m or rad, per s]. jacobian: J, (k, n). bias: J'q', (k,).
+    """
+
+    value: Vector
+    rate: Vector
+    jacobian: Vector
+    bias: Vector
+
+
+class Orientation(Protocol):
+    """Three coordinates of an orientation: `RotationVector`, Euler angles, or a user's own."""
+
+    def state(self, rotation: Vector, angular_velocity: Vector) -> OrientationState:
+        """Of the rotation R (3, 3) that turns at w (3,) [rad/s]."""
+        ...
+
+
+class ArmTask:
+    """Some or all of the coordinates x, y, z [m] and phi, theta, psi [rad] of one arm.
+
+    Args:
+        arm: its name. coordinates: of `COORDINATES`, in that order. orientation: makes phi, theta, psi; None where the
+            task has none of them. priority: the level that it belongs to, 1 is the first.
+
+    Raises:
+        BadInputError: unknown coordinates, or orientation without what makes it.
+    """
+
+    def __init__(
+        self,
+        arm: str,
+        coordinates: Sequence[str] = COORDINATES,
+        orientation: Orientation | None = None,
+        priority: int = 1,
+    ):
+        for name in coordinates:
+            if name not in COORDINATES:
+                raise unknown("task coordinate", name, COORDINATES)
+        self._rows = [COORDINATES.index(name) for name in coordinates]
+        if not self._rows or self._rows != sorted(set(self._rows)):
+            raise invalid("coordinates", list(coordinates), f"some of {', '.join(COORDINATES)}, in that order")
+        if isinstance(priority, bool) or not isinstance(priority, int) or priority < 1:
+            raise invalid("priority", priority, "a whole number, at least 1")
+        if self._rows[-1] > 2 and orientation is None:
+            raise BadInputError(f"coordinates {list(coordinates)} of {arm}: orientation is missing")
+        self.arm, self.coordinates, self.priority = arm, tuple(coordinates), priority
+        self._orientation = orientation if self._rows[-1] > 2 else None
+        self._every = len(self._rows) == 6
+
+    @property
+    def size(self) -> int:
+        """How many coordinates there are."""
+        return len(self._rows)
+
+    @property
+    def angular(self) -> Vector:
+        """True for the coordinates in radians, (k,)."""
+        return np.array([row > 2 for row in self._rows])
+
+    def state(self, motion: ArmsMotion) -> TaskState:
+        """At the motion of this tick."""
+        return self.of(motion.arm(self.arm))
+
+    def of(self, tool: RobotMotion) -> TaskState:
+        """Of a pose in motion."""
+        if self._orientation is None:
+            rows = [3 + row for row in self._rows]
+            place = tool.position[self._rows]
+            return TaskState(place, tool.velocity[rows], tool.jacobian[rows], tool.bias[rows])
+        velocity, bias = tool.velocity, tool.bias
+        turned = self._orientation.state(tool.rotation, velocity[:3])
+        # x' = map V, with V the spatial velocity [rotation; translation].
+        map_ = _TRANSLATION.copy()
+        map_[3:, :3] = turned.rates
+        value, further = np.concatenate([tool.position, turned.value]), map_ @ bias
+        further[3:] += turned.bias
+        if not self._every:
+            value, further, map_ = value[self._rows], further[self._rows], map_[self._rows]
+        return TaskState(value, map_ @ velocity, map_ @ tool.jacobian, further)
+
+
+_TRANSLATION = np.zeros((6, 6))
+_TRANSLATION[:3, 3:] = np.eye(3)

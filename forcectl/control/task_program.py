@@ -1,0 +1,173 @@
+"""The programs of the reactive controller at one tick: tasks by priority, then the null space; (5.14), (5.18).
+
+    level 1, 2, ...   L of the tasks of that priority (5.16) + damping |u - u_rest|^2/2
+    last level        the criterion, (5.19), (5.20)
+
+The damping makes the optimum unique. It is negligible (1e-6 of the joints' motion) except near a singular posture of
+the first level, where it grows as in a damped inverse; u_rest brings the joints to rest.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dpotrf, dsyev
+
+from forcectl.control.arms_motion import ArmsMotion
+from forcectl.control.constraints import ConstraintSet, Rows
+from forcectl.control.null_space import Criterion
+from forcectl.control.prioritized_program import Level, PrioritizedProgram
+from forcectl.control.quadratic_program import SolverFactory, Status
+from forcectl.control.task_coordinates import ArmTask, TaskState
+from forcectl.control.task_cost import TaskCost, Weights
+from forcectl.errors import BadInputError
+
+Vector = NDArray[np.float64]
+
+_LEAST_DAMPING = 1e-6
+_DAMPING = 0.05  # lambda_max of the damped inverse [1]
+_SINGULAR = 0.05  # smallest singular value of the tasks, with lengths in characteristic lengths, that is undamped [1]
+_REST = 60.0  # [1/s]: u_rest = -60 v
+_HOLDS = -1e-9  # a row that is missed by less holds with equality
+
+
+class Outcome(NamedTuple):
+    """u: (n,); brakes and holds when `status` says so. slack, levels: see `PrioritizedSolution`.
+
+    active: rows and bounds that hold with equality. beyond: the largest violation of a row of relative degree 0.
+    near_singular: whether the tasks are damped. costs: L of every level (5.16), then u'H u/2 + g'u of the criterion.
+    """
+
+    u: Vector
+    status: Status
+    slack: float
+    levels: int
+    active: int
+    beyond: float
+    near_singular: bool
+    costs: tuple[float, ...]
+
+
+class TaskLevel:
+    """The tasks of one priority.
+
+    Args:
+        rows: which of all task coordinates they are, (k,). cost: of them. scale: what makes them comparable, (k,)
+            [1/m or 1/rad].
+    """
+
+    def __init__(self, rows: NDArray[np.intp], cost: TaskCost, scale: Vector):
+        # Usually they are all of them.
+        self.rows = slice(None) if np.array_equal(rows, np.arange(len(rows))) else rows
+        self.size, self.cost, self._scale = len(rows), cost, scale[:, None]
+        # Divided by that, the curvature is at most one for coordinates of comparable size.
+        compared = cost.curvature / np.outer(scale, scale)
+        self._unit = 1.0 / np.linalg.eigvalsh(compared)[-1]
+        self._curvature = self._unit * cost.curvature
+
+    def objective(self, part: TaskState, position: Vector, velocity: Vector) -> Level:
+        """L of this level without damping."""
+        J = part.jacobian
+        weighted = self._curvature @ J
+        slope = self._unit * self.cost.slope(part, position, velocity)
+        return Level(J.T @ weighted, part.bias @ weighted + slope @ J, J)
+
+    def damping(self, J: Vector) -> float:
+        """lambda^2 of the damped inverse, from the smallest singular value of J."""
+        scaled = self._scale * J
+        square, limit = scaled @ scaled.T, _SINGULAR**2
+        lowered = square.copy()
+        lowered.flat[:: self.size + 1] -= limit
+        # Usually far from singular, and then this Cholesky factor exists; at a fifth of the cost of the eigenvalues.
+        if dpotrf(lowered, overwrite_a=1)[1] == 0:
+            return 0.0
+        smallest = max(dsyev(square, compute_v=0)[0].item(0), 0.0)
+        return max(_DAMPING**2 * (1.0 - smallest / limit), 0.0)
+
+
+class TaskProgram:
+    """Built once, solved at every tick.
+
+    Args:
+        n: joints. levels: in order of priority. criterion: of the last level. constraints: rows and bounds.
+        period: tick [s]. solver: of the programs.
+    """
+
+    def __init__(
+        self,
+        n: int,
+        levels: Sequence[TaskLevel],
+        criterion: Criterion,
+        constraints: ConstraintSet,
+        period: float,
+        solver: SolverFactory,
+    ):
+        self._levels, self._criterion, self._constraints, self._period = tuple(levels), criterion, constraints, period
+        self._eye = np.eye(n)
+        m = constraints.size
+        # A program has at least one row.
+        self._nothing = (np.zeros((1, n)), np.array([np.inf])) if m == 0 else None
+        weights = constraints.slack_weights if m else np.inf
+        sizes = [level.size for level in levels]
+        self._program = PrioritizedProgram(n, max(1, m), sizes, slack_weight=weights, solver=solver)
+
+    @property
+    def size(self) -> int:
+        """Number of levels, the criterion included."""
+        return len(self._levels) + 1
+
+    def solve(self, motion: ArmsMotion, rows: Rows, state: TaskState, position: Vector, velocity: Vector) -> Outcome:
+        """The optimum, the nearest to it, or braking.
+
+        Args:
+            rows: of the constraints at this tick. state: of all task coordinates. position, velocity: x_gen, x'_gen at
+                the next tick.
+        """
+        parts = [TaskState(*(whole[level.rows] for whole in state)) for level in self._levels]
+        near = self._levels[0].damping(parts[0].jacobian)
+        programs, damping = [], max(near, _LEAST_DAMPING)
+        for level, part in zip(self._levels, parts, strict=True):
+            hessian, gradient, J = level.objective(part, position[level.rows], velocity[level.rows])
+            programs.append(Level(hessian + damping * self._eye, gradient + (damping * _REST) * motion.v, J))
+            damping = _LEAST_DAMPING
+        criterion = self._criterion.cost(motion, self._period)
+        programs.append(Level(criterion.hessian, criterion.gradient))
+        matrix, limit = (rows.matrix, rows.limit) if self._nothing is None else self._nothing
+        found = self._program.solve(programs, matrix, limit, u_lower=rows.lower, u_upper=rows.upper, fallback=motion.v)
+        u = self._constraints.brake(motion.v, rows) if found.status.brakes else found.u
+        beyond = matrix @ u - limit
+        active = int(np.count_nonzero(beyond > _HOLDS) + np.count_nonzero((u >= rows.upper) | (u <= rows.lower)))
+        direct = beyond[: rows.direct].max(initial=0.0).item()
+        costs = [
+            level.cost.value(part, position[level.rows], velocity[level.rows], part.jacobian @ u + part.bias)
+            for level, part in zip(self._levels, parts, strict=True)
+        ]
+        costs.append(((0.5 * (u @ criterion.hessian) + criterion.gradient) @ u).item())
+        return Outcome(u, found.status, found.slack, found.levels, active, direct, near > 0.0, tuple(costs))
+
+
+def task_levels(
+    tasks: Sequence[ArmTask], weights: Weights | Sequence[Weights], length: float, period: float
+) -> list[TaskLevel]:
+    """The levels of tasks by their priority.
+
+    Args:
+        weights: of every level, or one for all. length: makes lengths and angles comparable [m]. period: tick [s].
+
+    Raises:
+        BadInputError: not as many weights as levels, or weights that do not fit, see `TaskCost`.
+    """
+    scale = np.where(np.concatenate([task.angular for task in tasks]), 1.0, 1.0 / length)
+    priority = np.repeat([task.priority for task in tasks], [task.size for task in tasks])
+    found = np.unique(priority)
+    given = [weights] * len(found) if isinstance(weights, Weights) else list(weights)
+    if len(given) != len(found):
+        raise BadInputError(f"weights: {len(given)} given: must be one, or one for each of {len(found)} priorities")
+    levels = []
+    for level, own in zip(found, given, strict=True):
+        rows = np.flatnonzero(priority == level)
+        levels.append(TaskLevel(rows, own.cost(scale[rows], period), scale[rows]))
+    return levels

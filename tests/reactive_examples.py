@@ -1,0 +1,70 @@
+"""Examples of the reactive controller: both arms of a shipped robot, bare flanges."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+import numpy as np
+from block_example import Example
+from pydrake.systems.framework import System
+
+from forcectl.control.arms_motion import ArmsMotion
+from forcectl.control.reactive_controller import ReactiveController
+from forcectl.control.rotation_vector import RotationVector
+from forcectl.control.task_coordinates import ArmTask
+from forcectl.robot import RobotModel
+from forcectl.testing.runs import Input
+
+N, K = 14, 12
+
+
+@cache
+def two_arms() -> RobotModel:
+    return RobotModel.load("yumi", None)
+
+
+def at(q: np.ndarray, v: np.ndarray | None = None) -> ArmsMotion:
+    robot = two_arms()
+    return ArmsMotion(robot, robot.create_context(), q, np.zeros(N) if v is None else v)
+
+
+@cache
+def arm_tasks() -> tuple[ArmTask, ...]:
+    """Position and orientation of both arms, from their orientation in the default posture."""
+    motion = at(two_arms().facts.default_posture)
+    return tuple(ArmTask(arm, orientation=RotationVector(motion.arm(arm).rotation)) for arm in motion.arm_names)
+
+
+def reactive_controller(**changes: Any) -> ReactiveController:
+    return ReactiveController(two_arms(), **{"tasks": arm_tasks()} | changes)
+
+
+@cache
+def task_start() -> np.ndarray:
+    return reactive_controller().task_start
+
+
+AMPLITUDE = np.array([0.02, -0.01, 0.01, 0.1, -0.1, 0.2, 0.01, 0.01, -0.02, 0.1, 0.1, -0.1])
+
+REACTIVE_INPUTS: dict[str, Input] = {
+    "task_position_reference": lambda t: task_start() + AMPLITUDE * (1 - math.cos(20 * t)),
+    "task_velocity_reference": lambda t: AMPLITUDE * 20 * math.sin(20 * t),
+    "task_acceleration_reference": lambda t: AMPLITUDE * 400 * math.cos(20 * t),
+    "task_target": lambda t: task_start() + AMPLITUDE,
+    "joint_position": lambda t: two_arms().facts.default_posture + 0.01 * math.sin(30 * t),
+    "joint_velocity": lambda t: 0.3 * math.cos(30 * t) * np.ones(N),
+}
+FROM_STATE = ("task_position", "task_velocity", "task_acceleration")
+
+
+def feedthrough() -> set[tuple[str, str]]:
+    block = reactive_controller()
+    outputs = {block.get_output_port(i).get_name() for i in range(block.num_output_ports())} - set(FROM_STATE)
+    return {(output, name) for output in outputs for name in REACTIVE_INPUTS}
+
+
+REACTIVE_EXAMPLES: dict[type[System], list[Example]] = {
+    ReactiveController: [Example(reactive_controller, feedthrough(), REACTIVE_INPUTS)],
+}
