@@ -12,6 +12,7 @@ from governor_examples import GOVERNOR_EXAMPLES
 from predictive_examples import PREDICTIVE_EXAMPLES
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from reactive_examples import REACTIVE_EXAMPLES
 from robot_controller_examples import ROBOT_EXAMPLES
 from vrft_examples import VRFT_EXAMPLES
 
@@ -142,6 +143,7 @@ def law_feedthrough(*inputs: str) -> set[tuple[str, str]]:
 
 
 ELSEWHERE = ROBOT_EXAMPLES | ESTIMATION_EXAMPLES | VRFT_EXAMPLES | PREDICTIVE_EXAMPLES | GOVERNOR_EXAMPLES
+ELSEWHERE |= REACTIVE_EXAMPLES
 EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
     CompliantContact: [
         Example(
