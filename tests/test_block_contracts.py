@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from block_examples import EXAMPLES
 from block_examples_estimation import momentum_observer
+from motion_examples import trajectory_generator, velocity_generator
 from pydrake.systems.framework import Diagram, System
 
 from forcectl.control.fourth_degree_force_law import FourthDegreeForceLaw
@@ -36,6 +37,8 @@ from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.recursive_vrft import RecursiveVrft
 from forcectl.lanes import LaneBlock
+from forcectl.motion.trajectory_generator import TrajectoryGenerator
+from forcectl.motion.velocity_generator import VelocityGenerator
 from forcectl.plant.compliant_contact import CompliantContact
 from forcectl.plant.contact_monitor import ContactMonitorCore
 from forcectl.plant.force_sensor import ForceDigitiser, SensorElectronics
@@ -272,6 +275,11 @@ LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str
             "limit": POSITIVE,
         },
     ),
+    TrajectoryGenerator: (
+        trajectory_generator,
+        {"velocity_limit": POSITIVE, "acceleration_limit": POSITIVE, "jerk_limit": POSITIVE},
+    ),
+    VelocityGenerator: (velocity_generator, {"velocity_limit": POSITIVE, "acceleration_limit": POSITIVE}),
     ContactMonitorCore: (lambda size=2, **changed: ContactMonitorCore(size, **changed), {}),
 }
 PARAMETERS = [

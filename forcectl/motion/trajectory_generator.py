@@ -1,0 +1,112 @@
+"""The on-line trajectory generator as a block; see `forcectl.motion.trajectory`."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import Context
+
+from forcectl.cache import BlockCache
+from forcectl.control.sampled_law import SampledLaw
+from forcectl.lanes import Lane, Parameter, lane_values
+from forcectl.motion.trajectory import Course, Limits, Planner, Target, begin, check_limits_together
+
+
+class TrajectoryGenerator(SampledLaw):
+    """Moves n components to targets that may change at every tick, within limits of velocity, acceleration and jerk.
+
+    ```
+    name: TrajectoryGenerator
+    input_ports: [target_position, target_velocity, velocity_mode]
+    output_ports: [position, velocity, acceleration, arrived, braking]
+    parameters: [velocity_limit, acceleration_limit, jerk_limit]
+    ```
+
+    Units u per component: [m] or [rad].
+
+    target_position: shape (n,) [u]. target_velocity: velocity there, shape (n,) [u/s]; zero when not connected.
+    velocity_mode: shape (n,) [1]; none when not connected. A component above 0.5 takes on the target velocity,
+        wherever it is.
+    position, velocity, acceleration: shape (n,), at the END of the tick, x_gen[k+1] [u, u/s, u/s^2]: what a controller
+        has to reach with the command of this tick.
+    arrived: shape (n,), 1 when that is the target [1]. braking: shape (n,), 1 in a component that could not be planned
+        and brakes to rest, else 0 [1].
+        All are feedthrough of all inputs at the tick, and held.
+
+    Parameters (Context, shape (n,)): velocity_limit [u/s], acceleration_limit [u/s^2], jerk_limit [u/s^3], positive and
+    finite; the velocity limit is within 100 s of rest. They may change while it moves.
+
+    A component with a number that is not finite keeps its last target; a
+    target velocity beyond the limit is that limit. Past a target with a velocity, the motion keeps that velocity until
+    the target changes; a target that moves is followed by giving its position and velocity at every tick. A target
+    further than two hours away cannot be planned.
+
+    Sampling: `period` [s]; no delay from the target to the motion, see `SampledLaw`.
+
+    Args:
+        initial_position: where it stands at first, shape (n,) [u]. synchronized: see `Planner`.
+    """
+
+    optional_inputs = ("target_velocity", "velocity_mode")
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        velocity_limit: ArrayLike,
+        acceleration_limit: ArrayLike,
+        jerk_limit: ArrayLike,
+        initial_position: ArrayLike = 0.0,
+        synchronized: bool = True,
+        period: float = 0.004,
+    ):
+        super().__init__(
+            size,
+            {
+                "velocity_limit": Parameter(velocity_limit, "positive and finite", "u/s"),
+                "acceleration_limit": Parameter(acceleration_limit, "positive and finite", "u/s^2"),
+                "jerk_limit": Parameter(jerk_limit, "positive and finite", "u/s^3"),
+            },
+            period,
+        )
+        self.sample_delay = {("target_position", "position"): 0.0}
+        self.port_units = {"velocity_mode": "1", "arrived": "1", "braking": "1"}
+        self._inputs = [
+            self.DeclareVectorInputPort(name, size) for name in ("target_position", "target_velocity", "velocity_mode")
+        ]
+        self._planner = BlockCache(
+            self,
+            "planner",
+            lambda: AbstractValue.Make(Planner(size, synchronized)),
+            lambda block, context, value: None,
+            {self.nothing_ticket()},
+        )
+        start = begin(lane_values("initial_position", initial_position, size))._asdict()
+        self.declare_command("position", {port.ticket() for port in self._inputs}, start.pop("position"), further=start)
+        for name in ("velocity", "acceleration", "arrived", "braking"):
+            self.declare_output(name)
+
+    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """The velocity limit can be reached."""
+        check_limits_together(Limits(*values.values()))
+
+    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+        """The limits as arrays, also for one lane: the planner works on arrays."""
+        return Limits(*(np.atleast_1d(value) for value in values))
+
+    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+        """One tick of the generator."""
+        course = Course(*(np.atleast_1d(value) for value in held))
+        position, velocity, mode = self._inputs
+        none = np.zeros(self._size)
+        target = Target(
+            position.Eval(context),
+            velocity.Eval(context) if velocity.HasValue(context) else none,
+            mode.Eval(context) if mode.HasValue(context) else none,
+        )
+        planner: Planner = self._planner.Eval(context)
+        after = planner.follow(course, target, self._values.Eval(context), self._period)
+        return after if self._size > 1 else [value.item() for value in after]

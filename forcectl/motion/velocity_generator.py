@@ -1,0 +1,111 @@
+"""Velocity-based trajectory generation (Algorithm 3), element by element.
+
+    x_gen''[k] = clip((x'_trg - x'[k])/Ts, -x''_max, x''_max)
+    x_gen'[k+1] = x'[k] + Ts x_gen''[k],    x_gen[k+1] = x[k] + Ts x'[k] + Ts^2/2 x_gen''[k]
+
+The target velocity is reached as fast as the acceleration limit allows, without overshoot; there is no limit of jerk.
+The state x[k], x'[k] may be the generator's own or any other: see design equations, section 5.1, for which of them goes
+with an admittance filter.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import Context
+
+from forcectl.control.sampled_law import SampledLaw
+from forcectl.lanes import Lane, Parameter
+
+
+def velocity_step(
+    position: Lane,
+    velocity: Lane,
+    target_velocity: Lane,
+    velocity_limit: Lane,
+    acceleration_limit: Lane,
+    period: float,
+    m: Any = np,
+) -> tuple[Lane, Lane, Lane]:
+    """One tick of Algorithm 3 from the given state.
+
+    Args:
+        position, velocity: x[k], x'[k] [u, u/s]. target_velocity: x'_trg, used within +-velocity_limit [u/s].
+        acceleration_limit: x''_max [u/s^2]. period: Ts [s].
+
+    Returns:
+        x_gen[k+1], x_gen'[k+1] and x_gen''[k] [u, u/s, u/s^2].
+    """
+    target = m.minimum(m.maximum(target_velocity, -velocity_limit), velocity_limit)
+    needed = (target - velocity) / period
+    acceleration = m.minimum(m.maximum(needed, -acceleration_limit), acceleration_limit)
+    # Exactly the target in the tick it is reached in, without the rounding of dividing and multiplying by Ts.
+    after = m.where(acceleration == needed, target, velocity + period * acceleration)
+    return position + period * velocity + 0.5 * period**2 * acceleration, after, acceleration
+
+
+class VelocityGenerator(SampledLaw):
+    """Algorithm 3 from its own state, for n components.
+
+    ```
+    name: VelocityGenerator
+    input_ports: [target_velocity]
+    output_ports: [position, velocity, acceleration]
+    parameters: [velocity_limit, acceleration_limit]
+    ```
+
+    Units u per component: [m] or [rad].
+
+    target_velocity: shape (n,), x'_trg [u/s].
+    position, velocity: shape (n,), at the END of the tick, x_gen[k+1], x_gen'[k+1] [u, u/s]. acceleration: shape (n,),
+        during the tick [u/s^2]. All are feedthrough of target_velocity at the tick, and held.
+
+    Parameters (Context, shape (n,)): velocity_limit [u/s] and acceleration_limit [u/s^2], positive; infinite for none.
+
+    A target velocity that is not a number keeps the last one (zero at first); one beyond the limit is the limit.
+
+    Sampling: `period` [s]; no delay from target_velocity to the outputs, see `SampledLaw`.
+
+    Args:
+        initial_position: where it stands at first, shape (n,) [u].
+    """
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        acceleration_limit: ArrayLike,
+        velocity_limit: ArrayLike = np.inf,
+        initial_position: ArrayLike = 0.0,
+        period: float = 0.004,
+    ):
+        super().__init__(
+            size,
+            {
+                "velocity_limit": Parameter(velocity_limit, "positive", "u/s"),
+                "acceleration_limit": Parameter(acceleration_limit, "positive", "u/s^2"),
+            },
+            period,
+        )
+        self.sample_delay = {("target_velocity", "position"): 0.0}
+        self._target = self.DeclareVectorInputPort("target_velocity", size)
+        self.declare_command(
+            "position",
+            {self._target.ticket()},
+            initial_position,
+            further={"velocity": 0.0, "acceleration": 0.0, "target": 0.0},
+        )
+        self.declare_output("velocity")
+        self.declare_output("acceleration")
+
+    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+        """One tick of Algorithm 3."""
+        position, velocity, _, last = held
+        velocity_limit, acceleration_limit = self._values.Eval(context)
+        given = self.lane(self._target.Eval(context))
+        target = self.math.where(abs(given) < np.inf, given, last)
+        after = velocity_step(position, velocity, target, velocity_limit, acceleration_limit, self._period, self.math)
+        return (*after, target)

@@ -1,0 +1,59 @@
+"""Examples of the blocks that generate motion."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+from block_example import Example, each
+from pydrake.systems.framework import System
+
+from forcectl.motion.trajectory_generator import TrajectoryGenerator
+from forcectl.motion.velocity_generator import VelocityGenerator
+
+LIMITS = {"velocity_limit": [0.5, 1.0], "acceleration_limit": [2.0, 10.0], "jerk_limit": 80.0}
+TARGET_INPUTS = ("target_position", "target_velocity", "velocity_mode")
+
+
+def trajectory_generator(size: int = 2, **changed: Any) -> TrajectoryGenerator:
+    limits = LIMITS if size == 2 else dict.fromkeys(LIMITS, 1.0)
+    return TrajectoryGenerator(size, **{**limits, **changed})
+
+
+def velocity_generator(size: int = 2, **changed: Any) -> VelocityGenerator:
+    return VelocityGenerator(size, **{"acceleration_limit": 3.0, "velocity_limit": 0.5, **changed})
+
+
+def jumping(t: float) -> np.ndarray:
+    return np.array([0.1, -0.2]) * (1 + (t > 0.02))
+
+
+MOTION_EXAMPLES: dict[type[System], list[Example]] = {
+    TrajectoryGenerator: [
+        Example(
+            trajectory_generator,
+            {
+                pair
+                for name in ("position", "velocity", "acceleration", "arrived", "braking")
+                for pair in each(name, *TARGET_INPUTS)
+            },
+            {"target_position": jumping, "target_velocity": lambda t: 0.1 * t, "velocity_mode": [0.0, 1.0]},
+        ),
+        Example(
+            lambda: trajectory_generator(1, initial_position=0.3, synchronized=False),
+            {
+                pair
+                for name in ("position", "velocity", "acceleration", "arrived", "braking")
+                for pair in each(name, *TARGET_INPUTS)
+            },
+            {"target_position": lambda t: t},
+        ),
+    ],
+    VelocityGenerator: [
+        Example(
+            velocity_generator,
+            {pair for name in ("position", "velocity", "acceleration") for pair in each(name, "target_velocity")},
+            {"target_velocity": jumping},
+        )
+    ],
+}
