@@ -8,6 +8,7 @@ from functools import cache, partial
 import numpy as np
 from block_example import Example, each
 from block_examples_estimation import ESTIMATION_EXAMPLES
+from block_examples_research import RESEARCH_EXAMPLES
 from governor_examples import GOVERNOR_EXAMPLES
 from motion_examples import MOTION_EXAMPLES
 from predictive_examples import PREDICTIVE_EXAMPLES
@@ -146,6 +147,7 @@ def law_feedthrough(*inputs: str) -> set[tuple[str, str]]:
 ELSEWHERE = ROBOT_EXAMPLES | ESTIMATION_EXAMPLES | VRFT_EXAMPLES | PREDICTIVE_EXAMPLES | GOVERNOR_EXAMPLES
 ELSEWHERE |= MOTION_EXAMPLES
 ELSEWHERE |= REACTIVE_EXAMPLES
+ELSEWHERE |= RESEARCH_EXAMPLES
 EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
     CompliantContact: [
         Example(

@@ -15,6 +15,7 @@ import numpy as np
 import pytest
 from block_examples import EXAMPLES
 from block_examples_estimation import momentum_observer
+from block_examples_research import joint_sensors
 from motion_examples import trajectory_generator, velocity_generator
 from pydrake.systems.framework import Diagram, System
 
@@ -42,6 +43,7 @@ from forcectl.motion.velocity_generator import VelocityGenerator
 from forcectl.plant.compliant_contact import CompliantContact
 from forcectl.plant.contact_monitor import ContactMonitorCore
 from forcectl.plant.force_sensor import ForceDigitiser, SensorElectronics
+from forcectl.plant.joint_sensors import JointSensors
 from forcectl.plant.servo import ServoCore
 from forcectl.plant.tip_contact import TipContact
 from forcectl.plant.wrist_sensor import WristSensor
@@ -280,6 +282,10 @@ LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str
         {"velocity_limit": POSITIVE, "acceleration_limit": POSITIVE, "jerk_limit": POSITIVE},
     ),
     VelocityGenerator: (velocity_generator, {"velocity_limit": POSITIVE, "acceleration_limit": POSITIVE}),
+    JointSensors: (
+        joint_sensors,
+        {"quantum": NOT_NEGATIVE, "position_noise": NOT_NEGATIVE, "torque_noise": NOT_NEGATIVE},
+    ),
     ContactMonitorCore: (lambda size=2, **changed: ContactMonitorCore(size, **changed), {}),
 }
 PARAMETERS = [

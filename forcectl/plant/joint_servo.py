@@ -1,0 +1,164 @@
+"""The servo loops of a position-controlled robot at the rate of its plant, and the torque they ask of the motors.
+
+    tau = sat(u),   u = K_p (r - q) + K_d (v_r - v) + z + tau_ff,   z' = K_i (r - q) + w_b (tau - u)
+    K_p = B w^2,    K_d = 2 zeta B w,    K_i = w_i K_p
+
+with B the inertia that a joint moves. r goes on with v_r between two references, so that references at 250 Hz do not
+drive a loop at 2 kHz in stairs. With v_r = 0 the motion follows h(s) = w^2/(s^2 + 2 zeta w s + w^2), 2 zeta/w behind in
+steady motion; with v_r = r' it is not behind. z carries what is constant: gravity, friction, loads; while a motor is at
+its limit it gives way at w_b = w.
+
+All of it but the taking of references are C++ blocks: a Python callback at 2 kHz costs more than the plant.
+"""
+
+from __future__ import annotations
+
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
+from pydrake.systems.primitives import Demultiplexer, LinearSystem, MatrixGain, Multiplexer, Saturation
+
+from forcectl.lanes import check, check_count, lane_values, whole_multiple
+
+Array = NDArray[np.float64]
+
+
+class ServoGains(NamedTuple):
+    """Gains of n joints, shape (n,): K_p [Nm/rad], K_d [Nms/rad], K_i [Nm/(rad s)]; w_b [1/s]."""
+
+    position: Array
+    velocity: Array
+    integral: Array
+    unwinding: float
+
+
+def servo_gains(inertia: ArrayLike, bandwidth: float, damping_ratio: float, integral_gain: float) -> ServoGains:
+    """Gains that make h(s) of each joint.
+
+    Args:
+        inertia: B, shape (n,) [kg m2]. bandwidth: w [rad/s]. damping_ratio: zeta [1]. integral_gain: w_i [1/s].
+    """
+    B = np.asarray(inertia, dtype=float)
+    stiffness = B * bandwidth**2
+    unwinding = bandwidth if integral_gain > 0 else 0.0  # nothing would wind it up again
+    return ServoGains(stiffness, 2 * damping_ratio * bandwidth * B, integral_gain * stiffness, unwinding)
+
+
+class ReferenceHold(LeafSystem):
+    """References of n joints, taken at ticks and going on between them.
+
+    ```
+    name: ReferenceHold
+    input_ports: [joint_position_reference, joint_velocity_reference, joint_torque_feedforward]
+    output_ports: [reference]
+    ```
+
+    joint_position_reference: shape (n,), r [rad]. joint_velocity_reference: shape (n,), v_r [rad/s].
+    joint_torque_feedforward: shape (n,), may be left unconnected [Nm].
+    reference: shape (3n,), r + v_r (t - t_k), v_r and the feed-forward [rad, rad/s, Nm]. State and time, no direct
+        feedthrough.
+
+    A joint with a reference that is not a finite number keeps its last position, without speed and feed-forward.
+
+    Sampling: `period` [s]; what is taken at a tick shows after it.
+    """
+
+    def __init__(self, size: int, *, period: float, start: ArrayLike):
+        super().__init__()
+        n = self._n = check_count("size", size)
+        self._period = check("period", period, "positive")
+        self.port_units = {"joint_torque_feedforward": "Nm", "reference": "rad,rad/s,Nm"}
+        names = ("joint_position_reference", "joint_velocity_reference", "joint_torque_feedforward")
+        self._inputs = [self.DeclareVectorInputPort(name, n) for name in names]
+        # r, v_r, feed-forward, and the time they were taken at.
+        held = self.DeclareDiscreteState(np.concatenate([lane_values("start", start, n), np.zeros(2 * n + 1)]))
+        reads: Any = {self.discrete_state_ticket(held), self.time_ticket()}
+        self.DeclareVectorOutputPort("reference", 3 * n, self._show, prerequisites_of_calc=reads)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._period, offset_sec=0.0, update=self._take)
+
+    def _take(self, context: Context, next_state: DiscreteValues) -> None:
+        n = self._n
+        r, rate, feed = (port.Eval(context) if port.HasValue(context) else np.zeros(n) for port in self._inputs)
+        good = np.isfinite(r) & np.isfinite(rate) & np.isfinite(feed)
+        last = context.get_discrete_state(0).value()[:n]
+        taken = (np.where(good, r, last), np.where(good, rate, 0.0), np.where(good, feed, 0.0), [context.get_time()])
+        next_state.set_value(0, np.concatenate(taken))
+
+    def _show(self, context: Context, output: BasicVector) -> None:
+        n, held = self._n, context.get_discrete_state(0).value()
+        ahead = (context.get_time() - held[-1]) * held[n : 2 * n]
+        output.SetFromVector(np.concatenate([held[:n] + ahead, held[n:-1]]))
+
+
+class JointServo(Diagram):
+    """Position servos of n joints.
+
+    ```
+    name: JointServo
+    input_ports: [joint_position_reference, joint_velocity_reference, joint_torque_feedforward, position, velocity]
+    output_ports: [motor_torque, torque_integral]
+    ```
+
+    joint_position_reference, joint_velocity_reference, joint_torque_feedforward: shape (n,), see `ReferenceHold`.
+    position, velocity: shape (n,), of the motors [rad, rad/s].
+    motor_torque: shape (n,), tau, joint side [Nm]. Feedthrough of position and velocity.
+    torque_integral: shape (n,), integral of motor_torque over time [Nms]. State.
+
+    Sampling: references every `period` [s], felt by the motors one `time_step` [s] later; the rest every `time_step`.
+
+    Args:
+        gains: of the n joints. limit: of the motor torque, shape (n,), may be infinite [Nm].
+        start: r before the first reference, shape (n,) [rad]. torque: z at the start, shape (n,) [Nm].
+    """
+
+    def __init__(
+        self,
+        gains: ServoGains,
+        limit: ArrayLike,
+        *,
+        period: float,
+        time_step: float,
+        start: ArrayLike,
+        torque: ArrayLike = 0.0,
+    ):
+        super().__init__()
+        n = len(gains.position)
+        bound = lane_values("limit", limit, n, "positive")
+        step = check("time_step", time_step, "positive")
+        whole_multiple("period", check("period", period, "positive"), step, "time_step")
+        self.port_units = {"position": "rad", "velocity": "rad/s", "motor_torque": "Nm", "torque_integral": "Nms"}
+        builder = DiagramBuilder()
+        add, connect = builder.AddNamedSystem, builder.Connect
+        hold = add("references", ReferenceHold(n, period=period, start=start))
+        eye, zero = np.eye(n), np.zeros((n, n))
+        kp, kd, ki = (np.diag(gain) for gain in gains[:3])
+        # Known at the start of a step: r, v_r, tau_ff, q, v, z.
+        known = add("known", Multiplexer([3 * n, n, n, n]))
+        wanted = add("wanted_torque", MatrixGain(np.hstack([kp, kd, eye, -kp, -kd, eye])))
+        motor = add("torque_limit", Saturation(-bound, bound))
+        # z and the integral of tau.
+        after = add("after", Multiplexer([6 * n, n, n]))
+        error = np.hstack([ki, zero, zero, -ki, zero, zero, -gains.unwinding * eye, gains.unwinding * eye])
+        mean = np.hstack([*[zero] * 7, eye])
+        nothing = np.zeros((2 * n, 8 * n))
+        sums = LinearSystem(np.eye(2 * n), step * np.vstack([error, mean]), np.eye(2 * n), nothing, step)
+        sums.configure_default_state(np.concatenate([lane_values("torque", torque, n), np.zeros(n)]))
+        integrals = add("integrals", sums)
+        halves = add("integral_and_impulse", Demultiplexer([n, n]))
+        connect(hold.GetOutputPort("reference"), known.get_input_port(0))
+        connect(halves.get_output_port(0), known.get_input_port(3))
+        connect(known.get_output_port(), wanted.get_input_port())
+        connect(wanted.get_output_port(), motor.get_input_port())
+        for i, port in enumerate((known.get_output_port(), wanted.get_output_port(), motor.get_output_port())):
+            connect(port, after.get_input_port(i))
+        connect(after.get_output_port(), integrals.get_input_port())
+        connect(integrals.get_output_port(), halves.get_input_port())
+        for i in range(hold.num_input_ports()):
+            builder.ExportInput(hold.get_input_port(i), hold.get_input_port(i).get_name())
+        builder.ExportInput(known.get_input_port(1), "position")
+        builder.ExportInput(known.get_input_port(2), "velocity")
+        builder.ExportOutput(motor.get_output_port(), "motor_torque")
+        builder.ExportOutput(halves.get_output_port(1), "torque_integral")
+        builder.BuildInto(self)

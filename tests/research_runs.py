@@ -1,0 +1,66 @@
+"""Running a research station by itself: constant or timed inputs, and its outputs at every tick."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from typing import Any
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+
+from forcectl.diagrams.research_cell import ResearchCell, ResearchStationConfig, describe_research
+from forcectl.diagrams.research_station import RESEARCH_OUTPUTS, ResearchStation
+
+Array = np.ndarray
+TICK = 0.004
+
+
+class Timed(LeafSystem):
+    """A function of time."""
+
+    def __init__(self, function: Callable[[float], Array], size: int):
+        super().__init__()
+        self.DeclareVectorOutputPort(
+            "y", size, lambda c, out: out.SetFromVector(function(c.get_time())), {self.time_ticket()}
+        )
+
+
+def describe(**options: Any) -> ResearchCell:
+    """A cell of one arm without tool and with perfect sensors, unless said otherwise."""
+    known = {"robot": "yumi/left", "tool": None, "time_step": 0.001, "sensors": {"quantum": 0.0}}
+    return describe_research(config(**{**known, **options}))
+
+
+def config(**options: Any) -> ResearchStationConfig:
+    """With parts given as mappings."""
+    kinds = {f.name: f.default_factory for f in ResearchStationConfig.__dataclass_fields__.values()}
+    for name in ("servo", "friction", "sensors"):
+        if isinstance(options.get(name), Mapping):
+            options[name] = type(kinds[name]())(**options[name])  # type: ignore[misc]
+    return ResearchStationConfig(**options)
+
+
+def run(cell: ResearchCell, duration: float, *, seed: int = 0, every: float = TICK, **inputs: Any) -> dict[str, Array]:
+    """All outputs over time, and `time`; inputs are arrays or functions of time, the reference stays at the start."""
+    builder = DiagramBuilder()
+    station = builder.AddSystem(ResearchStation(cell, seed))
+    inputs = {"joint_position_reference": cell.motor_start, **inputs}
+    for name, value in inputs.items():
+        port = station.GetInputPort(name)
+        function = value if callable(value) else (lambda t, value=value: np.asarray(value))
+        source = builder.AddSystem(Timed(function, port.size()))
+        builder.Connect(source.get_output_port(), port)
+    diagram = builder.Build()
+    simulator = Simulator(diagram)
+    context = simulator.get_mutable_context()
+    own = station.GetMyContextFromRoot(context)
+    simulator.Initialize()
+    ports = [station.GetOutputPort(name) for name in RESEARCH_OUTPUTS]
+    rows: list[list[Array]] = []
+    times = every * np.arange(round(duration / every) + 1)
+    for t in times:
+        simulator.AdvanceTo(t)
+        rows.append([port.Eval(own) for port in ports])
+    log = {name: np.array([row[i] for row in rows]) for i, name in enumerate(RESEARCH_OUTPUTS)}
+    return log | {"time": times}
