@@ -28,6 +28,7 @@ LOGGED = (
     "contact_displacement",
     "motor_position",
     "surface_height",
+    "surface_stiffness",
 )
 
 

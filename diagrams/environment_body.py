@@ -1,28 +1,49 @@
-"""The compliant environment of the multibody station: a body that the ball of the tool touches."""
+"""The compliant environment of the multibody station: a body that the ball of the tool touches.
+
+A surface that is the same everywhere is welded to the world, and its compliance is that of the contact. Otherwise the
+contact acts on a massless skin welded to something that slides along n, so that the contact normal stays n and the
+reaction of that weld is the force of the contact, free of inertia. For an uneven surface of one material that is a
+plate driven to the height under the tool; for several materials it is a carrier on the spring of the place, see
+`forcectl.plant.surface_spring`.
+"""
 
 from __future__ import annotations
+
+from collections.abc import Mapping
 
 import numpy as np
 from pydrake.geometry import AddContactMaterial, Box, ProximityProperties
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
-from pydrake.multibody.tree import FixedOffsetFrame, Joint, PdControllerGains, PrismaticJoint, SpatialInertia
+from pydrake.multibody.tree import (
+    FixedOffsetFrame,
+    Frame,
+    Joint,
+    ModelInstanceIndex,
+    PdControllerGains,
+    PrismaticJoint,
+    SpatialInertia,
+)
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.primitives import MatrixGain
 
 from forcectl.diagrams.station import Cell, Vector
 from forcectl.errors import BadInputError
 from forcectl.models import add_packages
+from forcectl.plant.surface_spring import SurfaceSpring
 
 # Compliance of the ball of the tool [m/N]: small beside any environment, and in series with it (taken out again below).
 BALL_COMPLIANCE = 1e-7
+_SKIN_COMPLIANCE = 1e-7  # of the contact on a surface of several materials [m/N], taken out again as well
+_CARRIER_MASS = 0.1  # of such a surface [kg]
 
 
 def add_environment(plant: MultibodyPlant, cell: Cell, tip: Vector) -> Joint:
     """The environment body, its top face through `tip` with outward normal n; returns the weld that bears the contact.
 
-    A flat surface is welded to the world. An uneven one is a plate that slides along n and is driven to the height of
-    the surface under the tool, so that the contact normal stays n and one compliance holds everywhere; the contact acts
-    on a massless skin welded to the plate, so that the reaction of that weld is free of the plate's inertia.
+    Raises:
+        BadInputError: stiffer than the compliance that the model of contact has of its own.
     """
     config = cell.config.environment
     parser = Parser(plant)
@@ -33,37 +54,87 @@ def add_environment(plant: MultibodyPlant, cell: Cell, tip: Vector) -> Joint:
     R_WE = RotationMatrix(np.column_stack([np.cross(y, cell.n), y, cell.n]))
     surface = plant.GetFrameByName("surface", instance)
     X_WE = RigidTransform(R_WE, tip)
-    if config.surface.flat:
-        body, X_BS = surface.body(), surface.GetFixedPoseInBodyFrame()
+    skin, X_BS = surface.body(), surface.GetFixedPoseInBodyFrame()
+    compliance, damping = 1 / config.stiffness + _missing_compliance(cell), config.damping
+    if config.surface.materials is not None:
+        compliance, damping = _SKIN_COMPLIANCE, 0.0
+        p, d = max(_springs(cell)), max(config.surface.materials.path().damping)
+        inertia = SpatialInertia.SolidSphereWithMass(_CARRIER_MASS, 0.05)
+        carrier = plant.AddRigidBody("surface_carrier", instance, inertia).body_frame()
+        plant.WeldFrames(plant.world_frame(), surface, X_WE)
+        weld = _add_slide(plant, instance, X_WE, carrier, PdControllerGains(p=p, d=d))
+    elif config.surface.flat:
         weld = plant.WeldFrames(plant.world_frame(), surface, X_WE)
     else:
-        body, X_BS = plant.AddRigidBody("surface_skin", instance, SpatialInertia.Zero()), RigidTransform()
-        guide = plant.AddFrame(FixedOffsetFrame("surface_guide", plant.world_frame(), X_WE, instance))
-        slide = plant.AddJoint(PrismaticJoint("surface_slide", guide, surface, [0.0, 0.0, 1.0]))
-        drive = plant.AddJointActuator("surface_drive", slide)
+        p = 10.0 * surface.body().default_mass() / cell.config.time_step**2
         # Without damping: the implicit step damps so stiff a drive by itself, and the plate is there a step later.
-        drive.set_controller_gains(PdControllerGains(p=_plate_stiffness(surface.body().default_mass(), cell), d=0.0))
-        weld = plant.WeldFrames(surface, body.body_frame())
+        weld = _add_slide(plant, instance, X_WE, surface, PdControllerGains(p=p, d=0.0))
+        compliance -= 1 / p
+    if not config.surface.uniform:
+        skin, X_BS = weld.child_body(), RigidTransform()
     plant.set_gravity_enabled(instance, False)
-    missing = _missing_compliance(cell)
-    if not config.surface.flat:
-        missing -= 1 / _plate_stiffness(surface.body().default_mass(), cell)
-    compliance = 1 / config.stiffness + missing
     if not compliance > 0:
-        largest = -1 / missing
+        largest = 1 / (1 / config.stiffness - compliance)
         raise BadInputError(f"stiffness = {config.stiffness:g}: must be below {largest:.4g} N/m in Multibody")
     # Drake puts ball and surface in series and adds their relaxation times: their damping is to be D_E.
-    material = contact_material(1 / compliance, config.damping * (compliance + BALL_COMPLIANCE))
+    material = contact_material(1 / compliance, damping * (compliance + BALL_COMPLIANCE))
     # Thick, so that the ball never comes out of the other side of a soft surface.
     depth = 0.5
     block = RigidTransform([0.0, 0.0, -depth / 2])
-    plant.RegisterCollisionGeometry(body, X_BS @ block, Box(1.0, 1.0, depth), "contact_surface", material)
+    plant.RegisterCollisionGeometry(skin, X_BS @ block, Box(1.0, 1.0, depth), "contact_surface", material)
     return weld
 
 
-def _plate_stiffness(mass: float, cell: Cell) -> float:
-    """Stiffness of the drive of an uneven surface [N/m], as `Cell.spring_stiffness` of rigid joints."""
-    return 10.0 * mass / cell.config.time_step**2
+def _add_slide(
+    plant: MultibodyPlant, instance: ModelInstanceIndex, X_WE: RigidTransform, frame: Frame, gains: PdControllerGains
+) -> Joint:
+    """Let a frame slide along n, driven with these gains; returns the weld of a massless skin to it."""
+    guide = plant.AddFrame(FixedOffsetFrame("surface_guide", plant.world_frame(), X_WE, instance))
+    slide = plant.AddJoint(PrismaticJoint("surface_slide", guide, frame, [0.0, 0.0, 1.0]))
+    plant.AddJointActuator("surface_drive", slide).set_controller_gains(gains)
+    skin = plant.AddRigidBody("surface_skin", instance, SpatialInertia.Zero())
+    return plant.WeldFrames(frame, skin.body_frame())
+
+
+def _springs(cell: Cell) -> list[float]:
+    """Stiffness of the springs below the skin that stand for the materials [N/m]."""
+    materials = cell.config.environment.surface.materials
+    given = materials.path().stiffness if materials is not None else []
+    rest = _missing_compliance(cell) - _SKIN_COMPLIANCE
+    for stiffness in given:
+        if not 1 / stiffness + rest > 0:
+            raise BadInputError(f"stiffness = {stiffness:g}: must be below {-1 / rest:.4g} N/m in Multibody")
+    return [1 / (1 / stiffness + rest) for stiffness in given]
+
+
+def drive_surface(
+    builder: DiagramBuilder, cell: Cell, plant: MultibodyPlant, weld: Joint, surface: Mapping[str, OutputPort]
+) -> None:
+    """Move the surface with the tool's place on it.
+
+    Args:
+        weld: of `add_environment`. surface: height, stiffness and damping there, by name.
+    """
+    instance, materials = weld.parent_body().model_instance(), cell.config.environment.surface.materials
+    if materials is not None:
+        spring = builder.AddNamedSystem(
+            "surface_spring",
+            SurfaceSpring(
+                max(_springs(cell)),
+                max(materials.path().damping),
+                further_compliance=_missing_compliance(cell) - _SKIN_COMPLIANCE,
+                uneven="surface_height" in surface,
+                period=cell.config.time_step,
+            ),
+        )
+        builder.Connect(plant.get_state_output_port(instance), spring.GetInputPort("carrier_state"))
+        for name, port in surface.items():
+            builder.Connect(port, spring.GetInputPort(name))
+        builder.Connect(spring.GetOutputPort("desired_state"), plant.get_desired_state_input_port(instance))
+    elif surface:
+        at_rest = builder.AddNamedSystem("surface_reference", MatrixGain(np.array([[1.0], [0.0]])))
+        builder.Connect(surface["surface_height"], at_rest.get_input_port())
+        builder.Connect(at_rest.get_output_port(), plant.get_desired_state_input_port(instance))
 
 
 def _missing_compliance(cell: Cell) -> float:
@@ -73,7 +144,7 @@ def _missing_compliance(cell: Cell) -> float:
     ball and the springs of rigid joints, is taken out.
     """
     joints = float(np.sum(cell.normal_row**2 / cell.spring_stiffness))
-    return cell.robot_compliance - joints - BALL_COMPLIANCE
+    return cell.robot_compliance - cell.drive_compliance - joints - BALL_COMPLIANCE
 
 
 def contact_material(stiffness: float, relaxation_time: float) -> ProximityProperties:

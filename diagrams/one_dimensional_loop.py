@@ -46,9 +46,9 @@ class OneDimensionalLoopConfig:
     def __post_init__(self) -> None:
         check("robot_compliance", self.robot_compliance, "not negative")
         check("period", self.period, "positive")
-        if not self.environment.surface.flat:
+        if not self.environment.surface.uniform:
             raise BadInputError(
-                "environment.surface is not flat: must be, because a loop without a robot does not move"
+                "environment.surface is not flat and of one material: must be, a loop without a robot does not move"
             )
 
     @staticmethod

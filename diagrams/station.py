@@ -5,7 +5,8 @@
            measured_wrench (6,) [torque; force] of the environment on the tool, at S in S [Nm, N]
            measured_force (1,) along n [N]
     truth  contact_force (1,) [N], contact_displacement (1,) [m], link_position (n_q,) [rad], contact_state (1,)
-           surface_height (1,) [m] under the tool, unless the surface is flat
+           surface_height (1,) [m] under the tool, unless the surface is flat; surface_stiffness (1,) [N/m] and
+           surface_damping (1,) [N s/m] of the material there, if there are several
 
 OneDimensional   Fig. 2.2/2.3: joint filter, servo along n, spring. One constant Jacobian.
 Kinematic        Fig. 2.5: joint filter and servo per joint, forward kinematics, C_T(q).
@@ -166,7 +167,7 @@ def describe(config: StationConfig) -> Cell:
         low, high = np.degrees([robot.limits.position_lower[joint], robot.limits.position_upper[joint]])
         raise invalid(f"posture_deg[{joint}]", float(np.degrees(posture[joint])), f"from {low:.4g} to {high:.4g}")
     n = unit_normal(config.normal)
-    if not config.environment.surface.flat:
+    if not config.environment.surface.uniform:
         config.environment.surface.direction_across(n)
     direction = check_start_posture(robot, posture, n, config.singularity_limit)
     context = robot.create_context()
@@ -175,7 +176,7 @@ def describe(config: StationConfig) -> Cell:
     if config.elastic_joints:
         matrix = robot_compliance(robot, context, robot.joint_stiffness)
         compliance = total_compliance(n, matrix, np.zeros((6, 6)), 0.0)
-    return Cell(config, robot, posture, n, direction, compliance, 1 / config.environment.stiffness)
+    return Cell(config, robot, posture, n, direction, compliance, 1 / config.environment.first_stiffness)
 
 
 def build_station(cell: Cell, seed: int = 0) -> Diagram:

@@ -6,7 +6,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from forcectl.diagrams.motor_side import MotorSide
 from forcectl.diagrams.station import Cell
-from forcectl.diagrams.station_surface import add_surface_height
+from forcectl.diagrams.station_surface import add_surface, connect_material
 from forcectl.diagrams.truth import finish_light_station
 from forcectl.plant.tip_contact import TipContact
 from forcectl.plant.tip_kinematics import TipDisplacement
@@ -23,6 +23,7 @@ class KinematicStation(Diagram):
         motors = add("motor_side", MotorSide(cell))
         builder.ExportInput(motors.GetInputPort("joint_position_command"), "joint_position_command")
         position = motors.GetOutputPort("motor_position")
+        stiffness, damping = config.environment.contact_values
         contact = add(
             "contact",
             TipContact(
@@ -30,19 +31,20 @@ class KinematicStation(Diagram):
                 cell.n,
                 q_0,
                 cell.spring_stiffness,
-                stiffness=config.environment.stiffness,
-                damping=config.environment.damping,
+                stiffness=stiffness,
+                damping=damping,
                 uneven=not config.environment.surface.flat,
                 period=config.period,
                 posture_period=config.posture_period,
             ),
         )
         connect(position, contact.GetInputPort("motor_position"))
-        height = add_surface_height(builder, cell, position, q_0)
-        if height is not None:
-            connect(height, contact.GetInputPort("surface_height"))
+        surface = add_surface(builder, cell, position, q_0)
+        connect_material(builder, surface, contact)
+        if "surface_height" in surface:
+            connect(surface["surface_height"], contact.GetInputPort("surface_height"))
         tip = add("tip_displacement", TipDisplacement(robot, cell.n, q_0, period=None))
         connect(position, tip.GetInputPort("motor_position"))
         force = contact.GetOutputPort("contact_force")
-        finish_light_station(builder, cell, seed, motors, force, tip.GetOutputPort("displacement"), height)
+        finish_light_station(builder, cell, seed, motors, force, tip.GetOutputPort("displacement"), surface)
         builder.BuildInto(self)

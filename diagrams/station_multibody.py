@@ -24,10 +24,10 @@ from pydrake.multibody.tree import Joint, PdControllerGains
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, LinearSystem, MatrixGain
 
-from forcectl.diagrams.environment_body import BALL_COMPLIANCE, add_environment, contact_material
+from forcectl.diagrams.environment_body import BALL_COMPLIANCE, add_environment, contact_material, drive_surface
 from forcectl.diagrams.parts import export_outputs
 from forcectl.diagrams.station import Cell
-from forcectl.diagrams.station_surface import add_surface_height
+from forcectl.diagrams.station_surface import add_surface
 from forcectl.diagrams.truth import add_contact_state
 from forcectl.errors import BadInputError
 from forcectl.plant.drive import Drive, joint_to_motor
@@ -184,12 +184,8 @@ class MultibodyStation(Diagram):
         # An uneven surface is raised to its height at the place of the links.
         links = add("link_state", _split_state(plant, parts))
         connect(plant.get_state_output_port(parts.instance), links.get_input_port())
-        height = add_surface_height(builder, cell, links.get_output_port(), cell.start)
-        if height is not None:
-            at_rest = add("surface_reference", MatrixGain(np.array([[1.0], [0.0]])))
-            surface = weld.parent_body().model_instance()
-            connect(height, at_rest.get_input_port())
-            connect(at_rest.get_output_port(), plant.get_desired_state_input_port(surface))
+        surface = add_surface(builder, cell, links.get_output_port(), cell.start)
+        drive_surface(builder, cell, plant, weld, surface)
 
         tip = add("tip_displacement", TipDisplacement(robot, cell.n, q_0, period=None))
         connect(position, tip.GetInputPort("motor_position"))
@@ -204,7 +200,7 @@ class MultibodyStation(Diagram):
                 "contact_displacement": tip.GetOutputPort("displacement"),
                 "link_position": links.get_output_port(),
                 "contact_state": add_contact_state(builder, force),
-                **({} if height is None else {"surface_height": height}),
+                **surface,
             },
         )
         builder.BuildInto(self)

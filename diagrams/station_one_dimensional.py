@@ -6,7 +6,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from forcectl.diagrams.motor_side import MotorSide
 from forcectl.diagrams.station import Cell
-from forcectl.diagrams.station_surface import add_depth, add_surface_height
+from forcectl.diagrams.station_surface import add_depth, add_surface, connect_material
 from forcectl.diagrams.truth import finish_light_station
 
 
@@ -21,8 +21,10 @@ class OneDimensionalStation(Diagram):
         builder.ExportInput(motors.GetInputPort("joint_position_command"), "joint_position_command")
         contact = config.environment.add_to(builder, 1, config.period, robot_compliance=cell.robot_compliance)
         displacement = motors.GetOutputPort("displacement")
-        height = add_surface_height(builder, cell, motors.GetOutputPort("motor_position"), cell.motor_start)
-        depth = displacement if height is None else add_depth(builder, displacement, height)
+        surface = add_surface(builder, cell, motors.GetOutputPort("motor_position"), cell.motor_start)
+        connect_material(builder, surface, contact)
+        uneven = "surface_height" in surface
+        depth = add_depth(builder, displacement, surface["surface_height"]) if uneven else displacement
         builder.Connect(depth, contact.GetInputPort("displacement"))
-        finish_light_station(builder, cell, seed, motors, contact.GetOutputPort("contact_force"), displacement, height)
+        finish_light_station(builder, cell, seed, motors, contact.GetOutputPort("contact_force"), displacement, surface)
         builder.BuildInto(self)

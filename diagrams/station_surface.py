@@ -1,18 +1,22 @@
-"""The uneven surface of a station: path coordinate of the tool, height of the surface there.
+"""The surface of a station: path coordinate of the tool, height and material of the surface there.
 
     s = d'(p(q) - p(q_0)),    what the contact gets is dx - h(s)
 
-A flat surface adds no block.
+A surface that is flat and of one material adds no block.
 """
 
 from __future__ import annotations
 
-from pydrake.systems.framework import DiagramBuilder, OutputPort
+from collections.abc import Mapping
+
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder, Gain
 
-from forcectl.diagrams.parts import affine
+from forcectl.diagrams.parts import affine, output_names
 from forcectl.diagrams.station import Cell, Vector
+from forcectl.plant.compliant_contact import CompliantContact, LinearContact
 from forcectl.plant.surface import SurfaceHeight, SurfaceProfile
+from forcectl.plant.surface_materials import SurfaceMaterial
 from forcectl.plant.tip_kinematics import TipDisplacement
 
 
@@ -22,27 +26,50 @@ def surface_profile(cell: Cell) -> SurfaceProfile:
     return cell.config.environment.surface.profile(tool.contact_ball_radius if tool else 0.0)
 
 
-def add_surface_height(
+def add_surface(
     builder: DiagramBuilder, cell: Cell, joint_position: OutputPort, start: Vector
-) -> OutputPort | None:
-    """Add the path coordinate and the height of the surface there, shape (1,) [m]; nothing when it is flat.
+) -> dict[str, OutputPort]:
+    """Add the path coordinate and what the surface is there; nothing when it is flat and of one material.
 
     Args:
         joint_position: of the side that counts as the tool's, shape (n_q,) [rad]. start: where it starts, s = 0.
+
+    Returns:
+        surface_height [m] unless flat, surface_stiffness [N/m] of several materials and surface_damping [N s/m] if
+        they have any; each of shape (1,).
     """
-    if cell.config.environment.surface.flat:
-        return None
-    d = cell.config.environment.surface.direction_across(cell.n)
+    surface = cell.config.environment.surface
+    if surface.uniform:
+        return {}
+    d = surface.direction_across(cell.n)
     if cell.config.fidelity == "OneDimensional":
         row = (d @ cell.robot.jacobian(cell.start_context())[3:]).reshape(1, -1)
         path = builder.AddNamedSystem("path_position", affine(row, -row @ start))
     else:
         tangent = TipDisplacement(cell.robot, d, start, period=cell.config.posture_period)
         path = builder.AddNamedSystem("path_position", tangent)
-    height = builder.AddNamedSystem("surface_height", SurfaceHeight(surface_profile(cell)))
     builder.Connect(joint_position, path.get_input_port(0))
-    builder.Connect(path.get_output_port(0), height.GetInputPort("path_position"))
-    return height.GetOutputPort("surface_height")
+    blocks: list[System] = []
+    if not surface.flat:
+        blocks.append(builder.AddNamedSystem("surface_height", SurfaceHeight(surface_profile(cell))))
+    if surface.materials is not None:
+        material = SurfaceMaterial(surface.materials.path(), surface.materials.damped)
+        blocks.append(builder.AddNamedSystem("surface_material", material))
+    found = {}
+    for block in blocks:
+        builder.Connect(path.get_output_port(0), block.GetInputPort("path_position"))
+        for name in sorted(output_names(block)):
+            found[name] = block.GetOutputPort(name)
+    return found
+
+
+def connect_material(
+    builder: DiagramBuilder, surface: Mapping[str, OutputPort], contact: CompliantContact | LinearContact
+) -> None:
+    """Tell a contact the stiffness and damping of the place, as far as the surface has several."""
+    for name in ("surface_stiffness", "surface_damping"):
+        if name in surface:
+            builder.Connect(surface[name], contact.GetInputPort(name))
 
 
 def add_depth(builder: DiagramBuilder, displacement: OutputPort, height: OutputPort) -> OutputPort:

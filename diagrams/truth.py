@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 from pydrake.systems.primitives import Gain, Saturation
@@ -33,12 +35,12 @@ def finish_light_station(
     motors: MotorSide,
     force: OutputPort,
     displacement: OutputPort,
-    height: OutputPort | None,
+    surface: Mapping[str, OutputPort],
 ) -> None:
     """Sensor, truth and exported ports of a station without robot dynamics.
 
     Args:
-        motors: the motor side. force: of the contact. displacement: of the tool along n. height: of an uneven surface.
+        motors: the motor side. force: of the contact. displacement: of the tool along n. surface: its truth, by name.
     """
     robot, position = cell.robot, motors.GetOutputPort("motor_position")
     sensor = cell.config.force_sensor.add_to(builder, cell.config.period, seed=seed)
@@ -61,6 +63,6 @@ def finish_light_station(
             "contact_displacement": displacement,
             "link_position": links.GetOutputPort("link_position"),
             "contact_state": add_contact_state(builder, force),
-            **({} if height is None else {"surface_height": height}),
+            **surface,
         },
     )

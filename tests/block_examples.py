@@ -16,6 +16,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from reactive_examples import REACTIVE_EXAMPLES
 from robot_controller_examples import ROBOT_EXAMPLES
+from surface_examples import SURFACE_EXAMPLES
 from vrft_examples import VRFT_EXAMPLES
 
 from forcectl.control.adaptive_force_law import AdaptiveForceLaw
@@ -39,7 +40,6 @@ from forcectl.plant.drive import Drive
 from forcectl.plant.force_sensor import ForceDigitiser, ForceSensor
 from forcectl.plant.position_loop import PositionLoop
 from forcectl.plant.servo import Servo, ServoCore
-from forcectl.plant.surface import GrooveConfig, SurfaceConfig, SurfaceHeight
 from forcectl.plant.tip_contact import TipContact
 from forcectl.plant.tip_kinematics import ForceToWrench, LinkPosition, TipDisplacement
 from forcectl.plant.wrist_sensor import Electronics, WristSensor
@@ -148,7 +148,7 @@ ELSEWHERE = ROBOT_EXAMPLES | ESTIMATION_EXAMPLES | VRFT_EXAMPLES | PREDICTIVE_EX
 ELSEWHERE |= MOTION_EXAMPLES
 ELSEWHERE |= REACTIVE_EXAMPLES
 ELSEWHERE |= RESEARCH_EXAMPLES
-EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
+EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | SURFACE_EXAMPLES | {
     CompliantContact: [
         Example(
             lambda: CompliantContact(2, stiffness=[5900, 1e5]),
@@ -213,6 +213,11 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
             {"motor_position": posture},
         ),
         Example(
+            lambda: TipContact(robot(), Z, START, np.full(6, np.inf), stiffness=None, damping=None),
+            each("contact_force", "motor_position", "surface_stiffness", "surface_damping"),
+            {"motor_position": posture, "surface_stiffness": lambda t: 5900 + 1e3 * t, "surface_damping": [20.0]},
+        ),
+        Example(
             lambda: TipContact(robot(), Z, START, np.full(6, np.inf), stiffness=5900, uneven=True),
             each("contact_force", "motor_position", "surface_height"),
             {"motor_position": posture, "surface_height": lambda t: 1e-3 * t},
@@ -229,13 +234,6 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
             each("displacement", "motor_position"),
             {"motor_position": posture},
         ),
-    ],
-    SurfaceHeight: [
-        Example(
-            lambda: SurfaceHeight(SurfaceConfig(slope=0.01, grooves=GrooveConfig()).profile(0.01)),
-            each("surface_height", "path_position"),
-            {"path_position": lambda t: 0.5 * t},
-        )
     ],
     LinkPosition: [
         Example(

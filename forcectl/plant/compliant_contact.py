@@ -55,13 +55,15 @@ class CompliantContact(LaneBlock):
 
     ```
     name: CompliantContact
-    input_ports: [displacement, robot_compliance (optional)]
+    input_ports: [displacement, robot_compliance (optional), surface_stiffness (optional), surface_damping (optional)]
     output_ports: [contact_force]
-    parameters: [stiffness, damping (optional), robot_compliance (optional)]
+    parameters: [stiffness (optional), damping (optional), robot_compliance (optional)]
     ```
 
     displacement: shape (n,), dx along n from the undeformed surface, motor side [m]; pressing is negative.
     robot_compliance: shape (n,), C_R(q) [m/N]; the port exists when `compliance_port`, else the parameter is used.
+    surface_stiffness, surface_damping: shape (n,), K_E [N/m] > 0 and D_E [N s/m] >= 0 of the place; the ports exist
+        when `stiffness` or `damping` is None.
     contact_force: shape (n,), >= 0 [N]. Feedthrough of all inputs.
 
     Parameters (Context, shape (n,)): stiffness K_E [N/m] > 0, damping D_E [N s/m] >= 0, robot_compliance C_R [m/N] >=
@@ -75,21 +77,26 @@ class CompliantContact(LaneBlock):
         self,
         size: int,
         *,
-        stiffness: ArrayLike,
-        damping: ArrayLike = 0.0,
+        stiffness: ArrayLike | None,
+        damping: ArrayLike | None = 0.0,
         robot_compliance: ArrayLike = 0.0,
         compliance_port: bool = False,
         period: float = 0.002,
     ):
         self._period = check("period", period, "positive")
-        self._damped = bool(np.any(lane_values("damping", damping, size, "not negative") > 0))
-        parameters = {"stiffness": Parameter(stiffness, "positive and finite", "N/m")}
-        if self._damped:
+        self._damped = damping is None or bool(np.any(lane_values("damping", damping, size, "not negative") > 0))
+        parameters = {}
+        if stiffness is not None:
+            parameters["stiffness"] = Parameter(stiffness, "positive and finite", "N/m")
+        if self._damped and damping is not None:
             parameters["damping"] = Parameter(damping, "not negative", "N s/m")
         if not compliance_port:
             parameters["robot_compliance"] = Parameter(robot_compliance, "not negative", "m/N")
         super().__init__(size, parameters)
         reads = {self.all_parameters_ticket()} | self._declare_inputs(compliance_port)
+        given = {"surface_stiffness": stiffness, "surface_damping": damping}
+        self._surface = [self.DeclareVectorInputPort(name, size) if v is None else None for name, v in given.items()]
+        reads |= {port.ticket() for port in self._surface if port is not None}
         if self._damped:
             self._z = self.DeclareDiscreteState(size)
             reads.add(self.discrete_state_ticket(self._z))
@@ -108,18 +115,26 @@ class CompliantContact(LaneBlock):
         return self.lane(self._displacement.Eval(context)), compliance
 
     def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
-        """(K_E, D_E/h, C_R, 1/C_T); the last two are None when C_R is not a parameter."""
-        stiffness, *rest = values
-        rate = rest.pop(0) / self._period if self._damped else 0.0
-        if rest:
-            return stiffness, rate, rest[0], stiffness / (1 + rest[0] * stiffness)
-        return stiffness, rate, None, None
+        """(K_E, D_E/h, C_R, 1/C_T); None where it is not told by parameters."""
+        named = dict(zip(self.parameter_names, values, strict=True))
+        rate = named["damping"] / self._period if "damping" in named else 0.0
+        stiffness, compliance, total = named.get("stiffness"), named.get("robot_compliance"), None
+        if stiffness is not None and compliance is not None:
+            total = stiffness / (1 + compliance * stiffness)
+        return stiffness, rate, compliance, total
 
     def _solve(self, context: Context) -> tuple[Lane, Lane]:
         stiffness, rate, compliance, total = self._values.Eval(context)
         dx, seen = self._situation(context)
         if seen is not None:
-            compliance, total = seen, stiffness / (1 + seen * stiffness)
+            compliance = seen
+        if total is None:
+            at_place, damping = self._surface
+            if at_place is not None:
+                stiffness = self.lane(at_place.Eval(context))
+            if damping is not None:
+                rate = self.lane(damping.Eval(context)) / self._period
+            total = stiffness / (1 + compliance * stiffness)
         if not self._damped:
             return elastic_force(dx, total, self.math), None
         z = self.lane(context.get_discrete_state(self._z).value())
@@ -157,8 +172,8 @@ class LinearContact(Diagram):
 class EnvironmentConfig:
     """Scenario part `environment`."""
 
-    stiffness: float = 5.9e3  # K_E [N/m], > 0
-    damping: float = 0.0  # D_E [N s/m], >= 0
+    stiffness: float = 5.9e3  # K_E [N/m], > 0; where surface.materials does not say otherwise
+    damping: float = 0.0  # D_E [N s/m], >= 0; the same
     one_sided: bool = True  # false: the linear two-sided spring (OneDimensional only)
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)  # flat by default
 
@@ -169,6 +184,24 @@ class EnvironmentConfig:
             raise invalid("one_sided", self.one_sided, "true or false")
         if not self.one_sided and self.damping:
             raise invalid("damping", self.damping, "0 with one_sided = false")
+        if not self.one_sided and self.surface.materials is not None:
+            raise invalid("one_sided", False, "true with surface.materials")
+
+    @property
+    def first_stiffness(self) -> float:
+        """K_E where the tool starts [N/m]."""
+        if self.surface.materials is None:
+            return self.stiffness
+        materials = self.surface.materials.path()
+        return float(materials.along(materials.stiffness, 0.0))
+
+    @property
+    def contact_values(self) -> tuple[float | None, float | None]:
+        """K_E and D_E as `CompliantContact` takes them: None where they come from ports."""
+        materials = self.surface.materials
+        if materials is None:
+            return self.stiffness, self.damping
+        return None, None if materials.damped else 0.0
 
     def add_to(
         self,
@@ -182,11 +215,8 @@ class EnvironmentConfig:
         if not self.one_sided:
             linear = LinearContact(size, stiffness=self.stiffness, robot_compliance=robot_compliance)
             return builder.AddNamedSystem("contact", linear)
+        stiffness, damping = self.contact_values
         block = CompliantContact(
-            size,
-            stiffness=self.stiffness,
-            damping=self.damping,
-            robot_compliance=robot_compliance,
-            period=period,
+            size, stiffness=stiffness, damping=damping, robot_compliance=robot_compliance, period=period
         )
         return builder.AddNamedSystem("contact", block)

@@ -22,6 +22,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import check
+from forcectl.plant.surface_materials import MaterialsConfig
 
 Array = NDArray[np.float64]
 GRID = 2e-5  # distance of the points of a profile [m]
@@ -200,13 +201,14 @@ class RoughnessConfig:
 
 @dataclass(kw_only=True)
 class SurfaceConfig:
-    """Scenario part `surface`: what is given is added up; flat when nothing is."""
+    """Scenario part `surface`: heights that are given are added up; flat when none are."""
 
     direction: list[float] = field(default_factory=lambda: [1.0, 0.0, 0.0])  # of s in W, perpendicular to the normal
     length: float = 0.2  # [m] the profile covers +-length of path and goes on level beyond
     slope: float = 0.0  # [-] rise along n per path; positive: towards the robot
     grooves: GrooveConfig | None = None
     roughness: RoughnessConfig | None = None
+    materials: MaterialsConfig | None = None  # instead of one stiffness and damping everywhere
     path: str = ""  # CSV file with the columns position and height [m], joined by straight lines
 
     def __post_init__(self) -> None:
@@ -227,7 +229,13 @@ class SurfaceConfig:
     @property
     def flat(self) -> bool:
         """Whether the surface is the plane through the start, perpendicular to n."""
-        return self.slope == 0 and self.grooves is None and self.roughness is None and not self.path
+        smooth = self.materials is None or self.materials.flat
+        return smooth and self.slope == 0 and self.grooves is None and self.roughness is None and not self.path
+
+    @property
+    def uniform(self) -> bool:
+        """Whether it is flat and of one material: the same everywhere along the path."""
+        return self.flat and self.materials is None
 
     def direction_across(self, n: Array) -> Array:
         """Unit vector of the path coordinate in W, shape (3,).
@@ -256,6 +264,9 @@ class SurfaceConfig:
         if self.roughness is not None:
             r = self.roughness
             z += rough_profile(len(s), GRID, r.rms, r.correlation_length, r.seed)
+        if self.materials is not None and not self.materials.flat:
+            materials = self.materials.path()
+            z += materials.along(materials.height, s)
         if self.path:
             z += np.interp(s, *read_profile(self.path))
         h = ball_envelope(z, GRID, ball_radius)

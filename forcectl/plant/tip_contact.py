@@ -26,13 +26,14 @@ class TipContact(CompliantContact):
 
     ```
     name: TipContact
-    input_ports: [motor_position, surface_height (optional)]
+    input_ports: [motor_position, surface_height (optional), surface_stiffness (optional), surface_damping (optional)]
     output_ports: [contact_force]
-    parameters: [stiffness, damping (optional)]
+    parameters: [stiffness (optional), damping (optional)]
     ```
 
     motor_position: shape (n_q,) [rad]. surface_height: shape (1,), h along n [m]; with `uneven` only.
-    contact_force: shape (1,), >= 0 [N]. Feedthrough of both inputs.
+    surface_stiffness, surface_damping: shape (1,), see `CompliantContact`.
+    contact_force: shape (1,), >= 0 [N]. Feedthrough of all inputs.
 
     Parameters (Context, shape (1,)): stiffness K_E [N/m] > 0, damping D_E [N s/m] >= 0.
 
@@ -42,7 +43,7 @@ class TipContact(CompliantContact):
     Args:
         robot: kinematics. n: unit normal in W, shape (3,). start: q_0, shape (n_q,) [rad].
         joint_stiffness: shape (n_q,) [Nm/rad]; infinite for rigid joints, which then have rigid links too.
-        stiffness, damping: of the environment.
+        stiffness, damping: of the environment; None: from the ports.
     """
 
     def __init__(
@@ -52,8 +53,8 @@ class TipContact(CompliantContact):
         start: Vector,
         joint_stiffness: Vector,
         *,
-        stiffness: ArrayLike,
-        damping: ArrayLike = 0.0,
+        stiffness: ArrayLike | None,
+        damping: ArrayLike | None = 0.0,
         uneven: bool = False,
         period: float = 0.002,
         posture_period: float = 0.04,
