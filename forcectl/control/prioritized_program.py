@@ -26,6 +26,10 @@ from forcectl.lanes import check_count
 
 Array = NDArray[np.float64]
 
+# What rows have at least below the first level, in their unit: where they leave none, one more or less of them decides
+# by rounding whether a solver finds a point. A tenth of what they may be missed by.
+_ROOM = 1e-9
+
 
 class Level(NamedTuple):
     """What one level minimises, u'H u/2 + g'u, and the rows J whose J u the levels below it must not change.
@@ -150,8 +154,8 @@ class PrioritizedProgram:
             basis.T @ hessian @ basis,
             steepness,
             np.concatenate([matrix @ basis, basis]),
-            np.maximum(room, 0.0),
-            lower=below,
+            np.maximum(room, 0.0) + _ROOM,
+            lower=below - _ROOM,
             fallback=steepness,
         )
         return None if found.status.brakes else found.u

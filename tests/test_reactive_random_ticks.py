@@ -1,0 +1,163 @@
+"""Random ticks of the reactive controller: rows hold, the second stage changes nothing of the tasks, both are optimal."""
+
+from __future__ import annotations
+
+import os
+from typing import Any, NamedTuple
+
+import numpy as np
+import pytest
+from reactive_examples import N, arm_tasks, at, two_arms
+from reference_program import clarabel, distance_from_optimum
+
+from forcectl.control.arms_motion import ArmsMotion, OfArm
+from forcectl.control.constraints import CartesianWall, Constraint, ConstraintSet, JointTorqueLimit, Rows
+from forcectl.control.null_space import JointSpeed
+from forcectl.control.prioritized_program import Level
+from forcectl.control.quadratic_program import Coefficients, Solver, Status, fastest
+from forcectl.control.task_coordinates import TaskState
+from forcectl.control.task_cost import Weights
+from forcectl.control.task_limits import TaskRange, TaskSpeedLimit
+from forcectl.control.task_program import Outcome, TaskProgram, task_levels
+
+# 10 000 take a minute: a part of them at every change.
+TICKS = int(os.environ.get("FORCECTL_RANDOM_TICKS", "1500"))
+PERIOD, LENGTH = 0.004, 0.28
+
+
+class Tick(NamedTuple):
+    """One random tick: what was asked for, and what came out."""
+
+    motion: ArmsMotion
+    rows: Rows
+    state: TaskState
+    outcome: Outcome
+    first: Coefficients  # of level 1
+    u_first: np.ndarray | None
+
+
+class Recorder:
+    """Keeps the coefficients and the answer of the first level."""
+
+    def __init__(self) -> None:
+        self.seen: tuple[Coefficients, np.ndarray | None] | None = None
+
+    def __call__(self, n: int, m: int) -> Solver:
+        inner = fastest(n, m)
+        if n != N:
+            return inner
+
+        def solve(program: Coefficients) -> tuple[np.ndarray | None, bool]:
+            u, infeasible = inner(program)
+            self.seen = program, u
+            return u, infeasible
+
+        return solve
+
+
+def constraints() -> list[Constraint]:
+    """Walls above the table and at the side of each arm, ranges and speeds of their tool centre points; 56 rows."""
+    found: list[Constraint] = [JointTorqueLimit(two_arms().limits.torque)]
+    for arm, side in (("left", 1.0), ("right", -1.0)):
+        found.append(OfArm(arm, CartesianWall([0.0, 0.0, 0.0], [0.0, 0.0, 1.0])))
+        found.append(OfArm(arm, CartesianWall([0.0, -0.35 * side, 0.0], [0.0, side, 0.0])))
+        task = arm_tasks()[arm == "right"]
+        found.append(TaskSpeedLimit(task, [1.0] * 3 + [4.0] * 3))
+    return found
+
+
+class Ticks:
+    """Random ticks near postures that the constraints allow."""
+
+    def __init__(self) -> None:
+        limits = two_arms().limits
+        self.limits, self.context = limits, two_arms().create_context()
+        start = at(two_arms().facts.default_posture)
+        self.constraints = ConstraintSet(constraints(), limits, start, PERIOD, -2.0)
+        self.recorder = Recorder()
+        levels = task_levels(arm_tasks(), Weights(), LENGTH, PERIOD)
+        self.program = TaskProgram(N, levels, JointSpeed(), self.constraints, PERIOD, self.recorder)
+
+    def random(self, seed: int, fast: float = 1.0) -> Tick:
+        rng = np.random.default_rng(seed)
+        low, high = self.limits.position_lower, self.limits.position_upper
+        room = rng.choice([0.0, 0.01, 0.2])  # some joints are at their limits
+        q = np.clip(
+            two_arms().facts.default_posture + rng.normal(size=N) * rng.uniform(0, 0.6), low + room, high - room
+        )
+        v = fast * rng.normal(size=N) * rng.uniform(0, 0.5)
+        motion = ArmsMotion(two_arms(), self.context, q, v)
+        states = [task.state(motion) for task in arm_tasks()]
+        state = TaskState(*map(np.concatenate, zip(*states, strict=True)))
+        rows = self.constraints.rows(motion, np.zeros(self.constraints.foreseen_size))
+        wish = state.rate + rng.normal(size=12) * rng.uniform(0, 0.1)
+        place = state.value + PERIOD * 0.5 * (state.rate + wish)
+        outcome = self.program.solve(motion, rows, state, place, wish)
+        assert self.recorder.seen is not None
+        return Tick(motion, rows, state, outcome, *self.recorder.seen)
+
+
+def test_rows_hold_and_the_second_stage_changes_nothing_of_the_tasks() -> None:
+    ticks = Ticks()
+    assert ticks.constraints.size >= 40
+    solved = binding = braked = second = 0
+    for seed in range(TICKS):
+        tick = ticks.random(seed)
+        u, rows = tick.outcome.u, tick.rows
+        assert np.isfinite(u).all()
+        assert (u - rows.upper).max() <= 1e-8 and (rows.lower - u).max() <= 1e-8
+        if tick.outcome.status.brakes:
+            braked += 1
+            np.testing.assert_array_equal(u, ticks.constraints.brake(tick.motion.v, rows))
+            continue
+        assert tick.outcome.status == Status.OPTIMAL and tick.u_first is not None
+        assert (rows.matrix @ u - rows.limit).max() <= 1e-8
+        assert np.abs(tick.state.jacobian @ (u - tick.u_first)).max() <= 1e-8
+        speeds = [np.linalg.norm(tick.motion.v + PERIOD * each) for each in (u, tick.u_first)]
+        assert speeds[0] <= speeds[1] + 1e-9
+        solved, binding = solved + 1, binding + (tick.outcome.active > 0)
+        second += tick.outcome.levels == 2
+    # It must not be true of nothing.
+    assert solved >= 0.8 * TICKS and second == solved
+    assert binding >= 0.2 * solved and braked < 0.2 * TICKS
+
+
+def cost(level: Level, u: np.ndarray) -> float:
+    return float((0.5 * u @ level.hessian + level.gradient) @ u)
+
+
+def test_both_stages_are_the_optima_of_a_reference_solver() -> None:
+    ticks = Ticks()
+    for seed in range(min(TICKS, 300)):
+        tick = ticks.random(seed)
+        if tick.outcome.status.brakes:
+            continue
+        J, rows = tick.state.jacobian, tick.rows
+        given: tuple[Any, ...] = (rows.matrix, rows.limit, rows.lower, rows.upper)
+        first, last = Level(*tick.first[:2], J), Level(np.eye(N), tick.motion.v / PERIOD)
+        assert tick.u_first is not None
+        assert distance_from_optimum([first], tick.u_first, *given) <= 1e-6
+        assert distance_from_optimum([first, last], tick.outcome.u, *given) <= 1e-6
+        if seed < 100:  # an interior-point solver is good to 1e-5 here, on the expensive side
+            best, mine = (cost(first, u) for u in (clarabel(first, *given), tick.u_first))
+            assert mine <= best + 1e-9 * abs(best) and mine == pytest.approx(best, rel=1e-5)
+
+
+@pytest.mark.parametrize("seed", range(20))
+def test_ticks_that_are_too_fast_for_their_walls_brake_within_the_joint_limits(seed: int) -> None:
+    ticks = Ticks()
+    tick = ticks.random(seed, fast=20.0)
+    u, rows = tick.outcome.u, tick.rows
+    assert np.isfinite(u).all()
+    assert (u - rows.upper).max() <= 1e-8 and (rows.lower - u).max() <= 1e-8
+    if tick.outcome.status.brakes:
+        assert (np.abs(tick.motion.v + PERIOD * u) <= np.abs(tick.motion.v) + 1e-9).all()
+
+
+def test_ranges_of_task_coordinates_are_rows_too() -> None:
+    motion = at(two_arms().facts.default_posture)
+    task = arm_tasks()[0]
+    value = task.state(motion).value
+    y, _, row, _ = TaskRange(task, value - 0.1, value + 0.2).evaluate(motion)
+    np.testing.assert_allclose(y, np.repeat([-0.2, -0.1], 6))
+    assert np.shape(row) == (12, N)
