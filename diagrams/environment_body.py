@@ -144,7 +144,7 @@ def _missing_compliance(cell: Cell) -> float:
     ball and the springs of rigid joints, is taken out.
     """
     joints = float(np.sum(cell.normal_row**2 / cell.spring_stiffness))
-    return cell.robot_compliance - joints - BALL_COMPLIANCE
+    return cell.robot_compliance - cell.drive_compliance - joints - BALL_COMPLIANCE
 
 
 def contact_material(stiffness: float, relaxation_time: float) -> ProximityProperties:

@@ -142,6 +142,7 @@ def loop_facts(cell: Cell) -> LoopFacts:
             singularity_limit=cell.config.singularity_limit,
             straight=cell.config.fidelity == "OneDimensional",
         ),
+        drive_compliance=cell.drive_compliance,
     )
 
 

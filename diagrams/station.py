@@ -17,12 +17,14 @@ The station starts at rest, the tool just touching the surface with zero force.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass, field, replace
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, Diagram
 
+from forcectl.control.joint_impedance import JointImpedanceConfig
 from forcectl.control.kinematic_inversion import check_start_posture
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.lanes import check, whole_multiple
@@ -46,6 +48,16 @@ STATION_OUTPUTS = (
     "link_position",
     "contact_state",
 )
+# Scenario tag of `interface` -> import path of its configuration; the first is the default.
+INTERFACES = {
+    "JointPosition": "forcectl.diagrams.station:JointPositionConfig",
+    "JointImpedance": "forcectl.control.joint_impedance:JointImpedanceConfig",
+}
+
+
+@dataclass(kw_only=True)
+class JointPositionConfig:
+    """Scenario part `interface: !JointPosition`: the drives are told positions, which their `servo` follows."""
 
 
 @dataclass(kw_only=True)
@@ -67,6 +79,8 @@ class StationConfig:
     environment: EnvironmentConfig = field(default_factory=EnvironmentConfig)
     position_loop: PositionLoopConfig = field(default_factory=PositionLoopConfig)
     servo: ServoConfig = field(default_factory=ServoConfig)
+    # What the drives are told; torques in Multibody only.
+    interface: Any = field(default_factory=JointPositionConfig, metadata={"tags": INTERFACES})
     force_sensor: ForceSensorConfig = field(default_factory=ForceSensorConfig)
 
     def __post_init__(self) -> None:
@@ -90,6 +104,20 @@ class StationConfig:
             whole_multiple(name, delay, self.period, "the control period")
         if not self.environment.one_sided and self.fidelity != "OneDimensional":
             raise invalid("environment.one_sided", False, "true unless station.fidelity = OneDimensional")
+        self._check_interface()
+
+    def _check_interface(self) -> None:
+        if isinstance(self.interface, JointPositionConfig):
+            return
+        if not isinstance(self.interface, JointImpedanceConfig):
+            raise invalid("interface", self.interface, f"one of {', '.join(f'!{tag}' for tag in INTERFACES)}")
+        because = "with interface = !JointImpedance"
+        if self.fidelity != "Multibody":
+            raise invalid("fidelity", self.fidelity, f"Multibody {because}")
+        if not self.elastic_joints:
+            raise invalid("elastic_joints", False, f"true {because}: the torques of the joints are what is controlled")
+        if self.servo.ideal:
+            raise invalid("servo.ideal", True, f"false {because}")
 
 
 @dataclass(frozen=True)
@@ -97,8 +125,8 @@ class Cell:
     """What the fidelities and the controllers need to know of a station before it is built.
 
     robot: kinematics and facts. start: link positions at the start (n_q,) [rad]. n: unit normal in W (3,).
-    direction: J^-1 n at the start (n_q,) [rad/m]. robot_compliance: C_R at the start [m/N], 0 for rigid joints.
-    environment_compliance: C_E [m/N].
+    direction: J^-1 n at the start (n_q,) [rad/m]. robot_compliance: C_R at the start [m/N], from the position command
+    to the tool; 0 for rigid joints. environment_compliance: C_E [m/N].
     """
 
     config: StationConfig
@@ -114,6 +142,19 @@ class Cell:
         """n'J at the start: displacement along n per joint motion (n_q,) [m/rad]."""
         row: Vector = self.n @ self.robot.jacobian(self.start_context())[3:]
         return row
+
+    @property
+    def impedance_stiffness(self) -> Vector:
+        """K_q of joint impedance control (n_q,) [Nm/rad]; infinite where the drives are told positions."""
+        if not isinstance(self.config.interface, JointImpedanceConfig):
+            return np.full(self.robot.num_joints, np.inf)
+        facts = self.robot.facts
+        return self.config.interface.joint_stiffness(facts.rotor_inertia * facts.gear_ratio**2)
+
+    @property
+    def drive_compliance(self) -> float:
+        """Part of `robot_compliance` between the position command and the motors [m/N]."""
+        return float(np.sum(self.normal_row**2 / self.impedance_stiffness))
 
     @property
     def spring_stiffness(self) -> Vector:
@@ -176,7 +217,8 @@ def describe(config: StationConfig) -> Cell:
     if config.elastic_joints:
         matrix = robot_compliance(robot, context, robot.joint_stiffness)
         compliance = total_compliance(n, matrix, np.zeros((6, 6)), 0.0)
-    return Cell(config, robot, posture, n, direction, compliance, 1 / config.environment.first_stiffness)
+    cell = Cell(config, robot, posture, n, direction, compliance, 1 / config.environment.first_stiffness)
+    return replace(cell, robot_compliance=compliance + cell.drive_compliance)
 
 
 def build_station(cell: Cell, seed: int = 0) -> Diagram:

@@ -24,10 +24,12 @@ from pydrake.multibody.tree import Joint, PdControllerGains
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, LinearSystem, MatrixGain
 
+from forcectl.control.joint_impedance import JointImpedanceConfig
 from forcectl.diagrams.environment_body import BALL_COMPLIANCE, add_environment, contact_material, drive_surface
 from forcectl.diagrams.parts import export_outputs
 from forcectl.diagrams.station import Cell
 from forcectl.diagrams.station_surface import add_surface
+from forcectl.diagrams.torque_interface import TorqueInterface
 from forcectl.diagrams.truth import add_contact_state
 from forcectl.errors import BadInputError
 from forcectl.plant.drive import Drive, joint_to_motor
@@ -206,7 +208,9 @@ class MultibodyStation(Diagram):
         builder.BuildInto(self)
 
     @staticmethod
-    def _add_drive(builder: DiagramBuilder, cell: Cell) -> Drive:
+    def _add_drive(builder: DiagramBuilder, cell: Cell) -> Drive | TorqueInterface:
+        if isinstance(cell.config.interface, JointImpedanceConfig):
+            return builder.AddNamedSystem("torque_interface", TorqueInterface(cell))
         robot, gains, step = cell.robot, cell.config.servo, cell.config.time_step
         facts = robot.facts
         drive = Drive(

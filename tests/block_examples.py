@@ -17,6 +17,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from reactive_examples import REACTIVE_EXAMPLES
 from robot_controller_examples import ROBOT_EXAMPLES
 from surface_examples import SURFACE_EXAMPLES
+from torque_examples import TORQUE_EXAMPLES
 from vrft_examples import VRFT_EXAMPLES
 
 from forcectl.control.adaptive_force_law import AdaptiveForceLaw
@@ -148,6 +149,7 @@ ELSEWHERE = ROBOT_EXAMPLES | ESTIMATION_EXAMPLES | VRFT_EXAMPLES | PREDICTIVE_EX
 ELSEWHERE |= MOTION_EXAMPLES
 ELSEWHERE |= REACTIVE_EXAMPLES
 ELSEWHERE |= RESEARCH_EXAMPLES
+ELSEWHERE |= TORQUE_EXAMPLES
 EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | SURFACE_EXAMPLES | {
     CompliantContact: [
         Example(

@@ -24,6 +24,7 @@ from forcectl.control.governor import CommandGovernor, GovernedForceLaw
 from forcectl.control.integral import IntegralForceLaw
 from forcectl.control.invariance_control import InvarianceCorrection
 from forcectl.control.invariance_force_law import InvarianceForceLaw
+from forcectl.control.joint_impedance import JointImpedance
 from forcectl.control.linear_law import GAINS, LinearForceLaw
 from forcectl.control.predictive_correction import PredictiveCorrection
 from forcectl.control.sampled_law import SampledLaw
@@ -231,6 +232,7 @@ LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str
         {
             "forgetting": POSITIVE,
             "robot_compliance": NOT_NEGATIVE,
+            "drive_compliance": NOT_NEGATIVE,
             "minimum_force": NOT_NEGATIVE,
             "lower_bound": NUMBER,
             "upper_bound": NUMBER,
@@ -260,6 +262,10 @@ LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str
             "gain_range": POSITIVE,
         },
     ),
+    JointImpedance: (
+        lambda size=2, **changed: JointImpedance(size, **{"stiffness": 4e4, "damping": 1e3, **changed}),
+        {"stiffness": NOT_NEGATIVE, "damping": NOT_NEGATIVE},
+    ),
     ExperimentSequencer: (
         lambda size=2, **changed: ExperimentSequencer(size, **changed),
         {"hand_over_time": NOT_NEGATIVE, "window": POSITIVE, "tolerance": NOT_NEGATIVE},
@@ -277,15 +283,15 @@ LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str
             "limit": POSITIVE,
         },
     ),
+    JointSensors: (
+        joint_sensors,
+        {"quantum": NOT_NEGATIVE, "position_noise": NOT_NEGATIVE, "torque_noise": NOT_NEGATIVE},
+    ),
     TrajectoryGenerator: (
         trajectory_generator,
         {"velocity_limit": POSITIVE, "acceleration_limit": POSITIVE, "jerk_limit": POSITIVE},
     ),
     VelocityGenerator: (velocity_generator, {"velocity_limit": POSITIVE, "acceleration_limit": POSITIVE}),
-    JointSensors: (
-        joint_sensors,
-        {"quantum": NOT_NEGATIVE, "position_noise": NOT_NEGATIVE, "torque_noise": NOT_NEGATIVE},
-    ),
     ContactMonitorCore: (lambda size=2, **changed: ContactMonitorCore(size, **changed), {}),
 }
 PARAMETERS = [

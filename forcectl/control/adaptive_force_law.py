@@ -93,7 +93,8 @@ class Adaptation:
             initial_compliance=self.compliance_error * facts.environment_compliance,
             initial_covariance=self.initial_covariance,
             forgetting=self.forgetting,
-            robot_compliance=facts.robot_compliance,
+            robot_compliance=facts.robot_compliance - facts.drive_compliance,
+            drive_compliance=facts.drive_compliance,
             minimum_force=self.minimum_force,
             period=facts.period,
         )

@@ -44,6 +44,8 @@ class LoopFacts:
     """What a controller may be told about its loop.
 
     size: lanes n. period: control tick [s]. robot_compliance, environment_compliance: C_R and C_E [m/N], shape (n,).
+    drive_compliance: the part of C_R between command and motors, which the motors' positions show [m/N], shape (n,) or
+        a number; zero for a robot that is told positions.
     sensor_bandwidth [rad/s], sensor_damping_ratio [-], sensor_delay [s]: of the force sensor.
     robot: of a loop around a robot, else None.
     """
@@ -56,6 +58,7 @@ class LoopFacts:
     sensor_damping_ratio: float
     sensor_delay: float
     robot: RobotFacts | None = None
+    drive_compliance: NDArray[np.float64] | float = 0.0
 
     @property
     def total_compliance(self) -> NDArray[np.float64]:

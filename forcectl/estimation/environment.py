@@ -40,16 +40,17 @@ class EnvironmentComplianceEstimator(LaneBlock):
     name: EnvironmentComplianceEstimator
     input_ports: [measured_force, displacement]
     output_ports: [environment_compliance, compliance]
-    parameters: [forgetting, robot_compliance, minimum_force, lower_bound, upper_bound]
+    parameters: [forgetting, robot_compliance, drive_compliance, minimum_force, lower_bound, upper_bound]
     ```
 
     measured_force: shape (n,) [N].
     displacement: shape (n,), actual motor-side dx [m], passed through the same filter as the force.
     environment_compliance: shape (n,), C_E_hat within its bounds [m/N]. State, no direct feedthrough.
-    compliance: shape (n,), C_R_hat + C_E_hat [m/N]. State, no direct feedthrough.
+    compliance: shape (n,), from the command: C_R_hat + C_E_hat and the drives' [m/N]. State, no direct feedthrough.
 
-    Parameters (Context, shape (n,)): forgetting mu in (0, 1], robot_compliance C_R_hat [m/N] >= 0, minimum_force [N]
-    >= 0 below which nothing is learnt, lower_bound and upper_bound [m/N] of what is put out.
+    Parameters (Context, shape (n,)): forgetting mu in (0, 1], robot_compliance C_R_hat [m/N] >= 0 between motors and
+    tool, drive_compliance [m/N] >= 0 between command and motors (of joint impedance control), minimum_force [N] >= 0
+    below which nothing is learnt, lower_bound and upper_bound [m/N] of what is put out.
 
     A force or displacement that is not finite is skipped.
 
@@ -69,6 +70,7 @@ class EnvironmentComplianceEstimator(LaneBlock):
         initial_covariance: ArrayLike = 1e-6,
         forgetting: ArrayLike = 0.995,
         robot_compliance: ArrayLike = 0.0,
+        drive_compliance: ArrayLike = 0.0,
         minimum_force: ArrayLike = 0.2,
         lower_bound: ArrayLike = 1e-8,
         upper_bound: ArrayLike = 1e-1,
@@ -79,6 +81,7 @@ class EnvironmentComplianceEstimator(LaneBlock):
             {
                 "forgetting": Parameter(forgetting, "above 0 and at most 1", "1"),
                 "robot_compliance": Parameter(robot_compliance, "not negative", "m/N"),
+                "drive_compliance": Parameter(drive_compliance, "not negative", "m/N"),
                 "minimum_force": Parameter(minimum_force, "not negative", "N"),
                 "lower_bound": Parameter(lower_bound, "positive", "m/N"),
                 "upper_bound": Parameter(upper_bound, "positive", "m/N"),
@@ -103,7 +106,7 @@ class EnvironmentComplianceEstimator(LaneBlock):
         check_order("lower_bound", "upper_bound", values)
 
     def _update(self, context: Context, next_state: DiscreteValues) -> None:
-        mu, robot, minimum, _, _ = self._values.Eval(context)
+        mu, robot, _, minimum, _, _ = self._values.Eval(context)
         force = self.lane(self._force.Eval(context))
         target = -self.lane(self._displacement.Eval(context)) - robot * force
         old = self.lane(context.get_discrete_state(self._estimate).value())
@@ -115,7 +118,7 @@ class EnvironmentComplianceEstimator(LaneBlock):
         next_state.set_value(self._covariance, self.stack(self.math.where(learn, covariance, old_covariance)))
 
     def _bounded(self, context: Context) -> Lane:
-        _, _, _, lower, upper = self._values.Eval(context)
+        *_, lower, upper = self._values.Eval(context)
         return self.math.minimum(
             self.math.maximum(self.lane(context.get_discrete_state(self._estimate).value()), lower), upper
         )
@@ -124,4 +127,5 @@ class EnvironmentComplianceEstimator(LaneBlock):
         self.write(output, self._bounded(context))
 
     def _total(self, context: Context, output: BasicVector) -> None:
-        self.write(output, self._bounded(context) + self._values.Eval(context)[1])
+        _, robot, drive, *_ = self._values.Eval(context)
+        self.write(output, self._bounded(context) + robot + drive)
