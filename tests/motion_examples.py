@@ -12,7 +12,8 @@ from forcectl.motion.trajectory_generator import TrajectoryGenerator
 from forcectl.motion.velocity_generator import VelocityGenerator
 
 LIMITS = {"velocity_limit": [0.5, 1.0], "acceleration_limit": [2.0, 10.0], "jerk_limit": 80.0}
-TARGET_INPUTS = ("target_position", "target_velocity", "velocity_mode")
+START_INPUTS = ("start_position", "start_velocity", "start_acceleration")
+GENERATOR_INPUTS = ("target_position", "target_velocity", "velocity_mode", *START_INPUTS)
 
 
 def trajectory_generator(size: int = 2, **changed: Any) -> TrajectoryGenerator:
@@ -35,7 +36,7 @@ MOTION_EXAMPLES: dict[type[System], list[Example]] = {
             {
                 pair
                 for name in ("position", "velocity", "acceleration", "arrived", "braking")
-                for pair in each(name, *TARGET_INPUTS)
+                for pair in each(name, *GENERATOR_INPUTS)
             },
             {"target_position": jumping, "target_velocity": lambda t: 0.1 * t, "velocity_mode": [0.0, 1.0]},
         ),
@@ -44,7 +45,7 @@ MOTION_EXAMPLES: dict[type[System], list[Example]] = {
             {
                 pair
                 for name in ("position", "velocity", "acceleration", "arrived", "braking")
-                for pair in each(name, *TARGET_INPUTS)
+                for pair in each(name, *GENERATOR_INPUTS)
             },
             {"target_position": lambda t: t},
         ),

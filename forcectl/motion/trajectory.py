@@ -32,7 +32,8 @@ _MARGIN, _LESS_JERK, _JERK = 1.0 - 1e-9, 1.0 - 2e-9, 1.0 - 1e-9
 _POSITION, _VELOCITY = ControlInterface.Position, ControlInterface.Velocity
 _TOGETHER, _ALONE = Synchronization.Phase, Synchronization.No
 _FASTER = 1e-9  # what counts as a shorter duration [s]
-_SLOWEST = 100.0  # longest time from rest to the velocity limit [s]: far below what cannot be planned any more
+_LONGEST = 7600.0  # a longer duration is an error to Ruckig [s]
+_SLOWEST = 100.0  # longest time from rest to the velocity limit [s]
 _SAME = 1e-9  # motions that differ by less, relative to the size of the numbers, are one
 
 
@@ -154,9 +155,11 @@ def begin(position: ArrayLike, velocity: ArrayLike = 0.0, acceleration: ArrayLik
 def begin_again(course: Course, motion: Motion) -> Course:
     """The course if `motion` (finite) is its own but for rounding, else one that starts from `motion`.
 
-    The target is kept. So a generator can be led by what became of its last command, and still follows one plan as
-    long as that command is carried out.
+    The target is kept, if there was a plan to one. So a generator can be led by what became of its last command, and
+    still follows one plan as long as that command is carried out.
     """
+    if not course.velocity_limit.any():
+        return begin(*motion)
     same = all(
         bool((np.abs(a - b) <= _SAME * (1.0 + np.abs(b))).all()) for a, b in zip(motion, course.motion, strict=True)
     )
@@ -190,20 +193,33 @@ class Plan:
         return Motion(*np.array(self._trajectory.at_time(time)))
 
 
+class _Standstill:
+    """What a trajectory of Ruckig does here, without motion."""
+
+    duration = 0.0
+
+    def __init__(self, position: Array):
+        self._motion = position, 0.0 * position, 0.0 * position
+
+    def at_time(self, time: float) -> tuple[Array, Array, Array]:
+        return self._motion
+
+
 class Planner:
     """Plans for n components.
 
     Holds no state but the last plan, to save time: results depend on the arguments only.
 
     Args:
-        size: components n. synchronized: the components arrive together, on a straight line if they start from rest;
-            False: each as early as it can. Components in velocity mode are always on their own.
+        size: components n. synchronized: the components arrive together, and from rest on a straight line if their
+            limits are alike; False: each as early as it can. Components in velocity mode are always on their own.
     """
 
     def __init__(self, size: int, synchronized: bool = True):
         self.size, self.synchronized = check_count("size", size), bool(synchronized)
         self._ruckig, self._input = Ruckig(size), InputParameter(size)
         self._input.synchronization = _ALONE
+        self._limits: Limits | None = None
         self._known: tuple[tuple[bytes, ...], Plan] | None = None
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Planner:
@@ -213,7 +229,8 @@ class Planner:
     def plan(self, start: Motion, target: Target, limits: Limits) -> Plan:
         """The fastest trajectory; from outside the limits, it first returns to within them.
 
-        A component that cannot be planned brakes to rest within the limits; the others go on.
+        A component that cannot be planned brakes to rest within the limits; the others go on. From where not even that
+        takes less than two hours, all stand still at once.
 
         Args:
             start, target, limits: finite. A target velocity beyond the limit is that limit.
@@ -225,12 +242,14 @@ class Planner:
         fastest = self._prepare(start, target, limits, free)
         braking = np.zeros(self.size, dtype=bool)
         if fastest is None:
+            if not np.isfinite(start).all():
+                raise invalid("start", [x.tolist() for x in start], "finite")
             braking = ~free & self._out_of_reach(start, target, limits)
             target = target._replace(velocity=np.where(braking, 0.0, target.velocity))
             free = free | braking
             fastest = self._prepare(start, target, limits, free)
             if fastest is None:
-                raise invalid("start", [x.tolist() for x in start], "finite")
+                return Plan(_Standstill(start.position), np.zeros(self.size), np.ones(self.size, dtype=bool))
         arrival = np.array(fastest.independent_min_durations)
         if self.synchronized and self.size > 1:
             self._input.per_dof_synchronization = [_ALONE if one else _TOGETHER for one in free.tolist()]
@@ -268,27 +287,39 @@ class Planner:
 
     def _prepare(self, start: Motion, target: Target, limits: Limits, free: NDArray[np.bool_]) -> Any:
         """The fastest trajectory of each component on its own, or None. Leaves all of it in the input."""
-        inputs, velocity = self._input, limits.velocity * _MARGIN
-        # An acceleration that the velocity limit leaves no room for only makes the numbers worse.
-        acceleration = np.minimum(limits.acceleration, 2.0 * np.sqrt(limits.velocity * limits.jerk)) * _MARGIN
+        inputs = self._input
+        velocity, usable = self._take(limits)
+        outside = (np.abs(start.velocity) > limits.velocity) | (np.abs(start.acceleration) > usable)
+        # From there all of the acceleration is needed.
+        inputs.max_acceleration = np.where(outside, limits.acceleration * _MARGIN, usable).tolist()
         # Lists: they take a tenth of the time of arrays.
         inputs.current_position, inputs.current_velocity, inputs.current_acceleration = [x.tolist() for x in start]
-        inputs.max_velocity, inputs.max_acceleration = velocity.tolist(), acceleration.tolist()
         inputs.target_position = np.where(free, start.position, target.position).tolist()
         inputs.target_velocity = np.minimum(np.maximum(target.velocity, -velocity), velocity).tolist()
         inputs.per_dof_control_interface = [_VELOCITY if one else _POSITION for one in free.tolist()]
         tries = []
-        for factor in (_LESS_JERK, _JERK):
-            inputs.max_jerk = (limits.jerk * factor).tolist()
+        for jerk in self._jerks:
+            inputs.max_jerk = jerk
             tries.append(self._calculate())
             if tries[-1] is None:
                 return None
-        less, full = (np.array(one.independent_min_durations) for one in tries)
-        faster = full < less - _FASTER
-        if faster.all():
+        durations = zip(*(one.independent_min_durations for one in tries), strict=True)
+        faster = [full < less - _FASTER for less, full in durations]
+        if all(faster):
             return tries[1]
-        inputs.max_jerk = (limits.jerk * np.where(faster, _JERK, _LESS_JERK)).tolist()
-        return self._calculate() if faster.any() else tries[0]
+        inputs.max_jerk = [full if better else less for better, less, full in zip(faster, *self._jerks, strict=True)]
+        return self._calculate() if any(faster) else tries[0]
+
+    def _take(self, limits: Limits) -> tuple[Array, Array]:
+        """Put the limits in the input; returns those of velocity, and of acceleration as far as it can be of use."""
+        if self._limits is None or not _equal(limits, self._limits):
+            self._limits = limits
+            # An acceleration that the velocity limit leaves no room for only makes the numbers worse.
+            usable = np.minimum(limits.acceleration, 2.0 * np.sqrt(limits.velocity * limits.jerk)) * _MARGIN
+            self._bounds = limits.velocity * _MARGIN, usable
+            self._input.max_velocity = self._bounds[0].tolist()
+            self._jerks = (limits.jerk * _LESS_JERK).tolist(), (limits.jerk * _JERK).tolist()
+        return self._bounds
 
     def _calculate(self) -> Any:
         trajectory = Trajectory(self.size)
@@ -300,9 +331,12 @@ class Planner:
 
     def _out_of_reach(self, start: Motion, target: Target, limits: Limits) -> NDArray[np.bool_]:
         """Which components cannot be planned."""
-        one = Planner(1)
-        columns = zip(*(np.transpose(group)[:, :, None] for group in (start, target, limits)), strict=True)
-        return np.array([one._prepare(Motion(*s), Target(*t), Limits(*m), t[2] > 0.5) is None for s, t, m in columns])
+        one, beyond = Planner(1), []
+        for s, t, m in zip(*(np.transpose(group)[:, :, None] for group in (start, target, limits)), strict=True):
+            trajectory = one._prepare(Motion(*s), Target(*t), Limits(*m), t[2] > 0.5)
+            # A duration that is too long for several components is given for one.
+            beyond.append(trajectory is None or trajectory.duration >= _LONGEST)
+        return np.array(beyond)
 
 
 def _equal(one: tuple[Array, ...], other: tuple[Array, ...]) -> bool:
@@ -314,12 +348,11 @@ def _next_target(course: Course, target: Target) -> tuple[Target, NDArray[np.boo
     last = course.target
     if _equal(target, last):
         return last, None
-    free = target.velocity_mode > 0.5
-    good = np.isfinite(target.velocity) & np.isfinite(target.velocity_mode) & (free | np.isfinite(target.position))
-    now = Target(
-        np.where(good, np.where(free, 0.0, target.position), last.position),
-        np.where(good, target.velocity, last.velocity),
-        np.where(good, free, last.velocity_mode),
-    )
-    new = np.any([a != b for a, b in zip(now, last, strict=True)], axis=0)
+    position, velocity, mode = target
+    free = mode > 0.5
+    now = Target(np.where(free, 0.0, position), velocity, free * 1.0)
+    good = np.isfinite(now.position) & np.isfinite(velocity) & np.isfinite(mode)
+    if not good.all():
+        now = Target(*(np.where(good, a, b) for a, b in zip(now, last, strict=True)))
+    new = (now.position != last.position) | (now.velocity != last.velocity) | (now.velocity_mode != last.velocity_mode)
     return (now, new) if new.any() else (last, None)

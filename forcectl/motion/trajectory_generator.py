@@ -12,7 +12,18 @@ from pydrake.systems.framework import Context
 from forcectl.cache import BlockCache
 from forcectl.control.sampled_law import SampledLaw
 from forcectl.lanes import Lane, Parameter, lane_values
-from forcectl.motion.trajectory import Course, Limits, Planner, Target, begin, check_limits_together
+from forcectl.motion.trajectory import (
+    Course,
+    Limits,
+    Motion,
+    Planner,
+    Target,
+    begin,
+    begin_again,
+    check_limits_together,
+)
+
+_START = ("start_position", "start_velocity", "start_acceleration")
 
 
 class TrajectoryGenerator(SampledLaw):
@@ -20,7 +31,7 @@ class TrajectoryGenerator(SampledLaw):
 
     ```
     name: TrajectoryGenerator
-    input_ports: [target_position, target_velocity, velocity_mode]
+    input_ports: [target_position, target_velocity, velocity_mode, start_position, start_velocity, start_acceleration]
     output_ports: [position, velocity, acceleration, arrived, braking]
     parameters: [velocity_limit, acceleration_limit, jerk_limit]
     ```
@@ -30,6 +41,8 @@ class TrajectoryGenerator(SampledLaw):
     target_position: shape (n,) [u]. target_velocity: velocity there, shape (n,) [u/s]; zero when not connected.
     velocity_mode: shape (n,) [1]; none when not connected. A component above 0.5 takes on the target velocity,
         wherever it is.
+    start_position, start_velocity, start_acceleration: shape (n,), the motion to go on from in this tick [u, u/s,
+        u/s^2]; that of the generator itself when one of them is not connected, or a number of them is not finite.
     position, velocity, acceleration: shape (n,), at the END of the tick, x_gen[k+1] [u, u/s, u/s^2]: what a controller
         has to reach with the command of this tick.
     arrived: shape (n,), 1 when that is the target [1]. braking: shape (n,), 1 in a component that could not be planned
@@ -39,18 +52,18 @@ class TrajectoryGenerator(SampledLaw):
     Parameters (Context, shape (n,)): velocity_limit [u/s], acceleration_limit [u/s^2], jerk_limit [u/s^3], positive and
     finite; the velocity limit is within 100 s of rest. They may change while it moves.
 
-    A component with a number that is not finite keeps its last target; a
-    target velocity beyond the limit is that limit. Past a target with a velocity, the motion keeps that velocity until
-    the target changes; a target that moves is followed by giving its position and velocity at every tick. A target
-    further than two hours away cannot be planned.
+    A component with a number that is not finite keeps its last target; a target velocity beyond the limit is the limit.
+    Past a target with a velocity, the motion keeps that velocity until the target changes. A target that moves is not
+    met but caught up with: at 0.2 u/s it is still 1.7e-3 u ahead after two seconds, and half of that after eight. A
+    target further than two hours away cannot be planned.
 
     Sampling: `period` [s]; no delay from the target to the motion, see `SampledLaw`.
 
     Args:
-        initial_position: where it stands at first, shape (n,) [u]. synchronized: see `Planner`.
+        initial_position: where it stands at first without a start, shape (n,) [u]. synchronized: see `Planner`.
     """
 
-    optional_inputs = ("target_velocity", "velocity_mode")
+    optional_inputs = ("target_velocity", "velocity_mode", *_START)
 
     def __init__(
         self,
@@ -77,6 +90,7 @@ class TrajectoryGenerator(SampledLaw):
         self._inputs = [
             self.DeclareVectorInputPort(name, size) for name in ("target_position", "target_velocity", "velocity_mode")
         ]
+        self._start = [self.DeclareVectorInputPort(name, size) for name in _START]
         self._planner = BlockCache(
             self,
             "planner",
@@ -84,8 +98,9 @@ class TrajectoryGenerator(SampledLaw):
             lambda block, context, value: None,
             {self.nothing_ticket()},
         )
-        start = begin(lane_values("initial_position", initial_position, size))._asdict()
-        self.declare_command("position", {port.ticket() for port in self._inputs}, start.pop("position"), further=start)
+        first = begin(lane_values("initial_position", initial_position, size))._asdict()
+        reads = {port.ticket() for port in (*self._inputs, *self._start)}
+        self.declare_command("position", reads, first.pop("position"), further=first)
         for name in ("velocity", "acceleration", "arrived", "braking"):
             self.declare_output(name)
 
@@ -100,6 +115,10 @@ class TrajectoryGenerator(SampledLaw):
     def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
         """One tick of the generator."""
         course = Course(*(np.atleast_1d(value) for value in held))
+        if all(port.HasValue(context) for port in self._start):
+            start = Motion(*(port.Eval(context) for port in self._start))
+            if np.isfinite(start).all():
+                course = begin_again(course, start)
         position, velocity, mode = self._inputs
         none = np.zeros(self._size)
         target = Target(

@@ -1,0 +1,295 @@
+"""Trajectories against their limits, against Ruckig on its own, and with targets nobody should give."""
+
+from __future__ import annotations
+
+import copy
+import math
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+from ruckig import InputParameter, Ruckig, Synchronization
+from ruckig import Trajectory as RuckigTrajectory
+
+from forcectl.errors import BadInputError
+from forcectl.motion.trajectory import Course, Limits, Motion, Planner, Target, begin, begin_again, limits_of
+
+TICK = 0.004
+seeds = st.integers(0, 2**32 - 1)
+
+
+def random_limits(rng: np.random.Generator, n: int) -> Limits:
+    return limits_of(n, rng.uniform(0.1, 2, n), 10 ** rng.uniform(-0.5, 1.5, n), 10 ** rng.uniform(0.5, 3, n))
+
+
+def at(position: object, velocity: object = 0.0, velocity_mode: object = 0.0) -> Target:
+    p = np.asarray(position, dtype=float)
+    return Target(p, np.broadcast_to(velocity, p.shape).astype(float), np.broadcast_to(velocity_mode, p.shape) * 1.0)
+
+
+def check_step(before: Course, after: Course, limits: Limits) -> None:
+    """The motion of one tick is one whose jerk is within its limit, and its velocity and acceleration are, too."""
+    assert (np.abs(after.velocity) <= limits.velocity).all()
+    assert (np.abs(after.acceleration) <= limits.acceleration).all()
+    check_integration(before, after, limits)
+
+
+def check_integration(before: Course, after: Course, limits: Limits) -> None:
+    j = limits.jerk * (1 + 1e-9)
+    gain = after.acceleration - before.acceleration
+    assert (np.abs(gain) <= j * TICK + 1e-8).all()
+    speed = after.velocity - before.velocity - TICK * before.acceleration
+    assert (np.abs(speed) <= j * TICK**2 / 2 + 1e-8).all()
+    way = after.position - before.position - TICK * before.velocity - TICK**2 / 2 * before.acceleration
+    assert (np.abs(way) <= j * TICK**3 / 6 + 2e-8).all()
+
+
+def alone(start: Motion, target: Target, limits: Limits, synchronization: Synchronization) -> RuckigTrajectory:
+    """What Ruckig answers by itself."""
+    n = len(start.position)
+    inputs, trajectory = InputParameter(n), RuckigTrajectory(n)
+    inputs.current_position, inputs.current_velocity, inputs.current_acceleration = start
+    inputs.target_position, inputs.target_velocity = target.position, target.velocity
+    inputs.max_velocity, inputs.max_acceleration, inputs.max_jerk = limits
+    inputs.synchronization = synchronization
+    Ruckig(n).calculate(inputs, trajectory)
+    return trajectory
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=seeds, synchronized=st.booleans(), every=st.sampled_from([1, 2, 7, 40]))
+def test_limits_hold_whatever_the_targets(seed, synchronized, every):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 5))
+    limits, planner, course = random_limits(rng, n), Planner(n, synchronized), begin(rng.normal(size=n))
+    for tick in range(160):
+        if tick % every == 0:
+            target = at(
+                course.position + rng.normal(size=n) * 10 ** rng.uniform(-6, 1),
+                rng.choice([0.0, 1.0]) * limits.velocity * rng.uniform(-2, 2, n),
+                rng.random(n) < 0.2,
+            )
+        after = planner.follow(course, target, limits, TICK)
+        check_step(course, after, limits)
+        assert not after.braking.any()
+        course = after
+
+
+@settings(max_examples=40, deadline=None)
+@given(seed=seeds, synchronized=st.booleans())
+def test_a_target_is_reached_in_the_time_that_ruckig_says(seed, synchronized):
+    rng = np.random.default_rng(seed)
+    n = int(rng.integers(1, 5))
+    limits, planner = random_limits(rng, n), Planner(n, synchronized)
+    course = begin(rng.normal(size=n), 0.5 * limits.velocity * rng.uniform(-1, 1, n))
+    target = at(rng.normal(size=n), limits.velocity * rng.choice([0.0, 0.5]))
+    expected = alone(course.motion, target, limits, Synchronization.Time if synchronized else Synchronization.No)
+    plan = planner.plan(course.motion, target, limits)
+    # Not later, or Ruckig alone has missed the fastest way.
+    assert plan.duration <= expected.duration * (1 + 1e-8) + 1e-8
+    if not synchronized:
+        assert (plan.arrival <= np.array(expected.independent_min_durations) * (1 + 1e-8) + 1e-8).all()
+    ticks = math.ceil(plan.duration / TICK - 1e-9)
+    for tick in range(1, ticks + 1):
+        course = planner.follow(course, target, limits, TICK)
+        assert course.arrived.all() == (tick == ticks)
+    late = ticks * TICK - plan.arrival
+    np.testing.assert_allclose(course.position, target.position + late * target.velocity, rtol=0, atol=3e-8)
+    np.testing.assert_allclose(course.velocity, target.velocity, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(course.acceleration, 0.0, atol=1e-8)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=seeds)
+def test_targets_that_differ_by_rounding_do_not_make_it_later(seed):
+    """Ruckig alone, asked again at every tick, loses up to five seconds here."""
+    rng = np.random.default_rng(seed)
+    n = 3
+    limits, planner, course = random_limits(rng, n), Planner(n, synchronized=False), begin(np.zeros(n))
+    target = at(rng.uniform(-1, 1, n))
+    ticks = math.ceil(planner.plan(course.motion, target, limits).duration / TICK) + 1
+    for tick in range(ticks):
+        course = planner.follow(course, at(target.position + 1e-12 * (tick % 2)), limits, TICK)
+    assert course.arrived.all()
+    np.testing.assert_allclose(course.position, target.position, atol=1e-8)
+
+
+def test_motions_from_rest_are_straight_when_synchronized():
+    limits, start, goal = limits_of(3, 0.2, 5.0, 50.0), np.zeros(3), np.array([0.3, -0.2, 0.1])
+    plan = Planner(3).plan(begin(start).motion, at(goal), limits)
+    for share in (0.1, 0.4, 0.8):
+        np.testing.assert_allclose(np.cross(plan.at(share * plan.duration).position, goal), 0.0, atol=1e-9)
+
+
+@settings(max_examples=25, deadline=None)
+@given(seed=seeds)
+def test_from_outside_the_limits_it_returns_and_stays_within(seed):
+    rng = np.random.default_rng(seed)
+    limits, planner = random_limits(rng, 2), Planner(2, synchronized=False)
+    limits = limits._replace(jerk=10 * limits.jerk)
+    v, a = limits.velocity * rng.uniform(-3, 3, 2), limits.acceleration * rng.uniform(-3, 3, 2)
+    course, target = begin(np.zeros(2), v, a), at(rng.normal(size=2))
+    # Acceleration back to its limit, on to the other one, and at that down to the velocity limit.
+    slowest = 5 * limits.acceleration / limits.jerk + (np.abs(v) + a**2 / limits.jerk) / limits.acceleration
+    within = np.zeros(2, dtype=bool)  # for good: the acceleration, too, is gone before the velocity is at its limit
+    for _ in range(math.ceil(slowest.max() / TICK)):
+        after = planner.follow(course, target, limits, TICK)
+        check_integration(course, after, limits)
+        to_come = after.velocity + after.acceleration * np.abs(after.acceleration) / (2 * limits.jerk)
+        now = np.maximum(np.abs(to_come), np.abs(after.velocity)) <= limits.velocity
+        now &= np.abs(after.acceleration) <= limits.acceleration
+        assert (now | ~within).all()
+        within, course = within | now, after
+    assert within.all()
+
+
+def test_smaller_limits_are_returned_to_without_a_jump():
+    planner, course, target = Planner(1), begin([0.0]), at([5.0])
+    wide, narrow = limits_of(1, 1.0, 5.0, 50.0), limits_of(1, 0.3, 2.0, 30.0)
+    for _ in range(100):
+        course = planner.follow(course, target, wide, TICK)
+    assert course.velocity > 0.9
+    for _ in range(250):
+        after = planner.follow(course, target, narrow, TICK)
+        check_integration(course, after, limits_of(1, 1.0, 5.0, 30.0))
+        course = after
+    assert course.velocity == pytest.approx(0.3)
+
+
+def test_a_target_that_is_not_a_number_is_the_last_one():
+    limits = limits_of(2, 1.0, 5.0, 50.0)
+    planner, course, plain = Planner(2), begin(np.zeros(2)), begin(np.zeros(2))
+    for tick in range(400):
+        good = at([0.3, -0.2])
+        spoilt = at([math.nan, -0.2]) if tick % 3 == 1 else at([0.3, -0.2], [0.0, math.inf])
+        course = planner.follow(course, good if tick == 0 else spoilt, limits, TICK)
+        plain = planner.follow(plain, good, limits, TICK)
+        np.testing.assert_array_equal(course, plain)
+    assert course.arrived.all()
+    never = planner.follow(begin([0.1, 0.2]), at([math.nan, math.nan]), limits, TICK)
+    np.testing.assert_array_equal(never.position, [0.1, 0.2])
+
+
+def test_velocity_mode_takes_on_the_velocity_and_nothing_else():
+    limits, planner, course = limits_of(2, [0.2, 1.0], 2.0, 40.0), Planner(2), begin(np.zeros(2))
+    for _ in range(200):
+        after = planner.follow(course, at([math.nan, 0.1], [0.075, 0.0], [1, 0]), limits, TICK)
+        check_step(course, after, limits)
+        course = after
+    np.testing.assert_allclose(course.velocity, [0.075, 0.0], atol=1e-12)
+    assert course.arrived.all()
+    ahead = course.position[0]
+    for _ in range(200):
+        course = planner.follow(course, at([math.nan, 0.1], [9.0, 0.0], [1, 0]), limits, TICK)
+    assert course.velocity[0] == pytest.approx(0.2, rel=1e-8)
+    for _ in range(800):
+        course = planner.follow(course, at([ahead, 0.1]), limits, TICK)
+    np.testing.assert_allclose(course.position, [ahead, 0.1], atol=1e-8)
+
+
+def test_past_a_target_with_a_velocity_it_goes_on():
+    limits, planner, course = limits_of(2, 1.0, 5.0, 50.0), Planner(2, synchronized=False), begin(np.zeros(2))
+    for tick in range(1000):
+        # A new target of the other component leaves this one alone.
+        course = planner.follow(course, at([0.2, 0.1 if tick < 500 else 0.3], [0.4, 0.0]), limits, TICK)
+        if tick > 250:
+            assert course.velocity[0] == pytest.approx(0.4)
+    assert course.position[0] > 1.0
+    assert course.position[1] == pytest.approx(0.3)
+    for _ in range(1000):
+        course = planner.follow(course, at([0.2, 0.3]), limits, TICK)
+    np.testing.assert_allclose(course.position, [0.2, 0.3], atol=1e-8)
+
+
+def test_a_target_that_moves_is_caught_up_with_slowly():
+    limits, planner, course, behind = limits_of(1, 1.0, 5.0, 100.0), Planner(1), begin([0.0]), []
+    for tick in range(1000):
+        moving = 0.3 + 0.2 * TICK * tick
+        after = planner.follow(course, at([moving], 0.2), limits, TICK)
+        check_step(course, after, limits)
+        course = after
+        behind.append(moving + 0.2 * TICK - course.position[0])
+    assert behind[500] < 2e-3
+    assert 0 < behind[999] < behind[500]
+
+
+def test_what_cannot_be_planned_brakes_and_the_rest_goes_on():
+    limits, planner, course = limits_of(2, 1.0, 5.0, 50.0), Planner(2), begin(np.zeros(2), [0.8, 0.0])
+    for _ in range(300):
+        after = planner.follow(course, at([1e200, 0.3]), limits, TICK)
+        check_step(course, after, limits)
+        np.testing.assert_array_equal(after.braking, [1, 0])
+        course = after
+    assert course.velocity[0] == pytest.approx(0.0, abs=1e-9)
+    assert course.position[1] == pytest.approx(0.3)
+    np.testing.assert_array_equal(course.arrived, [0, 1])
+    for _ in range(500):
+        course = planner.follow(course, at([0.1, 0.3]), limits, TICK)
+    np.testing.assert_allclose(course.position, [0.1, 0.3], atol=1e-8)
+
+
+def test_from_an_absurd_motion_it_stands_still():
+    start = Motion(np.array([1.0, 2.0]), np.array([1e9, 0.0]), np.zeros(2))
+    plan = Planner(2).plan(start, at([0.0, 0.0]), limits_of(2, 1.0, 5.0, 50.0))
+    np.testing.assert_array_equal(plan.braking, [1, 1])
+    np.testing.assert_array_equal(plan.at(3.0), [[1, 2], [0, 0], [0, 0]])
+    assert not np.isfinite(plan.arrival).any()
+
+
+def test_results_depend_on_the_course_only():
+    rng = np.random.default_rng(3)
+    limits, planner, course = random_limits(rng, 3), Planner(3), begin(np.zeros(3))
+    other = course
+    for tick in range(200):
+        target = at([0.3, -0.2, 0.1] if tick < 70 else [0.0, 0.5, 0.2])
+        course = planner.follow(course, target, limits, TICK)
+        other = copy.deepcopy(planner).follow(other, target, limits, TICK)
+        np.testing.assert_array_equal(course, other)
+
+
+def test_a_generator_is_led_by_a_motion_that_is_not_its_own():
+    limits, planner, course = limits_of(2, 1.0, 5.0, 50.0), Planner(2), begin(np.zeros(2))
+    target = at([0.4, -0.3])
+    for _ in range(60):
+        course = planner.follow(course, target, limits, TICK)
+    assert begin_again(course, Motion(*(x + 1e-13 for x in course.motion))) is course
+    pushed = course.motion._replace(position=course.position + np.array([0.01, 0.0]))
+    course = begin_again(course, pushed)
+    np.testing.assert_array_equal(course.target, target)
+    after = planner.follow(course, target, limits, TICK)
+    check_step(course, after, limits)
+    for _ in range(600):
+        after = planner.follow(after, target, limits, TICK)
+    np.testing.assert_allclose(after.position, target.position, atol=1e-8)
+    # Before the first plan there is no target to keep.
+    np.testing.assert_array_equal(begin_again(begin([0.0]), Motion(*np.ones((3, 1)))).target_position, [1.0])
+
+
+@pytest.mark.parametrize(
+    ("limits", "message"),
+    [
+        ((0.0, 1.0, 1.0), "velocity_limit = 0.0: must be positive"),
+        ((1.0, [1.0, -1.0], 1.0), "acceleration_limit"),
+        ((1.0, 1.0, math.inf), "jerk_limit"),
+        ((1.0, math.nan, 1.0), "acceleration_limit"),
+        ((1.0, [1.0] * 3, 1.0), "acceleration_limit has shape (3,)"),
+        ((1e3, 1.0, 1.0), "takes 1e+03 s from rest"),
+        ((1.0, 1.0, 1e-6), "takes 2e+03 s from rest"),
+    ],
+)
+def test_limits_that_cannot_be_are_refused(limits, message):
+    with pytest.raises(BadInputError) as caught:
+        limits_of(2 if np.size(limits[1]) > 1 else 1, *limits)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_motion_that_is_not_finite_is_refused():
+    with pytest.raises(BadInputError, match="velocity"):
+        begin([0.0, 1.0], [0.0, math.nan])
+    start = Motion(np.array([math.nan]), np.zeros(1), np.zeros(1))
+    with pytest.raises(BadInputError, match="start"):
+        Planner(1).plan(start, at([1.0]), limits_of(1, 1.0, 1.0, 1.0))
+    with pytest.raises(BadInputError, match="size"):
+        Planner(0)
