@@ -275,7 +275,7 @@ class Planner:
             origin, ticks = course.motion, np.ones(self.size)
         plan = self._plan_of(origin, target, coasting, limits)
         elapsed = float(ticks[0]) * period
-        arrived = (plan.arrival <= elapsed) * 1.0
+        arrived = (plan.arrival <= elapsed).astype(float)
         return Course(*plan.at(elapsed), arrived, plan.braking, coasting, ticks, *target, *limits, *origin)
 
     def _plan_of(self, origin: Motion, target: Target, coasting: Array, limits: Limits) -> Plan:
@@ -350,7 +350,7 @@ def _next_target(course: Course, target: Target) -> tuple[Target, NDArray[np.boo
         return last, None
     position, velocity, mode = target
     free = mode > 0.5
-    now = Target(np.where(free, 0.0, position), velocity, free * 1.0)
+    now = Target(np.where(free, 0.0, position), velocity, free.astype(float))
     good = np.isfinite(now.position) & np.isfinite(velocity) & np.isfinite(mode)
     if not good.all():
         now = Target(*(np.where(good, a, b) for a, b in zip(now, last, strict=True)))
