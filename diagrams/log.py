@@ -13,11 +13,15 @@ from forcectl.conventions import unit_of
 
 @dataclass(frozen=True)
 class LoggedSignal:
-    """Where a signal stands in the log vector; `labels` names its components, None for a scalar."""
+    """Where a signal stands in the log vector; `labels` names its components, None for a scalar.
+
+    dimension: what its components are; None: joints, or its own.
+    """
 
     rows: slice
     unit: str
     labels: tuple[str, ...] | None
+    dimension: str | None = None
 
 
 @dataclass(frozen=True)
@@ -33,22 +37,31 @@ class SignalLog:
 
 
 def add_log(
-    builder: DiagramBuilder, ports: Mapping[str, OutputPort], period: float, labels: Sequence[str] | None
+    builder: DiagramBuilder,
+    ports: Mapping[str, OutputPort],
+    period: float,
+    labels: Sequence[str] | Mapping[str, tuple[str, tuple[str, ...]]] | None,
 ) -> SignalLog:
     """Log the ports every `period` [s]: one multiplexer and one sink, a tenth of the cost of a sink each.
 
     A signal has the unit that its block gives the port of that name, or that of the conventions.
 
     Args:
-        ports: by signal name. labels: of the components of every port with more than one.
+        ports: by signal name. labels: of the components of every port with more than one; or dimension and labels by
+            signal name, of the others too.
     """
     multiplexer = builder.AddNamedSystem("log_signals", Multiplexer([port.size() for port in ports.values()]))
     signals, row = {}, 0
     for i, (name, port) in enumerate(ports.items()):
         builder.Connect(port, multiplexer.get_input_port(i))
-        named = tuple(labels) if labels and port.size() > 1 else None
+        named: tuple[str, ...] | None = None
+        dimension = None
+        if isinstance(labels, Mapping):
+            dimension, named = labels.get(name, (None, None))
+        elif labels and port.size() > 1:
+            named = tuple(labels)
         unit = unit_of(name, _units(port.get_system()))
-        signals[name] = LoggedSignal(slice(row, row + port.size()), unit, named)
+        signals[name] = LoggedSignal(slice(row, row + port.size()), unit, named, dimension)
         row += port.size()
     sink = LogVectorOutput(multiplexer.get_output_port(), builder, period)
     sink.set_name("log")

@@ -1,8 +1,9 @@
 """The research station: a position-controlled robot with any number of arms behind its research interface.
 
     in     joint_position_reference, joint_velocity_reference (n,) [rad, rad/s]
-           joint_torque_feedforward (n,) [Nm], may be left unconnected
-           external_wrench (6a,) [torque; force] on the robot at each TCP in the world [Nm, N], may be left unconnected
+           joint_torque_feedforward (n,) [Nm]
+           external_wrench (6a,) [torque; force] on the robot at each TCP in the world [Nm, N]
+           (all but the first are zero when they are not connected)
     out    joint_position (n,) [rad], joint_velocity (n,) [rad/s], motor_torque (n,) [Nm]: at the period of the facts
     truth  link_position, link_velocity (n,) [rad, rad/s], external_torque (n,) [Nm]
            tip_wrench (6a,) [Nm, N], contact_force (a,) [N]
@@ -72,6 +73,8 @@ class ResearchStation(Diagram):
     Attributes:
         plant: for visualisation and tests. scene_graph: None when nothing can touch.
     """
+
+    optional_inputs = RESEARCH_INPUTS[1:]
 
     def __init__(self, cell: ResearchCell, seed: int = 0):
         super().__init__()

@@ -12,6 +12,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from forcectl.diagrams.research_cell import ObstacleConfig, ResearchCell, ResearchStationConfig, describe_research
 from forcectl.diagrams.research_station import ResearchStation
+from forcectl.motion.joint_path import JointPath, Move, Sines
+from forcectl.motion.loads import LoadConfig, Loads
 from forcectl.plant.joint_friction import JointFriction
 from forcectl.plant.joint_sensors import JointSensors
 from forcectl.plant.joint_servo import JointServo, ReferenceHold, servo_gains
@@ -89,6 +91,20 @@ STATION_INPUTS = {"joint_position_reference": moved, "external_wrench": wrench}
 LIMIT = np.array([50.0, np.inf])
 
 RESEARCH_EXAMPLES: dict[type[System], list[Example]] = {
+    JointPath: [
+        Example(
+            lambda: JointPath(
+                np.array([0.3, -0.4]),
+                [
+                    Move(0.01, 0.03, np.array([0.2, 0.1])),
+                    Sines(0.0, 0.04, 0.01, np.array([0.1, 0.2]), np.array([20.0, 30.0]), np.zeros(2)),
+                ],
+            )
+        )
+    ],
+    Loads: [
+        Example(lambda: Loads([LoadConfig(wrenches=[[0, 0, 1, 2, 3, 4]], hold=0.02)], ["left", "right"], period=0.004))
+    ],
     ReferenceHold: [
         Example(
             lambda: ReferenceHold(2, period=0.004, start=[0.1, 0.2]),

@@ -7,7 +7,7 @@ import pytest
 import xarray as xr
 from matplotlib.image import imread
 
-from forcectl.viz.figures import COLOURS, error_figure, force_figure, write_figures
+from forcectl.viz.figures import COLOURS, error_figure, force_figure, run_figures, write_figures
 
 
 def log(variants=("slow", "fast"), model=True):
@@ -46,12 +46,12 @@ def test_error_is_force_less_model():
 
 
 def test_a_single_variant_and_a_log_without_model(tmp_path):
-    written = write_figures(log(("only",), model=False), tmp_path)
+    written = write_figures(run_figures(log(("only",), model=False)), tmp_path)
     assert {path.name for path in written} == {"force.svg", "force.png"}
 
 
 def test_the_same_log_gives_the_same_files_and_a_readable_picture(tmp_path):
-    first, second = write_figures(log(), tmp_path / "a", "T"), write_figures(log(), tmp_path / "b", "T")
+    first, second = (write_figures(run_figures(log(), "T"), tmp_path / name) for name in ("a", "b"))
     assert [path.name for path in first] == ["force.svg", "force.png", "model_error.svg", "model_error.png"]
     for one, other in zip(first, second, strict=True):
         assert one.read_bytes() == other.read_bytes()
@@ -64,7 +64,7 @@ def test_the_same_log_gives_the_same_files_and_a_readable_picture(tmp_path):
 
 
 def test_names_are_drawn_as_they_are_written(tmp_path):
-    assert write_figures(log(("costs $5", r"$\frac{1}{$", "_x", "")), tmp_path, r"$\nonsense{$")
+    assert write_figures(run_figures(log(("costs $5", r"$\frac{1}{$", "_x", "")), r"$\nonsense{$"), tmp_path)
 
 
 @pytest.mark.parametrize("count", [7, 15])

@@ -56,7 +56,7 @@ class ReferenceHold(LeafSystem):
     ```
 
     joint_position_reference: shape (n,), r [rad]. joint_velocity_reference: shape (n,), v_r [rad/s].
-    joint_torque_feedforward: shape (n,), may be left unconnected [Nm].
+    joint_torque_feedforward: shape (n,) [Nm]. It and v_r are zero when they are not connected.
     reference: shape (3n,), r + v_r (t - t_k), v_r and the feed-forward [rad, rad/s, Nm]. State and time, no direct
         feedthrough.
 
@@ -64,6 +64,8 @@ class ReferenceHold(LeafSystem):
 
     Sampling: `period` [s]; what is taken at a tick shows after it.
     """
+
+    optional_inputs = ("joint_torque_feedforward", "joint_velocity_reference")
 
     def __init__(self, size: int, *, period: float, start: ArrayLike):
         super().__init__()

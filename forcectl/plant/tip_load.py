@@ -56,6 +56,7 @@ class TipLoad(LeafSystem):
     """
 
     port_units = {"external_wrench": "Nm,N"}
+    optional_inputs = ("external_wrench",)
 
     def __init__(self, parts: RobotParts):
         super().__init__()
@@ -112,6 +113,7 @@ class LoadTruth(LeafSystem):
         "tip_wrench": "Nm,N",
         "contact_force": "N",
     }
+    optional_inputs = ("external_wrench", "contact_results", "contact_torque")
 
     def __init__(self, robot: RobotModel, plant: MultibodyPlant, parts: RobotParts):
         super().__init__()

@@ -41,6 +41,25 @@ REFERENCES = {
     "Sequence": "forcectl.motion.references:SequenceConfig",
     "File": "forcectl.motion.references:FileConfig",
 }
+# Of the motion loop (Part II); see `forcectl.control.motion_slot`.
+MOTION_CONTROLLERS = {
+    "JointMoves": "forcectl.motion.joint_path:JointMovesConfig",
+    "JointExcitation": "forcectl.motion.joint_path:JointExcitationConfig",
+    "Import": "forcectl.simulation.imported:ImportConfig",
+}
+ESTIMATORS = {
+    "NoEstimator": "forcectl.control.motion_slot:NoEstimatorConfig",
+    "Import": "forcectl.simulation.imported:ImportConfig",
+}
+ANALYSES = {
+    "NoAnalysis": "forcectl.simulation.motion_analysis:NoAnalysis",
+}
+# Loop of a scenario -> its slots -> their tags.
+SLOTS = {
+    "force": {"controller": CONTROLLERS, "reference": REFERENCES},
+    "motion": {"controller": MOTION_CONTROLLERS, "estimator": ESTIMATORS, "analysis": ANALYSES},
+}
+MOTION_STATION = "Research"  # the one kind of station there is in motion loops
 FIDELITIES = ("OneDimensional", "Kinematic", "Multibody")
 DEFAULT_PRESET = "friction"
 

@@ -8,6 +8,7 @@ from dataclasses import dataclass, field
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.lanes import check
 from forcectl.simulation.metrics import PAIR_METRICS, is_metric, metric_names
+from forcectl.simulation.motion_metrics import MOTION_METRICS
 
 Metrics = Mapping[str, float | None]
 # (variant, other variant, share of the last step) -> `force_distance_N`
@@ -208,4 +209,4 @@ def tolerance_text(expectation: Expectation) -> str:
 
 def _check_metric(name: str) -> None:
     if not is_metric(name):
-        raise BadInputError(f"metric = {name!r}: {unknown('metric', name, metric_names())}")
+        raise BadInputError(f"metric = {name!r}: {unknown('metric', name, [*metric_names(), *MOTION_METRICS])}")

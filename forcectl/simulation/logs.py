@@ -72,7 +72,7 @@ def to_dataset(
         if signal.labels is None:
             dataset[name] = ("time", rows[0].copy(), attributes)
         else:
-            component = f"{name}_component" if not _are_joints(name) else "joint"
+            component = signal.dimension or ("joint" if _are_joints(name) else f"{name}_component")
             dataset = dataset.assign_coords({component: list(signal.labels)})
             dataset[name] = (("time", component), rows.T.copy(), attributes)
     for name, (unit, samples) in (derived or {}).items():

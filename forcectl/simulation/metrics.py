@@ -9,7 +9,8 @@ signals (a settling time when the force has not settled) is None.
     settling    last time outside a band of +-2 % or +-5 % of F_ref
     model error e = F - F_M, F_M the response of M(s) = w/(s + w) to the desired force
 
-A run with motion along the surface has further ones: of the force up to its beginning, and during it.
+A run with motion along the surface has further ones: of the force up to its beginning, and during it. Motion loops
+have metrics of their own, `forcectl.simulation.motion_metrics`.
 """
 
 from __future__ import annotations
@@ -21,6 +22,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
+
+from forcectl.simulation.motion_metrics import MOTION_METRICS as MOTION_LOOP_METRICS
+from forcectl.simulation.motion_metrics import is_motion_metric
 
 Signal = NDArray[np.float64]
 
@@ -81,19 +85,19 @@ _SETTLED_SHARE = 0.1  # of the step, over which the steady state is averaged
 
 
 def metric_names() -> list[str]:
-    """Names of all metrics."""
+    """Names of all metrics of a force loop."""
     return list(METRICS)
 
 
 def is_metric(name: str) -> bool:
     """Whether `name` is a metric, also of one step out of several (`step_2.overshoot_N`)."""
     one = re.fullmatch(r"step_[1-9]\d*\.(\w+)", name)
-    return one.group(1) in STEP_METRICS if one else name in METRICS
+    return one.group(1) in STEP_METRICS if one else name in METRICS or is_motion_metric(name)
 
 
 def metric_unit(name: str) -> str:
     """Unit of a metric."""
-    return METRICS[name.rpartition(".")[2]][0]
+    return (METRICS | MOTION_LOOP_METRICS)[name.rpartition(".")[2]][0]
 
 
 @dataclass(frozen=True)

@@ -60,7 +60,7 @@ def write_replay(log: xr.Dataset, station: StationConfig, path: Path) -> None:
     else:
         plant.WeldFrames(plant.world_frame(), top, X_WE)
     plant.Finalize()
-    meshcat = _quiet_meshcat()
+    meshcat = quiet_meshcat()
     visualizer = MeshcatVisualizer.AddToBuilder(
         builder, scene_graph, meshcat, MeshcatVisualizerParams(role=Role.kIllustration)
     )
@@ -101,8 +101,8 @@ def write_replay(log: xr.Dataset, station: StationConfig, path: Path) -> None:
     path.write_text(meshcat.StaticHtml(), encoding="utf-8")
 
 
-def _quiet_meshcat() -> Meshcat:
-    # It announces the address of a server that nobody is meant to visit.
+def quiet_meshcat() -> Meshcat:
+    """A Meshcat that does not announce the address of a server that nobody is meant to visit."""
     logger = logging.getLogger("drake")
     level = logger.level
     logger.setLevel(logging.WARNING)

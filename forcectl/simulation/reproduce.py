@@ -22,7 +22,7 @@ from forcectl.simulation.catalog import ScenarioFile, find_scenario
 from forcectl.simulation.expectations import Verdict
 from forcectl.simulation.run import StoppedRunError, finish, verdicts_on, with_shortcuts
 from forcectl.simulation.run_directory import SUMMARY, check_free, write_json, write_whole
-from forcectl.simulation.scenario import Scenario, build, resolve, select_variants
+from forcectl.simulation.scenario import AnyScenario, Scenario, build, resolve, select_variants
 from forcectl.simulation.simulate import Outcome, simulate
 
 Progress = Callable[[str, float], None]  # (what, share done)
@@ -35,7 +35,7 @@ class _Part:
     file: ScenarioFile
     fidelity: str
     overrides: dict[str, Any]
-    scenarios: dict[str, Scenario]
+    scenarios: dict[str, AnyScenario]
     several: bool  # whether the experiment runs on several fidelities
 
 
@@ -116,8 +116,11 @@ def reproduce(
 
 
 def _parts(file: ScenarioFile, fidelity: str | None) -> list[_Part]:
-    first = resolve(file, select_variants(file)[0], with_shortcuts(None, None, fidelity))
-    fidelities = [fidelity] if fidelity else first.fidelities or [first.station.fidelity]
+    first = resolve(file, select_variants(file)[0])
+    if not isinstance(first, Scenario):  # a motion loop has one station
+        scenarios = {name: resolve(file, name) for name in select_variants(file)}
+        return [_Part(file, first.fidelity, {}, scenarios, False)]
+    fidelities = [fidelity] if fidelity else first.fidelities or [first.fidelity]
     parts = []
     for one in fidelities:
         overrides = with_shortcuts(None, None, one)

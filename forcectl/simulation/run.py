@@ -16,7 +16,15 @@ from forcectl.simulation.expectations import Verdict, judge
 from forcectl.simulation.logs import stack, write_netcdf
 from forcectl.simulation.metrics import find_steps, force_distance
 from forcectl.simulation.run_directory import FAILED, check_free, manifest, write_json, write_whole
-from forcectl.simulation.scenario import TAGS, Scenario, as_file, build, resolve, resolved_tree, select_variants
+from forcectl.simulation.scenario import (
+    TAGS,
+    AnyScenario,
+    as_file,
+    build,
+    resolve,
+    resolved_tree,
+    select_variants,
+)
 from forcectl.simulation.schema import to_tree
 from forcectl.simulation.simulate import Outcome, simulate
 from forcectl.simulation.yaml_tree import as_json, dump
@@ -51,7 +59,7 @@ class StoppedRunError(RunFailedError):
 
 
 def run(
-    scenario: str | Path | Mapping[str, Any] | Scenario | ScenarioFile,
+    scenario: str | Path | Mapping[str, Any] | AnyScenario | ScenarioFile,
     *,
     variant: str | None = None,
     overrides: Mapping[str, Any] | None = None,
@@ -107,7 +115,7 @@ def with_shortcuts(overrides: Mapping[str, Any] | None, seed: int | None, fideli
 
 def finish(
     file: ScenarioFile,
-    scenarios: Mapping[str, Scenario],
+    scenarios: Mapping[str, AnyScenario],
     outcomes: Sequence[Outcome],
     directory: Path | None,
     *,
@@ -123,8 +131,8 @@ def finish(
     log = stack([outcome.log for outcome in outcomes])
     metrics = {outcome.variant: outcome.metrics for outcome in outcomes if outcome.failure is None}
     failed = next((outcome for outcome in outcomes if outcome.failure is not None), None)
-    diagram = outcomes[0].diagram or build(next(iter(scenarios.values()))).diagram
     first = next(iter(scenarios.values()))
+    diagram = outcomes[0].diagram or build(first).diagram
     verdicts = [] if failed else verdicts_on(file, scenarios, outcomes)
 
     def fill(folder: Path) -> None:
@@ -137,8 +145,8 @@ def finish(
         details = {
             "scenario": file.name,
             "title": first.title,
-            "preset": first.preset,
-            "fidelity": first.station.fidelity,
+            **({"preset": first.preset} if hasattr(first, "preset") else {}),
+            "fidelity": first.fidelity,
             "seed": first.seed,
             "variants": list(scenarios),
             "overrides": {key: as_json(to_tree(value, TAGS)) for key, value in overrides.items()},
@@ -149,7 +157,7 @@ def finish(
         write_json(folder / "manifest.json", manifest(text, details))
         write_netcdf(log, folder / "log.nc")
         write_json(folder / "metrics.json", metrics)
-        _write_pictures(folder, log, diagram, first.title or file.name)
+        _write_pictures(folder, log, first, diagram, first.title or file.name)
         if replay:
             _write_replays(folder, scenarios, outcomes)
 
@@ -165,7 +173,7 @@ def finish(
     return RunResult(file.name, log, metrics, diagram, directory, verdicts)
 
 
-def verdicts_on(file: ScenarioFile, scenarios: Mapping[str, Scenario], outcomes: Sequence[Outcome]) -> list[Verdict]:
+def verdicts_on(file: ScenarioFile, scenarios: Mapping[str, AnyScenario], outcomes: Sequence[Outcome]) -> list[Verdict]:
     """The verdicts on every expectation whose variants were all run."""
     first = next(iter(scenarios.values()))
     names = select_variants(file)
@@ -182,27 +190,25 @@ def verdicts_on(file: ScenarioFile, scenarios: Mapping[str, Scenario], outcomes:
         return force_distance(time, *forces, steps[-1], share) if steps else None
 
     return [
-        judge(expectation, metrics, names, first.station.fidelity, distance)
+        judge(expectation, metrics, names, first.fidelity, distance)
         for expectation in first.expect
         if set(expectation.variants(names).values()) <= set(scenarios)
     ]
 
 
-def _write_replays(folder: Path, scenarios: Mapping[str, Scenario], outcomes: Sequence[Outcome]) -> None:
-    from forcectl.simulation.replay import write_replay
-
+def _write_replays(folder: Path, scenarios: Mapping[str, AnyScenario], outcomes: Sequence[Outcome]) -> None:
     for number, outcome in enumerate(outcomes, start=1):
         if outcome.log.sizes["time"]:
             name = "replay.html" if len(scenarios) == 1 else f"replay_{number}.html"
-            write_replay(outcome.log, scenarios[outcome.variant].station, folder / name)
+            scenarios[outcome.variant].write_replay(outcome.log, folder / name)
 
 
-def _write_pictures(folder: Path, log: xr.Dataset, diagram: Diagram, title: str) -> None:
+def _write_pictures(folder: Path, log: xr.Dataset, scenario: AnyScenario, diagram: Diagram, title: str) -> None:
     # Matplotlib takes half a second to import, and a run from Python without a directory needs none of it.
     from forcectl.viz.figures import write_figures
     from forcectl.viz.graph import export
 
     if log.sizes["time"] > 1:  # a run may stop before its first step
-        write_figures(log, folder / "figures", title)
+        write_figures(scenario.figures(log, title), folder / "figures")
     for format_ in ("dot", "svg", "html"):
         export(diagram, folder / f"diagram.{format_}", format=format_)

@@ -8,30 +8,40 @@ from __future__ import annotations
 
 import re
 from collections.abc import Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, field, fields, is_dataclass
 from pathlib import Path
-from typing import Any
+from typing import TYPE_CHECKING, Any
+
+import xarray as xr
 
 from forcectl.diagrams.closed_loop import ClosedLoop, build_closed_loop
+from forcectl.diagrams.motion_loop import MotionLoop
 from forcectl.diagrams.station import FIDELITIES, StationConfig
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.lanes import check
 from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.simulation import catalog
-from forcectl.simulation.catalog import CONTROLLERS, REFERENCES, ScenarioFile
+from forcectl.simulation.catalog import CONTROLLERS, REFERENCES, SLOTS, ScenarioFile
 from forcectl.simulation.expectations import Expectation
+from forcectl.simulation.metrics import metrics_of
+from forcectl.simulation.motion_scenario import MotionScenario
+from forcectl.simulation.scenario_checks import check_run
 from forcectl.simulation.schema import Reader, first_of, join, to_tree
 from forcectl.simulation.yaml_tree import Tagged, Tree, difference, merge, nest, plain, tag_of
 
-LONGEST_DURATION = 86_400.0  # [s]
-TAGS = CONTROLLERS | REFERENCES
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+TAGS = {tag: path for slots in SLOTS.values() for table in slots.values() for tag, path in table.items()}
+FORCE_LIMIT = 2.0  # a contact force above this many sensor ranges is a diverging run
 ONLY_VARIANT = "default"  # name of the one variant of a scenario without variants
 
 
 @dataclass(kw_only=True)
 class Scenario:
-    """One simulation, complete: a scenario file after presets, one variant and overrides."""
+    """One simulation of the force loop (Part I), complete: a scenario file after presets, one variant and overrides."""
 
+    loop: str = "force"
     title: str = ""
     source: str = ""  # figure or table of the thesis
     description: str = ""
@@ -49,10 +59,7 @@ class Scenario:
     expect: list[Expectation] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        if check("duration", self.duration, "positive") > LONGEST_DURATION:
-            raise invalid("duration", self.duration, f"at most {LONGEST_DURATION:g} s")
-        if not 0 <= self.seed < 2**63:
-            raise invalid("seed", self.seed, "a whole number from 0 to 2^63 - 1")
+        check_run(self.duration, self.seed)
         check("model_error_window", self.model_error_window, "positive")
         if self.reference_model is not None:
             check("reference_model", self.reference_model, "positive")
@@ -60,10 +67,53 @@ class Scenario:
             if name not in FIDELITIES:
                 raise BadInputError(f"fidelities = {self.fidelities}: {unknown('fidelity', name, FIDELITIES)}")
 
+    @property
+    def fidelity(self) -> str:
+        """Of its station."""
+        return self.station.fidelity
+
+    def build(self) -> ClosedLoop:
+        """The loop as a diagram."""
+        return build_closed_loop(self.station, self.controller, self.reference, motion=self.motion, seed=self.seed)
+
+    def limits(self) -> dict[str, float]:
+        """Largest absolute values of a healthy run, by signal."""
+        return {"contact_force": FORCE_LIMIT * self.station.force_sensor.range}
+
+    def model_bandwidth(self, loop: Any) -> float | None:
+        """Of the reference model [rad/s]; None without one."""
+        own = self.reference_model
+        bandwidth: float | None = own if own is not None else loop.reference_model_bandwidth
+        return bandwidth or None
+
+    def metrics(self, log: xr.Dataset, loop: Any, realtime_factor: float | None) -> dict[str, float | None]:
+        """All metrics of a run."""
+        del loop
+        signals = {str(name): log[name].values for name in log.variables}
+        window, motion = self.model_error_window, self.motion.interval()
+        return metrics_of(signals, window=window, realtime_factor=realtime_factor, motion=motion)
+
+    def figures(self, log: xr.Dataset, title: str) -> dict[str, Figure]:
+        """Figures of a run, by file name; `log` may be that of several variants."""
+        from forcectl.viz.figures import run_figures
+
+        return run_figures(log, title)
+
+    def write_replay(self, log: xr.Dataset, path: Path) -> None:
+        """Write the run as an animation."""
+        from forcectl.simulation.replay import write_replay
+
+        write_replay(log, self.station, path)
+
+
+AnyScenario = Scenario | MotionScenario
+Loop = ClosedLoop | MotionLoop
+LOOPS: dict[str, type[Scenario] | type[MotionScenario]] = {"force": Scenario, "motion": MotionScenario}
+
 
 def load_scenario(
     scenario: str | Path | Mapping[str, Any], variant: str | None = None, overrides: Mapping[str, Any] | None = None
-) -> Scenario:
+) -> AnyScenario:
     """One scenario, complete.
 
     Args:
@@ -81,11 +131,11 @@ def load_scenario(
     return resolve(file, names[0], overrides)
 
 
-def as_file(scenario: str | Path | Mapping[str, Any] | Scenario | ScenarioFile) -> ScenarioFile:
+def as_file(scenario: str | Path | Mapping[str, Any] | AnyScenario | ScenarioFile) -> ScenarioFile:
     """Whatever names or holds a scenario, as the file it would be."""
     if isinstance(scenario, ScenarioFile):
         return scenario
-    if isinstance(scenario, Scenario):
+    if isinstance(scenario, AnyScenario):
         tree = to_tree(scenario)
         return ScenarioFile("scenario", "scenario", Tagged(tree), Path.cwd())
     if isinstance(scenario, Mapping):
@@ -111,7 +161,7 @@ def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]
     return list(variants) if variant is None else [variant]
 
 
-def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[str, Any] | None = None) -> Scenario:
+def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[str, Any] | None = None) -> AnyScenario:
     """The scenario of one variant, with preset and overrides applied.
 
     Raises:
@@ -121,7 +171,7 @@ def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[
     reader = Reader(layers.origin)
     tree = layers.merged()
     _locate_files(tree, file.folder)
-    scenario: Scenario = reader.dataclass(Scenario, tree, "")
+    scenario: AnyScenario = reader.dataclass(LOOPS[layers.loop], tree, "")
     names = select_variants(file)
     for i, expectation in enumerate(scenario.expect):
         for key, name in expectation.variants(names).items():
@@ -140,16 +190,20 @@ class _Layers:
         if changes is not None and not isinstance(changes, Tagged):
             raise Reader(lambda key: file.origin).invalid(f"variants.{variant}", changes, "a mapping of scenario keys")
         forced, varied = nest({key: to_tree(value, TAGS) for key, value in overrides.items()}), nest(changes or {})
-        # A slot without a tag means its default, and stays that when a later layer changes only some of its keys.
-        defaults = Tagged(
-            {"controller": Tagged(tag=next(iter(CONTROLLERS))), "reference": Tagged(tag=next(iter(REFERENCES)))}
-        )
         self._layers: list[tuple[str, Tagged]] = [
-            ("defaults", defaults),
             (file.origin, file.tree),
             (f"{file.origin}: variant {variant!r}", varied),
             ("override", forced),
         ]
+        loop = self.merged().get("loop", next(iter(LOOPS)))
+        if loop not in LOOPS:
+            raise Reader(self.origin).unknown("loop", loop, LOOPS, "loop")
+        self.loop = str(loop)
+        # A slot without a tag means its default, and stays that when a later layer changes only some of its keys.
+        defaults = Tagged({slot: Tagged(tag=next(iter(table))) for slot, table in SLOTS[self.loop].items()})
+        self._layers.insert(0, ("defaults", defaults))
+        if self.loop != "force":
+            return
         name = self.merged().get("preset", catalog.DEFAULT_PRESET)
         if name not in catalog.list_presets():
             raise Reader(self.origin).unknown("preset", name, catalog.list_presets(), "preset")
@@ -201,20 +255,14 @@ def _locate_files(tree: Tagged, folder: Path) -> None:
                 part["path"] = str(beside)
 
 
-def build(scenario: Scenario) -> ClosedLoop:
-    """The closed loop of a scenario as a diagram.
+def build(scenario: AnyScenario) -> Loop:
+    """The loop of a scenario as a diagram.
 
     Raises:
         BadInputError: values that are fine one by one but do not fit together.
     """
     try:
-        return build_closed_loop(
-            scenario.station,
-            scenario.controller,
-            scenario.reference,
-            motion=scenario.motion,
-            seed=scenario.seed,
-        )
+        return scenario.build()
     except BadInputError as error:
         raise BadInputError(_full_key(scenario, str(error))) from None
     # What no check of ours foresaw: Drake refuses with a RuntimeError, its failed preconditions arrive as SystemExit,
@@ -224,11 +272,11 @@ def build(scenario: Scenario) -> ClosedLoop:
         raise BadInputError(f"scenario {scenario.title!r} cannot be built: {reason}") from error
 
 
-def _full_key(scenario: Scenario, text: str) -> str:
+def _full_key(scenario: AnyScenario, text: str) -> str:
     """`text` with the dotted key of the field it begins with, where only one field has that name."""
     about = re.match(r"unknown (\w+)|\w+", text)
     name = (about.group(1) or about.group()) if about else ""
-    parts = ("station", "controller", "reference", "motion")
+    parts = [f.name for f in fields(scenario) if is_dataclass(getattr(scenario, f.name))]
     homes = [home for part in parts for home in _keys_ending_in(to_tree(getattr(scenario, part)), name, part)]
     if len(homes) != 1:
         return text
@@ -242,7 +290,7 @@ def _keys_ending_in(tree: Tree, name: str, key: str) -> list[str]:
     return found + [k for child, part in tree.items() for k in _keys_ending_in(part, name, join(key, child))]
 
 
-def resolved_tree(scenarios: Mapping[str, Scenario]) -> Tagged:
+def resolved_tree(scenarios: Mapping[str, AnyScenario]) -> Tagged:
     """One tree that holds all variants in full: the first one, and what the others change.
 
     Presets and defaults are written out, so that the tree means the same when they change later.
@@ -251,9 +299,11 @@ def resolved_tree(scenarios: Mapping[str, Scenario]) -> Tagged:
     trees = {}
     for name, scenario in scenarios.items():
         trees[name] = Tagged(
-            {f.name: to_tree(getattr(scenario, f.name), f.metadata.get("tags")) for f in fields(Scenario)}
+            {f.name: to_tree(getattr(scenario, f.name), f.metadata.get("tags")) for f in fields(scenario)}
         )
-        trees[name].update(preset=catalog.DEFAULT_PRESET, variants=Tagged())
+        trees[name].update(variants=Tagged())
+        if "preset" in trees[name]:
+            trees[name].update(preset=catalog.DEFAULT_PRESET)
     base = trees[names[0]]
     base["expect"] = [_without_nulls(part) for part in base["expect"] if _only_about(part, names)]
     for tree in trees.values():

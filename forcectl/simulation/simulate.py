@@ -12,13 +12,10 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
-from forcectl.diagrams.closed_loop import ClosedLoop
 from forcectl.simulation.logs import ChunkedLog, first_fault, to_dataset
-from forcectl.simulation.metrics import metrics_of
-from forcectl.simulation.scenario import Scenario
+from forcectl.simulation.scenario import AnyScenario, Loop
 
 CHUNK = 0.25  # [s] of simulated time between two looks at the log
-FORCE_LIMIT = 2.0  # a contact force above this many sensor ranges is a diverging run
 
 
 @dataclass(frozen=True)
@@ -35,8 +32,8 @@ class Outcome:
 
 
 def simulate(
-    scenario: Scenario,
-    loop: ClosedLoop,
+    scenario: AnyScenario,
+    loop: Loop,
     variant: str,
     realtime_rate: float = 0.0,
     progress: Callable[[str, float], None] | None = None,
@@ -53,7 +50,7 @@ def simulate(
     context = simulator.get_mutable_context()
     simulator.set_target_realtime_rate(realtime_rate)
     log = ChunkedLog()
-    limits = {"contact_force": FORCE_LIMIT * scenario.station.force_sensor.range}
+    limits = scenario.limits()
     count = max(1, int(np.ceil(scenario.duration / CHUNK - 1e-9)))
     failure, computing = None, 0.0
     for i in range(count + 1):
@@ -73,15 +70,12 @@ def simulate(
         if failure is not None:
             break
     times, values = log.samples()
-    bandwidth = scenario.reference_model if scenario.reference_model is not None else loop.reference_model_bandwidth
-    dataset = to_dataset(times, values, loop.signals, variant, bandwidth or None, loop.derived(values))
+    bandwidth = scenario.model_bandwidth(loop)
+    dataset = to_dataset(times, values, loop.signals, variant, bandwidth, loop.derived(values))
     if failure is not None:
         return Outcome(variant, dataset, {}, failure, loop.diagram, cause)
     factor = scenario.duration / computing if computing > 0 else None
-    signals = {str(name): dataset[name].values for name in dataset.variables}
-    metrics = metrics_of(
-        signals, window=scenario.model_error_window, realtime_factor=factor, motion=scenario.motion.interval()
-    )
+    metrics = scenario.metrics(dataset, loop, factor)
     return Outcome(variant, dataset, metrics, None, loop.diagram)
 
 

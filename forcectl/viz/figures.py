@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Mapping
 from pathlib import Path
 from typing import Any
 
@@ -74,21 +74,26 @@ def tuning_figure(log: Any, title: str = "") -> Figure:
         low, high = min(0.0, float(later.min())), max(0.0, float(later.max()))
         if high > low:
             axes.set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))
-        _frame(axes)
+        frame(axes)
     rows[0].set_title(title, loc="left", fontsize=11, parse_math=False)
     rows[-1].set_xlabel("time [s]")
     _finish(rows[0], log)
     return figure
 
 
-def write_figures(log: Any, folder: Path, title: str = "") -> list[Path]:
-    """Write the figures that the log has signals for, as SVG and PNG; the same log gives the same files."""
-    folder.mkdir(parents=True, exist_ok=True)
+def run_figures(log: Any, title: str = "") -> dict[str, Figure]:
+    """The figures that the log of a force loop has signals for, by file name."""
     figures = {"force": force_figure(log, title)}
     if "model_force" in log:
         figures["model_error"] = error_figure(log, title)
     if _GAIN in log:
         figures["tuning"] = tuning_figure(log, title)
+    return figures
+
+
+def write_figures(figures: Mapping[str, Figure], folder: Path) -> list[Path]:
+    """Write figures as SVG and PNG under their names; the same figures give the same files."""
+    folder.mkdir(parents=True, exist_ok=True)
     return [path for stem, figure in figures.items() for path in save(figure, folder / stem)]
 
 
@@ -108,11 +113,12 @@ def _new(title: str, ylabel: str) -> tuple[Figure, Axes]:
     axes.set_title(title, loc="left", fontsize=11, parse_math=False)
     axes.set_xlabel("time [s]")
     axes.set_ylabel(ylabel)
-    _frame(axes)
+    frame(axes)
     return figure, axes
 
 
-def _frame(axes: Axes) -> None:
+def frame(axes: Axes) -> None:
+    """Grid and spines as in all figures."""
     axes.grid(color="#e4e4e4", lw=0.8)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)

@@ -1,0 +1,227 @@
+"""Joint motion as a function of time: moves from posture to posture, sines on top of them, and a dither.
+
+    q(t) = moves(t) + sum_i envelope_i(t) A_i sin(2 pi f_i (t - t_i))
+
+A move goes with s(x) = 10 x^3 - 15 x^4 + 6 x^5, at rest at both ends. Sines begin and end within `ramp` of their time
+by 1/2 - cos/2, so that position and speed are continuous. A dither, small sines of all joints, keeps joints from
+sticking: friction of a joint that moves is known, friction of one at rest may be anything up to Coulomb's.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
+
+from forcectl.control.motion_slot import MotionFacts
+from forcectl.errors import BadInputError, invalid
+from forcectl.lanes import check
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True, eq=False)
+class Move:
+    """A move by `step`, shape (n,) [rad], from `start` for `duration` [s]."""
+
+    start: float
+    duration: float
+    step: Array
+
+    def at(self, time: float) -> tuple[Array, Array]:
+        """Position and speed, shape (n,) [rad, rad/s]."""
+        x = min(max((time - self.start) / self.duration, 0.0), 1.0)
+        share, rate = x**3 * (10 + x * (6 * x - 15)), 30 * x**2 * (1 - x) ** 2 / self.duration
+        return share * self.step, rate * self.step
+
+
+@dataclass(frozen=True, eq=False)
+class Sines:
+    """Sines from `start` to `end` [s] with amplitudes [rad], frequencies [Hz] and phases [rad] of shape (n,).
+
+    They come and go within `ramp` [s].
+    """
+
+    start: float
+    end: float
+    ramp: float
+    amplitude: Array
+    frequency: Array
+    phase: Array
+
+    def at(self, time: float) -> tuple[Array, Array]:
+        """Position and speed, shape (n,) [rad, rad/s]."""
+        if not self.start < time < self.end:
+            return 0.0 * self.amplitude, 0.0 * self.amplitude
+        edge = min(time - self.start, self.end - time)
+        share, rate = 1.0, 0.0
+        if edge < self.ramp:
+            x = np.pi * edge / self.ramp
+            share = 0.5 - 0.5 * np.cos(x)
+            rate = 0.5 * np.pi / self.ramp * np.sin(x) * (1.0 if time - self.start < self.end - time else -1.0)
+        w = 2 * np.pi * self.frequency
+        angle = w * (time - self.start) + self.phase
+        sine, cosine = np.sin(angle), np.cos(angle)
+        return share * self.amplitude * sine, self.amplitude * (rate * sine + share * w * cosine)
+
+
+class JointPath(LeafSystem):
+    """References of n joints along a path in time.
+
+    ```
+    name: JointPath
+    input_ports: []
+    output_ports: [joint_position_reference, joint_velocity_reference]
+    ```
+
+    joint_position_reference: shape (n,) [rad]. joint_velocity_reference: shape (n,), its derivative [rad/s].
+        Functions of time.
+
+    Args:
+        start: position that the parts are added to, shape (n,) [rad]. parts: what is added to it.
+    """
+
+    def __init__(self, start: Array, parts: Sequence[Move | Sines]):
+        super().__init__()
+        self._start, self._parts = start, tuple(parts)
+        for i, name in enumerate(("joint_position_reference", "joint_velocity_reference")):
+
+            def show(context: Context, output: BasicVector, i: int = i) -> None:
+                output.SetFromVector(path_at(context.get_time(), start, parts)[i])
+
+            self.DeclareVectorOutputPort(name, len(start), show, prerequisites_of_calc={self.time_ticket()})
+
+
+def path_at(time: float, start: Array, parts: Sequence[Move | Sines]) -> tuple[Array, Array]:
+    """Position and speed of a path, shape (n,) [rad, rad/s]."""
+    position, speed = start, 0.0 * start
+    for part in parts:
+        q, v = part.at(time)
+        position, speed = position + q, speed + v
+    return position, speed
+
+
+@dataclass(kw_only=True)
+class DitherConfig:
+    """Small sines of all joints, that keep them from sticking."""
+
+    amplitude_deg: float = 0.0  # [deg], >= 0; 0: none
+    frequency: float = 3.0  # [Hz], > 0; the joints differ a little, so that they do not reverse together
+    start: float = 0.0  # [s], >= 0
+    ramp: float = 0.3  # [s], > 0
+
+    def __post_init__(self) -> None:
+        for name in ("amplitude_deg", "start"):
+            check(name, getattr(self, name), "not negative")
+        for name in ("frequency", "ramp"):
+            check(name, getattr(self, name), "positive")
+
+    def parts(self, size: int) -> list[Sines]:
+        """The sines of `size` joints."""
+        if self.amplitude_deg == 0:
+            return []
+        amplitude = np.full(size, np.radians(self.amplitude_deg))
+        # A quarter of a turn between neighbours: never all at rest.
+        phase: Array = 0.5 * np.pi * np.arange(size, dtype=float)
+        return [Sines(self.start, np.inf, self.ramp, amplitude, np.full(size, self.frequency), phase)]
+
+
+@dataclass(kw_only=True)
+class PostureConfig:
+    """One entry of `postures`."""
+
+    posture_deg: list[float] = field(default_factory=list)  # of all joints [deg]
+    start: float = 0.0  # of the move there [s], >= 0
+    duration: float = 1.0  # of the move there [s], > 0
+
+    def __post_init__(self) -> None:
+        check("start", self.start, "not negative")
+        check("duration", self.duration, "positive")
+        for angle in self.posture_deg:
+            check("posture_deg", angle)
+
+
+@dataclass(kw_only=True)
+class JointMovesConfig:
+    """Scenario part `!JointMoves`: from posture to posture, with a dither."""
+
+    postures: list[PostureConfig] = field(default_factory=list)  # in the order of time; none: stay
+    dither: DitherConfig = field(default_factory=DitherConfig)
+
+    def __post_init__(self) -> None:
+        for before, after in zip(self.postures, self.postures[1:], strict=False):
+            if after.start < before.start + before.duration:
+                raise invalid("postures", after.start, f"after the move before, {before.start + before.duration:g} s")
+
+    def add_to(self, builder: DiagramBuilder, facts: MotionFacts) -> JointPath:
+        """Add the path.
+
+        Raises:
+            BadInputError: a posture of the wrong length or beyond the limits, or a move faster than the joints.
+        """
+        limits, parts, last = facts.robot.limits, [], facts.start
+        for i, one in enumerate(self.postures):
+            if len(one.posture_deg) != facts.num_joints:
+                raise BadInputError(f"postures[{i}] has {len(one.posture_deg)} angles: must have {facts.num_joints}")
+            there = np.radians(one.posture_deg)
+            if np.any((there < limits.position_lower) | (there > limits.position_upper)):
+                raise invalid(f"postures[{i}]", one.posture_deg, "within the joint limits")
+            move = Move(one.start, one.duration, there - last)
+            if np.any(1.875 * np.abs(move.step) > one.duration * limits.velocity):
+                need = float(np.max(1.875 * np.abs(move.step) / limits.velocity))
+                raise invalid(f"postures[{i}]: duration", one.duration, f"at least {need:.3g} s, for the joint speeds")
+            parts.append(move)
+            last = there
+        return builder.AddNamedSystem(
+            "controller", JointPath(facts.start, [*parts, *self.dither.parts(facts.num_joints)])
+        )
+
+
+@dataclass(kw_only=True)
+class JointExcitationConfig:
+    """Scenario part `!JointExcitation`: sines of all joints at several speeds, for the identification of friction.
+
+    Each of `speed_shares` lasts `duration`; the frequencies of the joints are spread from `frequency` to
+    `frequency_spread` times it, so that they are independent of each other.
+    """
+
+    speed_shares: list[float] = field(default_factory=lambda: [0.1, 0.3, 0.6])  # of the joint speed limits, (0, 1]
+    duration: float = 5.0  # [s] of each, > 0
+    frequency: float = 0.5  # [Hz], > 0
+    frequency_spread: float = 1.8  # >= 1
+    room_share: float = 0.6  # of the way to the nearer joint limit, (0, 1)
+
+    def __post_init__(self) -> None:
+        if not self.speed_shares:
+            raise invalid("speed_shares", self.speed_shares, "at least one")
+        for share in self.speed_shares:
+            if not 0 < check("speed_shares", share) <= 1:
+                raise invalid("speed_shares", share, "above 0 and at most 1")
+        for name in ("duration", "frequency"):
+            check(name, getattr(self, name), "positive")
+        if check("frequency_spread", self.frequency_spread) < 1:
+            raise invalid("frequency_spread", self.frequency_spread, "at least 1")
+        if not 0 < check("room_share", self.room_share) < 1:
+            raise invalid("room_share", self.room_share, "above 0 and below 1")
+
+    def add_to(self, builder: DiagramBuilder, facts: MotionFacts) -> JointPath:
+        """Add the path, around the start."""
+        n, limits = facts.num_joints, facts.robot.limits
+        frequency = self.frequency * np.linspace(1.0, self.frequency_spread, n)
+        room = np.minimum(facts.start - limits.position_lower, limits.position_upper - facts.start)
+        # Limits of acceleration and position allow less than those of speed where a joint turns often, or has no room.
+        fastest = np.minimum(
+            2 * np.pi * frequency * self.room_share * room, limits.acceleration / (2 * np.pi * frequency)
+        )
+        parts = []
+        for i, share in enumerate(self.speed_shares):
+            speed = np.minimum(share * limits.velocity, fastest)
+            phase = np.where(np.arange(n) % 2 == 0, 0.0, np.pi)
+            begin = i * self.duration
+            amplitude = speed / (2 * np.pi * frequency)
+            ramp = min(1.0, 0.25 * self.duration)
+            parts.append(Sines(begin, begin + self.duration, ramp, amplitude, frequency, phase))
+        return builder.AddNamedSystem("controller", JointPath(facts.start, parts))

@@ -1,0 +1,51 @@
+"""Metrics of motion loops: one definition each, from the log.
+
+Every run has those of `LOOP_METRICS`; an analysis (`forcectl.simulation.motion_analysis`) adds its own, which it names
+in `ANALYSIS_METRICS`. `<joint or arm>.<metric>` is that metric of one joint or arm alone.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+
+from forcectl.control.motion_slot import MotionFacts
+
+# Name -> unit and meaning.
+LOOP_METRICS: dict[str, tuple[str, str]] = {
+    "tracking_error_rad": ("rad", "largest distance of a joint from its reference"),
+    "joint_limit_excess_rad": ("rad", "furthest that a joint is beyond its position limits"),
+    "speed_limit_excess_rad_s": ("rad/s", "furthest that a joint is beyond its speed limit"),
+    "torque_share": ("1", "largest motor torque as a share of its limit"),
+    "peak_contact_force_N": ("N", "largest sum of true contact forces on an arm"),
+    "realtime_factor": ("1", "simulated time divided by computing time"),
+}
+ANALYSIS_METRICS: dict[str, tuple[str, str]] = {}
+MOTION_METRICS = LOOP_METRICS | ANALYSIS_METRICS
+
+
+def is_motion_metric(name: str) -> bool:
+    """Whether `name` is a metric of a motion loop, of one joint or arm too (`left.push_error_N`)."""
+    return bool(re.fullmatch(r"(\w+\.)?\w+", name)) and name.rpartition(".")[2] in MOTION_METRICS
+
+
+def motion_loop_metrics(log: Any, facts: MotionFacts, realtime_factor: float | None) -> dict[str, float | None]:
+    """`LOOP_METRICS` of one run.
+
+    Args:
+        log: dataset over time. facts: of its robot. realtime_factor: measured by the caller.
+    """
+    limits = facts.robot.limits
+    q, v, torque = (log[name].values for name in ("link_position", "link_velocity", "motor_torque"))
+    reference = log["joint_position_reference"].values
+    beyond = np.maximum(q - limits.position_upper, limits.position_lower - q)
+    return {
+        "tracking_error_rad": float(np.max(np.abs(reference - q))),
+        "joint_limit_excess_rad": max(0.0, float(beyond.max())),
+        "speed_limit_excess_rad_s": max(0.0, float((np.abs(v) - limits.velocity).max())),
+        "torque_share": float(np.max(np.abs(torque) / limits.torque)),
+        "peak_contact_force_N": float(log["contact_force"].values.max()),
+        "realtime_factor": realtime_factor,
+    }

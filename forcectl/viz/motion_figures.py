@@ -1,0 +1,74 @@
+"""Figures of a motion loop: speeds of the joints, and forces at the tool centre points with their estimates."""
+
+from __future__ import annotations
+
+from typing import Any
+
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+
+from forcectl.viz.figures import COLOURS, frame
+
+_AXES = ("x", "y", "z")
+
+
+def one_variant(log: Any) -> Any:
+    """The log of the first variant."""
+    return log.isel(variant=0).dropna("time", how="all") if "variant" in log.dims else log
+
+
+def motion_figures(log: Any, title: str = "") -> dict[str, Figure]:
+    """The figures of any run, by file name; of the first variant when there are several."""
+    one = one_variant(log)
+    figures = {"motion": speed_figure(one, title)}
+    if "estimated_wrench" in one or one["tip_wrench"].values.any():
+        figures["forces"] = force_figure(one, title)
+    return figures
+
+
+def _rows(log: Any) -> list[str]:
+    return [str(name) for name in log["arm"].values]
+
+
+def speed_figure(log: Any, title: str = "") -> Figure:
+    """Joint speeds over time, one row per arm."""
+    arms, joints = _rows(log), [str(name) for name in log["joint"].values]
+    each = len(joints) // len(arms)
+    figure, rows = _stack(len(arms), title)
+    for i, (arm, axes) in enumerate(zip(arms, rows, strict=True)):
+        for k, joint in enumerate(joints[i * each : (i + 1) * each]):
+            axes.plot(log["time"], log["link_velocity"].sel(joint=joint), color=_colour(k), lw=1.2, label=joint)
+        axes.set_ylabel(f"{arm}: joint speed [rad/s]")
+        axes.legend(frameon=False, fontsize=7, loc="upper right", ncol=4)
+    return figure
+
+
+def force_figure(log: Any, title: str = "") -> Figure:
+    """True forces at the tool centre points over time, and what was estimated, one row per arm."""
+    arms = _rows(log)
+    figure, rows = _stack(len(arms), title)
+    for arm, axes in zip(arms, rows, strict=True):
+        for k, part in enumerate(_AXES):
+            component = f"{arm}_force_{part}"
+            if "estimated_wrench" in log:
+                estimate = log["estimated_wrench"].sel(wrench_component=component)
+                axes.plot(log["time"], estimate, color=_colour(k), lw=1.4, label=f"{part}, estimated")
+            true = log["tip_wrench"].sel(wrench_component=component)
+            axes.plot(log["time"], true, color=_colour(k), lw=1.0, ls=(0, (4, 2)), label=f"{part}, true")
+        axes.set_ylabel(f"{arm}: force [N]")
+        axes.legend(frameon=False, fontsize=8, loc="upper right", ncol=3)
+    return figure
+
+
+def _colour(index: int) -> str:
+    return COLOURS[index % len(COLOURS)]
+
+
+def _stack(count: int, title: str) -> tuple[Figure, list[Axes]]:
+    figure = Figure(figsize=(8.0, 0.9 + 2.6 * count), layout="constrained")
+    rows = list(figure.subplots(count, sharex=True, squeeze=False)[:, 0])
+    rows[0].set_title(title, loc="left", fontsize=11, parse_math=False)
+    rows[-1].set_xlabel("time [s]")
+    for axes in rows:
+        frame(axes)
+    return figure, rows
