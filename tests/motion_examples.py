@@ -2,14 +2,17 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
 from block_example import Example, each
 from pydrake.systems.framework import System
 
+from forcectl.motion.relative_pose import RelativePose
 from forcectl.motion.trajectory_generator import TrajectoryGenerator
 from forcectl.motion.velocity_generator import VelocityGenerator
+from forcectl.robot import RobotModel
 
 LIMITS = {"velocity_limit": [0.5, 1.0], "acceleration_limit": [2.0, 10.0], "jerk_limit": 80.0}
 START_INPUTS = ("start_position", "start_velocity", "start_acceleration")
@@ -23,6 +26,20 @@ def trajectory_generator(size: int = 2, **changed: Any) -> TrajectoryGenerator:
 
 def velocity_generator(size: int = 2, **changed: Any) -> VelocityGenerator:
     return VelocityGenerator(size, **{"acceleration_limit": 3.0, "velocity_limit": 0.5, **changed})
+
+
+@cache
+def two_arms() -> RobotModel:
+    return RobotModel.load("yumi", tool=None)
+
+
+def relative_pose() -> RelativePose:
+    leader, follower = (arm.tcp_frame for arm in two_arms().parts.arms.values())
+    return RelativePose(two_arms(), leader, follower)
+
+
+def joints(t: float) -> np.ndarray:
+    return two_arms().facts.default_posture + 0.1 * np.sin(20 * t + np.arange(14))
 
 
 def jumping(t: float) -> np.ndarray:
@@ -49,6 +66,17 @@ MOTION_EXAMPLES: dict[type[System], list[Example]] = {
             },
             {"target_position": lambda t: t},
         ),
+    ],
+    RelativePose: [
+        Example(
+            relative_pose,
+            {
+                pair
+                for name in ("relative_position", "relative_angles", "relative_velocity")
+                for pair in each(name, "joint_position", "joint_velocity")
+            },
+            {"joint_position": joints, "joint_velocity": lambda t: 2 * np.cos(20 * t + np.arange(14))},
+        )
     ],
     VelocityGenerator: [
         Example(

@@ -14,7 +14,6 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.control.arms_motion import ArmsMotion
-from forcectl.control.robot_motion import RobotMotion
 from forcectl.control.rotation_vector import OrientationState
 from forcectl.errors import BadInputError, invalid, unknown
 
@@ -40,6 +39,35 @@ class Orientation(Protocol):
 
     def state(self, rotation: Vector, angular_velocity: Vector) -> OrientationState:
         """Of the rotation R (3, 3) that turns at w (3,) [rad/s]."""
+        ...
+
+
+class Spatial(Protocol):
+    """A pose in motion, of a `RobotMotion` or of one frame in another; spatial vectors are [rotation; translation]."""
+
+    @property
+    def position(self) -> Vector:
+        """(3,) [m]."""
+        ...
+
+    @property
+    def rotation(self) -> Vector:
+        """(3, 3)."""
+        ...
+
+    @property
+    def velocity(self) -> Vector:
+        """V = J q', (6,) [rad/s; m/s]."""
+        ...
+
+    @property
+    def jacobian(self) -> Vector:
+        """J, (6, n) [1; m]."""
+        ...
+
+    @property
+    def bias(self) -> Vector:
+        """J'q', (6,) [rad/s^2; m/s^2]."""
         ...
 
 
@@ -89,7 +117,7 @@ class ArmTask:
         """At the motion of this tick."""
         return self.of(motion.arm(self.arm))
 
-    def of(self, tool: RobotMotion) -> TaskState:
+    def of(self, tool: Spatial) -> TaskState:
         """Of a pose in motion."""
         if self._orientation is None:
             rows = [3 + row for row in self._rows]
