@@ -293,3 +293,14 @@ def test_a_motion_that_is_not_finite_is_refused():
         Planner(1).plan(start, at([1.0]), limits_of(1, 1.0, 1.0, 1.0))
     with pytest.raises(BadInputError, match="size"):
         Planner(0)
+
+
+def test_targets_that_are_changed_in_place_are_noticed():
+    limits, planner, course, goal = limits_of(2, 1.0, 5.0, 50.0), Planner(2), begin(np.zeros(2)), np.array([0.1, 0.2])
+    for tick in range(600):
+        if tick == 10:
+            goal[0] = -0.1
+        course = planner.follow(course, Target(goal, np.zeros(2), np.zeros(2)), limits, TICK)
+    np.testing.assert_allclose(course.position, [-0.1, 0.2], atol=1e-8)
+    with pytest.raises(ValueError, match="read-only"):
+        limits.velocity[0] = 2.0

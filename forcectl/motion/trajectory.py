@@ -16,6 +16,7 @@ What Ruckig alone does not do, by measurement (0.19):
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any, NamedTuple
 
 import numpy as np
@@ -132,6 +133,8 @@ def limits_of(size: int, velocity: ArrayLike, acceleration: ArrayLike, jerk: Arr
     given = {"velocity_limit": velocity, "acceleration_limit": acceleration, "jerk_limit": jerk}
     limits = Limits(*(lane_values(name, value, size, "positive and finite") for name, value in given.items()))
     check_limits_together(limits)
+    for limit in limits:
+        limit.flags.writeable = False  # courses keep them
     return limits
 
 
@@ -166,8 +169,9 @@ def begin_again(course: Course, motion: Motion) -> Course:
     if same:
         return course
     none = np.zeros(len(course.position))
+    p, v, a = np.array(motion)  # a copy
     # Limits of zero are those of no plan.
-    return Course(*motion, none, none, none, none, *course.target, none, none, none, *motion)
+    return Course(p, v, a, none, none, none, none, *course.target, none, none, none, p, v, a)
 
 
 class Plan:
@@ -178,10 +182,10 @@ class Plan:
         braking: 1 in components that could not be planned and brake to rest, shape (n,).
     """
 
-    def __init__(self, trajectory: Any, arrival: Array, braking: NDArray[np.bool_]):
+    def __init__(self, trajectory: Any, arrival: Sequence[float], brakes: Sequence[bool]):
         self._trajectory = trajectory
-        self.arrival = np.where(braking, np.inf, arrival)
-        self.braking = braking.astype(float)
+        self.arrival: Array = np.array([np.inf if no else time for time, no in zip(arrival, brakes, strict=True)])
+        self.braking: Array = np.array(brakes, dtype=float)
 
     @property
     def duration(self) -> float:
@@ -238,26 +242,27 @@ class Planner:
         Raises:
             BadInputError: `start` is not finite.
         """
-        free = target.velocity_mode > 0.5
+        free: list[bool] = (target.velocity_mode > 0.5).tolist()
+        brakes = [False] * self.size
         fastest = self._prepare(start, target, limits, free)
-        braking = np.zeros(self.size, dtype=bool)
         if fastest is None:
             if not np.isfinite(start).all():
                 raise invalid("start", [x.tolist() for x in start], "finite")
-            braking = ~free & self._out_of_reach(start, target, limits)
-            target = target._replace(velocity=np.where(braking, 0.0, target.velocity))
-            free = free | braking
+            brakes = self._out_of_reach(start, target, limits, free)
+            target = target._replace(velocity=np.where(brakes, 0.0, target.velocity))
+            free = [a or b for a, b in zip(free, brakes, strict=True)]
             fastest = self._prepare(start, target, limits, free)
             if fastest is None:
-                return Plan(_Standstill(start.position), np.zeros(self.size), np.ones(self.size, dtype=bool))
-        arrival = np.array(fastest.independent_min_durations)
+                return Plan(_Standstill(start.position), [0.0] * self.size, [True] * self.size)
+        arrival = fastest.independent_min_durations
         if self.synchronized and self.size > 1:
-            self._input.per_dof_synchronization = [_ALONE if one else _TOGETHER for one in free.tolist()]
+            self._input.per_dof_synchronization = [_ALONE if one else _TOGETHER for one in free]
             together = self._calculate()
             self._input.per_dof_synchronization = None
             if together is not None:
-                return Plan(together, np.where(free, arrival, together.duration), braking)
-        return Plan(fastest, arrival, braking)
+                end = together.duration
+                return Plan(together, [t if one else end for t, one in zip(arrival, free, strict=True)], brakes)
+        return Plan(fastest, arrival, brakes)
 
     def follow(self, course: Course, target: Target, limits: Limits, period: float) -> Course:
         """The course one `period` [s] later.
@@ -285,18 +290,25 @@ class Planner:
             self._known = key, self.plan(origin, target, limits)
         return self._known[1]
 
-    def _prepare(self, start: Motion, target: Target, limits: Limits, free: NDArray[np.bool_]) -> Any:
+    def _prepare(self, start: Motion, target: Target, limits: Limits, free: list[bool]) -> Any:
         """The fastest trajectory of each component on its own, or None. Leaves all of it in the input."""
-        inputs = self._input
-        velocity, usable = self._take(limits)
-        outside = (np.abs(start.velocity) > limits.velocity) | (np.abs(start.acceleration) > usable)
-        # From there all of the acceleration is needed.
-        inputs.max_acceleration = np.where(outside, limits.acceleration * _MARGIN, usable).tolist()
+        self._take(limits)
+        inputs, fastest, reach = self._input, self._speeds, self._accelerations
         # Lists: they take a tenth of the time of arrays.
-        inputs.current_position, inputs.current_velocity, inputs.current_acceleration = [x.tolist() for x in start]
-        inputs.target_position = np.where(free, start.position, target.position).tolist()
-        inputs.target_velocity = np.minimum(np.maximum(target.velocity, -velocity), velocity).tolist()
-        inputs.per_dof_control_interface = [_VELOCITY if one else _POSITION for one in free.tolist()]
+        position, velocity, acceleration = [x.tolist() for x in start]
+        inputs.current_position, inputs.current_velocity, inputs.current_acceleration = position, velocity, acceleration
+        # Outside the limits all of the acceleration is needed.
+        inputs.max_acceleration = [
+            full if abs(v) > limit or abs(a) > usable else usable
+            for v, a, limit, (usable, full) in zip(velocity, acceleration, fastest, reach, strict=True)
+        ]
+        there = target.position.tolist()
+        if any(free):
+            there = [here if one else goal for one, here, goal in zip(free, position, there, strict=True)]
+        inputs.target_position = there
+        wanted = zip(target.velocity.tolist(), fastest, strict=True)
+        inputs.target_velocity = [min(max(v, -limit), limit) for v, limit in wanted]
+        inputs.per_dof_control_interface = [_VELOCITY if one else _POSITION for one in free]
         tries = []
         for jerk in self._jerks:
             inputs.max_jerk = jerk
@@ -310,16 +322,18 @@ class Planner:
         inputs.max_jerk = [full if better else less for better, less, full in zip(faster, *self._jerks, strict=True)]
         return self._calculate() if any(faster) else tries[0]
 
-    def _take(self, limits: Limits) -> tuple[Array, Array]:
-        """Put the limits in the input; returns those of velocity, and of acceleration as far as it can be of use."""
-        if self._limits is None or not _equal(limits, self._limits):
-            self._limits = limits
-            # An acceleration that the velocity limit leaves no room for only makes the numbers worse.
-            usable = np.minimum(limits.acceleration, 2.0 * np.sqrt(limits.velocity * limits.jerk)) * _MARGIN
-            self._bounds = limits.velocity * _MARGIN, usable
-            self._input.max_velocity = self._bounds[0].tolist()
-            self._jerks = (limits.jerk * _LESS_JERK).tolist(), (limits.jerk * _JERK).tolist()
-        return self._bounds
+    def _take(self, limits: Limits) -> None:
+        """Keep the limits as lists, with their margins; of acceleration also as much as can be of use."""
+        if self._limits is not None and _equal(limits, self._limits):
+            return
+        self._limits = limits
+        velocity, acceleration, jerk = (limit * _MARGIN for limit in limits)
+        # What the velocity limit leaves no room for only makes the numbers worse.
+        usable = np.minimum(acceleration, 2.0 * np.sqrt(velocity * jerk))
+        self._speeds = velocity.tolist()
+        self._accelerations = list(zip(usable.tolist(), acceleration.tolist(), strict=True))
+        self._jerks = (limits.jerk * _LESS_JERK).tolist(), (limits.jerk * _JERK).tolist()
+        self._input.max_velocity = self._speeds
 
     def _calculate(self) -> Any:
         trajectory = Trajectory(self.size)
@@ -327,16 +341,16 @@ class Planner:
             result = self._ruckig.calculate(self._input, trajectory)
         except (RuckigError, ValueError):  # its Python side does not know every code of its failures
             return None
-        return trajectory if result in (Result.Working, Result.Finished) else None
+        return trajectory if result >= Result.Working else None
 
-    def _out_of_reach(self, start: Motion, target: Target, limits: Limits) -> NDArray[np.bool_]:
-        """Which components cannot be planned."""
+    def _out_of_reach(self, start: Motion, target: Target, limits: Limits, free: list[bool]) -> list[bool]:
+        """Which components in position mode cannot be planned."""
         one, beyond = Planner(1), []
         for s, t, m in zip(*(np.transpose(group)[:, :, None] for group in (start, target, limits)), strict=True):
-            trajectory = one._prepare(Motion(*s), Target(*t), Limits(*m), t[2] > 0.5)
+            trajectory = one._prepare(Motion(*s), Target(*t), Limits(*m), [False])
             # A duration that is too long for several components is given for one.
             beyond.append(trajectory is None or trajectory.duration >= _LONGEST)
-        return np.array(beyond)
+        return [a and not b for a, b in zip(beyond, free, strict=True)]
 
 
 def _equal(one: tuple[Array, ...], other: tuple[Array, ...]) -> bool:
@@ -348,11 +362,12 @@ def _next_target(course: Course, target: Target) -> tuple[Target, NDArray[np.boo
     last = course.target
     if _equal(target, last):
         return last, None
-    position, velocity, mode = target
-    free = mode > 0.5
-    now = Target(np.where(free, 0.0, position), velocity, free.astype(float))
-    good = np.isfinite(now.position) & np.isfinite(velocity) & np.isfinite(mode)
+    now, before = np.array(target), np.array(last)
+    free = now[2] > 0.5
+    if free.any():
+        now[0, free], now[2, free] = 0.0, 1.0
+    good = np.isfinite(now)
     if not good.all():
-        now = Target(*(np.where(good, a, b) for a, b in zip(now, last, strict=True)))
-    new = (now.position != last.position) | (now.velocity != last.velocity) | (now.velocity_mode != last.velocity_mode)
-    return (now, new) if new.any() else (last, None)
+        now = np.where(good.all(axis=0), now, before)
+    new = (now != before).any(axis=0)
+    return (Target(*now), new) if new.any() else (last, None)
