@@ -161,6 +161,21 @@ def test_rows_come_by_relative_degree_with_their_bounds() -> None:
     np.testing.assert_allclose(together.foresee(rows, u), [rate + PERIOD * (rows.matrix[6] @ u + wall[3])])
 
 
+def test_a_margin_is_kept_beside_a_constraint_and_rows_that_change_are_not_compared_with_the_tick_before() -> None:
+    class Kept(CartesianWall):
+        margin = 1e-3
+        rows_change = True
+
+    wall = Kept([1.5, 0.0, 0.0], [-1.0, 0.0, 0.0])
+    together, motion = gather(wall), at(v=np.full(N, 0.05))
+    y, rate, _, bias = (float(np.asarray(part).sum()) for part in wall.evaluate(motion))
+    rows = together.rows(motion, np.array([rate - 0.3 * PERIOD]))
+    assert rows.limit[0] == pytest.approx(bounded_acceleration(y + 1e-3, rate, -1.0, PERIOD) - bias)
+    Kept.margin = -1.0
+    with pytest.raises(BadInputError, match="margin of constraint Kept"):
+        gather(wall)
+
+
 def test_bounds_of_joints_far_from_their_limits_are_the_accelerations_and_near_them_what_braking_leaves() -> None:
     limits, start = own_limits(), robot_facts().start
     rows = gather().rows(at(), np.zeros(0))

@@ -52,7 +52,9 @@ class Constraint(Protocol):
                 return self.height - z, -dz, -motion.jacobian[5], -motion.bias[5]
 
     An attribute `gamma` (< 0, in units of y'') replaces the controller's default. An attribute `slack_weight` (> 0, see
-    `QuadraticProgram`) makes the rows soft in controllers of several arms: they give way before the others.
+    `QuadraticProgram`) makes the rows soft in controllers of several arms: they give way before the others. `margin`
+    (>= 0, in units of y) is kept beside a constraint of relative degree 2, for what a tick misses. `rows_change`, if it
+    is true, says that a row may stand for something else at the next tick.
     """
 
     relative_degree: int
@@ -253,6 +255,9 @@ class ConstraintSet:
         each = (limits.position_lower, limits.position_upper, limits.velocity, limits.acceleration)
         self._joints = [limit.tolist() for limit in each]
         self._gamma = [g for _, rows, g in found for _ in range(rows)][self._second :]
+        self._margin = [m for c, rows, _ in found for m in [_margin(c)] * rows][self._second :]
+        steady = [not getattr(c, "rows_change", False) for c, rows, _ in found for _ in range(rows)]
+        self._steady = steady[self._second :]
 
     def rows(self, motion: RobotMotion, foreseen: Vector) -> Rows:
         """The rows and bounds at this tick; those of a constraint that raises are not a number.
@@ -273,7 +278,8 @@ class ConstraintSet:
         if second > first:
             limit[first:second] -= y[first:second] / Ts
         if m > second:
-            parts = (y[second:].tolist(), rate[second:].tolist(), foreseen.tolist(), self._gamma)
+            seen = (y[second:].tolist(), rate[second:].tolist(), foreseen.tolist())
+            parts = (*seen, self._gamma, self._margin, self._steady)
             limit[second:] += [self._bound(*numbers) for numbers in zip(*parts, strict=True)]
         lower, upper, violation = self._joint_bounds(q, v)
         for value in y[first:].tolist():
@@ -285,11 +291,11 @@ class ConstraintSet:
         expected: Vector = rows.rate + self._period * (rows.matrix[self._second :] @ u + rows.bias)
         return expected
 
-    def _bound(self, y: float, rate: float, foreseen: float, gamma: float) -> float:
+    def _bound(self, y: float, rate: float, foreseen: float, gamma: float, margin: float, steady: bool) -> float:
         """The bound of row u + bias: that of y'' less what the tick before missed of it, within gamma."""
+        bound = bounded_acceleration(y + margin, rate, gamma, self._period)
         missed = (rate - foreseen) / self._period
-        missed = max(min(missed, -gamma), gamma) if missed == missed else 0.0
-        return bounded_acceleration(y, rate, gamma, self._period) - missed
+        return bound - max(min(missed, -gamma), gamma) if steady and missed == missed else bound
 
     def _joint_bounds(self, q: Vector, v: Vector) -> tuple[Vector, Vector, float]:
         """Bounds of u by the joint limits, and by how much a position [rad] or speed [rad/s] is beyond one."""
@@ -326,6 +332,12 @@ class ConstraintSet:
 def _slack_weight(constraint: Constraint) -> float:
     weight = getattr(constraint, "slack_weight", math.inf)
     return lane_values(f"slack_weight of constraint {type(constraint).__name__}", weight, 1, "positive").item()
+
+
+def _margin(constraint: Constraint) -> float:
+    return check(
+        f"margin of constraint {type(constraint).__name__}", getattr(constraint, "margin", 0.0), "not negative"
+    )
 
 
 def _try(constraint: Any, start: RobotMotion, gamma: float) -> tuple[int, float]:
