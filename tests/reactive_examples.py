@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterable
 from functools import cache
 from typing import Any
 
@@ -14,6 +15,7 @@ from forcectl.control.arms_motion import ArmsMotion
 from forcectl.control.reactive_controller import ReactiveController
 from forcectl.control.rotation_vector import RotationVector
 from forcectl.control.task_coordinates import ArmTask
+from forcectl.diagrams.reactive_motion import ReactiveMotion
 from forcectl.robot import RobotModel
 from forcectl.testing.runs import Input
 
@@ -59,12 +61,31 @@ REACTIVE_INPUTS: dict[str, Input] = {
 FROM_STATE = ("task_position", "task_velocity", "task_acceleration")
 
 
-def feedthrough() -> set[tuple[str, str]]:
+MOTION_INPUTS: dict[str, Input] = {
+    name: REACTIVE_INPUTS[name] for name in ("task_target", "joint_position", "joint_velocity")
+}
+
+
+def reactive_motion() -> ReactiveMotion:
+    return ReactiveMotion(reactive_controller())
+
+
+def outputs() -> set[str]:
     block = reactive_controller()
-    outputs = {block.get_output_port(i).get_name() for i in range(block.num_output_ports())} - set(FROM_STATE)
-    return {(output, name) for output in outputs for name in REACTIVE_INPUTS}
+    return {block.get_output_port(i).get_name() for i in range(block.num_output_ports())} - set(FROM_STATE)
+
+
+def every(names: set[str], inputs: Iterable[str]) -> set[tuple[str, str]]:
+    return {(output, name) for output in names for name in inputs}
 
 
 REACTIVE_EXAMPLES: dict[type[System], list[Example]] = {
-    ReactiveController: [Example(reactive_controller, feedthrough(), REACTIVE_INPUTS)],
+    ReactiveController: [Example(reactive_controller, every(outputs(), REACTIVE_INPUTS), REACTIVE_INPUTS)],
+    ReactiveMotion: [
+        Example(
+            reactive_motion,
+            every(outputs(), MOTION_INPUTS) | {("task_position_reference", "task_target")},
+            MOTION_INPUTS,
+        )
+    ],
 }

@@ -1,4 +1,4 @@
-"""Random ticks of the reactive controller: rows hold, the second stage changes nothing of the tasks, both are optimal."""
+"""Random ticks of the reactive controller: rows hold, stage 2 changes nothing of the tasks, both stages are optimal."""
 
 from __future__ import annotations
 
@@ -105,12 +105,14 @@ def test_rows_hold_and_the_second_stage_changes_nothing_of_the_tasks() -> None:
         tick = ticks.random(seed)
         u, rows = tick.outcome.u, tick.rows
         assert np.isfinite(u).all()
-        assert (u - rows.upper).max() <= 1e-8 and (rows.lower - u).max() <= 1e-8
+        assert (u - rows.upper).max() <= 1e-8
+        assert (rows.lower - u).max() <= 1e-8
         if tick.outcome.status.brakes:
             braked += 1
             np.testing.assert_array_equal(u, ticks.constraints.brake(tick.motion.v, rows))
             continue
-        assert tick.outcome.status == Status.OPTIMAL and tick.u_first is not None
+        assert tick.outcome.status == Status.OPTIMAL
+        assert tick.u_first is not None
         assert (rows.matrix @ u - rows.limit).max() <= 1e-8
         assert np.abs(tick.state.jacobian @ (u - tick.u_first)).max() <= 1e-8
         speeds = [np.linalg.norm(tick.motion.v + PERIOD * each) for each in (u, tick.u_first)]
@@ -118,8 +120,10 @@ def test_rows_hold_and_the_second_stage_changes_nothing_of_the_tasks() -> None:
         solved, binding = solved + 1, binding + (tick.outcome.active > 0)
         second += tick.outcome.levels == 2
     # It must not be true of nothing.
-    assert solved >= 0.8 * TICKS and second == solved
-    assert binding >= 0.2 * solved and braked < 0.2 * TICKS
+    assert solved >= 0.8 * TICKS
+    assert second == solved
+    assert binding >= 0.2 * solved
+    assert braked < 0.2 * TICKS
 
 
 def cost(level: Level, u: np.ndarray) -> float:
@@ -140,7 +144,8 @@ def test_both_stages_are_the_optima_of_a_reference_solver() -> None:
         assert distance_from_optimum([first, last], tick.outcome.u, *given) <= 1e-6
         if seed < 100:  # an interior-point solver is good to 1e-5 here, on the expensive side
             best, mine = (cost(first, u) for u in (clarabel(first, *given), tick.u_first))
-            assert mine <= best + 1e-9 * abs(best) and mine == pytest.approx(best, rel=1e-5)
+            assert mine <= best + 1e-9 * abs(best)
+            assert mine == pytest.approx(best, rel=1e-5)
 
 
 @pytest.mark.parametrize("seed", range(20))
@@ -149,7 +154,8 @@ def test_ticks_that_are_too_fast_for_their_walls_brake_within_the_joint_limits(s
     tick = ticks.random(seed, fast=20.0)
     u, rows = tick.outcome.u, tick.rows
     assert np.isfinite(u).all()
-    assert (u - rows.upper).max() <= 1e-8 and (rows.lower - u).max() <= 1e-8
+    assert (u - rows.upper).max() <= 1e-8
+    assert (rows.lower - u).max() <= 1e-8
     if tick.outcome.status.brakes:
         assert (np.abs(tick.motion.v + PERIOD * u) <= np.abs(tick.motion.v) + 1e-9).all()
 

@@ -22,7 +22,7 @@ from pydrake.systems.framework import Context
 
 from forcectl.control.arms_motion import ArmsMotion
 from forcectl.control.constraints import Constraint
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.lanes import check
 from forcectl.robot import RobotModel, unit_normal
 
@@ -161,6 +161,8 @@ class TowardsSmallMass:
     """
 
     def __init__(self, robot: RobotModel, arm: str, direction: ArrayLike, gain: float = 1.0):
+        if arm not in robot.parts.arms:
+            raise unknown("arm", arm, robot.parts.arms)
         self._robot, self._frame = robot, robot.parts.arms[arm].tcp_frame
         self._arm, self._direction = arm, unit_normal(direction, "direction")
         self._gain = check("gain", gain, "positive")
@@ -169,7 +171,7 @@ class TowardsSmallMass:
     def speed(self, motion: ArmsMotion) -> Vector:
         """See `Potential`."""
         along = self._direction @ motion.arm(self._arm).jacobian[3:]
-        w: Vector = np.linalg.solve(motion.inertia, along)
+        w: Vector = np.asarray(np.linalg.solve(motion.inertia, along), dtype=np.float64)
         mobility = (along @ w).item()
         if not mobility > 1e-9:  # the direction is blocked: nothing is lighter nearby to first order
             return np.zeros(len(w))

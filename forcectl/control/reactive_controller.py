@@ -4,8 +4,12 @@
     then, with J u as it is, the criterion of the null space                             (5.18)
     q[k+1] = q[k] + Ts q'[k] + Ts^2 u/2,    q'[k+1] = q'[k] + Ts u                       (5.15)
 
-q, q' are the commanded motion. The trajectory generator is led by what became of its last reference: by the reference
-itself while it is followed, by the commanded motion of the task where constraints made it deviate.
+q, q' are the commanded motion. The trajectory generator is led by what became of its last reference, task by task: by
+the reference itself while it is followed, to 5 mm, and by the commanded motion where there is no target or the joints
+brake. Where constraints made the motion deviate, the next reference starts 5 mm ahead of it on the way to the target,
+with what it has of speed in that direction. Then it slides along what is in its way and comes to rest where that leads
+no nearer. To start from the motion itself instead, as Algorithm 2 says, gives a time-optimal generator the speed along
+the obstacle as well: nothing brakes it, and at the border of its workspace an arm swings for ever.
 """
 
 from __future__ import annotations
@@ -33,9 +37,10 @@ from forcectl.lanes import check, lane_values
 from forcectl.robot import JointLimits, RobotModel
 
 Vector = NDArray[np.float64]
+Motion = tuple[Vector, Vector, Vector]  # x, x', x'' of the task coordinates, (k,) each
 
-_FOLLOWED = 0.1  # of the tolerance: a reference that is missed by less is followed
-_LOOK_AHEAD = 0.05  # by how much a speed counts among positions that are missed [s]
+_LEASH = 5e-3  # how far a reference may be ahead of the motion [m]
+_ABSURD = 1e6  # [m or rad, per s] a reference beyond is no number
 _ROUNDING = 1e-12  # violations below are none
 
 # What is put out besides the references, one number each, with units; in the order of `_step`.
@@ -67,6 +72,10 @@ class Supervision:
     position_tolerance: float = 5e-4
     angle_tolerance: float = 5e-3
     patience: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("position_tolerance", "angle_tolerance"):
+            check(name, getattr(self, name), "positive")
 
 
 _DEFAULT_WEIGHTS, _DEFAULT_SUPERVISION = Weights(), Supervision()
@@ -109,10 +118,10 @@ class ReactiveController(LeafSystem):
 
     Every output but those from the state is feedthrough of every input.
 
-    Bad input. A reference that is not a number: the joints brake together, along their path, and hold while it lasts,
-    with status NOT_FINITE. The same after readings that stay bad for longer than `longest_gap`. Constraints that
-    contradict each other at a tick: soft rows give way; then the joints brake. Lost samples leave the command alone.
-    Limits that contradict each other or the start posture are an error when it is built.
+    Bad input. A reference that is not a number, or beyond 1e6: the joints brake together, along their path, and hold
+    while it lasts, with status NOT_FINITE. The same after readings that stay bad for longer than `longest_gap`; a few
+    lost samples leave the command alone. Constraints that contradict each other at a tick: soft rows give way; then the
+    joints brake. Limits that contradict each other or the start posture are an error when it is built.
 
     Sampling: `period` [s]; no delay, see `SampledLaw`: what the tick computes is put out at once and held.
 
@@ -156,6 +165,8 @@ class ReactiveController(LeafSystem):
         origin = ArmsMotion(robot, robot.create_context(), q0, np.zeros(self._n))
         state = self._task_state(origin)
         self._size = len(state.value)
+        self._sizes = np.array([task.size for task in tasks])
+        self._begins = np.cumsum(self._sizes) - self._sizes
 
         limits = checked_limits(robot.limits if limits is None else limits, origin)
         everything: list[Constraint] = [JointTorqueLimit(limits.torque)] if np.isfinite(limits.torque).any() else []
@@ -164,6 +175,7 @@ class ReactiveController(LeafSystem):
         self._constraints = ConstraintSet([*everything, *constraints], limits, origin, Ts, constraint_gamma)
         angular = np.concatenate([task.angular for task in tasks])
         self._tolerance = np.where(angular, supervision.angle_tolerance, supervision.position_tolerance)
+        self._scale = np.where(angular, robot.facts.characteristic_length, 1.0)
         levels = task_levels(tasks, weights, robot.facts.characteristic_length, Ts)
         chosen = JointSpeed() if criterion is None else criterion
         if not isinstance(chosen, Criterion):
@@ -173,6 +185,16 @@ class ReactiveController(LeafSystem):
         self._guard = ReadingGuard(supervision.longest_gap, supervision.frozen_speed, supervision.largest_error, Ts)
         self._progress = TaskProgress(self._tolerance, supervision.patience, Ts)
         self._declare(q0, state.value)
+
+    @property
+    def tasks(self) -> tuple[ArmTask, ...]:
+        """The tasks, in the order of the coordinates."""
+        return self._tasks
+
+    @property
+    def period(self) -> float:
+        """Tick [s]."""
+        return self._period
 
     @property
     def task_start(self) -> Vector:
@@ -260,7 +282,8 @@ class ReactiveController(LeafSystem):
         next_state.set_value(self._memory, self._now.Eval(context))
 
     def _compute(self, context: Context) -> Vector:
-        memory: Vector = context.get_discrete_state(self._memory).value()
+        # A copy: a view that is handed on, unchanged, would keep the context alive from within its own cache.
+        memory: Vector = context.get_discrete_state(self._memory).CopyToVector()
         time = context.get_time()
         # Rounding of the times of the ticks is far below the margin.
         known = time - memory.item(0) < 0.999 * self._period
@@ -277,14 +300,14 @@ class ReactiveController(LeafSystem):
         q, v = memory[place["joint_position_reference"]], memory[place["joint_velocity_reference"]]
         readings, stops = self._look(context, memory, q, v)
         position, velocity = (port.Eval(context) for port in self._references[:2])
-        bend = self._references[2]
         motion = ArmsMotion(self._robot, self._scratch.Eval(context), q, v)
         state = self._task_state(motion)
         rows = self._constraints.rows(motion, memory[place["foreseen"]])
 
         violation, costs = rows.violation, (0.0,) * self._program.size
         status, slack, active, near, levels = Status.NOT_FINITE, 0.0, 0, False, 0
-        good = bool(np.isfinite(position).all() and np.isfinite(velocity).all())
+        # Of a NaN every comparison is false.
+        good = bool((np.abs(position) < _ABSURD).all() and (np.abs(velocity) < _ABSURD).all())
         if good and not stops:
             found = self._program.solve(motion, rows, state, position, velocity)
             u, status, slack, levels, active, direct, near, costs = found
@@ -294,12 +317,10 @@ class ReactiveController(LeafSystem):
 
         a = state.jacobian @ u + state.bias
         x, rate = state.value + Ts * (state.rate + 0.5 * Ts * a), state.rate + Ts * a
-        missed = max(self._apart(x - position), _LOOK_AHEAD * self._apart(rate - velocity)) if good else 0.0
-        # Led by what was asked for as long as it is done, so that a plan is kept to.
-        followed = good and missed <= _FOLLOWED
-        led = [x, rate, a]
-        if followed:
-            led = [position, velocity, bend.Eval(context) if bend.HasValue(context) else a]
+        led, missed = (x, rate, a), 0.0
+        if levels > 0:
+            missed = (np.abs(x - position) / self._tolerance).max().item()
+            led = self._lead(context, led, (position, velocity))
         progress = self._look_ahead(context, memory, x, rate)
         told = [
             float(status),
@@ -329,18 +350,48 @@ class ReactiveController(LeafSystem):
             ]
         )
 
-    def _apart(self, miss: Vector) -> float:
-        """The largest of some differences of task coordinates, in tolerances."""
-        return np.abs(miss / self._tolerance).max().item()
+    def _lead(self, context: Context, motion: Motion, reference: tuple[Vector, Vector]) -> Motion:
+        """What the next reference starts from; see this module.
+
+        Args:
+            motion: x, x', x'' of the tasks at the next tick. reference: x_gen, x'_gen for it.
+        """
+        x, rate, a = motion
+        bend = self._references[2]
+        asked = (*reference, bend.Eval(context) if bend.HasValue(context) else a)
+        followed = self._length(reference[0] - x) <= _LEASH
+        if followed.all():
+            return asked
+        if self._target.HasValue(context):
+            ahead = self._target.Eval(context) - x
+            left = self._length(ahead)
+            if np.isfinite(left).all():
+                left = np.maximum(left, 1e-12)
+                onward = np.add.reduceat(self._scale**2 * ahead * rate, self._begins) / left**2
+                near = np.minimum(0.9 * _LEASH / left, 1.0)
+                motion = (
+                    x + near.repeat(self._sizes) * ahead,
+                    np.maximum(onward, 0.0).repeat(self._sizes) * ahead,
+                    np.zeros(self._size),
+                )
+        mask = followed.repeat(self._sizes)
+        position, velocity, bend_ = (np.where(mask, *pair) for pair in zip(asked, motion, strict=True))
+        return position, velocity, bend_
+
+    def _length(self, way: Vector) -> Vector:
+        """Of a difference of task coordinates, for each task, with angles in characteristic lengths [m]."""
+        length: Vector = np.sqrt(np.add.reduceat((self._scale * way) ** 2, self._begins))
+        return length
 
     def _look(self, context: Context, memory: Vector, q: Vector, v: Vector) -> tuple[Readings, bool]:
         """The readings of this tick, and whether they stop the motion."""
         place = self._place
         position, good, frozen = (memory[place[name]] for name in ("read_position", "reading_ok", "frozen"))
         past = Readings(position, good, frozen, memory.item(place["gap"].start))
-        if not all(port.HasValue(context) for port in self._measured):
+        read, speed = self._measured
+        if not read.HasValue(context):
             return past, False
-        position, velocity = (port.Eval(context) for port in self._measured)
+        position, velocity = read.Eval(context), speed.Eval(context) if speed.HasValue(context) else v
         readings = self._guard.look(past, position, velocity, q, v)
         return readings, self._guard.stops(readings)
 

@@ -11,15 +11,15 @@ from forcectl.lanes import check
 
 Vector = NDArray[np.float64]
 
-_STEP = 0.02  # of the tolerance: what counts as coming nearer
+_NEARER = 0.9  # of the smallest distance so far: what counts as coming nearer
 _SLOW = 5.0  # [1/s] at the target the speed is below the tolerance times this
 
 
 class Progress(NamedTuple):
     """What is remembered from tick to tick.
 
-    target: (k,). nearest: smallest distance since the target last changed, in tolerances [1]. ticks: since then it has
-    not become smaller. reached, stalled: 1 or 0.
+    target: (k,). nearest: distance when it last became smaller by a tenth, in tolerances [1]. ticks: since then.
+    reached, stalled: 1 or 0.
     """
 
     target: Vector
@@ -33,7 +33,7 @@ class TaskProgress:
     """Compares task coordinates with their target at every tick.
 
     The distance is the largest of the coordinates', each in units of its tolerance. A target counts as unreachable
-    (`stalled`) once the distance has not become smaller for `patience`; a target that changes starts anew.
+    (`stalled`) once the distance has not become smaller by a tenth for `patience`; a target that changes starts anew.
 
     Args:
         tolerance: of each coordinate (k,) [m or rad], > 0. patience: [s], > 0. period: tick [s].
@@ -56,6 +56,6 @@ class TaskProgress:
             past = Progress(target, np.inf, 0.0, 0.0, 0.0)
         speed = np.abs(rate * self._scale).max().item()
         reached = apart <= 1.0 and speed <= _SLOW
-        nearer = apart < past.nearest - _STEP
+        nearer = apart < _NEARER * past.nearest
         nearest, ticks = (apart, 0.0) if nearer else (past.nearest, past.ticks + 1.0)
         return Progress(target, nearest, ticks, float(reached), float(not reached and ticks > self._patience))
