@@ -87,7 +87,7 @@ class OfArm:
     """A constraint written for one arm, of the named arm of a robot that has several.
 
     Args:
-        arm: its name. constraint: any; its relative degree, gamma and slack weight are kept.
+        arm: its name. constraint: any; its relative degree, gamma and the like are kept.
     """
 
     def __init__(self, arm: str, constraint: Constraint):
@@ -95,7 +95,7 @@ class OfArm:
             raise BadInputError(f"constraint {type(constraint).__name__} lacks relative_degree or evaluate(motion)")
         self.arm, self._constraint = arm, constraint
         self.relative_degree = constraint.relative_degree
-        for name in ("gamma", "slack_weight"):
+        for name in ("gamma", "slack_weight", "margin", "rows_change"):
             if hasattr(constraint, name):
                 setattr(self, name, getattr(constraint, name))
 
