@@ -15,6 +15,7 @@ from benchmarks import (
     real_time,
     robot_controller,
     start_up,
+    trajectory,
     vrft,
     vrft_tick,
 )
@@ -33,6 +34,7 @@ def run_all() -> None:
         force_laws,
         governor,
         vrft_tick,
+        trajectory,
         robot_controller,
         quadratic_program,
         vrft,

@@ -272,7 +272,7 @@ class Planner:
             limits: of this tick, from `limits_of`.
         """
         target, new = _next_target(course, target)
-        if new is None and _equal(limits, course.limits) and not course.braking.any():
+        if new is None and _equal(limits, course.limits) and not any(course.braking.tolist()):
             coasting, origin, ticks = course.coasting, course.origin, course.ticks + 1.0
         else:
             gone_by = course.arrived * (course.target_velocity != 0.0)
@@ -353,8 +353,9 @@ class Planner:
         return [a and not b for a, b in zip(beyond, free, strict=True)]
 
 
-def _equal(one: tuple[Array, ...], other: tuple[Array, ...]) -> bool:
-    return all(a.tobytes() == b.tobytes() for a, b in zip(one, other, strict=True))
+def _equal(one: tuple[Array, Array, Array], other: tuple[Array, Array, Array]) -> bool:
+    (a, b, c), (d, e, f) = one, other
+    return a.tobytes() == d.tobytes() and b.tobytes() == e.tobytes() and c.tobytes() == f.tobytes()
 
 
 def _next_target(course: Course, target: Target) -> tuple[Target, NDArray[np.bool_] | None]:

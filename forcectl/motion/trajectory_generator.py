@@ -114,7 +114,7 @@ class TrajectoryGenerator(SampledLaw):
 
     def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
         """One tick of the generator."""
-        course = Course(*(np.atleast_1d(value) for value in held))
+        course = Course(*held) if self._size > 1 else Course(*(np.array([value]) for value in held))
         if all(port.HasValue(context) for port in self._start):
             start = Motion(*(port.Eval(context) for port in self._start))
             if np.isfinite(start).all():
