@@ -70,8 +70,8 @@ class Course(NamedTuple):
     """A motion and the plan it follows, as arrays of shape (n,); from `begin` and `Planner.follow`.
 
     arrived: 1 in components that have reached their target. braking: 1 in components that could not be planned.
-    coasting: 1 in components that passed their target before this plan and keep its velocity. ticks: since the origin.
-    The target and the limits are those of the plan.
+    coasting: 1 in components that passed their target before this plan and keep its velocity. elapsed: since the origin
+    [s]. The target and the limits are those of the plan.
     """
 
     position: Array
@@ -80,7 +80,7 @@ class Course(NamedTuple):
     arrived: Array
     braking: Array
     coasting: Array
-    ticks: Array
+    elapsed: Array
     target_position: Array
     target_velocity: Array
     velocity_mode: Array
@@ -273,15 +273,15 @@ class Planner:
         """
         target, new = _next_target(course, target)
         if new is None and _equal(limits, course.limits) and not any(course.braking.tolist()):
-            coasting, origin, ticks = course.coasting, course.origin, course.ticks + 1.0
+            coasting, origin, elapsed = course.coasting, course.origin, course.elapsed + period
         else:
             gone_by = course.arrived * (course.target_velocity != 0.0)
             coasting = gone_by if new is None else np.where(new, 0.0, gone_by)
-            origin, ticks = course.motion, np.ones(self.size)
+            origin, elapsed = course.motion, np.full(self.size, period)
         plan = self._plan_of(origin, target, coasting, limits)
-        elapsed = float(ticks[0]) * period
         arrived = (plan.arrival <= elapsed).astype(float)
-        return Course(*plan.at(elapsed), arrived, plan.braking, coasting, ticks, *target, *limits, *origin)
+        motion = plan.at(float(elapsed[0]))
+        return Course(*motion, arrived, plan.braking, coasting, elapsed, *target, *limits, *origin)
 
     def _plan_of(self, origin: Motion, target: Target, coasting: Array, limits: Limits) -> Plan:
         key = tuple([x.tobytes() for x in (*origin, *target, coasting, *limits)])

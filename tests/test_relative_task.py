@@ -1,0 +1,82 @@
+"""Leader and follower under the reactive controller: a pose between them is kept, and others reached, in motion."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from motion_examples import two_arms
+from pydrake.systems.analysis import Simulator
+
+from forcectl.control.arms_motion import ArmsMotion
+from forcectl.control.reactive_controller import ReactiveController
+from forcectl.control.rotation_vector import RotationVector
+from forcectl.control.task_coordinates import COORDINATES, ArmTask, Orientation
+from forcectl.diagrams.reactive_motion import ReactiveMotion
+from forcectl.motion.euler_angles import EulerAngles
+from forcectl.motion.relative_pose import FrameMotion, RelativeMotion, RelativeTask
+
+Array = np.ndarray
+AWAY = np.array([0.3, 0.2, -0.2, 0.2, 0.4, -0.3, 0.5, -0.2, 0.1, 0.3, -0.1, 0.3, 0.5, -0.2])  # from the default [rad]
+
+
+class Arms:
+    """Two arms on a task of the left one's position and of the right one's pose in the left one's frame."""
+
+    def __init__(self, coordinates: tuple[str, ...], orientation: type[Orientation]):
+        robot = two_arms()
+        posture = robot.facts.default_posture + AWAY
+        at_rest = ArmsMotion(robot, robot.create_context(), posture, np.zeros(robot.num_joints))
+        # Zero where it starts: far from the singularity.
+        base = RelativeMotion(at_rest.arm("left"), at_rest.arm("right")).rotation
+        tasks = [ArmTask("left", COORDINATES[:3]), RelativeTask("left", "right", coordinates, orientation(base))]
+        controller = ReactiveController(robot, tasks, start=posture)
+        self.start, self._motion = controller.task_start, ReactiveMotion(controller)
+        self._robot, self._scratch = robot, robot.create_context()
+        self._simulator = Simulator(self._motion)
+        self._context = self._simulator.get_mutable_context()
+
+    def aim(self, target: Array) -> None:
+        self._motion.GetInputPort("task_target").FixValue(self._context, target)
+
+    def advance(self, time: float) -> tuple[Array, Array, RelativeMotion]:
+        """Task coordinates, references and the relative motion of the joints then."""
+        self._simulator.AdvanceTo(self._context.get_time() + time)
+        q, v, here, reference = (
+            self._motion.GetOutputPort(name).Eval(self._context)
+            for name in (
+                "joint_position_reference",
+                "joint_velocity_reference",
+                "task_position",
+                "task_position_reference",
+            )
+        )
+        self._robot.set_positions(self._scratch, q)
+        self._robot.set_velocities(self._scratch, v)
+        frames = [arm.tcp_frame for arm in self._robot.parts.arms.values()]
+        return here, reference, RelativeMotion(*(FrameMotion(self._robot, self._scratch, f, v) for f in frames))
+
+
+@pytest.mark.parametrize("orientation", [EulerAngles, RotationVector])
+def test_what_is_held_between_the_arms_is_held_while_both_move(orientation):
+    arms = Arms(COORDINATES, orientation)
+    goal = arms.start + np.array([0.06, -0.04, 0.05, 0, 0, 0, 0, 0, 0])
+    arms.aim(goal)
+    last, _, first = arms.advance(0.0)
+    fastest = 0.0
+    for _ in range(100):
+        here, _, motion = arms.advance(0.012)
+        # The positions are exact to second order in the tick; the rest is the controller's to correct.
+        np.testing.assert_allclose(motion.position, first.position, atol=2e-6)
+        np.testing.assert_allclose(motion.rotation, first.rotation, atol=4e-6)
+        fastest, last = max(fastest, np.linalg.norm(here[:3] - last[:3]) / 0.012), here
+    assert fastest > 0.1
+    np.testing.assert_allclose(here, goal, atol=1e-6)
+
+
+def test_a_follower_reaches_a_pose_with_its_axis_free():
+    arms = Arms(COORDINATES[:5], EulerAngles)
+    goal = arms.start + np.array([0.05, 0.05, -0.03, 0.03, -0.04, 0.05, 0.2, -0.15])
+    arms.aim(goal)
+    here, reference, _ = arms.advance(2.0)
+    np.testing.assert_allclose(here, goal, atol=1e-6)
+    np.testing.assert_allclose(reference, goal, atol=1e-6)
