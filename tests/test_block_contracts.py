@@ -211,6 +211,7 @@ LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str
             "offset_limit": NOT_NEGATIVE,
             "lower_limit": NUMBER,
             "upper_limit": NUMBER,
+            "drive_compliance": NOT_NEGATIVE,
         },
     ),
     CommandGovernor: (

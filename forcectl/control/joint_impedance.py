@@ -112,7 +112,7 @@ class JointImpedance(SampledLaw):
 class GravityCompensation(LeafSystem):
     """Torque that carries the weight of a robot with elastic joints, from the positions of its motors.
 
-    g(q) of the links, q = q_m - K^-1 g: what the springs K are known to give under the weight.
+    g(q) of the links, q = q_m - K^-1 g: what the springs K are known to give under the weight, one renewal ago.
 
     ```
     name: GravityCompensation
@@ -123,7 +123,8 @@ class GravityCompensation(LeafSystem):
     motor_position: shape (n,), q_m [rad].
     gravity_torque: shape (n,), g [Nm]. State, no direct feedthrough.
 
-    Sampling: renewed every `period` [s] if the posture has changed. A position that is not finite changes nothing.
+    Sampling: renewed every `period` [s] if the posture of the links has changed. A position that is not finite changes
+    nothing.
 
     Args:
         robot: dynamics. start: link positions at the start, shape (n,) [rad].
@@ -142,7 +143,7 @@ class GravityCompensation(LeafSystem):
         torque = robot.gravity_torque(context)
         self._position = self.DeclareVectorInputPort("motor_position", n)
         self._torque = self.DeclareDiscreteState(torque)
-        self._taken_at = self.DeclareDiscreteState(links + torque / self._stiffness)
+        self._taken_at = self.DeclareDiscreteState(links)
         reads: Any = {self._position.ticket(), self.discrete_state_ticket(self._torque)}
         self._posture = BlockCache(
             self,
@@ -156,15 +157,19 @@ class GravityCompensation(LeafSystem):
             period_sec=check("period", period, "positive"), offset_sec=0.0, update=self._renew
         )
 
-    def _set_posture(self, context: Context, value: AbstractValue) -> None:
+    def _links(self, context: Context) -> Vector:
         torque = context.get_discrete_state(self._torque).value()
-        self._robot.set_positions(value.get_mutable_value(), self._position.Eval(context) - torque / self._stiffness)
+        links: Vector = self._position.Eval(context) - torque / self._stiffness
+        return links
+
+    def _set_posture(self, context: Context, value: AbstractValue) -> None:
+        self._robot.set_positions(value.get_mutable_value(), self._links(context))
 
     def _renew(self, context: Context, next_state: DiscreteValues) -> None:
-        q = self._position.Eval(context)
-        if np.isfinite(q).all() and has_moved(q, context.get_discrete_state(self._taken_at).value()):
+        links = self._links(context)
+        if np.isfinite(links).all() and has_moved(links, context.get_discrete_state(self._taken_at).value()):
             next_state.set_value(self._torque, self._robot.gravity_torque(self._posture.Eval(context)))
-            next_state.set_value(self._taken_at, q)
+            next_state.set_value(self._taken_at, links)
 
 
 @dataclass(kw_only=True)
@@ -201,7 +206,7 @@ class JointImpedanceConfig:
         if not self.stiffness:
             return self.bandwidth**2 * motor_inertia
         if len(self.stiffness) != len(motor_inertia):
-            raise BadInputError(f"stiffness has {len(self.stiffness)} values: must have {len(motor_inertia)}")
+            raise BadInputError(f"interface.stiffness has {len(self.stiffness)} values: must have {len(motor_inertia)}")
         return np.array(self.stiffness)
 
     def joint_damping(self, stiffness: Vector, inertia: Vector) -> Vector:

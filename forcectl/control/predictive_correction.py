@@ -47,7 +47,7 @@ class PredictiveCorrection(SampledLaw):
         felt_displacements]
     output_ports: [displacement_command, planned_command, surface_offset, drive_offset]
     parameters: [compliance, surface_bandwidth, drive_bandwidth, search_speed, lead, minimum_force, offset_limit,
-        lower_limit, upper_limit]
+        lower_limit, upper_limit, drive_compliance]
     ```
 
     measured_force: shape (n,), F_m [N]. motor_displacement, path_displacement: shape (n,), dx_m and h dx_uc [m].
@@ -84,6 +84,7 @@ class PredictiveCorrection(SampledLaw):
         offset_limit: ArrayLike = 0.01,
         lower_limit: ArrayLike = -np.inf,
         upper_limit: ArrayLike = np.inf,
+        drive_compliance: ArrayLike = 0.0,
         period: float = 0.002,
     ):
         parameters = {
@@ -96,6 +97,7 @@ class PredictiveCorrection(SampledLaw):
             "offset_limit": Parameter(offset_limit, "not negative", "m"),
             "lower_limit": Parameter(lower_limit, "a number", "m"),
             "upper_limit": Parameter(upper_limit, "a number", "m"),
+            "drive_compliance": Parameter(drive_compliance, "not negative", "m/N"),
         }
         super().__init__(size, parameters, period)
         self.sample_delay = {("nominal_command", "displacement_command"): 0.0}
@@ -122,14 +124,15 @@ class PredictiveCorrection(SampledLaw):
     def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
         """One tick of the correction."""
         maximum, minimum, where = self.math.maximum, self.math.minimum, self.math.where
-        compliance, gain, rate_gain, drive_gain, search, lead, contact, most, lower, upper = self._values.Eval(context)
+        values = self._values.Eval(context)
+        compliance, gain, rate_gain, drive_gain, search, lead, contact, most, lower, upper, drive = values
         _, _, last_surface, owed, height, rate, last_nominal = held
         force, motor, path, planned, nominal = [self.lane(port.Eval(context)) for port in self._inputs]
         felt_motor, felt_path = self.lanes(self._felt.Eval(context))
 
         ahead = height + self._period * rate
-        error = compliance * force + felt_motor - felt_path - ahead
-        drive_error = motor - path - planned
+        error = (compliance - drive) * force + felt_motor - felt_path - ahead
+        drive_error = motor - drive * force - path - planned
         good = (abs(error) < inf) & (abs(drive_error) < inf) & (abs(nominal) < inf)
         error, drive_error = where(good, error, 0.0), where(good, drive_error, 0.0)
 
@@ -261,6 +264,7 @@ class PredictiveInvarianceConfig(InvarianceConfig):
             offset_limit=self.offset_limit,
             lower_limit=self.lower_limit,
             upper_limit=self.upper_limit,
+            drive_compliance=facts.drive_compliance,
             period=facts.period,
         )
         sensor = sensor_filter(2 * facts.size, facts.sensor_bandwidth, facts.sensor_damping_ratio, facts.period, ticks)
