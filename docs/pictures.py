@@ -9,6 +9,7 @@ from pathlib import Path
 
 import matplotlib.image
 import numpy as np
+from matplotlib.figure import Figure
 from pydrake.geometry import (
     ClippingRange,
     ColorRenderCamera,
@@ -23,7 +24,8 @@ from pydrake.systems.sensors import CameraInfo
 import forcectl as fc
 from forcectl.diagrams.station import StationConfig, describe
 from forcectl.diagrams.station_multibody import MultibodyStation
-from forcectl.viz.figures import force_figure
+from forcectl.motion.trajectory import Planner, Target, begin, limits_of
+from forcectl.viz.figures import COLOURS, force_figure, frame
 
 EYE, AT = np.array([2.5, -2.1, 1.6]), np.array([0.3, 0.0, 0.66])
 WIDTH, HEIGHT, FIELD_OF_VIEW = 900, 900, 0.52
@@ -36,6 +38,7 @@ def main() -> None:
     """Write the pictures."""
     render_station(IMAGES / "station.png")
     draw_fast_contact(IMAGES / "fast_contact.png")
+    draw_trajectory(IMAGES / "trajectory.png")
 
 
 def draw_fast_contact(target: Path) -> None:
@@ -44,6 +47,34 @@ def draw_fast_contact(target: Path) -> None:
     stiff = [name for name in log["variant"].values if str(name).startswith("1e6 N/m")]
     figure = force_figure(log.sel(variant=stiff), "1e6 N/m, sliding at 20 mm/s, multibody robot")
     figure.savefig(target, metadata={"Software": None})
+    print(f"wrote {target.name}")
+
+
+def draw_trajectory(target: Path) -> None:
+    """Position, velocity and acceleration of two components whose targets change on the way."""
+    limits, period = limits_of(2, 0.5, 2.0, 20.0), 0.004
+    planner, course, rows, goals = Planner(2), begin([0.0, 0.0]), [], []
+    for tick in range(700):
+        goal = np.array([[0.4, 0.2], [0.1, 0.3], [0.3, -0.1]][(tick > 150) + (tick > 320)])
+        course = planner.follow(course, Target(goal, np.zeros(2), np.zeros(2)), limits, period)
+        rows.append(course.motion)
+        goals.append(goal)
+    time, motion = period * np.arange(1, len(rows) + 1), np.array(rows)
+    figure = Figure(figsize=(8.0, 5.6), layout="constrained")
+    panels = figure.subplots(3, sharex=True)
+    labels = ("position [u]", "velocity [u/s]", "acceleration [u/s²]")
+    for i, (axes, label, limit) in enumerate(zip(panels, labels, (None, 0.5, 2.0), strict=True)):
+        for j, colour in enumerate(COLOURS[:2]):
+            axes.plot(time, motion[:, i, j], color=colour, lw=1.8, label=f"component {j + 1}")
+            if i == 0:
+                axes.plot(time, np.array(goals)[:, j], color=colour, lw=1.0, ls=(0, (5, 3)), label=f"target {j + 1}")
+        for sign in (-1, 1) if limit else ():
+            axes.axhline(sign * limit, color="#707070", lw=1.0, ls=":")
+        axes.set_ylabel(label)
+        frame(axes)
+    figure.legend(*panels[0].get_legend_handles_labels(), ncols=4, frameon=False, loc="outside upper center")
+    panels[-1].set_xlabel("time [s]")
+    figure.savefig(target, dpi=120, metadata={"Software": None})
     print(f"wrote {target.name}")
 
 
