@@ -10,8 +10,8 @@ from robot_controller_runs import PERIOD, N, accelerations, assert_smooth, drive
 
 from forcectl.control.constraints import CartesianWall
 
-# 1000 take two minutes: a third of them at every change.
-RUNS = int(os.environ.get("FORCECTL_RANDOM_RUNS", "300"))
+# 1000 take two minutes: a fifth of them at every change.
+RUNS = int(os.environ.get("FORCECTL_RANDOM_RUNS", "200"))
 
 
 def random_run(seed: int, ticks: int = 250) -> float:
