@@ -111,17 +111,13 @@ class PairTable:
         self._segment[:, :3, 0], self._segment[:, :3, 1] = 0.5 * (last - first), 0.5 * (last + first)
         self._segment[:, 3, 1] = 1.0
 
-    def near(self, state: TreeState, count: int, gamma: float) -> NearBalls:
-        """The balls of the `count` pairs that may be the first to touch, in ascending order of the pairs.
-
-        Args:
-            gamma: braking with which a distance is compared, < 0 [m/s^2].
-        """
+    def near(self, state: TreeState, count: int, minimum: float, gamma: float) -> NearBalls:
+        """The balls of the `count` pairs with the least `speed_left`, in ascending order of the pairs."""
         X_WL, V = state.X_WL, state.link_velocities
         X_WC = X_WL.take(self.core_link, 0) @ self.X_LC
         pair = self._all
         if count < len(self.pair):
-            pair = np.sort(np.argpartition(self._lower_bounds(X_WL, X_WC, V, gamma), count)[:count])
+            pair = np.sort(np.argpartition(self._speed_left(X_WL, X_WC, V, minimum, gamma), count)[:count])
         group, core, on_ball = self.pair_group.take(pair), self.pair_core.take(pair), self.on_ball.take(pair)
         X_WB, X = X_WL.take(on_ball, 0), X_WC.take(core, 0)
         R = X[:, :3, :3]
@@ -141,8 +137,8 @@ class PairTable:
         w = x @ (relative @ _TURN).reshape(-1, 3, 3) + relative[:, None, 3:]
         return NearBalls(pair, R, x, over, gap, normal, w, gap - self._radii.take(pair, 0))
 
-    def _lower_bounds(self, X_WL: Array, X_WC: Array, V: Array, gamma: float) -> Array:
-        """About the least distance that braking at gamma would leave to the balls of each pair, (p,) [m]."""
+    def _speed_left(self, X_WL: Array, X_WC: Array, V: Array, minimum: float, gamma: float) -> Array:
+        """About the least `speed_left` of the balls of each pair, (p,) [m/s]."""
         X_of_row = X_WL.take(self.group_link, 0)
         rows = X_of_row @ self._segment
         moving = (V.take(self.group_link, 0) @ _MOVING).reshape(-1, 4, 4) @ rows[:, :, 1:]
@@ -156,10 +152,18 @@ class PairTable:
         gap = np.sqrt(np.einsum("pi,pi->p", beside, beside))
         normal = np.copysign(beside, seen[:, :, 1])
         slope, rate = np.einsum("pi,pij->jp", normal, seen[:, :, ::2]) / np.maximum(gap, _TINY)
-        coming = np.minimum(rate, 0.0)
         # The distance is convex along the row: at its ends no less than by its slope at the middle.
-        bounds: Array = gap - np.abs(slope) - self._pair_radii + coming * coming * (0.5 / gamma)
-        return bounds
+        return speed_left(gap - np.abs(slope) - self._pair_radii - minimum, rate, gamma)
+
+
+def speed_left(spare: Array, rate: Array, gamma: float) -> Array:
+    """How much faster a distance may shrink before braking at gamma comes too late [m/s].
+
+    Args:
+        spare: distance above the minimum [m]. rate: of the distance [m/s]. gamma: < 0 [m/s^2].
+    """
+    left: Array = np.copysign(np.sqrt(np.abs(spare) * (-2.0 * gamma)), spare) + rate
+    return left
 
 
 def _covered(a: int, b: int, solids: Sequence[Solid], balls: Sequence[Balls]) -> tuple[int, int]:
