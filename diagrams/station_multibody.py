@@ -213,13 +213,14 @@ class MultibodyStation(Diagram):
             return builder.AddNamedSystem("torque_interface", TorqueInterface(cell))
         robot, gains, step = cell.robot, cell.config.servo, cell.config.time_step
         facts = robot.facts
+        rotors = facts.rotor_inertia * facts.gear_ratio**2
         drive = Drive(
-            facts.rotor_inertia * facts.gear_ratio**2,
+            rotors,
             joint_to_motor(robot),
             period=step,
             substeps=max(1, math.ceil(step / _LARGEST_DRIVE_STEP - 1e-9)),
             position_gain=gains.position_gain,
-            velocity_gain=gains.velocity_gain,
+            velocity_gain=gains.rotor_velocity_gain(rotors, facts.velocity_loop_inertia),
             integral_gain=gains.integral_gain,
             coulomb_friction=gains.friction_scale * facts.coulomb_friction,
             viscous_friction=gains.friction_scale * facts.viscous_friction,

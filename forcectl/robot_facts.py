@@ -80,6 +80,8 @@ class ControlFacts:
     period: float = 0.0  # control sampling [s]
     gear_ratio: np.ndarray = field(default_factory=_empty)  # motor turns per joint turn, signed [1]
     rotor_inertia: np.ndarray = field(default_factory=_empty)  # motor side [kg m2]
+    # What the velocity loops of the drives are tuned for, joint side [kg m2]; the rotors alone when left out.
+    velocity_loop_inertia: np.ndarray = field(default_factory=_empty, metadata=_OPTIONAL)
     coulomb_friction: np.ndarray = field(default_factory=_empty)  # joint side [Nm]
     viscous_friction: np.ndarray = field(default_factory=_empty)  # joint side [Nms/rad]
     # At negative speeds [Nms/rad]; as `viscous_friction` when left out.
@@ -132,7 +134,7 @@ class ControlFacts:
             held_joints=self.held_joints | {name: q for name, q in others.items() if name not in joints},
             joint_stiffness={name: values[mine] for name, values in self.joint_stiffness.items()},
             motor_coupling=[coupling for coupling in self.motor_coupling if coupling.motor_of in joints],
-            **{name: getattr(self, name)[mine] for name in _PER_JOINT},
+            **{name: getattr(self, name)[mine] for name in (*_PER_JOINT, "velocity_loop_inertia")},
         )
 
 
@@ -203,6 +205,8 @@ def _control_checks(facts: ControlFacts) -> Iterator[Check]:
     yield from _arm_checks(facts)
     for name in _PER_JOINT:
         yield _numbers(name, getattr(facts, name), n, "not negative" if name in _NOT_NEGATIVE else "")
+    if facts.velocity_loop_inertia.size:
+        yield _numbers("velocity_loop_inertia", facts.velocity_loop_inertia, n, "positive")
     yield "gear_ratio", facts.gear_ratio.tolist(), "different from zero", bool(np.all(facts.gear_ratio != 0))
     for name, stiffness in facts.joint_stiffness.items():
         yield _numbers(f"joint_stiffness.{name}", stiffness, n, "positive")

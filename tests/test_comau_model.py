@@ -132,6 +132,17 @@ def test_rotors_are_on_the_motor_side_only(arm):
     assert arm.motor_inertia[4, 5] == pytest.approx(-4.2e-5 * 50 * 50 * 0.02)
 
 
+def test_velocity_loops_are_tuned_for_rotor_links_and_probe():
+    robot = RobotModel.load()
+    context = robot.create_context()
+    robot.set_positions(context, robot.facts.default_posture)
+    rotors = robot.facts.rotor_inertia * robot.facts.gear_ratio**2
+    moved = rotors + np.diag(robot.mass_matrix(context))
+    np.testing.assert_allclose(robot.facts.velocity_loop_inertia, 0.7 * moved, rtol=1e-5)
+    # Joint 3 moves the tool most; its friction is what was calibrated with the gain on its rotor.
+    assert robot.facts.velocity_loop_inertia[2] == pytest.approx(rotors[2], rel=0.03)
+
+
 def test_motor_6_turns_with_joint_5(arm):
     speeds = arm.motor_from_joint @ np.array([0.1, 0.2, 0.3, 0.4, 0.5, 0.6])
     assert speeds[5] == pytest.approx(50 * (0.6 - 0.02 * 0.5))

@@ -64,7 +64,8 @@ def test_equals_the_servo_equations(seed, coupled, substeps):
     r = q0 + walk(generator, steps, n, 1e-3)
     rate = walk(generator, steps, n, 0.05)
     tau = tau0 + walk(generator, steps, n, 5.0)
-    drive = make(n, to_motor=S, substeps=substeps, initial_position=q0, initial_torque=tau0)
+    w_v = generator.uniform(100.0, 500.0, size=n)
+    drive = make(n, to_motor=S, velocity_gain=w_v, substeps=substeps, initial_position=q0, initial_torque=tau0)
     log = run_diagram(
         drive,
         (steps - 1) * STEP,
@@ -72,10 +73,10 @@ def test_equals_the_servo_equations(seed, coupled, substeps):
         inputs={"reference": held(np.hstack([r, rate])), "spring_torque": held(tau)},
     )
 
-    gains = servo_gains(25.0, 200.0, 15.0, COULOMB / INERTIA, VISCOUS / INERTIA, STEP / substeps)
+    gains = servo_gains(25.0, w_v, 15.0, COULOMB / INERTIA, VISCOUS / INERTIA, STEP / substeps)
     back = np.linalg.inv(S)
     x, v = S @ q0, np.zeros(n)
-    i = back.T @ tau0 / INERTIA / (200.0 * 15.0)  # the integral carries the load at rest
+    i = back.T @ tau0 / INERTIA / (w_v * 15.0)  # the integral carries the load at rest
     stuck = 0
     for k in range(steps):
         scale = max(1.0, float(np.max(np.abs(x))))
@@ -101,6 +102,15 @@ def test_sticks_exactly(substeps):
     broken = held(1.1 * COULOMB[:2] * np.ones((400, 1)))
     log = run_diagram(drive, 20 * STEP, period=STEP, inputs={"spring_torque": broken})
     assert np.all(log["motor_velocity"][1:3] < 0.0), "a torque of the springs on the links turns the motors back"
+
+
+def test_friction_holds_an_axis_back_by_its_own_velocity_gain():
+    """c/(B w_v K_v) while a reference moves on evenly, without integral: each axis by its own w_v."""
+    w_v, speed = np.array([200.0, 400.0]), 0.05
+    drive = make(2, velocity_gain=w_v, integral_gain=1e-9, viscous_friction=np.zeros(2))
+    log = run_diagram(drive, 1.5, period=STEP, inputs={"reference": lambda t: [speed * t, speed * t, speed, speed]})
+    lag = speed * log.time[-1] - log["motor_position"][-1]
+    np.testing.assert_allclose(lag, COULOMB[:2] / (INERTIA[:2] * w_v * 25.0), rtol=1e-6)
 
 
 @pytest.mark.parametrize("friction", [0.0, 1.0])

@@ -59,6 +59,8 @@ MISTAKES = [
     ("default_stiffness_set: soft", "default_stiffness_set: sfot", "must be one of the stiffness sets (soft, stiff)"),
     ("transmission_damping: [1, 1, 1]", "transmission_damping: [1, 1, -1]", "each not negative"),
     ("gear_ratio: [100, -100, 50]", "gear_ratio: [100, 0, 50]", "must be different from zero"),
+    ("period: 0.004", "period: 0.004\nvelocity_loop_inertia: [1, 2]", "velocity_loop_inertia = [1.0, 2.0]: must be 3"),
+    ("period: 0.004", "period: 0.004\nvelocity_loop_inertia: [1, 0, 2]", "3 finite numbers, each positive"),
     ("[shoulder, elbow, wrist]", "[shoulder, elbow, elbow]", "must be different joint names"),
     ("[shoulder, elbow, wrist]", "shoulder", "arm_joints = 'shoulder': must be a list"),
     ("period: 0.004", "period: 0.004\nlink_compliance: {hand: [0, 0, 0]}", "link_compliance.hand"),

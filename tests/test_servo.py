@@ -247,12 +247,20 @@ def test_bad_arguments_are_refused(arguments, told):
         ("coulomb_friction", -1.0),
         ("coulomb_friction", math.nan),
         ("friction_scale", -0.1),
+        ("tuned_for", "motors"),
         ("substeps", 0),
     ],
 )
 def test_config_checks_itself(name, value):
     with pytest.raises(BadInputError, match=name):
         ServoConfig(**{name: value})
+
+
+def test_velocity_gain_on_the_rotor_is_that_of_the_inertia_the_loop_is_tuned_for():
+    rotors, axes, unknown = np.array([2.0, 0.5]), np.array([6.0, 0.4]), np.zeros(0)
+    np.testing.assert_allclose(ServoConfig().rotor_velocity_gain(rotors, axes), [600.0, 160.0])
+    np.testing.assert_allclose(ServoConfig(tuned_for="rotors").rotor_velocity_gain(rotors, axes), [200.0, 200.0])
+    np.testing.assert_allclose(ServoConfig(velocity_gain=50.0).rotor_velocity_gain(rotors, unknown), [50.0, 50.0])
 
 
 def test_config_adds_the_block():

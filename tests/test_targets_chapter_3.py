@@ -54,10 +54,9 @@ def test_fig_3_4_order_of_settling(fidelity: str) -> None:
         for law in ("[57]", "[56]", "K_I = 3 1/s", "K_I = 1.5 1/s")
     ]
     assert times[0] <= times[1] < times[2]
-    assert times[1] < times[3]
+    assert times[2] < times[3]
     assert times[0] <= 0.5 * times[3]
-    if fidelity in LIGHT:  # on the multibody station K_I = 3 hunts with 0.8 N, just outside the band
-        assert times[2] < times[3]
+    if fidelity in LIGHT:
         # The values of the calibrated plant, to the digits that the targets give.
         np.testing.assert_allclose(times, [0.61, 0.66, 1.22, 1.51], atol=0.01)
 

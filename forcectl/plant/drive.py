@@ -4,8 +4,11 @@
     v_r     = K_v (r - phi) + r'
 
 phi = S q_m are the motor angles divided by the gear ratios: S is the identity but for the couplings between motors, and
-B = diag(J_m N^2) is the inertia of the rotors at the joints. The step of `forcectl.plant.servo`, written as a linear
-system and a saturation, because soft(s, c) = s - sat(s, -c, c):
+B = diag(J_m N^2) is the inertia of the rotors at the joints. A velocity loop tuned for an inertia J has w_v in
+proportion to J/B, so each axis has its own. Friction holds an axis back by c/(B w_v K_v) [rad], less the integral:
+with J = B one that moves heavy links sticks while the others move.
+
+The step of `forcectl.plant.servo`, written as a linear system and a saturation, because soft(s, c) = s - sat(s, -c, c):
 
     s  = linear in phi, phi', the integral, r, r', tau_spring
     v+ = (s - sat(s, -dt c/B, dt c/B)) / (1 + dt (w_v (1 + w_i dt) + b/B))
@@ -112,7 +115,7 @@ class Drive(Diagram):
         period: float,
         substeps: int,
         position_gain: float,
-        velocity_gain: float,
+        velocity_gain: ArrayLike,
         integral_gain: float,
         coulomb_friction: ArrayLike,
         viscous_friction: ArrayLike,
@@ -128,10 +131,11 @@ class Drive(Diagram):
         B = lane_values("inertia", inertia, n, "positive and finite")
         coulomb = lane_values("coulomb_friction", coulomb_friction, n, "not negative")
         viscous = lane_values("viscous_friction", viscous_friction, n, "not negative")
-        for name, gain in (("position", position_gain), ("velocity", velocity_gain), ("integral", integral_gain)):
+        w_v = lane_values("velocity_gain", velocity_gain, n, "positive and finite")
+        for name, gain in (("position", position_gain), ("integral", integral_gain)):
             check(f"{name}_gain", gain, "positive")
         dt = check("period", period, "positive") / check_count("substeps", substeps)
-        k_v, w_v, w_i = (np.full(n, gain) for gain in (position_gain, velocity_gain, integral_gain))
+        k_v, w_i = np.full(n, position_gain), np.full(n, integral_gain)
         gains = servo_gains(k_v, w_v, w_i, coulomb / B, viscous / B, dt)
         back = np.linalg.inv(to_motor)
         step = inner_step(gains, to_motor, -(dt / B)[:, None] * back.T)
@@ -139,7 +143,7 @@ class Drive(Diagram):
         inputs = (3 + substeps) * n
         axes = LinearSystem(after[:, : 3 * n], after[:, 3 * n :], np.eye(3 * n), np.zeros((3 * n, inputs)), period)
         # At rest the integral of the servo carries the springs' torque.
-        integral = back.T @ torque / (B * velocity_gain * integral_gain)
+        integral = back.T @ torque / (B * w_v * integral_gain)
         axes.configure_default_state(np.concatenate([to_motor @ start, np.zeros(n), integral]))
 
         self.port_units = {"reference": "rad,rad/s"}

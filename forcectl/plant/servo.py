@@ -23,10 +23,11 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import Demultiplexer
 
-from forcectl.errors import invalid
+from forcectl.errors import invalid, unknown
 from forcectl.lanes import FEW_LANES, SCALAR_MATH, Lane, LaneBlock, Parameter, check, check_count, lane_values
 
 Vector = NDArray[np.float64]
+TUNINGS = ("axes", "rotors")
 
 
 class ServoGains(NamedTuple):
@@ -218,6 +219,9 @@ class ServoConfig:
     integral_gain: float = 15.0  # [1/s]
     coulomb_friction: float = 1.6  # [m/s^2] along the pressed direction (OneDimensional, Kinematic)
     friction_scale: float = 1.0  # [-] factor on the joint friction of the control facts (Multibody)
+    # What the velocity loops of the joints are tuned for (Multibody): "axes", the inertia that the control facts give,
+    # or "rotors", that of the rotors alone.
+    tuned_for: str = "axes"
     substeps: int = 4  # inner steps per control tick, each at most 0.5 ms
 
     def __post_init__(self) -> None:
@@ -225,8 +229,21 @@ class ServoConfig:
             check(name, getattr(self, name), "positive")
         for name in ("integral_gain", "coulomb_friction", "friction_scale"):
             check(name, getattr(self, name), "not negative")
+        if self.tuned_for not in TUNINGS:
+            raise unknown("tuned_for", str(self.tuned_for), TUNINGS)
         if isinstance(self.substeps, bool) or not isinstance(self.substeps, int) or not 1 <= self.substeps <= 100:
             raise invalid("substeps", self.substeps, "a whole number from 1 to 100")
+
+    def rotor_velocity_gain(self, rotor_inertia: Vector, loop_inertia: Vector) -> Vector:
+        """w_v of each drive on its rotor (n,) [1/s].
+
+        Args:
+            rotor_inertia: at the joints (n,) [kg m2]. loop_inertia: what the loops are tuned for (n,) [kg m2]; empty if
+                not known, which is to say the rotors.
+        """
+        known = self.tuned_for == "axes" and loop_inertia.size > 0
+        gain: Vector = self.velocity_gain * (loop_inertia / rotor_inertia if known else np.ones(len(rotor_inertia)))
+        return gain
 
     def add_to(
         self,
