@@ -13,8 +13,8 @@ from reference_program import clarabel, distance_from_optimum
 from forcectl.control.arms_motion import ArmsMotion, OfArm
 from forcectl.control.constraints import CartesianWall, Constraint, ConstraintSet, JointTorqueLimit, Rows
 from forcectl.control.null_space import JointSpeed
-from forcectl.control.prioritized_program import Level
-from forcectl.control.quadratic_program import Coefficients, Solver, Status, fastest
+from forcectl.control.prioritized_program import Level, PrioritizedProgram, PrioritizedSolution
+from forcectl.control.quadratic_program import Status, fastest
 from forcectl.control.task_coordinates import TaskState
 from forcectl.control.task_cost import Weights
 from forcectl.control.task_limits import TaskRange, TaskSpeedLimit
@@ -32,27 +32,8 @@ class Tick(NamedTuple):
     rows: Rows
     state: TaskState
     outcome: Outcome
-    first: Coefficients  # of level 1
-    u_first: np.ndarray | None
-
-
-class Recorder:
-    """Keeps the coefficients and the answer of the first level."""
-
-    def __init__(self) -> None:
-        self.seen: tuple[Coefficients, np.ndarray | None] | None = None
-
-    def __call__(self, n: int, m: int) -> Solver:
-        inner = fastest(n, m)
-        if n != N:
-            return inner
-
-        def solve(program: Coefficients) -> tuple[np.ndarray | None, bool]:
-            u, infeasible = inner(program)
-            self.seen = program, u
-            return u, infeasible
-
-        return solve
+    levels: list[Level]
+    first: PrioritizedSolution  # of level 1 alone
 
 
 def constraints() -> list[Constraint]:
@@ -74,9 +55,9 @@ class Ticks:
         self.limits, self.context = limits, two_arms().create_context()
         start = at(two_arms().facts.default_posture)
         self.constraints = ConstraintSet(constraints(), limits, start, PERIOD, -2.0)
-        self.recorder = Recorder()
+        self.first = PrioritizedProgram(N, self.constraints.size)
         levels = task_levels(arm_tasks(), Weights(), LENGTH, PERIOD)
-        self.program = TaskProgram(N, levels, JointSpeed(), self.constraints, PERIOD, self.recorder)
+        self.program = TaskProgram(N, levels, JointSpeed(), self.constraints, PERIOD, fastest)
 
     def random(self, seed: int, fast: float = 1.0) -> Tick:
         rng = np.random.default_rng(seed)
@@ -93,8 +74,11 @@ class Ticks:
         wish = state.rate + rng.normal(size=12) * rng.uniform(0, 0.1)
         place = state.value + PERIOD * 0.5 * (state.rate + wish)
         outcome = self.program.solve(motion, rows, state, place, wish)
-        assert self.recorder.seen is not None
-        return Tick(motion, rows, state, outcome, *self.recorder.seen)
+        levels, _ = self.program.levels(motion, state, place, wish)
+        first = self.first.solve(
+            levels[:1], rows.matrix, rows.limit, u_lower=rows.lower, u_upper=rows.upper, fallback=v
+        )
+        return Tick(motion, rows, state, outcome, levels, first)
 
 
 def test_rows_hold_and_the_second_stage_changes_nothing_of_the_tasks() -> None:
@@ -111,11 +95,10 @@ def test_rows_hold_and_the_second_stage_changes_nothing_of_the_tasks() -> None:
             braked += 1
             np.testing.assert_array_equal(u, ticks.constraints.brake(tick.motion.v, rows))
             continue
-        assert tick.outcome.status == Status.OPTIMAL
-        assert tick.u_first is not None
+        assert tick.outcome.status == tick.first.status == Status.OPTIMAL
         assert (rows.matrix @ u - rows.limit).max() <= 1e-8
-        assert np.abs(tick.state.jacobian @ (u - tick.u_first)).max() <= 1e-8
-        speeds = [np.linalg.norm(tick.motion.v + PERIOD * each) for each in (u, tick.u_first)]
+        assert np.abs(tick.state.jacobian @ (u - tick.first.u)).max() <= 1e-8
+        speeds = [np.linalg.norm(tick.motion.v + PERIOD * each) for each in (u, tick.first.u)]
         assert speeds[0] <= speeds[1] + 1e-9
         solved, binding = solved + 1, binding + (tick.outcome.active > 0)
         second += tick.outcome.levels == 2
@@ -136,14 +119,14 @@ def test_both_stages_are_the_optima_of_a_reference_solver() -> None:
         tick = ticks.random(seed)
         if tick.outcome.status.brakes:
             continue
-        J, rows = tick.state.jacobian, tick.rows
+        rows = tick.rows
         given: tuple[Any, ...] = (rows.matrix, rows.limit, rows.lower, rows.upper)
-        first, last = Level(*tick.first[:2], J), Level(np.eye(N), tick.motion.v / PERIOD)
-        assert tick.u_first is not None
-        assert distance_from_optimum([first], tick.u_first, *given) <= 1e-6
-        assert distance_from_optimum([first, last], tick.outcome.u, *given) <= 1e-6
+        np.testing.assert_array_equal(tick.levels[1].gradient, tick.motion.v / PERIOD)
+        assert distance_from_optimum(tick.levels[:1], tick.first.u, *given) <= 1e-6
+        assert distance_from_optimum(tick.levels, tick.outcome.u, *given) <= 1e-6
         if seed < 100:  # an interior-point solver is good to 1e-5 here, on the expensive side
-            best, mine = (cost(first, u) for u in (clarabel(first, *given), tick.u_first))
+            first = tick.levels[0]
+            best, mine = (cost(first, u) for u in (clarabel(first, *given), tick.first.u))
             assert mine <= best + 1e-9 * abs(best)
             assert mine == pytest.approx(best, rel=1e-5)
 

@@ -7,6 +7,7 @@ it at another. Jacobians have a column for every joint of the robot, whichever a
 from __future__ import annotations
 
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -56,12 +57,16 @@ class ArmsMotion(_Beside):
     Args:
         robot: with any number of arms. context: of `robot.plant`, overwritten; must stay in this posture while the
             motion is in use. q, v: of all joints, (n,) [rad, rad/s].
+
+    Attributes:
+        known: what was computed from this motion and may be wanted again in this tick, by whom it belongs to.
     """
 
     def __init__(self, robot: RobotModel, context: Context, q: Vector, v: Vector):
         # Not this object itself: it holds the others, and they hold the first.
         self._lead = RobotMotion(robot, context, q, v)
         self.__dict__ |= self._lead.__dict__
+        self.known: dict[object, Any] = {}
         (first, _), *others = robot.parts.arms.items()
         self._arms = {first: self._lead}
         for name, arm in others:

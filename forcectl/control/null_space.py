@@ -14,6 +14,7 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from functools import cache
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -199,7 +200,14 @@ class TowardsSmallMass:
         return gradient
 
 
+@cache
+def _identity(n: int) -> Vector:
+    eye = np.eye(n)
+    eye.flags.writeable = False
+    return eye
+
+
 def _towards(motion: ArmsMotion, wanted: Vector | float, time_constant: float | None, period: float) -> QuadraticCost:
     time = period if time_constant is None else max(time_constant, period)
     gradient: Vector = (motion.v - wanted) / time
-    return QuadraticCost(np.eye(len(motion.v)), gradient)
+    return QuadraticCost(_identity(len(motion.v)), gradient)

@@ -14,7 +14,7 @@ Rows that level 1 could keep only with a slack are kept below it as far as it ke
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -43,7 +43,7 @@ class Level(NamedTuple):
 
 
 class PrioritizedSolution(NamedTuple):
-    """u: (n,). status, slack: of level 1, see `Solution`. levels: how many were solved. costs: u'H u/2 + g'u of each.
+    """u: (n,). status, slack: of level 1, see `Solution`. levels: how many were solved.
 
     levels is the number of levels unless the solver failed or there is no freedom left, and 0 for the fallback.
     """
@@ -52,7 +52,6 @@ class PrioritizedSolution(NamedTuple):
     status: Status
     slack: float
     levels: int
-    costs: tuple[float, ...]
 
 
 class PrioritizedProgram:
@@ -83,10 +82,11 @@ class PrioritizedProgram:
             if not check_count("tasks", rows) <= n:
                 raise invalid("tasks", rows, f"at most n = {n} rows")
         self._tasks = tuple(tasks)
-        self._first = QuadraticProgram(n, m, slack_weight=slack_weight, solver=solver, tolerance=tolerance)
+        same: dict[str, Any] = {"solver": solver, "tolerance": tolerance, "free_first": True}
+        self._first = QuadraticProgram(n, m, slack_weight=slack_weight, **same)
         # Below the first level the bounds of u are rows; what is free of J_1 ... is the columns after theirs.
         free = [n - sum(tasks[: k + 1]) for k in range(len(tasks))]
-        self._below = [QuadraticProgram(d, m + n, solver=solver, tolerance=tolerance) for d in free if d > 0]
+        self._below = [QuadraticProgram(d, m + n, **same) for d in free if d > 0]
         above = [n, *free]
         self._picks = [np.vstack([np.zeros((above[k] - d, d)), np.eye(d)]) for k, d in enumerate(free) if d > 0]
         self._no_lower = np.full(m, -np.inf)
@@ -119,7 +119,7 @@ class PrioritizedProgram:
         hessian, gradient, _ = levels[0]
         found = self._first.solve(hessian, gradient, matrix, upper, u_lower=u_lower, u_upper=u_upper, fallback=fallback)
         if found.status.brakes:
-            return PrioritizedSolution(fallback, found.status, 0.0, 0, (0.0,) * len(levels))
+            return PrioritizedSolution(fallback, found.status, 0.0, 0)
         u, solved, basis = found.u, 1, None
         for above, level, program, pick in zip(levels, levels[1:], self._below, self._picks, strict=False):
             basis = _free_of(above.task, basis, pick)
@@ -129,8 +129,7 @@ class PrioritizedProgram:
             if z is None:
                 break
             u, solved = u + basis @ z, solved + 1
-        costs = tuple(((0.5 * (u @ level.hessian) + level.gradient) @ u).item() for level in levels)
-        return PrioritizedSolution(u, found.status, found.slack, solved, costs)
+        return PrioritizedSolution(u, found.status, found.slack, solved)
 
     def _descend(
         self,

@@ -30,6 +30,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake import solvers
 from pydrake.solvers import MathematicalProgram, SolutionResult, SolverOptions
+from scipy.linalg.lapack import dposv
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import check_count
@@ -166,6 +167,7 @@ class QuadraticProgram:
             slack squared costs, in units of the mean diagonal of H: 1e4 and more keeps the slack near the smallest
             possible, and rows with a hundred times the weight give way only after the others.
         solver: makes the solver. tolerance: by how much a row may be missed, relative to its terms [1].
+        free_first: try the optimum without rows and bounds first: half of the time where usually none binds.
 
     Raises:
         BadInputError: a size below one, or a weight that is not positive.
@@ -179,8 +181,9 @@ class QuadraticProgram:
         slack_weight: ArrayLike = np.inf,
         solver: SolverFactory = fastest,
         tolerance: float = 1e-8,
+        free_first: bool = False,
     ):
-        self._n, self._m = check_count("n", n), check_count("m", m)
+        self._n, self._m, self._free_first = check_count("n", n), check_count("m", m), free_first
         weight = np.asarray(slack_weight, dtype=float)
         if weight.ndim > 1 or weight.size not in (1, self._m):
             raise BadInputError(f"slack_weight has shape {weight.shape}: must be one number or shape ({self._m},)")
@@ -228,6 +231,10 @@ class QuadraticProgram:
             self._no_u_lower if u_lower is None else u_lower,
             self._no_u_upper if u_upper is None else u_upper,
         )
+        if self._free_first and math.isfinite(np.vdot(hessian, hessian)):
+            _, u, failed = dposv(hessian, -gradient)
+            if failed == 0 and self._plainly(program, u, matrix @ u):
+                return Solution(u, Status.OPTIMAL, 0.0)
         if not _finite(program):
             return Solution(fallback, Status.NOT_FINITE, 0.0)
         u, infeasible = self._attempt(self._solver, program)
@@ -267,17 +274,21 @@ class QuadraticProgram:
             return None, False
         if u is None or u.shape != program.gradient.shape:
             return None, infeasible
-        reached, tolerance = program.matrix @ u, self._tolerance
+        reached = program.matrix @ u
+        if self._plainly(program, u, reached) or self._holds(program, u, reached):
+            return u, False
+        return None, infeasible
+
+    def _plainly(self, program: Coefficients, u: Array, reached: Array) -> bool:
+        """Whether u satisfies every row and bound, to the tolerance."""
+        tolerance = self._tolerance
         # One by one, because NaN fails every comparison but is lost by Python's max().
-        plainly = (
+        return bool(
             (reached - program.upper).max() <= tolerance
             and (u - program.u_upper).max() <= tolerance
             and (program.u_lower - u).max() <= tolerance
             and (program.lower is self._no_lower or (program.lower - reached).max() <= tolerance)
         )
-        if plainly or self._holds(program, u, reached):
-            return u, False
-        return None, infeasible
 
     def _holds(self, program: Coefficients, u: Array, reached: Array) -> bool:
         """Whether u is finite and satisfies every row and bound, to the tolerance relative to its terms."""

@@ -182,8 +182,11 @@ class ReactiveController(LeafSystem):
             raise BadInputError(f"criterion {type(chosen).__name__} lacks cost(motion, period)")
         chosen.cost(origin, Ts)  # a criterion that does not fit the robot fails here
         self._program = TaskProgram(self._n, levels, chosen, self._constraints, Ts, solver)
-        self._guard = ReadingGuard(supervision.longest_gap, supervision.frozen_speed, supervision.largest_error, Ts)
+        self._guard = ReadingGuard(
+            self._n, supervision.longest_gap, supervision.frozen_speed, supervision.largest_error, Ts
+        )
         self._progress = TaskProgress(self._tolerance, supervision.patience, Ts)
+        self._no_costs = [0.0] * self._program.size
         self._declare(q0, state.value)
 
     @property
@@ -195,6 +198,11 @@ class ReactiveController(LeafSystem):
     def period(self) -> float:
         """Tick [s]."""
         return self._period
+
+    @property
+    def num_rows(self) -> int:
+        """How many rows the programs have, besides the bounds of the joints."""
+        return self._constraints.size
 
     @property
     def task_start(self) -> Vector:
@@ -304,23 +312,26 @@ class ReactiveController(LeafSystem):
         state = self._task_state(motion)
         rows = self._constraints.rows(motion, memory[place["foreseen"]])
 
-        violation, costs = rows.violation, (0.0,) * self._program.size
+        violation, criterion = rows.violation, 0.0
         status, slack, active, near, levels = Status.NOT_FINITE, 0.0, 0, False, 0
         # Of a NaN every comparison is false.
-        good = bool((np.abs(position) < _ABSURD).all() and (np.abs(velocity) < _ABSURD).all())
+        good = np.abs(position).max() < _ABSURD and np.abs(velocity).max() < _ABSURD
         if good and not stops:
             found = self._program.solve(motion, rows, state, position, velocity)
-            u, status, slack, levels, active, direct, near, costs = found
+            u, status, slack, levels, active, direct, near, criterion = found
             violation = max(violation, direct)
         else:
             u = self._constraints.brake(v, rows)
 
         a = state.jacobian @ u + state.bias
-        x, rate = state.value + Ts * (state.rate + 0.5 * Ts * a), state.rate + Ts * a
-        led, missed = (x, rate, a), 0.0
+        rate = state.rate + Ts * a
+        x = state.value + (0.5 * Ts) * (state.rate + rate)
+        led, missed, costs = (x, rate, a), 0.0, self._no_costs
         if levels > 0:
-            missed = (np.abs(x - position) / self._tolerance).max().item()
-            led = self._lead(context, led, (position, velocity))
+            error, slow = x - position, rate - velocity
+            missed = (np.abs(error) / self._tolerance).max().item()
+            costs = [*self._program.costs(error, slow), criterion]
+            led = self._lead(context, led, (position, velocity), error)
         progress = self._look_ahead(context, memory, x, rate)
         told = [
             float(status),
@@ -350,16 +361,16 @@ class ReactiveController(LeafSystem):
             ]
         )
 
-    def _lead(self, context: Context, motion: Motion, reference: tuple[Vector, Vector]) -> Motion:
+    def _lead(self, context: Context, motion: Motion, reference: tuple[Vector, Vector], error: Vector) -> Motion:
         """What the next reference starts from; see this module.
 
         Args:
-            motion: x, x', x'' of the tasks at the next tick. reference: x_gen, x'_gen for it.
+            motion: x, x', x'' of the tasks at the next tick. reference: x_gen, x'_gen for it. error: x - x_gen.
         """
         x, rate, a = motion
         bend = self._references[2]
         asked = (*reference, bend.Eval(context) if bend.HasValue(context) else a)
-        followed = self._length(reference[0] - x) <= _LEASH
+        followed = self._length(error) <= _LEASH
         if followed.all():
             return asked
         if self._target.HasValue(context):

@@ -12,6 +12,7 @@ Bad is, of a joint,
 
 from __future__ import annotations
 
+import math
 from typing import NamedTuple
 
 import numpy as np
@@ -39,13 +40,14 @@ class ReadingGuard:
     """The rules above.
 
     Args:
-        longest_gap: bad readings that are passed over [s], >= 0. frozen_speed: [rad/s], > 0. largest_error: [rad], > 0.
-        period: tick [s].
+        size: joints n. longest_gap: bad readings that are passed over [s], >= 0. frozen_speed: [rad/s], > 0.
+            largest_error: [rad], > 0. period: tick [s].
     """
 
-    def __init__(self, longest_gap: float, frozen_speed: float, largest_error: float, period: float):
+    def __init__(self, size: int, longest_gap: float, frozen_speed: float, largest_error: float, period: float):
         self._ticks = check("longest_gap", longest_gap, "not negative") / period + 0.5
         self._frozen_speed = check("frozen_speed", frozen_speed, "positive")
+        self._ones = np.ones(size)
         self._largest_error = check("largest_error", largest_error, "positive")
 
     def look(self, past: Readings, position: Vector, velocity: Vector, q: Vector, v: Vector) -> Readings:
@@ -54,22 +56,19 @@ class ReadingGuard:
         Args:
             position, velocity: as read (n,) [rad, rad/s]. q, v: as commanded for this tick (n,).
         """
-        error = np.abs(position - q)
-        same = position == past.position
+        error, same = np.abs(position - q), position == past.position
         # Of a NaN every comparison is false: such a reading is not near, and neither frozen nor moving.
+        fine = past.gap == 0.0 and error.max() <= self._largest_error and not same.any()
+        if fine and math.isfinite(velocity @ velocity):
+            return Readings(position, self._ones, past.frozen, 0.0)
         good = error <= self._largest_error
         good &= np.isfinite(velocity)
-        if same.any() or past.frozen.any():
-            read = np.isfinite(position)
-            moving = np.abs(v) > self._frozen_speed
-            frozen = np.where(read, same & (moving | (past.frozen > 0)), past.frozen > 0)
-            good &= ~frozen
-            frozen = frozen.astype(float)
-        else:
-            frozen = past.frozen
-        position = np.where(np.isfinite(position), position, past.position)
+        read = np.isfinite(position)
+        moving = np.abs(v) > self._frozen_speed
+        frozen = np.where(read, same & (moving | (past.frozen > 0)), past.frozen > 0)
+        good &= ~frozen
         gap = 0.0 if good.all() else past.gap + 1.0
-        return Readings(position, good.astype(float), frozen, gap)
+        return Readings(np.where(read, position, past.position), good.astype(float), frozen.astype(float), gap)
 
     def stops(self, readings: Readings) -> bool:
         """Whether to stop the motion."""

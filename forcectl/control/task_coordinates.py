@@ -115,7 +115,10 @@ class ArmTask:
 
     def state(self, motion: ArmsMotion) -> TaskState:
         """At the motion of this tick."""
-        return self.of(motion.arm(self.arm))
+        state: TaskState | None = motion.known.get(self)
+        if state is None:  # a task and the limits of its coordinates ask for the same
+            state = motion.known[self] = self.of(motion.arm(self.arm))
+        return state
 
     def of(self, tool: Spatial) -> TaskState:
         """Of a pose in motion."""

@@ -119,11 +119,9 @@ class TaskCost:
         slope: Vector = self._by_position @ error + self._by_velocity @ rate + self._constant
         return slope
 
-    def value(self, state: TaskState, position: Vector, velocity: Vector, a: Vector) -> float:
-        """L at the acceleration a of the task coordinates (k,)."""
-        Ts = self._period
-        e = state.value + Ts * (state.rate + 0.5 * Ts * a) - position
-        both = np.concatenate([e, state.rate + Ts * a - velocity])
+    def value(self, error: Vector, rate: Vector) -> float:
+        """L of the errors e, e' at the next tick, (k,) each."""
+        both = np.concatenate([error, rate])
         value: float = ((0.5 * (both @ self._together) + self._slopes) @ both).item()
         return value
 

@@ -76,12 +76,15 @@ class _Sides:
 
     def __init__(self, upper: Vector, lower: Vector):
         self._above, self._below = np.isfinite(upper).nonzero()[0], np.isfinite(lower).nonzero()[0]
+        self._all = self._above.size == self._below.size == upper.size
         if not (self._above.size + self._below.size):
             raise BadInputError("lower, upper: at least one limit must be finite")
         self._limit = np.concatenate([upper[self._above], -lower[self._below]])
 
     def of(self, values: Vector) -> Vector:
         """Both sides of values (k, ...)."""
+        if self._all:
+            return np.concatenate([values, -values])
         return np.concatenate([values[self._above], -values[self._below]])
 
     def beyond(self, values: Vector) -> Vector:

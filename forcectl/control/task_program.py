@@ -39,7 +39,7 @@ class Outcome(NamedTuple):
     """u: (n,); brakes and holds when `status` says so. slack, levels: see `PrioritizedSolution`.
 
     active: rows and bounds that hold with equality. beyond: the largest violation of a row of relative degree 0.
-    near_singular: whether the tasks are damped. costs: L of every level (5.16), then u'H u/2 + g'u of the criterion.
+    near_singular: whether the tasks are damped. criterion: u'H u/2 + g'u of the last level.
     """
 
     u: Vector
@@ -49,7 +49,7 @@ class Outcome(NamedTuple):
     active: int
     beyond: float
     near_singular: bool
-    costs: tuple[float, ...]
+    criterion: float
 
 
 class TaskLevel:
@@ -66,8 +66,13 @@ class TaskLevel:
         self.size, self.cost, self._scale = len(rows), cost, scale[:, None]
         # Divided by that, the curvature is at most one for coordinates of comparable size.
         compared = cost.curvature / np.outer(scale, scale)
-        self._unit = 1.0 / np.linalg.eigvalsh(compared)[-1]
+        self._unit = 1.0 / np.linalg.eigvalsh(compared)[-1].item()
         self._curvature = self._unit * cost.curvature
+        self._limit = _SINGULAR**2 * np.eye(self.size)
+
+    def part(self, state: TaskState) -> TaskState:
+        """Its coordinates among all."""
+        return state if isinstance(self.rows, slice) else TaskState(*(whole[self.rows] for whole in state))
 
     def objective(self, part: TaskState, position: Vector, velocity: Vector) -> Level:
         """L of this level without damping."""
@@ -79,14 +84,12 @@ class TaskLevel:
     def damping(self, J: Vector) -> float:
         """lambda^2 of the damped inverse, from the smallest singular value of J."""
         scaled = self._scale * J
-        square, limit = scaled @ scaled.T, _SINGULAR**2
-        lowered = square.copy()
-        lowered.flat[:: self.size + 1] -= limit
+        square = scaled @ scaled.T
         # Usually far from singular, and then this Cholesky factor exists; at a fifth of the cost of the eigenvalues.
-        if dpotrf(lowered, overwrite_a=1)[1] == 0:
+        if dpotrf(square - self._limit, clean=0)[1] == 0:
             return 0.0
         smallest = max(dsyev(square, compute_v=0)[0].item(0), 0.0)
-        return max(_DAMPING**2 * (1.0 - smallest / limit), 0.0)
+        return max(_DAMPING**2 * (1.0 - smallest / _SINGULAR**2), 0.0)
 
 
 class TaskProgram:
@@ -107,7 +110,6 @@ class TaskProgram:
         solver: SolverFactory,
     ):
         self._levels, self._criterion, self._constraints, self._period = tuple(levels), criterion, constraints, period
-        self._eye = np.eye(n)
         m = constraints.size
         # A program has at least one row.
         self._nothing = (np.zeros((1, n)), np.array([np.inf])) if m == 0 else None
@@ -120,6 +122,21 @@ class TaskProgram:
         """Number of levels, the criterion included."""
         return len(self._levels) + 1
 
+    def levels(
+        self, motion: ArmsMotion, state: TaskState, position: Vector, velocity: Vector
+    ) -> tuple[list[Level], bool]:
+        """What is minimised, in order of priority, the criterion last; and whether the tasks are near a singularity."""
+        parts = [level.part(state) for level in self._levels]
+        near = self._levels[0].damping(parts[0].jacobian)
+        programs, damping = [], max(near, _LEAST_DAMPING)
+        for level, part in zip(self._levels, parts, strict=True):
+            hessian, gradient, J = level.objective(part, position[level.rows], velocity[level.rows])
+            hessian.ravel()[:: len(hessian) + 1] += damping
+            programs.append(Level(hessian, gradient + (damping / self._period) * motion.v, J))
+            damping = _LEAST_DAMPING
+        programs.append(Level(*self._criterion.cost(motion, self._period)))
+        return programs, near > 0.0
+
     def solve(self, motion: ArmsMotion, rows: Rows, state: TaskState, position: Vector, velocity: Vector) -> Outcome:
         """The optimum, the nearest to it, or braking.
 
@@ -127,27 +144,21 @@ class TaskProgram:
             rows: of the constraints at this tick. state: of all task coordinates. position, velocity: x_gen, x'_gen at
                 the next tick.
         """
-        parts = [TaskState(*(whole[level.rows] for whole in state)) for level in self._levels]
-        near = self._levels[0].damping(parts[0].jacobian)
-        programs, damping = [], max(near, _LEAST_DAMPING)
-        for level, part in zip(self._levels, parts, strict=True):
-            hessian, gradient, J = level.objective(part, position[level.rows], velocity[level.rows])
-            programs.append(Level(hessian + damping * self._eye, gradient + (damping / self._period) * motion.v, J))
-            damping = _LEAST_DAMPING
-        criterion = self._criterion.cost(motion, self._period)
-        programs.append(Level(criterion.hessian, criterion.gradient))
+        programs, near = self.levels(motion, state, position, velocity)
         matrix, limit = (rows.matrix, rows.limit) if self._nothing is None else self._nothing
         found = self._program.solve(programs, matrix, limit, u_lower=rows.lower, u_upper=rows.upper, fallback=motion.v)
         u = self._constraints.brake(motion.v, rows) if found.status.brakes else found.u
         beyond = matrix @ u - limit
-        active = int(np.count_nonzero(beyond > _HOLDS) + np.count_nonzero((u >= rows.upper) | (u <= rows.lower)))
-        direct = beyond[: rows.direct].max(initial=0.0).item()
-        costs = [
-            level.cost.value(part, position[level.rows], velocity[level.rows], part.jacobian @ u + part.bias)
-            for level, part in zip(self._levels, parts, strict=True)
-        ]
-        costs.append(((0.5 * (u @ criterion.hessian) + criterion.gradient) @ u).item())
-        return Outcome(u, found.status, found.slack, found.levels, active, direct, near > 0.0, tuple(costs))
+        at_bound = (u >= rows.upper) | (u <= rows.lower)
+        active = int(np.count_nonzero(beyond > _HOLDS) + np.count_nonzero(at_bound))
+        direct = max(beyond[: rows.direct].max().item(), 0.0) if rows.direct else 0.0
+        last = programs[-1]
+        cost = ((0.5 * (u @ last.hessian) + last.gradient) @ u).item()
+        return Outcome(u, found.status, found.slack, found.levels, active, direct, near, cost)
+
+    def costs(self, error: Vector, rate: Vector) -> list[float]:
+        """L of every level but the last (5.16), of the errors e, e' of all task coordinates at the next tick."""
+        return [level.cost.value(error[level.rows], rate[level.rows]) for level in self._levels]
 
 
 def task_levels(

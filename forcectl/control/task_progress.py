@@ -52,7 +52,7 @@ class TaskProgress:
         apart = np.abs((value - target) * self._scale).max().item()
         if apart != apart:
             return past
-        if not np.array_equal(target, past.target):
+        if not (target == past.target).all():
             past = Progress(target, np.inf, 0.0, 0.0, 0.0)
         speed = np.abs(rate * self._scale).max().item()
         reached = apart <= 1.0 and speed <= _SLOW
