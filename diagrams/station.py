@@ -79,7 +79,7 @@ class StationConfig:
     environment: EnvironmentConfig = field(default_factory=EnvironmentConfig)
     position_loop: PositionLoopConfig = field(default_factory=PositionLoopConfig)
     servo: ServoConfig = field(default_factory=ServoConfig)
-    # What the drives are told; torques in Multibody only.
+    # What the drives are told. Torques in Multibody; the light stations have impedance control as softer joints.
     interface: Any = field(default_factory=JointPositionConfig, metadata={"tags": INTERFACES})
     force_sensor: ForceSensorConfig = field(default_factory=ForceSensorConfig)
 
@@ -111,13 +111,12 @@ class StationConfig:
             return
         if not isinstance(self.interface, JointImpedanceConfig):
             raise invalid("interface", self.interface, f"one of {', '.join(f'!{tag}' for tag in INTERFACES)}")
-        because = "with interface = !JointImpedance"
-        if self.fidelity != "Multibody":
-            raise invalid("fidelity", self.fidelity, f"Multibody {because}")
-        if not self.elastic_joints:
-            raise invalid("elastic_joints", False, f"true {because}: the torques of the joints are what is controlled")
-        if self.servo.ideal:
-            raise invalid("servo.ideal", True, f"false {because}")
+        if self.fidelity == "Multibody":
+            because = "with interface = !JointImpedance"
+            if not self.elastic_joints:
+                raise invalid("elastic_joints", False, f"true {because}: the torques in the joints are controlled")
+            if self.servo.ideal:
+                raise invalid("servo.ideal", True, f"false {because}")
 
 
 @dataclass(frozen=True)
@@ -153,20 +152,28 @@ class Cell:
 
     @property
     def drive_compliance(self) -> float:
-        """Part of `robot_compliance` between the position command and the motors [m/N]."""
+        """Part of `robot_compliance` between the position command and the motors [m/N]; none in the light stations."""
+        return self.impedance_compliance if self.config.fidelity == "Multibody" else 0.0
+
+    @property
+    def impedance_compliance(self) -> float:
+        """n'J K_q^-1 J'n at the start [m/N]."""
         return float(np.sum(self.normal_row**2 / self.impedance_stiffness))
 
     @property
     def spring_stiffness(self) -> Vector:
-        """Stiffness of the joint springs (n_q,) [Nm/rad].
+        """Stiffness of the joint springs (n_q,) [Nm/rad]; in the light stations together with impedance control's.
 
         Infinite for rigid joints, but for the multibody robot, whose springs are then as stiff as its step can resolve:
         well above every other stiffness, and below the bound where the contact solver would soften them by itself.
         """
-        if self.config.elastic_joints:
-            return self.robot.joint_stiffness
+        rigid = np.full(self.robot.num_joints, np.inf)
+        joints: Vector = self.robot.joint_stiffness if self.config.elastic_joints else rigid
         if self.config.fidelity != "Multibody":
-            return np.full(self.robot.num_joints, np.inf)
+            impedance = self.impedance_stiffness
+            return 1 / (1 / joints + 1 / impedance) if np.isfinite(impedance).all() else joints
+        if self.config.elastic_joints:
+            return joints
         inertia = np.diag(self.robot.mass_matrix(self.start_context()))
         return 10.0 * inertia / self.config.time_step**2
 
@@ -218,7 +225,7 @@ def describe(config: StationConfig) -> Cell:
         matrix = robot_compliance(robot, context, robot.joint_stiffness)
         compliance = total_compliance(n, matrix, np.zeros((6, 6)), 0.0)
     cell = Cell(config, robot, posture, n, direction, compliance, 1 / config.environment.first_stiffness)
-    return replace(cell, robot_compliance=compliance + cell.drive_compliance)
+    return replace(cell, robot_compliance=compliance + cell.impedance_compliance)
 
 
 def build_station(cell: Cell, seed: int = 0) -> Diagram:

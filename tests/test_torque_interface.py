@@ -107,6 +107,21 @@ def test_stiffness_of_the_users_own() -> None:
     assert soft.robot_compliance == pytest.approx(3.2e-5 + row**2 @ (1 / np.array([2e4, 2e4, 2e4, 300, 500, 300])))
 
 
+@pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic"])
+@pytest.mark.parametrize("elastic", [True, False])
+def test_the_light_stations_have_it_as_softer_joints(fidelity: str, elastic: bool) -> None:
+    servo = ServoConfig(friction_scale=0.0, coulomb_friction=0.0)
+    cell = torque_cell(fidelity=fidelity, elastic_joints=elastic, servo=servo)
+    told = loop_facts(cell)
+    assert told.drive_compliance == 0.0
+    expected = drives_compliance(cell) + (compliance_of(cell) if elastic else 1 / SPRINGS)
+    assert told.total_compliance.item() == pytest.approx(expected, rel=1e-9)
+    depth = -15.0 * expected
+    inputs = {"joint_position_command": lambda t: command_for(cell, depth * min(1.0, t))}
+    log = run_diagram(build_station(cell), 2.0, period=0.05, inputs=inputs)
+    assert last(log, "contact_force") == pytest.approx(15.0, rel=5e-3)
+
+
 # --- energy -----------------------------------------------------------------------------------------------------------
 
 
@@ -241,7 +256,6 @@ def test_friction_that_is_neither_divided_nor_observed_falsifies_the_tuning() ->
 @pytest.mark.parametrize(
     ("changes", "told"),
     [
-        ({"fidelity": "Kinematic"}, "fidelity = 'Kinematic': must be Multibody"),
         ({"elastic_joints": False}, "elastic_joints = False: must be true"),
         ({"servo": ServoConfig(ideal=True)}, r"servo.ideal = True: must be false"),
         ({"interface": 3}, "interface = 3: must be one of !JointPosition, !JointImpedance"),
