@@ -259,6 +259,9 @@ def vrft(
         str, typer.Option(metavar="continuous|discrete|fir:N", help="PID (4.3.3), PID (4.20), N FIR coefficients.")
     ] = "continuous",
     prefilter: Annotated[bool, typer.Option(help="Filter with L = M (1 - M); without, noise biases strongly.")] = True,
+    refine: Annotated[
+        bool, typer.Option(help="Better gains than VRFT's where a plant model made of DATA is good enough to tell.")
+    ] = True,
     second: Annotated[
         str | None, typer.Option(metavar="FILE", help="The same experiment once more, as instrument against noise.")
     ] = None,
@@ -297,6 +300,7 @@ def vrft(
         reference_model,
         form=form,
         prefilter=prefilter,
+        refine=refine,
         second=second,
         input_column=input_,
         output_column=output,

@@ -12,7 +12,8 @@ import forcectl
 from forcectl.estimation.controller_basis import discrete_pid
 from forcectl.estimation.recursive_vrft import GAINS, recursive_vrft, rounded
 from forcectl.estimation.reference_model import first_order
-from forcectl.estimation.vrft import VrftFit, fit_vrft
+from forcectl.estimation.vrft import fit_vrft
+from forcectl.estimation.vrft_fit import VrftFit
 from forcectl.simulation.metrics import Step, model_response, settling_time
 from forcectl.simulation.run import RunResult
 from forcectl.simulation.scenario import load_scenario

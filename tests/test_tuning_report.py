@@ -45,6 +45,6 @@ def test_a_loop_predicted_to_be_unstable_is_called_so():
     late = lfilter(*contact(5.9e3, (12.6, 12.6), 40), U)
     fit = fit_vrft(U, late, first_order(30.0, TS), discrete_pid(TS))
     assert not np.isfinite(fit.model_mismatch)
-    assert report_lines(fit, RECORD)[-1].endswith("the loop is unstable")
+    assert report_lines(fit, RECORD)[-2].endswith("the loop is unstable")
     told = summary(fit, RECORD, fit.warnings)["prediction"]
     assert (told["model_mismatch"], told["stable"], told["out_of_reach"]) == (None, False, True)

@@ -104,6 +104,20 @@ class ControllerBasis:
             total += gain * lfilter(numerator, denominator, signal)
         return total
 
+    def transfer(self, gains: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """C(z) with these gains as one numerator and denominator of the same length, in powers of z^-1."""
+        below: NDArray[np.float64] = np.ones(1)
+        above: NDArray[np.float64] = np.zeros(1)
+        for shared in dict.fromkeys(denominator for _, denominator in self.filters):
+            part: NDArray[np.float64] = np.zeros(1)
+            for gain, (numerator, denominator) in zip(np.asarray(gains, dtype=float), self.filters, strict=True):
+                if denominator == shared:
+                    part = _sum(part, gain * np.asarray(numerator))
+            above = _sum(np.convolve(above, shared), np.convolve(part, below))
+            below = np.convolve(below, shared)
+        size = max(above.size, below.size)
+        return np.pad(above, (0, size - above.size)), np.pad(below, (0, size - below.size))
+
     def frequency_response(self, gains: ArrayLike, frequency: ArrayLike) -> NDArray[np.complex128]:
         """C(exp(i w Ts)) at `frequency` w [rad/s], > 0."""
         back = np.exp(-1j * np.asarray(frequency, dtype=float) * self.period)
@@ -121,6 +135,11 @@ class ControllerBasis:
         if self.form == "discrete PID":
             integral, derivative = integral / self.period, derivative * self.period
         return PidGains(proportional, integral, derivative, self.period, self.derivative_time)
+
+
+def _sum(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+    size = max(one.size, other.size)
+    return np.pad(one, (0, size - one.size)) + np.pad(other, (0, size - other.size))
 
 
 def discrete_pid(period: float) -> ControllerBasis:

@@ -1,10 +1,11 @@
-"""A plant model from the record of an experiment, to predict what a tuned loop will do before it is closed.
+"""Plant models from the record of an experiment, to predict what a tuned loop will do before it is closed.
 
-    G(z) = z^-(1+d) sum_i c_i L_i(z),    L_0 = sqrt(1 - a^2)/(1 - a z^-1),  L_i = L_(i-1) (z^-1 - a)/(1 - a z^-1)
+    G(z) = z^-d B(z)/F(z),    orders 1 to 4, d >= 1:  smallest output error |y - G u|
 
-Laguerre functions: c is linear least squares on the input, so noise of the output does not bias it, and lags,
-oscillations and delays are all approximated without choosing an order. The pole a and the delay d are those of the
-smallest misfit.
+Only the input and what the model makes of it enter, so that noise of the output does not bias the models. Each is found
+by Steiglitz and McBride's iteration at several delays, then by Gauss and Newton's. Which order to believe is another
+question (`forcectl.estimation.prediction`): where friction bends the record, a higher order fits it better and predicts
+the loop worse.
 """
 
 from __future__ import annotations
@@ -16,41 +17,55 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import qr
 from scipy.signal import lfilter
 
-from forcectl.estimation.controller_basis import ControllerBasis
-
 Array = NDArray[np.float64]
 
-_TERMS = 14
-_LONGEST = 20_000  # [samples] that are looked at
-_POLES = 9  # candidates
-_DELAYS = (1, 2, 3, 5, 8, 12, 18, 26, 36, 50, 70, 100, 140, 200)  # candidates [samples]
-_DIVERGED = 1e3  # of a unit step
+LONGEST = 20_000  # [samples] that are looked at
+_ORDERS = (1, 2, 3, 4)
+_DELAYS = (1, 2, 3, 5, 8, 12, 18, 26, 36, 50, 70, 100, 140, 200)  # first candidates [samples]
+_SEARCH = 6000  # [samples] that the delay is searched with
+_SEARCH_ROWS = 1500  # of them that are compared
+_SEARCHES = 4  # iterations at each delay
+_REFINEMENTS = 12  # iterations at the best one
+_SLOWEST = 0.99999  # pole that an iteration may leave
+_FAST = 0.1  # pole in place of one that no sampled plant has
+_EXACT = 1e-24  # of the output's power: a smaller misfit is rounding
 
 
 @dataclass(frozen=True)
 class PlantModel:
     """A plant identified from a record.
 
-    pole: a. delay: d + 1 [samples]. coefficients: c. period: Ts [s].
+    numerator, denominator: B (n,) [N/m] and F (n + 1,) in powers of z^-1. delay: d [samples]. period: Ts [s].
     explained: share of the output's movement that the model reproduces from the input alone [-].
+    criterion: Bayes' information criterion of the order: the smaller one is the more likely, if residuals are noise.
     """
 
-    pole: float
+    numerator: Array
+    denominator: Array
     delay: int
-    coefficients: Array
     period: float
     explained: float
+    criterion: float
+
+    @property
+    def order(self) -> int:
+        """n, the number of poles."""
+        return self.denominator.size - 1
+
+    @property
+    def delayed_numerator(self) -> Array:
+        """z^-d B, the zeros of the delay in front."""
+        return np.concatenate([np.zeros(self.delay), self.numerator])
 
     def response(self, u: ArrayLike) -> Array:
         """The output for an input (k,) that was zero before its first sample."""
         late = _late(np.asarray(u, dtype=float), self.delay)
-        parts = zip(self.coefficients, _laguerre(late, self.pole), strict=True)
-        return sum((c * x for c, x in parts), np.zeros_like(late))
+        return np.asarray(lfilter(self.numerator, self.denominator, late), dtype=float)
 
     @property
     def static_gain(self) -> float:
         """Output per input at rest [N/m]; minus the stiffness of a contact."""
-        return float(np.sqrt((1 + self.pole) / (1 - self.pole)) * self.coefficients.sum())
+        return float(self.numerator.sum() / self.denominator.sum())
 
     def rise_samples(self, longest: int) -> int:
         """Samples until the response to a step has passed 63 % of where it ends, at most `longest`."""
@@ -58,68 +73,142 @@ class PlantModel:
         over = step >= 0.63 * abs(self.static_gain)
         return int(np.argmax(over)) if over.any() else longest
 
-    def closed_loop_step(self, basis: ControllerBasis, gains: ArrayLike, samples: int) -> Array:
-        """Output of the loop that the controller closes, for a unit step of the reference, shape (samples,) [-].
 
-        What has diverged is NaN.
-        """
-        pulse = np.zeros(samples)
-        pulse[0] = 1.0
-        loop = self.response(basis.response(gains, pulse))
-        with np.errstate(over="ignore", invalid="ignore"):
-            step = lfilter(loop, np.concatenate([[1.0 + loop[0]], loop[1:]]), np.ones(samples))
-        wrong = ~(np.abs(step) < _DIVERGED)
-        if wrong.any():
-            step[int(np.argmax(wrong)) :] = np.nan
-        return np.asarray(step, dtype=float)
-
-
-def identify_plant(u: ArrayLike, y: ArrayLike, period: float) -> PlantModel:
-    """The plant behind a record of deviations from rest.
+def identify_plants(u: ArrayLike, y: ArrayLike, period: float) -> list[PlantModel]:
+    """The plants of order 1 to 4 that come nearest to a record of deviations from rest, lowest order first.
 
     Args:
         u: input (k,), not constant. y: output (k,). period: Ts [s]. Looks at 20 000 samples from the first movement on.
     """
+    u, y = from_first_movement(u, y)
+    power = float(np.sum((y - y.mean()) ** 2))
+    plants = []
+    for order in _ORDERS:
+        found = _refined(u, y, _searched(u, y, order))
+        share = 1 - found.misfit / power if power else 0.0
+        noise = np.log(found.misfit / y.size + _EXACT * float(np.mean(y**2)) + np.finfo(float).tiny)
+        criterion = float(y.size * noise + (2 * order + 1) * np.log(y.size))
+        plants.append(PlantModel(found.above, found.below, found.delay, period, share, criterion))
+    return plants
+
+
+def from_first_movement(u: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+    """The part of a record that models are made of."""
     u, y = np.asarray(u, dtype=float), np.asarray(y, dtype=float)
     begin = int(np.argmax(u != 0.0))
-    u, y = u[begin : begin + _LONGEST], y[begin : begin + _LONGEST]
-    times = np.geomspace(2.0, max(u.size / 20, 3.0), _POLES)
-    pole = min((_fit(u, y, float(np.exp(-1 / t)), 1) for t in times), key=_misfit)[1]
-    delays = [d for d in _DELAYS if d == 1 or d < u.size // 10]
-    misfit, pole, delay, coefficients = min((_fit(u, y, pole, d) for d in delays), key=_misfit)
-    power = float(np.sum((y - y.mean()) ** 2))
-    return PlantModel(pole, delay, coefficients, period, 1 - misfit / power if power else 0.0)
+    return u[begin : begin + LONGEST], y[begin : begin + LONGEST]
 
 
-_Fit = tuple[float, float, int, Array]  # misfit, pole, delay and coefficients
+@dataclass(frozen=True)
+class _Found:
+    """A candidate: B, F and d, and its sum of squared errors."""
 
-
-def _misfit(found: _Fit) -> float:
-    return found[0]
+    misfit: float
+    above: Array
+    below: Array
+    delay: int
 
 
 def _late(u: Array, delay: int) -> Array:
     return np.concatenate([np.zeros(min(delay, u.size)), u[: max(u.size - delay, 0)]])
 
 
-def _laguerre(u: Array, pole: float) -> list[Array]:
-    outputs = [np.asarray(lfilter([np.sqrt(1 - pole**2)], [1.0, -pole], u), dtype=float)]
-    for _ in range(_TERMS - 1):
-        outputs.append(np.asarray(lfilter([-pole, 1.0], [1.0, -pole], outputs[-1]), dtype=float))
-    return outputs
+def _searched(u: Array, y: Array, order: int) -> _Found:
+    """The best of the candidate delays and their neighbours, roughly."""
+    first = slice(0, _SEARCH if np.any(u[1:_SEARCH] != u[0]) else None)
+    part, told = u[first], y[first]
+    every = max(part.size // _SEARCH_ROWS, 1)
+
+    def at(delay: int) -> _Found:
+        return _steiglitz_mcbride(part, told, order, delay, _SEARCHES, every)
+
+    delays = [d for d in _DELAYS if d == 1 or d < part.size // 10]
+    best = min(map(at, delays), key=_misfit)
+    reach = max(best.delay // 4, 1)
+    while reach:
+        near = [best.delay + sign * reach for sign in (-1, 1)]
+        found = min((at(d) for d in near if 1 <= d < part.size // 2), key=_misfit, default=best)
+        if found.misfit < best.misfit:
+            best = found
+        else:
+            reach //= 2
+    return _steiglitz_mcbride(u, y, order, best.delay, _SEARCHES)
 
 
-def _fit(u: Array, y: Array, pole: float, delay: int) -> _Fit:
-    rows = np.asfortranarray(np.column_stack([*_laguerre(_late(u, delay), pole), y]))
-    (triangle,) = qr(rows, mode="r", overwrite_a=True, check_finite=False)
-    matrix, wanted = triangle[: _TERMS + 1, :_TERMS], triangle[: _TERMS + 1, _TERMS]
-    left, singular, right = np.linalg.svd(matrix, full_matrices=False)
-    if not singular[0]:  # the input moves too late to show in the output
-        return float(wanted @ wanted), pole, delay, np.zeros(_TERMS)
-    seen = left.T @ wanted
-    noise = max(float(wanted @ wanted - seen @ seen), 0.0) / max(y.size - _TERMS, 1)
-    # What the input hardly moves would be fitted to the noise: it is held to the size of what is well known.
-    sure = singular >= 1e-2 * singular[0]
-    size = float(np.mean((seen[sure] / singular[sure]) ** 2)) or 1.0
-    coefficients = right.T @ (seen * singular / (singular**2 + noise / size + (1e-9 * singular[0]) ** 2))
-    return float(np.sum((wanted - matrix @ coefficients) ** 2)), pole, delay, coefficients
+def _misfit(found: _Found) -> float:
+    return found.misfit
+
+
+def _steiglitz_mcbride(u: Array, y: Array, order: int, delay: int, iterations: int, every: int = 1) -> _Found:
+    """The best of a few iterations: B and F by least squares on signals filtered with the last 1/F."""
+    late, below = _late(u, delay), np.ones(1)
+    best = _Found(float(y @ y), np.zeros(order), np.eye(1, order + 1)[0], delay)
+    for _ in range(iterations):
+        through, told = lfilter([1.0], below, late), lfilter([1.0], below, y)
+        columns = [*_shifted(through, range(order)), *(-c for c in _shifted(told, range(1, order + 1))), told]
+        found = _least_squares(np.column_stack([c[::every] for c in columns]))
+        above, below = found[:order], _stable(np.concatenate([[1.0], found[order:]]))
+        misfit = float(np.sum((y - lfilter(above, below, late)) ** 2))
+        if misfit < best.misfit:
+            best = _Found(misfit, above, below, delay)
+    return best
+
+
+def _refined(u: Array, y: Array, best: _Found) -> _Found:
+    """The smallest output error near a candidate (Levenberg and Marquardt)."""
+    late, damping, order = _late(u, best.delay), 1e-6, best.below.size - 1
+    for _ in range(_REFINEMENTS):
+        output = np.asarray(lfilter(best.above, best.below, late), dtype=float)
+        through, told = lfilter([1.0], best.below, late), lfilter([1.0], best.below, output)
+        columns = [*_shifted(through, range(order)), *(-c for c in _shifted(told, range(1, order + 1)))]
+        rows = np.column_stack([*columns, y - output])
+        last = best
+        while damping < 1e3:
+            step = _least_squares(rows, damping)
+            above, below = last.above + step[:order], last.below.copy()
+            below[1:] += step[order:]
+            if _physical(below):
+                misfit = float(np.sum((y - lfilter(above, below, late)) ** 2))
+                if misfit < last.misfit:
+                    best = _Found(misfit, above, below, last.delay)
+                    break
+            damping *= 10
+        if last.misfit - best.misfit <= 1e-6 * last.misfit:
+            break
+        damping /= 10
+    return best
+
+
+def _shifted(x: Array, delays: range) -> list[Array]:
+    return [_late(x, d) for d in delays]
+
+
+def _least_squares(rows: Array, damping: float = 0.0) -> Array:
+    """x of the smallest |A x - b| for rows [A, b], in units of the columns' lengths held back by `damping`."""
+    (triangle,) = qr(np.asfortranarray(rows), mode="r", overwrite_a=True, check_finite=False)
+    size = rows.shape[1] - 1
+    triangle = np.pad(triangle[: size + 1], ((0, max(size + 1 - len(triangle), 0)), (0, 0)))
+    matrix, wanted = triangle[:, :size], triangle[:, size]
+    lengths = np.linalg.norm(matrix, axis=0)
+    lengths = np.where(lengths > 0, lengths, 1.0)
+    left, singular, right = np.linalg.svd(matrix / lengths, full_matrices=False)
+    kept = singular > 1e-14 * singular[0] if singular[0] else np.zeros(size, dtype=bool)
+    shrunk = np.where(kept, singular / (singular**2 + (damping * singular[0]) ** 2 + ~kept), 0.0)
+    return np.asarray(right.T @ (shrunk * (left.T @ wanted)) / lengths, dtype=float)
+
+
+def _physical(below: Array) -> bool:
+    """Whether F is that of a sampled stable plant: poles inside the unit circle, on the right, as they do not ring."""
+    poles = np.roots(below)
+    return bool((np.abs(poles) < 1.0).all() and (poles.real >= 0.0).all())
+
+
+def _stable(below: Array) -> Array:
+    """F with poles outside of the unit circle mirrored into it, and ringing ones made fast."""
+    poles = np.roots(below)
+    size = np.abs(poles)
+    if (size < _SLOWEST).all() and (poles.real >= 0.0).all():
+        return below
+    mirrored = poles / np.maximum(size, 1.0) ** 2
+    held = mirrored * np.minimum(1.0, _SLOWEST / np.maximum(np.abs(mirrored), 1e-300))
+    return np.atleast_1d(np.poly(np.where(held.real < 0.0, _FAST, held)).real)

@@ -14,7 +14,7 @@ presses, y = F > 0), and so are the gains.
 from __future__ import annotations
 
 from collections.abc import Iterator
-from dataclasses import dataclass, replace
+from dataclasses import replace
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,80 +22,25 @@ from scipy.linalg import qr
 from scipy.signal import lfilter
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.estimation.controller_basis import ControllerBasis, Filter, PidGains
+from forcectl.estimation.controller_basis import ControllerBasis, Filter
 from forcectl.estimation.excitation_order import excitation_order
 from forcectl.estimation.noise_share import noise_in_regressors
-from forcectl.estimation.plant_model import PlantModel, identify_plant
+from forcectl.estimation.plant_model import identify_plants
+from forcectl.estimation.prediction import RecordCheck, closed_loop
 from forcectl.estimation.reference_model import ReferenceModel
+from forcectl.estimation.refinement import MOST_GAINS, nearest_gains
+from forcectl.estimation.vrft_fit import OUT_OF_REACH, VrftFit, mismatch, warnings
 from forcectl.lanes import check_count
 
 Array = NDArray[np.float64]
 
-OUT_OF_REACH = 0.1  # a model mismatch above this is said to be out of reach
 _LARGEST = 1e15  # [m] or [N], and one over it the smallest range: sums of squares stay finite
-_SETTLED = 0.02  # of a unit step: growth of a smaller error is none
 _BLOCKS = 32  # of the record, for standard errors that hold with correlated residuals
 _LONGEST_BLOCK = 50_000  # [samples], bounds the memory
 _HORIZON = 8  # time constants of the reference model that are predicted
-_PLANT_HORIZON = 20  # rise times of the plant that are predicted on top: as long as a loop may oscillate
+_PLANT_HORIZON = 20  # rise times of the plant that are predicted on top
 _LONGEST_HORIZON = 8_000  # [samples]
-
-
-@dataclass(frozen=True)
-class VrftFit:
-    """Gains and how far to trust them.
-
-    gains: theta in the form of `basis`, shape (p,). standard_errors: of theta, shape (p,), robust against correlated
-        residuals; they do not contain the bias that noise in the output causes.
-    pid: the gains in discrete and continuous form; None for a basis that is no PID.
-    r_squared: share of the (filtered) input that the fit explains [-]. residual_rms: of what it does not [m].
-    condition_number: of the regressors, each scaled to length one [-].
-    excitation_order: persistent-excitation order of e_L, at most 10.
-    noise_rms: of the output where the input rests [N]; None when it never does.
-    noise_share: per gain, the share of noise in what tells it apart from the others [-]; None as above.
-    plant: model identified from the same record; it does not enter the gains.
-    predicted_step, model_step: unit step responses of the tuned loop on that plant and of the reference model,
-        shape (h,) [-]; NaN from where the loop has diverged.
-    warnings: one line each.
-    """
-
-    basis: ControllerBasis
-    model: ReferenceModel
-    samples: int
-    prefiltered: bool
-    instrumented: bool
-    gains: Array
-    standard_errors: Array
-    pid: PidGains | None
-    r_squared: float
-    residual_rms: float
-    condition_number: float
-    excitation_order: int
-    noise_rms: float | None
-    noise_share: Array | None
-    plant: PlantModel
-    predicted_step: Array
-    model_step: Array
-    warnings: tuple[str, ...] = ()
-
-    @property
-    def model_mismatch(self) -> float:
-        """|s_T - s_M| over |1 - s_M|, the step responses of tuned loop and reference model [-]; infinite: unstable."""
-        if not self.stable:
-            return np.inf
-        return float(np.linalg.norm(self.predicted_step - self.model_step) / np.linalg.norm(1 - self.model_step))
-
-    @property
-    def stable(self) -> bool:
-        """Whether the predicted step response neither diverges nor grows from the third quarter to the fourth."""
-        *_, before, after = np.array_split(self.predicted_step - self.model_step, 4)
-        late = float(np.sqrt(np.mean(after**2)))
-        return late <= 1.01 * float(np.sqrt(np.mean(before**2))) + _SETTLED
-
-    @property
-    def out_of_reach(self) -> bool:
-        """Whether the tuned loop is expected to miss the reference model by more than `OUT_OF_REACH`."""
-        return self.model_mismatch > OUT_OF_REACH
+_BETTER = 1.05  # refined gains are taken from this factor on
 
 
 def fit_vrft(
@@ -108,6 +53,7 @@ def fit_vrft(
     weight: Filter | None = None,
     instrument: ArrayLike | None = None,
     instrument_delay: int | None = None,
+    refine: bool = False,
 ) -> VrftFit:
     """Tune the gains of `basis` so that the closed loop behaves like `model`.
 
@@ -119,6 +65,8 @@ def fit_vrft(
         instrument: output (k,) [N] of a second experiment with the same input, for noisy data.
         instrument_delay: use the regressors so many samples earlier as instruments instead; for noise that is
             forgotten within that time.
+        refine: take gains whose step response comes nearer to the reference model's on the plant model (at most 20
+            gains), where they do so by more than the plant model is wrong; `vrft_gains` then has those of VRFT.
 
     Raises:
         BadInputError: data that are not two finite arrays of one length, too short or constant; periods that differ;
@@ -150,10 +98,14 @@ def fit_vrft(
     noise_rms, share = noise_in_regressors(
         u, y, triangle[:size, :size], lambda noise: _columns(_filtered(u, noise, model, prefilter, weight)[0], basis)
     )
-    plant = identify_plant(u, y, basis.period)
+    check = RecordCheck(u, y, model, basis)
+    plant = check.believed(identify_plants(u, y, basis.period), gains)
     slow = _HORIZON * max(model.time_constant, model.lag) / model.period + 10 * model.delay
     slow += _PLANT_HORIZON * plant.rise_samples(_LONGEST_HORIZON)
     horizon = int(min(slow + 100, _LONGEST_HORIZON))
+    wanted = model.response(np.ones(horizon))
+    best = nearest_gains(plant, basis, gains, wanted) if size <= MOST_GAINS else None
+    loop = closed_loop(plant, basis, gains)
     fit = VrftFit(
         basis=basis,
         model=model,
@@ -170,10 +122,33 @@ def fit_vrft(
         noise_rms=noise_rms,
         noise_share=share,
         plant=plant,
-        predicted_step=plant.closed_loop_step(basis, gains, horizon),
-        model_step=model.response(np.ones(horizon)),
+        predicted_step=loop.step(horizon),
+        model_step=wanted,
+        stable=loop.stable,
+        model_error=check.error(plant, gains),
+        record_mismatch=check.mismatch(gains),
+        best_mismatch=None if best is None else mismatch(closed_loop(plant, basis, best).step(horizon), wanted),
     )
-    return replace(fit, warnings=tuple(_warnings(fit, y)))
+    fit = _refined(fit, best, check) if refine and best is not None else fit
+    return replace(fit, warnings=tuple(warnings(fit, y)))
+
+
+def _refined(fit: VrftFit, gains: Array, check: RecordCheck) -> VrftFit:
+    """The fit with refined gains, where they are better by more than the plant model is wrong."""
+    loop, error = closed_loop(fit.plant, fit.basis, gains), check.error(fit.plant, gains)
+    new = replace(
+        fit,
+        gains=gains,
+        standard_errors=np.full(gains.size, np.nan),
+        pid=fit.basis.pid_gains(gains),
+        predicted_step=loop.step(fit.model_step.size),
+        stable=loop.stable,
+        model_error=error,
+        record_mismatch=check.mismatch(gains),
+        vrft_gains=fit.gains,
+    )
+    better = fit.model_mismatch > _BETTER * new.model_mismatch + error
+    return new if better and error <= OUT_OF_REACH else fit
 
 
 def virtual_error(y: ArrayLike, model: ReferenceModel) -> Array:
@@ -305,44 +280,3 @@ def _sandwich(inverse: Array, scores: Array) -> Array:
     """Standard errors from the scatter of the blocks' pull on the estimate."""
     share = len(scores) / max(len(scores) - 1, 1)
     return np.sqrt(share * np.sum((scores @ inverse.T) ** 2, axis=0))
-
-
-_NOISE_SHARE = 0.1  # of what tells a gain apart: above, it is not identifiable
-_STANDARD_ERRORS = 3.0  # nor is it when zero is within so many
-_EXPLAINED = 0.9  # of the output by the plant model: below, its prediction is not to be trusted
-
-
-def _warnings(fit: VrftFit, y: Array) -> Iterator[str]:
-    size = fit.basis.size
-    if fit.excitation_order < min(size, 10):
-        yield f"the record excites {fit.excitation_order} of {size} gains: move more often, or in another rhythm"
-    noise = fit.noise_share if fit.noise_share is not None else np.zeros(size)
-    noisy = noise > _NOISE_SHARE
-    open_sign = (np.abs(fit.gains) < _STANDARD_ERRORS * fit.standard_errors) & ~noisy
-    # Rounding leaves a standard error, too, on a gain that is exactly zero.
-    open_sign &= fit.standard_errors > 1e-9 * np.abs(fit.gains).max()
-    if noisy.any():
-        it = "it" if noisy.sum() == 1 else "them"
-        share = f"{100 * noise[noisy].max():.0f} % of what tells {it} apart is noise"
-        yield f"{_named(fit, noisy)} not identifiable: {share}; leave {it} out or move faster"
-    if open_sign.any():
-        yield f"{_named(fit, open_sign)} not identifiable: within {_STANDARD_ERRORS:g} standard errors of zero"
-    if abs(y[0]) > 0.1 * float(np.sqrt(np.mean(y**2))):
-        yield f"the record does not begin at rest: y[0] = {y[0]:.3g}; u and y must be deviations from rest"
-    if abs(fit.model.static_gain - 1) > 1e-6:
-        yield f"the reference model ends at {fit.model.static_gain:.4g} of the reference, not at 1"
-    if fit.plant.explained < _EXPLAINED:
-        share = f"{100 * max(fit.plant.explained, 0.0):.0f} %"
-        yield f"a linear plant explains only {share} of the output: the prediction is not to be trusted"
-    if not fit.stable:
-        yield "reference model out of reach: the tuned loop is expected to be unstable; choose a slower model"
-    elif fit.out_of_reach:
-        yield (
-            f"reference model out of reach: the loop is expected to miss it by {100 * fit.model_mismatch:.0f} %; "
-            "choose a slower model, or one with the delay of the plant"
-        )
-
-
-def _named(fit: VrftFit, which: NDArray[np.bool_]) -> str:
-    names = [name for name, named in zip(fit.basis.names, which, strict=True) if named]
-    return f"{names[0]} is" if len(names) == 1 else f"{', '.join(names[:3])}{', ...' if len(names) > 3 else ''} are"

@@ -17,7 +17,8 @@ import numpy as np
 from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.controller_basis import ControllerBasis, continuous_pid, discrete_pid, fir
 from forcectl.estimation.reference_model import ReferenceModel, ReferenceModelConfig
-from forcectl.estimation.vrft import VrftFit, fit_vrft
+from forcectl.estimation.vrft import fit_vrft
+from forcectl.estimation.vrft_fit import VrftFit
 from forcectl.simulation.recorded import LONG_REST, Recorded, read_record
 from forcectl.simulation.run_directory import SUMMARY, check_free, write_json, write_whole
 from forcectl.simulation.schema import Reader
@@ -108,7 +109,7 @@ class Tuned:
         if self._between_rests is not None:
             own.append(
                 f"the plant model is {-self.fit.plant.static_gain:.4g} N/m stiff and the contact at rest "
-                f"{self.stiffness:.4g} N/m (friction?): the prediction is not to be trusted, the gains stand without it"
+                f"{self.stiffness:.4g} N/m (friction?): the latter is written to the station"
             )
         if self.record.resting < LONG_REST:
             own.append("the record does not begin with a rest: its first sample is taken for the values at rest")
@@ -126,6 +127,7 @@ def tune_vrft(
     *,
     form: str = "continuous",
     prefilter: bool = True,
+    refine: bool = True,
     second: str | Path | None = None,
     input_column: str | None = None,
     output_column: str | None = None,
@@ -141,7 +143,8 @@ def tune_vrft(
         data: CSV file or log.nc. reference_model: bandwidth [rad/s], or the text of a mapping with the keys of
             `ReferenceModelConfig`.
         form: "continuous" or "discrete" PID, or "fir:N" with N coefficients.
-        prefilter: L = M (1 - M). second: record of a second, equal experiment, used as instrument.
+        prefilter: L = M (1 - M). refine: take better gains than those of VRFT where a plant model made of the record is
+            good enough to tell; see `fit_vrft`. second: record of a second, equal experiment, used as instrument.
         input_column, output_column, variant, flip_input: see `read_record`.
         compensated: whether the compliance of the robot was fed back in the experiment (4.12); None: by the name of
             the input, which is not when it is `displacement_command`.
@@ -174,7 +177,8 @@ def tune_vrft(
             )
         _check_repeated(record, again)
         instrument = again.y
-    fit = fit_vrft(record.u, record.y, model, _basis(form, record.period), prefilter=prefilter, instrument=instrument)
+    basis = _basis(form, record.period)
+    fit = fit_vrft(record.u, record.y, model, basis, prefilter=prefilter, instrument=instrument, refine=refine)
     if float(record.u @ record.y) > 0:
         raise BadInputError(
             f"{record.origin}: {record.output_name} rises with {record.input_name}: pressing must be a negative "

@@ -9,19 +9,21 @@ from typing import Any
 import numpy as np
 from rich.table import Table
 
-from forcectl.estimation.vrft import OUT_OF_REACH, VrftFit
+from forcectl.estimation.vrft_fit import OUT_OF_REACH, VrftFit
 from forcectl.simulation.listing import new_table
 from forcectl.simulation.recorded import Recorded
 
 
 def gains_table(fit: VrftFit) -> Table:
-    """The gains with their standard errors, those of a PID in both forms."""
+    """The gains with their standard errors, which refined ones do not have."""
     table = new_table(f"{fit.basis.form} controller", "gain", "unit")
     for column in ("value", "standard error", "noise share"):
         table.add_column(column, justify="right")
     for i, (name, unit) in enumerate(zip(fit.basis.names, fit.basis.units, strict=True)):
+        refined = fit.vrft_gains is not None
         share = "–" if fit.noise_share is None else f"{100 * fit.noise_share[i]:.1f} %"
-        table.add_row(name, unit.replace("[", r"\["), f"{fit.gains[i]:.6g}", f"{fit.standard_errors[i]:.2g}", share)
+        error = "–" if refined else f"{fit.standard_errors[i]:.2g}"
+        table.add_row(name, unit.replace("[", r"\["), f"{fit.gains[i]:.6g}", error, share)
     return table
 
 
@@ -40,13 +42,25 @@ def report_lines(fit: VrftFit, record: Recorded) -> list[str]:
         f"fit: R^2 {fit.r_squared:.6f}, residual {fit.residual_rms:.3g} m, condition {fit.condition_number:.3g}, "
         f"excitation order {_order(fit.excitation_order)}, noise {noise}"
     )
-    plant = f"a plant model from the same record, which explains {100 * fit.plant.explained:.2f} % of the force"
+    if fit.vrft_gains is not None:
+        before = ", ".join(f"{name} {gain:.6g}" for name, gain in zip(fit.basis.names, fit.vrft_gains, strict=True))
+        lines.append(f"refined on the plant model; VRFT alone: {before}")
+    plant = (
+        f"a plant model from the same record, of order {fit.plant.order} with a delay of "
+        f"{fit.plant.delay * fit.plant.period:.3g} s, which explains {100 * fit.plant.explained:.2f} % of the force"
+    )
     if fit.stable:
         verdict = "out of reach" if fit.out_of_reach else f"within reach, up to {100 * OUT_OF_REACH:g} %"
         missed = f"the loop misses the reference model by {100 * fit.model_mismatch:.1f} % ({verdict})"
         lines.append(f"predicted with {plant}: {missed}, overshoot {_overshoot(fit):.1f} %")
     else:
         lines.append(f"predicted with {plant}: the loop is unstable")
+    off = f"{100 * fit.model_error:.1f} %" if math.isfinite(fit.model_error) else "more than can be told"
+    trust = f"checked on the record: in the loop the plant model is off by {off}"
+    if fit.record_mismatch is not None and math.isfinite(fit.record_mismatch):
+        read = f"{100 * fit.record_mismatch:.1f} %"
+        trust += f"; without any model, the record shows the reference model missed by {read}"
+    lines.append(trust)
     return lines
 
 
@@ -80,7 +94,7 @@ def summary(fit: VrftFit, record: Recorded, warnings: Sequence[str]) -> dict[str
         "controller": {
             "form": fit.basis.form,
             "gains": {
-                name: {"value": float(gain), "standard_error": float(error), "unit": unit}
+                name: {"value": float(gain), "standard_error": _finite(float(error)), "unit": unit}
                 for name, gain, error, unit in zip(
                     fit.basis.names, fit.gains, fit.standard_errors, fit.basis.units, strict=True
                 )
@@ -93,6 +107,10 @@ def summary(fit: VrftFit, record: Recorded, warnings: Sequence[str]) -> dict[str
         "fit": {
             "prefiltered": fit.prefiltered,
             "instrumented": fit.instrumented,
+            "refined": fit.vrft_gains is not None,
+            "vrft_gains": None
+            if fit.vrft_gains is None
+            else dict(zip(fit.basis.names, fit.vrft_gains.tolist(), strict=True)),
             "r_squared": fit.r_squared,
             "residual_rms_m": fit.residual_rms,
             "condition_number": _finite(fit.condition_number),
@@ -103,10 +121,16 @@ def summary(fit: VrftFit, record: Recorded, warnings: Sequence[str]) -> dict[str
             else dict(zip(fit.basis.names, fit.noise_share.tolist(), strict=True)),
         },
         "prediction": {
-            "from": "plant model identified from the same record (Laguerre functions)",
+            "from": "plant model identified from the same record (output error)",
+            "plant_order": fit.plant.order,
+            "plant_delay_s": fit.plant.delay * fit.plant.period,
             "plant_explains": fit.plant.explained,
             "plant_static_gain_N_m": fit.plant.static_gain,
             "model_mismatch": _finite(fit.model_mismatch),
+            "model_error": _finite(fit.model_error),
+            "trusted": fit.trusted,
+            "record_mismatch": None if fit.record_mismatch is None else _finite(fit.record_mismatch),
+            "best_mismatch": None if fit.best_mismatch is None else _finite(fit.best_mismatch),
             "out_of_reach": fit.out_of_reach,
             "stable": fit.stable,
             "overshoot_pct": _overshoot(fit) if fit.stable else None,
