@@ -44,7 +44,7 @@ class JointServoConfig:
 class JointSensorsConfig:
     """Scenario part `sensors`: what is measured, see `forcectl.plant.joint_sensors`."""
 
-    quantum: float = 1.5e-5  # [rad], >= 0: a resolver of 12 bits behind a gear of 100
+    quantum: float = 1e-6  # [rad], >= 0; assumed: 16 bits per turn of a motor with a gear of 100
     position_noise: float = 0.0  # [rad] standard deviation per tick, >= 0
     torque_noise: float = 0.0  # [Nm] standard deviation per tick, >= 0
     velocity_bandwidth: float = 250.0  # [rad/s] of the filter behind the differences of positions, > 0

@@ -40,6 +40,7 @@ SIGNAL_UNITS: dict[str, str] = {
     "spring_torque": "Nm",
     "load_torque": "Nm",
     "motor_torque": "Nm",
+    "applied_wrench": "Nm,N",
     "contact_state": "1",
     "saturated": "1",
     "compliance": "m/N",

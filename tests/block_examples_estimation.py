@@ -60,8 +60,8 @@ def swing_speed(t: float) -> np.ndarray:
     return np.array([6.0, 4.0]) * np.cos(20 * t)
 
 
-def impulse(t: float) -> np.ndarray:
-    return np.array([2.0, -1.0]) * t + 0.01 * np.sin(30 * t)
+def motor_torque(t: float) -> np.ndarray:
+    return np.array([2.0, -1.0]) + np.sin(30 * t)
 
 
 def tare(t: float) -> float:
@@ -79,7 +79,7 @@ def friction_rest() -> FrictionRest:
     return FrictionRest(plant, joints, friction())
 
 
-OBSERVER_INPUTS = ("joint_position", "joint_velocity", "torque_integral", "reset")
+OBSERVER_INPUTS = ("joint_position", "joint_velocity", "motor_torque", "reset")
 WRENCH_INPUTS = {"joint_position": swinging, "external_torque": lambda t: np.array([3.0, 10 * t]), "tare": tare}
 
 ESTIMATION_EXAMPLES: dict[type[System], list[Example]] = {
@@ -87,12 +87,12 @@ ESTIMATION_EXAMPLES: dict[type[System], list[Example]] = {
         Example(
             lambda: MomentumObserver(MomentumModel(chain_plant()), friction(), move=0.1, still=0.3),
             {(output, name) for output in ("external_torque", "residual", "reading_ok") for name in OBSERVER_INPUTS},
-            {"joint_position": swinging, "joint_velocity": swing_speed, "torque_integral": impulse},
+            {"joint_position": swinging, "joint_velocity": swing_speed, "motor_torque": motor_torque},
         ),
         Example(
             lambda: momentum_observer(1),
             {(output, name) for output in ("external_torque", "residual", "reading_ok") for name in OBSERVER_INPUTS},
-            {"joint_position": lambda t: 3 * t, "joint_velocity": 3.0, "torque_integral": lambda t: t * t},
+            {"joint_position": lambda t: 3 * t, "joint_velocity": 3.0, "motor_torque": lambda t: 2 * t},
         ),
     ],
     WrenchEstimator: [

@@ -10,6 +10,9 @@ from block_example import Example, each
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
+from forcectl.control.motion_slot import READINGS
+from forcectl.diagrams.force_estimator import ForceEstimator, ForceEstimatorConfig
+from forcectl.diagrams.motion_loop import motion_facts
 from forcectl.diagrams.research_cell import ObstacleConfig, ResearchCell, ResearchStationConfig, describe_research
 from forcectl.diagrams.research_station import ResearchStation
 from forcectl.motion.joint_path import JointPath, Move, Sines
@@ -81,6 +84,13 @@ def loaded_arm() -> Diagram:
     return builder.Build()
 
 
+def force_estimator() -> ForceEstimator:
+    """Of the arm, with taring."""
+    builder = DiagramBuilder()
+    return ForceEstimatorConfig(tare_start=0.01, tare_duration=0.02).add_to(builder, motion_facts(cell()))
+
+
+ESTIMATES = ("estimated_torque", "estimated_wrench", "residual", "reading_ok", "near_singular")
 STATION_FEEDTHROUGH = {(name, "external_wrench") for name in ("external_torque", "tip_wrench", "contact_force")}
 SERVO_INPUTS = {
     "joint_position_reference": sway,
@@ -104,6 +114,13 @@ RESEARCH_EXAMPLES: dict[type[System], list[Example]] = {
     ],
     Loads: [
         Example(lambda: Loads([LoadConfig(wrenches=[[0, 0, 1, 2, 3, 4]], hold=0.02)], ["left", "right"], period=0.004))
+    ],
+    ForceEstimator: [
+        Example(
+            force_estimator,
+            {(name, reading) for name in ESTIMATES for reading in READINGS},
+            {"joint_position": moved, "joint_velocity": lambda t: np.cos(np.arange(1, 8) * 10 * t)},
+        )
     ],
     ReferenceHold: [
         Example(

@@ -4,13 +4,14 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from arm_loop import ArmLoop, excitation
 from block_examples_estimation import chain_plant
 from matplotlib.backends.backend_agg import FigureCanvasAgg
+from motion_runs import motion_loop, run
 
 from forcectl.errors import BadInputError
 from forcectl.estimation.friction_identification import friction_figure, friction_samples, identify_friction
 from forcectl.estimation.momentum_model import MomentumModel
+from forcectl.motion.joint_path import JointExcitationConfig
 from forcectl.plant.joint_friction import JointFriction, mean_features
 
 TRUE = JointFriction(2, offset=[0.3, -0.8], coulomb=[2.0, 0.5], viscous_forward=[1.0, 0.3], viscous_backward=[1.4, 0.0])
@@ -107,28 +108,17 @@ def test_records_that_do_not_fit_are_refused():
 
 @pytest.mark.parametrize("noise", [False, True])
 def test_a_robot_that_was_moved_gives_its_friction(noise):
-    """Sticking friction, record at 4 ms: 1 % (0.6 % reached); with noise, 1e-3 rad/s and 1 % of tau_C: 3 %."""
-    robot = "comau_smart_six"
-    loop = ArmLoop(robot)
-    facts = loop.robot.facts
-    signs = np.where(np.arange(loop.robot.num_joints) % 2 == 0, 1.0, -1.0)
-    true = JointFriction(
-        loop.robot.num_joints,
-        offset=0.1 * signs * facts.coulomb_friction,
-        coulomb=facts.coulomb_friction,
-        viscous_forward=facts.viscous_friction,
-        viscous_backward=0.8 * facts.viscous_friction,
-    )
-    loop = ArmLoop(robot, friction=true, trajectory=excitation(loop.robot, 0.5, 4.0))
-    loop.start(loop.robot.facts.default_posture)
-    record = loop.run(4.0)
-    velocity, impulse = record.velocity.copy(), record.torque_integral.copy()
+    """Sticking friction, readings as the interface gives them: 1 %; with noise and a loss of 10 ticks: 3 %."""
+    sensors = {"torque_noise": 0.1, "position_noise": 1e-5} if noise else {}
+    excitation = JointExcitationConfig(speed_shares=[0.2, 0.6], duration=2.0)
+    loop = motion_loop("yumi/left", None, excitation, sensors=sensors)
+    log = run(loop, 4.0)
     if noise:
-        rng = np.random.default_rng(1)
-        velocity += 1e-3 * rng.normal(size=velocity.shape)
-        impulse += np.cumsum(0.004 * 0.01 * facts.coulomb_friction * rng.normal(size=impulse.shape), axis=0)
-        velocity[100:110] = np.nan
-    fit = identify_friction(*friction_samples(loop.model, record.time, record.position, velocity, impulse))
+        log["joint_velocity"][100:110] = np.nan
+    readings = (log[name] for name in ("time", "joint_position", "joint_velocity", "motor_torque"))
+    samples = friction_samples(loop.facts.momentum_model(), *readings, velocity_bandwidth=loop.facts.velocity_bandwidth)
+    fit = identify_friction(*samples, slowest=0.05)
+    true = loop.facts.friction
     scale = np.array([true.coulomb, true.coulomb, true.viscous_forward, true.viscous_backward])
     error = np.abs(coefficients(fit.friction) - coefficients(true)) / scale
     assert error.max() < (0.03 if noise else 0.01), error

@@ -9,7 +9,7 @@ import pytest
 
 import forcectl as fc
 from forcectl import cli
-from forcectl.simulation.catalog import find_scenario
+from forcectl.simulation.catalog import MOTION_STATION, find_scenario, loop_of
 
 QUICK = """
 title: Quick
@@ -113,7 +113,8 @@ def shipped() -> list[Any]:
     """Every experiment on every fidelity it names; each alone, so that they spread over the processes of a test run."""
     cases = []
     for name in fc.list_experiments():
-        named = find_scenario(name).tree.get("fidelities", ["OneDimensional"])
+        file = find_scenario(name)
+        named = file.tree.get("fidelities", ["OneDimensional"]) if loop_of(file) == "force" else [MOTION_STATION]
         cases += [pytest.param(name, fidelity, marks=pytest.mark.slow) for fidelity in named]
     return cases
 

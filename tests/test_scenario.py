@@ -31,7 +31,7 @@ def write(folder, text, name="own.yaml"):
     return path
 
 
-@pytest.mark.parametrize("name", catalog.list_experiments())
+@pytest.mark.parametrize("name", catalog.list_experiments("force"))
 @pytest.mark.parametrize("fidelity", FIDELITIES)
 def test_every_shipped_experiment_loads_and_builds_on_every_fidelity(name, fidelity):
     file = as_file(name)

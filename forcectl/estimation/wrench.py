@@ -77,6 +77,8 @@ class WrenchEstimator(LeafSystem):
         smallest: e [1]. length: of the arm, that translations are divided by [m].
     """
 
+    optional_inputs = ("tare",)
+
     def __init__(
         self,
         model: MomentumModel,

@@ -49,10 +49,13 @@ MOTION_CONTROLLERS = {
 }
 ESTIMATORS = {
     "NoEstimator": "forcectl.control.motion_slot:NoEstimatorConfig",
+    "ForceEstimator": "forcectl.diagrams.force_estimator:ForceEstimatorConfig",
     "Import": "forcectl.simulation.imported:ImportConfig",
 }
 ANALYSES = {
     "NoAnalysis": "forcectl.simulation.motion_analysis:NoAnalysis",
+    "ForceEstimation": "forcectl.simulation.force_analysis:ForceAnalysis",
+    "FrictionIdentification": "forcectl.simulation.friction_analysis:FrictionAnalysis",
 }
 # Loop of a scenario -> its slots -> their tags.
 SLOTS = {
@@ -79,9 +82,15 @@ def experiments_folder() -> Path:
     return Path(str(experiments.__file__)).parent
 
 
-def list_experiments() -> list[str]:
-    """Names of the shipped experiments, sorted."""
-    return sorted(file.stem for file in experiments_folder().glob("*.yaml"))
+def list_experiments(loop: str | None = None) -> list[str]:
+    """Names of the shipped experiments, sorted; of one kind of loop (a key of `SLOTS`) when it is given."""
+    names = sorted(file.stem for file in experiments_folder().glob("*.yaml"))
+    return [name for name in names if loop is None or loop_of(find_scenario(name)) == loop]
+
+
+def loop_of(file: ScenarioFile) -> str:
+    """Which kind of loop a scenario as written is about."""
+    return str(file.tree.get("loop", next(iter(SLOTS))))
 
 
 def list_presets() -> list[str]:

@@ -22,7 +22,30 @@ LOOP_METRICS: dict[str, tuple[str, str]] = {
     "peak_contact_force_N": ("N", "largest sum of true contact forces on an arm"),
     "realtime_factor": ("1", "simulated time divided by computing time"),
 }
-ANALYSIS_METRICS: dict[str, tuple[str, str]] = {}
+FORCE_METRICS: dict[str, tuple[str, str]] = {
+    "static_loads": ("1", "number of static loads that were judged"),
+    "static_force_error_N": ("N", "largest distance of the mean estimate from the true force under a static load"),
+    "static_force_error_pct": ("%", "the same, in percent of the true force"),
+    "static_torque_error_share": ("1", "largest error of an estimated torque then, by Coulomb's friction of its joint"),
+    "push_peak_error_pct": ("%", "largest difference between the peaks of estimated and true force in a push"),
+    "contact_force_error_N": ("N", "root mean square distance of estimate and true force in contact"),
+    "contact_mean_error_pct": ("%", "distance of their means, in percent of the true force"),
+    "quiet_force_N": ("N", "largest estimated force while nothing acts and the arm is quiet"),
+    "fast_force_N": ("N", "largest estimated force while nothing acts and the arm moves fast"),
+    "fast_torque_Nm": ("Nm", "largest estimated joint torque then"),
+}
+FRICTION_METRICS: dict[str, tuple[str, str]] = {
+    "friction_error_pct": ("%", "largest distance of identified and true friction, in percent of the largest friction"),
+    "coulomb_error_pct": ("%", "distance of identified and true Coulomb friction"),
+    "offset_error_Nm": ("Nm", "distance of identified and true friction offset"),
+    "friction_explained": ("1", "share of the variance of the torque that the fit explains, least of all joints"),
+    "friction_ticks": ("1", "ticks used, fewest of all joints"),
+    "coulomb_Nm": ("Nm", "identified, of a joint"),
+    "viscous_forward_Nms": ("Nms/rad", "identified, of a joint"),
+    "viscous_backward_Nms": ("Nms/rad", "identified, of a joint"),
+    "offset_Nm": ("Nm", "identified, of a joint"),
+}
+ANALYSIS_METRICS = FORCE_METRICS | FRICTION_METRICS
 MOTION_METRICS = LOOP_METRICS | ANALYSIS_METRICS
 
 

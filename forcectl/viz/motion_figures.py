@@ -39,7 +39,7 @@ def speed_figure(log: Any, title: str = "") -> Figure:
         for k, joint in enumerate(joints[i * each : (i + 1) * each]):
             axes.plot(log["time"], log["link_velocity"].sel(joint=joint), color=_colour(k), lw=1.2, label=joint)
         axes.set_ylabel(f"{arm}: joint speed [rad/s]")
-        axes.legend(frameon=False, fontsize=7, loc="upper right", ncol=4)
+        axes.legend(frameon=False, fontsize=7, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=7, columnspacing=1.0)
     return figure
 
 
@@ -56,7 +56,7 @@ def force_figure(log: Any, title: str = "") -> Figure:
             true = log["tip_wrench"].sel(wrench_component=component)
             axes.plot(log["time"], true, color=_colour(k), lw=1.0, ls=(0, (4, 2)), label=f"{part}, true")
         axes.set_ylabel(f"{arm}: force [N]")
-        axes.legend(frameon=False, fontsize=8, loc="upper right", ncol=3)
+        axes.legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=6)
     return figure
 
 
@@ -67,7 +67,7 @@ def _colour(index: int) -> str:
 def _stack(count: int, title: str) -> tuple[Figure, list[Axes]]:
     figure = Figure(figsize=(8.0, 0.9 + 2.6 * count), layout="constrained")
     rows = list(figure.subplots(count, sharex=True, squeeze=False)[:, 0])
-    rows[0].set_title(title, loc="left", fontsize=11, parse_math=False)
+    figure.suptitle(title, x=0.01, ha="left", fontsize=11, parse_math=False)
     rows[-1].set_xlabel("time [s]")
     for axes in rows:
         frame(axes)
