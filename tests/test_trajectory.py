@@ -304,3 +304,20 @@ def test_targets_that_are_changed_in_place_are_noticed():
     np.testing.assert_allclose(course.position, [-0.1, 0.2], atol=1e-8)
     with pytest.raises(ValueError, match="read-only"):
         limits.velocity[0] = 2.0
+
+
+@settings(max_examples=20, deadline=None)
+@given(seed=seeds, size=st.sampled_from([57.29577951308232, 1e3, 1e5]))
+def test_large_units_are_as_good_as_small_ones(seed, size):
+    """Degrees, millimetres: the same motion in other numbers."""
+    rng = np.random.default_rng(seed)
+    limits, planner, other = random_limits(rng, 2), Planner(2), Planner(2)
+    large = limits_of(2, *(size * np.array(limits)))
+    course, scaled = begin([0.1, 0.2]), begin([0.1 * size, 0.2 * size])
+    for tick in range(150):
+        if tick % 50 == 0:
+            goal = rng.normal(size=2)
+        course = planner.follow(course, at(goal), limits, TICK)
+        scaled = other.follow(scaled, at(size * goal), large, TICK)
+        np.testing.assert_allclose(np.array(scaled.motion) / size, course.motion, rtol=1e-6, atol=2e-7)
+        assert not scaled.braking.any()

@@ -11,6 +11,7 @@ What Ruckig alone does not do, by measurement (0.19):
   fastest profile once in a hundred times, by rounding, and returns one that is up to five seconds longer. Planning with
   two jerk limits that differ by 1e-9 and taking the faster profile finds it.
 - One synchronised plan in 1e4 fails: that one is planned without synchronisation.
+- With velocity limits far above 1 it fails more often, see `Planner._take`.
 - Durations beyond 7600 s cannot be planned: such a component brakes to rest, and is planned again at every tick.
 """
 
@@ -182,8 +183,8 @@ class Plan:
         braking: 1 in components that could not be planned and brake to rest, shape (n,).
     """
 
-    def __init__(self, trajectory: Any, arrival: Sequence[float], brakes: Sequence[bool]):
-        self._trajectory = trajectory
+    def __init__(self, trajectory: Any, arrival: Sequence[float], brakes: Sequence[bool], unit: Array | None = None):
+        self._trajectory, self._unit = trajectory, unit
         self.arrival: Array = np.array([np.inf if no else time for time, no in zip(arrival, brakes, strict=True)])
         self.braking: Array = np.array(brakes, dtype=float)
 
@@ -194,7 +195,8 @@ class Plan:
 
     def at(self, time: float) -> Motion:
         """The motion `time` [s] after the start; after the end, on with the velocity of the target."""
-        return Motion(*np.array(self._trajectory.at_time(time)))
+        motion = np.array(self._trajectory.at_time(time))
+        return Motion(*(motion if self._unit is None else motion * self._unit))
 
 
 class _Standstill:
@@ -224,6 +226,7 @@ class Planner:
         self._ruckig, self._input = Ruckig(size), InputParameter(size)
         self._input.synchronization = _ALONE
         self._limits: Limits | None = None
+        self._unit: Array | None = None
         self._known: tuple[tuple[bytes, ...], Plan] | None = None
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Planner:
@@ -261,8 +264,9 @@ class Planner:
             self._input.per_dof_synchronization = None
             if together is not None:
                 end = together.duration
-                return Plan(together, [t if one else end for t, one in zip(arrival, free, strict=True)], brakes)
-        return Plan(fastest, arrival, brakes)
+                arrival = [t if one else end for t, one in zip(arrival, free, strict=True)]
+                return Plan(together, arrival, brakes, self._unit)
+        return Plan(fastest, arrival, brakes, self._unit)
 
     def follow(self, course: Course, target: Target, limits: Limits, period: float) -> Course:
         """The course one `period` [s] later.
@@ -293,6 +297,9 @@ class Planner:
     def _prepare(self, start: Motion, target: Target, limits: Limits, free: list[bool]) -> Any:
         """The fastest trajectory of each component on its own, or None. Leaves all of it in the input."""
         self._take(limits)
+        if self._unit is not None:
+            start = Motion(*(x / self._unit for x in start))
+            target = target._replace(position=target.position / self._unit, velocity=target.velocity / self._unit)
         inputs, fastest, reach = self._input, self._speeds, self._accelerations
         # Lists: they take a tenth of the time of arrays.
         position, velocity, acceleration = [x.tolist() for x in start]
@@ -313,8 +320,9 @@ class Planner:
         for jerk in self._jerks:
             inputs.max_jerk = jerk
             tries.append(self._calculate())
-            if tries[-1] is None:
-                return None
+        if None in tries:
+            inputs.max_jerk = self._jerks[tries[0] is None]
+            return tries[tries[0] is None]
         durations = zip(*(one.independent_min_durations for one in tries), strict=True)
         faster = [full < less - _FASTER for less, full in durations]
         if all(faster):
@@ -327,6 +335,10 @@ class Planner:
         if self._limits is not None and _equal(limits, self._limits):
             return
         self._limits = limits
+        # Ruckig has absolute tolerances, which large numbers miss by rounding: they get a unit, a power of two.
+        unit = 2.0 ** np.maximum(np.round(np.log2(limits.velocity)), 0.0)
+        self._unit = unit if (unit > 1.0).any() else None
+        limits = Limits(*(limit / unit for limit in limits))
         velocity, acceleration, jerk = (limit * _MARGIN for limit in limits)
         # What the velocity limit leaves no room for only makes the numbers worse.
         usable = np.minimum(acceleration, 2.0 * np.sqrt(velocity * jerk))
