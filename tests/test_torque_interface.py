@@ -10,7 +10,7 @@ import pytest
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.analysis import Simulator
-from station_runs import NORMALS, POSTURES, SPRINGS, command_for, compliance_of, multibody
+from station_runs import NORMALS, PERIOD, POSTURES, SPRINGS, command_for, compliance_of, multibody
 from test_station_ports import INPUTS, OUTPUTS
 
 import forcectl
@@ -19,7 +19,10 @@ from forcectl.diagrams.force_controller import loop_facts
 from forcectl.diagrams.station import Cell, StationConfig, build_station, describe
 from forcectl.diagrams.station_multibody import MultibodyStation
 from forcectl.errors import BadInputError
+from forcectl.estimation.controller_basis import continuous_pid
 from forcectl.estimation.recursive_vrft import GAINS
+from forcectl.estimation.reference_model import first_order
+from forcectl.estimation.vrft import fit_vrft
 from forcectl.plant.compliant_contact import EnvironmentConfig
 from forcectl.plant.servo import ServoConfig
 from forcectl.simulation.run import RunResult
@@ -229,8 +232,15 @@ def test_vrft_finds_the_gains_of_the_theory_and_those_of_the_experiment(material
     lags = 2 / 12.6 + 2 / 75.4 + 0.002
     stretched = lags * (1 + cell.robot_compliance / cell.environment_compliance)
     assert found["proportional_gain"] / found["integral_gain"] == pytest.approx(stretched, rel=0.1)
-    governed = load_scenario("vrft_torque", f"{material}, governed").controller.law
-    np.testing.assert_allclose([getattr(governed, gain) for gain in GAINS], [found[gain] for gain in GAINS], rtol=5e-4)
+    moves = slice(0, round(6.5 / PERIOD))
+    u, y = (result.log[name].values.ravel()[moves] for name in ("controller_output", "measured_force"))
+    recorded = fit_vrft(u - u[0], y - y[0], first_order(1.5, PERIOD), continuous_pid(PERIOD)).gains
+    assert recorded[1] == pytest.approx(-1.5 * cell.environment_compliance, rel=0.03)
+    laws = [(load_scenario("vrft_torque", f"{material}, governed").controller.law, [found[gain] for gain in GAINS])]
+    if material == "springs":
+        laws.append((load_scenario("vrft_torque", "springs, tuned from the record").controller, recorded))
+    for law, gains in laws:
+        np.testing.assert_allclose([getattr(law, gain) for gain in GAINS], gains, rtol=5e-4)
 
 
 @SLOW
