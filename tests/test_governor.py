@@ -7,11 +7,11 @@ import math
 import numpy as np
 import pytest
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import LinearSystem
+from pydrake.systems.primitives import LinearSystem, PassThrough
 
 from forcectl.control.adaptive_integral import AdaptiveIntegralConfig
 from forcectl.control.force_law import LoopFacts
-from forcectl.control.governor import GOVERNED_LAWS, CommandGovernor, GovernedConfig, GovernedForceLaw
+from forcectl.control.governor import CommandGovernor, GovernedConfig, GovernedForceLaw
 from forcectl.control.governor_program import closed_form, coefficients, free_force, model_step
 from forcectl.control.governor_stability import feedback_weight, stability_report
 from forcectl.control.integral import IntegralConfig
@@ -20,7 +20,9 @@ from forcectl.control.quadratic_program import Status
 from forcectl.errors import BadInputError
 from forcectl.simulation.catalog import CONTROLLERS
 from forcectl.simulation.imported import ImportConfig
-from forcectl.simulation.schema import load_object
+from forcectl.simulation.run import run
+from forcectl.simulation.scenario import load_scenario
+from forcectl.simulation.yaml_tree import Tagged
 from forcectl.testing import assert_passes_no_nan, assert_ports, run_diagram
 
 PERIOD = 0.002
@@ -298,10 +300,28 @@ def test_a_law_that_does_not_tell_its_bandwidth_needs_one():
     assert isinstance(governed(law=law, inner_bandwidth=1.5), GovernedForceLaw)
 
 
-@pytest.mark.parametrize("tag", sorted(GOVERNED_LAWS.keys() - {"Import"}))
-def test_laws_can_be_governed(tag):
-    assert CONTROLLERS[tag] == GOVERNED_LAWS[tag]
-    block = governed(law=load_object(GOVERNED_LAWS[tag])(), inner_bandwidth=1.5)
-    inputs = {"desired_force": 20.0, "measured_force": 1.0}
-    command = run_diagram(block, 0.05, period=PERIOD, inputs=inputs)["displacement_command"][:, 0]
-    assert command[-1] < 0.0
+@pytest.mark.parametrize("tag", sorted(CONTROLLERS.keys() - {"Import", "Governed"}))
+def test_every_controller_of_the_slot_can_be_governed(tag):
+    """On the station, by its tag; what a law does not tell is asked for."""
+    law = {"proportional_gain": -5e-5, "integral_gain": -2.5e-4} if tag == "AdaptiveVrft" else {}
+    parts = {
+        "station": {"environment": {"stiffness": 5.9e3}},
+        "controller": Tagged({"law": Tagged(law, tag), "inner_bandwidth": 1.5}, "Governed"),
+        "duration": 0.1,
+    }
+    log = run(parts).log
+    assert log["governed_reference"].values[-1] > log["desired_force"].values[-1]
+    assert np.isfinite(log["measured_force"].values).all()
+
+
+def test_the_default_law_is_that_of_the_thesis_and_a_governor_of_a_governor_is_refused():
+    scenario = load_scenario({"controller": Tagged({"law": Tagged({"integral_gain": -1e-4})}, "Governed")})
+    assert type(scenario.controller.law) is VrftConfig
+    with pytest.raises(BadInputError, match="a law, not a second governor"):
+        load_scenario({"controller": Tagged({"law": Tagged({}, "Governed")}, "Governed")})
+
+
+def test_a_block_that_is_no_law_is_refused():
+    builder = DiagramBuilder()
+    with pytest.raises(BadInputError, match=r"PassThrough.* has no input port 'desired_force'"):
+        GovernedForceLaw(builder, builder.AddNamedSystem("law", PassThrough(1)), CommandGovernor(1))

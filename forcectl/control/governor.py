@@ -37,20 +37,6 @@ from forcectl.control.sampled_law import SampledLaw
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import Lane, Parameter, check, check_order, lane_values, whole_multiple
 
-# Scenario tag of a law behind the governor -> import path of its configuration; the first is the default.
-GOVERNED_LAWS = {
-    "Vrft": "forcectl.control.linear_law:VrftConfig",
-    "Integral": "forcectl.control.integral:IntegralConfig",
-    "AdaptiveIntegral": "forcectl.control.adaptive_integral:AdaptiveIntegralConfig",
-    "FourthDegreeInvariance": "forcectl.control.fourth_degree_force_law:FourthDegreeInvarianceConfig",
-    "AdaptiveFourthDegreeInvariance": "forcectl.control.fourth_degree_force_law:AdaptiveFourthDegreeInvarianceConfig",
-    "AdaptiveInvariance": "forcectl.control.invariance_force_law:AdaptiveInvarianceConfig",
-    "InvarianceControl": "forcectl.control.invariance_control:InvarianceControlConfig",
-    "AdaptiveInvarianceControl": "forcectl.control.invariance_control:AdaptiveInvarianceControlConfig",
-    "Invariance": "forcectl.control.invariance_force_law:InvarianceConfig",
-    "Import": "forcectl.simulation.imported:ImportConfig",
-}
-
 
 class CommandGovernor(SampledLaw):
     """Chooses the references of n independent force loops, tick by tick. (4.31), (4.33)*
@@ -71,7 +57,9 @@ class CommandGovernor(SampledLaw):
 
     Parameters (Context, shape (n,)): inner_pole A and reference_pole At of the models per tick, in (0, 1);
     output_weight Q_y >= 0, reference_weight Q_r > 0; lower_limit and upper_limit of r [N], rate_limit of r [N/s] > 0,
-    lower_force and upper_force [N] of the predicted force; infinite for no limit.
+    lower_force and upper_force [N] of the predicted force; infinite for no limit. They bound what the model of the
+    inner loop predicts, not the reference, which is beyond them while the force is on its way (lower_limit and
+    upper_limit are for that), and not what the true loop does otherwise than its model.
 
     Sampling: `period` [s]; no delay from measured_force to governed_reference, see `SampledLaw`.
 
@@ -209,13 +197,19 @@ class GovernedForceLaw(Diagram):
     Sampling: `period` of the two [s]; no delay beyond that of the law.
 
     Args:
-        builder: holds the law; it is built into this diagram. law: a ForceLaw.
+        builder: holds the law; it is built into this diagram. law: a ForceLaw or a ForceController.
+
+    Raises:
+        BadInputError: the law has no such inputs.
     """
 
     port_units = {"governed_reference": "N", "governor_status": "1"}
 
     def __init__(self, builder: DiagramBuilder, law: System, governor: CommandGovernor):
         super().__init__()
+        for name in ("desired_force", "measured_force"):
+            if not law.HasInputPort(name):
+                raise BadInputError(f"{type(law).__name__} has no input port {name!r}: a governed law must have one")
         self.sample_delay = dict(getattr(law, "sample_delay", {}))
         builder.AddNamedSystem("governor", governor)
         builder.ExportInput(governor.GetInputPort("desired_force"), "desired_force")
@@ -236,9 +230,12 @@ class GovernedForceLaw(Diagram):
 
 @dataclass(kw_only=True)
 class GovernedConfig:
-    """Scenario part `!Governed`; the default is that of Sec. 4.6.3."""
+    """Scenario part `!Governed`; the default is that of Sec. 4.6.3.
 
-    law: Any = field(default_factory=VrftConfig, metadata={"tags": GOVERNED_LAWS})
+    In front of any controller of the force; one that does not tell the bandwidth of its loop needs `inner_bandwidth`.
+    """
+
+    law: Any = field(default_factory=VrftConfig, metadata={"slot": ("force", "controller")})
     inner_bandwidth: float | None = None  # (1-A)/Ts [rad/s], > 0; null: what the law was tuned for
     reference_bandwidth: float = 7.5  # (1-At)/Ts [rad/s], > 0: At = 0.985 at 2 ms; 4.5 is the 0.991 of the text
     delay: float = 0.08  # T_d [s], >= 0, whole control ticks
@@ -248,10 +245,12 @@ class GovernedConfig:
     lower_limit: float = -inf  # [N], of the reference of the law
     upper_limit: float = inf  # [N]
     rate_limit: float = inf  # [N/s], > 0
-    lower_force: float = -inf  # [N], of the predicted force
+    lower_force: float = -inf  # [N], of the predicted force; does not bound the reference nor what the model misses
     upper_force: float = inf  # [N]
 
     def __post_init__(self) -> None:
+        if isinstance(self.law, GovernedConfig):
+            raise invalid("law", "!Governed", "a law, not a second governor")
         check("reference_bandwidth", self.reference_bandwidth, "positive")
         lane_values("rate_limit", self.rate_limit, 1, "positive")
         inner = self._inner_bandwidth()

@@ -20,6 +20,7 @@ from pathlib import Path
 from typing import Any
 
 from forcectl.errors import BadInputError
+from forcectl.simulation.catalog import SLOTS
 from forcectl.simulation.yaml_tree import Tagged, Tree, tag_of
 
 _MISSING: Any = dataclasses.MISSING
@@ -36,6 +37,15 @@ def first_of(table: Mapping[str, str]) -> Callable[[], Any]:
     """Default factory of a slot: the class of the first tag. The field's metadata hold the table as `tags`."""
     path = next(iter(table.values()))
     return lambda: load_object(path)()
+
+
+def tags_of(field: dataclasses.Field[Any]) -> Mapping[str, str] | None:
+    """The tags that may stand at a field: of its own table `tags`, or of a `slot` (loop, name); None where none may."""
+    if "slot" in field.metadata:
+        loop, name = field.metadata["slot"]
+        return SLOTS[loop][name]
+    table: Mapping[str, str] | None = field.metadata.get("tags")
+    return table
 
 
 def load_object(path: str) -> Any:
@@ -130,7 +140,7 @@ class Reader:
             raise self._error(key, f"{key or 'scenario'}: {' '.join(str(error).split())}") from error
 
     def _field(self, field: dataclasses.Field[Any], kind: Any, tree: Tree, key: str, start: Any) -> Any:
-        table = field.metadata.get("tags")
+        table = tags_of(field)
         if table is None:
             return self.value(kind, tree, key, start)
         if isinstance(tree, str):  # the tag alone, as text
@@ -138,7 +148,8 @@ class Reader:
         tag = tag_of(tree)
         if tag is not None and tag not in table:
             raise self.unknown(key, f"!{tag}", [f"!{name}" for name in table], "tag")
-        cls = load_object(table[tag] if tag else next(iter(table.values())))
+        default = type(start) if dataclasses.is_dataclass(start) else load_object(next(iter(table.values())))
+        cls = load_object(table[tag]) if tag else default
         return self.dataclass(cls, tree, key, start if type(start) is cls else None)
 
     def value(self, kind: Any, tree: Tree, key: str, start: Any = None) -> Any:
@@ -253,9 +264,7 @@ def to_tree(value: Any, table: Mapping[str, str] | None = None) -> Tree:
     """The tree that a `Reader` turns back into `value`: every field written out, tags where there is a choice."""
     if dataclasses.is_dataclass(value) and not isinstance(value, type):
         tag = next((tag for tag, path in (table or {}).items() if load_object(path) is type(value)), None)
-        parts = {
-            f.name: to_tree(getattr(value, f.name), f.metadata.get("tags")) for f in dataclasses.fields(value) if f.init
-        }
+        parts = {f.name: to_tree(getattr(value, f.name), tags_of(f)) for f in dataclasses.fields(value) if f.init}
         return Tagged(parts, tag)
     if isinstance(value, enum.Enum):
         return value.name
