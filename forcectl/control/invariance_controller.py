@@ -232,7 +232,8 @@ class InvarianceController(LeafSystem):
         next_state.set_value(self._memory, self._now.Eval(context))
 
     def _compute(self, context: Context) -> Vector:
-        memory: Vector = context.get_discrete_state(self._memory).value()
+        # A copy: a view that is handed on, unchanged, would keep the context alive from within its own cache.
+        memory: Vector = context.get_discrete_state(self._memory).CopyToVector()
         time = context.get_time()
         # Rounding of the times of the ticks is far below the margin.
         known = time - memory.item(0) < 0.999 * self._period
