@@ -9,7 +9,7 @@ import pytest
 
 from forcectl.control.adaptive_integral import AdaptiveIntegralConfig
 from forcectl.control.integral import IntegralConfig
-from forcectl.diagrams.station import FIDELITIES
+from forcectl.diagrams.station import FIDELITIES, INTERFACES
 from forcectl.errors import BadInputError
 from forcectl.motion.references import SequenceConfig, StepConfig
 from forcectl.simulation import catalog
@@ -53,6 +53,7 @@ def test_every_preset_says_what_it_changes_and_builds(preset):
 
 def test_names_that_need_no_drake_agree_with_the_code():
     assert catalog.FIDELITIES == FIDELITIES
+    assert catalog.INTERFACES == tuple(INTERFACES)
 
 
 def test_keys_of_the_acceptance_list_exist_with_these_names():

@@ -64,6 +64,7 @@ SLOTS = {
 }
 MOTION_STATION = "Research"  # the one kind of station there is in motion loops
 FIDELITIES = ("OneDimensional", "Kinematic", "Multibody")
+INTERFACES = ("JointPosition", "JointImpedance")
 DEFAULT_PRESET = "friction"
 
 

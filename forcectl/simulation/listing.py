@@ -19,6 +19,7 @@ def catalog_tables() -> list[Table]:
         presets.add_row(name, escape(str(catalog.find_preset(name).tree.get("description", ""))))
     parts = new_table("Stations, and what fills the slots of their loops", "key", "choices")
     parts.add_row("station.fidelity", ", ".join(catalog.FIDELITIES))
+    parts.add_row("station.interface", ", ".join(f"!{tag}" for tag in catalog.INTERFACES))
     for key, names in catalog.list_models().items():
         parts.add_row(key, ", ".join(names))
     for loop, slots in catalog.SLOTS.items():
