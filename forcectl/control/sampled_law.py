@@ -84,8 +84,9 @@ class SampledLaw(LaneBlock):
         """The values of a new tick, the command first, from the inputs and the values held so far."""
 
     def _compute(self, context: Context) -> Sequence[Lane]:
-        # A copy: a view that a law hands on, unchanged, would keep the context alive from within its own cache.
-        since, *held = self.lanes(context.get_discrete_state(self._held).CopyToVector())
+        state = context.get_discrete_state(self._held)
+        # Arrays as a copy: a view that a law hands on would keep the context alive from within its own cache.
+        since, *held = self.lanes(state.value() if self._size == 1 else state.CopyToVector())
         # Rounding of the times of the ticks is far below the margin.
         known = context.get_time() - (since if self._size == 1 else since[0]) < 0.999 * self._period
         return held if known else self.step(context, held)
