@@ -9,13 +9,16 @@ from typing import Any
 
 import numpy as np
 from block_example import Example
-from pydrake.systems.framework import System
+from pydrake.systems.framework import DiagramBuilder, System
 
 from forcectl.control.arms_motion import ArmsMotion
 from forcectl.control.reactive_controller import ReactiveController
 from forcectl.control.rotation_vector import RotationVector
 from forcectl.control.task_coordinates import ArmTask
+from forcectl.diagrams.motion_loop import motion_facts
+from forcectl.diagrams.reaching import ReachConfig, ReactiveReaching, ReactiveReachingConfig
 from forcectl.diagrams.reactive_motion import ReactiveMotion
+from forcectl.diagrams.research_cell import ResearchStationConfig, describe_research
 from forcectl.robot import RobotModel
 from forcectl.testing.runs import Input
 
@@ -66,8 +69,19 @@ MOTION_INPUTS: dict[str, Input] = {
 }
 
 
+READINGS = ("joint_position", "joint_velocity")
+
+
 def reactive_motion() -> ReactiveMotion:
     return ReactiveMotion(reactive_controller())
+
+
+def reactive_reaching() -> ReactiveReaching:
+    facts = motion_facts(describe_research(ResearchStationConfig(tool=None)))
+    goal = ReachConfig(arm="right", position=[0.1, -0.2, 0.3], time=0.02)
+    made = ReactiveReachingConfig(targets=[goal], tool=None).add_to(DiagramBuilder(), facts)
+    assert isinstance(made, ReactiveReaching)
+    return made
 
 
 def outputs() -> set[str]:
@@ -86,6 +100,13 @@ REACTIVE_EXAMPLES: dict[type[System], list[Example]] = {
             reactive_motion,
             every(outputs(), MOTION_INPUTS) | {("task_position_reference", "task_target")},
             MOTION_INPUTS,
+        )
+    ],
+    ReactiveReaching: [
+        Example(
+            reactive_reaching,
+            every(outputs(), READINGS),
+            {name: REACTIVE_INPUTS[name] for name in READINGS},
         )
     ],
 }

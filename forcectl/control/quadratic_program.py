@@ -232,9 +232,9 @@ class QuadraticProgram:
             self._no_u_upper if u_upper is None else u_upper,
         )
         if self._free_first and math.isfinite(np.vdot(hessian, hessian)):
-            _, u, failed = dposv(hessian, -gradient)
-            if failed == 0 and self._plainly(program, u, matrix @ u):
-                return Solution(u, Status.OPTIMAL, 0.0)
+            _, free, failed = dposv(hessian, -gradient)
+            if failed == 0 and self._plainly(program, free, matrix @ free):
+                return Solution(free, Status.OPTIMAL, 0.0)
         if not _finite(program):
             return Solution(fallback, Status.NOT_FINITE, 0.0)
         u, infeasible = self._attempt(self._solver, program)

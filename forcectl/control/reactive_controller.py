@@ -62,12 +62,12 @@ _DIAGNOSTICS = {
 class Supervision:
     """When the motion is stopped, and what counts as reached.
 
-    longest_gap: bad readings that are passed over [s]. frozen_speed [rad/s], largest_error [rad]: see `ReadingGuard`.
+    longest_gap: bad readings that are passed over [s]. frozen_distance, largest_error: see `ReadingGuard` [rad].
     position_tolerance [m], angle_tolerance [rad]: of the target. patience: see `TaskProgress` [s].
     """
 
     longest_gap: float = 0.02
-    frozen_speed: float = 0.1
+    frozen_distance: float = 0.01
     largest_error: float = 0.5
     position_tolerance: float = 5e-4
     angle_tolerance: float = 5e-3
@@ -183,7 +183,7 @@ class ReactiveController(LeafSystem):
         chosen.cost(origin, Ts)  # a criterion that does not fit the robot fails here
         self._program = TaskProgram(self._n, levels, chosen, self._constraints, Ts, solver)
         self._guard = ReadingGuard(
-            self._n, supervision.longest_gap, supervision.frozen_speed, supervision.largest_error, Ts
+            self._n, supervision.longest_gap, supervision.frozen_distance, supervision.largest_error, Ts
         )
         self._progress = TaskProgress(self._tolerance, supervision.patience, Ts)
         self._no_costs = [0.0] * self._program.size
@@ -227,8 +227,8 @@ class ReactiveController(LeafSystem):
             "task_acceleration": np.zeros(k),
             "foreseen": np.zeros(self._constraints.foreseen_size),
             "read_position": np.full(n, np.nan),
+            "read_command": start,
             "reading_ok": np.ones(n),
-            "frozen": np.zeros(n),
             "gap": none,
             "target": np.full(k, np.nan),
             "nearest": nowhere,
@@ -397,13 +397,13 @@ class ReactiveController(LeafSystem):
     def _look(self, context: Context, memory: Vector, q: Vector, v: Vector) -> tuple[Readings, bool]:
         """The readings of this tick, and whether they stop the motion."""
         place = self._place
-        position, good, frozen = (memory[place[name]] for name in ("read_position", "reading_ok", "frozen"))
-        past = Readings(position, good, frozen, memory.item(place["gap"].start))
+        position, command, good = (memory[place[name]] for name in ("read_position", "read_command", "reading_ok"))
+        past = Readings(position, command, good, memory.item(place["gap"].start))
         read, speed = self._measured
         if not read.HasValue(context):
             return past, False
         position, velocity = read.Eval(context), speed.Eval(context) if speed.HasValue(context) else v
-        readings = self._guard.look(past, position, velocity, q, v)
+        readings = self._guard.look(past, position, velocity, q)
         return readings, self._guard.stops(readings)
 
     def _look_ahead(self, context: Context, memory: Vector, x: Vector, rate: Vector) -> Progress:

@@ -45,6 +45,7 @@ REFERENCES = {
 MOTION_CONTROLLERS = {
     "JointMoves": "forcectl.motion.joint_path:JointMovesConfig",
     "JointExcitation": "forcectl.motion.joint_path:JointExcitationConfig",
+    "ReactiveReaching": "forcectl.diagrams.reaching:ReactiveReachingConfig",
     "Import": "forcectl.simulation.imported:ImportConfig",
 }
 ESTIMATORS = {
@@ -56,6 +57,7 @@ ANALYSES = {
     "NoAnalysis": "forcectl.simulation.motion_analysis:NoAnalysis",
     "ForceEstimation": "forcectl.simulation.force_analysis:ForceAnalysis",
     "FrictionIdentification": "forcectl.simulation.friction_analysis:FrictionAnalysis",
+    "Reaching": "forcectl.simulation.reach_analysis:ReachAnalysis",
 }
 # Loop of a scenario -> its slots -> their tags.
 SLOTS = {

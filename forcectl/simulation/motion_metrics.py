@@ -45,7 +45,23 @@ FRICTION_METRICS: dict[str, tuple[str, str]] = {
     "viscous_backward_Nms": ("Nms/rad", "identified, of a joint"),
     "offset_Nm": ("Nm", "identified, of a joint"),
 }
-ANALYSIS_METRICS = FORCE_METRICS | FRICTION_METRICS
+REACH_METRICS: dict[str, tuple[str, str]] = {
+    "reach_offset_mm": ("mm", "distance of the links' TCP from its last target at the end, of the worse arm"),
+    "reach_angle_deg": ("deg", "angle between the two, of the worse arm"),
+    "reach_time_s": ("s", "from the last change of the targets until both commands are there"),
+    "retargets": ("1", "changes of the targets after the start"),
+    "link_distance_mm": ("mm", "least distance of links from each other and from obstacles"),
+    "acceleration_share": ("1", "largest joint acceleration of the reference as a share of its limit"),
+    "active_share": ("1", "share of the ticks in which a constraint binds"),
+    "constraint_excess": ("", "largest violation of a constraint or joint limit, in its own unit"),
+    "holding_share": ("1", "share of the ticks in which the joints brake or hold"),
+    "joint_speed_rms": ("rad/s", "root mean square length of the joint speeds of the reference"),
+    "limit_room_deg": ("deg", "least distance of a joint of the reference from its limits"),
+    "mean_distance_mm": ("mm", "mean over time of the least distance of links"),
+    "mean_room_deg": ("deg", "mean over time of the least distance of a joint from its limits"),
+    "reflected_mass_kg": ("kg", "mean of the mass that a push at the TCPs meets"),
+}
+ANALYSIS_METRICS = FORCE_METRICS | FRICTION_METRICS | REACH_METRICS
 MOTION_METRICS = LOOP_METRICS | ANALYSIS_METRICS
 
 
