@@ -12,7 +12,7 @@ from forcectl.control.reactive_controller import ReactiveController
 from forcectl.control.rotation_vector import RotationVector
 from forcectl.control.task_coordinates import COORDINATES, ArmTask, Orientation
 from forcectl.diagrams.reactive_motion import ReactiveMotion
-from forcectl.motion.euler_angles import EulerAngles
+from forcectl.motion.euler_angles import EulerAngles, rotation_of
 from forcectl.motion.relative_pose import FrameMotion, RelativeMotion, RelativeTask
 
 Array = np.ndarray
@@ -80,3 +80,30 @@ def test_a_follower_reaches_a_pose_with_its_axis_free():
     here, reference, _ = arms.advance(2.0)
     np.testing.assert_allclose(here, goal, atol=1e-6)
     np.testing.assert_allclose(reference, goal, atol=1e-6)
+
+
+@pytest.mark.parametrize(("near", "reached"), [(True, 1), (False, 0)])
+def test_euler_angles_through_their_singularity(near, reached):
+    """Angles nearest to others go through; the usual ones jump, which stalls the task and breaks no limit."""
+    robot = two_arms()
+    posture = robot.facts.default_posture + AWAY
+    at_rest = ArmsMotion(robot, robot.create_context(), posture, np.zeros(robot.num_joints))
+    start = np.array([0.2, 1.3, 0.1])
+    base = at_rest.arm("left").rotation @ rotation_of(start).T
+    task = ArmTask("left", COORDINATES, EulerAngles(base, about=start if near else None))
+    controller = ReactiveController(robot, [task], start=posture)
+    motion = ReactiveMotion(controller)
+    simulator = Simulator(motion)
+    context = simulator.get_mutable_context()
+    goal = controller.task_start + np.array([0, 0, 0, 0.1, 0.5, 0])
+    motion.GetInputPort("task_target").FixValue(context, goal)
+    last = np.zeros(robot.num_joints)
+    for tick in range(1, 400):
+        simulator.AdvanceTo(tick * controller.period)
+        v = motion.GetOutputPort("joint_velocity_reference").Eval(context)
+        assert (np.abs(v) <= robot.limits.velocity + 1e-9).all()
+        assert (np.abs(v - last) <= (robot.limits.acceleration + 1e-6) * controller.period).all()
+        last = v
+    here = motion.GetOutputPort("task_position").Eval(context)
+    assert motion.GetOutputPort("reached").Eval(context)[0] == reached
+    assert (np.abs(here - goal).max() < 1e-6) == bool(reached)
