@@ -124,8 +124,8 @@ RESEARCH_EXAMPLES: dict[type[System], list[Example]] = {
     ],
     ReferenceHold: [
         Example(
-            lambda: ReferenceHold(2, period=0.004, start=[0.1, 0.2]),
-            inputs={"joint_position_reference": sway, "joint_velocity_reference": sway_rate},
+            lambda: ReferenceHold(2, period=0.004, time_step=0.001, start=[0.1, 0.2]),
+            inputs={"travelled": sway, "joint_position_reference": sway, "joint_velocity_reference": sway_rate},
         )
     ],
     JointServo: [

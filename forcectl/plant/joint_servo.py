@@ -13,12 +13,18 @@ All of it but the taking of references are C++ blocks: a Python callback at 2 kH
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
-from pydrake.systems.primitives import Demultiplexer, LinearSystem, MatrixGain, Multiplexer, Saturation
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
+from pydrake.systems.primitives import (
+    Demultiplexer,
+    LinearSystem,
+    MatrixGain,
+    Multiplexer,
+    Saturation,
+)
 
 from forcectl.lanes import check, check_count, lane_values, whole_multiple
 
@@ -47,51 +53,59 @@ def servo_gains(inertia: ArrayLike, bandwidth: float, damping_ratio: float, inte
 
 
 class ReferenceHold(LeafSystem):
-    """References of n joints, taken at ticks and going on between them.
+    """References of n joints, taken at ticks, that go on between them.
+
+        r + v_r (t - t_k) = o_k + I(t),   I = dt sum v_r,   o_k = r - I_k + dt (v_r - v_r,k-1)
+
+    I is an integrator at the rate of the plant, beside it: with it there is nothing to be computed here between ticks.
+    In the step in which a reference is taken, I still goes on with the last speed.
 
     ```
     name: ReferenceHold
-    input_ports: [joint_position_reference, joint_velocity_reference, joint_torque_feedforward]
+    input_ports: [joint_position_reference, joint_velocity_reference, joint_torque_feedforward, travelled]
     output_ports: [reference]
     ```
 
     joint_position_reference: shape (n,), r [rad]. joint_velocity_reference: shape (n,), v_r [rad/s].
     joint_torque_feedforward: shape (n,) [Nm]. It and v_r are zero when they are not connected.
-    reference: shape (3n,), r + v_r (t - t_k), v_r and the feed-forward [rad, rad/s, Nm]. State and time, no direct
-        feedthrough.
+    travelled: shape (n,), I [rad].
+    reference: shape (3n,), o, v_r and the feed-forward [rad, rad/s, Nm]. State.
 
     A joint with a reference that is not a finite number keeps its last position, without speed and feed-forward.
 
     Sampling: `period` [s]; what is taken at a tick shows after it.
+
+    Args:
+        time_step: dt of the integrator [s]. start: r before the first tick, shape (n,) [rad].
     """
 
     optional_inputs = ("joint_torque_feedforward", "joint_velocity_reference")
 
-    def __init__(self, size: int, *, period: float, start: ArrayLike):
+    def __init__(self, size: int, *, period: float, time_step: float, start: ArrayLike):
         super().__init__()
         n = self._n = check_count("size", size)
-        self._period = check("period", period, "positive")
-        self.port_units = {"joint_torque_feedforward": "Nm", "reference": "rad,rad/s,Nm"}
+        self._step = check("time_step", time_step, "positive")
+        self.port_units = {"joint_torque_feedforward": "Nm", "travelled": "rad", "reference": "rad,rad/s,Nm"}
         names = ("joint_position_reference", "joint_velocity_reference", "joint_torque_feedforward")
         self._inputs = [self.DeclareVectorInputPort(name, n) for name in names]
-        # r, v_r, feed-forward, and the time they were taken at.
-        held = self.DeclareDiscreteState(np.concatenate([lane_values("start", start, n), np.zeros(2 * n + 1)]))
-        reads: Any = {self.discrete_state_ticket(held), self.time_ticket()}
-        self.DeclareVectorOutputPort("reference", 3 * n, self._show, prerequisites_of_calc=reads)
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._period, offset_sec=0.0, update=self._take)
+        self._travelled = self.DeclareVectorInputPort("travelled", n)
+        state = self.DeclareDiscreteState(np.concatenate([lane_values("start", start, n), np.zeros(2 * n)]))
+        self.DeclareStateOutputPort("reference", state)
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=check("period", period, "positive"), offset_sec=0.0, update=self._take
+        )
 
     def _take(self, context: Context, next_state: DiscreteValues) -> None:
-        n = self._n
-        r, rate, feed = (port.Eval(context) if port.HasValue(context) else np.zeros(n) for port in self._inputs)
-        good = np.isfinite(r) & np.isfinite(rate) & np.isfinite(feed)
-        last = context.get_discrete_state(0).value()[:n]
-        taken = (np.where(good, r, last), np.where(good, rate, 0.0), np.where(good, feed, 0.0), [context.get_time()])
-        next_state.set_value(0, np.concatenate(taken))
-
-    def _show(self, context: Context, output: BasicVector) -> None:
         n, held = self._n, context.get_discrete_state(0).value()
-        ahead = (context.get_time() - held[-1]) * held[n : 2 * n]
-        output.SetFromVector(np.concatenate([held[:n] + ahead, held[n:-1]]))
+        travelled, last_rate = self._travelled.Eval(context), held[n : 2 * n]
+        taken = np.concatenate([port.Eval(context) if port.HasValue(context) else np.zeros(n) for port in self._inputs])
+        if not np.isfinite(taken).all():
+            rows = taken.reshape(3, n)
+            bad = ~np.isfinite(rows).all(axis=0)
+            rows[0, bad] = (held[:n] + travelled)[bad]
+            rows[1:, bad] = 0.0
+        taken[:n] += self._step * (taken[n : 2 * n] - last_rate) - travelled
+        next_state.set_value(0, taken)
 
 
 class JointServo(Diagram):
@@ -133,34 +147,37 @@ class JointServo(Diagram):
         self.port_units = {"position": "rad", "velocity": "rad/s", "motor_torque": "Nm", "torque_integral": "Nms"}
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
-        hold = add("references", ReferenceHold(n, period=period, start=start))
         eye, zero = np.eye(n), np.zeros((n, n))
+        hold = add("references", ReferenceHold(n, period=period, time_step=step, start=start))
         kp, kd, ki = (np.diag(gain) for gain in gains[:3])
-        # Known at the start of a step: r, v_r, tau_ff, q, v, z.
-        known = add("known", Multiplexer([3 * n, n, n, n]))
-        wanted = add("wanted_torque", MatrixGain(np.hstack([kp, kd, eye, -kp, -kd, eye])))
+        # Known at the start of a step: o, v_r, tau_ff, I, q, v, z.
+        known = add("known", Multiplexer([3 * n, n, n, n, n]))
+        wanted = add("wanted_torque", MatrixGain(np.hstack([kp, kd, eye, kp, -kp, -kd, eye])))
         motor = add("torque_limit", Saturation(-bound, bound))
-        # z and the integral of tau.
-        after = add("after", Multiplexer([6 * n, n, n]))
-        error = np.hstack([ki, zero, zero, -ki, zero, zero, -gains.unwinding * eye, gains.unwinding * eye])
-        mean = np.hstack([*[zero] * 7, eye])
-        nothing = np.zeros((2 * n, 8 * n))
-        sums = LinearSystem(np.eye(2 * n), step * np.vstack([error, mean]), np.eye(2 * n), nothing, step)
-        sums.configure_default_state(np.concatenate([lane_values("torque", torque, n), np.zeros(n)]))
+        # z, and the integrals of tau and v_r.
+        after = add("after", Multiplexer([7 * n, n, n]))
+        error = np.hstack([ki, zero, zero, ki, -ki, zero, zero, -gains.unwinding * eye, gains.unwinding * eye])
+        mean = np.hstack([*[zero] * 8, eye])
+        travel = np.hstack([zero, eye, *[zero] * 7])
+        nothing = np.zeros((3 * n, 9 * n))
+        sums = LinearSystem(np.eye(3 * n), step * np.vstack([error, mean, travel]), np.eye(3 * n), nothing, step)
+        sums.configure_default_state(np.concatenate([lane_values("torque", torque, n), np.zeros(2 * n)]))
         integrals = add("integrals", sums)
-        halves = add("integral_and_impulse", Demultiplexer([n, n]))
+        parts = add("integral_impulse_travel", Demultiplexer([n, n, n]))
         connect(hold.GetOutputPort("reference"), known.get_input_port(0))
-        connect(halves.get_output_port(0), known.get_input_port(3))
+        connect(parts.get_output_port(2), known.get_input_port(1))
+        connect(parts.get_output_port(2), hold.GetInputPort("travelled"))
+        connect(parts.get_output_port(0), known.get_input_port(4))
         connect(known.get_output_port(), wanted.get_input_port())
         connect(wanted.get_output_port(), motor.get_input_port())
         for i, port in enumerate((known.get_output_port(), wanted.get_output_port(), motor.get_output_port())):
             connect(port, after.get_input_port(i))
         connect(after.get_output_port(), integrals.get_input_port())
-        connect(integrals.get_output_port(), halves.get_input_port())
-        for i in range(hold.num_input_ports()):
+        connect(integrals.get_output_port(), parts.get_input_port())
+        for i in range(3):
             builder.ExportInput(hold.get_input_port(i), hold.get_input_port(i).get_name())
-        builder.ExportInput(known.get_input_port(1), "position")
-        builder.ExportInput(known.get_input_port(2), "velocity")
+        builder.ExportInput(known.get_input_port(2), "position")
+        builder.ExportInput(known.get_input_port(3), "velocity")
         builder.ExportOutput(motor.get_output_port(), "motor_torque")
-        builder.ExportOutput(halves.get_output_port(1), "torque_integral")
+        builder.ExportOutput(parts.get_output_port(1), "torque_integral")
         builder.BuildInto(self)
