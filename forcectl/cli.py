@@ -352,11 +352,12 @@ def _diagram(target: str, variant: str | None, settings: list[str] | None, fidel
 
         return target.rpartition(":")[2], call_for_diagram(target)
     from forcectl.simulation.run import with_shortcuts
-    from forcectl.simulation.scenario import as_file, build, resolve, select_variants
+    from forcectl.simulation.scenario import as_file, build, origins, resolve, select_variants
 
     file = as_file(target)
     overrides = with_shortcuts(parse_settings(settings or []), None, fidelity)
-    return file.name, build(resolve(file, select_variants(file, variant)[0], overrides)).diagram
+    name = select_variants(file, variant)[0]
+    return file.name, build(resolve(file, name, overrides), origins(file, name, overrides)).diagram
 
 
 def _console() -> Console:

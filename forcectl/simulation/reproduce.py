@@ -22,7 +22,7 @@ from forcectl.simulation.catalog import ScenarioFile, find_scenario
 from forcectl.simulation.expectations import Verdict
 from forcectl.simulation.run import StoppedRunError, finish, verdicts_on, with_shortcuts
 from forcectl.simulation.run_directory import SUMMARY, check_free, write_json, write_whole
-from forcectl.simulation.scenario import AnyScenario, Scenario, build, resolve, select_variants
+from forcectl.simulation.scenario import AnyScenario, Scenario, build, origins, resolve, select_variants
 from forcectl.simulation.simulate import Outcome, simulate
 
 Progress = Callable[[str, float], None]  # (what, share done)
@@ -134,7 +134,8 @@ def _job(file: ScenarioFile, variant: str, overrides: Mapping[str, Any]) -> Outc
     try:
         scenario = resolve(file, variant, overrides)
         # Diagrams and exceptions do not travel between processes.
-        return replace(simulate(scenario, build(scenario), variant), diagram=None, cause=None)
+        loop = build(scenario, origins(file, variant, overrides))
+        return replace(simulate(scenario, loop, variant), diagram=None, cause=None)
     except ForcectlError as error:
         return str(error)
     except (Exception, SystemExit) as error:  # a row of the table, with the name of what went wrong

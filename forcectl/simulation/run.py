@@ -21,6 +21,7 @@ from forcectl.simulation.scenario import (
     AnyScenario,
     as_file,
     build,
+    origins,
     resolve,
     resolved_tree,
     select_variants,
@@ -98,7 +99,7 @@ def run(
         raise BadInputError("replay = True: must be False without an output directory")
     if directory is not None:
         check_free(directory, force)
-    loops = {name: build(one) for name, one in scenarios.items()}
+    loops = {name: build(one, origins(file, name, changes)) for name, one in scenarios.items()}
     outcomes: list[Outcome] = []
     for name, one in scenarios.items():
         outcomes.append(simulate(one, loops.pop(name), name, realtime_rate, progress))

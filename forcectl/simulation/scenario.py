@@ -6,9 +6,8 @@ variant, overrides (`--set` on the command line).
 
 from __future__ import annotations
 
-import re
-from collections.abc import Mapping
-from dataclasses import dataclass, field, fields, is_dataclass
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -22,12 +21,13 @@ from forcectl.lanes import check
 from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.simulation import catalog
 from forcectl.simulation.catalog import CONTROLLERS, REFERENCES, SLOTS, ScenarioFile
+from forcectl.simulation.error_keys import full_key
 from forcectl.simulation.expectations import Expectation
 from forcectl.simulation.metrics import metrics_of
 from forcectl.simulation.motion_scenario import MotionScenario
 from forcectl.simulation.scenario_checks import check_run
-from forcectl.simulation.schema import Reader, first_of, join, to_tree
-from forcectl.simulation.yaml_tree import Tagged, Tree, difference, merge, nest, plain, tag_of
+from forcectl.simulation.schema import Reader, first_of, to_tree
+from forcectl.simulation.yaml_tree import Tagged, Tree, difference, merge, nest, plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -238,25 +238,21 @@ def _holds(tree: Tree, parts: list[str]) -> bool:
     return True
 
 
-def _locate_files(tree: Tagged, folder: Path) -> None:
+def _locate_files(tree: Tree, folder: Path) -> None:
     # A file beside the scenario is found from anywhere.
-    reference: Tree = tree.get("reference")
-    surface: Tree = tree
-    for name in ("station", "environment", "surface"):
-        surface = surface.get(name) if isinstance(surface, Tagged) else None
-    controller: Tree = tree.get("controller")
-    excitation: Tree = controller.get("excitation") if isinstance(controller, Tagged) else None
-    named = [reference] if tag_of(reference) == "File" else []
-    named += [excitation] if tag_of(excitation) == "ExcitationFile" else []
-    for part in [*named, surface]:
-        if isinstance(part, Tagged) and isinstance(part.get("path"), str) and part["path"]:
-            beside = folder / part["path"]
-            if beside.is_file():
-                part["path"] = str(beside)
+    if isinstance(tree, Tagged):
+        path = tree.get("path")
+        if isinstance(path, str) and path and (folder / path).is_file():
+            tree["path"] = str(folder / path)
+        for part in tree.values():
+            _locate_files(part, folder)
 
 
-def build(scenario: AnyScenario) -> Loop:
+def build(scenario: AnyScenario, origin: Callable[[str], str] = lambda key: "") -> Loop:
     """The loop of a scenario as a diagram.
+
+    Args:
+        scenario: complete. origin: says for a dotted key where its value came from, see `origins`.
 
     Raises:
         BadInputError: values that are fine one by one but do not fit together.
@@ -264,30 +260,21 @@ def build(scenario: AnyScenario) -> Loop:
     try:
         return scenario.build()
     except BadInputError as error:
-        raise BadInputError(_full_key(scenario, str(error))) from None
+        key, text = full_key(scenario, error)
+        raise BadInputError(f"{origin(key)}: {text}".removeprefix(": ")) from None
     # What no check of ours foresaw: Drake refuses with a RuntimeError, its failed preconditions arrive as SystemExit,
     # and a delay line of years does not fit into memory.
     except (RuntimeError, SystemExit, MemoryError) as error:
         reason = " ".join(str(error).split())[:300]
-        raise BadInputError(f"scenario {scenario.title!r} cannot be built: {reason}") from error
+        name = origin("") or f"scenario {scenario.title!r}"
+        raise BadInputError(f"{name} cannot be built: {reason}") from error
 
 
-def _full_key(scenario: AnyScenario, text: str) -> str:
-    """`text` with the dotted key of the field it begins with, where only one field has that name."""
-    about = re.match(r"unknown (\w+)|\w+", text)
-    name = (about.group(1) or about.group()) if about else ""
-    parts = [f.name for f in fields(scenario) if is_dataclass(getattr(scenario, f.name))]
-    homes = [home for part in parts for home in _keys_ending_in(to_tree(getattr(scenario, part)), name, part)]
-    if len(homes) != 1:
-        return text
-    return f"{homes[0]}: {text}" if text.startswith("unknown") else text.replace(name, homes[0], 1)
-
-
-def _keys_ending_in(tree: Tree, name: str, key: str) -> list[str]:
-    if not isinstance(tree, Tagged):
-        return []
-    found = [join(key, name)] if name in tree else []
-    return found + [k for child, part in tree.items() for k in _keys_ending_in(part, name, join(key, child))]
+def origins(
+    file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[str, Any] | None = None
+) -> Callable[[str], str]:
+    """What says for a dotted key of the scenario that `resolve` makes of the same which file or option it is from."""
+    return _Layers(file, variant, overrides or {}).origin
 
 
 def resolved_tree(scenarios: Mapping[str, AnyScenario]) -> Tagged:
