@@ -4,12 +4,8 @@
     then, with J u as it is, the criterion of the null space                             (5.18)
     q[k+1] = q[k] + Ts q'[k] + Ts^2 u/2,    q'[k+1] = q'[k] + Ts u                       (5.15)
 
-q, q' are the commanded motion. The trajectory generator is led by what became of its last reference, task by task: by
-the reference itself while it is followed, to 5 mm, and by the commanded motion where there is no target or the joints
-brake. Where constraints made the motion deviate, the next reference starts 5 mm ahead of it on the way to the target,
-with what it has of speed in that direction. Then it slides along what is in its way and comes to rest where that leads
-no nearer. To start from the motion itself instead, as Algorithm 2 says, gives a time-optimal generator the speed along
-the obstacle as well: nothing brakes it, and at the border of its workspace an arm swings for ever.
+q, q' are the commanded motion. The trajectory generator is led by what became of its last reference, see
+`forcectl.control.leash`.
 """
 
 from __future__ import annotations
@@ -25,6 +21,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 from forcectl.cache import BlockCache
 from forcectl.control.arms_motion import ArmsMotion
 from forcectl.control.constraints import Constraint, ConstraintSet, JointTorqueLimit, checked_limits
+from forcectl.control.leash import Leash
 from forcectl.control.null_space import Criterion, JointSpeed
 from forcectl.control.quadratic_program import SolverFactory, Status, fastest
 from forcectl.control.reading_guard import ReadingGuard, Readings
@@ -37,9 +34,7 @@ from forcectl.lanes import check, lane_values
 from forcectl.robot import JointLimits, RobotModel
 
 Vector = NDArray[np.float64]
-Motion = tuple[Vector, Vector, Vector]  # x, x', x'' of the task coordinates, (k,) each
 
-_LEASH = 5e-3  # how far a reference may be ahead of the motion [m]
 _ABSURD = 1e6  # [m or rad, per s] a reference beyond is no number
 _ROUNDING = 1e-12  # violations below are none
 
@@ -165,8 +160,6 @@ class ReactiveController(LeafSystem):
         origin = ArmsMotion(robot, robot.create_context(), q0, np.zeros(self._n))
         state = self._task_state(origin)
         self._size = len(state.value)
-        self._sizes = np.array([task.size for task in tasks])
-        self._begins = np.cumsum(self._sizes) - self._sizes
 
         limits = checked_limits(robot.limits if limits is None else limits, origin)
         everything: list[Constraint] = [JointTorqueLimit(limits.torque)] if np.isfinite(limits.torque).any() else []
@@ -175,7 +168,8 @@ class ReactiveController(LeafSystem):
         self._constraints = ConstraintSet([*everything, *constraints], limits, origin, Ts, constraint_gamma)
         angular = np.concatenate([task.angular for task in tasks])
         self._tolerance = np.where(angular, supervision.angle_tolerance, supervision.position_tolerance)
-        self._scale = np.where(angular, robot.facts.characteristic_length, 1.0)
+        scale = np.where(angular, robot.facts.characteristic_length, 1.0)
+        self._leash = Leash([task.size for task in tasks], scale)
         levels = task_levels(tasks, weights, robot.facts.characteristic_length, Ts)
         chosen = JointSpeed() if criterion is None else criterion
         if not isinstance(chosen, Criterion):
@@ -331,7 +325,10 @@ class ReactiveController(LeafSystem):
             error, slow = x - position, rate - velocity
             missed = (np.abs(error) / self._tolerance).max().item()
             costs = [*self._program.costs(error, slow), criterion]
-            led = self._lead(context, led, (position, velocity), error)
+            bend = self._references[2]
+            asked = (position, velocity, bend.Eval(context) if bend.HasValue(context) else a)
+            target = self._target.Eval(context) if self._target.HasValue(context) else None
+            led = self._leash.start(led, asked, target)
         progress = self._look_ahead(context, memory, x, rate)
         told = [
             float(status),
@@ -360,39 +357,6 @@ class ReactiveController(LeafSystem):
                 told,
             ]
         )
-
-    def _lead(self, context: Context, motion: Motion, reference: tuple[Vector, Vector], error: Vector) -> Motion:
-        """What the next reference starts from; see this module.
-
-        Args:
-            motion: x, x', x'' of the tasks at the next tick. reference: x_gen, x'_gen for it. error: x - x_gen.
-        """
-        x, rate, a = motion
-        bend = self._references[2]
-        asked = (*reference, bend.Eval(context) if bend.HasValue(context) else a)
-        followed = self._length(error) <= _LEASH
-        if followed.all():
-            return asked
-        if self._target.HasValue(context):
-            ahead = self._target.Eval(context) - x
-            left = self._length(ahead)
-            if np.isfinite(left).all():
-                left = np.maximum(left, 1e-12)
-                onward = np.add.reduceat(self._scale**2 * ahead * rate, self._begins) / left**2
-                near = np.minimum(0.9 * _LEASH / left, 1.0)
-                motion = (
-                    x + near.repeat(self._sizes) * ahead,
-                    np.maximum(onward, 0.0).repeat(self._sizes) * ahead,
-                    np.zeros(self._size),
-                )
-        mask = followed.repeat(self._sizes)
-        position, velocity, bend_ = (np.where(mask, *pair) for pair in zip(asked, motion, strict=True))
-        return position, velocity, bend_
-
-    def _length(self, way: Vector) -> Vector:
-        """Of a difference of task coordinates, for each task, with angles in characteristic lengths [m]."""
-        length: Vector = np.sqrt(np.add.reduceat((self._scale * way) ** 2, self._begins))
-        return length
 
     def _look(self, context: Context, memory: Vector, q: Vector, v: Vector) -> tuple[Readings, bool]:
         """The readings of this tick, and whether they stop the motion."""
