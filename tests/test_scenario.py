@@ -53,7 +53,7 @@ def test_every_preset_says_what_it_changes_and_builds(preset):
 
 def test_names_that_need_no_drake_agree_with_the_code():
     assert catalog.FIDELITIES == FIDELITIES
-    assert catalog.INTERFACES == tuple(INTERFACES)
+    assert tuple(INTERFACES) == catalog.INTERFACES
 
 
 def test_keys_of_the_acceptance_list_exist_with_these_names():

@@ -10,11 +10,14 @@ import pytest
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Diagram
 from station_runs import NORMALS, PERIOD, POSTURES, SPRINGS, command_for, compliance_of, multibody
 from test_station_ports import INPUTS, OUTPUTS
 
 import forcectl
+from forcectl.control.integral import IntegralConfig
 from forcectl.control.joint_impedance import JointImpedanceConfig
+from forcectl.diagrams.closed_loop import build_closed_loop
 from forcectl.diagrams.force_controller import loop_facts
 from forcectl.diagrams.station import Cell, StationConfig, build_station, describe
 from forcectl.diagrams.station_multibody import MultibodyStation
@@ -23,12 +26,21 @@ from forcectl.estimation.controller_basis import continuous_pid
 from forcectl.estimation.recursive_vrft import GAINS
 from forcectl.estimation.reference_model import first_order
 from forcectl.estimation.vrft import fit_vrft
+from forcectl.motion.references import StepConfig
 from forcectl.plant.compliant_contact import EnvironmentConfig
 from forcectl.plant.servo import ServoConfig
 from forcectl.simulation.run import RunResult
 from forcectl.simulation.scenario import load_scenario
 from forcectl.simulation.yaml_tree import Tagged
-from forcectl.testing import Log, assert_feedthrough, assert_ports, run_diagram
+from forcectl.testing import (
+    Log,
+    assert_feedthrough,
+    assert_memory_released,
+    assert_ports,
+    assert_same_after_reset_and_clone,
+    run_diagram,
+)
+from forcectl.testing.plugin import CheckDiagram
 
 SLOW = pytest.mark.slow
 
@@ -65,6 +77,26 @@ def test_it_has_the_ports_of_the_slot_and_no_feedthrough() -> None:
     station = build_station(torque_cell())
     assert_ports(station, INPUTS, OUTPUTS)
     assert_feedthrough(station, [])
+
+
+def test_it_runs_the_same_after_reset_and_clone() -> None:
+    cell = torque_cell()
+    inputs = {"joint_position_command": cell.motor_start - 5e-4 * cell.direction}
+    log = assert_same_after_reset_and_clone(build_station(cell), duration=0.2, period=0.01, inputs=inputs)
+    assert log["contact_force"][-1, 0] > 0.1
+
+
+def test_the_doctor_finds_nothing_wrong_with_a_closed_loop(check_diagram: CheckDiagram) -> None:
+    loop = build_closed_loop(torque_cell().config, IntegralConfig(), StepConfig())
+    assert check_diagram(loop.diagram).delays[-1].total == 0.0
+
+
+@SLOW
+def test_memory_is_released() -> None:
+    def build() -> Diagram:
+        return build_closed_loop(torque_cell().config, IntegralConfig(), StepConfig()).diagram
+
+    assert_memory_released(build, duration=0.02, builds=5, allowed_kb=4096)
 
 
 @pytest.mark.parametrize("posture", POSTURES[:3])
@@ -185,9 +217,9 @@ def test_a_robot_that_is_held_gains_no_energy(posture: tuple[float, ...], stiffn
 
 
 @pytest.mark.parametrize(
-    "stiffness", [pytest.param(k, marks=() if k in (1e4, 1e6) else SLOW) for k in (1e3, 1e4, 1e5, 1e6)]
+    ("stiffness", "friction"),
+    [(1e6, 1.0), *(pytest.param(k, f, marks=SLOW) for k, f in ((1e3, 1.0), (1e4, 1.0), (1e5, 0.0), (1e6, 0.0)))],
 )
-@pytest.mark.parametrize("friction", [1.0, pytest.param(0.0, marks=SLOW)])
 def test_contacts_from_soft_to_stiff_settle(stiffness: float, friction: float) -> None:
     result = run(
         {"integral_gain": 1.5}, station__environment__stiffness=stiffness, station__servo__friction_scale=friction
@@ -211,7 +243,8 @@ def test_contacts_from_soft_to_stiff_settle(stiffness: float, friction: float) -
 )
 def test_every_force_law_works_unchanged(tag: str, settling: float) -> None:
     """They know the compliance up to the command; the adaptive ones find that of the surface from the motors."""
-    result = run(Tagged({}, tag), station__environment__stiffness=SPRINGS)
+    duration = 4.0 if tag.startswith("Adaptive") else 2.0
+    result = run(Tagged({}, tag), station__environment__stiffness=SPRINGS, duration=duration)
     (metrics,) = result.metrics.values()
     assert metrics["overshoot_pct"] < 2.0
     assert metrics["settling_time_2pct_s"] < settling
