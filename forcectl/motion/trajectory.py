@@ -353,7 +353,7 @@ class Planner:
             result = self._ruckig.calculate(self._input, trajectory)
         except (RuckigError, ValueError):  # its Python side does not know every code of its failures
             return None
-        return trajectory if result >= Result.Working else None
+        return trajectory if result in (Result.Working, Result.Finished) else None
 
     def _out_of_reach(self, start: Motion, target: Target, limits: Limits, free: list[bool]) -> list[bool]:
         """Which components in position mode cannot be planned."""
