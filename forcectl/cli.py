@@ -259,9 +259,7 @@ def vrft(
         str, typer.Option(metavar="continuous|discrete|fir:N", help="PID (4.3.3), PID (4.20), N FIR coefficients.")
     ] = "continuous",
     prefilter: Annotated[bool, typer.Option(help="Filter with L = M (1 - M); without, noise biases strongly.")] = True,
-    refine: Annotated[
-        bool, typer.Option(help="Better gains than VRFT's where a plant model made of DATA is good enough to tell.")
-    ] = True,
+    refine: Annotated[bool, typer.Option(help="Better gains where a plant model of DATA is good enough.")] = True,
     second: Annotated[
         str | None, typer.Option(metavar="FILE", help="The same experiment once more, as instrument against noise.")
     ] = None,

@@ -98,6 +98,15 @@ def test_a_force_that_never_turns_falls_back_by_nothing():
     assert short["touches_2pct"] == 0.0
 
 
+@pytest.mark.parametrize(("low", "end", "expected"), [(9.5, 10.0, 0.4), (10.2, 10.3, 0.4), (10.2, 10.0, 0.0)])
+def test_what_was_beyond_the_target_before_the_step_is_no_overshoot(low, end, expected):
+    """A step up to 10 N while the force is still at 18 N; it comes down to `low` and rings once."""
+    force = np.concatenate([np.linspace(18.0, low, 50), np.full(50, 10.4), np.full(50, end)])
+    step = m.Step(0, force.size, 0.0, 5.0, 10.0)
+    assert m.overshoot(force, step) == pytest.approx(expected)
+    assert m.overshoot(20.0 - force, m.Step(0, force.size, 0.0, 15.0, 10.0)) == pytest.approx(expected)
+
+
 def test_step_down_overshoots_below_the_target():
     t = DT * np.arange(1001)
     force = 10 + 10 * np.exp(-5 * t) * np.cos(20 * t)

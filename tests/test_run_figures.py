@@ -26,6 +26,14 @@ def lines(figure):
     return figure.axes[0].get_lines()
 
 
+@pytest.mark.parametrize("make", [force_figure, error_figure])
+def test_no_two_of_many_variants_look_alike(make):
+    figure = make(log([f"v{i}" for i in range(16)]))
+    shown = [line for line in lines(figure) if len(line.get_xdata()) > 2 and line.get_linewidth() > 1.5]
+    looks = {(line.get_color(), str(line._unscaled_dash_pattern)) for line in shown}
+    assert len(shown) == len(looks) == 16
+
+
 def test_force_shows_every_variant_its_model_dashed_and_the_reference_once():
     figure = force_figure(log(), "A title")
     axes = figure.axes[0]

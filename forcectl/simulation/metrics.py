@@ -4,7 +4,8 @@ Signals are 1-D arrays over `time` [s], forces in [N]. A step metric looks at on
 force changes to the last sample before it changes again. Time counts from that instant. What cannot be told from the
 signals (a settling time when the force has not settled) is None.
 
-    overshoot   max(F) - F_ref of the measured force (thesis: OS = max(F)/F_ref - 1); min for a step down
+    overshoot   max(F) - F_ref of the measured force (thesis: OS = max(F)/F_ref - 1); min for a step down; from
+                where the force first comes to F_ref: what it was beyond it before the step does not count
     rise        10 % to 90 % of the step
     settling    last time outside a band of +-2 % or +-5 % of F_ref
     model error e = F - F_M, F_M the response of M(s) = w/(s + w) to the desired force
@@ -134,9 +135,14 @@ def find_steps(time: Signal, desired: Signal, initial: float = 0.0) -> list[Step
 
 
 def overshoot(force: Signal, step: Step) -> float:
-    """Furthest measured force beyond the target [N], zero if it stays short of it."""
+    """Furthest measured force beyond the target [N] from where it first comes to it, zero if it stays short of it.
+
+    What a force was beyond the target before the step is not the step's doing; one that never comes to it counts from
+    where it is nearest.
+    """
     beyond = (force[step.first : step.end] - step.target) * (1 if step.size >= 0 else -1)
-    return max(0.0, float(beyond.max()))
+    short = beyond <= 0.0
+    return max(0.0, float(beyond[int(np.argmax(short) if short.any() else np.argmin(beyond)) :].max()))
 
 
 def time_to_share(time: Signal, force: Signal, step: Step, share: float) -> float | None:

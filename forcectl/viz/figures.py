@@ -14,6 +14,8 @@ from matplotlib.figure import Figure
 
 # Okabe and Ito: told apart with any colour vision, and in print.
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
+# Of further rounds through the colours; reference models have plain dashes.
+_DASHES: tuple[Any, ...] = ("-", (0, (1, 1.2)), (0, (7, 1.5, 1, 1.5)))
 _REFERENCE = "#707070"
 _MOST_LABELLED = 12
 _FIRST_SAMPLES = 0.2  # of a tuning
@@ -38,8 +40,8 @@ def force_figure(log: Any, title: str = "") -> Figure:
     for i, values in enumerate(desired):
         axes.plot(log["time"], values, color=_REFERENCE, lw=1.0, label="reference" if i == 0 else None, zorder=1)
     with_model = False
-    for colour, (name, one) in zip(_colours(log), _variants(log), strict=True):
-        axes.plot(one["time"], one["measured_force"], color=colour, lw=1.8, label=name, zorder=3)
+    for (colour, dashes), (name, one) in zip(_styles(log), _variants(log), strict=True):
+        axes.plot(one["time"], one["measured_force"], color=colour, ls=dashes, lw=1.8, label=name, zorder=3)
         if "model_force" in one:
             axes.plot(one["time"], one["model_force"], color=colour, lw=1.2, ls=(0, (5, 3)), alpha=0.9, zorder=2)
             with_model = True
@@ -54,8 +56,8 @@ def error_figure(log: Any, title: str = "") -> Figure:
     """Measured force less reference model of every variant over time."""
     figure, axes = _new(title, "force less reference model [N]")
     axes.axhline(0.0, color=_REFERENCE, lw=1.0, zorder=1)
-    for colour, (name, one) in zip(_colours(log), _variants(log), strict=True):
-        axes.plot(one["time"], one["measured_force"] - one["model_force"], color=colour, lw=1.6, label=name)
+    for (colour, dashes), (name, one) in zip(_styles(log), _variants(log), strict=True):
+        axes.plot(one["time"], one["measured_force"] - one["model_force"], color=colour, ls=dashes, lw=1.6, label=name)
     _finish(axes, log)
     return figure
 
@@ -66,8 +68,8 @@ def tuning_figure(log: Any, title: str = "") -> Figure:
     figure = Figure(figsize=(8.0, 0.8 + 1.7 * len(signals)), layout="constrained")
     rows = figure.subplots(len(signals), sharex=True, squeeze=False)[:, 0]
     for axes, (name, label) in zip(rows, signals.items(), strict=True):
-        for colour, (variant, one) in zip(_colours(log), _variants(log), strict=True):
-            axes.plot(one["time"], one[name], color=colour, lw=1.6, label=variant)
+        for (colour, dashes), (variant, one) in zip(_styles(log), _variants(log), strict=True):
+            axes.plot(one["time"], one[name], color=colour, ls=dashes, lw=1.6, label=variant)
         axes.set_ylabel(label)
         # The first samples make the gains jump so far that nothing else would be seen.
         later = log[name].where(log["time"] > _FIRST_SAMPLES * log["time"][-1])
@@ -139,9 +141,10 @@ def _variants(log: Any) -> Iterator[tuple[str, Any]]:
         yield str(name), log.sel(variant=name)
 
 
-def _colours(log: Any) -> list[str]:
+def _styles(log: Any) -> list[tuple[str, Any]]:
+    """Colour and dashes of every variant, no two alike: where the colours are used up, they begin again in dots."""
     count = log.sizes.get("variant", 1)
-    return [COLOURS[i % len(COLOURS)] for i in range(count)]
+    return [(COLOURS[i % len(COLOURS)], _DASHES[i // len(COLOURS) % len(_DASHES)]) for i in range(count)]
 
 
 def _distinct(signals: list[Any]) -> list[Any]:
