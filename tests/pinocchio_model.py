@@ -43,6 +43,13 @@ class PinocchioModel:
         pinocchio.forwardKinematics(self.model, self.data, self._to(q))
         return self.data.oMi[self.model.getJointId(joint)].translation.copy()
 
+    def frame(self, q: np.ndarray, name: str) -> tuple[pinocchio.SE3, np.ndarray]:
+        """Pose of a link in the root's frame; Jacobian of its velocity, [translation; rotation] in its own axes."""
+        index = self.model.getFrameId(name)
+        J = pinocchio.computeFrameJacobian(self.model, self.data, self._to(q), index, pinocchio.ReferenceFrame.LOCAL)
+        pinocchio.framesForwardKinematics(self.model, self.data, self._to(q))
+        return self.data.oMf[index].copy(), J[:, self.order].copy()
+
     def _to(self, vector: np.ndarray) -> np.ndarray:
         theirs = np.zeros(self.model.nq)
         theirs[self.order] = vector

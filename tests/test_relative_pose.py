@@ -6,7 +6,10 @@ import math
 
 import numpy as np
 import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
 from motion_examples import two_arms
+from pinocchio_model import PinocchioModel
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context
@@ -14,6 +17,7 @@ from pydrake.systems.framework import Context
 from forcectl.control.arms_motion import ArmsMotion
 from forcectl.control.rotation_vector import RotationVector
 from forcectl.errors import BadInputError
+from forcectl.models import models_folder
 from forcectl.motion.euler_angles import EulerAngles, angles_of, rotation_of
 from forcectl.motion.relative_pose import FrameMotion, RelativeMotion, RelativePose, RelativeTask
 from forcectl.robot import RobotModel
@@ -83,6 +87,27 @@ def test_velocity_is_the_derivative_of_the_pose(robot):
         np.testing.assert_allclose(here.velocity[3:], (ahead.position - back.position) / (2 * H), rtol=1e-6, atol=1e-7)
         R = (ahead.rotation - back.rotation) / (2 * H) @ here.rotation.T
         np.testing.assert_allclose(here.velocity[:3], [R[2, 1], R[0, 2], R[1, 0]], rtol=1e-6, atol=1e-7)
+
+
+@pytest.fixture(scope="module")
+def reference(robot) -> PinocchioModel:
+    return PinocchioModel(models_folder() / "yumi" / "yumi.urdf", robot.facts.arm_joints)
+
+
+@settings(max_examples=40)
+@given(seed=st.integers(0, 2**32 - 1))
+def test_pose_and_jacobian_are_those_of_another_library(robot, reference, seed):
+    """By adjoints of body velocities, [translation; rotation] in the follower's axes; not by the equations of ours."""
+    q, v, _ = next(random_states(robot, 1, seed))
+    links = ("left_link_6", "right_link_6")  # the flanges are frames for Drake only
+    motion = relative(robot, robot.create_context(), q, v, tuple(map(robot.plant.GetFrameByName, links)))
+    (X_WL, J_L), (X_WF, J_F) = (reference.frame(q, link) for link in links)
+    X_LF = X_WL.actInv(X_WF)
+    np.testing.assert_allclose(motion.position, X_LF.translation, atol=1e-9)
+    np.testing.assert_allclose(motion.rotation, X_LF.rotation, atol=1e-9)
+    body = J_F - X_LF.inverse().action @ J_L
+    expected = np.concatenate([X_LF.rotation @ body[3:], X_LF.rotation @ body[:3]])
+    np.testing.assert_allclose(motion.jacobian, expected, atol=1e-9)
 
 
 def test_it_does_not_matter_how_both_move_together(robot):
