@@ -105,7 +105,8 @@ def _check_sampling(
     if taken[worst] > _MOST_TAKEN:
         raise BadInputError(
             f"interface: damping and torque loop of joint {worst + 1} take {taken[worst]:.3g} of its motor's speed per "
-            f"tick: must be at most {_MOST_TAKEN} (lower stiffness, damping_ratio or torque_gain, or a shorter period)"
+            f"tick: must be at most {_MOST_TAKEN} (lower stiffness, damping_ratio or torque_gain, or a shorter period "
+            "or time_step)"
         )
     worst = int(np.argmax(stiffness * tick / damping))
     if stiffness[worst] * tick > damping[worst]:
