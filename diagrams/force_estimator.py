@@ -15,6 +15,8 @@ from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.wrench import WrenchEstimator
 from forcectl.lanes import check
 
+_JUMP = 4.0  # a speed that changes so many times faster than joints may accelerate was not read right
+
 
 class ForceEstimator(Diagram):
     """External joint torques and the wrench at each TCP.
@@ -113,6 +115,7 @@ class ForceEstimatorConfig:
             limit=self.limit_share * robot.limits.torque,
             period=facts.period,
             velocity_bandwidth=facts.velocity_bandwidth,
+            largest_acceleration=_JUMP * robot.limits.acceleration,
         )
         wrenches = {
             name: WrenchEstimator(

@@ -8,10 +8,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.estimation.momentum_model import MomentumModel
 from forcectl.lanes import check, whole_multiple
 from forcectl.plant.joint_friction import JointFriction
+from forcectl.plant.joint_sensors import FAULTS, ReadingFault
 from forcectl.robot import RobotModel
 
 Array = NDArray[np.float64]
@@ -99,6 +100,33 @@ class ObstacleConfig:
 
 
 @dataclass(kw_only=True)
+class ReadingFaultConfig:
+    """A fault of the readings, see `forcectl.plant.joint_sensors.ReadingFault`."""
+
+    kind: str = "nan"  # nan, frozen or lost
+    joint: str = ""  # by name; empty: all joints
+    start: float = 0.0  # [s], >= 0
+    duration: float = 0.1  # [s], > 0
+
+    def __post_init__(self) -> None:
+        if self.kind not in FAULTS:
+            raise unknown("kind", str(self.kind), FAULTS)
+        check("start", self.start, "not negative")
+        check("duration", self.duration, "positive")
+
+    def fault(self, joints: list[str]) -> ReadingFault:
+        """The fault of a robot with these joints.
+
+        Raises:
+            BadInputError: it has no joint of that name.
+        """
+        if self.joint and self.joint not in joints:
+            raise unknown("joint", self.joint, joints)
+        which = joints.index(self.joint) if self.joint else None
+        return ReadingFault(self.kind, self.start, self.start + self.duration, which)
+
+
+@dataclass(kw_only=True)
 class ResearchStationConfig:
     """Scenario part `station` of a motion loop."""
 
@@ -114,6 +142,7 @@ class ResearchStationConfig:
     friction: JointFrictionConfig = field(default_factory=JointFrictionConfig)
     sensors: JointSensorsConfig = field(default_factory=JointSensorsConfig)
     obstacles: list[ObstacleConfig] = field(default_factory=list)
+    faults: list[ReadingFaultConfig] = field(default_factory=list)  # of the readings
 
     def __post_init__(self) -> None:
         for name in ("elastic_joints", "gravity", "self_collision"):

@@ -116,6 +116,7 @@ class ResearchStation(Diagram):
                 position_noise=sensed.position_noise,
                 torque_noise=sensed.torque_noise,
                 seed=seed,
+                faults=[fault.fault(robot.facts.arm_joints) for fault in config.faults],
             ),
         )
         connect(motors[0], sensors.GetInputPort("position"))

@@ -14,6 +14,7 @@ import pytest
 from motion_runs import DIRECTIONS, motion_loop, postures, run, six_loads, static_means
 
 from forcectl.diagrams.force_estimator import ForceEstimatorConfig
+from forcectl.diagrams.research_cell import ReadingFaultConfig
 from forcectl.estimation.momentum_observer import residual_step
 from forcectl.motion.joint_path import DitherConfig, JointExcitationConfig, JointMovesConfig
 from forcectl.motion.loads import LoadConfig
@@ -101,3 +102,26 @@ def test_elastic_joints_change_little():
     loop = motion_loop(name, tool, DITHER, ForceEstimatorConfig(), [six_loads(START, HOLD, size)], elastic_joints=True)
     found = static_means(run(loop, START + 6 * HOLD), START, HOLD, AVERAGE)
     assert np.linalg.norm(found - size * DIRECTIONS, axis=1).max() < 0.02 * size
+
+
+@pytest.mark.parametrize("kind", ["nan", "frozen", "lost"])
+def test_faulty_readings_hold_the_estimate(kind):
+    """A tenth of a second of them under a load: nothing is felt that is not there, and the flag is down meanwhile."""
+    name, tool, size = LIGHT
+    joint = "" if kind == "lost" else "left_joint_2"
+    # Fast enough that an encoder which stands still is noticed at once.
+    shake = JointMovesConfig(dither=DitherConfig(amplitude_deg=2.0, frequency=4.0))
+    logs = []
+    for faults in ([ReadingFaultConfig(kind=kind, joint=joint, start=0.812, duration=0.1)], []):
+        load = LoadConfig(start=0.3, hold=1.5, wrenches=[[0, 0, 0, size, 0, 0]])
+        loop = motion_loop(name, tool, shake, ForceEstimatorConfig(), [load], faults=faults)
+        logs.append(run(loop, 1.5))
+    log, good = logs
+    during = (log["time"] > 0.83) & (log["time"] < 0.90)
+    assert np.isfinite(log["estimated_wrench"]).all()
+    assert log["reading_ok"][during].min() == 0.0
+    # Far ahead of a force; what a whole good run is apart from the truth, and half as much again.
+    error, usual = (np.linalg.norm(one["estimated_wrench"][:, 3:] - [size, 0, 0], axis=1) for one in logs)
+    late = log["time"] > 0.6
+    assert error[late].max() < 1.5 * usual[late].max() + 0.5
+    np.testing.assert_allclose(log["estimated_wrench"][-1], good["estimated_wrench"][-1], atol=0.05)

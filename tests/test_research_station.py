@@ -8,7 +8,7 @@ from pydrake.math import RollPitchYaw
 from research_runs import TICK, config, describe, run
 from robot_folders import write_planar_robot
 
-from forcectl.diagrams.research_cell import ObstacleConfig, describe_research
+from forcectl.diagrams.research_cell import ObstacleConfig, ReadingFaultConfig, describe_research
 from forcectl.diagrams.research_station import RESEARCH_INPUTS, RESEARCH_OUTPUTS, ResearchStation
 from forcectl.errors import BadInputError
 from forcectl.testing import assert_memory_released
@@ -251,6 +251,46 @@ def test_motors_have_limits_and_come_back_from_them():
     assert np.abs(log["link_position"][-1] - cell.start).max() < 5e-3
 
 
+def swing(cell):
+    return lambda t: cell.motor_start + 0.1 * np.sin(8 * t)
+
+
+def faulty(kind, joint=""):
+    """A run with a fault from 0.2 to 0.3 s, and the same without."""
+    fault = ReadingFaultConfig(kind=kind, joint=joint, start=0.2, duration=0.1)
+    return [
+        run(cell, 0.6, joint_position_reference=swing(cell)) for cell in (describe(faults=[fault]), describe(faults=[]))
+    ]
+
+
+BAD = slice(50, 75)
+
+
+def test_a_position_that_is_no_number():
+    log, good = faulty("nan", "left_joint_7")
+    for name in ("joint_position", "joint_velocity"):
+        assert np.isnan(log[name][BAD, 2]).all()
+        np.testing.assert_array_equal(np.delete(log[name], 2, axis=1), np.delete(good[name], 2, axis=1))
+        np.testing.assert_array_equal(log[name][75:], good[name][75:])
+    np.testing.assert_array_equal(log["motor_torque"], good["motor_torque"])
+
+
+def test_an_encoder_that_stands_still():
+    log, good = faulty("frozen", "left_joint_1")
+    assert (log["joint_position"][BAD, 0] == good["joint_position"][49, 0]).all()
+    assert abs(log["joint_velocity"][74, 0]) < 1e-3
+    np.testing.assert_array_equal(log["joint_position"][75:], good["joint_position"][75:])
+    np.testing.assert_array_equal(log["joint_position"][:, 1:], good["joint_position"][:, 1:])
+    np.testing.assert_allclose(log["joint_velocity"][-1], good["joint_velocity"][-1], atol=1e-6)
+
+
+def test_samples_that_are_lost():
+    log, good = faulty("lost")
+    for name in ("joint_position", "joint_velocity", "motor_torque"):
+        assert (log[name][BAD] == good[name][49]).all()
+        np.testing.assert_array_equal(log[name][75:], good[name][75:])
+
+
 def test_feedforward_is_torque():
     cell = describe(friction=NO_FRICTION, servo={"integral_gain": 0.0})
     extra = np.array([1.0, -1.0, 0.5, 0.5, 0.1, 0.1, 0.1])
@@ -276,11 +316,12 @@ def test_feedforward_is_torque():
         ({"sensors": {"quantum": -1.0}}, "quantum = -1"),
         ({"friction": {"scale": float("nan")}}, "scale = nan"),
         ({"stiffness_set": "none"}, "stiffness set"),
+        ({"faults": [ReadingFaultConfig(joint="elbow")], "robot": "yumi/left"}, "unknown joint 'elbow'"),
     ],
 )
 def test_what_cannot_be_is_refused_by_name(options, message):
     with pytest.raises(BadInputError) as caught:
-        describe_research(config(**options))
+        ResearchStation(describe_research(config(**options)))
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -298,6 +339,11 @@ def test_a_bad_obstacle_is_refused_by_name(options, message):
     with pytest.raises(BadInputError) as caught:
         ObstacleConfig(**options)
     assert message in str(caught.value)
+
+
+def test_a_fault_of_another_kind_is_refused():
+    with pytest.raises(BadInputError, match="unknown kind 'stuck'"):
+        ReadingFaultConfig(kind="stuck")
 
 
 def test_nothing_keeps_a_station_alive():

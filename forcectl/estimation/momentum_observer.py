@@ -32,7 +32,7 @@ from forcectl.cache import BlockCache
 from forcectl.control.sampled_law import SampledLaw
 from forcectl.errors import BadInputError
 from forcectl.estimation.momentum_model import MomentumModel
-from forcectl.lanes import Lane, Parameter, check
+from forcectl.lanes import Lane, Parameter, check, lane_values
 from forcectl.plant.joint_friction import JointFriction, friction_threshold, mean_features
 
 Array = NDArray[np.float64]
@@ -76,7 +76,9 @@ class MomentumObserver(SampledLaw):
     sample (the mean over the gap) or, after more than `longest_gap`, left out. Bad readings are
     - a number that is not finite: `reading_ok` is 0 for its joint;
     - a frozen encoder: a position that repeats bit for bit while the joint moves faster than `frozen_speed`, and from
-      then on until it changes: `reading_ok` is 0 for its joint;
+      then on until it changes, and 10/w_v longer where the speeds are differentiated: they jump when it does;
+      `reading_ok` is 0 for its joint;
+    - a speed that changes faster than `largest_acceleration`: `reading_ok` is 0 for its joint, and as long;
     - a lost sample: positions, speeds and torques all repeat bit for bit, though a joint moves; `reading_ok` is 0 for
       all joints. Beyond `longest_gap` such readings are believed, once per gap.
     Of a tick whose torque is lost it is taken to be between those before and after.
@@ -104,6 +106,7 @@ class MomentumObserver(SampledLaw):
         velocity_bandwidth: float | None = None,
         frozen_speed: float = 0.1,
         longest_gap: float = 0.02,
+        largest_acceleration: ArrayLike = np.inf,
     ):
         n = model.num_joints
         friction = JointFriction(n) if friction is None else friction
@@ -125,6 +128,8 @@ class MomentumObserver(SampledLaw):
         )
         self._model = model
         self._lag = None if velocity_bandwidth is None else check("velocity_bandwidth", velocity_bandwidth, "positive")
+        self._settle = 0.0 if self._lag is None else 10.0 / self._lag
+        self._jump = lane_values("largest_acceleration", largest_acceleration, n, "positive")
         self._frozen_speed = check("frozen_speed", frozen_speed, "positive")
         # Ticks are not exact; and without any gap there is still the tick itself.
         self._longest = max(check("longest_gap", longest_gap, "not negative"), period) + 0.5 * period
@@ -206,7 +211,11 @@ class MomentumObserver(SampledLaw):
         lost = False
         if started:
             moving = np.maximum(np.abs(v), np.abs(v_last)) > self._frozen_speed
-            frozen = (same & (moving | (frozen > 0))).astype(float)
+            jump = np.abs(v - v_last) > self._jump * elapsed
+            standing = same & (moving | (frozen > 0))
+            # The time for which readings are still held.
+            frozen = np.where(standing | jump, self._settle + self._period, np.maximum(frozen - self._period, 0.0))
+            frozen = np.where(frozen > 0.5 * self._period, frozen, 0.0)
             lost = bool(same.all() and v.any()) and np.array_equal(v, v_last) and np.array_equal(torque, torque_last)
             ok = finite & (frozen == 0) & (not lost or elapsed > self._longest)
             known = np.isfinite(torque) & (not lost)

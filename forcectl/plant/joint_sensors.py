@@ -6,22 +6,46 @@
 
 The speed is differentiated from the position, as encoders have none, and low-pass filtered; it is T/2 + 1/w_v late. The
 torque is the mean over the tick: a sample of it would be off by 10-15 % of every transient.
+
+Readings may fail, for tests of what lives on them: a position that is no number, an encoder that stands still, a sample
+that is lost and repeats the last one.
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
 from forcectl.control.sampled_law import SampledLaw
-from forcectl.errors import invalid
+from forcectl.errors import invalid, unknown
 from forcectl.lanes import Lane, Parameter, check, lane_values
 from forcectl.plant.force_sensor import white_noise
 
 Array = NDArray[np.float64]
+FAULTS = ("nan", "frozen", "lost")
+_ROUNDING = 1e-9  # [s] of the times of ticks
+
+
+@dataclass(frozen=True)
+class ReadingFault:
+    """What fails from `start` until before `end` [s]: one of `FAULTS`, of one joint or, when it is None, of all.
+
+    nan: position and speed are not numbers. frozen: the position stays what it was, and the speed follows it. lost: all
+    readings of all joints are those of the tick before.
+    """
+
+    kind: str
+    start: float
+    end: float
+    joint: int | None = None
+
+    def acts(self, time: float) -> bool:
+        """Whether it does at the tick of this time [s]."""
+        return self.start <= time + _ROUNDING < self.end
 
 
 def quantised(values: Array, quantum: Array) -> Array:
@@ -54,7 +78,7 @@ class JointSensors(SampledLaw):
 
     Args:
         bandwidth: w_v of the speed [rad/s]. start: positions before the first tick, shape (n,) [rad].
-        torque: motor torque before it, shape (n,) [Nm]. seed: of the noise.
+        torque: motor torque before it, shape (n,) [Nm]. seed: of the noise. faults: of the readings.
     """
 
     def __init__(
@@ -69,6 +93,7 @@ class JointSensors(SampledLaw):
         position_noise: ArrayLike = 0.0,
         torque_noise: ArrayLike = 0.0,
         seed: int = 0,
+        faults: Sequence[ReadingFault] = (),
     ):
         super().__init__(
             size,
@@ -83,6 +108,12 @@ class JointSensors(SampledLaw):
         self._pole = float(np.exp(-check("bandwidth", bandwidth, "positive") * period))
         if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
             raise invalid("seed", seed, "a whole number, not negative")
+        for fault in faults:
+            if fault.kind not in FAULTS:
+                raise unknown("kind", fault.kind, FAULTS)
+            if fault.joint is not None and not 0 <= fault.joint < n:
+                raise invalid("joint", fault.joint, f"from 0 to {n - 1}")
+        self._faults = tuple(faults)
         self._sources = tuple((seed, channel) for channel in range(2 * n))
         self.sample_delay = {("position", "joint_position"): 0.0}
         self.port_units = {"position": "rad", "torque_integral": "Nms"}
@@ -94,7 +125,14 @@ class JointSensors(SampledLaw):
             "joint_position",
             {port.ticket() for port in self._inputs},
             initial=at_rest,
-            further={"joint_velocity": 0.0, "motor_torque": load, "impulse": -period * load},
+            further={
+                "joint_velocity": 0.0,
+                "motor_torque": load,
+                # What the electronics remember, whatever is told.
+                "impulse": -period * load,
+                "position": at_rest,
+                "speed": 0.0,
+            },
         )
         self.declare_output("joint_velocity")
         self.declare_output("motor_torque")
@@ -105,7 +143,7 @@ class JointSensors(SampledLaw):
 
     def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
         """The readings of a tick."""
-        last, speed, _, impulse_last = (np.atleast_1d(value) for value in held)
+        *told, impulse_last, last, speed = (np.atleast_1d(value) for value in held)
         position, impulse = (port.Eval(context) for port in self._inputs)
         quantum, position_noise, torque_noise = self._values.Eval(context)
         torque = (impulse - impulse_last) / self._period
@@ -113,7 +151,25 @@ class JointSensors(SampledLaw):
             noise = white_noise(self._sources, round(context.get_time() / self._period))
             position = position + position_noise * noise[: self._size]
             torque = torque + torque_noise * noise[self._size :]
+        acting = [fault for fault in self._faults if fault.acts(context.get_time())]
         position = quantised(position, quantum)
+        for fault in acting:
+            if fault.kind == "frozen":
+                which = slice(None) if fault.joint is None else fault.joint
+                position[which] = last[which]
         speed = self._pole * speed + (1 - self._pole) * (position - last) / self._period
-        after = [position, speed, torque, impulse]
+        readings = [position, speed, torque]
+        for fault in acting:
+            if fault.kind == "nan":
+                readings[:2] = [_without(values, fault.joint) for values in readings[:2]]
+        if any(fault.kind == "lost" for fault in acting):
+            readings = told
+        after = [*readings, impulse, position, speed]
         return after if self._size > 1 else [value.item() for value in after]
+
+
+def _without(values: Array, joint: int | None) -> Array:
+    """Values of which one, or all, are no numbers."""
+    spoiled = values.copy()
+    spoiled[slice(None) if joint is None else joint] = np.nan
+    return spoiled
