@@ -101,12 +101,12 @@ def test_a_target_is_reached_in_the_time_that_ruckig_says(seed, synchronized):
 
 
 @settings(max_examples=25, deadline=None)
-@given(seed=seeds)
-def test_targets_that_differ_by_rounding_do_not_make_it_later(seed):
+@given(seed=seeds, synchronized=st.booleans())
+def test_targets_that_differ_by_rounding_do_not_make_it_later(seed, synchronized):
     """Ruckig alone, asked again at every tick, loses up to five seconds here."""
     rng = np.random.default_rng(seed)
     n = 3
-    limits, planner, course = random_limits(rng, n), Planner(n, synchronized=False), begin(np.zeros(n))
+    limits, planner, course = random_limits(rng, n), Planner(n, synchronized), begin(np.zeros(n))
     target = at(rng.uniform(-1, 1, n))
     ticks = math.ceil(planner.plan(course.motion, target, limits).duration / TICK) + 1
     for tick in range(ticks):

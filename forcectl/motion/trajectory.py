@@ -164,13 +164,12 @@ def begin_again(course: Course, motion: Motion) -> Course:
     """
     if not course.velocity_limit.any():
         return begin(*motion)
-    same = all(
-        bool((np.abs(a - b) <= _SAME * (1.0 + np.abs(b))).all()) for a, b in zip(motion, course.motion, strict=True)
-    )
-    if same:
+    if _equal(motion, course.motion):
         return course
-    none = np.zeros(len(course.position))
-    p, v, a = np.array(motion)  # a copy
+    p, v, a = given = np.array(motion)  # a copy
+    if (np.abs(given - np.array(course.motion)) <= _SAME * (1.0 + np.abs(given))).all():
+        return course
+    none = np.zeros(len(p))
     # Limits of zero are those of no plan.
     return Course(p, v, a, none, none, none, none, *course.target, none, none, none, p, v, a)
 
