@@ -22,9 +22,9 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
 from forcectl.control.adaptive_force_law import Adaptation, AdaptiveForceLaw
 from forcectl.control.force_law import ControllerConfig, LoopFacts
-from forcectl.control.integral import IntegralConfig, check_limits
-from forcectl.control.invariance_force_law import InvarianceForceLaw, check_invariance, one_step_acceleration
-from forcectl.lanes import Lane, check
+from forcectl.control.integral import IntegralConfig
+from forcectl.control.invariance_force_law import InvarianceForceLaw, InvarianceLimits, one_step_acceleration
+from forcectl.lanes import Lane
 
 # Scenario tag of a nominal law -> import path of its configuration; the first is the default.
 NOMINAL_LAWS = {
@@ -113,22 +113,12 @@ class InvarianceControl(Diagram):
 
 
 @dataclass(kw_only=True)
-class InvarianceControlConfig:
+class InvarianceControlConfig(InvarianceLimits):
     """Scenario part `!InvarianceControl`."""
 
     # Of an integral law the limits of the command are not used: the ones below are.
     nominal: Any = field(default_factory=lambda: IntegralConfig(integral_gain=3.0), metadata={"tags": NOMINAL_LAWS})
-    gamma: float = -0.1  # [m/s^2], < 0: deceleration towards the constraint
-    upper_acceleration: float = 10.0  # [m/s^2], > 0: of the control
-    compliance_error: float = 1.0  # C_T_hat / C_T, > 0, of the constraint
-    speed_limit: float = inf  # [m/s], > 0, of the command
-    lower_limit: float = -0.1  # [m], below zero: deepest command
-    upper_limit: float = 0.1  # [m], above zero: furthest retreat
-
-    def __post_init__(self) -> None:
-        check_invariance(self.gamma, self.upper_acceleration, self.speed_limit)
-        check("compliance_error", self.compliance_error, "positive")
-        check_limits(self.lower_limit, self.upper_limit)
+    upper_acceleration: float | None = 10.0  # [m/s^2], > 0: of the control; null: -gamma
 
     def reference_model_bandwidth(self) -> float | None:
         """That of the nominal law [rad/s]; None when it does not tell."""
@@ -137,16 +127,7 @@ class InvarianceControlConfig:
 
     def law(self, facts: LoopFacts, compliance: ArrayLike | None) -> InvarianceControl:
         """The nominal law and its correction, which believes in this total compliance [m/N] or has a port for it."""
-        correction = InvarianceCorrection(
-            facts.size,
-            gamma=self.gamma,
-            upper_acceleration=self.upper_acceleration,
-            compliance=compliance,
-            speed_limit=self.speed_limit,
-            lower_limit=self.lower_limit,
-            upper_limit=self.upper_limit,
-            period=facts.period,
-        )
+        correction = self.block(InvarianceCorrection, facts, compliance)
         if not isinstance(self.nominal, IntegralConfig):
             return InvarianceControl(_built(self.nominal, facts), correction)
         believed = None if compliance is None else self.nominal.compliance_error * facts.total_compliance

@@ -14,7 +14,7 @@ from __future__ import annotations
 from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
-from typing import Any
+from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -54,6 +54,33 @@ def one_step_acceleration(y: Lane, rate: Lane, gamma: Lane, upper: Lane, period:
     n = m.floor((m.sqrt(1.0 + 8.0 * m.maximum(ahead, 0.0)) - 1.0) * 0.5)
     next_speed = m.where(ahead < 0.0, 2.0 * ahead, n + (ahead - 0.5 * n * (n + 1.0)) / (n + 1.0))
     return side * m.minimum(m.maximum(-gamma * (next_speed - speed), gamma), upper)
+
+
+def fall(
+    desired: Lane,
+    last: Lane,
+    last_slope: Lane,
+    last_bend: Lane,
+    compliance: Lane,
+    opposite: Lane,
+    period: float,
+    m: Any = np,
+) -> tuple[Lane, Lane, Lane, Lane]:
+    """How fast a falling reference moves the set point, and how much faster it gets.
+
+    As far as two differences in a row agree on it: at jumps and corners they do not.
+
+    Args:
+        desired, last: F_bar now and a tick ago [N]. last_slope, last_bend: differences a tick ago [N/s, N/s^2].
+        compliance: C_T_hat [m/N]. opposite: -gamma [m/s^2]. period: tick [s]. m: numpy, or `SCALAR_MATH` for floats.
+
+    Returns:
+        slope and bend, the differences now; speed [m/s] and acceleration [m/s^2] of the set point, both >= 0.
+    """
+    slope = (desired - last) / period
+    bend = (slope - last_slope) / period
+    speed = -compliance * m.minimum(m.maximum(slope, last_slope), 0.0)
+    return slope, bend, speed, m.minimum(-compliance * m.minimum(m.maximum(bend, last_bend), 0.0), 0.9 * opposite)
 
 
 class InvarianceForceLaw(SampledLaw):
@@ -169,15 +196,11 @@ class InvarianceForceLaw(SampledLaw):
         good = (abs(desired) + abs(measured) + compliance < inf) & (compliance > 0.0)
         desired, compliance = where(good, desired, last), where(good, compliance, 0.0)
 
-        # How fast the reference falls and how much faster it gets, as far as two differences in a row agree on it: at
-        # jumps and corners they do not.
-        slope = (desired - last) / period
-        bend = (slope - last_slope) / period
         free = -compliance * desired
         target = minimum(maximum(free, lower_limit), upper_limit)
         follow = where(free == target, compliance, 0.0)
-        rate = -v - follow * minimum(maximum(slope, last_slope), 0.0)
-        retreat = minimum(-follow * minimum(maximum(bend, last_bend), 0.0), 0.9 * opposite)
+        slope, bend, falls, retreat = fall(desired, last, last_slope, last_bend, follow, opposite, period, self.math)
+        rate = falls - v
         y = target - x
         chosen, own_after = self.decide(context, y, rate, v, gamma + retreat, upper, own)
         braked = v - minimum(maximum(v, period * gamma), period * opposite)
@@ -194,25 +217,33 @@ class InvarianceForceLaw(SampledLaw):
         return inside, velocity, phi, where(good, 0.0, _NOT_FINITE), desired, slope, bend, *own_after
 
 
+_Law = TypeVar("_Law", bound=InvarianceForceLaw)
+
+
 @dataclass(kw_only=True)
-class InvarianceConfig:
-    """Scenario part `!Invariance`."""
+class InvarianceLimits:
+    """What the configurations of laws with this constraint share."""
 
     gamma: float = -0.1  # [m/s^2], < 0: deceleration towards the constraint
-    upper_acceleration: float | None = None  # [m/s^2], > 0; null: -gamma
-    compliance_error: float = 1.0  # C_T_hat / C_T, > 0
+    upper_acceleration: float | None = None  # [m/s^2], > 0: away from rest; null: -gamma
+    compliance_error: float = 1.0  # C_T_hat / C_T, > 0, of the constraint
     speed_limit: float = inf  # [m/s], > 0, of the command
     lower_limit: float = -0.1  # [m], below zero: deepest command
     upper_limit: float = 0.1  # [m], above zero: furthest retreat
 
     def __post_init__(self) -> None:
-        check_invariance(self.gamma, self.upper_acceleration, self.speed_limit)
+        if not check("gamma", self.gamma) < 0:
+            raise invalid("gamma", self.gamma, "below zero")
+        if self.upper_acceleration is not None:
+            check("upper_acceleration", self.upper_acceleration, "positive")
+        if not self.speed_limit > 0:
+            raise invalid("speed_limit", self.speed_limit, "above zero")
         check("compliance_error", self.compliance_error, "positive")
         check_limits(self.lower_limit, self.upper_limit)
 
-    def law(self, facts: LoopFacts, compliance: ArrayLike | None) -> InvarianceForceLaw:
+    def block(self, kind: type[_Law], facts: LoopFacts, compliance: ArrayLike | None) -> _Law:
         """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
-        return InvarianceForceLaw(
+        return kind(
             facts.size,
             gamma=self.gamma,
             upper_acceleration=self.upper_acceleration,
@@ -222,6 +253,15 @@ class InvarianceConfig:
             upper_limit=self.upper_limit,
             period=facts.period,
         )
+
+
+@dataclass(kw_only=True)
+class InvarianceConfig(InvarianceLimits):
+    """Scenario part `!Invariance`."""
+
+    def law(self, facts: LoopFacts, compliance: ArrayLike | None) -> InvarianceForceLaw:
+        """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
+        return self.block(InvarianceForceLaw, facts, compliance)
 
     def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> InvarianceForceLaw | AdaptiveForceLaw:
         """Add the law; it believes in `compliance_error` times the true total compliance."""
@@ -241,13 +281,3 @@ class AdaptiveInvarianceConfig(Adaptation, InvarianceConfig):
     def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> AdaptiveForceLaw:
         """Add the law with its estimator."""
         return self.adapt(builder, facts, self.law(facts, None))
-
-
-def check_invariance(gamma: float, upper_acceleration: float | None, speed_limit: float) -> None:
-    """The accelerations [m/s^2] and the speed limit [m/s] of an invariance law."""
-    if not check("gamma", gamma) < 0:
-        raise invalid("gamma", gamma, "below zero")
-    if upper_acceleration is not None:
-        check("upper_acceleration", upper_acceleration, "positive")
-    if not speed_limit > 0:
-        raise invalid("speed_limit", speed_limit, "above zero")

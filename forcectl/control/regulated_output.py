@@ -13,7 +13,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.control.invariance_force_law import one_step_acceleration
+from forcectl.control.invariance_force_law import fall, one_step_acceleration
 from forcectl.lanes import SCALAR_MATH
 
 Vector = NDArray[np.float64]
@@ -65,13 +65,10 @@ def regulate_force(
         past: of the tick before. gamma: deceleration towards the constraint [m/s^2], < 0. upper: largest acceleration
             away from rest [m/s^2], > 0. period: tick [s].
     """
-    slope = (desired - past.desired) / period
-    bend = (slope - past.slope) / period
-    rate = -v - compliance * min(max(slope, past.slope), 0.0)
-    retreat = min(-compliance * min(max(bend, past.bend), 0.0), -0.9 * gamma)
+    slope, bend, falls, retreat = fall(desired, *past, compliance, -gamma, period, SCALAR_MATH)
     y = -compliance * desired - x
-    a = one_step_acceleration(y, rate, gamma + retreat, upper, period, SCALAR_MATH) - retreat
-    return Regulated(y, rate, a, a), Course(desired, slope, bend)
+    a = one_step_acceleration(y, falls - v, gamma + retreat, upper, period, SCALAR_MATH) - retreat
+    return Regulated(y, falls - v, a, a), Course(desired, slope, bend)
 
 
 def corrected(output: Regulated, wish: float, gamma: float, period: float) -> Regulated:
