@@ -114,7 +114,7 @@ class AwayFromJointLimits:
             raise invalid("lower", low.tolist(), f"as many numbers as upper, each below: {high.tolist()}")
         width = high - low
         limited = np.isfinite(width)
-        self._middle = np.where(limited, low + 0.5 * width, 0.0)
+        self._middle = np.where(limited, low, 0.0) + np.where(limited, 0.5 * width, 0.0)
         self._gain = np.where(limited, 2.0 * check("speed", speed, "positive") / width, 0.0)
 
     def speed(self, motion: ArmsMotion) -> Vector:

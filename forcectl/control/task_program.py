@@ -61,8 +61,9 @@ class TaskLevel:
     """
 
     def __init__(self, rows: NDArray[np.intp], cost: TaskCost, scale: Vector):
-        # Usually they are all of them.
-        self.rows = slice(None) if np.array_equal(rows, np.arange(len(rows))) else rows
+        # Neighbours, as they usually are, are picked without a copy.
+        together = np.array_equal(rows, np.arange(rows[0], rows[0] + len(rows)))
+        self.rows = slice(int(rows[0]), int(rows[-1]) + 1) if together else rows
         self.size, self.cost, self._scale = len(rows), cost, scale[:, None]
         # Divided by that, the curvature is at most one for coordinates of comparable size.
         compared = cost.curvature / np.outer(scale, scale)
@@ -72,7 +73,7 @@ class TaskLevel:
 
     def part(self, state: TaskState) -> TaskState:
         """Its coordinates among all."""
-        return state if isinstance(self.rows, slice) else TaskState(*(whole[self.rows] for whole in state))
+        return TaskState(*(whole[self.rows] for whole in state))
 
     def objective(self, part: TaskState, position: Vector, velocity: Vector) -> Level:
         """L of this level without damping."""
