@@ -80,7 +80,7 @@ def test_the_null_space_obeys_its_criterion_and_the_tasks_do_not_notice() -> Non
 
 def test_standing_arms_turn_to_where_their_mass_is_small() -> None:
     small = TowardsSmallMass(two_arms(), "right", [0.0, 1.0, 0.0], gain=50.0)
-    controller = reactive_controller(criterion=EvasiveMotion([small], speed=1.0))
+    controller = reactive_controller(criterion=EvasiveMotion([small], speed=20.0))
     log = follow(controller, 1.0, 0.0 * AMPLITUDE)
     masses = [small.mass(at(q)) for q in log["joint_position_reference"][::50]]
     assert masses[-1] < 0.98 * masses[0]

@@ -74,7 +74,8 @@ class EvasiveMotion:
     """Joint speeds at the next tick near those that lead down some potentials (5.20).
 
     Args:
-        potentials: their speeds add up. speed: of q0' at most, its largest element [rad/s], > 0.
+        potentials: their speeds add up. speed: of q0' at most, its largest element [rad/s], > 0; before the tasks take
+            what is theirs of it, which is usually most.
         time_constant: T [s], > 0; None: a tick, as in (5.20).
 
     Raises:
