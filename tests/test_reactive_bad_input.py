@@ -186,6 +186,7 @@ def test_a_target_that_changes_at_every_tick_is_followed_within_the_limits() -> 
     assert log["stalled"].max() == 0
 
 
+@pytest.mark.slow
 def test_an_unreachable_target_is_reported_and_the_robot_stands() -> None:
     far = reactive_controller().task_start.copy()
     far[:3] += [0.0, 1.0, 1.0]
@@ -198,6 +199,7 @@ def test_an_unreachable_target_is_reported_and_the_robot_stands() -> None:
     np.testing.assert_allclose(log["task_position"][-1, 6:], far[6:], atol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_target_out_of_reach_and_back() -> None:
     start = reactive_controller().task_start
     far = start + np.array([1.0, 0.0, 0.0] + [0.0] * 9)
@@ -208,6 +210,7 @@ def test_a_target_out_of_reach_and_back() -> None:
     assert log["reached"][-1] == 1
 
 
+@pytest.mark.slow
 def test_from_and_through_singular_postures_it_stays_within_the_limits() -> None:
     """Both arms stretched: elbow joints at zero."""
     stretched = START.copy()
