@@ -84,7 +84,7 @@ def test_standing_arms_turn_to_where_their_mass_is_small() -> None:
     log = follow(controller, 1.0, 0.0 * AMPLITUDE)
     masses = [small.mass(at(q)) for q in log["joint_position_reference"][::50]]
     assert masses[-1] < 0.985 * masses[0]
-    assert (np.diff(masses) < 1e-6).all()
+    assert (np.diff(masses) < 1e-3).all()
     assert np.abs(reached(log) - controller.task_start).max() < 3e-4
 
 
