@@ -14,6 +14,7 @@ from benchmarks import (
     quadratic_program,
     reactive_controller,
     real_time,
+    research_station,
     robot_controller,
     start_up,
     trajectory,
@@ -31,6 +32,7 @@ def run_all() -> None:
     for module in (
         start_up,
         real_time,
+        research_station,
         control_tick,
         force_laws,
         governor,

@@ -121,6 +121,7 @@ class ForceEstimatorConfig:
             name: WrenchEstimator(
                 model,
                 arm.tcp_frame,
+                joints=arm.joints,
                 moment=self.moment,
                 smallest=self.smallest_singular_value,
                 length=robot.facts.characteristic_length,

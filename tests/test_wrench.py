@@ -60,6 +60,17 @@ def test_it_is_the_pseudo_inverse_for_torques_that_no_wrench_gives():
     np.testing.assert_allclose(found, np.linalg.pinv(jacobian(q).T) @ torque, rtol=1e-8, atol=1e-9)
 
 
+def test_torques_of_joints_that_do_not_move_the_frame_are_left_alone():
+    """As of the other arm of a robot with two: the same wrench, whatever their torques are."""
+    frame, first = PLANT.GetFrameByName("arm_link_6"), slice(0, 6)
+    q = np.random.default_rng(4).uniform(-2, 2, 7)
+    torque = np.random.default_rng(5).uniform(-2, 2, 7)
+    all_joints, _ = estimate(WrenchEstimator(MODEL, frame, smallest=1e-3), q, torque)
+    torque[6] = 99.0
+    found, _ = estimate(WrenchEstimator(MODEL, frame, joints=first, smallest=1e-3), q, torque)
+    np.testing.assert_allclose(found, all_joints, rtol=1e-8)
+
+
 def test_a_force_alone_has_no_torque():
     q = np.random.default_rng(3).uniform(-2, 2, 7)
     force = np.array([0, 0, 0, 1.0, 2.0, -3.0])

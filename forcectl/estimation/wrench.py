@@ -73,6 +73,7 @@ class WrenchEstimator(LeafSystem):
 
     Args:
         model: the n joints. frame: where the wrench acts. expressed_in: any frame of the same plant; world when None.
+        joints: of the n, those that move the frame; all by default. The torques of the others are left alone.
         moment: False if only a force acts at the frame: then the torque is zero and the force has less noise.
         smallest: e [1]. length: of the arm, that translations are divided by [m].
     """
@@ -85,6 +86,7 @@ class WrenchEstimator(LeafSystem):
         frame: Frame,
         expressed_in: Frame | None = None,
         *,
+        joints: slice = slice(None),
         moment: bool = True,
         smallest: float = 0.02,
         length: float = 0.5,
@@ -95,7 +97,7 @@ class WrenchEstimator(LeafSystem):
         for given in (frame, expressed_in):
             if given is not None and not model.owns(given):
                 raise BadInputError(f"frame {given.name()!r}: must be of the plant of the momentum model")
-        self._model, self._frame = model, frame
+        self._model, self._frame, self._joints = model, frame, joints
         self._expressed_in = model.plant.world_frame() if expressed_in is None else expressed_in
         self._first_row = 0 if moment else 3
         self._smallest, self._length = check("smallest", smallest, "positive"), check("length", length, "positive")
@@ -148,9 +150,9 @@ class WrenchEstimator(LeafSystem):
             torque = torque - context.get_discrete_state(self._zero).value()
         now = np.zeros(7)
         jacobian = self._model.jacobian(self._scratch.Eval(context), q, self._frame, self._expressed_in)
-        first = self._first_row
+        first, mine = self._first_row, self._joints
         now[first:6], now[6] = wrench_from_torques(
-            jacobian[first:], torque, smallest=self._smallest, length=self._length
+            jacobian[first:, mine], torque[mine], smallest=self._smallest, length=self._length
         )
         if level > 0.5:
             now[:6] = 0.0

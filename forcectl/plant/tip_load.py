@@ -155,9 +155,11 @@ class LoadTruth(LeafSystem):
     def _touch(self, context: Context) -> Array:
         wrenches, forces = self._applied(context), np.zeros(len(self._arms))
         if self._results.HasValue(context):
-            posture, results = self._posture.Eval(context), self._results.Eval(context)
-            tips = [arm.tcp_frame.CalcPoseInWorld(posture).translation() for arm in self._arms]
-            for i in range(results.num_point_pair_contacts()):
+            results = self._results.Eval(context)
+            count = results.num_point_pair_contacts()
+            posture = self._posture.Eval(context) if count else None
+            tips = [arm.tcp_frame.CalcPoseInWorld(posture).translation() for arm in self._arms] if count else []
+            for i in range(count):
                 contact = results.point_pair_contact_info(i)
                 on_b, where = contact.contact_force(), contact.contact_point()
                 for body, force in ((contact.bodyB_index(), on_b), (contact.bodyA_index(), -on_b)):
@@ -169,10 +171,10 @@ class LoadTruth(LeafSystem):
         return np.concatenate([wrenches.ravel(), forces])
 
     def _show_torque(self, context: Context, output: BasicVector) -> None:
-        posture, torque = self._posture.Eval(context), np.zeros(self._robot.num_joints)
+        torque = np.zeros(self._robot.num_joints)
         for arm, wrench in zip(self._arms, self._applied(context), strict=True):
             if wrench.any():
-                torque += self._robot.jacobian_of(posture, arm.tcp_frame).T @ wrench
+                torque += self._robot.jacobian_of(self._posture.Eval(context), arm.tcp_frame).T @ wrench
         if self._contact_torque.HasValue(context):
             torque += self._contact_torque.Eval(context)[self._rows]
         output.SetFromVector(torque)

@@ -1,0 +1,74 @@
+"""The research station with two arms in its motion loop: real-time factor, and the share of each part.
+
+Both arms swing in free air, friction sticks, everything is logged. Of each case the time of a run without the estimator
+and one with it are measured in turns; the shares come from taking parts away.
+"""
+
+from __future__ import annotations
+
+import sys
+from collections.abc import Callable, Iterator
+from pathlib import Path
+from typing import Any
+
+# Found also when this file is run as a script, from a checkout.
+sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
+
+from benchmarks._measure import Row, interleaved_medians, main
+
+DURATION = 3.0  # [s]
+
+
+def benchmark(repeats: int) -> Iterator[Row]:
+    from forcectl.diagrams.force_estimator import ForceEstimatorConfig
+
+    cases: list[tuple[str, str, dict[str, Any], bool]] = [
+        ("two arms, 2 kHz", ">= 3", {}, False),
+        ("  and force estimator", ">= 3", {}, True),
+        ("  and elastic joints", "", {"elastic_joints": True}, True),
+        ("  and links that may touch", "", {"self_collision": True}, True),
+        ("two arms, 1 kHz, force estimator", "", {"time_step": 0.001}, True),
+        ("one arm, 2 kHz, force estimator", "", {"robot": "yumi/left"}, True),
+    ]
+    runs = [_runner(options, ForceEstimatorConfig() if estimator else None) for _, _, options, estimator in cases]
+    times = interleaved_medians(runs, repeats)
+    for (name, required, _, _), spent in zip(cases, times, strict=True):
+        yield Row(name, DURATION / spent, "x real time", required, "5" if required else "")
+    bare, observed = times[:2]
+    plant = interleaved_medians([_plant_runner()], repeats)[0]
+    yield Row("share of the plant", 100 * plant / observed, "%", note="robot with friction and constant torques")
+    yield Row("share of servo, sensors, path, log", 100 * (bare - plant) / observed, "%")
+    yield Row("share of the estimator", 100 * (observed - bare) / observed, "%")
+
+
+def _runner(options: dict[str, Any], estimator: Any) -> Callable[[], None]:
+    from pydrake.systems.analysis import Simulator
+
+    from forcectl.diagrams.motion_loop import build_motion_loop
+    from forcectl.diagrams.research_cell import ResearchStationConfig
+    from forcectl.motion.joint_path import JointExcitationConfig
+
+    loop = build_motion_loop(ResearchStationConfig(**options), JointExcitationConfig(speed_shares=[0.3]), estimator)
+    return lambda: Simulator(loop.diagram).AdvanceTo(DURATION)
+
+
+def _plant_runner() -> Callable[[], None]:
+    from pydrake.systems.analysis import Simulator
+    from pydrake.systems.framework import DiagramBuilder
+    from pydrake.systems.primitives import ConstantVectorSource
+
+    from forcectl.diagrams.research_cell import ResearchStationConfig, describe_research
+    from forcectl.diagrams.research_plant import add_research_plant
+
+    builder = DiagramBuilder()
+    model = add_research_plant(builder, describe_research(ResearchStationConfig()))
+    plant, instance = model.plant, model.parts.instance
+    for port in (plant.get_actuation_input_port(instance), plant.get_desired_state_input_port(instance)):
+        source = builder.AddSystem(ConstantVectorSource([0.0] * port.size()))
+        builder.Connect(source.get_output_port(), port)
+    diagram = builder.Build()
+    return lambda: Simulator(diagram).AdvanceTo(DURATION)
+
+
+if __name__ == "__main__":
+    main("The research station", benchmark)
