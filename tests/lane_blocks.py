@@ -19,6 +19,7 @@ from forcectl.control.predictive_correction import PredictiveCorrection
 from forcectl.diagrams.vrft_experiment import ExperimentSequencer
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.estimation.momentum_observer import MomentumObserver
+from forcectl.estimation.excited_compliance import ExcitedCompliance
 from forcectl.estimation.recursive_vrft import RecursiveVrft
 from forcectl.lanes import LaneBlock
 from forcectl.motion.trajectory_generator import TrajectoryGenerator
@@ -159,6 +160,21 @@ LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str
             "integral_gain": FINITE,
             "derivative_gain": FINITE,
             "fir_0": FINITE,
+        },
+    ),
+    ExcitedCompliance: (
+        lambda size=2, **changed: ExcitedCompliance(size, **{"initial_compliance": 1e-5, **changed}),
+        {
+            "bandwidth": POSITIVE,
+            "drift_bandwidth": POSITIVE,
+            "robot_compliance": NOT_NEGATIVE,
+            "surface_deviation": POSITIVE,
+            "memory": POSITIVE,
+            "minimum_excitation": NOT_NEGATIVE,
+            "minimum_force": NOT_NEGATIVE,
+            "largest_change": POSITIVE,
+            "range": POSITIVE,
+            "rate": POSITIVE,
         },
     ),
     RecursiveVrft: (

@@ -143,6 +143,15 @@ def test_standard_deviation_of_a_sine_over_whole_periods(window):
     assert values["model_error_window_s"] == pytest.approx(window)
 
 
+def test_model_errors_of_the_run_count_all_steps():
+    t, desired, model = first_order(1.5, 15.0)
+    error = np.where(t < 0.5 * t[-1], 0.5, -0.25)
+    values = m.metrics_of(signals(t, desired, model + error, model_force=model))
+    assert values["run_model_error_sd_N"] == pytest.approx(0.375, rel=1e-2)
+    assert values["run_max_abs_model_error_N"] == pytest.approx(0.5)
+    assert m.metrics_of(signals(t, desired, model))["run_model_error_sd_N"] is None
+
+
 def test_a_short_run_says_which_window_it_used():
     t, desired, force = first_order(1.5, 15.0, duration=2.0)
     values = m.metrics_of(signals(t, desired, force, model_force=force), window=4.1)

@@ -12,7 +12,9 @@ from pydrake.systems.framework import DiagramBuilder, System
 from forcectl.control.adaptive_vrft import AdaptiveVrft
 from forcectl.control.force_law import LoopFacts
 from forcectl.control.linear_law import LinearForceLaw
+from forcectl.control.scaled_vrft import ScaledVrft, ScaledVrftConfig
 from forcectl.diagrams.vrft_experiment import ExperimentSequencer, RecursiveVrftConfig, VrftExperiment
+from forcectl.estimation.excited_compliance import ExcitedCompliance
 from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 
 VALUES = (-5e-5, -2.5e-4, [0.0, 1e-8])
@@ -26,9 +28,15 @@ def force(t: float) -> np.ndarray:
     return np.array([12.0, 7.0]) * (1 + math.sin(50 * t))
 
 
+FACTS = LoopFacts(2, 0.002, np.full(2, 3e-5), np.array([1e-4, 2e-5]), 12.6, 1.0, 0.0)
+
+
 def experiment() -> VrftExperiment:
-    facts = LoopFacts(2, 0.002, np.full(2, 3e-5), np.array([1e-4, 2e-5]), 12.6, 1.0, 0.0)
-    return RecursiveVrftConfig(hand_over_time=0.02).add_to(DiagramBuilder(), facts)
+    return RecursiveVrftConfig(hand_over_time=0.02).add_to(DiagramBuilder(), FACTS)
+
+
+def scaled() -> ScaledVrft:
+    return ScaledVrftConfig().add_to(DiagramBuilder(), FACTS)
 
 
 VRFT_EXAMPLES: dict[type[System], list[Example]] = {
@@ -72,6 +80,23 @@ VRFT_EXAMPLES: dict[type[System], list[Example]] = {
                 for pair in each(output, "desired_force", "measured_force")
             },
             {"desired_force": force, "measured_force": force},
+        )
+    ],
+    ExcitedCompliance: [
+        Example(
+            lambda: ExcitedCompliance(2, initial_compliance=[1e-4, 2e-5], minimum_excitation=0.01, minimum_force=0.1),
+            inputs={"desired_force": force, "measured_force": force, "displacement": push},
+        )
+    ],
+    ScaledVrft: [
+        Example(
+            scaled,
+            {
+                pair
+                for output in ("displacement_command", "controller_output")
+                for pair in each(output, "desired_force", "measured_force")
+            },
+            {"desired_force": force, "measured_force": force, "motor_displacement": push},
         )
     ],
     ExperimentSequencer: [

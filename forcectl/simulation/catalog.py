@@ -30,6 +30,7 @@ CONTROLLERS = {
     "InvarianceRobot": "forcectl.control.invariance_robot:InvarianceRobotConfig",
     "Vrft": "forcectl.control.linear_law:VrftConfig",
     "Governed": "forcectl.control.governor:GovernedConfig",
+    "ScaledVrft": "forcectl.control.scaled_vrft:ScaledVrftConfig",
     "AdaptiveVrft": "forcectl.control.adaptive_vrft:AdaptiveVrftConfig",
     "RecursiveVrft": "forcectl.diagrams.vrft_experiment:RecursiveVrftConfig",
     "Import": "forcectl.simulation.imported:ImportConfig",

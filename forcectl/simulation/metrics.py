@@ -62,6 +62,8 @@ MOTION_METRICS: dict[str, tuple[str, str]] = {
 RUN_METRICS: dict[str, tuple[str, str]] = {
     "peak_force_N": ("N", "largest true contact force of the run"),
     "contact_loss_s": ("s", "time without contact after the first contact"),
+    "run_model_error_sd_N": ("N", "standard deviation from the reference model over the whole run"),
+    "run_max_abs_model_error_N": ("N", "largest distance from the reference model in the whole run"),
     "control_effort_m": ("m", "path length of the displacement command"),
     "constraint_violations": ("1", "ticks in which a constraint of the controller was violated, by however little"),
     "largest_constraint_violation": ("SI", "the furthest of them, in the unit of its constraint (m, rad, rad/s, Nm)"),
@@ -351,8 +353,7 @@ def metrics_of(
         signals: arrays over time: `time`, `desired_force`, `measured_force`, `contact_force`,
             and where they exist `model_force`, `contact_state`, `displacement_command`, `constraint_violation`.
         window: T_w [s] of `model_error_sd_N`.
-        realtime_factor: measured by the caller.
-        motion: begin and end of the motion along the surface [s].
+        realtime_factor: measured by the caller. motion: begin and end of the motion along the surface [s].
 
     Returns:
         Name -> value; None where a metric is undefined. Never NaN.
@@ -374,6 +375,8 @@ def metrics_of(
     result |= {
         "peak_force_N": float(contact.max()),
         "contact_loss_s": contact_loss(time, in_contact),
+        "run_model_error_sd_N": float(np.std(force - model)) if model is not None else None,
+        "run_max_abs_model_error_N": float(np.abs(force - model).max()) if model is not None else None,
         "control_effort_m": control_effort(command) if command is not None else None,
         "constraint_violations": float(np.count_nonzero(violation > 0)) if violation is not None else None,
         "largest_constraint_violation": float(violation.max()) if violation is not None else None,

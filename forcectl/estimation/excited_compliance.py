@@ -1,0 +1,159 @@
+"""Compliance of the environment from how the force answers its reference: EWRLS with an instrument, for any surface.
+
+    x = -dx - C_R_hat F = C_E F - h                       (2.10) with the height h of the surface, which nobody knows
+    F_M = M(z) F_bar                                      what the force is meant to be, the instrument
+    k = P z/(R + z P z),    C_E += k (x - F C_E),    P -= k z P,    P += (Ts/T) (C_E^2 - P)
+
+Surface and friction move force and displacement together, in the ratio of the controller and not of the contact: least
+squares with F as regressor would believe them. F_M knows nothing of either. x, F and z = F_M pass the same high-pass
+w_h s/(s + w_h), so that slopes, the bending of the robot and an error of C_R in the weight of the tool drop out. The
+forgetting is bounded: in the time T without information P goes back to what is believed at first, C_E within 100 %.
+dx is measured at the motors, behind friction and delay of the drives, and filtered like the force: x follows F at once.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
+
+from forcectl.errors import invalid
+from forcectl.lanes import Lane, LaneBlock, Parameter, check, lane_values
+
+
+class ExcitedCompliance(LaneBlock):
+    """Estimate of the compliance of the environment of n contacts, from moves of the desired force.
+
+    ```
+    name: ExcitedCompliance
+    input_ports: [desired_force, measured_force, displacement]
+    output_ports: [environment_compliance, learning]
+    parameters: [bandwidth, drift_bandwidth, robot_compliance, surface_deviation, memory, minimum_excitation,
+        minimum_force, largest_change, range, rate]
+    ```
+
+    desired_force, measured_force: shape (n,) [N].
+    displacement: shape (n,), actual motor-side dx [m], passed through the same filter as the force.
+    environment_compliance: shape (n,), C_E_hat within range and rate [m/N]. State, no direct feedthrough.
+    learning: shape (n,), 1 while samples count, else 0. State.
+
+    Parameters (Context, shape (n,)): bandwidth w_c of M [rad/s] > 0 and drift_bandwidth w_h [rad/s] > 0, both below
+    1/period; robot_compliance C_R_hat [m/N] >= 0; surface_deviation [m] > 0, what the surface adds to dx within 1/w_h,
+    as a standard deviation: R; memory T [s] > 0. Guards: nothing is learnt while z is below minimum_excitation [N] >= 0
+    or the force below minimum_force [N] >= 0, and for 1/w_h after that; errors beyond largest_change [1] > 0 times
+    z C_E count as that much; C_E_hat stays within the factor range [1] >= 1 of the initial one and changes by at most
+    rate [1/s] > 0 times itself.
+
+    An input that is not finite is skipped.
+
+    Sampling: every `period` [s]; the outputs change one tick after the samples they use.
+
+    Args:
+        initial_compliance: C_E_hat at the start [m/N], > 0.
+    """
+
+    port_units = {"learning": "1"}
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        initial_compliance: ArrayLike,
+        bandwidth: ArrayLike = 1.5,
+        drift_bandwidth: ArrayLike = 3.0,
+        robot_compliance: ArrayLike = 0.0,
+        surface_deviation: ArrayLike = 1e-5,
+        memory: ArrayLike = 3.0,
+        minimum_excitation: ArrayLike = 0.2,
+        minimum_force: ArrayLike = 2.0,
+        largest_change: ArrayLike = 2.0,
+        range: ArrayLike = 10.0,
+        rate: ArrayLike = 3.0,
+        period: float = 0.002,
+    ):
+        self._period = check("period", period, "positive")
+        self._first = lane_values("initial_compliance", initial_compliance, size, "positive and finite")
+        super().__init__(
+            size,
+            {
+                "bandwidth": Parameter(bandwidth, "positive and finite", "rad/s"),
+                "drift_bandwidth": Parameter(drift_bandwidth, "positive and finite", "rad/s"),
+                "robot_compliance": Parameter(robot_compliance, "not negative", "m/N"),
+                "surface_deviation": Parameter(surface_deviation, "positive and finite", "m"),
+                "memory": Parameter(memory, "positive", "s"),
+                "minimum_excitation": Parameter(minimum_excitation, "not negative", "N"),
+                "minimum_force": Parameter(minimum_force, "not negative", "N"),
+                "largest_change": Parameter(largest_change, "positive", "1"),
+                "range": Parameter(range, "positive", "1"),
+                "rate": Parameter(rate, "positive", "1/s"),
+            },
+        )
+        self._inputs = [
+            self.DeclareVectorInputPort(name, size) for name in ("desired_force", "measured_force", "displacement")
+        ]
+        # C_E, P, what is put out, whether it learns, time until it may, F_M; x, F and z, then the last x, F and F_M.
+        zero = np.zeros(size)
+        start = [self._first, self._first**2, self._first, *[zero] * 9]
+        self._memory = self.DeclareDiscreteState(np.concatenate(start))
+        reads = {self.discrete_state_ticket(self._memory)}
+        self.DeclareVectorOutputPort("environment_compliance", size, self._show_compliance, prerequisites_of_calc=reads)
+        self.DeclareVectorOutputPort("learning", size, self._show_learning, prerequisites_of_calc=reads)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
+
+    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """Both filters are stable and do not alternate; the range is one."""
+        for name in ("bandwidth", "drift_bandwidth"):
+            if not (values[name] * self._period < 1).all():
+                raise invalid(name, values[name].tolist(), f"below 1/period = {1 / self._period:g} rad/s")
+        if not (values["range"] >= 1).all():
+            raise invalid("range", values["range"].tolist(), "at least 1")
+
+    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+        """Per tick: 1 - A, decay of the high-pass, C_R, R, forgetting, guards, bounds, change and time to wait."""
+        w, w_h, robot, deviation, memory, excitation, force, change, span, rate = values
+        first, period = self.lane(self._first), self._period
+        noise = deviation**2 / (w_h * period)  # what the surface adds stays for 1/w_h
+        return (
+            *(w * period, 1 - w_h * period, robot, noise, self.math.minimum(period / memory, 1.0)),
+            *(excitation, force, change, first / span, first * span, rate * period, 1 / w_h),
+        )
+
+    def _update(self, context: Context, next_state: DiscreteValues) -> None:
+        m = self.math
+        approach, decay, robot, noise, forgetting, *guards = self._values.Eval(context)
+        excitation, least, change, low, high, rate, pause = guards
+        desired, force, dx = (self.lane(port.Eval(context)) for port in self._inputs)
+        old = self.lanes(context.get_discrete_state(self._memory).value())
+        c, p, shown, _, wait, model, x, f, z, x_1, f_1, model_1 = old
+        now = -dx - robot * force
+        # What was before the first sample is rest at zero force and displacement.
+        x, f, z = decay * x + (now - x_1), decay * f + (force - f_1), decay * z + (model - model_1)
+        after = model + approach * (desired - model)
+        wait = m.where(force < least, pause, m.maximum(wait - self._period, 0.0))
+        learn = (abs(z) >= excitation) & (wait <= 0)
+
+        most = change * abs(z) * c
+        error = m.minimum(m.maximum(x - f * c, -most), most)
+        gain = p * z / (noise + z * p * z)
+        new = m.minimum(m.maximum(m.where(learn, c + gain * error, c), low), high)
+        p = m.where(learn, p * (1 - gain * z), p)
+        p = p + forgetting * (new**2 - p)
+        step = rate * shown
+        shown = shown + m.minimum(m.maximum(new - shown, -step), step)
+        values = [new, p, shown, m.where(learn, 1.0, 0.0), wait, after, x, f, z, now, force, model]
+        # Infinity minus infinity is not a number, so one comparison catches both NaN and overflow.
+        total = now + force + after + x + f + new + p
+        good = total - total == 0
+        if self._size == 1:
+            values = values if good else old
+        else:
+            values = [np.where(good, a, b) for a, b in zip(values, old, strict=True)]
+        next_state.set_value(self._memory, self.stack(*values))
+
+    def _show_compliance(self, context: Context, output: BasicVector) -> None:
+        self.write(output, self.lanes(context.get_discrete_state(self._memory).value())[2])
+
+    def _show_learning(self, context: Context, output: BasicVector) -> None:
+        self.write(output, self.lanes(context.get_discrete_state(self._memory).value())[3])
