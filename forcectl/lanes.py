@@ -3,7 +3,8 @@
 A block of size n runs n loops side by side; lane i uses element i of every port, state and parameter. The equations are
 written once, with operators that mean the same on a float and on an array, and `LaneBlock` hands them floats when n = 1
 (numpy costs ten times more on single numbers) and arrays otherwise, so a lane equals the same loop run alone: bit for
-bit, and to rounding (1e-12) in blocks that are one of Drake's linear systems.
+bit, and to rounding (1e-12) in blocks that are one of Drake's linear systems. In those (filters, position loops) a lane
+that is not a number reaches the others, as 0 NaN is NaN; everywhere else it stays alone.
 """
 
 from __future__ import annotations

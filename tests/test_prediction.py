@@ -132,3 +132,17 @@ def test_where_residuals_are_not_noise_a_lower_order_is_believed():
         stuck[k] = place
     believed, likely = orders(lfilter(*plant, stuck))
     assert believed < likely
+
+
+def test_an_instability_that_only_the_true_order_shows_is_believed():
+    """A resonance that the smooth moves hardly show: a lag fits them to a thousandth and predicts a sound loop."""
+    lag, pole = np.exp(-4.0 * TS), np.exp(complex(-3.0, 120.0) * TS)
+    below = np.convolve([1.0, -lag], np.poly([pole, pole.conjugate()]).real)
+    plant = PlantModel(np.array([-5e3 * below.sum()]), below, 3, TS, 1.0, 0.0)
+    basis, gains = discrete_pid(TS), np.array([-8e-4, -6e-6, 0.0])
+    assert not closed_loop(plant, basis, gains).stable
+    y = plant.response(U)
+    plants = identify_plants(U, y, TS)
+    assert closed_loop(plants[0], basis, gains).stable
+    assert plants[0].explained > 0.999
+    assert not closed_loop(RecordCheck(U, y, MODEL, basis).believed(plants, gains), basis, gains).stable

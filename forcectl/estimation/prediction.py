@@ -33,6 +33,7 @@ _DIVERGED = 1e3  # of a unit step
 _FADED = 1e-3  # of its largest value: what C^-1 may have left after the record
 _NOISE = 0.5  # correlation of neighbouring residuals below which they are taken for noise
 _AS_GOOD = 3.0  # a lower order whose model error is within this factor is believed
+_BEYOND_DOUBT = 100.0  # times less of the output's power unexplained
 _MOST_POLES = 300  # of a loop, that are computed
 _ROUNDS = 40  # of the delay, for a loop to show whether pulses fade
 _LONGEST_INVERSE = 200  # coefficients of C
@@ -152,6 +153,10 @@ class RecordCheck:
         errors = [self._errors(plant, gains)[0] for plant in plants]
         good = [p for p, error in zip(plants, errors, strict=True) if error <= _AS_GOOD * min(errors)]
         likely = min(good, key=lambda plant: plant.criterion)
+        # A loop that is unstable has no error; the model that says so counts if it is beyond doubt.
+        other = min(plants, key=lambda plant: plant.criterion)
+        if all(other is not plant for plant in good) and _BEYOND_DOUBT * (1 - other.explained) < 1 - likely.explained:
+            return other
         residual = self._y - likely.response(self._u)
         noise = float(residual[1:] @ residual[:-1]) <= _NOISE * float(residual @ residual)
         return likely if noise or not np.isfinite(min(errors)) else good[0]
