@@ -1,7 +1,6 @@
 """Random reaching with both arms: no limit is ever violated, and a target is reached or said to be out of reach.
 
-FORCECTL_RANDOM_TASKS=200 runs all of them (a quarter of an hour). Of 200 with goals from postures anywhere within the
-joint limits in which no link touches another, see the page on the reactive controller for how many are reached.
+FORCECTL_RANDOM_TASKS=200 runs all of them, ten minutes; docs/reactive_control.md says how they ended.
 """
 
 from __future__ import annotations
