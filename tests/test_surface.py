@@ -189,7 +189,7 @@ def test_a_file_is_joined_by_straight_lines_and_other_columns_are_left_alone(tmp
         ("position,height\n0,0\n0.1,nan\n", "line 3"),
         ("position,height\n0,0\n0.1\n", "line 3: position = '0.1', height = None"),
         ("position,height\n0,0\n0.1,0\n0.1,0\n", "line 4: position = 0.1: must be above the last one"),
-        ("position,height\n0,0\n10,1.5\n", "line 3: height = 1.5: must be in metres, at most 0.05 m"),
+        ("position,height\n0,0\n10,1.5\n", "position = 10, height = 1.5: must be in metres, at most 0.05 m"),
         ("position,height\n0,0\n100,0.01\n", "positions span 100: must be in metres"),
     ],
 )

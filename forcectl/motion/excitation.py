@@ -19,7 +19,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from forcectl.errors import BadInputError
 from forcectl.lanes import check
-from forcectl.motion.references import Reference, linear_trajectory, read_series
+from forcectl.motion.references import Reference, linear_trajectory, read_signal
 
 SPRING_STIFFNESS = 5900.0  # [N/m] that the default moves are made for
 _SHORTEST = 1e-9  # segment of a trajectory [s]
@@ -141,7 +141,7 @@ class ExcitationFileConfig(_Excitation):
 
     def __post_init__(self) -> None:
         _check_scale(self.scale)
-        _, displacements = read_series(self.path, "displacement")
+        _, displacements = read_signal(self.path, "displacement")
         for x in displacements:
             check(f"path = {self.path!r}: column displacement", x)
         if len(set(displacements)) < 2:
@@ -149,7 +149,7 @@ class ExcitationFileConfig(_Excitation):
 
     def trajectory(self) -> PiecewisePolynomial:
         """Displacement over time before scaling [m]."""
-        return linear_trajectory(*read_series(self.path, "displacement"))
+        return linear_trajectory(*read_signal(self.path, "displacement"))
 
 
 ExcitationConfig = TrapezoidalMovesConfig | ExcitationFileConfig

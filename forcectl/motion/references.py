@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import dataclass, field
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -16,6 +14,7 @@ from pydrake.trajectories import FunctionHandleTrajectory, PiecewisePolynomial, 
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import check
+from forcectl.series_file import read_series
 
 _SHORTEST = 1e-9  # time between two points of a reference [s]
 
@@ -95,31 +94,13 @@ def _check_times(name: str, times: list[float]) -> None:
         raise invalid(name, times, f"strictly increasing, by at least {_SHORTEST:g} s")
 
 
-def read_series(path: str, column: str) -> tuple[list[float], list[float]]:
-    """The columns `time` [s] and `column` of a CSV file, times increasing.
+def read_signal(path: str, column: str) -> tuple[list[float], list[float]]:
+    """The columns `time` [s] and `column` of a CSV file.
 
     Raises:
-        BadInputError: about `path`: no such file, column or number, too few rows, or times out of order.
+        BadInputError: about `path`, see `forcectl.series_file`; times below zero or too close.
     """
-    if not Path(path).is_file():
-        raise invalid("path", path, f"an existing CSV file with the columns time and {column}")
-    times, values = [], []
-    try:
-        text = Path(path).read_text(encoding="utf-8-sig")  # spreadsheets put a byte order mark in front
-    except (OSError, UnicodeDecodeError):
-        raise invalid("path", path, "a readable CSV file in UTF-8") from None
-    table = csv.DictReader(text.splitlines(), skipinitialspace=True)
-    if not {"time", column} <= set(table.fieldnames or ()):
-        raise BadInputError(f"path = {path!r} has columns {table.fieldnames}: must have time and {column}")
-    for number, row in enumerate(table, start=2):
-        try:
-            times.append(float(row["time"]))
-            values.append(float(row[column]))
-        except (TypeError, ValueError):
-            found = f"time = {row['time']!r}, {column} = {row[column]!r}"
-            raise BadInputError(f"path = {path!r} line {number}: {found}: must be numbers") from None
-    if len(times) < 2:
-        raise BadInputError(f"path = {path!r} has {len(times)} rows: must have at least 2")
+    times, values = (signal.tolist() for signal in read_series(path, "time", column))
     _check_times(f"path = {path!r}: column time", times)
     return times, values
 
@@ -227,13 +208,13 @@ class FileConfig(_ForceReference):
     hold: bool = False  # true: keep each value until the next time instead of joining them
 
     def __post_init__(self) -> None:
-        _, forces = read_series(self.path, "force")
+        _, forces = read_signal(self.path, "force")
         for f in forces:
             check(f"path = {self.path!r}: column force", f, "not negative")
 
     def trajectory(self) -> PiecewisePolynomial | float:
         """The reference over time [N]."""
-        times, forces = read_series(self.path, "force")
+        times, forces = read_signal(self.path, "force")
         return held_trajectory(times, forces) if self.hold else linear_trajectory(times, forces)
 
 

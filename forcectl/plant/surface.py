@@ -10,11 +10,9 @@ when the station is built. The contact normal stays n; lateral forces of flanks 
 
 from __future__ import annotations
 
-import csv
 import math
 from dataclasses import dataclass, field
 from itertools import pairwise
-from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -23,6 +21,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import check
 from forcectl.plant.surface_materials import MaterialsConfig
+from forcectl.series_file import read_series
 
 Array = NDArray[np.float64]
 GRID = 2e-5  # distance of the points of a profile [m]
@@ -277,36 +276,13 @@ def read_profile(path: str) -> tuple[Array, Array]:
     """Positions and heights [m] of a profile file, each of shape (k,), k >= 2.
 
     Raises:
-        BadInputError: no such file, other columns, no numbers, positions that do not increase, or not in metres.
+        BadInputError: about `path`, see `forcectl.series_file`; not in metres.
     """
-    file = Path(path)
-    if not file.is_file():
-        raise invalid("path", path, "an existing CSV file with the columns position and height")
-    try:
-        text = file.read_text(encoding="utf-8-sig")  # spreadsheets put a byte order mark in front
-    except (OSError, UnicodeDecodeError):
-        raise invalid("path", path, "a readable CSV file in UTF-8") from None
-    table = csv.DictReader(text.splitlines(), skipinitialspace=True)
-    if not {"position", "height"} <= set(table.fieldnames or ()):
-        raise BadInputError(f"path = {path!r} has columns {table.fieldnames}: must have position and height")
-    rows: list[tuple[float, float]] = []
-    for number, row in enumerate(table, start=2):
-        try:
-            values = float(row["position"]), float(row["height"])
-        except (TypeError, ValueError):
-            values = (math.nan, math.nan)
-        if not all(math.isfinite(value) for value in values):
-            told = f"position = {row['position']!r}, height = {row['height']!r}"
-            raise BadInputError(f"path = {path!r} line {number}: {told}: must be finite numbers")
-        if rows and not values[0] > rows[-1][0]:
-            raise BadInputError(f"path = {path!r} line {number}: position = {values[0]:g}: must be above the last one")
-        if abs(values[1]) > _HIGHEST:
-            most = f"in metres, at most {_HIGHEST:g} m"
-            raise BadInputError(f"path = {path!r} line {number}: height = {values[1]:g}: must be {most}")
-        rows.append(values)
-    if len(rows) < 2:
-        raise BadInputError(f"path = {path!r} has {len(rows)} rows: must have at least 2")
-    positions, heights = np.array(rows).T
+    positions, heights = read_series(path, "position", "height")
+    for x, z in zip(positions, heights, strict=True):
+        if abs(z) > _HIGHEST:
+            told = f"position = {x:g}, height = {z:g}"
+            raise BadInputError(f"path = {path!r}: {told}: must be in metres, at most {_HIGHEST:g} m")
     if positions[-1] - positions[0] > 2 * _LONGEST:
         raise BadInputError(f"path = {path!r}: positions span {positions[-1] - positions[0]:g}: must be in metres")
     return positions, heights

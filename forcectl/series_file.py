@@ -1,0 +1,49 @@
+"""Two columns of a CSV file, a value over time or over place, as people and spreadsheets write them."""
+
+from __future__ import annotations
+
+import csv
+import math
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.errors import BadInputError, invalid
+
+Array = NDArray[np.float64]
+
+
+def read_series(path: str, along: str, value: str) -> tuple[Array, Array]:
+    """The columns `along`, increasing, and `value`, each of shape (k,), k >= 2. Other columns are left alone.
+
+    Raises:
+        BadInputError: about `path`: no such file, column or number, too few rows, or out of order.
+    """
+    file = Path(path)
+    if not file.is_file():
+        raise invalid("path", path, f"an existing CSV file with the columns {along} and {value}")
+    try:
+        text = file.read_text(encoding="utf-8-sig")  # spreadsheets put a byte order mark in front
+    except (OSError, UnicodeDecodeError):
+        raise invalid("path", path, "a readable CSV file in UTF-8") from None
+    table = csv.DictReader(text.splitlines(), skipinitialspace=True)
+    if not {along, value} <= set(table.fieldnames or ()):
+        raise BadInputError(f"path = {path!r} has columns {table.fieldnames}: must have {along} and {value}")
+    rows: list[tuple[float, float]] = []
+    for number, row in enumerate(table, start=2):
+        try:
+            pair = float(row[along]), float(row[value])
+        except (TypeError, ValueError):
+            pair = (math.nan, math.nan)
+        if not all(math.isfinite(one) for one in pair):
+            told = f"{along} = {row[along]!r}, {value} = {row[value]!r}"
+            raise BadInputError(f"path = {path!r} line {number}: {told}: must be finite numbers")
+        if rows and not pair[0] > rows[-1][0]:
+            last = f"{along} = {pair[0]:g}: must be above the last one, strictly increasing"
+            raise BadInputError(f"path = {path!r} line {number}: {last}")
+        rows.append(pair)
+    if len(rows) < 2:
+        raise BadInputError(f"path = {path!r} has {len(rows)} rows: must have at least 2")
+    first, second = np.array(rows).T
+    return first, second
