@@ -150,7 +150,8 @@ ELSEWHERE |= MOTION_EXAMPLES
 ELSEWHERE |= REACTIVE_EXAMPLES
 ELSEWHERE |= RESEARCH_EXAMPLES
 ELSEWHERE |= TORQUE_EXAMPLES
-EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | SURFACE_EXAMPLES | {
+ELSEWHERE |= SURFACE_EXAMPLES
+EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
     CompliantContact: [
         Example(
             lambda: CompliantContact(2, stiffness=[5900, 1e5]),
