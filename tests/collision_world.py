@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
-from typing import NamedTuple
+from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from pydrake.geometry import GeometryId, QueryObject
@@ -14,9 +15,11 @@ from forcectl.control.collision_shapes import Obstacle
 from forcectl.robot import add_robot
 
 
-class Posture(NamedTuple):
+@dataclass(frozen=True)
+class Posture:
     q: np.ndarray
     v: np.ndarray
+    known: dict[Any, Any] = field(default_factory=dict)
 
 
 class World:

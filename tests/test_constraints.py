@@ -176,6 +176,14 @@ def test_a_margin_is_kept_beside_a_constraint_and_rows_that_change_are_not_compa
         gather(wall)
 
 
+def test_companions_of_a_constraint_come_with_it() -> None:
+    wall = CartesianWall([1.5, 0.0, 0.0], [-1.0, 0.0, 0.0])
+    wall.companions = (JointTorqueLimit(np.full(N, 100.0)), ForceLimit(20.0))  # type: ignore[attr-defined]
+    together = gather(wall)
+    assert together.size == 1 + 2 * N + 1
+    assert together.rows(at(), np.zeros(2)).direct == 2 * N
+
+
 def test_bounds_of_joints_far_from_their_limits_are_the_accelerations_and_near_them_what_braking_leaves() -> None:
     limits, start = own_limits(), robot_facts().start
     rows = gather().rows(at(), np.zeros(0))

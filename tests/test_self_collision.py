@@ -80,7 +80,7 @@ def test_distances_from_obstacles_are_drakes_or_less_by_the_tolerance() -> None:
 
 
 def at(constraint: LinkDistance, q: np.ndarray, v: np.ndarray) -> tuple[np.ndarray, ...]:
-    return constraint.evaluate(Posture(q, v))
+    return constraint.second_derivative(Posture(q, v))
 
 
 @settings(max_examples=60)
@@ -100,8 +100,8 @@ def test_rows_are_the_derivatives_of_the_distance(seed: int, with_obstacles: boo
     outside = y < constraint._minimum + 0.01  # balls whose centres are well outside the box
     np.testing.assert_allclose(((ahead[0] - behind[0]) / (2 * h) - rate)[outside], 0.0, atol=1e-4)
     np.testing.assert_allclose(row @ v, rate, atol=1e-12)
-    second, foreseen = (ahead[1] - behind[1]) / (2 * h), row @ u + bias - constraint._late(y + constraint.margin, rate)
-    assert (second - foreseen)[outside].max() < 1e-5
+    second, foreseen = (ahead[1] - behind[1]) / (2 * h), row @ u + bias
+    assert (second - foreseen)[outside].max() < 1e-4
     assert np.mean(np.abs(second - foreseen)[outside] > 1e-4) < 0.05
 
 
@@ -127,6 +127,57 @@ def test_the_rows_are_the_ones_that_need_it_most() -> None:
         # More than that is not gained in a tick, at 50 m/s^2.
         some, all_ = some[some < 0.2], all_[:24][all_[:24] < 0.2]
         np.testing.assert_allclose(some, all_, atol=1e-12)
+
+
+def test_rows_are_scaled_where_the_joints_brake_less_and_ask_for_more_where_it_is_late() -> None:
+    constraint, rng, scaled, late = LinkDistance(SHAPES), np.random.default_rng(6), 0, 0
+    room = 0.5 * MODEL.limits.acceleration
+    for _ in range(30):
+        posture = Posture(HOME + rng.uniform(-1, 1, 14), rng.normal(size=14))
+        y, rate, row, bias = constraint.second_derivative(posture)
+        told = constraint.evaluate(posture)
+        f = np.clip(2.0 / (np.abs(row) @ room), 1.0, 10.0)  # gamma over half of what the joints can do
+        np.testing.assert_allclose(told[1], f * rate)
+        np.testing.assert_allclose(told[2], f[:, None] * row)
+        np.testing.assert_array_equal(told[0] > 0, y > 0)
+        np.testing.assert_allclose(told[0] + 1e-4, f * (y + 1e-4), atol=2e-3)
+        # y' at which 2 gamma is too late
+        needed = np.where(rate > 0, (f * rate) ** 2 / (2 * np.maximum(-f * (y + 1e-4), f * rate * 0.004 + 1e-12)), 0.0)
+        np.testing.assert_allclose(told[3] - f * bias, np.clip(needed - 2.0, 0.0, 10.0), atol=1e-6)
+        scaled, late = scaled + (f > 1).sum(), late + (needed > 2).sum()
+    assert scaled > 20
+    assert late > 20
+
+
+def test_joints_are_slowed_down_to_what_can_be_stopped() -> None:
+    """The companion's rows against a search for the speed at which the path to rest passes the minimum."""
+    constraint, rng = LinkDistance(SHAPES), np.random.default_rng(7)
+    (companion,) = constraint.companions
+    room, shares, bound = 0.5 * MODEL.limits.acceleration, np.linspace(0.0, 3.0, 3001), 0
+    for _ in range(40):
+        v = rng.uniform(-0.6, 0.6, 14) * MODEL.limits.velocity
+        posture = Posture(HOME + rng.uniform(-0.8, 0.8, 14), v)
+        y, rate, row, bias = constraint.second_derivative(posture)
+        s = (np.abs(v) / room).max()
+        lowest = np.inf
+        for one in range(len(y)):
+            z = shares**2
+            turn = 0.5 * np.abs(row[one]) @ room
+            ahead = min(y[one] + 1e-4, 0.0) + (rate[one] * s - turn * s**2 / 2) * z + bias[one] * s**2 / 2 * z**2
+            passed = np.flatnonzero(ahead > 1e-15)
+            share = shares[max(passed[0] - 1, 0)] if len(passed) else 9.0
+            speed = np.linalg.norm(v[row[one] != 0])
+            lowest = min(lowest, max((share - 1) * speed / 0.004, -speed / s))
+        _, _, rows, limits = companion.evaluate(posture)
+        np.testing.assert_allclose(np.linalg.norm(rows, axis=1), 1.0)
+        np.testing.assert_allclose(rows @ v, [np.linalg.norm(v[one != 0]) for one in rows])
+        if lowest < 400.0:
+            assert -limits.max() == pytest.approx(lowest, abs=0.005 * np.linalg.norm(v) / 0.004)
+            bound += 1
+    assert bound > 10
+    _, _, rows, limits = companion.evaluate(Posture(HOME, np.zeros(14)))
+    np.testing.assert_array_equal(rows, 0.0)
+    assert (limits <= 0.0).all()
 
 
 def test_a_posture_that_is_no_number_gives_rows_that_are_none() -> None:

@@ -54,7 +54,8 @@ class Constraint(Protocol):
     An attribute `gamma` (< 0, in units of y'') replaces the controller's default. An attribute `slack_weight` (> 0, see
     `QuadraticProgram`) makes the rows soft in controllers of several arms: they give way before the others. `margin`
     (>= 0, in units of y) is kept beside a constraint of relative degree 2, for what a tick misses. `rows_change`, if it
-    is true, says that a row may stand for something else at the next tick.
+    is true, says that a row may stand for something else at the next tick. `companions` are further constraints that
+    belong to it.
     """
 
     relative_degree: int
@@ -238,7 +239,8 @@ class ConstraintSet:
         self, constraints: Sequence[Constraint], limits: JointLimits, start: RobotMotion, period: float, gamma: float
     ):
         self._n, self._period = len(start.q), check("period", period, "positive")
-        found = [(c, *_try(c, start, gamma)) for c in constraints]
+        every = [part for c in constraints for part in (c, *getattr(c, "companions", ()))]
+        found = [(c, *_try(c, start, gamma)) for c in every]
         found.sort(key=lambda item: item[0].relative_degree)
         self._parts: list[tuple[Constraint, slice]] = []
         row = 0
