@@ -31,6 +31,7 @@ class JointServoConfig:
     bandwidth: float | None = None  # w [rad/s]; null: that of the control facts' reference filter
     damping_ratio: float | None = None  # zeta [1]; null: that of the control facts' reference filter
     integral_gain: float = 15.0  # w_i [1/s], >= 0
+    rate: float = 2000.0  # of the loops [1/s]: as often as goes into a time step of the plant, at least once
     torque_limits: bool = True  # false: motors without limit
 
     def __post_init__(self) -> None:
@@ -38,6 +39,7 @@ class JointServoConfig:
             if getattr(self, name) is not None:
                 check(name, getattr(self, name), "positive")
         check("integral_gain", self.integral_gain, "not negative")
+        check("rate", self.rate, "positive")
         _switch("torque_limits", self.torque_limits)
 
 
@@ -137,7 +139,7 @@ class ResearchStationConfig:
     stiffness_set: str = ""  # joint stiffness of the control facts; empty: their default
     gravity: bool = True
     self_collision: bool = False  # links that touch each other push each other
-    time_step: float = 0.0005  # [s] of plant and servo loops, divides the period of the control facts
+    time_step: float = 0.001  # [s] of the plant, divides the period of the control facts
     servo: JointServoConfig = field(default_factory=JointServoConfig)
     friction: JointFrictionConfig = field(default_factory=JointFrictionConfig)
     sensors: JointSensorsConfig = field(default_factory=JointSensorsConfig)

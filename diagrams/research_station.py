@@ -8,8 +8,8 @@
     truth  link_position, link_velocity (n,) [rad, rad/s], external_torque (n,) [Nm]
            tip_wrench (6a,) [Nm, N], contact_force (a,) [N]
 
-There is no force sensor. References are taken every period, by servo loops that run at the `time_step` of the plant
-(2 kHz); see `forcectl.plant.joint_servo` for the loops and `forcectl.plant.joint_sensors` for what is measured.
+There is no force sensor. References are taken every period, by servo loops of 2 kHz; see `forcectl.plant.joint_servo`
+for the loops, of which the plant, at 1 kHz, feels the mean, and `forcectl.plant.joint_sensors` for what is measured.
 Friction (5.2) sticks. The arms share one plant, so that they may touch each other and things.
 
 Rigid joints    servo torque -> links with their rotors; friction is part of the plant's implicit step.
@@ -155,6 +155,7 @@ def _servo(cell: ResearchCell) -> JointServo:
         time_step=cell.config.time_step,
         start=cell.motor_start,
         torque=cell.gravity_torque + cell.friction.offset,
+        substeps=max(1, round(own.rate * cell.config.time_step)),
     )
 
 

@@ -52,6 +52,22 @@ def test_references_go_on_with_their_speed_between_ticks():
             simulator.AdvanceTo((8 * tick + step + 1) * STEP)
 
 
+def test_loops_within_a_step_act_by_their_mean():
+    """Two loops in a step: the second one where the motion has gone on for half of it."""
+    blocks = [servo(substeps=count) for count in (1, 2)]
+    q, v, r, rate = np.array([0.2, 0.1]), np.array([0.5, -1.0]), np.array([0.3, 0.0]), np.array([0.4, 0.2])
+    torques = []
+    for block in blocks:
+        simulator = Simulator(block)
+        context = simulator.get_mutable_context()
+        fix(block, context, position=q, velocity=v, joint_torque_feedforward=np.zeros(2))
+        fix(block, context, joint_position_reference=r, joint_velocity_reference=rate)
+        simulator.AdvanceTo(STEP)
+        torques.append(block.GetOutputPort("motor_torque").Eval(context))
+    h = 0.25 * STEP  # the speed has not changed since the last step
+    np.testing.assert_allclose(torques[1] - torques[0], GAINS.position * (rate - v) * h, rtol=1e-6)
+
+
 def test_the_torque_stops_at_its_limit_and_the_integral_gives_way():
     block = servo(limit=5.0)
     simulator = Simulator(block)

@@ -113,7 +113,7 @@ def test_a_reference_is_felt_one_step_after_its_tick(options, time_step):
     assert log["time"][1:][np.argmax(servo)] == pytest.approx(2 * TICK)
 
 
-@pytest.mark.parametrize(("share", "lag"), [(0.0, 2 / 100.0 + TICK / 2 + 0.0005), (1.0, 0.0)])
+@pytest.mark.parametrize(("share", "lag"), [(0.0, 2 / 100.0 + TICK / 2 + 0.00075), (1.0, 0.0)])
 def test_the_lag_of_steady_motion(share, lag):
     """2 zeta/w of the facts' filter and what the hold of the position costs; none with a speed reference that fits."""
     cell = describe(friction=NO_FRICTION, servo={"integral_gain": 0.0}, gravity=False)
@@ -126,6 +126,21 @@ def test_the_lag_of_steady_motion(share, lag):
     )
     behind = (cell.start + speed * log["time"][-1] - log["link_position"][-1]) / speed
     np.testing.assert_allclose(behind, lag, atol=2e-4)
+
+
+def test_servos_of_2_khz_on_a_plant_of_1_khz():
+    """A push is answered as with a plant of 2 kHz: three times as well as by loops that run at 1 kHz themselves."""
+
+    def push(t):
+        return np.array([0.0, 0.0, 0.0, 0.0, 0.0, -60.0 * (0.0999 <= t < 0.2999)])
+
+    true, same, slow = (
+        run(describe(time_step=step, servo={"rate": rate}), 0.4, external_wrench=push)
+        for step, rate in ((0.0005, 2000.0), (0.001, 2000.0), (0.001, 1000.0))
+    )
+    off, far = (np.abs(one["motor_torque"] - true["motor_torque"]).max() for one in (same, slow))
+    assert off < 0.01 * np.ptp(true["motor_torque"], axis=0).max()
+    assert off < 0.35 * far
 
 
 def test_one_step_of_time_or_half_of_it_give_the_same_motion():

@@ -8,7 +8,13 @@ drive a loop at 2 kHz in stairs. With v_r = 0 the motion follows h(s) = w^2/(s^2
 steady motion; with v_r = r' it is not behind. z carries what is constant: gravity, friction, loads; while a motor is at
 its limit it gives way at w_b = w.
 
-All of it but the taking of references are C++ blocks: a Python callback at 2 kHz costs more than the plant.
+The loops run m times in a step dt of the plant. What acts in a step is the mean of their torques, with the motion going
+on as it does, v + a h, a = (v - v_last)/dt, h = (m - 1)/(2m) dt the mean time of the m samples:
+
+    u = K_p (r + v_r h - q - v h) + K_d (v_r - v - a h) + z + tau_ff
+
+so that a plant at 1 kHz has loops of 2 kHz. All of it but the taking of references are C++ blocks: a Python callback at
+that rate costs more than the plant.
 """
 
 from __future__ import annotations
@@ -125,6 +131,7 @@ class JointServo(Diagram):
     Sampling: references every `period` [s], felt by the motors one `time_step` [s] later; the rest every `time_step`.
 
     Args:
+        substeps: m, how often the loops run in a time step.
         gains: of the n joints. limit: of the motor torque, shape (n,), may be infinite [Nm].
         start: r before the first reference, shape (n,) [rad]. torque: z at the start, shape (n,) [Nm].
     """
@@ -138,9 +145,11 @@ class JointServo(Diagram):
         time_step: float,
         start: ArrayLike,
         torque: ArrayLike = 0.0,
+        substeps: int = 1,
     ):
         super().__init__()
         n = len(gains.position)
+        count = check_count("substeps", substeps)
         bound = lane_values("limit", limit, n, "positive")
         step = check("time_step", time_step, "positive")
         whole_multiple("period", check("period", period, "positive"), step, "time_step")
@@ -150,24 +159,30 @@ class JointServo(Diagram):
         eye, zero = np.eye(n), np.zeros((n, n))
         hold = add("references", ReferenceHold(n, period=period, time_step=step, start=start))
         kp, kd, ki = (np.diag(gain) for gain in gains[:3])
-        # Known at the start of a step: o, v_r, tau_ff, I, q, v, z.
-        known = add("known", Multiplexer([3 * n, n, n, n, n]))
-        wanted = add("wanted_torque", MatrixGain(np.hstack([kp, kd, eye, kp, -kp, -kd, eye])))
+        ahead = 0.5 * (count - 1) / count * step
+        # Known at the start of a step: o, v_r, tau_ff, I, q, v, z, v_last.
+        known = add("known", Multiplexer([3 * n, n, n, n, n, n]))
+        damped, slowing = kd + ahead * kp, kd * (ahead / step)
+        law = np.hstack([kp, damped, eye, kp, -kp, -damped - slowing, eye, slowing])
+        wanted = add("wanted_torque", MatrixGain(law))
         motor = add("torque_limit", Saturation(-bound, bound))
-        # z, and the integrals of tau and v_r.
-        after = add("after", Multiplexer([7 * n, n, n]))
-        error = np.hstack([ki, zero, zero, ki, -ki, zero, zero, -gains.unwinding * eye, gains.unwinding * eye])
-        mean = np.hstack([*[zero] * 8, eye])
-        travel = np.hstack([zero, eye, *[zero] * 7])
-        nothing = np.zeros((3 * n, 9 * n))
-        sums = LinearSystem(np.eye(3 * n), step * np.vstack([error, mean, travel]), np.eye(3 * n), nothing, step)
-        sums.configure_default_state(np.concatenate([lane_values("torque", torque, n), np.zeros(2 * n)]))
+        # z, the integrals of tau and v_r, and v_last.
+        after = add("after", Multiplexer([8 * n, n, n]))
+        error = np.hstack([ki, zero, zero, ki, -ki, zero, zero, zero, -gains.unwinding * eye, gains.unwinding * eye])
+        mean = np.hstack([*[zero] * 9, eye])
+        travel = np.hstack([zero, eye, *[zero] * 8])
+        speed = np.hstack([*[zero] * 5, eye / step, *[zero] * 4])
+        nothing = np.zeros((4 * n, 10 * n))
+        kept = np.diag(np.repeat([1.0, 1.0, 1.0, 0.0], n))
+        sums = LinearSystem(kept, step * np.vstack([error, mean, travel, speed]), np.eye(4 * n), nothing, step)
+        sums.configure_default_state(np.concatenate([lane_values("torque", torque, n), np.zeros(3 * n)]))
         integrals = add("integrals", sums)
-        parts = add("integral_impulse_travel", Demultiplexer([n, n, n]))
+        parts = add("integrals_and_speed", Demultiplexer([n, n, n, n]))
         connect(hold.GetOutputPort("reference"), known.get_input_port(0))
         connect(parts.get_output_port(2), known.get_input_port(1))
         connect(parts.get_output_port(2), hold.GetInputPort("travelled"))
         connect(parts.get_output_port(0), known.get_input_port(4))
+        connect(parts.get_output_port(3), known.get_input_port(5))
         connect(known.get_output_port(), wanted.get_input_port())
         connect(wanted.get_output_port(), motor.get_input_port())
         for i, port in enumerate((known.get_output_port(), wanted.get_output_port(), motor.get_output_port())):
