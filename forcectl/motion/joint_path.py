@@ -14,8 +14,10 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
+from forcectl.cache import BlockCache
 from forcectl.control.motion_slot import MotionFacts
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import check
@@ -86,13 +88,19 @@ class JointPath(LeafSystem):
 
     def __init__(self, start: Array, parts: Sequence[Move | Sines]):
         super().__init__()
-        self._start, self._parts = start, tuple(parts)
+        now = BlockCache(
+            self,
+            "position and speed",
+            lambda: Value[object](()),
+            lambda block, context, value: value.set_value(path_at(context.get_time(), start, parts)),
+            {self.time_ticket()},
+        )
         for i, name in enumerate(("joint_position_reference", "joint_velocity_reference")):
 
             def show(context: Context, output: BasicVector, i: int = i) -> None:
-                output.SetFromVector(path_at(context.get_time(), start, parts)[i])
+                output.SetFromVector(now.Eval(context)[i])
 
-            self.DeclareVectorOutputPort(name, len(start), show, prerequisites_of_calc={self.time_ticket()})
+            self.DeclareVectorOutputPort(name, len(start), show, prerequisites_of_calc={now.ticket()})
 
 
 def path_at(time: float, start: Array, parts: Sequence[Move | Sines]) -> tuple[Array, Array]:
