@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
 
+from forcectl.control.adaptive_vrft import add_tuned_law
 from forcectl.control.force_law import LoopFacts
 from forcectl.control.integral import check_limits
 from forcectl.control.linear_law import REGULATE, LinearForceLaw
@@ -121,25 +122,15 @@ class VrftExperiment(Diagram):
         self.sample_delay = dict(law.sample_delay)
         builder = DiagramBuilder()
         source = excitation.add_to(builder, compliance).GetOutputPort("excitation")
-        for name, block in (("law", law), ("tuner", tuner), ("sequencer", sequencer)):
-            builder.AddNamedSystem(name, block)
+        add_tuned_law(builder, law, tuner)
+        builder.AddNamedSystem("sequencer", sequencer)
         mode = sequencer.GetOutputPort("mode")
         for port in (law.GetInputPort("excitation"), sequencer.GetInputPort("excitation")):
             builder.Connect(source, port)
         for block in (law, tuner):
             builder.Connect(mode, block.GetInputPort("mode"))
-        builder.Connect(law.GetOutputPort("controller_output"), tuner.GetInputPort("controller_output"))
-        for name in GAINS:
-            builder.Connect(tuner.GetOutputPort(name), law.GetInputPort(name))
         for name in GAINS[:2]:
             builder.Connect(tuner.GetOutputPort(name), sequencer.GetInputPort(name))
-        builder.ExportInput(law.GetInputPort("desired_force"), "desired_force")
-        measured = builder.ExportInput(law.GetInputPort("measured_force"), "measured_force")
-        builder.ConnectInput(measured, tuner.GetInputPort("measured_force"))
-        for name in ("displacement_command", "controller_output"):
-            builder.ExportOutput(law.GetOutputPort(name), name)
-        for name in GAINS:
-            builder.ExportOutput(tuner.GetOutputPort(name), name)
         builder.ExportOutput(mode, "mode")
         builder.BuildInto(self)
 

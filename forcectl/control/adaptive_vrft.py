@@ -18,6 +18,21 @@ from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 from forcectl.lanes import check
 
 
+def add_tuned_law(builder: DiagramBuilder, law: LinearForceLaw, tuner: RecursiveVrft) -> None:
+    """Add a law as `law` and what tunes its gains as `tuner`, connected, with the ports of the slot and the gains."""
+    builder.AddNamedSystem("law", law)
+    builder.AddNamedSystem("tuner", tuner)
+    builder.Connect(law.GetOutputPort("controller_output"), tuner.GetInputPort("controller_output"))
+    builder.ExportInput(law.GetInputPort("desired_force"), "desired_force")
+    measured = builder.ExportInput(law.GetInputPort("measured_force"), "measured_force")
+    builder.ConnectInput(measured, tuner.GetInputPort("measured_force"))
+    for name in ("displacement_command", "controller_output"):
+        builder.ExportOutput(law.GetOutputPort(name), name)
+    for name in GAINS:
+        builder.Connect(tuner.GetOutputPort(name), law.GetInputPort(name))
+        builder.ExportOutput(tuner.GetOutputPort(name), name)
+
+
 class AdaptiveVrft(Diagram):
     """A force law with the gains that recursive VRFT finds meanwhile.
 
@@ -40,17 +55,7 @@ class AdaptiveVrft(Diagram):
         super().__init__()
         self.sample_delay = dict(law.sample_delay)
         builder = DiagramBuilder()
-        builder.AddNamedSystem("law", law)
-        builder.AddNamedSystem("tuner", tuner)
-        builder.Connect(law.GetOutputPort("controller_output"), tuner.GetInputPort("controller_output"))
-        builder.ExportInput(law.GetInputPort("desired_force"), "desired_force")
-        measured = builder.ExportInput(law.GetInputPort("measured_force"), "measured_force")
-        builder.ConnectInput(measured, tuner.GetInputPort("measured_force"))
-        for name in ("displacement_command", "controller_output"):
-            builder.ExportOutput(law.GetOutputPort(name), name)
-        for name in GAINS:
-            builder.Connect(tuner.GetOutputPort(name), law.GetInputPort(name))
-            builder.ExportOutput(tuner.GetOutputPort(name), name)
+        add_tuned_law(builder, law, tuner)
         builder.BuildInto(self)
 
 
