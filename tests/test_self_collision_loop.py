@@ -9,6 +9,8 @@ import pytest
 from collision_world import Posture, World
 from pydrake.geometry import Box, Sphere
 from pydrake.math import RigidTransform
+from reactive_examples import reactive_controller
+from reactive_runs import Reacher, random_goal
 
 from forcectl.control.collision_shapes import Obstacle, RobotShapes
 from forcectl.control.constraints import ConstraintSet
@@ -124,3 +126,16 @@ def test_many_random_runs(seed: int) -> None:
     check_kept(at_random(seed), 500)
     check_kept(towards(seed), 500)
     check_kept(towards(seed, np.array([0.45, 0.0, 0.25])), 300, OBSTACLES)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [21, 27, 40])
+def test_reaching_past_shapes_that_the_joints_hardly_move_against_each_other(seed: int) -> None:
+    """An upper arm passes the other shoulder at full speed: rows there are a few cm per radian, torques are limited."""
+    constraint = LinkDistance(RobotShapes.load("yumi", None), MINIMUM)
+    found = Reacher(reactive_controller(constraints=[constraint])).reach(random_goal(seed, 0.6))
+    worst = max(constraint.second_derivative(Posture(q, 0 * q))[0].max() for q in found.postures)
+    assert worst < 1e-6
+    world = World("yumi", None)
+    assert min(world.least(q) for q in found.postures[::10]) > MINIMUM - 1e-6
+    assert max(found.beyond) < 1e-6

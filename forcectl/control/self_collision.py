@@ -175,10 +175,10 @@ class _SlowDown:
 
     It binds where a row is short: a fast motion along the other shape curves into it there, with more acceleration than
     the joints have. Rows (v/|v|) u <= (z^(1/2) - 1) |v|/Ts of the joints that move the two shapes, of the balls that
-    need it most; they give way before the distance itself does.
+    need it most; they give way before the distance itself does, and to be too fast is no violation: y is told as 0.
     """
 
-    relative_degree = 0
+    relative_degree = 1
     slack_weight = 1e-2 * LinkDistance.slack_weight
 
     def __init__(self, distance: LinkDistance, acceleration: Array, period: float):
