@@ -13,12 +13,13 @@ Rows that level 1 could keep only with a slack are kept below it as far as it ke
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg.lapack import dgeqrf, dormqr
+from scipy.linalg.lapack import dgeqrf, dormqr, dposv
 
 from forcectl.control.quadratic_program import QuadraticProgram, SolverFactory, Status, fastest
 from forcectl.errors import BadInputError, invalid
@@ -82,11 +83,12 @@ class PrioritizedProgram:
             if not check_count("tasks", rows) <= n:
                 raise invalid("tasks", rows, f"at most n = {n} rows")
         self._tasks = tuple(tasks)
-        same: dict[str, Any] = {"solver": solver, "tolerance": tolerance, "free_first": True}
-        self._first = QuadraticProgram(n, m, slack_weight=slack_weight, **same)
+        self._first = QuadraticProgram(
+            n, m, slack_weight=slack_weight, solver=solver, tolerance=tolerance, free_first=True
+        )
         # Below the first level the bounds of u are rows; what is free of J_1 ... is the columns after theirs.
         free = [n - sum(tasks[: k + 1]) for k in range(len(tasks))]
-        self._below = [QuadraticProgram(d, m + n, **same) for d in free if d > 0]
+        self._below = [QuadraticProgram(d, m + n, solver=solver, tolerance=tolerance) for d in free if d > 0]
         above = [n, *free]
         self._picks = [np.vstack([np.zeros((above[k] - d, d)), np.eye(d)]) for k, d in enumerate(free) if d > 0]
         self._no_lower = np.full(m, -np.inf)
@@ -144,13 +146,22 @@ class PrioritizedProgram:
     ) -> Array | None:
         """The step z of one level from u, the answer of those above; None when there is none."""
         hessian, gradient, _ = level
+        steepness = basis.T @ (hessian @ u + gradient)
+        if not math.isfinite(steepness @ steepness):
+            return None
+        bent = basis.T @ hessian @ basis
+        # The step without rows and bounds, where they leave room for it.
+        _, free, failed = dposv(bent, -steepness)
+        if failed == 0 and math.isfinite(free @ free):
+            there = u + basis @ free
+            inside = (matrix @ there - upper).max() <= _ROOM
+            if inside and (there - u_upper).max() <= _ROOM and (u_lower - there).max() <= _ROOM:
+                step: Array = free
+                return step
         room = np.concatenate([upper - matrix @ u, u_upper - u])
         below = np.concatenate([self._no_lower, np.minimum(u_lower - u, 0.0)])
-        steepness = basis.T @ (hessian @ u + gradient)
-        if not np.isfinite(steepness).all():
-            return None
         found = program.solve(
-            basis.T @ hessian @ basis,
+            bent,
             steepness,
             np.concatenate([matrix @ basis, basis]),
             np.maximum(room, 0.0) + _ROOM,

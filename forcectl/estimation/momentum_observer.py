@@ -193,7 +193,7 @@ class MomentumObserver(SampledLaw):
 
     def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
         """One tick of the observer."""
-        after = self._tick(context, [np.atleast_1d(value) for value in held])
+        after = self._tick(context, list(held) if self._size > 1 else [np.atleast_1d(value) for value in held])
         return after if self._size > 1 else [value.item() for value in after]
 
     def _tick(self, context: Context, held: list[Any]) -> list[Any]:
