@@ -28,7 +28,7 @@ _SEARCHES = 4  # iterations at each delay
 _REFINEMENTS = 12  # iterations at the best one
 _SLOWEST = 0.99999  # pole that an iteration may leave
 _FAST = 0.1  # pole in place of one that no sampled plant has
-_EXACT = 1e-24  # of the output's power: a smaller misfit is rounding
+_EXACT = 1e-18  # of the output's power: a smaller misfit is rounding
 
 
 @dataclass(frozen=True)
