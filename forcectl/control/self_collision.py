@@ -16,7 +16,7 @@ through b, fixed on B, has the core behind it, so to leave the term out errs to 
 
 from __future__ import annotations
 
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
@@ -110,14 +110,16 @@ class LinkDistance:
 
     def second_derivative(self, motion: Posture) -> tuple[Array, Array, Array, Array]:
         """The same, with y'' = row u + bias as it is."""
-        known = getattr(motion, "known", {})
+        known: dict[object, Any] = getattr(motion, "known", {})
         rows: tuple[Array, Array, Array, Array] | None = known.get(self)
         if rows is None:  # the companion asks for the same
-            rows = known[self] = self._evaluate(motion)
+            state = known.get(self._tree)  # and so do further distances of the robot
+            if state is None:
+                state = known[self._tree] = self._tree.at(motion.q, motion.v)
+            rows = known[self] = self._evaluate(state)
         return rows
 
-    def _evaluate(self, motion: Posture) -> tuple[Array, Array, Array, Array]:
-        state = self._tree.at(motion.q, motion.v)
+    def _evaluate(self, state: TreeState) -> tuple[Array, Array, Array, Array]:
         near = self._table.near(state, self._near, self._minimum, self.gamma)
         rate = np.einsum("pbi,pbi->pb", near.normal, near.w)
         least = speed_left(near.distance - self._minimum, rate, self.gamma)
