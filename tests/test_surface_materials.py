@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import math
 from itertools import pairwise
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -138,3 +139,15 @@ def test_bad_lists_of_materials_are_refused() -> None:
     stiff = [PLASTIC | {"stiffness": 1e8}]
     multibody = {"station.fidelity": "Multibody", "station.stiffness_set": ""}
     assert "stiffness = 1e+08: must be below" in refused({"segments": stiff}, **multibody)
+
+
+def test_the_example_of_the_documentation_is_what_it_says(tmp_path: Path) -> None:
+    page = Path(__file__).parents[1] / "docs" / "several_materials.md"
+    example = tmp_path / "example.yaml"
+    example.write_text(page.read_text(encoding="utf-8").split("```yaml")[1].split("```")[0])
+    surface = forcectl.load_scenario(example).station.environment.surface
+    assert surface.materials is not None
+    path = surface.materials.path()
+    assert path.stiffness == [MATERIALS["plastic"], MATERIALS["wood"], 2e4]
+    assert path.along(path.damping, [0.0, 0.06]).tolist() == [0.0, 50.0]
+    assert surface.profile(0.0).height(0.142) == pytest.approx(1e-4)  # between two grooves
