@@ -21,6 +21,7 @@ GAINS = (-5.37e-5, -2.53e-4, 1.62e-8)
 
 def benchmark(repeats: int) -> Iterator[Row]:
     from forcectl.control.linear_law import LinearForceLaw
+    from forcectl.estimation.excited_compliance import ExcitedCompliance
     from forcectl.estimation.recursive_vrft import RecursiveVrft
 
     blocks: dict[str, Case] = {
@@ -31,6 +32,7 @@ def benchmark(repeats: int) -> Iterator[Row]:
         ),
         "recursive VRFT, without prefilter": (lambda: RecursiveVrft(1, prefilter=False, always=True), "<= 20"),
         "recursive VRFT, with prefilter": (lambda: RecursiveVrft(1, always=True), "<= 20"),
+        "compliance from moves of the reference": (lambda: ExcitedCompliance(1, initial_compliance=1e-5), "<= 20"),
     }
     yield from tick_rows(blocks, _run, repeats)
 
@@ -48,6 +50,7 @@ def _run(make: Callable[[], Any] | None) -> Callable[[], None]:
         for name, row in {
             "measured_force": [12.0, 0.0],
             "controller_output": [0.0, 1e-3],
+            "displacement": [0.0, 1e-3],
             "desired_force": [9.0, 9.0],
         }.items()
     }
