@@ -166,6 +166,7 @@ def test_rows_have_their_own_bounds_and_keep_weight_and_margin() -> None:
     class Soft(Lanes):
         slack_weight = 100.0
         margin = 0.01
+        companions = (Lanes(),)
 
     two = RobustConstraint(Soft(), GAMMA, measurement_error=Errors([0.0, 0.1]), period=TS)
     motion = SimpleNamespace(y=np.array([-0.2, -0.1]), rate=np.zeros(2))
@@ -173,7 +174,8 @@ def test_rows_have_their_own_bounds_and_keep_weight_and_margin() -> None:
     exact = RobustConstraint(Lanes(), GAMMA, period=TS).bound([-0.19, 0.01], [0.0, 0.0])
     np.testing.assert_allclose(bias, -exact)
     np.testing.assert_array_equal(row, np.eye(2))
-    assert two.slack_weight == 100.0
+    assert two.slack_weight == 100.0  # type: ignore[attr-defined]
+    assert two.companions is Soft.companions  # type: ignore[attr-defined]
 
 
 def test_it_takes_part_in_a_set_of_constraints() -> None:

@@ -56,7 +56,8 @@ class RobustConstraint:
     they are of relative degree 0: never more than gamma_p is asked for, which can always be given.
 
     Args:
-        inner: the constraint. Its gamma is replaced, its margin and slack weight are kept.
+        inner: the constraint. Its gamma is replaced; its margin, slack weight and companions are kept. `LinkDistance`
+            scales rows: bounds of its errors must be ten times as large.
         gamma_p: braking that is always possible, > 0 [unit of y per s^2].
         measurement_error: of y and y'. model_error: what y and y' are off after a tick, beside what the model says.
         period: tick Ts [s].
@@ -91,8 +92,9 @@ class RobustConstraint:
         self._drift, self._gamma = drift, drift - gamma_p
         self._value = seen.value + getattr(inner, "margin", 0.0)
         self._rate = seen.rate + missed.value / self._period
-        if hasattr(inner, "slack_weight"):
-            self.slack_weight: float = inner.slack_weight
+        for name in ("slack_weight", "companions"):
+            if hasattr(inner, name):
+                setattr(self, name, getattr(inner, name))
 
     def evaluate(self, motion: RobotMotion) -> Evaluation:
         """(0, 0, row, bias) of rows row u + bias <= 0."""
