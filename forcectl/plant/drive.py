@@ -5,8 +5,8 @@
 
 phi = S q_m are the motor angles divided by the gear ratios: S is the identity but for the couplings between motors, and
 B = diag(J_m N^2) is the inertia of the rotors at the joints. A velocity loop tuned for an inertia J has w_v in
-proportion to J/B, so each axis has its own. Friction holds an axis back by c/(B w_v K_v) [rad], less the integral:
-with J = B one that moves heavy links sticks while the others move.
+proportion to J/B, so each axis has its own. At first friction holds an axis back by c/(B w_v K_v) [rad]: with
+J = B one that moves heavy links sticks while the others move (docs/hunting.md).
 
 The step of `forcectl.plant.servo`, written as a linear system and a saturation, because soft(s, c) = s - sat(s, -c, c):
 
