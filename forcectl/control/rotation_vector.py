@@ -64,27 +64,29 @@ class RotationVector:
         # [phi]x^2 = phi phi' - t^2.
         rest = 1.0 - c * square
         xy, xz, yz = c * x * y, c * x * z, c * y * z
-        rates = np.array(
-            [
-                [rest + c * x * x, xy + 0.5 * z, xz - 0.5 * y],
-                [xy - 0.5 * z, rest + c * y * y, yz + 0.5 * x],
-                [xz + 0.5 * y, yz - 0.5 * x, rest + c * z * z],
-            ]
-        )
-        a, b, d = (rates @ angular_velocity).tolist()
-        # A' w, with (a, b, d) = phi'; dc is c', and du that of t^2/2.
+        xx, yy, zz = rest + c * x * x, rest + c * y * y, rest + c * z * z
+        # phi', row by row of A.
+        a = xx * wx + (xy + 0.5 * z) * wy + (xz - 0.5 * y) * wz
+        b = (xy - 0.5 * z) * wx + yy * wy + (yz + 0.5 * x) * wz
+        d = (xz + 0.5 * y) * wx + (yz - 0.5 * x) * wy + zz * wz
+        # A' w; dc is c', and du that of t^2/2.
         du = x * a + y * b + z * d
         dc = slope * du / t if t > 0.0 else 0.0
         along, turning = x * wx + y * wy + z * wz, a * wx + b * wy + d * wz
         shrink = dc * square + 2.0 * c * du
-        bias = np.array(
-            [
+        # One array for all of them: making one costs as much as all of the arithmetic.
+        numbers = np.array(
+            (
+                *(x, y, z),
+                *(xx, xy + 0.5 * z, xz - 0.5 * y),
+                *(xy - 0.5 * z, yy, yz + 0.5 * x),
+                *(xz + 0.5 * y, yz - 0.5 * x, zz),
                 0.5 * (d * wy - b * wz) + (dc * x + c * a) * along + c * x * turning - shrink * wx,
                 0.5 * (a * wz - d * wx) + (dc * y + c * b) * along + c * y * turning - shrink * wy,
                 0.5 * (b * wx - a * wy) + (dc * z + c * d) * along + c * z * turning - shrink * wz,
-            ]
+            )
         )
-        return OrientationState(np.array([x, y, z]), rates, bias)
+        return OrientationState(numbers[:3], numbers[3:12].reshape(3, 3), numbers[12:])
 
     def rotation(self, value: ArrayLike) -> Vector:
         """R of the coordinates phi (3,) [rad]."""
