@@ -54,6 +54,7 @@ NONSENSE = (
     1e-9,
     2**63,
 )
+PARTS = ("station", "controller", "reference", "estimator", "analysis")
 BREAKS = (
     "{",
     "}",
@@ -114,9 +115,7 @@ def mutate(tree, rng):
     tree = copy.deepcopy(tree)
     for _ in range(rng.randint(1, 3)):
         # Single keys of the parts that matter as often as the many lines of `expect`.
-        part = rng.choice(
-            [tree, tree["station"], tree["controller"], tree["reference"], tree] if "station" in tree else [tree]
-        )
+        part = rng.choice([tree, *(tree[part] for part in PARTS if part in tree), tree])
         found = list(places(part)) if isinstance(part, dict | list) else []
         if not found:
             break
@@ -145,7 +144,7 @@ def mutate(tree, rng):
             container[key] = copy.deepcopy(other[other_key])
         else:
             container[key] = copy.deepcopy(rng.choice(NONSENSE))
-        if not all(name in tree for name in ("station", "controller", "reference")):
+        if not all(name in tree for name in ("station", "controller")):
             break
     text = dump(tree)
     if rng.random() < 0.25:

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field
 
@@ -11,6 +12,7 @@ from forcectl.simulation.metrics import PAIR_METRICS, is_metric, metric_names
 from forcectl.simulation.motion_metrics import MOTION_METRICS
 
 Metrics = Mapping[str, float | None]
+_NAMED = 12  # metrics in a message
 # (variant, other variant, share of the last step) -> `force_distance_N`
 Distance = Callable[[str, str, float], float | None]
 
@@ -209,4 +211,7 @@ def tolerance_text(expectation: Expectation) -> str:
 
 def _check_metric(name: str) -> None:
     if not is_metric(name):
-        raise BadInputError(f"metric = {name!r}: {unknown('metric', name, [*metric_names(), *MOTION_METRICS])}")
+        # All of them would fill a page: those that look most like it.
+        names = sorted({*metric_names(), *MOTION_METRICS})
+        near = difflib.get_close_matches(name, names, n=_NAMED, cutoff=0.0)
+        raise BadInputError(f"metric = {name!r}: {unknown('metric', name, near)} and {len(names) - len(near)} more")
