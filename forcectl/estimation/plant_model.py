@@ -84,7 +84,9 @@ def identify_plants(u: ArrayLike, y: ArrayLike, period: float) -> list[PlantMode
     power = float(np.sum((y - y.mean()) ** 2))
     plants = []
     for order in _ORDERS:
-        found = _refined(u, y, _searched(u, y, order))
+        # A delay and lags look alike to smooth moves: the search may end at the wrong one.
+        starts = (_searched(u, y, order), _steiglitz_mcbride(u, y, order, 1, _SEARCHES))
+        found = min((_refined(u, y, start) for start in starts), key=_misfit)
         share = 1 - found.misfit / power if power else 0.0
         noise = np.log(found.misfit / y.size + _EXACT * float(np.mean(y**2)) + np.finfo(float).tiny)
         criterion = float(y.size * noise + (2 * order + 1) * np.log(y.size))

@@ -33,6 +33,7 @@ _DIVERGED = 1e3  # of a unit step
 _FADED = 1e-3  # of its largest value: what C^-1 may have left after the record
 _NOISE = 0.5  # correlation of neighbouring residuals below which they are taken for noise
 _AS_GOOD = 3.0  # a lower order whose model error is within this factor is believed
+_SOUND, _SIMPLE = 0.1, 2  # model error up to which, and order
 _BEYOND_DOUBT = 100.0  # times less of the output's power unexplained
 _MOST_POLES = 300  # of a loop, that are computed
 _ROUNDS = 40  # of the delay, for a loop to show whether pulses fade
@@ -148,7 +149,8 @@ class RecordCheck:
         """The plant model to predict with, out of those that are about as good as the best in the loop.
 
         That of the most likely order where its residuals are noise. Residuals that are not noise come of a plant that
-        is not linear, and then a higher order follows the record closer and is less true: the lowest order.
+        is not linear, and then a higher order follows the record closer and is less true: of one or two lags the more
+        likely one that is sound, else the lowest order.
         """
         errors = [self._errors(plant, gains)[0] for plant in plants]
         good = [p for p, error in zip(plants, errors, strict=True) if error <= _AS_GOOD * min(errors)]
@@ -159,7 +161,11 @@ class RecordCheck:
             return other
         residual = self._y - likely.response(self._u)
         noise = float(residual[1:] @ residual[:-1]) <= _NOISE * float(residual @ residual)
-        return likely if noise or not np.isfinite(min(errors)) else good[0]
+        if noise or not np.isfinite(min(errors)):
+            return likely
+        sound = [p for p, error in zip(plants, errors, strict=True) if error <= _SOUND and p.order <= _SIMPLE]
+        sound = [plant for plant in sound if any(plant is other for other in good)]
+        return min(sound, key=lambda plant: plant.criterion) if sound else good[0]
 
 
 def _ratio(missed: Array, whole: Array) -> float:
