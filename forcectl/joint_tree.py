@@ -25,7 +25,7 @@ and per tick:
 
 What is not asked for is not computed, and nothing returned is overwritten later. Links and joints of a YuMi take 15 us,
 with speeds and bias accelerations 20, all four quantities of both TCPs 18 more (Python 3.11); Drake takes 19 for the
-two TCPs alone. So this pays from about eight frames on, or when the state is shared, as with `SelfCollision`.
+two TCPs alone. So this pays from about eight frames on, or when the state is shared, as with `LinkDistance`.
 """
 
 from __future__ import annotations

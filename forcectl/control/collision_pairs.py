@@ -1,7 +1,7 @@
-"""Which ball is how far from which core: the pairs of a robot's shapes as arrays, and the nearest of them.
+"""Which ball is how far from which core, and how fast it comes: the pairs of a robot's shapes as arrays.
 
-See `forcectl.control.collision_shapes` for balls and cores. The balls of a solid come in groups; a pair is a group and
-a core. The distance of the ball around a group from the core tells which groups to look at.
+See `forcectl.control.collision_shapes` for balls and cores. The balls of a solid come in rows; a pair is such a group
+and a core. The middle of a row, how it moves, and the slope of the distance along it tell which groups to look at.
 """
 
 from __future__ import annotations
@@ -59,7 +59,7 @@ class PairTable:
         group_link: (g,). balls: centres on the link (g, b, 3) [m]. real: (g, b), not a copy. core_link: (c,). X_LC:
         (c, 4, 4). half: (c, 3) [m]. core_radius: (c,) [m]. pair_group, pair_core: (p,). pair: which of `shapes.pairs`
         it is, (p,). on_ball, on_core: links, (p,). moves: 1 for the joints that move the ball and not the core, -1 for
-        those that move the core alone, else 0, (p, n). flat: directions in which the box of the core is, (p, 3).
+        those that move the core alone, else 0, (p, n). flat: directions in which the core's box is, (p, 3).
 
     Raises:
         BadInputError: no pairs.

@@ -61,7 +61,8 @@ class LinkDistance:
     Rows are soft, for braking at gamma is not always possible to joints that turn at full speed; what a row then needs
     to stop in time, beyond the 2 gamma that constraints ask for at most, it asks for as well. With gamma = -1 two arms
     kept the minimum in all runs of the tests, driven at random at the full speed of all joints, or straight into each
-    other or into obstacles, and in 60 reaching tasks; so they did with -2 in most.
+    other or into obstacles, and in 60 reaching tasks; so they did with -2 in most. Both arms with grippers, 428 pairs
+    of a row of balls and a core, take 0.3 ms per tick (Python 3.11), companion included; bare, 134 pairs, 0.25 ms.
 
     Args:
         shapes: `RobotShapes.load(...)` for a robot with itself, its `against(obstacles)` for obstacles.
