@@ -16,6 +16,8 @@ from forcectl.control.robot_motion import RobotMotion
 from forcectl.control.task_coordinates import ArmTask
 from forcectl.control.task_limits import TaskRange, TaskSpeedLimit
 from forcectl.errors import BadInputError
+from forcectl.motion.euler_angles import EulerAngles
+from forcectl.motion.relative_pose import RelativeTask
 from forcectl.testing.runs import Log, run_diagram
 
 PERIOD = 0.004
@@ -211,3 +213,19 @@ def test_a_criterion_that_does_not_fit_fails_when_it_is_built() -> None:
 
     with pytest.raises(BadInputError, match="another robot"):
         reactive_controller(criterion=Wrong())
+
+
+def test_leader_and_follower_in_euler_angles() -> None:
+    """The leader swings, the follower is led relative to it."""
+    motion = at(START)
+    leader = ArmTask("left", orientation=EulerAngles(motion.arm("left").rotation))
+    relative = motion.arm("left").rotation.T @ motion.arm("right").rotation
+    follower = RelativeTask("left", "right", orientation=EulerAngles(relative))
+    controller = reactive_controller(tasks=[leader, follower])
+    start = controller.task_start
+    log = follow(controller, 0.8, AMPLITUDE)
+    assert log["status"].max() == 0
+    end = at(log["joint_position_reference"][-1])
+    value = np.concatenate([task.state(end).value for task in (leader, follower)])
+    expected = start + AMPLITUDE * (1 - np.cos(4 * (log.time[-1] + PERIOD)))
+    np.testing.assert_allclose(value, expected, atol=5e-4)
