@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 
 from forcectl.control.collision_shapes import Balls, RobotShapes, Solid, cover
 from forcectl.errors import BadInputError
-from forcectl.joint_tree import TreeState, cross
+from forcectl.joint_tree import TreeState
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -89,6 +89,9 @@ class PairTable:
         self._fill_groups()
         self._all = np.arange(len(self.pair))
         self.on_ball, self.on_core = self.group_link[self.pair_group], self.core_link[self.pair_core]
+        # Where the velocity of a pair's row is, moved by the link of the ball and by that of the core.
+        self._by_ball = self.on_ball * len(self.group_link) + self.pair_group
+        self._by_core = self.on_core * len(self.group_link) + self.pair_group
         self.moves = shapes.tree.moves[self.on_ball] - shapes.tree.moves[self.on_core]
         self.flat = (self.half == 0.0)[self.pair_core]
         self._pair_radii = self._ball_radius[self.pair_group] + self.core_radius[self.pair_core]
@@ -139,14 +142,14 @@ class PairTable:
 
     def _speed_left(self, X_WL: Array, X_WC: Array, V: Array, minimum: float, gamma: float) -> Array:
         """About the least `speed_left` of the balls of each pair, (p,) [m/s]."""
-        X_of_row = X_WL.take(self.group_link, 0)
-        rows = X_of_row @ self._segment
-        moving = (V.take(self.group_link, 0) @ _MOVING).reshape(-1, 4, 4) @ rows[:, :, 1:]
+        rows = X_WL.take(self.group_link, 0) @ self._segment
+        # The velocity of the middle of every row on a body that moves as any link, (links, g, 4).
+        moving = ((V @ _MOVING).reshape(-1, 4) @ rows[:, :, 1].T).reshape(len(V), 4, -1).swapaxes(1, 2).reshape(-1, 4)
         # Of each pair: half of the row, its middle, and the velocity of that, as the core sees them.
-        seen = np.concatenate([rows, moving], axis=2)[:, :3].take(self.pair_group, 0)
-        X, V_C = X_WC.take(self.pair_core, 0), V.take(self.on_core, 0)
-        seen[:, :, 2] -= V_C[:, 3:] + cross(V_C[:, :3], seen[:, :, 1])
+        X, seen = X_WC.take(self.pair_core, 0), np.empty((len(self.pair), 3, 3))
+        seen[:, :, :2] = rows.take(self.pair_group, 0)[:, :3]
         seen[:, :, 1] -= X[:, :3, 3]
+        seen[:, :, 2] = (moving.take(self._by_ball, 0) - moving.take(self._by_core, 0))[:, :3]
         seen = X[:, :3, :3].swapaxes(1, 2) @ seen
         beside = np.maximum(np.abs(seen[:, :, 1]) - self._pair_half, 0.0)
         gap = np.sqrt(np.einsum("pi,pi->p", beside, beside))
