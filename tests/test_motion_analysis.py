@@ -16,8 +16,9 @@ from forcectl.errors import BadInputError
 from forcectl.plant.joint_friction import JointFriction, mean_features
 from forcectl.simulation.force_analysis import ForceAnalysis, stretches
 from forcectl.simulation.friction_analysis import FrictionAnalysis, friction_metrics
+from forcectl.simulation.logs import stack
 from forcectl.simulation.motion_metrics import FORCE_METRICS, FRICTION_METRICS, is_motion_metric, motion_loop_metrics
-from forcectl.viz.motion_figures import motion_figures
+from forcectl.viz.motion_figures import motion_figures, one_variant
 
 TICK = 0.004
 COUNT = 1001  # four seconds
@@ -208,6 +209,24 @@ def test_figures_of_every_run_show_arms_and_forces():
     assert len(axes.lines) == 7
     assert len(figures["forces"].axes[0].lines) == 6
     assert set(motion_figures(made_up().drop_vars("estimated_wrench"), "T")) == {"motion"}
+
+
+def test_variants_of_different_robots_are_drawn_each_with_its_own_arms():
+    small = made_up()
+    wide = small.rename(joint="j", arm="a", wrench_component="w")
+    other = wide.assign_coords(
+        j=[str(name).replace("left", "right") for name in small["joint"].values],
+        a=["right"],
+        w=[str(name).replace("left", "right") for name in small["wrench_component"].values],
+    ).rename(j="joint", a="arm", w="wrench_component")
+    both = xr.merge([small, other], join="outer", compat="no_conflicts")
+    log = stack([both.assign_coords(variant="two"), small.assign_coords(variant="one")])
+    figures = motion_figures(log, "T")
+    assert set(figures) == {"motion", "forces_1", "forces_2"}
+    assert [len(figures[name].axes) for name in ("forces_1", "forces_2")] == [2, 1]
+    first = one_variant(log, 1)
+    assert first.sizes["joint"] == 7
+    assert "T: one" in figures["forces_2"].get_suptitle()
 
 
 def test_names_of_metrics():

@@ -56,7 +56,7 @@ def test_a_run_leaves_what_every_run_leaves(short, monkeypatch, capfd):
     folder = short.parent / "here"
     for name in ("log.nc", "scenario.yaml", "manifest.json", "metrics.json", "diagram.svg", "replay_2.html"):
         assert (folder / name).stat().st_size > 100, name
-    assert {path.stem for path in (folder / "figures").iterdir()} == {"motion", "forces"}
+    assert {path.stem for path in (folder / "figures").iterdir()} == {"motion", "forces_1", "forces_2"}
     manifest = json.loads((folder / "manifest.json").read_text())
     assert manifest["fidelity"] == catalog.MOTION_STATION
     assert manifest["expectations"]["loads"]["pass"] is True
@@ -194,4 +194,4 @@ def test_reproduce_runs_a_motion_loop_once_whatever_fidelity_is_asked_for(short)
     report = fc.reproduce([short], fidelity="Kinematic", workers=1, out="rep")
     (part,) = report.parts
     assert (part.fidelity, report.passed) == (catalog.MOTION_STATION, True)
-    assert (short.parent / "rep" / "short" / catalog.MOTION_STATION / "figures" / "forces.png").exists()
+    assert (short.parent / "rep" / "short" / catalog.MOTION_STATION / "figures" / "forces_2.png").exists()

@@ -61,7 +61,8 @@ class FrictionAnalysis:
 
     def figures(self, log: Any, facts: MotionFacts, title: str) -> dict[str, Figure]:
         """One figure per arm with the joints side by side; of the first variant."""
-        one = one_variant(log)
+        # Beside variants of another robot the joints come in another order.
+        one = one_variant(log).sel(joint=facts.robot.facts.arm_joints)
         try:
             fit = self.fit(one, facts)
         except BadInputError:

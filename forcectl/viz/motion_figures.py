@@ -12,17 +12,28 @@ from forcectl.viz.figures import COLOURS, frame
 _AXES = ("x", "y", "z")
 
 
-def one_variant(log: Any) -> Any:
-    """The log of the first variant."""
-    return log.isel(variant=0).dropna("time", how="all") if "variant" in log.dims else log
+_OF_COMPONENTS = {"joint": "link_position", "arm": "contact_force", "wrench_component": "tip_wrench"}
+
+
+def one_variant(log: Any, index: int = 0) -> Any:
+    """The log of one variant alone, without the times, joints and arms that only others have."""
+    if "variant" not in log.dims:
+        return log
+    one = log.isel(variant=index).dropna("time", how="all")
+    for dimension, signal in _OF_COMPONENTS.items():
+        one = one.isel({dimension: one[signal].notnull().any("time").values})
+    return one
 
 
 def motion_figures(log: Any, title: str = "") -> dict[str, Figure]:
-    """The figures of any run, by file name; of the first variant when there are several."""
-    one = one_variant(log)
-    figures = {"motion": speed_figure(one, title)}
-    if "estimated_wrench" in one or one["tip_wrench"].values.any():
-        figures["forces"] = force_figure(one, title)
+    """The figures of any run, by file name: motion of the first variant, forces of each that has any."""
+    figures = {"motion": speed_figure(one_variant(log), title)}
+    names = [str(name) for name in log["variant"].values] if "variant" in log.dims else [""]
+    for i, name in enumerate(names):
+        one = one_variant(log, i)
+        if "estimated_wrench" in one or one["tip_wrench"].values.any():
+            shown = f"{title}: {name}" if name else title
+            figures["forces" if len(names) == 1 else f"forces_{i + 1}"] = force_figure(one, shown)
     return figures
 
 
