@@ -18,8 +18,8 @@ from forcectl.control.linear_law import GAINS, LinearForceLaw
 from forcectl.control.predictive_correction import PredictiveCorrection
 from forcectl.diagrams.vrft_experiment import ExperimentSequencer
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
-from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.excited_compliance import ExcitedCompliance
+from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.recursive_vrft import RecursiveVrft
 from forcectl.lanes import LaneBlock
 from forcectl.motion.trajectory_generator import TrajectoryGenerator
