@@ -5,6 +5,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 from dataclasses import dataclass
 
+import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Multiplexer, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
@@ -16,6 +17,8 @@ from forcectl.estimation.wrench import WrenchEstimator
 from forcectl.lanes import check
 
 _JUMP = 4.0  # a speed that changes so many times faster than joints may accelerate was not read right
+_STOP = 2.0  # nor one that comes to rest so many times faster, at once and to the last bit
+_FROZEN = 0.1  # [rad/s] from which it may where there is no limit of the acceleration
 
 
 class ForceEstimator(Diagram):
@@ -106,6 +109,8 @@ class ForceEstimatorConfig:
         """Add the estimator."""
         robot, coulomb = facts.robot, facts.friction.coulomb
         model = facts.momentum_model()
+        # A joint that sticks stands still from one tick to the next, but only from a speed that it can stop from.
+        fastest_stop = _STOP * robot.limits.acceleration * facts.period
         observer = MomentumObserver(
             model,
             facts.friction.scaled(self.friction_scale),
@@ -115,6 +120,7 @@ class ForceEstimatorConfig:
             limit=self.limit_share * robot.limits.torque,
             period=facts.period,
             velocity_bandwidth=facts.velocity_bandwidth,
+            frozen_speed=np.where(np.isfinite(fastest_stop), fastest_stop, _FROZEN),
             largest_acceleration=_JUMP * robot.limits.acceleration,
         )
         wrenches = {

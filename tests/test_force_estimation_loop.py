@@ -40,7 +40,9 @@ def test_a_static_load_is_recovered_within_two_percent(robot, seed):
     (posture,) = postures(model(robot), 1, seed, least=0.2)
     loads = [six_loads(START, HOLD, size)]
     loop = motion_loop(name, tool, DITHER, ForceEstimatorConfig(), loads, posture_deg=posture)
-    found = static_means(run(loop, START + 6 * HOLD), START, HOLD, AVERAGE)
+    log = run(loop, START + 6 * HOLD)
+    found = static_means(log, START, HOLD, AVERAGE)
+    assert log["reading_ok"][1:].min() == 1.0, "a joint that comes to stick is no encoder that stands still"
     assert np.linalg.norm(found - size * DIRECTIONS, axis=1).max() < 0.02 * size
 
 

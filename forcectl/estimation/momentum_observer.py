@@ -75,9 +75,9 @@ class MomentumObserver(SampledLaw):
     Bad readings never enter the residual: it is held, and what happened meanwhile is caught up on with the next good
     sample (the mean over the gap) or, after more than `longest_gap`, left out. Bad readings are
     - a number that is not finite: `reading_ok` is 0 for its joint;
-    - a frozen encoder: a position that repeats bit for bit while the joint moves faster than `frozen_speed`, and from
-      then on until it changes, and 10/w_v longer where the speeds are differentiated: they jump when it does;
-      `reading_ok` is 0 for its joint;
+    - a frozen encoder: a position that repeats bit for bit while the joint moves faster than `frozen_speed` (where
+      speeds are differentiated: moved, in the tick before), and from then on until it changes, and 10/w_v longer where
+      the speeds are differentiated: they jump when it does; `reading_ok` is 0 for its joint;
     - a speed that changes faster than `largest_acceleration`: `reading_ok` is 0 for its joint, and as long;
     - a lost sample: positions, speeds and torques all repeat bit for bit, though a joint moves; `reading_ok` is 0 for
       all joints. Beyond `longest_gap` such readings are believed, once per gap.
@@ -104,7 +104,7 @@ class MomentumObserver(SampledLaw):
         limit: ArrayLike = np.inf,
         period: float = 0.004,
         velocity_bandwidth: float | None = None,
-        frozen_speed: float = 0.1,
+        frozen_speed: ArrayLike = 0.1,
         longest_gap: float = 0.02,
         largest_acceleration: ArrayLike = np.inf,
     ):
@@ -130,7 +130,7 @@ class MomentumObserver(SampledLaw):
         self._lag = None if velocity_bandwidth is None else check("velocity_bandwidth", velocity_bandwidth, "positive")
         self._settle = 0.0 if self._lag is None else 10.0 / self._lag
         self._jump = lane_values("largest_acceleration", largest_acceleration, n, "positive")
-        self._frozen_speed = check("frozen_speed", frozen_speed, "positive")
+        self._frozen_speed = lane_values("frozen_speed", frozen_speed, n, "positive")
         # Ticks are not exact; and without any gap there is still the tick itself.
         self._longest = max(check("longest_gap", longest_gap, "not negative"), period) + 0.5 * period
         self.sample_delay = {("motor_torque", "external_torque"): 0.0}
@@ -173,6 +173,7 @@ class MomentumObserver(SampledLaw):
                 "late_position": 0.0,
                 "late_torque": 0.0,
                 "mean_torque": 0.0,
+                "raw_speed": 0.0,
                 # Torque since that sample, and the time that it is known of.
                 "impulse": 0.0,
                 "covered": 0.0,
@@ -198,7 +199,7 @@ class MomentumObserver(SampledLaw):
 
     def _tick(self, context: Context, held: list[Any]) -> list[Any]:
         external, residual, ok, frozen, since, *memory, impulse, covered = held
-        q_last, v_last, torque_last, p_last, force_last, late_q, late_torque, mean_last = memory
+        q_last, v_last, torque_last, p_last, force_last, late_q, late_torque, mean_last, raw_speed = memory
         now = context.get_time()
         q, v, torque = (port.Eval(context) for port in (self._position, self._velocity, self._torque))
         if self._reset.HasValue(context) and self._reset.Eval(context)[0] > 0.5:
@@ -210,7 +211,9 @@ class MomentumObserver(SampledLaw):
         same = (q == q_last) | ~np.isfinite(q)
         lost = False
         if started:
-            moving = np.maximum(np.abs(v), np.abs(v_last)) > self._frozen_speed
+            # Speeds that are late say that a joint moves which has just come to stick: there the last positions tell.
+            speed = np.maximum(np.abs(v), np.abs(v_last)) if self._lag is None else np.abs(raw_speed)
+            moving = speed > self._frozen_speed
             jump = np.abs(v - v_last) > self._jump * elapsed
             standing = same & (moving | (frozen > 0))
             # The time for which readings are still held.
@@ -246,5 +249,6 @@ class MomentumObserver(SampledLaw):
             residual = np.where(np.isfinite(stepped), np.minimum(np.maximum(stepped, -limit), limit), residual)
         external = dead_band(residual, friction_threshold(v, move, still))
         time, nothing = np.full(self._size, now), np.zeros(self._size)
-        memory = [q, v, torque, momentum, force, late_q, late_torque, mean_torque]
+        raw_speed = (q - q_last) / elapsed if started else nothing
+        memory = [q, v, torque, momentum, force, late_q, late_torque, mean_torque, raw_speed]
         return [external, residual, ok.astype(float), frozen, time, *memory, nothing, nothing]
