@@ -19,7 +19,7 @@ from scipy.signal import lfilter
 
 Array = NDArray[np.float64]
 
-LONGEST = 20_000  # [samples] that are looked at
+LONGEST = 12_000  # [samples] that are looked at
 _ORDERS = (1, 2, 3, 4)
 _DELAYS = (1, 2, 3, 5, 8, 12, 18, 26, 36, 50, 70, 100, 140, 200)  # first candidates [samples]
 _SEARCH = 6000  # [samples] that the delay is searched with
@@ -78,7 +78,7 @@ def identify_plants(u: ArrayLike, y: ArrayLike, period: float) -> list[PlantMode
     """The plants of order 1 to 4 that come nearest to a record of deviations from rest, lowest order first.
 
     Args:
-        u: input (k,), not constant. y: output (k,). period: Ts [s]. Looks at 20 000 samples from the first movement on.
+        u: input (k,), not constant. y: output (k,). period: Ts [s]. Looks at 12 000 samples from the first movement on.
     """
     u, y = from_first_movement(u, y)
     power = float(np.sum((y - y.mean()) ** 2))
