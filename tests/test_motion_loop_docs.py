@@ -27,7 +27,7 @@ def test_the_figures_in_the_table_are_those_of_the_experiment():
 
     expected = {line["target"]: line.get("expected") for line in find_scenario("force_estimation").tree["expect"]}
     for target, shown in (
-        ("5 N static, 10 poses and 6 directions", "1.0 %"),
+        ("5 N static, 10 poses and 6 directions", "0.7 %"),
         ("friction 30 % off, tared, 5 N static", "3.2 %"),
         ("at rest, torque hidden, by Coulomb's friction", "0.94 tau_C"),
         ("fast motion, nothing acts", "2.4 N"),
