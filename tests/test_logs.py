@@ -15,6 +15,7 @@ class Signal:
     rows: slice
     unit: str
     labels: tuple[str, ...] | None = None
+    dimension: str | None = None
 
 
 SIGNALS = {

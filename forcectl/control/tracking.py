@@ -32,9 +32,7 @@ class Tracking:
         self._linear = check("tracking_acceleration", acceleration, "positive")
         self._angular = acceleration / check("characteristic_length", length, "positive")
 
-    def acceleration(
-        self, motion: RobotMotion, path: Place, rate: Vector, bend: Vector, across: Vector
-    ) -> Vector:
+    def acceleration(self, motion: RobotMotion, path: Place, rate: Vector, bend: Vector, across: Vector) -> Vector:
         """Spatial acceleration x'' (6,) [rad/s^2; m/s^2].
 
         Args:
