@@ -24,19 +24,20 @@ def full_key(scenario: Any, error: BaseException) -> tuple[str, str]:
     text = " ".join(str(error).split())
     nodes = dict(_nodes(scenario, ""))
     about = re.match(r"unknown (\w+)|[\w.]+", text)
-    name = (about.group(1) or about.group()) if about else ""
+    name = (about.group(1) or about.group()).rstrip(".") if about else ""
+    first = name.partition(".")[0]  # "walls.0.point" is within the field `walls`
     whole = [join(key, f.name) for key, node in nodes.items() for f in dataclasses.fields(node)]
     if "." in name and name in whole:
         return name, text
     last = ""
     for keys in _at_hand(nodes, error.__traceback__):
         last = last or keys[-1]
-        homes = [key for key in keys if any(f.name == name for f in dataclasses.fields(nodes[key]))]
+        homes = [key for key in keys if any(f.name == first for f in dataclasses.fields(nodes[key]))]
         if len(homes) == 1:
             return _written(join(homes[0], name), name, text)
-    homes = [key for key in whole if key.rpartition(".")[2] == name]
+    homes = [key for key in whole if key.rpartition(".")[2] == first]
     if len(homes) == 1:
-        return _written(homes[0], name, text)
+        return _written(homes[0] + name[len(first) :], name, text)
     return (last, f"{last}: {text}") if last else ("", text)
 
 
