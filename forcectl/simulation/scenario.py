@@ -196,9 +196,9 @@ class _Layers:
             ("override", forced),
         ]
         loop = self.merged().get("loop", next(iter(LOOPS)))
-        if loop not in LOOPS:
+        if not isinstance(loop, str) or loop not in LOOPS:
             raise Reader(self.origin).unknown("loop", loop, LOOPS, "loop")
-        self.loop = str(loop)
+        self.loop = loop
         # A slot without a tag means its default, and stays that when a later layer changes only some of its keys.
         defaults = Tagged({slot: Tagged(tag=next(iter(table))) for slot, table in SLOTS[self.loop].items()})
         self._layers.insert(0, ("defaults", defaults))
