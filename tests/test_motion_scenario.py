@@ -95,6 +95,7 @@ def test_overrides_reach_every_part(short):
     ("text", "message"),
     [
         ("loop: moton", "loop: unknown loop 'moton': did you mean 'motion'? known: force, motion"),
+        ("loop: [1, 2]", "loop: unknown loop [1, 2]: known: force, motion"),
         ("station: {robot: yummi}", "station.robot: unknown robot"),
         ("station: {time_step: 0.01}", "station.time_step = 0.01: must be at most 0.002"),
         ("station: {fidelity: Multibody}", "station.fidelity: unknown key 'fidelity'"),
