@@ -75,8 +75,10 @@ def test_names_are_drawn_as_they_are_written(tmp_path):
     assert write_figures(run_figures(log(("costs $5", r"$\frac{1}{$", "_x", "")), r"$\nonsense{$"), tmp_path)
 
 
-@pytest.mark.parametrize("count", [7, 15])
-def test_many_variants_still_draw(tmp_path, count):
+@pytest.mark.parametrize(("count", "legend"), [(3, "inside"), (7, "beside"), (15, None)])
+def test_many_variants_still_draw(tmp_path, count, legend):
+    """A legend stands beside the curves when it would hide them, and is left out when nobody could follow it."""
     figure = force_figure(log(tuple(f"v{i}" for i in range(count))))
     assert len(lines(figure)) >= 2 * count
-    assert (figure.axes[0].get_legend() is not None) == (count <= 12)
+    assert (figure.axes[0].get_legend() is not None) == (legend == "inside")
+    assert [len(one.get_texts()) >= count for one in figure.legends] == ([True] if legend == "beside" else [])

@@ -18,6 +18,7 @@ COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#0
 _DASHES: tuple[Any, ...] = ("-", (0, (1, 1.2)), (0, (7, 1.5, 1, 1.5)))
 _REFERENCE = "#707070"
 _MOST_LABELLED = 12
+_MOST_INSIDE = 6  # more entries of a legend than that would hide curves
 _FIRST_SAMPLES = 0.2  # of a tuning
 _GAIN = "proportional_gain"
 _TUNING = {
@@ -47,7 +48,7 @@ def force_figure(log: Any, title: str = "") -> Figure:
             with_model = True
     if with_model:
         axes.plot([], [], color=_REFERENCE, lw=1.2, ls=(0, (5, 3)), label="reference model")
-    _finish(axes, log)
+    _finish(figure, axes, log)
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
     return figure
 
@@ -58,7 +59,7 @@ def error_figure(log: Any, title: str = "") -> Figure:
     axes.axhline(0.0, color=_REFERENCE, lw=1.0, zorder=1)
     for (colour, dashes), (name, one) in zip(_styles(log), _variants(log), strict=True):
         axes.plot(one["time"], one["measured_force"] - one["model_force"], color=colour, ls=dashes, lw=1.6, label=name)
-    _finish(axes, log)
+    _finish(figure, axes, log)
     return figure
 
 
@@ -79,7 +80,7 @@ def tuning_figure(log: Any, title: str = "") -> Figure:
         frame(axes)
     rows[0].set_title(title, loc="left", fontsize=11, parse_math=False)
     rows[-1].set_xlabel("time [s]")
-    _finish(rows[0], log)
+    _finish(figure, rows[0], log)
     return figure
 
 
@@ -126,11 +127,19 @@ def frame(axes: Axes) -> None:
     axes.spines[["top", "right"]].set_visible(False)
 
 
-def _finish(axes: Axes, log: Any) -> None:
+def _finish(figure: Figure, axes: Axes, log: Any) -> None:
     axes.set_xlim(float(log["time"][0]), float(log["time"][-1]))
-    if sum(1 for _ in _variants(log)) <= _MOST_LABELLED:
-        for text in axes.legend(frameon=False, fontsize=9, loc="best").get_texts():
-            text.set_parse_math(False)  # names are names, with or without dollar signs
+    if sum(1 for _ in _variants(log)) > _MOST_LABELLED:
+        return
+    handles, labels = axes.get_legend_handles_labels()
+    if len(labels) <= _MOST_INSIDE:
+        legend = axes.legend(frameon=False, fontsize=9, loc="best")
+    else:  # beside the curves, in room of its own
+        width, height = figure.get_size_inches()
+        figure.set_size_inches(width + 2.2, height)
+        legend = figure.legend(handles, labels, frameon=False, fontsize=9, loc="outside right upper")
+    for text in legend.get_texts():
+        text.set_parse_math(False)  # names are names, with or without dollar signs
 
 
 def _variants(log: Any) -> Iterator[tuple[str, Any]]:
