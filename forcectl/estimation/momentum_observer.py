@@ -20,6 +20,7 @@ that swings at 1 rad/s shows three times as much of what is not there.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping, Sequence
 from typing import Any
 
@@ -130,6 +131,7 @@ class MomentumObserver(SampledLaw):
         self._lag = None if velocity_bandwidth is None else check("velocity_bandwidth", velocity_bandwidth, "positive")
         self._settle = 0.0 if self._lag is None else 10.0 / self._lag
         self._jump = lane_values("largest_acceleration", largest_acceleration, n, "positive")
+        self._jumps, self._good = bool(np.isfinite(self._jump).any()), np.ones(n, dtype=bool)
         self._frozen_speed = lane_values("frozen_speed", frozen_speed, n, "positive")
         # Ticks are not exact; and without any gap there is still the tick itself.
         self._longest = max(check("longest_gap", longest_gap, "not negative"), period) + 0.5 * period
@@ -207,26 +209,34 @@ class MomentumObserver(SampledLaw):
         started = since[0] >= 0
         elapsed = now - since[0]
 
-        finite = np.isfinite(q) & np.isfinite(v) & np.isfinite(torque)
-        same = (q == q_last) | ~np.isfinite(q)
         lost = False
-        if started:
-            # Speeds that are late say that a joint moves which has just come to stick: there the last positions tell.
-            speed = np.maximum(np.abs(v), np.abs(v_last)) if self._lag is None else np.abs(raw_speed)
-            moving = speed > self._frozen_speed
-            jump = np.abs(v - v_last) > self._jump * elapsed
-            standing = same & (moving | (frozen > 0))
-            # The time for which readings are still held.
-            frozen = np.where(standing | jump, self._settle + self._period, np.maximum(frozen - self._period, 0.0))
-            frozen = np.where(frozen > 0.5 * self._period, frozen, 0.0)
-            lost = bool(same.all() and v.any()) and np.array_equal(v, v_last) and np.array_equal(torque, torque_last)
-            ok = finite & (frozen == 0) & (not lost or elapsed > self._longest)
-            known = np.isfinite(torque) & (not lost)
-            impulse = impulse + np.where(known, torque * self._period, 0.0)
-            covered = covered + np.where(known, self._period, 0.0)
+        # Nearly always everything is well; sums of squares and one comparison tell it in a fifth of the time.
+        well = started and math.isfinite(q @ q + v @ v + torque @ torque) and not ((q == q_last).any() or frozen.any())
+        if well and self._jumps:
+            well = not (np.abs(v - v_last) > self._jump * elapsed).any()
+        if well:
+            ok, impulse, covered = self._good, impulse + torque * self._period, covered + self._period
         else:
+            finite = np.isfinite(q) & np.isfinite(v) & np.isfinite(torque)
             ok = finite
-        if not ok.all():
+            if started:
+                same = (q == q_last) | ~np.isfinite(q)
+                # Speeds that are late say of a joint that has just come to stick that it moves: there positions tell.
+                speed = np.maximum(np.abs(v), np.abs(v_last)) if self._lag is None else np.abs(raw_speed)
+                moving = speed > self._frozen_speed
+                jump = np.abs(v - v_last) > self._jump * elapsed
+                standing = same & (moving | (frozen > 0))
+                # The time for which readings are still held.
+                frozen = np.where(standing | jump, self._settle + self._period, np.maximum(frozen - self._period, 0.0))
+                frozen = np.where(frozen > 0.5 * self._period, frozen, 0.0)
+                lost = (
+                    bool(same.all() and v.any()) and np.array_equal(v, v_last) and np.array_equal(torque, torque_last)
+                )
+                ok = finite & (frozen == 0) & (not lost or elapsed > self._longest)
+                known = np.isfinite(torque) & (not lost)
+                impulse = impulse + np.where(known, torque * self._period, 0.0)
+                covered = covered + np.where(known, self._period, 0.0)
+        if not (well or ok.all()):
             return [external, residual, ok.astype(float), frozen, since, *memory, impulse, covered]
 
         gain, offset, coulomb, forward, backward, move, still, limit = self._values.Eval(context)
