@@ -23,9 +23,9 @@ from forcectl.estimation.vrft import fit_vrft
 # the least share of them within 50 % of the best PID. VRFT alone minimises |(M - T) W u|: steps come near their best
 # where u looks like a step, and pulses where it looks like noise.
 KINDS = {
-    "refined, moves of the thesis": (usual_plant, first_order_model, "thesis", 0.0, True, 100, 0.95),
-    "refined, any": (usual_plant, any_model, None, 0.0, True, 50, 0.95),
-    "refined, odd plants, any, noise": (odd_plant, any_model, None, 0.003, True, 50, 0.95),
+    "refined, moves of the thesis": (usual_plant, first_order_model, "thesis", 0.0, True, 60, 0.95),
+    "refined, any": (usual_plant, any_model, None, 0.0, True, 30, 0.95),
+    "refined, odd plants, any, noise": (odd_plant, any_model, None, 0.003, True, 30, 0.95),
     "VRFT alone, moves of the thesis": (usual_plant, first_order_model, "thesis", 0.0, False, 50, 0.9),
 }
 
