@@ -124,7 +124,7 @@ def _shares(diagram: Any) -> dict[str, float]:
     parts: dict[str, tuple[type, str]] = {
         "momentum observer": (MomentumObserver, "step"),
         "generators": (TrajectoryGenerator, "step"),
-        "controller": (ReactiveController, "_step"),
+        "controller": (ReactiveController, "step"),
         "  kinematics": (ArmsMotion, "__init__"),
         "  rows of constraints": (ConstraintSet, "rows"),
         "  quadratic programs": (PrioritizedProgram, "solve"),

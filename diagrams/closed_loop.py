@@ -6,13 +6,12 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort
-from pydrake.systems.primitives import VectorLog, VectorLogSink
+from pydrake.systems.framework import DiagramBuilder, OutputPort
 
 from forcectl.control.force_law import ControllerConfig
 from forcectl.conventions import unit_of
 from forcectl.diagrams.force_controller import add_controller
-from forcectl.diagrams.log import LoggedSignal, SignalLog, add_log
+from forcectl.diagrams.log import LoggedLoop, add_log
 from forcectl.diagrams.station import Cell, StationConfig, build_station, describe
 from forcectl.diagrams.truth import CONTACT_FORCE
 from forcectl.errors import invalid
@@ -33,7 +32,7 @@ LOGGED = (
 
 
 @dataclass(frozen=True)
-class ClosedLoop:
+class ClosedLoop(LoggedLoop):
     """A closed loop ready to simulate.
 
     period: control tick and log period [s]. reference_model_bandwidth: of the controller's nominal loop [rad/s] or
@@ -41,22 +40,9 @@ class ClosedLoop:
     true_compliance: C_T at the start [m/N].
     """
 
-    diagram: Diagram
-    log: SignalLog
-    period: float
     reference_model_bandwidth: float | None
     true_compliance: float
     cell: Cell
-
-    @property
-    def sink(self) -> VectorLogSink:
-        """The block that holds the log."""
-        return self.log.sink
-
-    @property
-    def signals(self) -> dict[str, LoggedSignal]:
-        """What the rows of the log are."""
-        return self.log.signals
 
     def derived(self, values: NDArray[np.float64]) -> dict[str, tuple[str, NDArray[np.float64]]]:
         """Signals that follow from logged ones, by name: unit and samples (k,).
@@ -73,10 +59,6 @@ class ClosedLoop:
         motors = values[self.signals["motor_position"].rows].T
         displacement = tip_displacements(self.cell.robot, self.cell.n, self.cell.motor_start, motors)
         return further | {"contact_displacement": (unit_of("contact_displacement"), displacement)}
-
-    def find_log(self, context: Context) -> VectorLog:
-        """The log in a root context of `diagram`."""
-        return self.log.find(context)
 
 
 def build_closed_loop(

@@ -36,6 +36,32 @@ class SignalLog:
         return self.sink.FindLog(context)
 
 
+@dataclass(frozen=True)
+class LoggedLoop:
+    """A diagram ready to simulate, with its log.
+
+    period: control tick and log period [s].
+    """
+
+    diagram: Diagram
+    log: SignalLog
+    period: float
+
+    @property
+    def sink(self) -> VectorLogSink:
+        """The block that holds the log."""
+        return self.log.sink
+
+    @property
+    def signals(self) -> dict[str, LoggedSignal]:
+        """What the rows of the log are."""
+        return self.log.signals
+
+    def find_log(self, context: Context) -> VectorLog:
+        """The log in a root context of `diagram`."""
+        return self.log.find(context)
+
+
 def add_log(
     builder: DiagramBuilder,
     ports: Mapping[str, OutputPort],

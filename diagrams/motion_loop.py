@@ -16,8 +16,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, PortDataType, System
-from pydrake.systems.primitives import VectorLog, VectorLogSink
+from pydrake.systems.framework import DiagramBuilder, OutputPort, PortDataType, System
 
 from forcectl.control.motion_slot import (
     ESTIMATES,
@@ -30,7 +29,7 @@ from forcectl.control.motion_slot import (
     check_estimator,
     check_motion_controller,
 )
-from forcectl.diagrams.log import LoggedSignal, SignalLog, add_log
+from forcectl.diagrams.log import LoggedLoop, add_log
 from forcectl.diagrams.parts import input_names, output_names
 from forcectl.diagrams.research_cell import ResearchCell, ResearchStationConfig, describe_research
 from forcectl.diagrams.research_station import RESEARCH_OUTPUTS, ResearchStation
@@ -41,37 +40,20 @@ WRENCH_PARTS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force
 
 
 @dataclass(frozen=True)
-class MotionLoop:
+class MotionLoop(LoggedLoop):
     """A motion loop ready to simulate.
 
     period: tick of the interface and log period [s]. station: for tests and replays.
     """
 
-    diagram: Diagram
-    log: SignalLog
-    period: float
     cell: ResearchCell
     facts: MotionFacts
     station: ResearchStation
-
-    @property
-    def sink(self) -> VectorLogSink:
-        """The block that holds the log."""
-        return self.log.sink
-
-    @property
-    def signals(self) -> dict[str, LoggedSignal]:
-        """What the rows of the log are."""
-        return self.log.signals
 
     def derived(self, values: NDArray[np.float64]) -> dict[str, tuple[str, NDArray[np.float64]]]:
         """Nothing: every signal is logged."""
         del values
         return {}
-
-    def find_log(self, context: Context) -> VectorLog:
-        """The log in a root context of `diagram`."""
-        return self.log.find(context)
 
 
 def motion_facts(cell: ResearchCell) -> MotionFacts:

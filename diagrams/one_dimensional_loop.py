@@ -19,7 +19,7 @@ from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.control.force_law import ControllerConfig, LoopFacts
 from forcectl.control.integral import IntegralConfig, LinearIntegralForceLaw
-from forcectl.diagrams.log import SignalLog, add_log
+from forcectl.diagrams.log import LoggedLoop, add_log
 from forcectl.diagrams.parts import input_names
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.lanes import LaneBlock, check
@@ -63,12 +63,8 @@ class OneDimensionalLoopConfig:
 
 
 @dataclass(frozen=True)
-class OneDimensionalLoop:
+class OneDimensionalLoop(LoggedLoop):
     """A loop ready to simulate; every logged signal has one row per lane."""
-
-    diagram: Diagram
-    log: SignalLog
-    period: float
 
     def set_lanes(self, context: Context, values: Mapping[str, ArrayLike]) -> None:
         """Set parameters lane by lane in a root context of `diagram`.

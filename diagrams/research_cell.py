@@ -179,11 +179,6 @@ class ResearchCell:
         return self.robot.num_joints
 
     @property
-    def num_arms(self) -> int:
-        """Number of arms a."""
-        return len(self.robot.parts.arms)
-
-    @property
     def gravity_torque(self) -> Array:
         """Torque that holds the robot at the start, shape (n,) [Nm]."""
         if not self.config.gravity:

@@ -10,7 +10,7 @@ from collections.abc import Callable
 from typing import Any
 from weakref import ref
 
-from pydrake.common.value import AbstractValue
+from pydrake.common.value import AbstractValue, Value
 from pydrake.systems.framework import Context, LeafSystem, ValueProducer
 
 # Older bindings keep every Python block that was in a diagram anyway, and take long to look an entry up.
@@ -51,3 +51,20 @@ class BlockCache:
     def Eval(self, context: Context) -> Any:
         """The value in this block's context, brought up to date."""
         return self._block().get_cache_entry(self._index).Eval(context)
+
+
+def scratch(block: LeafSystem, name: str, make: Callable[[], Any]) -> BlockCache:
+    """A place to work in, made by `make` once per context of `block` and overwritten at every use."""
+    nothing = {block.nothing_ticket()}
+    return BlockCache(block, name, lambda: AbstractValue.Make(make()), lambda owner, context, value: None, nothing)
+
+
+def values_of_tick(block: LeafSystem, prerequisites: set[Any]) -> BlockCache:
+    """What `block._compute(context)` returns, computed once while the prerequisites stay the same."""
+    return BlockCache(
+        block,
+        "values of this tick",
+        lambda: Value[object](()),
+        lambda owner, context, value: value.set_value(owner._compute(context)),
+        prerequisites,
+    )

@@ -17,15 +17,14 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context
 from scipy.linalg.lapack import dposv, dpotrf, dsyev
 
-from forcectl.cache import BlockCache
+from forcectl.cache import scratch
 from forcectl.control.constrained_program import ConstrainedProgram, Outcome
 from forcectl.control.constraints import Constraint, ConstraintSet, ForceLimit, Rows, checked_limits
 from forcectl.control.force_law import RobotFacts
@@ -33,6 +32,7 @@ from forcectl.control.quadratic_program import Solution, SolverFactory, Status, 
 from forcectl.control.regulated_output import Course, Regulated, RegulatedCoordinate, corrected, regulate_force
 from forcectl.control.robot_motion import Contact, Place, RobotMotion, StraightMotion, place, straight_place
 from forcectl.control.sensor_lag import SensorLag
+from forcectl.control.tick_block import TickBlock
 from forcectl.control.tracking import Tracking
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import check
@@ -71,7 +71,7 @@ class Along(NamedTuple):
     missed: Vector
 
 
-class InvarianceController(LeafSystem):
+class InvarianceController(TickBlock):
     """Invariance controller of a robot.
 
     ```
@@ -198,46 +198,12 @@ class InvarianceController(LeafSystem):
         self._foreseen = len(self._axes) + self._constraints.foreseen_size
         further = 3 * n + len(Course._fields) + 1 + self._seen_size + self._foreseen + len(_DIAGNOSTICS)
         memory = np.concatenate([[-self._period], self._facts.start, np.zeros(further)])
-        self._memory = self.DeclareDiscreteState(memory)
         model = self._facts.model
-        # Places to work in, overwritten at every use; each context has its own.
-        self._scratch = [
-            BlockCache(
-                self, name, lambda: AbstractValue.Make(model.create_context()), _nothing, {self.nothing_ticket()}
-            )
-            for name in ("commanded posture", "reference posture")
-        ]
-        reads = {port.ticket() for port in inputs} | {self.time_ticket(), self.discrete_state_ticket(self._memory)}
-        self._now = BlockCache(
-            self,
-            "values of this tick",
-            lambda: Value[object](()),
-            lambda block, context, value: value.set_value(block._compute(context)),
-            reads,
-        )
-        self._show("joint_position_command", slice(1, 1 + n))
+        self._scratch = [scratch(self, name, model.create_context) for name in ("commanded posture", "path posture")]
+        self.declare_memory(memory, inputs, self._period)
+        self.show("joint_position_command", slice(1, 1 + n))
         for i, name in enumerate(_DIAGNOSTICS, start=len(memory) - len(_DIAGNOSTICS)):
-            self._show(name, slice(i, i + 1))
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._period, offset_sec=0.0, update=self._hold)
-
-    def _show(self, name: str, place: slice) -> None:
-        now = self._now
-
-        def show(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(now.Eval(context)[place])
-
-        self.DeclareVectorOutputPort(name, place.stop - place.start, show, prerequisites_of_calc={now.ticket()})
-
-    def _hold(self, context: Context, next_state: DiscreteValues) -> None:
-        next_state.set_value(self._memory, self._now.Eval(context))
-
-    def _compute(self, context: Context) -> Vector:
-        # A copy: a view that is handed on, unchanged, would keep the context alive from within its own cache.
-        memory: Vector = context.get_discrete_state(self._memory).CopyToVector()
-        time = context.get_time()
-        # Rounding of the times of the ticks is far below the margin.
-        known = time - memory.item(0) < 0.999 * self._period
-        return memory if known else self._step(context, memory, time)
+            self.show(name, slice(i, i + 1))
 
     def _motion(self, context: Context, q: Vector, v: Vector) -> RobotMotion:
         if self._facts.straight:
@@ -249,7 +215,7 @@ class InvarianceController(LeafSystem):
             return straight_place(self._origin, q)
         return place(self._facts.model, self._scratch[1].Eval(context), q)
 
-    def _step(self, context: Context, memory: Vector, time: float) -> Vector:
+    def step(self, context: Context, memory: Vector, time: float) -> Vector:
         """The memory after a tick."""
         n, Ts = self._n, self._period
         q, v, last, before = memory[1 : 1 + 4 * n].reshape(4, n)
@@ -372,7 +338,3 @@ def check_gamma(name: str, gamma: float) -> float:
     if not check(name, gamma) < 0:
         raise invalid(name, gamma, "below zero")
     return gamma
-
-
-def _nothing(block: Any, context: Context, value: AbstractValue) -> None:
-    """Computes nothing: the value is a place to work in."""

@@ -15,10 +15,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.common.value import AbstractValue, Value
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import BasicVector, Context
 
-from forcectl.cache import BlockCache
+from forcectl.cache import scratch
 from forcectl.control.arms_motion import ArmsMotion
 from forcectl.control.constraints import Constraint, ConstraintSet, JointTorqueLimit, checked_limits
 from forcectl.control.leash import Leash
@@ -29,6 +28,7 @@ from forcectl.control.task_coordinates import ArmTask, TaskState
 from forcectl.control.task_cost import Weights
 from forcectl.control.task_program import TaskProgram, task_levels
 from forcectl.control.task_progress import Progress, TaskProgress
+from forcectl.control.tick_block import TickBlock
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import check, lane_values
 from forcectl.robot import JointLimits, RobotModel
@@ -38,7 +38,7 @@ Vector = NDArray[np.float64]
 _ABSURD = 1e6  # [m or rad, per s] a reference beyond is no number
 _ROUNDING = 1e-12  # violations below are none
 
-# What is put out besides the references, one number each, with units; in the order of `_step`.
+# What is put out besides the references, one number each, with units; in the order of `step`.
 _DIAGNOSTICS = {
     "status": "1",
     "active_constraints": "1",
@@ -76,7 +76,7 @@ class Supervision:
 _DEFAULT_WEIGHTS, _DEFAULT_SUPERVISION = Weights(), Supervision()
 
 
-class ReactiveController(LeafSystem):
+class ReactiveController(TickBlock):
     """Reactive controller of a robot with any number of arms.
 
     ```
@@ -235,41 +235,15 @@ class ReactiveController(LeafSystem):
             name: slice(end - len(part), end) for (name, part), end in zip(memory.items(), ends, strict=True)
         }
         self._memory_start = np.concatenate(list(memory.values()))
-        self._memory = self.DeclareDiscreteState(self._memory_start)
-        robot = self._robot
-        # A place to work in, overwritten at every use; each context has its own.
-        self._scratch = BlockCache(
-            self,
-            "commanded posture",
-            lambda: AbstractValue.Make(robot.create_context()),
-            lambda block, context, value: None,
-            {self.nothing_ticket()},
-        )
-        state = self.discrete_state_ticket(self._memory)
+        self._scratch = scratch(self, "commanded posture", self._robot.create_context)
         inputs = (*self._references, self._target, *self._measured)
-        reads = {port.ticket() for port in inputs} | {self.time_ticket(), state}
-        self._now = BlockCache(
-            self,
-            "values of this tick",
-            lambda: Value[object](()),
-            lambda block, context, value: value.set_value(block._compute(context)),
-            reads,
-        )
+        self.declare_memory(self._memory_start, inputs, self._period)
         for name in ("joint_position_reference", "joint_velocity_reference"):
-            self._show(name)
+            self.show(name, self._place[name])
         for name in ("task_position", "task_velocity", "task_acceleration"):
             self._show_state(name)
         for name in (*_DIAGNOSTICS, "reading_ok", "stage_costs"):
-            self._show(name)
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._period, offset_sec=0.0, update=self._hold)
-
-    def _show(self, name: str) -> None:
-        now, place = self._now, self._place[name]
-
-        def show(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(now.Eval(context)[place])
-
-        self.DeclareVectorOutputPort(name, place.stop - place.start, show, prerequisites_of_calc={now.ticket()})
+            self.show(name, self._place[name])
 
     def _show_state(self, name: str) -> None:
         memory, place = self._memory, self._place[name]
@@ -280,23 +254,12 @@ class ReactiveController(LeafSystem):
         reads = {self.discrete_state_ticket(memory)}
         self.DeclareVectorOutputPort(name, place.stop - place.start, show, prerequisites_of_calc=reads)
 
-    def _hold(self, context: Context, next_state: DiscreteValues) -> None:
-        next_state.set_value(self._memory, self._now.Eval(context))
-
-    def _compute(self, context: Context) -> Vector:
-        # A copy: a view that is handed on, unchanged, would keep the context alive from within its own cache.
-        memory: Vector = context.get_discrete_state(self._memory).CopyToVector()
-        time = context.get_time()
-        # Rounding of the times of the ticks is far below the margin.
-        known = time - memory.item(0) < 0.999 * self._period
-        return memory if known else self._step(context, memory, time)
-
     def _task_state(self, motion: ArmsMotion) -> TaskState:
         """Of all tasks, one after the other."""
         states = [task.state(motion) for task in self._tasks]
         return states[0] if len(states) == 1 else TaskState(*map(np.concatenate, zip(*states, strict=True)))
 
-    def _step(self, context: Context, memory: Vector, time: float) -> Vector:
+    def step(self, context: Context, memory: Vector, time: float) -> Vector:
         """The memory after a tick."""
         Ts, place = self._period, self._place
         q, v = memory[place["joint_position_reference"]], memory[place["joint_velocity_reference"]]

@@ -16,10 +16,9 @@ from weakref import ref
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from forcectl.cache import BlockCache
+from forcectl.cache import BlockCache, values_of_tick
 from forcectl.lanes import Lane, LaneBlock, Parameter, check, lane_values
 
 
@@ -53,15 +52,9 @@ class SampledLaw(LaneBlock):
         self._held = self.DeclareDiscreteState(np.concatenate([np.full(self._size, -self._period), *start]))
         reads = reads | {self.time_ticket(), self.discrete_state_ticket(self._held), self.all_parameters_ticket()}
         # A law that remembers nothing but its command needs no cache beside that of its port.
-        self._now = None
+        self._now: BlockCache | None = None
         if further:
-            self._now = BlockCache(
-                self,
-                "values of this tick",
-                lambda: Value[object](()),
-                lambda block, context, value: value.set_value(block._compute(context)),
-                reads,
-            )
+            self._now = values_of_tick(self, reads)
             self.declare_output(name)
         else:
             self._command = self.DeclareVectorOutputPort(name, self._size, self._show, prerequisites_of_calc=reads)

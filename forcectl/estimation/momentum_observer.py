@@ -26,10 +26,9 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context
 
-from forcectl.cache import BlockCache
+from forcectl.cache import scratch
 from forcectl.control.sampled_law import SampledLaw
 from forcectl.errors import BadInputError
 from forcectl.estimation.momentum_model import MomentumModel
@@ -149,13 +148,7 @@ class MomentumObserver(SampledLaw):
         self._velocity = self.DeclareVectorInputPort("joint_velocity", n)
         self._torque = self.DeclareVectorInputPort("motor_torque", n)
         self._reset = self.DeclareVectorInputPort("reset", 1)
-        self._scratch = BlockCache(
-            self,
-            "plant context",
-            lambda: AbstractValue.Make(model.create_context()),
-            lambda block, context, value: None,
-            {self.nothing_ticket()},
-        )
+        self._scratch = scratch(self, "plant context", model.create_context)
         inputs = (self._position, self._velocity, self._torque, self._reset)
         self.declare_command(
             "external_torque",

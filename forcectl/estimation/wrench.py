@@ -23,7 +23,7 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 from scipy.linalg.lapack import dgesdd
 
-from forcectl.cache import BlockCache
+from forcectl.cache import BlockCache, scratch
 from forcectl.errors import BadInputError
 from forcectl.estimation.momentum_model import MomentumModel
 from forcectl.lanes import check
@@ -114,13 +114,7 @@ class WrenchEstimator(LeafSystem):
         self._zero = self.DeclareDiscreteState(n)
         self._count = self.DeclareDiscreteState(1)
         self._last = self.DeclareDiscreteState(7)  # wrench, near_singular
-        self._scratch = BlockCache(
-            self,
-            "plant context",
-            lambda: AbstractValue.Make(model.create_context()),
-            lambda block, context, value: None,
-            {self.nothing_ticket()},
-        )
+        self._scratch = scratch(self, "plant context", model.create_context)
         reads: Any = {port.ticket() for port in (self._torque, self._position, self._tare)}
         reads |= {self.discrete_state_ticket(self._zero), self.discrete_state_ticket(self._last)}
         self._now = BlockCache(

@@ -20,7 +20,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from forcectl.cache import BlockCache
+from forcectl.cache import BlockCache, scratch
 from forcectl.control.arms_motion import ArmsMotion
 from forcectl.control.task_coordinates import COORDINATES, ArmTask, Orientation, Spatial, TaskState
 from forcectl.errors import BadInputError, invalid
@@ -169,13 +169,7 @@ class RelativePose(LeafSystem):
         self._position = self.DeclareVectorInputPort("joint_position", n)
         self._velocity = self.DeclareVectorInputPort("joint_velocity", n)
         self._last = self.DeclareDiscreteState(12)
-        self._scratch = BlockCache(
-            self,
-            "plant context",
-            lambda: AbstractValue.Make(robot.create_context()),
-            lambda block, context, value: None,
-            {self.nothing_ticket()},
-        )
+        self._scratch = scratch(self, "plant context", robot.create_context)
         self._now = BlockCache(
             self,
             "relative motion",

@@ -6,10 +6,9 @@ from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context
 
-from forcectl.cache import BlockCache
+from forcectl.cache import scratch
 from forcectl.control.sampled_law import SampledLaw
 from forcectl.lanes import Lane, Parameter, lane_values
 from forcectl.motion.trajectory import (
@@ -91,13 +90,7 @@ class TrajectoryGenerator(SampledLaw):
             self.DeclareVectorInputPort(name, size) for name in ("target_position", "target_velocity", "velocity_mode")
         ]
         self._start = [self.DeclareVectorInputPort(name, size) for name in _START]
-        self._planner = BlockCache(
-            self,
-            "planner",
-            lambda: AbstractValue.Make(Planner(size, synchronized)),
-            lambda block, context, value: None,
-            {self.nothing_ticket()},
-        )
+        self._planner = scratch(self, "planner", lambda: Planner(size, synchronized))
         first = begin(lane_values("initial_position", initial_position, size))._asdict()
         reads = {port.ticket() for port in (*self._inputs, *self._start)}
         self.declare_command("position", reads, first.pop("position"), further=first)
