@@ -6,14 +6,14 @@ from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from pydrake.geometry import Box, Cylinder, MeshcatVisualizer, MeshcatVisualizerParams, Rgba, Role
+from pydrake.geometry import Box, Cylinder, Rgba
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.diagrams.research_cell import ResearchStationConfig
 from forcectl.robot import add_robot
-from forcectl.simulation.replay import ARROW, FRAMES, quiet_meshcat
+from forcectl.simulation.replay import ARROW, Scene
 
 _TRUE, _ESTIMATED = Rgba(0.0, 0.45, 0.7, 1.0), Rgba(0.84, 0.37, 0.0, 1.0)
 _WOOD = Rgba(0.75, 0.6, 0.42, 1.0)
@@ -31,13 +31,8 @@ def write_motion_replay(log: xr.Dataset, station: ResearchStationConfig, path: P
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
     parts = add_robot(plant, station.robot, station.tool)
     plant.Finalize()
-    meshcat = quiet_meshcat()
-    visualizer = MeshcatVisualizer.AddToBuilder(
-        builder, scene_graph, meshcat, MeshcatVisualizerParams(role=Role.kIllustration)
-    )
-    diagram = builder.Build()
-    root = diagram.CreateDefaultContext()
-    own = plant.GetMyMutableContextFromRoot(root)
+    scene = Scene(builder, plant, scene_graph)
+    meshcat, own = scene.meshcat, scene.plant_context
     for i, obstacle in enumerate(station.obstacles):
         meshcat.SetObject(f"obstacles/{i}", Box(*obstacle.size), _WOOD)
         meshcat.SetTransform(f"obstacles/{i}", obstacle.pose)
@@ -48,15 +43,10 @@ def write_motion_replay(log: xr.Dataset, station: ResearchStationConfig, path: P
         for arm in parts.arms:
             meshcat.SetObject(f"{name}/{arm}/bar", Cylinder(radius, 1.0), colour)
     positions, indices = plant.GetPositions(own), [joint.position_start() for joint in parts.joints]
-    visualizer.StartRecording()
-    times = log["time"].values
-    wanted = np.arange(0.0, times[-1] - times[0] + 0.5 / FRAMES, 1 / FRAMES)
-    for k in np.searchsorted(times, times[0] + wanted).clip(max=len(times) - 1):
-        when = float(times[k])
-        root.SetTime(when)
+
+    def draw(k: int, when: float) -> None:
         positions[indices] = log["link_position"].values[k]
         plant.SetPositions(own, positions)
-        diagram.ForcedPublish(root)
         for name, _, _ in bars:
             wrenches = log[name].values[k].reshape(-1, 6)
             for (arm, part), wrench in zip(parts.arms.items(), wrenches, strict=True):
@@ -68,6 +58,5 @@ def write_motion_replay(log: xr.Dataset, station: ResearchStationConfig, path: P
                 X_WB = RigidTransform(along, tip) @ RigidTransform([0.0, 0.0, -0.5 * length])
                 meshcat.SetTransform(f"{name}/{arm}", X_WB, when)
                 meshcat.SetProperty(f"{name}/{arm}/bar/<object>", "scale", [1.0, 1.0, length], when)
-    visualizer.StopRecording()
-    visualizer.PublishRecording()
-    path.write_text(meshcat.StaticHtml(), encoding="utf-8")
+
+    scene.record(log["time"].values, draw, path)

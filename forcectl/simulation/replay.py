@@ -7,16 +7,18 @@ height under the tool, as the tool sees it; its grooves are dark lines on the pl
 from __future__ import annotations
 
 import logging
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
-from pydrake.geometry import Box, Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, Rgba, Role
+from numpy.typing import NDArray
+from pydrake.geometry import Box, Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, Rgba, Role, SceneGraph
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, PrismaticJoint
-from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.framework import Context, DiagramBuilder
 
 from forcectl.diagrams.station import StationConfig, describe
 from forcectl.models import add_packages
@@ -60,13 +62,8 @@ def write_replay(log: xr.Dataset, station: StationConfig, path: Path) -> None:
     else:
         plant.WeldFrames(plant.world_frame(), top, X_WE)
     plant.Finalize()
-    meshcat = quiet_meshcat()
-    visualizer = MeshcatVisualizer.AddToBuilder(
-        builder, scene_graph, meshcat, MeshcatVisualizerParams(role=Role.kIllustration)
-    )
-    diagram = builder.Build()
-    root = diagram.CreateDefaultContext()
-    own = plant.GetMyMutableContextFromRoot(root)
+    scene = Scene(builder, plant, scene_graph)
+    meshcat, own = scene.meshcat, scene.plant_context
     positions, indices = plant.GetPositions(own), [joint.position_start() for joint in joints]
     # The bar stands beside the tool, where it does not go, and grows along n.
     meshcat.SetObject("force/bar", Box(0.012, 0.012, 1.0), _BLUE)
@@ -80,28 +77,59 @@ def write_replay(log: xr.Dataset, station: StationConfig, path: Path) -> None:
     tip = X_WE.translation()
     meshcat.SetCameraPose(tip + np.array([0.3, -1.4, 0.3]), 0.85 * tip)
 
-    visualizer.StartRecording()
-    times = log["time"].values
-    wanted = np.arange(0.0, times[-1] - times[0] + 0.5 / FRAMES, 1 / FRAMES)
-    for k in np.searchsorted(times, times[0] + wanted).clip(max=len(times) - 1):
-        when = float(times[k])
-        root.SetTime(when)
+    def draw(k: int, when: float) -> None:
         positions[indices] = log["motor_position"].values[k]
         if uneven:
             height = float(log["surface_height"].values[k])
             positions[plant.GetJointByName("surface_slide").position_start()] = height
             meshcat.SetTransform("grooves/lines", RigidTransform([0.0, 0.0, height]), when)
         plant.SetPositions(own, positions)
-        diagram.ForcedPublish(root)
         length = max(1e-4, ARROW * float(log["contact_force"].values[k]))
         meshcat.SetTransform("force/bar", RigidTransform([0.0, 0.0, length / 2]), when)
         meshcat.SetProperty("force/bar/<object>", "scale", [1.0, 1.0, length], when)
-    visualizer.StopRecording()
-    visualizer.PublishRecording()
-    path.write_text(meshcat.StaticHtml(), encoding="utf-8")
+
+    scene.record(log["time"].values, draw, path)
 
 
-def quiet_meshcat() -> Meshcat:
+class Scene:
+    """A plant as it is seen in a replay.
+
+    Args:
+        builder: holds `plant` and `scene_graph` only; it is built here.
+
+    Attributes:
+        meshcat: for what is drawn beside the plant. plant_context: to set its positions in.
+    """
+
+    def __init__(self, builder: DiagramBuilder, plant: MultibodyPlant, scene_graph: SceneGraph):
+        self.meshcat = _quiet_meshcat()
+        self._visualizer = MeshcatVisualizer.AddToBuilder(
+            builder, scene_graph, self.meshcat, MeshcatVisualizerParams(role=Role.kIllustration)
+        )
+        self._diagram = builder.Build()
+        self._root = self._diagram.CreateDefaultContext()
+        self.plant_context: Context = plant.GetMyMutableContextFromRoot(self._root)
+
+    def record(self, times: NDArray[np.float64], draw: Callable[[int, float], None], path: Path) -> None:
+        """Write the pictures of a log.
+
+        Args:
+            times: of its samples [s]. draw: sets `plant_context`, and what is drawn beside it, to sample k, at a time
+                [s]. path: HTML file to write.
+        """
+        self._visualizer.StartRecording()
+        wanted = np.arange(0.0, times[-1] - times[0] + 0.5 / FRAMES, 1 / FRAMES)
+        for k in np.searchsorted(times, times[0] + wanted).clip(max=len(times) - 1):
+            when = float(times[k])
+            self._root.SetTime(when)
+            draw(k, when)
+            self._diagram.ForcedPublish(self._root)
+        self._visualizer.StopRecording()
+        self._visualizer.PublishRecording()
+        path.write_text(self.meshcat.StaticHtml(), encoding="utf-8")
+
+
+def _quiet_meshcat() -> Meshcat:
     """A Meshcat that does not announce the address of a server that nobody is meant to visit."""
     logger = logging.getLogger("drake")
     level = logger.level
