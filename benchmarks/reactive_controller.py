@@ -1,6 +1,6 @@
 """The reactive controller of a robot with two arms, tick by tick: everything from measured joints to references.
 
-What is timed is one `AdvanceTo` of 4 ms from Python of a diagram that holds the generators, the controller and the
+What is timed is one `AdvanceTo` of 4 ms from Python of a diagram that holds the generator, the controller and the
 momentum observer, the call and Drake's events included. The arms reach for targets that change during the motion;
 their joints follow one tick late. Rows: torques of all joints and the tool speeds; in the second case also distances of
 the arms from each other and from the torso. The shares are measured in runs of their own, with a clock around each
@@ -123,7 +123,7 @@ def _shares(diagram: Any) -> dict[str, float]:
 
     parts: dict[str, tuple[type, str]] = {
         "momentum observer": (MomentumObserver, "step"),
-        "generators": (TrajectoryGenerator, "step"),
+        "generator": (TrajectoryGenerator, "step"),
         "controller": (ReactiveController, "step"),
         "  kinematics": (ArmsMotion, "__init__"),
         "  rows of constraints": (ConstraintSet, "rows"),

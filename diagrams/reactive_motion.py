@@ -1,9 +1,9 @@
-"""Motion control of Fig. 5.3 for a robot with any number of arms: targets, a generator for each arm, one controller.
+"""Motion control of Fig. 5.3 for a robot with any number of arms: targets, a generator, a controller.
 
-    targets -> generators (x_gen, x_gen', x_gen'') -> reactive controller -> joint references
-               generators <- motion of the tasks (state of the controller, no delay and no loop) <-
+    targets -> generator (x_gen, x_gen', x_gen'') -> reactive controller -> joint references
+               generator <- motion of the tasks (state of the controller, no delay and no loop) <-
 
-Each arm has a generator of its own: an arm that is blocked does not hold up the other.
+Each task is planned on its own: an arm that is blocked does not hold up the other.
 """
 
 from __future__ import annotations
@@ -12,7 +12,6 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
 from forcectl.control.reactive_controller import ReactiveController
 from forcectl.lanes import check
@@ -36,7 +35,7 @@ LINEAR, ANGULAR = Pace(0.5, 2.0, 20.0), Pace(1.5, 6.0, 60.0)  # in metres, in ra
 
 
 class ReactiveMotion(Diagram):
-    """Reactive controller with its generators.
+    """Reactive controller with its generator.
 
     ```
     name: ReactiveMotion
@@ -47,7 +46,7 @@ class ReactiveMotion(Diagram):
     ```
 
     task_target: shape (k,), where the task coordinates are to go [m or rad]; may change at every tick.
-    task_position_reference: shape (k,), of the generators at the next tick. The other ports: see `ReactiveController`.
+    task_position_reference: shape (k,), of the generator at the next tick. The other ports: see `ReactiveController`.
 
     Sampling: as the controller; no delay from the target or the readings to the references.
 
@@ -62,38 +61,29 @@ class ReactiveMotion(Diagram):
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
         add("controller", controller)
-        tasks, start = controller.tasks, controller.task_start
-        sizes = [task.size for task in tasks]
-        apart = {
-            name: add(f"{name}_apart", Demultiplexer(sizes))
-            for name in ("target", "position", "velocity", "acceleration")
-        }
-        together = {
-            name: add(f"{name}_reference", Multiplexer(sizes)) for name in ("position", "velocity", "acceleration")
-        }
-        places = np.split(start, np.cumsum(sizes)[:-1])
-        for i, (task, place) in enumerate(zip(tasks, places, strict=True)):
-            limits = {
-                f"{name}_limit": np.where(task.angular, getattr(angular, name), getattr(linear, name))
-                for name in ("velocity", "acceleration", "jerk")
-            }
-            block = TrajectoryGenerator(task.size, initial_position=place, period=controller.period, **limits)
-            generator = add(f"generator_{i + 1}_{task.arm}", block)
-            connect(apart["target"].get_output_port(i), generator.GetInputPort("target_position"))
-            for name, gathered in together.items():
-                connect(apart[name].get_output_port(i), generator.GetInputPort(f"start_{name}"))
-                connect(generator.GetOutputPort(name), gathered.get_input_port(i))
-        for name, gathered in together.items():
-            connect(controller.GetOutputPort(f"task_{name}"), apart[name].get_input_port())
-            connect(gathered.get_output_port(), controller.GetInputPort(f"task_{name}_reference"))
-        target = builder.ExportInput(apart["target"].get_input_port(), "task_target")
+        tasks = controller.tasks
+        kinds = np.concatenate([task.angular for task in tasks])
+        generator = TrajectoryGenerator(
+            len(kinds),
+            velocity_limit=np.where(kinds, angular.velocity, linear.velocity),
+            acceleration_limit=np.where(kinds, angular.acceleration, linear.acceleration),
+            jerk_limit=np.where(kinds, angular.jerk, linear.jerk),
+            initial_position=controller.task_start,
+            groups=[task.size for task in tasks],
+            period=controller.period,
+        )
+        add("generator", generator)
+        for name in ("position", "velocity", "acceleration"):
+            connect(controller.GetOutputPort(f"task_{name}"), generator.GetInputPort(f"start_{name}"))
+            connect(generator.GetOutputPort(name), controller.GetInputPort(f"task_{name}_reference"))
+        target = builder.ExportInput(generator.GetInputPort("target_position"), "task_target")
         builder.ConnectInput(target, controller.GetInputPort("task_target"))
         for name in ("joint_position", "joint_velocity"):
             builder.ExportInput(controller.GetInputPort(name), name)
         first = ("joint_position_reference", "joint_velocity_reference")
         for name in first:
             builder.ExportOutput(controller.GetOutputPort(name), name)
-        builder.ExportOutput(together["position"].get_output_port(), "task_position_reference")
+        builder.ExportOutput(generator.GetOutputPort("position"), "task_position_reference")
         for i in range(controller.num_output_ports()):
             port = controller.get_output_port(i)
             if port.get_name() not in first:

@@ -74,15 +74,20 @@ class SampledLaw(LaneBlock):
 
     @abstractmethod
     def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
-        """The values of a new tick, the command first, from the inputs and the values held so far."""
+        """The values of a new tick, the command first, from the inputs and the values held so far.
+
+        Args:
+            held: a number for every value of one lane, else the array of all of them, (k, n). What is returned may be
+                such an array, too.
+        """
 
     def _compute(self, context: Context) -> Sequence[Lane]:
         state = context.get_discrete_state(self._held)
         # Arrays as a copy: a view that a law hands on would keep the context alive from within its own cache.
-        since, *held = self.lanes(state.value() if self._size == 1 else state.CopyToVector())
+        values = self.lanes(state.value() if self._size == 1 else state.CopyToVector())
+        since, held = values[0] if self._size == 1 else values.item(0), values[1:]
         # Rounding of the times of the ticks is far below the margin.
-        known = context.get_time() - (since if self._size == 1 else since[0]) < 0.999 * self._period
-        return held if known else self.step(context, held)
+        return held if context.get_time() - since < 0.999 * self._period else self.step(context, held)
 
     def _show(self, context: Context, output: BasicVector) -> None:
         self.write(output, self._compute(context)[0])
@@ -91,6 +96,8 @@ class SampledLaw(LaneBlock):
         time = context.get_time()
         values = self._now.Eval(context) if self._now else (self.lane(self._command.Eval(context)),)
         if self._size > 1:
-            next_state.set_value(self._held, np.concatenate([np.full(self._size, time), *values]))
+            # Rows of an array are put together at a third of the cost of those of a list.
+            rest = (values.ravel(),) if isinstance(values, np.ndarray) else values
+            next_state.set_value(self._held, np.concatenate([np.full(self._size, time), *rest]))
         else:
             next_state.set_value(self._held, np.array([time, *values]))

@@ -71,8 +71,8 @@ class Course(NamedTuple):
     """A motion and the plan it follows, as arrays of shape (n,); from `begin` and `Planner.follow`.
 
     arrived: 1 in components that have reached their target. braking: 1 in components that could not be planned.
-    coasting: 1 in components that passed their target before this plan and keep its velocity. elapsed: since the origin
-    [s]. The target and the limits are those of the plan.
+    elapsed: since the origin [s]. What follows determines the plan. coasting: 1 in components that passed their target
+    before this plan and keep its velocity. The target and the limits are those of the plan.
     """
 
     position: Array
@@ -80,8 +80,8 @@ class Course(NamedTuple):
     acceleration: Array
     arrived: Array
     braking: Array
-    coasting: Array
     elapsed: Array
+    coasting: Array
     target_position: Array
     target_velocity: Array
     velocity_mode: Array
@@ -194,8 +194,12 @@ class Plan:
 
     def at(self, time: float) -> Motion:
         """The motion `time` [s] after the start; after the end, on with the velocity of the target."""
+        return Motion(*self.rows(time))
+
+    def rows(self, time: float) -> Array:
+        """The same as one array (3, n)."""
         motion = np.array(self._trajectory.at_time(time))
-        return Motion(*(motion if self._unit is None else motion * self._unit))
+        return motion if self._unit is None else motion * self._unit
 
 
 class _Standstill:
@@ -226,7 +230,7 @@ class Planner:
         self._input.synchronization = _ALONE
         self._limits: Limits | None = None
         self._unit: Array | None = None
-        self._known: tuple[tuple[bytes, ...], Plan] | None = None
+        self._known: tuple[bytes, Plan] | None = None
 
     def __deepcopy__(self, memo: dict[int, Any]) -> Planner:
         """Another planner that has planned nothing."""
@@ -276,21 +280,27 @@ class Planner:
         """
         target, new = _next_target(course, target)
         if new is None and _equal(limits, course.limits) and not any(course.braking.tolist()):
-            coasting, origin, elapsed = course.coasting, course.origin, course.elapsed + period
-        else:
-            gone_by = course.arrived * (course.target_velocity != 0.0)
-            coasting = gone_by if new is None else np.where(new, 0.0, gone_by)
-            origin, elapsed = course.motion, np.full(self.size, period)
-        plan = self._plan_of(origin, target, coasting, limits)
-        arrived = (plan.arrival <= elapsed).astype(float)
-        motion = plan.at(float(elapsed[0]))
-        return Course(*motion, arrived, plan.braking, coasting, elapsed, *target, *limits, *origin)
+            return Course(*self.go_on(np.array(course), period))
+        gone_by = course.arrived * (course.target_velocity != 0.0)
+        coasting = gone_by if new is None else np.where(new, 0.0, gone_by)
+        unknown = 0.0 * coasting
+        anew = (*course.motion, unknown, unknown, unknown, coasting, *target, *limits, *course.motion)
+        return Course(*self.go_on(np.array(anew), period))
 
-    def _plan_of(self, origin: Motion, target: Target, coasting: Array, limits: Limits) -> Plan:
-        key = tuple([x.tobytes() for x in (*origin, *target, coasting, *limits)])
+    def go_on(self, course: Array, period: float) -> Array:
+        """As `follow`, of a course as one array (16, n), where neither the target nor the limits change."""
+        elapsed, plan = course.item(5, 0) + period, self._plan_of(course[6:])
+        after = course.copy()
+        after[:3], after[3], after[4], after[5] = plan.rows(elapsed), plan.arrival <= elapsed, plan.braking, elapsed
+        return after
+
+    def _plan_of(self, rows: Array) -> Plan:
+        key = rows.tobytes()
         if self._known is None or self._known[0] != key:
-            target = target._replace(velocity_mode=np.maximum(target.velocity_mode, coasting))
-            self._known = key, self.plan(origin, target, limits)
+            coasting, *others = rows.copy()
+            position, velocity, mode = others[:3]
+            target = Target(position, velocity, np.maximum(mode, coasting))
+            self._known = key, self.plan(Motion(*others[6:]), target, Limits(*others[3:6]))
         return self._known[1]
 
     def _prepare(self, start: Motion, target: Target, limits: Limits, free: list[bool]) -> Any:

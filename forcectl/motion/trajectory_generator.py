@@ -10,7 +10,8 @@ from pydrake.systems.framework import Context
 
 from forcectl.cache import scratch
 from forcectl.control.sampled_law import SampledLaw
-from forcectl.lanes import Lane, Parameter, lane_values
+from forcectl.errors import invalid
+from forcectl.lanes import Lane, Parameter, check_count, lane_values
 from forcectl.motion.trajectory import (
     Course,
     Limits,
@@ -21,6 +22,8 @@ from forcectl.motion.trajectory import (
     begin_again,
     check_limits_together,
 )
+
+Array = NDArray[np.float64]
 
 _START = ("start_position", "start_velocity", "start_acceleration")
 
@@ -60,6 +63,11 @@ class TrajectoryGenerator(SampledLaw):
 
     Args:
         initial_position: where it stands at first without a start, shape (n,) [u]. synchronized: see `Planner`.
+        groups: how many components, one after the other, are planned together, and apart from those of the other
+            groups; None: all of them. They add up to n.
+
+    Raises:
+        BadInputError: values out of range, or groups that do not add up to n.
     """
 
     optional_inputs = ("target_velocity", "velocity_mode", *_START)
@@ -73,6 +81,7 @@ class TrajectoryGenerator(SampledLaw):
         jerk_limit: ArrayLike,
         initial_position: ArrayLike = 0.0,
         synchronized: bool = True,
+        groups: Sequence[int] | None = None,
         period: float = 0.004,
     ):
         super().__init__(
@@ -90,7 +99,13 @@ class TrajectoryGenerator(SampledLaw):
             self.DeclareVectorInputPort(name, size) for name in ("target_position", "target_velocity", "velocity_mode")
         ]
         self._start = [self.DeclareVectorInputPort(name, size) for name in _START]
-        self._planner = scratch(self, "planner", lambda: Planner(size, synchronized))
+        sizes = [size] if groups is None else [check_count("groups", count) for count in groups]
+        if sum(sizes) != size:
+            raise invalid("groups", sizes, f"numbers that add up to {size}")
+        ends = np.cumsum(sizes).tolist()
+        self._groups = [slice(end - count, end) for end, count in zip(ends, sizes, strict=True)]
+        self._planners = scratch(self, "planners", lambda: [Planner(count, synchronized) for count in sizes])
+        self._none = np.zeros(size)
         first = begin(lane_values("initial_position", initial_position, size))._asdict()
         reads = {port.ticket() for port in (*self._inputs, *self._start)}
         self.declare_command("position", reads, first.pop("position"), further=first)
@@ -102,23 +117,44 @@ class TrajectoryGenerator(SampledLaw):
         check_limits_together(Limits(*values.values()))
 
     def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
-        """The limits as arrays, also for one lane: the planner works on arrays."""
-        return Limits(*(np.atleast_1d(value) for value in values))
+        """The limits as arrays, also for one lane: the planner works on arrays; and all of them as bytes."""
+        limits = Limits(*(np.atleast_1d(value) for value in values))
+        return limits, np.array(limits).tobytes()
 
     def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
         """One tick of the generator."""
-        course = Course(*held) if self._size > 1 else Course(*(np.array([value]) for value in held))
-        if all(port.HasValue(context) for port in self._start):
-            start = Motion(*(port.Eval(context) for port in self._start))
-            if np.isfinite(start).all():
-                course = begin_again(course, start)
-        position, velocity, mode = self._inputs
-        none = np.zeros(self._size)
-        target = Target(
-            position.Eval(context),
-            velocity.Eval(context) if velocity.HasValue(context) else none,
-            mode.Eval(context) if mode.HasValue(context) else none,
+        course = np.reshape(held, (-1, self._size))
+        limits, limit_bytes = self._values.Eval(context)
+        planners: list[Planner] = self._planners.Eval(context)
+        start, target = self._given_start(context), self._given_target(context)
+        # Nearly always everything is as it was, and then this comparison is most of what there is to do.
+        steady = (
+            (start is None or start.tobytes() == course[:3].tobytes())
+            and target.tobytes() == course[7:10].tobytes()
+            and limit_bytes == course[10:13].tobytes()
+            and not course[4].any()
         )
-        planner: Planner = self._planner.Eval(context)
-        after = planner.follow(course, target, self._values.Eval(context), self._period)
-        return after if self._size > 1 else [value.item() for value in after]
+        if steady:
+            parts = [planner.go_on(course[:, place], self._period) for place, planner in zip(self._groups, planners, strict=True)]
+        else:
+            parts = []
+            for place, planner in zip(self._groups, planners, strict=True):
+                own = Course(*course[:, place])
+                if start is not None:
+                    own = begin_again(own, Motion(*start[:, place]))
+                allowed = Limits(*(limit[place] for limit in limits))
+                parts.append(np.array(planner.follow(own, Target(*target[:, place]), allowed, self._period)))
+        after = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
+        return after if self._size > 1 else after[:, 0].tolist()
+
+    def _given_start(self, context: Context) -> Array | None:
+        """The motion to go on from, (3, n), if there is one."""
+        if not all(port.HasValue(context) for port in self._start):
+            return None
+        start: Array = np.array([port.Eval(context) for port in self._start])
+        return start if np.isfinite(start).all() else None
+
+    def _given_target(self, context: Context) -> Array:
+        """Position, velocity and velocity mode, (3, n)."""
+        rows = [port.Eval(context) if port.HasValue(context) else self._none for port in self._inputs]
+        return np.array(rows)
