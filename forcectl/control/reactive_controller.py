@@ -201,8 +201,7 @@ class ReactiveController(TickBlock):
     @property
     def task_start(self) -> Vector:
         """The task coordinates of the start posture, (k,)."""
-        start: Vector = self._memory_start[self._place["task_position"]].copy()
-        return start
+        return self._task_start.copy()
 
     def _declare(self, start: Vector, task_start: Vector) -> None:
         n, k = self._n, self._size
@@ -216,9 +215,6 @@ class ReactiveController(TickBlock):
             "time": np.full(1, -self._period),
             "joint_position_reference": start,
             "joint_velocity_reference": np.zeros(n),
-            "task_position": task_start,
-            "task_velocity": np.zeros(k),
-            "task_acceleration": np.zeros(k),
             "foreseen": np.zeros(self._constraints.foreseen_size),
             "read_position": np.full(n, np.nan),
             "read_command": start,
@@ -237,22 +233,15 @@ class ReactiveController(TickBlock):
         self._memory_start = np.concatenate(list(memory.values()))
         self._scratch = scratch(self, "commanded posture", self._robot.create_context)
         inputs = (*self._references, self._target, *self._measured)
-        self.declare_memory(self._memory_start, inputs, self._period)
+        self._task_start = task_start
+        kept = {"task_position": task_start, "task_velocity": np.zeros(k), "task_acceleration": np.zeros(k)}
+        self.declare_memory(self._memory_start, inputs, self._period, kept)
         for name in ("joint_position_reference", "joint_velocity_reference"):
             self.show(name, self._place[name])
-        for name in ("task_position", "task_velocity", "task_acceleration"):
-            self._show_state(name)
+        for name in kept:
+            self.show_kept(name)
         for name in (*_DIAGNOSTICS, "reading_ok", "stage_costs"):
             self.show(name, self._place[name])
-
-    def _show_state(self, name: str) -> None:
-        memory, place = self._memory, self._place[name]
-
-        def show(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(context.get_discrete_state(memory).value()[place])
-
-        reads = {self.discrete_state_ticket(memory)}
-        self.DeclareVectorOutputPort(name, place.stop - place.start, show, prerequisites_of_calc=reads)
 
     def _task_state(self, motion: ArmsMotion) -> TaskState:
         """Of all tasks, one after the other."""
@@ -310,7 +299,6 @@ class ReactiveController(TickBlock):
                 [time],
                 q + Ts * v + 0.5 * Ts**2 * u,
                 v + Ts * u,
-                *led,
                 self._constraints.foresee(rows, u),
                 *readings[:3],
                 [readings.gap],
@@ -318,6 +306,7 @@ class ReactiveController(TickBlock):
                 [progress.nearest, progress.ticks],
                 costs,
                 told,
+                *led,
             ]
         )
 
