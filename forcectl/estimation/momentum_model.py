@@ -3,7 +3,8 @@
     C'q' = B' q' - C q',    B' q' = (B(q + h q') - B(q - h q')) q'/(2 h)
 
 with the Christoffel C of p' = C'q' + ...: it is also the gradient of the kinetic energy. Rigid-body libraries give
-C q', which is another vector. The central difference costs two mass matrices and is good to 1e-9.
+C q', which is another vector. The central difference costs two mass matrices, which give B q' as well, and is good to
+1e-9.
 """
 
 from __future__ import annotations
@@ -97,15 +98,19 @@ class MomentumModel:
             momentum (n,) [kg m2/s], C'q' (n,) [Nm], gravity as a force on the right-hand side (n,) [Nm].
         """
         # A difference of one length at any speed: a step in time would drown slow motion in rounding.
-        span = float(np.max(np.abs(v)))
-        rate = np.zeros(self.num_joints)
+        span = max(v.max().item(), -v.min().item())
         if span > 0:
             h = _DIFFERENCE / span
-            rate = (self._mass_times(context, q + h * v, v) - self._mass_times(context, q - h * v, v)) / (2 * h)
-        self._set_velocities(context, v)
-        momentum = self._mass_times(context, q, v)
+            step = h * v
+            ahead, back = self._mass_times(context, q + step, v), self._mass_times(context, q - step, v)
+            # The mean is B(q) v but for the square of that difference.
+            momentum, rate = 0.5 * (ahead + back), (0.5 / h) * (ahead - back)
+        else:
+            momentum = rate = np.zeros(self.num_joints)
         if self._rotors is not None:
             momentum = momentum + self._rotors @ v
+        self._set_positions(context, q)
+        self._set_velocities(context, v)
         bias, gravity = self.plant.CalcBiasTerm(context), self.plant.CalcGravityGeneralizedForces(context)
         if not self._all:
             bias, gravity = bias[self._v], gravity[self._v]

@@ -130,7 +130,8 @@ class MomentumObserver(SampledLaw):
         self._lag = None if velocity_bandwidth is None else check("velocity_bandwidth", velocity_bandwidth, "positive")
         self._settle = 0.0 if self._lag is None else 10.0 / self._lag
         self._jump = lane_values("largest_acceleration", largest_acceleration, n, "positive")
-        self._jumps, self._good = bool(np.isfinite(self._jump).any()), np.ones(n, dtype=bool)
+        self._jumps = bool(np.isfinite(self._jump).any())
+        self._good, self._nothing = np.ones(n), np.zeros(n)
         self._frozen_speed = lane_values("frozen_speed", frozen_speed, n, "positive")
         # Ticks are not exact; and without any gap there is still the tick itself.
         self._longest = max(check("longest_gap", longest_gap, "not negative"), period) + 0.5 * period
@@ -189,31 +190,30 @@ class MomentumObserver(SampledLaw):
 
     def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
         """One tick of the observer."""
-        after = self._tick(context, list(held) if self._size > 1 else [np.atleast_1d(value) for value in held])
+        after = self._tick(context, held if self._size > 1 else np.reshape(held, (-1, 1)))
         return after if self._size > 1 else [value.item() for value in after]
 
-    def _tick(self, context: Context, held: list[Any]) -> list[Any]:
+    def _tick(self, context: Context, held: Any) -> list[Any]:
         external, residual, ok, frozen, since, *memory, impulse, covered = held
         q_last, v_last, torque_last, p_last, force_last, late_q, late_torque, mean_last, raw_speed = memory
         now = context.get_time()
         q, v, torque = (port.Eval(context) for port in (self._position, self._velocity, self._torque))
         if self._reset.HasValue(context) and self._reset.Eval(context)[0] > 0.5:
             residual, external, frozen, since = 0.0 * residual, 0.0 * external, 0.0 * frozen, 0.0 * since - 1.0
-        started = since[0] >= 0
-        elapsed = now - since[0]
+        started, elapsed, moved = since.item(0) >= 0, now - since.item(0), q - q_last
 
         lost = False
         # Nearly always everything is well; sums of squares and one comparison tell it in a fifth of the time.
-        well = started and math.isfinite(q @ q + v @ v + torque @ torque) and not ((q == q_last).any() or frozen.any())
+        well = started and math.isfinite(q @ q + v @ v + torque @ torque) and moved.all() and not frozen.any()
         if well and self._jumps:
-            well = not (np.abs(v - v_last) > self._jump * elapsed).any()
+            well = (np.abs(v - v_last) <= self._jump * elapsed).all()
         if well:
             ok, impulse, covered = self._good, impulse + torque * self._period, covered + self._period
         else:
             finite = np.isfinite(q) & np.isfinite(v) & np.isfinite(torque)
-            ok = finite
+            fine = finite
             if started:
-                same = (q == q_last) | ~np.isfinite(q)
+                same = (moved == 0.0) | ~np.isfinite(q)
                 # Speeds that are late say of a joint that has just come to stick that it moves: there positions tell.
                 speed = np.maximum(np.abs(v), np.abs(v_last)) if self._lag is None else np.abs(raw_speed)
                 moving = speed > self._frozen_speed
@@ -225,22 +225,27 @@ class MomentumObserver(SampledLaw):
                 lost = (
                     bool(same.all() and v.any()) and np.array_equal(v, v_last) and np.array_equal(torque, torque_last)
                 )
-                ok = finite & (frozen == 0) & (not lost or elapsed > self._longest)
+                fine = finite & (frozen == 0) & (not lost or elapsed > self._longest)
                 known = np.isfinite(torque) & (not lost)
                 impulse = impulse + np.where(known, torque * self._period, 0.0)
                 covered = covered + np.where(known, self._period, 0.0)
-        if not (well or ok.all()):
-            return [external, residual, ok.astype(float), frozen, since, *memory, impulse, covered]
+            ok = fine.astype(float)
+            if not fine.all():
+                return [external, residual, ok, frozen, since, *memory, impulse, covered]
 
         gain, offset, coulomb, forward, backward, move, still, limit = self._values.Eval(context)
         going_on = started and bool(lost or elapsed <= self._longest)
-        mean_torque = (impulse + (elapsed - covered) * 0.5 * (torque + torque_last)) / elapsed if going_on else torque
+        mean_torque = torque
+        # The torque of one tick is its mean.
+        if going_on and (lost or elapsed > 1.5 * self._period):
+            mean_torque = (impulse + (elapsed - covered) * 0.5 * (torque + torque_last)) / elapsed
         if self._lag is None or not going_on:
             late_q, late_torque = q, mean_torque
         else:
-            pole = np.exp(-self._lag * elapsed)
-            late_q = pole * late_q + (1 - pole) * 0.5 * (q + q_last)
-            late_torque = pole * late_torque + (1 - pole) * 0.5 * (mean_torque + mean_last)
+            pole = math.exp(-self._lag * elapsed)
+            share = 0.5 * (1.0 - pole)
+            late_q = pole * late_q + share * (q + q_last)
+            late_torque = pole * late_torque + share * (mean_torque + mean_last)
         momentum, coriolis, gravity = self._model.terms(self._scratch.Eval(context), late_q, v)
         force = coriolis + gravity
         if going_on:
@@ -249,9 +254,10 @@ class MomentumObserver(SampledLaw):
             mean = (momentum - p_last) / elapsed - late_torque - 0.5 * (force + force_last) + friction
             stepped = residual_step(residual, mean, gain, elapsed)
             # An overflow of absurd readings holds the residual too.
-            residual = np.where(np.isfinite(stepped), np.minimum(np.maximum(stepped, -limit), limit), residual)
+            if not math.isfinite(stepped @ stepped):
+                stepped = np.where(np.isfinite(stepped), stepped, residual)
+            residual = np.minimum(np.maximum(stepped, -limit), limit)
         external = dead_band(residual, friction_threshold(v, move, still))
-        time, nothing = np.full(self._size, now), np.zeros(self._size)
-        raw_speed = (q - q_last) / elapsed if started else nothing
+        raw_speed = moved / elapsed if started else self._nothing
         memory = [q, v, torque, momentum, force, late_q, late_torque, mean_torque, raw_speed]
-        return [external, residual, ok.astype(float), frozen, time, *memory, nothing, nothing]
+        return [external, residual, ok, frozen, now * self._good, *memory, self._nothing, self._nothing]

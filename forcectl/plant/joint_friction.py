@@ -118,13 +118,11 @@ def mean_features(before: Array, after: Array) -> tuple[Array, Array, Array]:
     half = np.maximum(0.5 * np.abs(after - before), _SPREAD)
     ends = np.array([middle - half, middle + half])
     size = np.abs(ends)
-    x = COULOMB_STEEPNESS * size
-    # Integrals of the features: log cosh (without its overflow, up to a constant), and the halves of v^2/2.
-    log_cosh = size + np.log1p(np.exp(-2.0 * x)) / COULOMB_STEEPNESS
-    odd, even = ends * size, ends**2
+    # Integrals of tanh, log cosh without its overflow and up to a constant, and of |v|.
+    log_cosh = size + np.log1p(np.exp((-2.0 * COULOMB_STEEPNESS) * size)) * (1.0 / COULOMB_STEEPNESS)
+    (log_back, log_ahead), (odd_back, odd_ahead) = log_cosh, ends * size
     over = 0.5 / half
-    steep = (log_cosh[1] - log_cosh[0]) * over
-    sloped, curved = (0.25 * over) * (odd[1] - odd[0]), (0.25 * over) * (even[1] - even[0])
+    steep, sloped, curved = (log_ahead - log_back) * over, (0.25 * over) * (odd_ahead - odd_back), 0.5 * middle
     return steep, curved + sloped, curved - sloped
 
 
