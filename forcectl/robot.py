@@ -215,7 +215,7 @@ class RobotModel:
             everything = np.zeros(self.plant.num_velocities())
             everything[self._v] = vdot
             torque = self.plant.CalcInverseDynamics(context, everything, forces)[self._v]
-        return torque + self.motor_inertia @ vdot if rotors else torque
+        return torque + self.motor_inertia.dot(vdot) if rotors else torque
 
     def mass_matrix(self, context: Context) -> Array:
         """Link-side mass matrix, without rotors, shape (n, n) [kg m2]."""

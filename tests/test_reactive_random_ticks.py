@@ -57,7 +57,7 @@ class Ticks:
         self.constraints = ConstraintSet(constraints(), limits, start, PERIOD, -2.0)
         self.first = PrioritizedProgram(N, self.constraints.size)
         levels = task_levels(arm_tasks(), Weights(), LENGTH, PERIOD)
-        self.program = TaskProgram(N, levels, JointSpeed(), self.constraints, PERIOD, fastest)
+        self.program = TaskProgram(levels, JointSpeed(), self.constraints, np.full(N, np.inf), PERIOD, fastest)
 
     def random(self, seed: int, fast: float = 1.0) -> Tick:
         rng = np.random.default_rng(seed)

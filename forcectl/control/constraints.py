@@ -32,6 +32,7 @@ from forcectl.control.invariance_force_law import one_step_acceleration
 from forcectl.control.robot_motion import RobotMotion
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import FEW_LANES, SCALAR_MATH, check, lane_values
+from forcectl.reductions import largest
 from forcectl.robot import JointLimits, unit_normal
 
 Vector = NDArray[np.float64]
@@ -150,7 +151,7 @@ class JointTorqueLimit:
 
     def excess(self, motion: RobotMotion, u: Vector) -> float:
         """By how much the torque of u is above its limit [Nm]; <= 0 when none is. Half of the cost of the rows."""
-        excess: float = (np.abs(motion.torque(u)) - self._limit).max().item()
+        excess: float = largest(np.abs(motion.torque(u)) - self._limit)
         return excess
 
 
@@ -256,7 +257,9 @@ class ConstraintSet:
         self._room = limits.acceleration
         each = (limits.position_lower, limits.position_upper, limits.velocity, limits.acceleration)
         self._joints = [limit.tolist() for limit in each]
-        self._low, self._high, self._speed, _ = each
+        self._low, self._high, speed, room = each
+        self._most = speed / period  # the change of speed in a tick, from rest to the limit
+        self._tick_room, self._tick_speed = period * room, period * room + speed
         self._gamma = [g for _, rows, g in found for _ in range(rows)][self._second :]
         self._margin = [m for c, rows, _ in found for m in [_margin(c)] * rows][self._second :]
         steady = [not getattr(c, "rows_change", False) for c, rows, _ in found for _ in range(rows)]
@@ -291,7 +294,9 @@ class ConstraintSet:
 
     def foresee(self, rows: Rows, u: Vector) -> Vector:
         """y' at the next tick, of the rows of relative degree 2, as far as it is known in this one."""
-        expected: Vector = rows.rate + self._period * (rows.matrix[self._second :] @ u + rows.bias)
+        if not self.foreseen_size:
+            return rows.rate
+        expected: Vector = rows.rate + self._period * (rows.matrix[self._second :].dot(u) + rows.bias)
         return expected
 
     def _bound(self, y: float, rate: float, foreseen: float, gamma: float, margin: float, steady: bool) -> float:
@@ -305,7 +310,8 @@ class ConstraintSet:
         Ts = self._period
         if self._n > FEW_LANES and self._unbound(q, v):
             room = self._room
-            return np.maximum((-self._speed - v) / Ts, -room), np.minimum((self._speed - v) / Ts, room), 0.0
+            change = v / Ts
+            return np.maximum(-self._most - change, -room), np.minimum(self._most - change, room), 0.0
         lower, upper, violation = [], [], 0.0
         # Joint by joint in floats: for an arm a third of the cost of numpy.
         for x, rate, low, high, speed, room in zip(q.tolist(), v.tolist(), *self._joints, strict=True):
@@ -324,11 +330,11 @@ class ConstraintSet:
 
     def _unbound(self, q: Vector, v: Vector) -> bool:
         """Whether all joints are too far from their position limits to be bound, and within their speed limits."""
-        speed = np.abs(v)
-        ahead = speed + self._period * self._room
+        ahead = np.abs(v) + self._tick_room
         needed = ahead * (2 * self._period + ahead / self._room)
+        room = np.minimum(self._high - q, q - self._low)
         # Of a NaN every comparison is false.
-        return bool((speed <= self._speed).all() and (needed <= np.minimum(self._high - q, q - self._low)).all())
+        return bool(largest(ahead - self._tick_speed) <= 0.0 and largest(needed - room) <= 0.0)
 
     def brake(self, v: Vector, rows: Rows) -> Vector:
         """u that brings all joints to rest together, the slowest with half of its acceleration limit (n,) [rad/s^2].

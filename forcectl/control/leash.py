@@ -40,6 +40,10 @@ class Leash:
         Args:
             motion: as it will be at the next tick. reference: what was asked for. target: of the coordinates (k,).
         """
+        way = self._scale * (motion[0] - reference[0])
+        # Usually it is true of all tasks together.
+        if way.dot(way) <= LENGTH**2:
+            return reference
         followed = self._length(motion[0] - reference[0]) <= LENGTH
         if followed.all():
             return reference

@@ -14,7 +14,6 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
-from functools import cache
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -23,6 +22,7 @@ from pydrake.systems.framework import Context
 
 from forcectl.control.arms_motion import ArmsMotion
 from forcectl.control.constraints import Constraint
+from forcectl.control.quadratic_program import identity
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.lanes import check
 from forcectl.robot import RobotModel, unit_normal
@@ -201,14 +201,7 @@ class TowardsSmallMass:
         return gradient
 
 
-@cache
-def _identity(n: int) -> Vector:
-    eye = np.eye(n)
-    eye.flags.writeable = False
-    return eye
-
-
 def _towards(motion: ArmsMotion, wanted: Vector | float, time_constant: float | None, period: float) -> QuadraticCost:
     time = period if time_constant is None else max(time_constant, period)
     gradient: Vector = (motion.v - wanted) / time
-    return QuadraticCost(_identity(len(motion.v)), gradient)
+    return QuadraticCost(identity(len(motion.v)), gradient)

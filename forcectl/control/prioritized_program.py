@@ -21,9 +21,10 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.lapack import dgeqrf, dormqr, dposv
 
-from forcectl.control.quadratic_program import QuadraticProgram, SolverFactory, Status, fastest
+from forcectl.control.quadratic_program import QuadraticProgram, SolverFactory, Status, fastest, identity
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import check_count
+from forcectl.reductions import largest
 
 Array = NDArray[np.float64]
 
@@ -47,12 +48,14 @@ class PrioritizedSolution(NamedTuple):
     """u: (n,). status, slack: of level 1, see `Solution`. levels: how many were solved.
 
     levels is the number of levels unless the solver failed or there is no freedom left, and 0 for the fallback.
+    answers: u after each of them.
     """
 
     u: Array
     status: Status
     slack: float
     levels: int
+    answers: Sequence[Array] = ()
 
 
 class PrioritizedProgram:
@@ -122,16 +125,16 @@ class PrioritizedProgram:
         found = self._first.solve(hessian, gradient, matrix, upper, u_lower=u_lower, u_upper=u_upper, fallback=fallback)
         if found.status.brakes:
             return PrioritizedSolution(fallback, found.status, 0.0, 0)
-        u, solved, basis = found.u, 1, None
+        answers, basis = [found.u], None
         for above, level, program, pick in zip(levels, levels[1:], self._below, self._picks, strict=False):
             basis = _free_of(above.task, basis, pick)
             if basis is None:
                 break
-            z = self._descend(program, level, basis, u, matrix, upper, u_lower, u_upper)
-            if z is None:
+            u = self._descend(program, level, basis, answers[-1], matrix, upper, u_lower, u_upper)
+            if u is None:
                 break
-            u, solved = u + basis @ z, solved + 1
-        return PrioritizedSolution(u, found.status, found.slack, solved)
+            answers.append(u)
+        return PrioritizedSolution(answers[-1], found.status, found.slack, len(answers), answers)
 
     def _descend(
         self,
@@ -144,20 +147,23 @@ class PrioritizedProgram:
         u_lower: Array,
         u_upper: Array,
     ) -> Array | None:
-        """The step z of one level from u, the answer of those above; None when there is none."""
+        """The answer of one level from u, that of those above; None when there is none."""
         hessian, gradient, _ = level
-        steepness = basis.T @ (hessian @ u + gradient)
-        if not math.isfinite(steepness @ steepness):
+        plain = hessian is identity(self._n)
+        steepness = ((u if plain else hessian.dot(u)) + gradient).dot(basis)
+        if not math.isfinite(steepness.dot(steepness)):
             return None
-        bent = basis.T @ hessian @ basis
         # The step without rows and bounds, where they leave room for it.
-        _, free, failed = dposv(bent, -steepness)
-        if failed == 0 and math.isfinite(free @ free):
-            there = u + basis @ free
-            inside = (matrix @ there - upper).max() <= _ROOM
-            if inside and (there - u_upper).max() <= _ROOM and (u_lower - there).max() <= _ROOM:
-                step: Array = free
-                return step
+        if plain:
+            bent, free, failed = np.eye(len(steepness)), -steepness, 0
+        else:
+            bent = basis.T.dot(hessian).dot(basis)
+            _, free, failed = dposv(bent, -steepness)
+        if failed == 0:
+            there: Array = u + basis.dot(free)
+            inside = largest(matrix.dot(there) - upper) <= _ROOM
+            if inside and largest(there - u_upper) <= _ROOM and largest(u_lower - there) <= _ROOM:
+                return there
         room = np.concatenate([upper - matrix @ u, u_upper - u])
         below = np.concatenate([self._no_lower, np.minimum(u_lower - u, 0.0)])
         found = program.solve(
@@ -168,7 +174,7 @@ class PrioritizedProgram:
             lower=below - _ROOM,
             fallback=steepness,
         )
-        return None if found.status.brakes else found.u
+        return None if found.status.brakes else u + basis.dot(found.u)
 
     def _check(self, levels: Sequence[Level]) -> None:
         if len(levels) != self.levels:
@@ -186,8 +192,8 @@ def _free_of(task: Array | None, basis: Array | None, pick: Array) -> Array | No
         pick: the last columns of the identity, as many as there are after those of the task.
     """
     assert task is not None  # checked by `PrioritizedProgram`
-    rows = task if basis is None else task @ basis
-    if not np.isfinite(rows).all():
+    rows = task if basis is None else task.dot(basis)
+    if not math.isfinite(np.vdot(rows, rows)):
         return None
     # The last columns of the orthogonal factor of the transposed rows: Householder, so exact at any rank.
     factor, tau, _, info = dgeqrf(rows.T)
@@ -196,4 +202,4 @@ def _free_of(task: Array | None, basis: Array | None, pick: Array) -> Array | No
     columns, _, info = dormqr("L", "N", factor, tau, pick, 64 * pick.shape[1])
     if info != 0:
         return None
-    return columns if basis is None else basis @ columns
+    return columns if basis is None else basis.dot(columns)

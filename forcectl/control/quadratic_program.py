@@ -23,6 +23,7 @@ from __future__ import annotations
 import math
 from collections.abc import Callable
 from enum import IntEnum
+from functools import cache
 from typing import NamedTuple, Protocol
 
 import daqp
@@ -34,6 +35,7 @@ from scipy.linalg.lapack import dposv
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import check_count
+from forcectl.reductions import largest
 
 Array = NDArray[np.float64]
 
@@ -233,7 +235,7 @@ class QuadraticProgram:
         )
         if self._free_first and math.isfinite(np.vdot(hessian, hessian)):
             _, free, failed = dposv(hessian, -gradient)
-            if failed == 0 and self._plainly(program, free, matrix @ free):
+            if failed == 0 and self._plainly(program, free, matrix.dot(free)):
                 return Solution(free, Status.OPTIMAL, 0.0)
         if not _finite(program):
             return Solution(fallback, Status.NOT_FINITE, 0.0)
@@ -274,7 +276,7 @@ class QuadraticProgram:
             return None, False
         if u is None or u.shape != program.gradient.shape:
             return None, infeasible
-        reached = program.matrix @ u
+        reached = program.matrix.dot(u)
         if self._plainly(program, u, reached) or self._holds(program, u, reached):
             return u, False
         return None, infeasible
@@ -282,12 +284,12 @@ class QuadraticProgram:
     def _plainly(self, program: Coefficients, u: Array, reached: Array) -> bool:
         """Whether u satisfies every row and bound, to the tolerance."""
         tolerance = self._tolerance
-        # One by one, because NaN fails every comparison but is lost by Python's max().
+        # NaN fails every comparison.
         return bool(
-            (reached - program.upper).max() <= tolerance
-            and (u - program.u_upper).max() <= tolerance
-            and (program.u_lower - u).max() <= tolerance
-            and (program.lower is self._no_lower or (program.lower - reached).max() <= tolerance)
+            largest(reached - program.upper) <= tolerance
+            and largest(u - program.u_upper) <= tolerance
+            and largest(program.u_lower - u) <= tolerance
+            and (program.lower is self._no_lower or largest(program.lower - reached) <= tolerance)
         )
 
     def _holds(self, program: Coefficients, u: Array, reached: Array) -> bool:
@@ -299,6 +301,14 @@ class QuadraticProgram:
         above = (reached <= program.upper + rows).all() and (u <= program.u_upper + bounds).all()
         below = (reached >= program.lower - rows).all() and (u >= program.u_lower - bounds).all()
         return bool(above and below)
+
+
+@cache
+def identity(n: int) -> Array:
+    """The identity (n, n), always the same one: a Hessian that is it need not be multiplied by."""
+    eye = np.eye(n)
+    eye.flags.writeable = False
+    return eye
 
 
 def _finite(program: Coefficients) -> bool:

@@ -19,7 +19,7 @@ from pydrake.systems.framework import BasicVector, Context
 
 from forcectl.cache import scratch
 from forcectl.control.arms_motion import ArmsMotion
-from forcectl.control.constraints import Constraint, ConstraintSet, JointTorqueLimit, checked_limits
+from forcectl.control.constraints import Constraint, ConstraintSet, checked_limits
 from forcectl.control.leash import Leash
 from forcectl.control.null_space import Criterion, JointSpeed
 from forcectl.control.quadratic_program import SolverFactory, Status, fastest
@@ -31,10 +31,12 @@ from forcectl.control.task_progress import Progress, TaskProgress
 from forcectl.control.tick_block import TickBlock
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import check, lane_values
+from forcectl.reductions import largest
 from forcectl.robot import JointLimits, RobotModel
 
 Vector = NDArray[np.float64]
 
+_PROGRESS = ("nearest", "ticks", "reached", "stalled")
 _ABSURD = 1e6  # [m or rad, per s] a reference beyond is no number
 _ROUNDING = 1e-12  # violations below are none
 
@@ -162,10 +164,9 @@ class ReactiveController(TickBlock):
         self._size = len(state.value)
 
         limits = checked_limits(robot.limits if limits is None else limits, origin)
-        everything: list[Constraint] = [JointTorqueLimit(limits.torque)] if np.isfinite(limits.torque).any() else []
         if not check("constraint_gamma", constraint_gamma) < 0:
             raise invalid("constraint_gamma", constraint_gamma, "below zero")
-        self._constraints = ConstraintSet([*everything, *constraints], limits, origin, Ts, constraint_gamma)
+        self._constraints = ConstraintSet(constraints, limits, origin, Ts, constraint_gamma)
         angular = np.concatenate([task.angular for task in tasks])
         self._tolerance = np.where(angular, supervision.angle_tolerance, supervision.position_tolerance)
         scale = np.where(angular, robot.facts.characteristic_length, 1.0)
@@ -175,7 +176,7 @@ class ReactiveController(TickBlock):
         if not isinstance(chosen, Criterion):
             raise BadInputError(f"criterion {type(chosen).__name__} lacks cost(motion, period)")
         chosen.cost(origin, Ts)  # a criterion that does not fit the robot fails here
-        self._program = TaskProgram(self._n, levels, chosen, self._constraints, Ts, solver)
+        self._program = TaskProgram(levels, chosen, self._constraints, limits.torque, Ts, solver)
         self._guard = ReadingGuard(
             self._n, supervision.longest_gap, supervision.frozen_distance, supervision.largest_error, Ts
         )
@@ -196,7 +197,7 @@ class ReactiveController(TickBlock):
     @property
     def num_rows(self) -> int:
         """How many rows the programs have, besides the bounds of the joints."""
-        return self._constraints.size
+        return self._program.num_rows
 
     @property
     def task_start(self) -> Vector:
@@ -207,24 +208,24 @@ class ReactiveController(TickBlock):
         n, k = self._n, self._size
         quantities = ("position", "velocity", "acceleration")
         names = [f"task_{quantity}_reference" for quantity in quantities]
-        self._references = [self.DeclareVectorInputPort(name, k) for name in names]
-        self._target = self.DeclareVectorInputPort("task_target", k)
+        self._wishes = [self.DeclareVectorInputPort(name, k) for name in (*names, "task_target")]
         self._measured = [self.DeclareVectorInputPort(name, n) for name in ("joint_position", "joint_velocity")]
         none, nowhere = np.zeros(1), np.full(1, np.inf)
+        # Single numbers first, in the order of `step`.
         memory = {
             "time": np.full(1, -self._period),
+            "gap": none,
+            "nearest": nowhere,
+            "ticks": none,
+            **dict.fromkeys(_DIAGNOSTICS, none),
+            "stage_costs": np.zeros(self._program.size),
             "joint_position_reference": start,
             "joint_velocity_reference": np.zeros(n),
             "foreseen": np.zeros(self._constraints.foreseen_size),
             "read_position": np.full(n, np.nan),
             "read_command": start,
             "reading_ok": np.ones(n),
-            "gap": none,
             "target": np.full(k, np.nan),
-            "nearest": nowhere,
-            "ticks": none,
-            "stage_costs": np.zeros(self._program.size),
-            **dict.fromkeys(_DIAGNOSTICS, none),
         }
         ends = np.cumsum([len(part) for part in memory.values()]).tolist()
         self._place = {
@@ -232,7 +233,7 @@ class ReactiveController(TickBlock):
         }
         self._memory_start = np.concatenate(list(memory.values()))
         self._scratch = scratch(self, "commanded posture", self._robot.create_context)
-        inputs = (*self._references, self._target, *self._measured)
+        inputs = (*self._wishes, *self._measured)
         self._task_start = task_start
         kept = {"task_position": task_start, "task_velocity": np.zeros(k), "task_acceleration": np.zeros(k)}
         self.declare_memory(self._memory_start, inputs, self._period, kept)
@@ -253,7 +254,9 @@ class ReactiveController(TickBlock):
         Ts, place = self._period, self._place
         q, v = memory[place["joint_position_reference"]], memory[place["joint_velocity_reference"]]
         readings, stops = self._look(context, memory, q, v)
-        position, velocity = (port.Eval(context) for port in self._references[:2])
+        position, velocity, bend, target = (
+            port.Eval(context) if port.HasValue(context) else None for port in self._wishes
+        )
         motion = ArmsMotion(self._robot, self._scratch.Eval(context), q, v)
         state = self._task_state(motion)
         rows = self._constraints.rows(motion, memory[place["foreseen"]])
@@ -261,7 +264,7 @@ class ReactiveController(TickBlock):
         violation, criterion = rows.violation, 0.0
         status, slack, active, near, levels = Status.NOT_FINITE, 0.0, 0, False, 0
         # Of a NaN every comparison is false.
-        good = np.abs(position).max() < _ABSURD and np.abs(velocity).max() < _ABSURD
+        good = largest(np.abs(position)) < _ABSURD and largest(np.abs(velocity)) < _ABSURD
         if good and not stops:
             found = self._program.solve(motion, rows, state, position, velocity)
             u, status, slack, levels, active, direct, near, criterion = found
@@ -269,43 +272,45 @@ class ReactiveController(TickBlock):
         else:
             u = self._constraints.brake(v, rows)
 
-        a = state.jacobian @ u + state.bias
+        a = state.jacobian.dot(u) + state.bias
         rate = state.rate + Ts * a
         x = state.value + (0.5 * Ts) * (state.rate + rate)
         led, missed, costs = (x, rate, a), 0.0, self._no_costs
         if levels > 0:
-            error, slow = x - position, rate - velocity
-            missed = (np.abs(error) / self._tolerance).max().item()
-            costs = [*self._program.costs(error, slow), criterion]
-            bend = self._references[2]
-            asked = (position, velocity, bend.Eval(context) if bend.HasValue(context) else a)
-            target = self._target.Eval(context) if self._target.HasValue(context) else None
-            led = self._leash.start(led, asked, target)
-        progress = self._look_ahead(context, memory, x, rate)
-        told = [
-            float(status),
-            float(active),
+            error = x - position
+            missed = largest(np.abs(error) / self._tolerance)
+            costs = [*self._program.costs(error, rate - velocity), criterion]
+            led = self._leash.start(led, (position, velocity, a if bend is None else bend), target)
+        nearest, ticks, reached, stalled = (memory.item(place[name].start) for name in _PROGRESS)
+        progress = Progress(memory[place["target"]], nearest, ticks, reached, stalled)
+        if target is not None:
+            progress = self._progress.look(progress, target, x, rate)
+        numbers = (
+            time,
+            readings.gap,
+            progress.nearest,
+            progress.ticks,
+            status,
+            active,
             slack,
             violation if violation > _ROUNDING else 0.0,
             missed,
-            float(near),
-            float(levels),
-            float(levels == 0),
+            near,
+            levels,
+            levels == 0,
             progress.reached,
             progress.stalled,
-        ]
+            *costs,
+        )
+        after = v + Ts * u
         return np.concatenate(
             [
-                [time],
-                q + Ts * v + 0.5 * Ts**2 * u,
-                v + Ts * u,
+                np.array(numbers, dtype=float),
+                q + (0.5 * Ts) * (v + after),
+                after,
                 self._constraints.foresee(rows, u),
                 *readings[:3],
-                [readings.gap],
                 progress.target,
-                [progress.nearest, progress.ticks],
-                costs,
-                told,
                 *led,
             ]
         )
@@ -321,10 +326,3 @@ class ReactiveController(TickBlock):
         position, velocity = read.Eval(context), speed.Eval(context) if speed.HasValue(context) else v
         readings = self._guard.look(past, position, velocity, q)
         return readings, self._guard.stops(readings)
-
-    def _look_ahead(self, context: Context, memory: Vector, x: Vector, rate: Vector) -> Progress:
-        place = self._place
-        numbers = [memory.item(place[name].start) for name in ("nearest", "ticks", "reached", "stalled")]
-        past = Progress(memory[place["target"]], *numbers)
-        target = self._target
-        return self._progress.look(past, target.Eval(context), x, rate) if target.HasValue(context) else past

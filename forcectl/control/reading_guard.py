@@ -19,6 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.lanes import check
+from forcectl.reductions import largest
 
 Vector = NDArray[np.float64]
 
@@ -58,7 +59,7 @@ class ReadingGuard:
         """
         error, same = np.abs(position - q), position == past.position
         # Of a NaN every comparison is false: such a reading is not near.
-        if error.max() <= self._largest_error and math.isfinite(velocity @ velocity) and not same.any():
+        if largest(error) <= self._largest_error and math.isfinite(velocity.dot(velocity)) and not largest(same):
             return Readings(position, q, self._ones, 0.0)
         read = np.isfinite(position)
         command = np.where(same | ~read, past.command, q)

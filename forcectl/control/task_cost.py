@@ -116,13 +116,13 @@ class TaskCost:
             position, velocity: x_gen, x'_gen at the next tick, (k,) [m or rad, per s].
         """
         error, rate = state.value + self._period * state.rate - position, state.rate - velocity
-        slope: Vector = self._by_position @ error + self._by_velocity @ rate + self._constant
+        slope: Vector = self._by_position.dot(error) + self._by_velocity.dot(rate) + self._constant
         return slope
 
     def value(self, error: Vector, rate: Vector) -> float:
         """L of the errors e, e' at the next tick, (k,) each."""
         both = np.concatenate([error, rate])
-        value: float = ((0.5 * (both @ self._together) + self._slopes) @ both).item()
+        value: float = (0.5 * self._together.dot(both) + self._slopes).dot(both).item()
         return value
 
 

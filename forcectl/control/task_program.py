@@ -3,7 +3,8 @@
     level 1, 2, ...   L of the tasks of that priority (5.16) + damping |u - u_rest|^2/2
     last level        the criterion, (5.19), (5.20)
 
-The damping makes the optimum unique and keeps joint speeds in bounds where a joint limit leaves an arm little to move
+The rows of the joint torques are in them only in ticks in which the answer of a level without them exceeds one: then
+all levels are solved again. The damping makes the optimum unique and keeps joint speeds in bounds where a joint limit leaves an arm little to move
 with. It is small (a task moves 0.1 % slower where its singular value is 0.3) except near a singular posture of the
 first level, where it grows as in a damped inverse. u_rest = -q'/Ts is rest at the next tick: with less of it, an arm
 stretched towards a target out of its reach trembles in the direction that it cannot move in.
@@ -11,7 +12,7 @@ stretched towards a target out of its reach trembles in the direction that it ca
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterator, Sequence
 from typing import NamedTuple
 
 import numpy as np
@@ -19,19 +20,21 @@ from numpy.typing import NDArray
 from scipy.linalg.lapack import dpotrf, dsyev
 
 from forcectl.control.arms_motion import ArmsMotion
-from forcectl.control.constraints import ConstraintSet, Rows
+from forcectl.control.constraints import ConstraintSet, JointTorqueLimit, Rows
 from forcectl.control.null_space import Criterion
 from forcectl.control.prioritized_program import Level, PrioritizedProgram
 from forcectl.control.quadratic_program import SolverFactory, Status
 from forcectl.control.task_coordinates import ArmTask, TaskState
 from forcectl.control.task_cost import TaskCost, Weights
 from forcectl.errors import BadInputError
+from forcectl.reductions import largest
 
 Vector = NDArray[np.float64]
 
 _LEAST_DAMPING = 1e-4
 _DAMPING = 0.05  # lambda_max of the damped inverse [1]
 _SINGULAR = 0.05  # smallest singular value of the tasks, with lengths in characteristic lengths, that is undamped [1]
+_ROUNDING = 1e-9  # accelerations that differ by less are one [rad/s^2]
 _HOLDS = -1e-9  # a row that is missed by less holds with equality
 
 
@@ -78,14 +81,14 @@ class TaskLevel:
     def objective(self, part: TaskState, position: Vector, velocity: Vector) -> Level:
         """L of this level without damping."""
         J = part.jacobian
-        weighted = self._curvature @ J
+        weighted = self._curvature.dot(J)
         slope = self._unit * self.cost.slope(part, position, velocity)
-        return Level(J.T @ weighted, part.bias @ weighted + slope @ J, J)
+        return Level(J.T.dot(weighted), part.bias.dot(weighted) + slope.dot(J), J)
 
     def damping(self, J: Vector) -> float:
         """lambda^2 of the damped inverse, from the smallest singular value of J."""
         scaled = self._scale * J
-        square = scaled @ scaled.T
+        square = scaled.dot(scaled.T)
         # Usually far from singular, and then this Cholesky factor exists; at a fifth of the cost of the eigenvalues.
         if dpotrf(square - self._limit, clean=0)[1] == 0:
             return 0.0
@@ -97,31 +100,40 @@ class TaskProgram:
     """Built once, solved at every tick.
 
     Args:
-        n: joints. levels: in order of priority. criterion: of the last level. constraints: rows and bounds.
-        period: tick [s]. solver: of the programs.
+        levels: in order of priority. criterion: of the last level. constraints: rows and bounds.
+        torque: limit of the joints, infinite where there is none (n,) [Nm]. period: tick [s]. solver: of the programs.
     """
 
     def __init__(
         self,
-        n: int,
         levels: Sequence[TaskLevel],
         criterion: Criterion,
         constraints: ConstraintSet,
+        torque: Vector,
         period: float,
         solver: SolverFactory,
     ):
         self._levels, self._criterion, self._constraints, self._period = tuple(levels), criterion, constraints, period
-        m = constraints.size
+        n, m = len(torque), constraints.size
         # A program has at least one row.
         self._nothing = (np.zeros((1, n)), np.array([np.inf])) if m == 0 else None
-        weights = constraints.slack_weights if m else np.inf
+        weights = constraints.slack_weights if m else np.full(1, np.inf)
         sizes = [level.size for level in levels]
-        self._program = PrioritizedProgram(n, max(1, m), sizes, slack_weight=weights, solver=solver)
+        self._program = PrioritizedProgram(n, len(weights), sizes, slack_weight=weights, solver=solver)
+        self._torque = JointTorqueLimit(torque) if np.isfinite(torque).any() else None
+        if self._torque is not None:
+            weights = np.append(weights, np.full(self._torque.size, np.inf))
+            self._limited = PrioritizedProgram(n, len(weights), sizes, slack_weight=weights, solver=solver)
 
     @property
     def size(self) -> int:
         """Number of levels, the criterion included."""
         return len(self._levels) + 1
+
+    @property
+    def num_rows(self) -> int:
+        """How many rows there are, besides the bounds of the joints."""
+        return self._constraints.size + (0 if self._torque is None else self._torque.size)
 
     def levels(
         self, motion: ArmsMotion, state: TaskState, position: Vector, velocity: Vector
@@ -147,19 +159,36 @@ class TaskProgram:
         """
         programs, near = self.levels(motion, state, position, velocity)
         matrix, limit = (rows.matrix, rows.limit) if self._nothing is None else self._nothing
-        found = self._program.solve(programs, matrix, limit, u_lower=rows.lower, u_upper=rows.upper, fallback=motion.v)
-        u = self._constraints.brake(motion.v, rows) if found.status.brakes else found.u
-        beyond = matrix @ u - limit
-        at_bound = (u >= rows.upper) | (u <= rows.lower)
-        active = int(np.count_nonzero(beyond > _HOLDS) + np.count_nonzero(at_bound))
-        direct = max(beyond[: rows.direct].max().item(), 0.0) if rows.direct else 0.0
+        bounds, torque = {"u_lower": rows.lower, "u_upper": rows.upper, "fallback": motion.v}, self._torque
+        found, direct = self._program.solve(programs, matrix, limit, **bounds), 0.0
+        if torque is not None and any(torque.excess(motion, answer) > 0.0 for answer in _different(found.answers)):
+            more, allowed = torque.rows(motion)
+            matrix, limit = np.concatenate([matrix, more]), np.concatenate([limit, allowed])
+            found = self._limited.solve(programs, matrix, limit, **bounds)
+        u = found.u
+        if found.status.brakes:
+            u = self._constraints.brake(motion.v, rows)
+            direct = 0.0 if torque is None else max(torque.excess(motion, u), 0.0)
+        beyond = matrix.dot(u) - limit
+        active = np.count_nonzero(beyond > _HOLDS) + np.count_nonzero(u >= rows.upper) + np.count_nonzero(u <= rows.lower)
+        if rows.direct:
+            direct = max(direct, largest(beyond[: rows.direct]))
         last = programs[-1]
-        cost = ((0.5 * (u @ last.hessian) + last.gradient) @ u).item()
-        return Outcome(u, found.status, found.slack, found.levels, active, direct, near, cost)
+        cost = (0.5 * last.hessian.dot(u) + last.gradient).dot(u).item()
+        return Outcome(u, found.status, found.slack, found.levels, int(active), direct, near, cost)
 
     def costs(self, error: Vector, rate: Vector) -> list[float]:
         """L of every level but the last (5.16), of the errors e, e' of all task coordinates at the next tick."""
         return [level.cost.value(error[level.rows], rate[level.rows]) for level in self._levels]
+
+
+def _different(answers: Sequence[Vector]) -> Iterator[Vector]:
+    """The last answer, and those above that are not the one below them but for rounding."""
+    below = None
+    for answer in reversed(answers):
+        if below is None or largest(np.abs(answer - below)) > _ROUNDING:
+            yield answer
+        below = answer
 
 
 def task_levels(

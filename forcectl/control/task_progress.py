@@ -8,6 +8,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.lanes import check
+from forcectl.reductions import largest, smallest
 
 Vector = NDArray[np.float64]
 
@@ -49,12 +50,12 @@ class TaskProgress:
         Args:
             target: (k,). value, rate: of the coordinates (k,).
         """
-        apart = np.abs((value - target) * self._scale).max().item()
+        apart = largest(np.abs((value - target) * self._scale))
         if apart != apart:
             return past
-        if not (target == past.target).all():
+        if not smallest(target == past.target):
             past = Progress(target, np.inf, 0.0, 0.0, 0.0)
-        speed = np.abs(rate * self._scale).max().item()
+        speed = largest(np.abs(rate * self._scale))
         reached = apart <= 1.0 and speed <= _SLOW
         nearer = apart < _NEARER * past.nearest
         nearest, ticks = (apart, 0.0) if nearer else (past.nearest, past.ticks + 1.0)
