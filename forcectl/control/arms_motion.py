@@ -47,7 +47,7 @@ class _OtherArm(_Beside):
         X_WT = frame.CalcPoseInWorld(context)
         self.position, self.rotation = X_WT.translation(), X_WT.rotation().matrix()
         self.jacobian = robot.jacobian_of(context, frame)
-        self.velocity = self.jacobian @ lead.v
+        self.velocity = self.jacobian.dot(lead.v)
         self.bias = robot.bias_acceleration_of(context, frame)
 
 

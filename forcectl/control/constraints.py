@@ -288,8 +288,11 @@ class ConstraintSet:
             parts = (*seen, self._gamma, self._margin, self._steady)
             limit[second:] += [self._bound(*numbers) for numbers in zip(*parts, strict=True)]
         lower, upper, violation = self._joint_bounds(q, v)
-        for value in y[first:].tolist():
-            violation = value if value > violation else violation  # a constraint that is no number hides no other
+        if m > first:
+            worst = largest(y[first:])
+            if worst != worst:  # a constraint that is no number hides no other
+                worst = max((value for value in y[first:].tolist() if value == value), default=0.0)
+            violation = max(violation, worst)
         return Rows(matrix, limit, first, lower, upper, violation, rate[second:], bias[second:])
 
     def foresee(self, rows: Rows, u: Vector) -> Vector:

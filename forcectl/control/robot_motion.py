@@ -55,7 +55,7 @@ class RobotMotion:
         self.position, self.rotation = place(robot, context, q)
         robot.set_velocities(context, v)
         self.jacobian: Vector = robot.jacobian(context)
-        self.velocity: Vector = self.jacobian @ v
+        self.velocity: Vector = self.jacobian.dot(v)
         self.bias: Vector = robot.bias_acceleration(context)
 
     @cached_property

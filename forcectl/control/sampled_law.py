@@ -47,6 +47,7 @@ class SampledLaw(LaneBlock):
         """
         memory = {name: initial, **(further or {})}
         self._place = {key: i for i, key in enumerate(memory)}
+        self._ones = np.ones(self._size)
         start = [lane_values(f"initial {key}", value, self._size) for key, value in memory.items()]
         # The time of the tick the held values belong to (repeated per lane), then the values.
         self._held = self.DeclareDiscreteState(np.concatenate([np.full(self._size, -self._period), *start]))
@@ -98,6 +99,6 @@ class SampledLaw(LaneBlock):
         if self._size > 1:
             # Rows of an array are put together at a third of the cost of those of a list.
             rest = (values.ravel(),) if isinstance(values, np.ndarray) else values
-            next_state.set_value(self._held, np.concatenate([np.full(self._size, time), *rest]))
+            next_state.set_value(self._held, np.concatenate([time * self._ones, *rest]))
         else:
             next_state.set_value(self._held, np.array([time, *values]))

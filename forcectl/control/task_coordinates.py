@@ -131,11 +131,11 @@ class ArmTask:
         # x' = map V, with V the spatial velocity [rotation; translation].
         map_ = _TRANSLATION.copy()
         map_[3:, :3] = turned.rates
-        value, further = np.concatenate([tool.position, turned.value]), map_ @ bias
+        value, further = np.concatenate([tool.position, turned.value]), map_.dot(bias)
         further[3:] += turned.bias
         if not self._every:
             value, further, map_ = value[self._rows], further[self._rows], map_[self._rows]
-        return TaskState(value, map_ @ velocity, map_ @ tool.jacobian, further)
+        return TaskState(value, map_.dot(velocity), map_.dot(tool.jacobian), further)
 
 
 _TRANSLATION = np.zeros((6, 6))

@@ -34,6 +34,7 @@ from forcectl.errors import BadInputError
 from forcectl.estimation.momentum_model import MomentumModel
 from forcectl.lanes import Lane, Parameter, check, lane_values
 from forcectl.plant.joint_friction import JointFriction, friction_threshold, mean_features
+from forcectl.reductions import largest, smallest
 
 Array = NDArray[np.float64]
 
@@ -204,9 +205,10 @@ class MomentumObserver(SampledLaw):
 
         lost = False
         # Nearly always everything is well; sums of squares and one comparison tell it in a fifth of the time.
-        well = started and math.isfinite(q @ q + v @ v + torque @ torque) and moved.all() and not frozen.any()
+        well = started and math.isfinite(q.dot(q) + v.dot(v) + torque.dot(torque)) and not largest(moved == 0.0)
+        well = well and not largest(frozen)
         if well and self._jumps:
-            well = (np.abs(v - v_last) <= self._jump * elapsed).all()
+            well = smallest(np.abs(v - v_last) <= self._jump * elapsed)
         if well:
             ok, impulse, covered = self._good, impulse + torque * self._period, covered + self._period
         else:
@@ -254,7 +256,7 @@ class MomentumObserver(SampledLaw):
             mean = (momentum - p_last) / elapsed - late_torque - 0.5 * (force + force_last) + friction
             stepped = residual_step(residual, mean, gain, elapsed)
             # An overflow of absurd readings holds the residual too.
-            if not math.isfinite(stepped @ stepped):
+            if not math.isfinite(stepped.dot(stepped)):
                 stepped = np.where(np.isfinite(stepped), stepped, residual)
             residual = np.minimum(np.maximum(stepped, -limit), limit)
         external = dead_band(residual, friction_threshold(v, move, still))

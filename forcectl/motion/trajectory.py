@@ -194,12 +194,14 @@ class Plan:
 
     def at(self, time: float) -> Motion:
         """The motion `time` [s] after the start; after the end, on with the velocity of the target."""
-        return Motion(*self.rows(time))
-
-    def rows(self, time: float) -> Array:
-        """The same as one array (3, n)."""
         motion = np.array(self._trajectory.at_time(time))
-        return motion if self._unit is None else motion * self._unit
+        return Motion(*(motion if self._unit is None else motion * self._unit))
+
+    def write(self, course: Array, elapsed: float) -> None:
+        """Put the first six fields of `Course`, `elapsed` [s] after the start, into an array (16, n) of its fields."""
+        motion = self._trajectory.at_time(elapsed)
+        course[:3] = motion if self._unit is None else np.array(motion) * self._unit
+        course[3], course[4], course[5] = self.arrival <= elapsed, self.braking, elapsed
 
 
 class _Standstill:
@@ -280,21 +282,19 @@ class Planner:
         """
         target, new = _next_target(course, target)
         if new is None and _equal(limits, course.limits) and not any(course.braking.tolist()):
-            return Course(*self.go_on(np.array(course), period))
+            return self._go_on(np.array(course), period)
         gone_by = course.arrived * (course.target_velocity != 0.0)
         coasting = gone_by if new is None else np.where(new, 0.0, gone_by)
         unknown = 0.0 * coasting
         anew = (*course.motion, unknown, unknown, unknown, coasting, *target, *limits, *course.motion)
-        return Course(*self.go_on(np.array(anew), period))
+        return self._go_on(np.array(anew), period)
 
-    def go_on(self, course: Array, period: float) -> Array:
-        """As `follow`, of a course as one array (16, n), where neither the target nor the limits change."""
-        elapsed, plan = course.item(5, 0) + period, self._plan_of(course[6:])
-        after = course.copy()
-        after[:3], after[3], after[4], after[5] = plan.rows(elapsed), plan.arrival <= elapsed, plan.braking, elapsed
-        return after
+    def _go_on(self, course: Array, period: float) -> Course:
+        self.plan_of(course[6:]).write(course, course.item(5, 0) + period)
+        return Course(*course)
 
-    def _plan_of(self, rows: Array) -> Plan:
+    def plan_of(self, rows: Array) -> Plan:
+        """The plan that a course is on, from the fields of `Course` that determine it, (10, n)."""
         key = rows.tobytes()
         if self._known is None or self._known[0] != key:
             coasting, *others = rows.copy()

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -10,18 +11,9 @@ from pydrake.systems.framework import Context
 
 from forcectl.cache import scratch
 from forcectl.control.sampled_law import SampledLaw
-from forcectl.errors import invalid
-from forcectl.lanes import Lane, Parameter, check_count, lane_values
-from forcectl.motion.trajectory import (
-    Course,
-    Limits,
-    Motion,
-    Planner,
-    Target,
-    begin,
-    begin_again,
-    check_limits_together,
-)
+from forcectl.lanes import Lane, Parameter, lane_values
+from forcectl.motion.group_planner import GroupPlanner, check_groups
+from forcectl.motion.trajectory import Limits, begin, check_limits_together
 
 Array = NDArray[np.float64]
 
@@ -99,12 +91,8 @@ class TrajectoryGenerator(SampledLaw):
             self.DeclareVectorInputPort(name, size) for name in ("target_position", "target_velocity", "velocity_mode")
         ]
         self._start = [self.DeclareVectorInputPort(name, size) for name in _START]
-        sizes = [size] if groups is None else [check_count("groups", count) for count in groups]
-        if sum(sizes) != size:
-            raise invalid("groups", sizes, f"numbers that add up to {size}")
-        ends = np.cumsum(sizes).tolist()
-        self._groups = [slice(end - count, end) for end, count in zip(ends, sizes, strict=True)]
-        self._planners = scratch(self, "planners", lambda: [Planner(count, synchronized) for count in sizes])
+        sizes = check_groups(groups, size)
+        self._planner = scratch(self, "planner", lambda: GroupPlanner(sizes, synchronized))
         self._none = np.zeros(size)
         first = begin(lane_values("initial_position", initial_position, size))._asdict()
         reads = {port.ticket() for port in (*self._inputs, *self._start)}
@@ -116,45 +104,20 @@ class TrajectoryGenerator(SampledLaw):
         """The velocity limit can be reached."""
         check_limits_together(Limits(*values.values()))
 
-    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
-        """The limits as arrays, also for one lane: the planner works on arrays; and all of them as bytes."""
-        limits = Limits(*(np.atleast_1d(value) for value in values))
-        return limits, np.array(limits).tobytes()
+    def derive(self, values: tuple[Lane, ...]) -> Any:
+        """The limits as one array (3, n)."""
+        return np.array(values).reshape(3, -1)
 
     def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
         """One tick of the generator."""
-        course = np.reshape(held, (-1, self._size))
-        limits, limit_bytes = self._values.Eval(context)
-        planners: list[Planner] = self._planners.Eval(context)
-        start, target = self._given_start(context), self._given_target(context)
-        # Nearly always everything is as it was, and then this comparison is most of what there is to do.
-        steady = (
-            (start is None or start.tobytes() == course[:3].tobytes())
-            and target.tobytes() == course[7:10].tobytes()
-            and limit_bytes == course[10:13].tobytes()
-            and not course[4].any()
+        start = [port.Eval(context) for port in self._start if port.HasValue(context)]
+        target = [port.Eval(context) if port.HasValue(context) else self._none for port in self._inputs]
+        planner: GroupPlanner = self._planner.Eval(context)
+        after = planner.follow(
+            np.reshape(held, (-1, self._size)),
+            start if len(start) == len(self._start) else None,
+            np.array(target),
+            self._values.Eval(context),
+            self._period,
         )
-        if steady:
-            parts = [planner.go_on(course[:, place], self._period) for place, planner in zip(self._groups, planners, strict=True)]
-        else:
-            parts = []
-            for place, planner in zip(self._groups, planners, strict=True):
-                own = Course(*course[:, place])
-                if start is not None:
-                    own = begin_again(own, Motion(*start[:, place]))
-                allowed = Limits(*(limit[place] for limit in limits))
-                parts.append(np.array(planner.follow(own, Target(*target[:, place]), allowed, self._period)))
-        after = parts[0] if len(parts) == 1 else np.concatenate(parts, axis=1)
         return after if self._size > 1 else after[:, 0].tolist()
-
-    def _given_start(self, context: Context) -> Array | None:
-        """The motion to go on from, (3, n), if there is one."""
-        if not all(port.HasValue(context) for port in self._start):
-            return None
-        start: Array = np.array([port.Eval(context) for port in self._start])
-        return start if np.isfinite(start).all() else None
-
-    def _given_target(self, context: Context) -> Array:
-        """Position, velocity and velocity mode, (3, n)."""
-        rows = [port.Eval(context) if port.HasValue(context) else self._none for port in self._inputs]
-        return np.array(rows)
