@@ -155,7 +155,7 @@ class PrioritizedProgram:
             return None
         # The step without rows and bounds, where they leave room for it.
         if plain:
-            bent, free, failed = np.eye(len(steepness)), -steepness, 0
+            free, failed = -steepness, 0
         else:
             bent = basis.T.dot(hessian).dot(basis)
             _, free, failed = dposv(bent, -steepness)
@@ -164,6 +164,8 @@ class PrioritizedProgram:
             inside = largest(matrix.dot(there) - upper) <= _ROOM
             if inside and largest(there - u_upper) <= _ROOM and largest(u_lower - there) <= _ROOM:
                 return there
+        if plain:
+            bent = np.eye(len(steepness))
         room = np.concatenate([upper - matrix @ u, u_upper - u])
         below = np.concatenate([self._no_lower, np.minimum(u_lower - u, 0.0)])
         found = program.solve(

@@ -75,17 +75,16 @@ class _Sides:
     """Rows x - upper <= 0 and lower - x <= 0 of the coordinates that have these limits."""
 
     def __init__(self, upper: Vector, lower: Vector):
-        self._above, self._below = np.isfinite(upper).nonzero()[0], np.isfinite(lower).nonzero()[0]
-        self._all = self._above.size == self._below.size == upper.size
-        if not (self._above.size + self._below.size):
+        eye, above, below = np.eye(len(upper)), np.isfinite(upper), np.isfinite(lower)
+        if not (above.any() or below.any()):
             raise BadInputError("lower, upper: at least one limit must be finite")
-        self._limit = np.concatenate([upper[self._above], -lower[self._below]])
+        self._pick = np.concatenate([eye[above], -eye[below]])
+        self._limit = np.concatenate([upper[above], -lower[below]])
 
     def of(self, values: Vector) -> Vector:
         """Both sides of values (k, ...)."""
-        if self._all:
-            return np.concatenate([values, -values])
-        return np.concatenate([values[self._above], -values[self._below]])
+        both: Vector = self._pick.dot(values)
+        return both
 
     def beyond(self, values: Vector) -> Vector:
         """By how much values (k,) are beyond their limits."""

@@ -19,6 +19,7 @@ from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError
 from forcectl.lanes import check_count
+from forcectl.reductions import largest
 from forcectl.robot import RobotModel
 
 Array = NDArray[np.float64]
@@ -72,7 +73,7 @@ class MomentumModel:
         """B(q) v without extra rotors, shape (n,) [kg m2/s]."""
         self._set_positions(context, q)
         M = self.plant.CalcMassMatrix(context)
-        product: Array = M @ v if self._all else M[np.ix_(self._v, self._v)] @ v
+        product: Array = M.dot(v) if self._all else M[np.ix_(self._v, self._v)].dot(v)
         return product
 
     def _set_positions(self, context: Context, q: Array) -> None:
@@ -98,7 +99,7 @@ class MomentumModel:
             momentum (n,) [kg m2/s], C'q' (n,) [Nm], gravity as a force on the right-hand side (n,) [Nm].
         """
         # A difference of one length at any speed: a step in time would drown slow motion in rounding.
-        span = max(v.max().item(), -v.min().item())
+        span = largest(np.abs(v))
         if span > 0:
             h = _DIFFERENCE / span
             step = h * v
@@ -108,7 +109,7 @@ class MomentumModel:
         else:
             momentum = rate = np.zeros(self.num_joints)
         if self._rotors is not None:
-            momentum = momentum + self._rotors @ v
+            momentum = momentum + self._rotors.dot(v)
         self._set_positions(context, q)
         self._set_velocities(context, v)
         bias, gravity = self.plant.CalcBiasTerm(context), self.plant.CalcGravityGeneralizedForces(context)

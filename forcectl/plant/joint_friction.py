@@ -117,13 +117,13 @@ def mean_features(before: Array, after: Array) -> tuple[Array, Array, Array]:
     # A speed that hardly changes is spread a little, so that there is something to divide by.
     half = np.maximum(0.5 * np.abs(after - before), _SPREAD)
     ends = np.array([middle - half, middle + half])
-    size = np.abs(ends)
-    # Integrals of tanh, log cosh without its overflow and up to a constant, and of |v|.
-    log_cosh = size + np.log1p(np.exp((-2.0 * COULOMB_STEEPNESS) * size)) * (1.0 / COULOMB_STEEPNESS)
-    (log_back, log_ahead), (odd_back, odd_ahead) = log_cosh, ends * size
+    # Integrals of tanh, log cosh up to a constant and without its overflow, and of |v|.
+    steep = COULOMB_STEEPNESS * ends
+    log_cosh, odd = np.logaddexp(steep, -steep), ends * np.abs(ends)
     over = 0.5 / half
-    steep, sloped, curved = (log_ahead - log_back) * over, (0.25 * over) * (odd_ahead - odd_back), 0.5 * middle
-    return steep, curved + sloped, curved - sloped
+    mean_sign = (log_cosh[1] - log_cosh[0]) * (over / COULOMB_STEEPNESS)
+    sloped, curved = (0.25 * over) * (odd[1] - odd[0]), 0.5 * middle
+    return mean_sign, curved + sloped, curved - sloped
 
 
 def friction_threshold(speed: Any, move: Any, still: Any) -> Any:
