@@ -1,10 +1,10 @@
 """The reactive controller of a robot with two arms, tick by tick: everything from measured joints to references.
 
 What is timed is one `AdvanceTo` of 4 ms from Python of a diagram that holds the generator, the controller and the
-momentum observer, the call and Drake's events included. The arms reach for targets that change during the motion;
-their joints follow one tick late. Rows: torques of all joints and the tool speeds; in the second case also distances of
-the arms from each other and from the torso. The shares are measured in runs of their own, with a clock around each
-part: the parts of the controller are within it.
+momentum observer, the call and Drake's events included. Its inputs are set before, untimed, to what was recorded in a
+closed loop: the arms reach for targets that change during the motion, their joints follow one tick late. Rows: torques
+of all joints and the tool speeds; in the second case also distances of the arms from each other and from the torso. The
+shares are measured in runs of their own, with a clock around each part: the parts of the controller are within it.
 """
 
 from __future__ import annotations
@@ -21,44 +21,51 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks._measure import Row, main
 
 PERIOD, TICKS, SKIPPED = 0.004, 1000, 25
+INPUTS = ("task_target", "joint_position", "joint_velocity", "motor_torque")
 
 
 def benchmark(repeats: int) -> Iterator[Row]:
     import numpy as np
 
     for name, distances in (("two arms", 0), ("with self-collision", 16)):
-        spent = np.array([_run(_build(distances)[0]) for _ in range(repeats)])
+        inputs = _recorded(distances)
+        spent = np.array([_run(_control(distances)[0], inputs) for _ in range(repeats)])
         p50, p99 = (float(np.median(np.percentile(spent, share, axis=1))) for share in (50, 99))
-        diagram, rows = _build(distances)
-        note = f"{rows} rows, {TICKS} ticks, median of {repeats} runs"
+        diagram, controller = _control(distances)
+        note = f"{controller.num_rows} rows, {TICKS} ticks, median of {repeats} runs"
         # The requirement is for at least 40 rows of any kind; distances of all links are beyond it.
         limits = ("", "") if distances else ("<= 500", "<= 1000")
         yield Row(f"{name}, p50", 1e6 * p50, "us", required=limits[0], note=note)
         yield Row(f"{name}, p99", 1e6 * p99, "us", required=limits[1])
-        for part, share in _shares(diagram).items():
+        for part, share in _shares(diagram, inputs).items():
             yield Row(f"  {part}", 1e6 * share, "us", note="median of a run with clocks")
 
 
-def _run(diagram: Any) -> Any:
-    """Time of each tick [s]."""
+def _run(diagram: Any, inputs: Any) -> Any:
+    """Time of each tick [s]; inputs: of each tick, in the order of `INPUTS`."""
     import numpy as np
     from pydrake.systems.analysis import Simulator
 
-    simulator, spent = Simulator(diagram), np.empty(TICKS)
-    simulator.Initialize()
-    simulator.AdvanceTo(SKIPPED * PERIOD)
-    for k in range(TICKS):
+    simulator, spent = Simulator(diagram), np.empty(len(inputs))
+    context = simulator.get_mutable_context()
+    ports = [diagram.GetInputPort(name) for name in INPUTS]
+    for k, values in enumerate(inputs):
+        for port, value in zip(ports, np.split(values, np.cumsum([port.size() for port in ports])[:-1]), strict=True):
+            port.FixValue(context, value)
+        # The tick at time zero is part of the start, the others of the step that begins with them.
+        advance = simulator.Initialize if k == 0 else lambda k=k: simulator.AdvanceTo((k + 1) * PERIOD)
         started = time.perf_counter()
-        simulator.AdvanceTo((SKIPPED + k + 1) * PERIOD)
+        advance()
         spent[k] = time.perf_counter() - started
-    return spent
+        if k == 0:
+            simulator.AdvanceTo(PERIOD)
+    return spent[SKIPPED:]
 
 
-def _build(distances: int) -> tuple[Any, int]:
-    """The diagram, and how many rows its programs have. distances: rows for those of the links."""
+def _control(distances: int) -> tuple[Any, Any]:
+    """Observer, generator and controller as one diagram, and the controller. distances: rows for those of the links."""
     import numpy as np
     from pydrake.systems.framework import DiagramBuilder
-    from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource, ZeroOrderHold
 
     from forcectl.control.arms_motion import ArmsMotion
     from forcectl.control.collision_shapes import RobotShapes
@@ -71,46 +78,86 @@ def _build(distances: int) -> tuple[Any, int]:
     from forcectl.diagrams.reactive_motion import ReactiveMotion
     from forcectl.estimation.momentum_model import MomentumModel
     from forcectl.estimation.momentum_observer import MomentumObserver
-    from forcectl.motion.references import held_trajectory
+    from forcectl.plant.joint_friction import JointFriction
     from forcectl.robot import RobotModel
 
     robot = RobotModel.load("yumi", "yumi_gripper")
     start, n = robot.facts.default_posture, robot.num_joints
-    context = robot.create_context()
-
-    def motion(q: Any) -> ArmsMotion:
-        return ArmsMotion(robot, context, q, np.zeros(n))
-
-    here = motion(start)
+    here = ArmsMotion(robot, robot.create_context(), start, np.zeros(n))
     tasks = [ArmTask(arm, orientation=RotationVector(here.arm(arm).rotation)) for arm in here.arm_names]
     constraints: list[Constraint] = [TaskSpeedLimit(task, [1.0] * 3 + [4.0] * 3) for task in tasks]
     if distances:
         constraints.append(LinkDistance(RobotShapes.load("yumi", "yumi_gripper"), 0.005, rows=distances))
     controller = ReactiveController(robot, tasks, constraints=constraints)
+    friction = JointFriction.of_facts(robot.facts)
+    builder = DiagramBuilder()
+    reactive = builder.AddSystem(ReactiveMotion(controller))
+    observer = builder.AddSystem(
+        MomentumObserver(
+            MomentumModel.of_robot(robot),
+            friction,
+            move=0.5 * friction.coulomb,
+            still=0.5 * friction.coulomb,
+            velocity_bandwidth=200.0,
+            period=PERIOD,
+        )
+    )
+    for name in ("joint_position", "joint_velocity"):
+        index = builder.ExportInput(reactive.GetInputPort(name), name)
+        builder.ConnectInput(index, observer.GetInputPort(name))
+        builder.ExportOutput(reactive.GetOutputPort(f"{name}_reference"), f"{name}_reference")
+    builder.ExportInput(reactive.GetInputPort("task_target"), "task_target")
+    builder.ExportInput(observer.GetInputPort("motor_torque"), "motor_torque")
+    return builder.Build(), controller
+
+
+def _recorded(distances: int) -> Any:
+    """The inputs of each tick in a closed loop, (ticks, all inputs one after the other)."""
+    import numpy as np
+    from pydrake.systems.analysis import Simulator
+    from pydrake.systems.framework import DiagramBuilder
+    from pydrake.systems.primitives import (
+        ConstantVectorSource,
+        LogVectorOutput,
+        Multiplexer,
+        TrajectorySource,
+        ZeroOrderHold,
+    )
+
+    from forcectl.control.arms_motion import ArmsMotion
+    from forcectl.motion.references import held_trajectory
+    from forcectl.robot import RobotModel
+
+    control, controller = _control(distances)
+    robot = RobotModel.load("yumi", "yumi_gripper")
+    start, n, context = robot.facts.default_posture, robot.num_joints, robot.create_context()
 
     def place(k: int) -> Any:
-        posture = start + 0.5 * np.sin(np.arange(n) * (k + 1.0))
-        return np.concatenate([task.state(motion(posture)).value for task in tasks])
+        motion = ArmsMotion(robot, context, start + 0.5 * np.sin(np.arange(n) * (k + 1.0)), np.zeros(n))
+        return np.concatenate([task.state(motion).value for task in controller.tasks])
 
     times = 0.45 * np.arange(10)
     builder = DiagramBuilder()
+    builder.AddSystem(control)
     target = TrajectorySource(held_trajectory(times, np.array([place(k) for k in range(len(times))]).T))
-    source = builder.AddSystem(target)
-    reactive = builder.AddSystem(ReactiveMotion(controller))
-    observer = builder.AddSystem(MomentumObserver(MomentumModel(robot.plant, robot.parts.joints), period=PERIOD))
-    hold = {name: builder.AddSystem(ZeroOrderHold(PERIOD, n)) for name in ("position", "velocity")}
-    torque = builder.AddSystem(ConstantVectorSource(np.ones(n)))
-    builder.Connect(source.get_output_port(), reactive.GetInputPort("task_target"))
-    builder.Connect(torque.get_output_port(), observer.GetInputPort("motor_torque"))
-    for name, block in hold.items():
-        builder.Connect(reactive.GetOutputPort(f"joint_{name}_reference"), block.get_input_port())
-        for reader in (reactive, observer):
-            builder.Connect(block.get_output_port(), reader.GetInputPort(f"joint_{name}"))
-    diagram = builder.Build()
-    return diagram, controller.num_rows
+    sources = {"task_target": target, "motor_torque": ConstantVectorSource(np.ones(n))}
+    for name in ("joint_position", "joint_velocity"):
+        sources[name] = ZeroOrderHold(PERIOD, n)
+    for source in sources.values():
+        builder.AddSystem(source)
+    for name in ("joint_position", "joint_velocity"):
+        builder.Connect(control.GetOutputPort(f"{name}_reference"), sources[name].get_input_port())
+    gathered = builder.AddSystem(Multiplexer([sources[name].get_output_port().size() for name in INPUTS]))
+    for i, name in enumerate(INPUTS):
+        builder.Connect(sources[name].get_output_port(), control.GetInputPort(name))
+        builder.Connect(sources[name].get_output_port(), gathered.get_input_port(i))
+    log = LogVectorOutput(gathered.get_output_port(), builder, publish_period=PERIOD)
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo((SKIPPED + TICKS - 0.5) * PERIOD)
+    return log.FindLog(simulator.get_context()).data().T
 
 
-def _shares(diagram: Any) -> dict[str, float]:
+def _shares(diagram: Any, inputs: Any) -> dict[str, float]:
     """Median time of each part per tick [s]."""
     import numpy as np
 
@@ -134,7 +181,7 @@ def _shares(diagram: Any) -> dict[str, float]:
     for name, (kind, method) in parts.items():
         setattr(kind, method, _timed(original[name], clocks[name]))
     try:
-        _run(diagram)
+        _run(diagram, inputs)
     finally:
         for name, (kind, method) in parts.items():
             setattr(kind, method, original[name])
