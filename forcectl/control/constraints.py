@@ -258,7 +258,8 @@ class ConstraintSet:
         each = (limits.position_lower, limits.position_upper, limits.velocity, limits.acceleration)
         self._joints = [limit.tolist() for limit in each]
         self._low, self._high, speed, room = each
-        self._most = speed / period  # the change of speed in a tick, from rest to the limit
+        # Accelerations that lead from rest to the limit of the speed in a tick.
+        self._least, self._most, self._no_room = -speed / period, speed / period, -room
         self._tick_room, self._tick_speed = period * room, period * room + speed
         self._gamma = [g for _, rows, g in found for _ in range(rows)][self._second :]
         self._margin = [m for c, rows, _ in found for m in [_margin(c)] * rows][self._second :]
@@ -312,9 +313,8 @@ class ConstraintSet:
         """Bounds of u by the joint limits, and by how much a position [rad] or speed [rad/s] is beyond one."""
         Ts = self._period
         if self._n > FEW_LANES and self._unbound(q, v):
-            room = self._room
             change = v / Ts
-            return np.maximum(-self._most - change, -room), np.minimum(self._most - change, room), 0.0
+            return np.maximum(self._least - change, self._no_room), np.minimum(self._most - change, self._room), 0.0
         lower, upper, violation = [], [], 0.0
         # Joint by joint in floats: for an arm a third of the cost of numpy.
         for x, rate, low, high, speed, room in zip(q.tolist(), v.tolist(), *self._joints, strict=True):

@@ -21,7 +21,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.lapack import dgeqrf, dormqr, dposv
 
-from forcectl.control.quadratic_program import QuadraticProgram, SolverFactory, Status, fastest, identity
+from forcectl.control.quadratic_program import QuadraticProgram, SolverFactory, Status, fastest, free_optimum, identity
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import check_count
 from forcectl.reductions import largest
@@ -31,6 +31,7 @@ Array = NDArray[np.float64]
 # What rows have at least below the first level, in their unit: where they leave none, one more or less of them decides
 # by rounding whether a solver finds a point. A tenth of what they may be missed by.
 _ROOM = 1e-9
+_NOWHERE = 1e-9  # a step by less than that is none
 
 
 class Level(NamedTuple):
@@ -48,7 +49,8 @@ class PrioritizedSolution(NamedTuple):
     """u: (n,). status, slack: of level 1, see `Solution`. levels: how many were solved.
 
     levels is the number of levels unless the solver failed or there is no freedom left, and 0 for the fallback.
-    answers: u after each of them.
+    answers: u after each of them, the same array where a level leaves it as it is. touches: whether a row or bound may hold with
+    equality.
     """
 
     u: Array
@@ -56,6 +58,7 @@ class PrioritizedSolution(NamedTuple):
     slack: float
     levels: int
     answers: Sequence[Array] = ()
+    touches: bool = True
 
 
 class PrioritizedProgram:
@@ -86,9 +89,7 @@ class PrioritizedProgram:
             if not check_count("tasks", rows) <= n:
                 raise invalid("tasks", rows, f"at most n = {n} rows")
         self._tasks = tuple(tasks)
-        self._first = QuadraticProgram(
-            n, m, slack_weight=slack_weight, solver=solver, tolerance=tolerance, free_first=True
-        )
+        self._first = QuadraticProgram(n, m, slack_weight=slack_weight, solver=solver, tolerance=tolerance)
         # Below the first level the bounds of u are rows; what is free of J_1 ... is the columns after theirs.
         free = [n - sum(tasks[: k + 1]) for k in range(len(tasks))]
         self._below = [QuadraticProgram(d, m + n, solver=solver, tolerance=tolerance) for d in free if d > 0]
@@ -122,10 +123,15 @@ class PrioritizedProgram:
         """
         self._check(levels)
         hessian, gradient, _ = levels[0]
-        found = self._first.solve(hessian, gradient, matrix, upper, u_lower=u_lower, u_upper=u_upper, fallback=fallback)
-        if found.status.brakes:
-            return PrioritizedSolution(fallback, found.status, 0.0, 0)
-        answers, basis = [found.u], None
+        first, status, slack = free_optimum(hessian, gradient, matrix, upper, u_lower, u_upper), Status.OPTIMAL, 0.0
+        touches = first is None
+        if first is None:
+            first, status, slack = self._first.solve(
+                hessian, gradient, matrix, upper, u_lower=u_lower, u_upper=u_upper, fallback=fallback
+            )
+            if status.brakes:
+                return PrioritizedSolution(fallback, status, 0.0, 0)
+        answers, basis = [first], None
         for above, level, program, pick in zip(levels, levels[1:], self._below, self._picks, strict=False):
             basis = _free_of(above.task, basis, pick)
             if basis is None:
@@ -134,7 +140,8 @@ class PrioritizedProgram:
             if u is None:
                 break
             answers.append(u)
-        return PrioritizedSolution(answers[-1], found.status, found.slack, len(answers), answers)
+        touches = touches or answers[-1] is not first
+        return PrioritizedSolution(answers[-1], status, slack, len(answers), answers, touches)
 
     def _descend(
         self,
@@ -160,6 +167,8 @@ class PrioritizedProgram:
             bent = basis.T.dot(hessian).dot(basis)
             _, free, failed = dposv(bent, -steepness)
         if failed == 0:
+            if largest(np.abs(free)) <= _NOWHERE:
+                return u
             there: Array = u + basis.dot(free)
             inside = largest(matrix.dot(there) - upper) <= _ROOM
             if inside and largest(there - u_upper) <= _ROOM and largest(u_lower - there) <= _ROOM:

@@ -43,6 +43,7 @@ _DAQP_INFEASIBLE = -1
 _EQUALITY = np.int32(5)  # kind of a row, to DAQP
 # Rows are normalised inside DAQP, so this holds in the units of u; its default 1e-6 would be micrometres per s^2.
 _PRIMAL_TOLERANCE = 1e-10
+_TOUCHES = 1e-9  # a row that is missed by less holds with equality
 
 
 class Status(IntEnum):
@@ -169,7 +170,6 @@ class QuadraticProgram:
             slack squared costs, in units of the mean diagonal of H: 1e4 and more keeps the slack near the smallest
             possible, and rows with a hundred times the weight give way only after the others.
         solver: makes the solver. tolerance: by how much a row may be missed, relative to its terms [1].
-        free_first: try the optimum without rows and bounds first: half of the time where usually none binds.
 
     Raises:
         BadInputError: a size below one, or a weight that is not positive.
@@ -183,9 +183,8 @@ class QuadraticProgram:
         slack_weight: ArrayLike = np.inf,
         solver: SolverFactory = fastest,
         tolerance: float = 1e-8,
-        free_first: bool = False,
     ):
-        self._n, self._m, self._free_first = check_count("n", n), check_count("m", m), free_first
+        self._n, self._m = check_count("n", n), check_count("m", m)
         weight = np.asarray(slack_weight, dtype=float)
         if weight.ndim > 1 or weight.size not in (1, self._m):
             raise BadInputError(f"slack_weight has shape {weight.shape}: must be one number or shape ({self._m},)")
@@ -233,10 +232,6 @@ class QuadraticProgram:
             self._no_u_lower if u_lower is None else u_lower,
             self._no_u_upper if u_upper is None else u_upper,
         )
-        if self._free_first and math.isfinite(np.vdot(hessian, hessian)):
-            _, free, failed = dposv(hessian, -gradient)
-            if failed == 0 and self._plainly(program, free, matrix.dot(free)):
-                return Solution(free, Status.OPTIMAL, 0.0)
         if not _finite(program):
             return Solution(fallback, Status.NOT_FINITE, 0.0)
         u, infeasible = self._attempt(self._solver, program)
@@ -309,6 +304,26 @@ def identity(n: int) -> Array:
     eye = np.eye(n)
     eye.flags.writeable = False
     return eye
+
+
+def free_optimum(
+    hessian: Array, gradient: Array, matrix: Array, upper: Array, u_lower: Array, u_upper: Array
+) -> Array | None:
+    """The optimum without rows E u <= upper and bounds if it keeps off all of them by 1e-9, else None.
+
+    Where they seldom bind it saves a solver half of its time. Arguments: see `QuadraticProgram.solve`; any numbers.
+    """
+    if not math.isfinite(np.vdot(hessian, hessian)):
+        return None
+    _, free, failed = dposv(hessian, -gradient)
+    # NaN fails every comparison.
+    apart = (
+        failed == 0
+        and largest(matrix.dot(free) - upper) < -_TOUCHES
+        and largest(free - u_upper) < -_TOUCHES
+        and largest(u_lower - free) < -_TOUCHES
+    )
+    return free if apart else None
 
 
 def _finite(program: Coefficients) -> bool:

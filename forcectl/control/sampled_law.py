@@ -12,7 +12,6 @@ from __future__ import annotations
 from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 from typing import Any
-from weakref import ref
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -63,13 +62,13 @@ class SampledLaw(LaneBlock):
 
     def declare_output(self, name: str) -> None:
         """Declare an output port of shape (n,) that shows the remembered value of that name."""
-        block, place, now = ref(self), self._place[name], self._now
+        place, now, single = self._place[name], self._now, self._size == 1
         if now is None:
             raise ValueError(f"{name}: the law remembers its command only, and that is an output")
 
         def show(context: Context, output: BasicVector) -> None:
-            law: Any = block()
-            law.write(output, now.Eval(context)[place])
+            value = now.Eval(context)[place]
+            output.SetAtIndex(0, value) if single else output.SetFromVector(value)
 
         self.DeclareVectorOutputPort(name, self._size, show, prerequisites_of_calc={now.ticket()})
 

@@ -107,7 +107,7 @@ class TaskCost:
         self._by_velocity = (half * Qpv + Qv) / Ts
         slopes = [_vector("position_slope", position_slope, size), _vector("velocity_slope", velocity_slope, size)]
         self._constant = (half * slopes[0] + slopes[1]) / Ts
-        self._together, self._slopes = together, np.concatenate(slopes)
+        self._half, self._slopes = 0.5 * together, np.concatenate(slopes)
 
     def slope(self, state: TaskState, position: Vector, velocity: Vector) -> Vector:
         """w of L/Ts^2 = a'W a/2 + w'a + constant, with W = `curvature`, for a = J u + J'q'; (k,).
@@ -122,7 +122,7 @@ class TaskCost:
     def value(self, error: Vector, rate: Vector) -> float:
         """L of the errors e, e' at the next tick, (k,) each."""
         both = np.concatenate([error, rate])
-        value: float = (0.5 * self._together.dot(both) + self._slopes).dot(both).item()
+        value: float = (self._half.dot(both) + self._slopes).dot(both).item()
         return value
 
 

@@ -23,7 +23,7 @@ from forcectl.control.arms_motion import ArmsMotion
 from forcectl.control.constraints import ConstraintSet, JointTorqueLimit, Rows
 from forcectl.control.null_space import Criterion
 from forcectl.control.prioritized_program import Level, PrioritizedProgram
-from forcectl.control.quadratic_program import SolverFactory, Status
+from forcectl.control.quadratic_program import SolverFactory, Status, identity
 from forcectl.control.task_coordinates import ArmTask, TaskState
 from forcectl.control.task_cost import TaskCost, Weights
 from forcectl.errors import BadInputError
@@ -34,7 +34,6 @@ Vector = NDArray[np.float64]
 _LEAST_DAMPING = 1e-4
 _DAMPING = 0.05  # lambda_max of the damped inverse [1]
 _SINGULAR = 0.05  # smallest singular value of the tasks, with lengths in characteristic lengths, that is undamped [1]
-_ROUNDING = 1e-9  # accelerations that differ by less are one [rad/s^2]
 _HOLDS = -1e-9  # a row that is missed by less holds with equality
 
 
@@ -76,7 +75,7 @@ class TaskLevel:
 
     def part(self, state: TaskState) -> TaskState:
         """Its coordinates among all."""
-        return TaskState(*(whole[self.rows] for whole in state))
+        return state if len(state.value) == self.size else TaskState(*(whole[self.rows] for whole in state))
 
     def objective(self, part: TaskState, position: Vector, velocity: Vector) -> Level:
         """L of this level without damping."""
@@ -141,11 +140,10 @@ class TaskProgram:
         """What is minimised, in order of priority, the criterion last; and whether the tasks are near a singularity."""
         parts = [level.part(state) for level in self._levels]
         near = self._levels[0].damping(parts[0].jacobian)
-        programs, damping = [], max(near, _LEAST_DAMPING)
+        programs, damping, eye = [], max(near, _LEAST_DAMPING), identity(len(motion.v))
         for level, part in zip(self._levels, parts, strict=True):
             hessian, gradient, J = level.objective(part, position[level.rows], velocity[level.rows])
-            hessian.ravel()[:: len(hessian) + 1] += damping
-            programs.append(Level(hessian, gradient + (damping / self._period) * motion.v, J))
+            programs.append(Level(hessian + damping * eye, gradient + (damping / self._period) * motion.v, J))
             damping = _LEAST_DAMPING
         programs.append(Level(*self._criterion.cost(motion, self._period)))
         return programs, near > 0.0
@@ -169,13 +167,16 @@ class TaskProgram:
         if found.status.brakes:
             u = self._constraints.brake(motion.v, rows)
             direct = 0.0 if torque is None else max(torque.excess(motion, u), 0.0)
-        beyond = matrix.dot(u) - limit
-        active = np.count_nonzero(beyond > _HOLDS) + np.count_nonzero(u >= rows.upper) + np.count_nonzero(u <= rows.lower)
-        if rows.direct:
-            direct = max(direct, largest(beyond[: rows.direct]))
+        active = 0
+        if found.touches:
+            beyond = matrix.dot(u) - limit
+            active = np.count_nonzero(beyond > _HOLDS)
+            active += np.count_nonzero(u >= rows.upper) + np.count_nonzero(u <= rows.lower)
+            if rows.direct:
+                direct = max(direct, largest(beyond[: rows.direct]))
         last = programs[-1]
         cost = (0.5 * last.hessian.dot(u) + last.gradient).dot(u).item()
-        return Outcome(u, found.status, found.slack, found.levels, int(active), direct, near, cost)
+        return Outcome(u, found.status, found.slack, found.levels, active, direct, near, cost)
 
     def costs(self, error: Vector, rate: Vector) -> list[float]:
         """L of every level but the last (5.16), of the errors e, e' of all task coordinates at the next tick."""
@@ -183,10 +184,10 @@ class TaskProgram:
 
 
 def _different(answers: Sequence[Vector]) -> Iterator[Vector]:
-    """The last answer, and those above that are not the one below them but for rounding."""
+    """The answers, without those that the level below leaves as they are."""
     below = None
     for answer in reversed(answers):
-        if below is None or largest(np.abs(answer - below)) > _ROUNDING:
+        if answer is not below:
             yield answer
         below = answer
 
