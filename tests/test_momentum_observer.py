@@ -42,17 +42,17 @@ class Arm:
         """At every tick from 0; the torque is the mean of `inner` steps in a tick, good to about 1e-6 Nm."""
         context, h = self.model.create_context(), TICK / inner
         q, v = self.motion(0.0)
-        p, coriolis, gravity = self.model.terms(context, q, v)
+        p, force = self.model.terms(context, q, v)
         impulse, found = np.zeros(2), [(q, v, np.zeros(2))]
         for k in range(1, round(duration / h) + 1):
-            p_last, force_last, v_last = p, coriolis + gravity, v
+            p_last, force_last, v_last = p, force, v
             q, v = self.motion(k * h)
-            p, coriolis, gravity = self.model.terms(context, q, v)
+            p, force = self.model.terms(context, q, v)
             sign, ahead, back = mean_features(v_last, v)
             f = self.friction
             drag = f.offset + f.coulomb * sign + f.viscous_forward * ahead + f.viscous_backward * back
             outside = self.external((k - 0.5) * h)
-            impulse = impulse + (p - p_last) - h * (0.5 * (force_last + coriolis + gravity) - drag + outside)
+            impulse = impulse + (p - p_last) - h * (0.5 * (force_last + force) - drag + outside)
             if k % inner == 0:
                 found.append((q, v, impulse / TICK))
                 impulse = np.zeros(2)
@@ -215,7 +215,7 @@ def test_an_arm_at_rest_with_its_motors_off_is_believed():
     model, q = MomentumModel(chain_plant()), np.array([0.4, -0.9])
     _, residual, ok = observe(MomentumObserver(model), [(q, np.zeros(2), np.zeros(2))] * 150)
     assert ok.min() == 1.0
-    _, _, gravity = model.terms(model.create_context(), q, np.zeros(2))
+    _, gravity = model.terms(model.create_context(), q, np.zeros(2))
     np.testing.assert_allclose(residual[-1], -gravity, atol=1e-4)
 
 

@@ -142,7 +142,7 @@ def swinging() -> xr.Dataset:
     model = one.momentum_model()
     context, f = model.create_context(), one.friction
     rows = [model.terms(context, a, b) for a, b in zip(q, v, strict=True)]
-    p, force = np.array([row[0] for row in rows]), np.array([row[1] + row[2] for row in rows])
+    p, force = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
     sign, ahead, back = mean_features(v[:-1], v[1:])
     drag = f.offset + f.coulomb * sign + f.viscous_forward * ahead + f.viscous_backward * back
     torque = np.zeros_like(q)

@@ -173,9 +173,9 @@ def test_the_torque_is_the_mean_over_the_tick():
     log = run(cell, 0.3, joint_position_reference=lambda t: cell.motor_start + 0.1 * np.sin(8 * t))
     p, force = [], []
     for q, v in zip(log["link_position"], log["link_velocity"], strict=True):
-        momentum, coriolis, weight = model.terms(context, q, v)
+        momentum, total = model.terms(context, q, v)
         p.append(momentum)
-        force.append(coriolis + weight)
+        force.append(total)
     p, force = np.array(p), np.array(force)
     balance = np.diff(p, axis=0) / TICK - 0.5 * (force[1:] + force[:-1])
     np.testing.assert_allclose(log["motor_torque"][1:], balance, atol=0.15)

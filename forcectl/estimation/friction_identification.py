@@ -116,8 +116,7 @@ def friction_samples(
     momentum, force = np.full_like(q, np.nan), np.full_like(q, np.nan)
     context = model.create_context()
     for k in np.flatnonzero(good):
-        momentum[k], coriolis, gravity = model.terms(context, q[k], v[k])
-        force[k] = coriolis + gravity
+        momentum[k], force[k] = model.terms(context, q[k], v[k])
     both = good[1:] & good[:-1]
     friction = torque[1:] - np.diff(momentum, axis=0) / np.diff(t)[:, None] + 0.5 * (force[1:] + force[:-1])
     return v[:-1][both], v[1:][both], friction[both]

@@ -14,7 +14,7 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, JacobianWrtVariable, Joint
+from pydrake.multibody.tree import Frame, JacobianWrtVariable, Joint, MultibodyForces
 from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError
@@ -58,6 +58,7 @@ class MomentumModel:
         self._v = np.array([joint.velocity_start() for joint in joints])
         in_order = np.arange(plant.num_positions())
         self._all = np.array_equal(self._q, in_order) and np.array_equal(self._v, in_order)
+        self._at_rest = np.zeros(plant.num_velocities())
         self._rotors = None if rotor_inertia is None else _inertia_matrix(rotor_inertia, self.num_joints)
 
     @classmethod
@@ -92,11 +93,13 @@ class MomentumModel:
         everything[self._v] = v
         self.plant.SetVelocities(context, everything)
 
-    def terms(self, context: Context, q: Array, v: Array) -> tuple[Array, Array, Array]:
-        """p, C'q' and tau_g at joint positions and speeds of shape (n,) [rad, rad/s].
+    def terms(self, context: Context, q: Array, v: Array) -> tuple[Array, Array]:
+        """p and C'q' + tau_g at joint positions and speeds of shape (n,) [rad, rad/s].
+
+        tau_g is gravity as a force on the right-hand side, with what springs and dampers the plant has.
 
         Returns:
-            momentum (n,) [kg m2/s], C'q' (n,) [Nm], gravity as a force on the right-hand side (n,) [Nm].
+            momentum (n,) [kg m2/s], and C'q' + tau_g (n,) [Nm].
         """
         # A difference of one length at any speed: a step in time would drown slow motion in rounding.
         span = largest(np.abs(v))
@@ -112,10 +115,11 @@ class MomentumModel:
             momentum = momentum + self._rotors.dot(v)
         self._set_positions(context, q)
         self._set_velocities(context, v)
-        bias, gravity = self.plant.CalcBiasTerm(context), self.plant.CalcGravityGeneralizedForces(context)
-        if not self._all:
-            bias, gravity = bias[self._v], gravity[self._v]
-        return momentum, rate - bias, gravity
+        forces = MultibodyForces(self.plant)
+        self.plant.CalcForceElementsContribution(context, forces)
+        # C q' - tau_g, in one sweep over the links.
+        held = self.plant.CalcInverseDynamics(context, self._at_rest, forces)
+        return momentum, rate - (held if self._all else held[self._v])
 
     def owns(self, frame: Frame) -> bool:
         """Whether the frame is one of `plant`."""

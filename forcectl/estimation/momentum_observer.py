@@ -248,8 +248,7 @@ class MomentumObserver(SampledLaw):
             share = 0.5 * (1.0 - pole)
             late_q = pole * late_q + share * (q + q_last)
             late_torque = pole * late_torque + share * (mean_torque + mean_last)
-        momentum, coriolis, gravity = self._model.terms(self._scratch.Eval(context), late_q, v)
-        force = coriolis + gravity
+        momentum, force = self._model.terms(self._scratch.Eval(context), late_q, v)
         if going_on:
             sign, ahead, back = mean_features(v_last, v)
             friction = offset + coulomb * sign + forward * ahead + backward * back
