@@ -66,9 +66,9 @@ class TaskLevel:
         # Neighbours, as they usually are, are picked without a copy.
         together = np.array_equal(rows, np.arange(rows[0], rows[0] + len(rows)))
         self.rows = slice(int(rows[0]), int(rows[-1]) + 1) if together else rows
-        self.size, self.cost, self._scale = len(rows), cost, scale[:, None]
+        self.size, self.cost, self._scales = len(rows), cost, np.outer(scale, scale)
         # Divided by that, the curvature is at most one for coordinates of comparable size.
-        compared = cost.curvature / np.outer(scale, scale)
+        compared = cost.curvature / self._scales
         self._unit = 1.0 / np.linalg.eigvalsh(compared)[-1].item()
         self._curvature = self._unit * cost.curvature
         self._limit = _SINGULAR**2 * np.eye(self.size)
@@ -86,8 +86,7 @@ class TaskLevel:
 
     def damping(self, J: Vector) -> float:
         """lambda^2 of the damped inverse, from the smallest singular value of J."""
-        scaled = self._scale * J
-        square = scaled.dot(scaled.T)
+        square = self._scales * J.dot(J.T)
         # Usually far from singular, and then this Cholesky factor exists; at a fifth of the cost of the eigenvalues.
         if dpotrf(square - self._limit, clean=0)[1] == 0:
             return 0.0

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
+from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -30,7 +31,7 @@ class GroupPlanner:
         ends = np.cumsum(self._sizes).tolist()
         self._groups = [slice(end - size, end) for end, size in zip(ends, self._sizes, strict=True)]
         self._planners = [Planner(size, synchronized) for size in self._sizes]
-        self._key, self._plans = b"", list[Plan]()
+        self._key, self._plans, self._arrival, self._braking = b"", list[Plan](), np.empty(0), np.empty(0)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> GroupPlanner:
         """Another one that has planned nothing."""
@@ -69,9 +70,12 @@ class GroupPlanner:
         if key != self._key:
             pairs = zip(self._groups, self._planners, strict=True)
             self._key, self._plans = key, [planner.plan_of(course[6:, place]) for place, planner in pairs]
-        after = course.copy()
-        for place, plan in zip(self._groups, self._plans, strict=True):
-            plan.write(after[:, place], course.item(5, place.start) + period)
+            self._arrival = np.concatenate([plan.arrival for plan in self._plans])
+            self._braking = np.concatenate([plan.braking for plan in self._plans])
+        after, elapsed = course.copy(), course[5] + period
+        rows = [plan.rows(elapsed.item(place.start)) for place, plan in zip(self._groups, self._plans, strict=True)]
+        after[:3] = [list(chain.from_iterable(parts)) for parts in zip(*rows, strict=True)]
+        after[3], after[4], after[5] = self._arrival <= elapsed, self._braking, elapsed
         return after
 
 
