@@ -100,6 +100,7 @@ class RobotModel:
         self.joint_stiffness = facts.stiffness(stiffness_set)
         self.motor_from_joint = _motor_from_joint(facts)
         self.motor_inertia = self.motor_from_joint.T @ np.diag(facts.rotor_inertia) @ self.motor_from_joint
+        self._forces = MultibodyForces(plant)  # a place to work in, overwritten at every use
         self._q = np.array([joint.position_start() for joint in parts.joints])
         self._v = np.array([joint.velocity_start() for joint in parts.joints])
         # An arm and nothing else, in order: the usual case, and no need to pick its joints out of the plant's.
@@ -207,7 +208,7 @@ class RobotModel:
 
         (M(q) + B) vdot + c(q, v) + g(q), with the rotors' B = `motor_inertia` if `rotors`.
         """
-        forces = MultibodyForces(self.plant)
+        forces = self._forces
         self.plant.CalcForceElementsContribution(context, forces)
         if self._arm_only:
             torque: Array = self.plant.CalcInverseDynamics(context, vdot, forces)

@@ -15,7 +15,7 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
 from forcectl.control.constraints import Constraint, Evaluation
-from forcectl.control.robot_motion import RobotMotion
+from forcectl.control.robot_motion import RobotMotion, pose_parts
 from forcectl.errors import BadInputError, unknown
 from forcectl.robot import RobotModel
 
@@ -44,8 +44,7 @@ class _OtherArm(_Beside):
     def __init__(self, lead: RobotMotion, robot: RobotModel, context: Context, frame: Frame):
         self._robot, self._context, self._lead = robot, context, lead
         self.q, self.v = lead.q, lead.v
-        X_WT = frame.CalcPoseInWorld(context)
-        self.position, self.rotation = X_WT.translation(), X_WT.rotation().matrix()
+        self.position, self.rotation = pose_parts(frame.CalcPoseInWorld(context))
         self.jacobian = robot.jacobian_of(context, frame)
         self.velocity = self.jacobian.dot(lead.v)
         self.bias = robot.bias_acceleration_of(context, frame)

@@ -12,6 +12,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.math import RigidTransform
 from pydrake.systems.framework import Context
 
 from forcectl.robot import RobotModel
@@ -97,8 +98,13 @@ class Place(NamedTuple):
 def place(robot: RobotModel, context: Context, q: Vector) -> Place:
     """Where the TCP is in posture q, (n,) [rad]; `context` is overwritten."""
     robot.set_positions(context, q)
-    X_WT = robot.pose(context)
-    return Place(X_WT.translation(), X_WT.rotation().matrix())
+    return pose_parts(robot.pose(context))
+
+
+def pose_parts(pose: RigidTransform) -> Place:
+    """Position and rotation of a pose, at the cost of one call."""
+    matrix = pose.GetAsMatrix34()
+    return Place(matrix[:, 3], matrix[:, :3])
 
 
 def straight_place(origin: RobotMotion, q: Vector) -> Place:

@@ -59,6 +59,7 @@ class MomentumModel:
         in_order = np.arange(plant.num_positions())
         self._all = np.array_equal(self._q, in_order) and np.array_equal(self._v, in_order)
         self._at_rest = np.zeros(plant.num_velocities())
+        self._forces = MultibodyForces(plant)  # a place to work in, overwritten at every use
         self._rotors = None if rotor_inertia is None else _inertia_matrix(rotor_inertia, self.num_joints)
 
     @classmethod
@@ -115,10 +116,9 @@ class MomentumModel:
             momentum = momentum + self._rotors.dot(v)
         self._set_positions(context, q)
         self._set_velocities(context, v)
-        forces = MultibodyForces(self.plant)
-        self.plant.CalcForceElementsContribution(context, forces)
+        self.plant.CalcForceElementsContribution(context, self._forces)
         # C q' - tau_g, in one sweep over the links.
-        held = self.plant.CalcInverseDynamics(context, self._at_rest, forces)
+        held = self.plant.CalcInverseDynamics(context, self._at_rest, self._forces)
         return momentum, rate - (held if self._all else held[self._v])
 
     def owns(self, frame: Frame) -> bool:

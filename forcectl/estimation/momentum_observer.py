@@ -198,7 +198,7 @@ class MomentumObserver(SampledLaw):
         external, residual, ok, frozen, since, *memory, impulse, covered = held
         q_last, v_last, torque_last, p_last, force_last, late_q, late_torque, mean_last, raw_speed = memory
         now = context.get_time()
-        q, v, torque = (port.Eval(context) for port in (self._position, self._velocity, self._torque))
+        q, v, torque = self._position.Eval(context), self._velocity.Eval(context), self._torque.Eval(context)
         if self._reset.HasValue(context) and self._reset.Eval(context)[0] > 0.5:
             residual, external, frozen, since = 0.0 * residual, 0.0 * external, 0.0 * frozen, 0.0 * since - 1.0
         started, elapsed, moved = since.item(0) >= 0, now - since.item(0), q - q_last
