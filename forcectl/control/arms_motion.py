@@ -63,13 +63,12 @@ class ArmsMotion(_Beside):
 
     def __init__(self, robot: RobotModel, context: Context, q: Vector, v: Vector):
         # Not this object itself: it holds the others, and they hold the first.
-        self._lead = RobotMotion(robot, context, q, v)
-        self.__dict__ |= self._lead.__dict__
+        lead = self._lead = RobotMotion(robot, context, q, v)
+        self.__dict__ |= lead.__dict__
         self.known: dict[object, Any] = {}
-        (first, _), *others = robot.parts.arms.items()
-        self._arms = {first: self._lead}
-        for name, arm in others:
-            self._arms[name] = _OtherArm(self._lead, robot, context, arm.tcp_frame)
+        self._arms: dict[str, RobotMotion] = {}
+        for name, arm in robot.parts.arms.items():
+            self._arms[name] = _OtherArm(lead, robot, context, arm.tcp_frame) if self._arms else lead
 
     def arm(self, name: str) -> RobotMotion:
         """The same motion, of the TCP of the arm of that name.

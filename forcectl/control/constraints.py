@@ -257,10 +257,16 @@ class ConstraintSet:
         self._room = limits.acceleration
         each = (limits.position_lower, limits.position_upper, limits.velocity, limits.acceleration)
         self._joints = [limit.tolist() for limit in each]
-        self._low, self._high, speed, room = each
+        self._low, self._high, self._speed, room = each
+        speed = self._speed
         # Accelerations that lead from rest to the limit of the speed in a tick.
         self._least, self._most, self._no_room = -speed / period, speed / period, -room
-        self._tick_room, self._tick_speed = period * room, period * room + speed
+        self._tick_room = period * room
+        ranged = np.isfinite(self._low) & np.isfinite(self._high)
+        low, high = (np.where(ranged, limit, 0.0) for limit in (self._low, self._high))
+        fastest = speed + self._tick_room
+        # How far from the middle of its range every joint may be when it is as fast as it can be.
+        self._middle, self._far = 0.5 * (low + high), 0.5 * (high - low) - fastest * (2 * period + fastest / room)
         self._gamma = [g for _, rows, g in found for _ in range(rows)][self._second :]
         self._margin = [m for c, rows, _ in found for m in [_margin(c)] * rows][self._second :]
         steady = [not getattr(c, "rows_change", False) for c, rows, _ in found for _ in range(rows)]
@@ -333,11 +339,15 @@ class ConstraintSet:
 
     def _unbound(self, q: Vector, v: Vector) -> bool:
         """Whether all joints are too far from their position limits to be bound, and within their speed limits."""
-        ahead = np.abs(v) + self._tick_room
+        speed = np.abs(v)
+        # Usually they are so far away that no speed matters.
+        if largest(np.abs(q - self._middle) - self._far) <= 0.0 and largest(speed - self._speed) <= 0.0:
+            return True
+        ahead = speed + self._tick_room
         needed = ahead * (2 * self._period + ahead / self._room)
         room = np.minimum(self._high - q, q - self._low)
         # Of a NaN every comparison is false.
-        return bool(largest(ahead - self._tick_speed) <= 0.0 and largest(needed - room) <= 0.0)
+        return bool(largest(speed - self._speed) <= 0.0 and largest(needed - room) <= 0.0)
 
     def brake(self, v: Vector, rows: Rows) -> Vector:
         """u that brings all joints to rest together, the slowest with half of its acceleration limit (n,) [rad/s^2].

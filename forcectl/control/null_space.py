@@ -67,7 +67,7 @@ class JointSpeed:
 
     def cost(self, motion: ArmsMotion, period: float) -> QuadraticCost:
         """See `Criterion`."""
-        return _towards(motion, 0.0, self._time, period)
+        return _towards(motion, None, self._time, period)
 
 
 class EvasiveMotion:
@@ -201,7 +201,7 @@ class TowardsSmallMass:
         return gradient
 
 
-def _towards(motion: ArmsMotion, wanted: Vector | float, time_constant: float | None, period: float) -> QuadraticCost:
+def _towards(motion: ArmsMotion, wanted: Vector | None, time_constant: float | None, period: float) -> QuadraticCost:
     time = period if time_constant is None else max(time_constant, period)
-    gradient: Vector = (motion.v - wanted) / time
+    gradient: Vector = (motion.v if wanted is None else motion.v - wanted) / time
     return QuadraticCost(identity(len(motion.v)), gradient)

@@ -140,7 +140,7 @@ class DaqpPackage:
         hessian, gradient, matrix, lower, upper, u_lower, u_upper = program
         above, below = np.concatenate([u_upper, upper]), np.concatenate([u_lower, lower])
         equal = above == below
-        kinds = np.where(equal, _EQUALITY, self._kinds) if equal.any() else self._kinds
+        kinds = np.where(equal, _EQUALITY, self._kinds) if largest(equal) else self._kinds
         u, _, flag, _ = daqp.solve(hessian, gradient, matrix, above, below, kinds, primal_tol=_PRIMAL_TOLERANCE)
         return (u, False) if flag > 0 else (None, flag == _DAQP_INFEASIBLE)
 
@@ -330,7 +330,7 @@ def _finite(program: Coefficients) -> bool:
     """Whether the coefficients that are no bounds are finite."""
     parts = program[:3]
     # A sum of squares tells in a fifth of the time, unless it overflows.
-    if math.isfinite(sum(np.vdot(part, part) for part in parts)):
+    if math.isfinite(np.vdot(parts[0], parts[0]) + parts[1].dot(parts[1]) + np.vdot(parts[2], parts[2])):
         return True
     return all(np.isfinite(part).all() for part in parts)
 

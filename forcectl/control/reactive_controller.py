@@ -208,7 +208,8 @@ class ReactiveController(TickBlock):
         n, k = self._n, self._size
         quantities = ("position", "velocity", "acceleration")
         names = [f"task_{quantity}_reference" for quantity in quantities]
-        self._wishes = [self.DeclareVectorInputPort(name, k) for name in (*names, "task_target")]
+        *self._references, bend = [self.DeclareVectorInputPort(name, k) for name in names]
+        self._wishes = bend, self.DeclareVectorInputPort("task_target", k)
         self._measured = [self.DeclareVectorInputPort(name, n) for name in ("joint_position", "joint_velocity")]
         none, nowhere = np.zeros(1), np.full(1, np.inf)
         # Single numbers first, in the order of `step`.
@@ -233,7 +234,7 @@ class ReactiveController(TickBlock):
         }
         self._memory_start = np.concatenate(list(memory.values()))
         self._scratch = scratch(self, "commanded posture", self._robot.create_context)
-        inputs = (*self._wishes, *self._measured)
+        inputs = (*self._references, *self._wishes, *self._measured)
         self._task_start = task_start
         kept = {"task_position": task_start, "task_velocity": np.zeros(k), "task_acceleration": np.zeros(k)}
         self.declare_memory(self._memory_start, inputs, self._period, kept)
@@ -254,9 +255,8 @@ class ReactiveController(TickBlock):
         Ts, place = self._period, self._place
         q, v = memory[place["joint_position_reference"]], memory[place["joint_velocity_reference"]]
         readings, stops = self._look(context, memory, q, v)
-        position, velocity, bend, target = (
-            port.Eval(context) if port.HasValue(context) else None for port in self._wishes
-        )
+        position, velocity = self._references[0].Eval(context), self._references[1].Eval(context)
+        bend, target = (port.Eval(context) if port.HasValue(context) else None for port in self._wishes)
         motion = ArmsMotion(self._robot, self._scratch.Eval(context), q, v)
         state = self._task_state(motion)
         rows = self._constraints.rows(motion, memory[place["foreseen"]])
@@ -317,10 +317,13 @@ class ReactiveController(TickBlock):
 
     def _look(self, context: Context, memory: Vector, q: Vector, v: Vector) -> tuple[Readings, bool]:
         """The readings of this tick, and whether they stop the motion."""
-        place = self._place
-        position, command, good = (memory[place[name]] for name in ("read_position", "read_command", "reading_ok"))
-        past = Readings(position, command, good, memory.item(place["gap"].start))
-        read, speed = self._measured
+        place, (read, speed) = self._place, self._measured
+        past = Readings(
+            memory[place["read_position"]],
+            memory[place["read_command"]],
+            memory[place["reading_ok"]],
+            memory.item(place["gap"].start),
+        )
         if not read.HasValue(context):
             return past, False
         position, velocity = read.Eval(context), speed.Eval(context) if speed.HasValue(context) else v

@@ -163,7 +163,7 @@ class TaskProgram:
             matrix, limit = np.concatenate([matrix, more]), np.concatenate([limit, allowed])
             found = self._limited.solve(programs, matrix, limit, **bounds)
         u = found.u
-        if found.status.brakes:
+        if found.levels == 0:
             u = self._constraints.brake(motion.v, rows)
             direct = 0.0 if torque is None else max(torque.excess(motion, u), 0.0)
         active = 0
@@ -174,7 +174,8 @@ class TaskProgram:
             if rows.direct:
                 direct = max(direct, largest(beyond[: rows.direct]))
         last = programs[-1]
-        cost = (0.5 * last.hessian.dot(u) + last.gradient).dot(u).item()
+        bent = u if last.hessian is identity(len(u)) else last.hessian.dot(u)
+        cost = (0.5 * bent + last.gradient).dot(u).item()
         return Outcome(u, found.status, found.slack, found.levels, active, direct, near, cost)
 
     def costs(self, error: Vector, rate: Vector) -> list[float]:
