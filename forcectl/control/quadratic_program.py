@@ -313,10 +313,8 @@ def free_optimum(
 
     Where they seldom bind it saves a solver half of its time. Arguments: see `QuadraticProgram.solve`; any numbers.
     """
-    if not math.isfinite(np.vdot(hessian, hessian)):
-        return None
     _, free, failed = dposv(hessian, -gradient)
-    # NaN fails every comparison.
+    # What is not finite makes the factorisation fail or a NaN, and that fails every comparison.
     apart = (
         failed == 0
         and largest(matrix.dot(free) - upper) < -_TOUCHES

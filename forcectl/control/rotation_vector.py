@@ -62,28 +62,27 @@ class RotationVector:
             c = (1.0 - 0.5 * t * cot) / square
             slope = (0.25 * t * (1.0 + cot * cot) - 0.5 * cot) / square - 2.0 * c / t
         # [phi]x^2 = phi phi' - t^2.
-        rest = 1.0 - c * square
-        xy, xz, yz = c * x * y, c * x * z, c * y * z
-        xx, yy, zz = rest + c * x * x, rest + c * y * y, rest + c * z * z
+        rest, cx, cy, cz = 1.0 - c * square, c * x, c * y, c * z
+        xx, yy, zz, xy, xz, yz = rest + cx * x, rest + cy * y, rest + cz * z, cx * y, cx * z, cy * z
+        x2, y2, z2 = 0.5 * x, 0.5 * y, 0.5 * z
+        ab, ba, ad, da, bd, db = xy + z2, xy - z2, xz - y2, xz + y2, yz + x2, yz - x2
         # phi', row by row of A.
-        a = xx * wx + (xy + 0.5 * z) * wy + (xz - 0.5 * y) * wz
-        b = (xy - 0.5 * z) * wx + yy * wy + (yz + 0.5 * x) * wz
-        d = (xz + 0.5 * y) * wx + (yz - 0.5 * x) * wy + zz * wz
+        a, b, d = xx * wx + ab * wy + ad * wz, ba * wx + yy * wy + bd * wz, da * wx + db * wy + zz * wz
         # A' w; dc is c', and du that of t^2/2.
         du = x * a + y * b + z * d
         dc = slope * du / t if t > 0.0 else 0.0
-        along, turning = x * wx + y * wy + z * wz, a * wx + b * wy + d * wz
-        shrink = dc * square + 2.0 * c * du
+        along, turning = x * wx + y * wy + z * wz, c * (a * wx + b * wy + d * wz)
+        shrink, e, f = dc * square + 2.0 * c * du, dc * along + turning, c * along
         # One array for all of them: making one costs as much as all of the arithmetic.
         numbers = np.array(
             (
                 *(x, y, z),
-                *(xx, xy + 0.5 * z, xz - 0.5 * y),
-                *(xy - 0.5 * z, yy, yz + 0.5 * x),
-                *(xz + 0.5 * y, yz - 0.5 * x, zz),
-                0.5 * (d * wy - b * wz) + (dc * x + c * a) * along + c * x * turning - shrink * wx,
-                0.5 * (a * wz - d * wx) + (dc * y + c * b) * along + c * y * turning - shrink * wy,
-                0.5 * (b * wx - a * wy) + (dc * z + c * d) * along + c * z * turning - shrink * wz,
+                *(xx, ab, ad),
+                *(ba, yy, bd),
+                *(da, db, zz),
+                0.5 * (d * wy - b * wz) + e * x + f * a - shrink * wx,
+                0.5 * (a * wz - d * wx) + e * y + f * b - shrink * wy,
+                0.5 * (b * wx - a * wy) + e * z + f * d - shrink * wz,
             )
         )
         return OrientationState(numbers[:3], numbers[3:12].reshape(3, 3), numbers[12:])

@@ -113,6 +113,7 @@ class TaskProgram:
     ):
         self._levels, self._criterion, self._constraints, self._period = tuple(levels), criterion, constraints, period
         n, m = len(torque), constraints.size
+        self._eyes = identity(n), _LEAST_DAMPING * identity(n)
         # A program has at least one row.
         self._nothing = (np.zeros((1, n)), np.array([np.inf])) if m == 0 else None
         weights = constraints.slack_weights if m else np.full(1, np.inf)
@@ -139,10 +140,11 @@ class TaskProgram:
         """What is minimised, in order of priority, the criterion last; and whether the tasks are near a singularity."""
         parts = [level.part(state) for level in self._levels]
         near = self._levels[0].damping(parts[0].jacobian)
-        programs, damping, eye = [], max(near, _LEAST_DAMPING), identity(len(motion.v))
+        programs, damping, (eye, least) = [], max(near, _LEAST_DAMPING), self._eyes
         for level, part in zip(self._levels, parts, strict=True):
             hessian, gradient, J = level.objective(part, position[level.rows], velocity[level.rows])
-            programs.append(Level(hessian + damping * eye, gradient + (damping / self._period) * motion.v, J))
+            hessian += least if damping == _LEAST_DAMPING else damping * eye
+            programs.append(Level(hessian, gradient + (damping / self._period) * motion.v, J))
             damping = _LEAST_DAMPING
         programs.append(Level(*self._criterion.cost(motion, self._period)))
         return programs, near > 0.0

@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from itertools import chain
 from typing import Any
 
 import numpy as np
@@ -31,7 +30,8 @@ class GroupPlanner:
         ends = np.cumsum(self._sizes).tolist()
         self._groups = [slice(end - size, end) for end, size in zip(ends, self._sizes, strict=True)]
         self._planners = [Planner(size, synchronized) for size in self._sizes]
-        self._key, self._plans, self._arrival, self._braking = b"", list[Plan](), np.empty(0), np.empty(0)
+        self._key, self._plans = b"", list[Plan]()
+        self._arrival = self._braking = self._unit = np.empty(0)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> GroupPlanner:
         """Another one that has planned nothing."""
@@ -72,9 +72,11 @@ class GroupPlanner:
             self._key, self._plans = key, [planner.plan_of(course[6:, place]) for place, planner in pairs]
             self._arrival = np.concatenate([plan.arrival for plan in self._plans])
             self._braking = np.concatenate([plan.braking for plan in self._plans])
+            self._unit = np.tile(np.concatenate([plan.unit for plan in self._plans]), (3, 1))
         after, elapsed = course.copy(), course[5] + period
-        rows = [plan.rows(elapsed.item(place.start)) for place, plan in zip(self._groups, self._plans, strict=True)]
-        after[:3] = [list(chain.from_iterable(parts)) for parts in zip(*rows, strict=True)]
+        for place, plan in zip(self._groups, self._plans, strict=True):
+            after[:3, place] = plan.rows(elapsed.item(place.start))
+        after[:3] *= self._unit
         after[3], after[4], after[5] = self._arrival <= elapsed, self._braking, elapsed
         return after
 

@@ -180,10 +180,12 @@ class Plan:
     Attributes:
         arrival: when each component is at its target, shape (n,) [s]; never (infinite) where it brakes.
         braking: 1 in components that could not be planned and brake to rest, shape (n,).
+        unit: what its numbers are multiples of, shape (n,) [u].
     """
 
     def __init__(self, trajectory: Any, arrival: Sequence[float], brakes: Sequence[bool], unit: Array | None = None):
-        self._trajectory, self._unit = trajectory, unit
+        self._trajectory = trajectory
+        self.unit: Array = np.ones(len(brakes)) if unit is None else unit
         self.arrival: Array = np.array([np.inf if no else time for time, no in zip(arrival, brakes, strict=True)])
         self.braking: Array = np.array(brakes, dtype=float)
 
@@ -194,12 +196,12 @@ class Plan:
 
     def at(self, time: float) -> Motion:
         """The motion `time` [s] after the start; after the end, on with the velocity of the target."""
-        return Motion(*np.array(self.rows(time)))
+        return Motion(*(np.array(self.rows(time)) * self.unit))
 
     def rows(self, time: float) -> Sequence[Sequence[float]]:
-        """The same as three rows of numbers, at less cost."""
+        """The same as three rows of numbers, in units of `unit`, at less cost."""
         rows: Sequence[Sequence[float]] = self._trajectory.at_time(time)
-        return rows if self._unit is None else (np.array(rows) * self._unit).tolist()
+        return rows
 
 
 class _Standstill:
@@ -289,7 +291,8 @@ class Planner:
 
     def _go_on(self, course: Array, period: float) -> Course:
         plan, elapsed = self.plan_of(course[6:]), course.item(5, 0) + period
-        course[:3], course[3], course[4], course[5] = plan.rows(elapsed), plan.arrival <= elapsed, plan.braking, elapsed
+        course[:3], course[3] = plan.at(elapsed), plan.arrival <= elapsed
+        course[4], course[5] = plan.braking, elapsed
         return Course(*course)
 
     def plan_of(self, rows: Array) -> Plan:
