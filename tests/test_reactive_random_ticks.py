@@ -109,6 +109,35 @@ def test_rows_hold_and_the_second_stage_changes_nothing_of_the_tasks() -> None:
     assert braked < 0.2 * TICKS
 
 
+@pytest.mark.parametrize("share", [0.1, 0.3])
+def test_torques_asked_for_only_where_they_bind_give_the_optimum_of_all_rows(share: float) -> None:
+    ticks, bound = Ticks(), 0
+    start = at(two_arms().facts.default_posture)
+    torque = share * ticks.limits.torque + np.abs(start.load)
+    torque[3] = np.inf
+    plain = [each for each in constraints() if not isinstance(each, JointTorqueLimit)]
+    fewer = ConstraintSet(plain, ticks.limits, start, PERIOD, -2.0)
+    every = ConstraintSet([JointTorqueLimit(torque), *plain], ticks.limits, start, PERIOD, -2.0)
+    levels, criterion = task_levels(arm_tasks(), Weights(), LENGTH, PERIOD), JointSpeed(time_constant=0.1)
+    late = TaskProgram(levels, criterion, fewer, torque, PERIOD, fastest)
+    all_at_once = TaskProgram(levels, criterion, every, np.full(N, np.inf), PERIOD, fastest)
+    assert late.num_rows == all_at_once.num_rows
+    for seed in range(150):
+        tick = ticks.random(seed)
+        wish = tick.state.rate + 0.1 * np.random.default_rng(seed).normal(size=12)
+        asked = (tick.state, tick.state.value + PERIOD * 0.5 * (tick.state.rate + wish), wish)
+        rows, more = (each.rows(tick.motion, np.zeros(each.foreseen_size)) for each in (fewer, every))
+        found, expected = late.solve(tick.motion, rows, *asked), all_at_once.solve(tick.motion, more, *asked)
+        assert found.status == expected.status
+        if not found.status.brakes:
+            np.testing.assert_allclose(found.u, expected.u, atol=1e-6)
+            assert JointTorqueLimit(torque).excess(tick.motion, found.u) <= 1e-7
+            assert found.levels == expected.levels
+        assert found.beyond == pytest.approx(expected.beyond, abs=1e-7)
+        bound += JointTorqueLimit(torque).excess(tick.motion, found.u) > -1e-7
+    assert bound > 5
+
+
 def cost(level: Level, u: np.ndarray) -> float:
     return float((0.5 * u @ level.hessian + level.gradient) @ u)
 

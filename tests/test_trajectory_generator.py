@@ -154,3 +154,25 @@ def test_nothing_stays_behind(monkeypatch):
     gc.collect()
     assert planners
     assert [planner() for planner in planners] == [None] * len(planners)
+
+
+def test_groups_are_planned_apart_and_each_as_if_it_were_alone():
+    together = Bench(trajectory_generator(4, groups=[1, 3]))
+    alone = [Bench(trajectory_generator(size, **dict.fromkeys(LIMITS, 1.0))) for size in (1, 3)]
+    rng = np.random.default_rng(5)
+    one, three = 0.3, rng.normal(size=3)
+    for tick in range(120):
+        if tick == 30:
+            one = -0.2  # a new target of one group leaves the other on its plan
+        if tick == 60:
+            three = rng.normal(size=3)
+        out = together(target_position=[one, *three])
+        apart = [bench(target_position=goal) for bench, goal in zip(alone, (one, three), strict=True)]
+        for name in OUTPUTS:
+            np.testing.assert_array_equal(out[name], np.concatenate([each[name] for each in apart]))
+
+
+@pytest.mark.parametrize("groups", [[1, 2], [2, 0], [1.0, 1.0], []])
+def test_groups_that_do_not_add_up_are_refused(groups):
+    with pytest.raises(BadInputError, match="groups"):
+        trajectory_generator(2, groups=groups)

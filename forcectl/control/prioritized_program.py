@@ -49,8 +49,8 @@ class PrioritizedSolution(NamedTuple):
     """u: (n,). status, slack: of level 1, see `Solution`. levels: how many were solved.
 
     levels is the number of levels unless the solver failed or there is no freedom left, and 0 for the fallback.
-    answers: u after each of them, the same array where a level leaves it as it is. touches: whether a row or bound may hold with
-    equality.
+    answers: u after each of them, the same array where a level leaves it as it is. touches: whether a row or bound may
+    hold with equality.
     """
 
     u: Array

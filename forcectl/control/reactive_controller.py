@@ -15,7 +15,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context
+from pydrake.systems.framework import Context
 
 from forcectl.cache import scratch
 from forcectl.control.arms_motion import ArmsMotion

@@ -3,11 +3,13 @@
     level 1, 2, ...   L of the tasks of that priority (5.16) + damping |u - u_rest|^2/2
     last level        the criterion, (5.19), (5.20)
 
-The rows of the joint torques are in them only in ticks in which the answer of a level without them exceeds one: then
-all levels are solved again. The damping makes the optimum unique and keeps joint speeds in bounds where a joint limit leaves an arm little to move
+The damping makes the optimum unique and keeps joint speeds in bounds where a joint limit leaves an arm little to move
 with. It is small (a task moves 0.1 % slower where its singular value is 0.3) except near a singular posture of the
 first level, where it grows as in a damped inverse. u_rest = -q'/Ts is rest at the next tick: with less of it, an arm
 stretched towards a target out of its reach trembles in the direction that it cannot move in.
+
+The rows of the joint torques are in the programs only in ticks in which the answer of a level without them exceeds a
+limit: then all levels are solved again, with these rows.
 """
 
 from __future__ import annotations
@@ -171,8 +173,8 @@ class TaskProgram:
         active = 0
         if found.touches:
             beyond = matrix.dot(u) - limit
-            active = np.count_nonzero(beyond > _HOLDS)
-            active += np.count_nonzero(u >= rows.upper) + np.count_nonzero(u <= rows.lower)
+            binding = (beyond > _HOLDS, u >= rows.upper, u <= rows.lower)
+            active = sum(int(np.count_nonzero(part)) for part in binding)
             if rows.direct:
                 direct = max(direct, largest(beyond[: rows.direct]))
         last = programs[-1]

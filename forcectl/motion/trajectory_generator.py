@@ -113,7 +113,7 @@ class TrajectoryGenerator(SampledLaw):
         start = [port.Eval(context) for port in self._start if port.HasValue(context)]
         target = [port.Eval(context) if port.HasValue(context) else self._none for port in self._inputs]
         planner: GroupPlanner = self._planner.Eval(context)
-        after = planner.follow(
+        after: Any = planner.follow(
             np.reshape(held, (-1, self._size)),
             start if len(start) == len(self._start) else None,
             np.array(target),
