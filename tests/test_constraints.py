@@ -17,9 +17,9 @@ from forcectl.control.constraints import (
     ConstraintSet,
     ForceLimit,
     JointTorqueLimit,
-    bounded_acceleration,
     checked_limits,
 )
+from forcectl.control.joint_bounds import bounded_acceleration
 from forcectl.control.robot_motion import Contact, RobotMotion
 from forcectl.errors import BadInputError
 from forcectl.robot import JointLimits

@@ -20,8 +20,8 @@ from forcectl.control.task_cost import Weights
 from forcectl.control.task_limits import TaskRange, TaskSpeedLimit
 from forcectl.control.task_program import Outcome, TaskProgram, task_levels
 
-# 10 000 take half a minute: a part of them at every change.
-TICKS = int(os.environ.get("FORCECTL_RANDOM_TICKS", "1500"))
+# 10 000 take some seconds.
+TICKS = int(os.environ.get("FORCECTL_RANDOM_TICKS", "10000"))
 PERIOD, LENGTH = 0.004, 0.28
 
 

@@ -1,6 +1,6 @@
 """Random reaching with both arms: no limit is ever violated, and a target is reached or said to be out of reach.
 
-FORCECTL_RANDOM_TASKS=200 runs all of them, ten minutes; docs/reactive_control.md says how they ended.
+FORCECTL_RANDOM_TASKS=200 runs all of them, two minutes; docs/reactive_control.md says how they ended.
 """
 
 from __future__ import annotations
@@ -16,7 +16,7 @@ from reactive_runs import PERIOD, Reacher, random_goal
 from forcectl.control.collision_shapes import RobotShapes
 from forcectl.control.self_collision import LinkDistance
 
-TASKS = int(os.environ.get("FORCECTL_RANDOM_TASKS", "6"))
+TASKS = int(os.environ.get("FORCECTL_RANDOM_TASKS", "20"))
 DISTANCE = 0.01
 
 

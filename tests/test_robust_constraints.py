@@ -11,7 +11,8 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forcectl.control.constraints import CartesianWall, ConstraintSet, bounded_acceleration
+from forcectl.control.constraints import CartesianWall, ConstraintSet
+from forcectl.control.joint_bounds import bounded_acceleration
 from forcectl.control.robust_constraints import Errors, RobustConstraint
 from forcectl.errors import BadInputError
 from forcectl.robot import JointLimits

@@ -28,10 +28,10 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from forcectl.control.invariance_force_law import one_step_acceleration
+from forcectl.control.joint_bounds import JointBounds, bounded_acceleration
 from forcectl.control.robot_motion import RobotMotion
 from forcectl.errors import BadInputError, invalid
-from forcectl.lanes import FEW_LANES, SCALAR_MATH, check, lane_values
+from forcectl.lanes import check, lane_values
 from forcectl.reductions import largest
 from forcectl.robot import JointLimits, unit_normal
 
@@ -155,29 +155,6 @@ class JointTorqueLimit:
         return excess
 
 
-def bounded_acceleration(y: float, rate: float, gamma: float, period: float) -> float:
-    """The bound a(y, y') of y'' for constraints of relative degree 2, without a limit on how fast they are approached.
-
-    Args:
-        y: constraint output. rate: y'. gamma: braking, < 0. period: tick Ts [s].
-
-    Returns:
-        at least gamma where the constraint holds and can be kept with gamma; down to 2 gamma where it could not, which
-        is what the curvature of one tick leaves; within +-gamma where it is violated. No bound, infinity, for a y of
-        minus infinity; NaN for what is no number.
-    """
-    if not math.isfinite(y + rate):  # comparisons would make some number of it
-        return math.inf if y == -math.inf and math.isfinite(rate) else math.nan
-    bound: float = one_step_acceleration(y, rate, gamma, -gamma if y > 0.0 else math.inf, period, SCALAR_MATH)
-    if bound > gamma or y > 0.0:
-        return bound
-    # The larger root a of Phi(y + Ts y' + Ts^2 a/2, y' + Ts a) = 0: braking that is late by what a tick has left.
-    half = rate / period - 0.5 * gamma
-    square = half * half - (rate * rate - 2.0 * gamma * (y + period * rate)) / period**2
-    root = math.sqrt(square) - half if square >= 0.0 else 2.0 * gamma
-    return max(min(root, gamma), 2.0 * gamma)
-
-
 def checked_limits(limits: JointLimits, start: RobotMotion) -> JointLimits:
     """Joint limits that a controller can keep: every acceleration finite, 20 rad/s^2 where the robot names none.
 
@@ -225,8 +202,7 @@ class Rows(NamedTuple):
 class ConstraintSet:
     """Joint limits, as bounds of u, and further constraints, as rows; evaluated together.
 
-    Joint positions (r = 2) are kept with half of the acceleration limit, so that braking and the way back are always
-    possible; then there are speeds (r = 1) and accelerations (r = 0).
+    Joint limits: see `JointBounds`.
 
     Args:
         constraints: any number. limits: of the joints, see `checked_limits`. start: motion to try the constraints on.
@@ -254,19 +230,7 @@ class ConstraintSet:
         degrees = [c.relative_degree for c, rows, _ in found for _ in range(rows)]
         self._first, self._second = degrees.count(0), degrees.count(0) + degrees.count(1)
         self.foreseen_size = row - self._second  # of the vector of `foresee`, zeros at rest
-        self._room = limits.acceleration
-        each = (limits.position_lower, limits.position_upper, limits.velocity, limits.acceleration)
-        self._joints = [limit.tolist() for limit in each]
-        self._low, self._high, self._speed, room = each
-        speed = self._speed
-        # Accelerations that lead from rest to the limit of the speed in a tick.
-        self._least, self._most, self._no_room = -speed / period, speed / period, -room
-        self._tick_room = period * room
-        ranged = np.isfinite(self._low) & np.isfinite(self._high)
-        low, high = (np.where(ranged, limit, 0.0) for limit in (self._low, self._high))
-        fastest = speed + self._tick_room
-        # How far from the middle of its range every joint may be when it is as fast as it can be.
-        self._middle, self._far = 0.5 * (low + high), 0.5 * (high - low) - fastest * (2 * period + fastest / room)
+        self._bounds, self._room = JointBounds(limits, self._period), limits.acceleration
         self._gamma = [g for _, rows, g in found for _ in range(rows)][self._second :]
         self._margin = [m for c, rows, _ in found for m in [_margin(c)] * rows][self._second :]
         steady = [not getattr(c, "rows_change", False) for c, rows, _ in found for _ in range(rows)]
@@ -279,7 +243,6 @@ class ConstraintSet:
             foreseen: y' at this tick as the tick before foresaw it, see `foresee`.
         """
         m, n, first, second, Ts = self.size, self._n, self._first, self._second, self._period
-        q, v = motion.q, motion.v
         matrix, values = np.empty((m, n)), np.empty((3, m))
         for constraint, place in self._parts:
             try:
@@ -294,7 +257,7 @@ class ConstraintSet:
             seen = (y[second:].tolist(), rate[second:].tolist(), foreseen.tolist())
             parts = (*seen, self._gamma, self._margin, self._steady)
             limit[second:] += [self._bound(*numbers) for numbers in zip(*parts, strict=True)]
-        lower, upper, violation = self._joint_bounds(q, v)
+        lower, upper, violation = self._bounds.at(motion.q, motion.v)
         if m > first:
             worst = largest(y[first:])
             if worst != worst:  # a constraint that is no number hides no other
@@ -314,40 +277,6 @@ class ConstraintSet:
         bound = bounded_acceleration(y + margin, rate, gamma, self._period)
         missed = (rate - foreseen) / self._period
         return bound - max(min(missed, -gamma), gamma) if steady and missed == missed else bound
-
-    def _joint_bounds(self, q: Vector, v: Vector) -> tuple[Vector, Vector, float]:
-        """Bounds of u by the joint limits, and by how much a position [rad] or speed [rad/s] is beyond one."""
-        Ts = self._period
-        if self._n > FEW_LANES and self._unbound(q, v):
-            change = v / Ts
-            return np.maximum(self._least - change, self._no_room), np.minimum(self._most - change, self._room), 0.0
-        lower, upper, violation = [], [], 0.0
-        # Joint by joint in floats: for an arm a third of the cost of numpy.
-        for x, rate, low, high, speed, room in zip(q.tolist(), v.tolist(), *self._joints, strict=True):
-            down, up = (-speed - rate) / Ts, (speed - rate) / Ts
-            # A limit so far away that after a tick of full acceleration there is a tick left before braking binds
-            # nothing.
-            ahead, back = rate + Ts * room, Ts * room - rate
-            if x - high + (ahead * (2 * Ts + ahead / room) if ahead > 0.0 else 0.0) > 0.0:
-                up = min(up, bounded_acceleration(x - high, rate, -0.5 * room, Ts))
-            if low - x + (back * (2 * Ts + back / room) if back > 0.0 else 0.0) > 0.0:
-                down = max(down, -bounded_acceleration(low - x, -rate, -0.5 * room, Ts))
-            lower.append(max(min(down, room), -room))
-            upper.append(max(min(up, room), -room))
-            violation = max(violation, x - high, low - x, abs(rate) - speed)
-        return np.array(lower), np.array(upper), violation
-
-    def _unbound(self, q: Vector, v: Vector) -> bool:
-        """Whether all joints are too far from their position limits to be bound, and within their speed limits."""
-        speed = np.abs(v)
-        # Usually they are so far away that no speed matters.
-        if largest(np.abs(q - self._middle) - self._far) <= 0.0 and largest(speed - self._speed) <= 0.0:
-            return True
-        ahead = speed + self._tick_room
-        needed = ahead * (2 * self._period + ahead / self._room)
-        room = np.minimum(self._high - q, q - self._low)
-        # Of a NaN every comparison is false.
-        return bool(largest(speed - self._speed) <= 0.0 and largest(needed - room) <= 0.0)
 
     def brake(self, v: Vector, rows: Rows) -> Vector:
         """u that brings all joints to rest together, the slowest with half of its acceleration limit (n,) [rad/s^2].
