@@ -2,14 +2,18 @@
 
 What a control tick computes are hundreds of operations on a dozen numbers, and there the call is what costs: `a.max()`
 1.0 us, `a.item(a.argmax())` 0.25 us. For the same reason such code has `A.dot(b)`, 0.5 us, where others have `A @ b`,
-1.2 us.
+1.2 us; and numbers that never change as arrays, `HALF * a`, 0.3 us, where others have `0.5 * a`, 0.5 us.
 """
 
 from __future__ import annotations
 
-from typing import Any
+from typing import Any, Final
 
+import numpy as np
 from numpy.typing import NDArray
+
+HALF: Final[NDArray[np.float64]] = np.array(0.5)
+HALF.flags.writeable = False
 
 
 def largest(array: NDArray[Any]) -> Any:

@@ -216,6 +216,7 @@ class ConstraintSet:
         self, constraints: Sequence[Constraint], limits: JointLimits, start: RobotMotion, period: float, gamma: float
     ):
         self._n, self._period = len(start.q), check("period", period, "positive")
+        self._tick = np.array(self._period)
         every = [part for c in constraints for part in (c, *getattr(c, "companions", ()))]
         found = [(c, *_try(c, start, gamma)) for c in every]
         found.sort(key=lambda item: item[0].relative_degree)
@@ -242,7 +243,7 @@ class ConstraintSet:
         Args:
             foreseen: y' at this tick as the tick before foresaw it, see `foresee`.
         """
-        m, n, first, second, Ts = self.size, self._n, self._first, self._second, self._period
+        m, n, first, second = self.size, self._n, self._first, self._second
         matrix, values = np.empty((m, n)), np.empty((3, m))
         for constraint, place in self._parts:
             try:
@@ -252,7 +253,7 @@ class ConstraintSet:
         y, rate, bias = values
         limit = -bias
         if second > first:
-            limit[first:second] -= y[first:second] / Ts
+            limit[first:second] -= y[first:second] / self._tick
         if m > second:
             seen = (y[second:].tolist(), rate[second:].tolist(), foreseen.tolist())
             parts = (*seen, self._gamma, self._margin, self._steady)

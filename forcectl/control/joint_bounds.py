@@ -51,6 +51,7 @@ class JointBounds:
 
     def __init__(self, limits: JointLimits, period: float):
         self._period, self._n = period, len(limits.velocity)
+        self._tick, self._two_ticks = np.array(period), np.array(2 * period)
         each = (limits.position_lower, limits.position_upper, limits.velocity, limits.acceleration)
         self._low, self._high, self._speed, self._room = each
         self._joints = [limit.tolist() for limit in each]
@@ -72,7 +73,7 @@ class JointBounds:
         """
         Ts = self._period
         if self._n > FEW_LANES and self._unbound(q, v):
-            change = v / Ts
+            change = v / self._tick
             return np.maximum(self._least - change, self._no_room), np.minimum(self._most - change, self._room), 0.0
         lower, upper, violation = [], [], 0.0
         # Joint by joint in floats: for an arm a third of the cost of numpy.
@@ -103,5 +104,5 @@ class JointBounds:
     def _way(self, speed: Vector) -> Vector:
         """What a joint needs to stop from a speed that a tick at full acceleration still adds to [rad]."""
         ahead = speed + self._tick_room
-        way: Vector = ahead * (2 * self._period + ahead / self._room)
+        way: Vector = ahead * (self._two_ticks + ahead / self._room)
         return way

@@ -155,6 +155,7 @@ class ReactiveController(TickBlock):
         self.sample_delay = {("task_position_reference", "joint_position_reference"): 0.0}
         self._robot, self._n = robot, robot.num_joints
         Ts = self._period = check("period", robot.facts.period if period is None else period, "positive")
+        self._tick, self._half = np.array(Ts), np.array(0.5 * Ts)
         if not tasks:
             raise invalid("tasks", list(tasks), "at least one")
         self._tasks = tuple(tasks)
@@ -252,7 +253,7 @@ class ReactiveController(TickBlock):
 
     def step(self, context: Context, memory: Vector, time: float) -> Vector:
         """The memory after a tick."""
-        Ts, place = self._period, self._place
+        Ts, half, place = self._tick, self._half, self._place
         q, v = memory[place["joint_position_reference"]], memory[place["joint_velocity_reference"]]
         readings, stops = self._look(context, memory, q, v)
         position, velocity = self._references[0].Eval(context), self._references[1].Eval(context)
@@ -274,7 +275,7 @@ class ReactiveController(TickBlock):
 
         a = state.jacobian.dot(u) + state.bias
         rate = state.rate + Ts * a
-        x = state.value + (0.5 * Ts) * (state.rate + rate)
+        x = state.value + half * (state.rate + rate)
         led, missed, costs = (x, rate, a), 0.0, self._no_costs
         if levels > 0:
             error = x - position
@@ -306,7 +307,7 @@ class ReactiveController(TickBlock):
         return np.concatenate(
             [
                 np.array(numbers, dtype=float),
-                q + (0.5 * Ts) * (v + after),
+                q + half * (v + after),
                 after,
                 self._constraints.foresee(rows, u),
                 *readings[:3],

@@ -87,7 +87,8 @@ class TaskCost:
         position_slope: ArrayLike = 0.0,
         velocity_slope: ArrayLike = 0.0,
     ):
-        Ts = self._period = check("period", period, "positive")
+        Ts = check("period", period, "positive")
+        self._tick = np.array(Ts)
         Qp, Qv = _matrix("position", position, size), _matrix("velocity", velocity, size)
         Qpv = _matrix("cross", cross, size)
         for name, Q in (("position", Qp), ("velocity", Qv)):
@@ -115,7 +116,7 @@ class TaskCost:
         Args:
             position, velocity: x_gen, x'_gen at the next tick, (k,) [m or rad, per s].
         """
-        error, rate = state.value + self._period * state.rate - position, state.rate - velocity
+        error, rate = state.value + self._tick * state.rate - position, state.rate - velocity
         slope: Vector = self._by_position.dot(error) + self._by_velocity.dot(rate) + self._constant
         return slope
 

@@ -34,7 +34,7 @@ from forcectl.errors import BadInputError
 from forcectl.estimation.momentum_model import MomentumModel
 from forcectl.lanes import Lane, Parameter, check, lane_values
 from forcectl.plant.joint_friction import JointFriction, friction_threshold, mean_features
-from forcectl.reductions import largest, smallest
+from forcectl.reductions import HALF, largest, smallest
 
 Array = NDArray[np.float64]
 
@@ -132,7 +132,7 @@ class MomentumObserver(SampledLaw):
         self._settle = 0.0 if self._lag is None else 10.0 / self._lag
         self._jump = lane_values("largest_acceleration", largest_acceleration, n, "positive")
         self._jumps = bool(np.isfinite(self._jump).any())
-        self._good, self._nothing = np.ones(n), np.zeros(n)
+        self._good, self._nothing, self._span = np.ones(n), np.zeros(n), np.array(self._period)
         self._frozen_speed = lane_values("frozen_speed", frozen_speed, n, "positive")
         # Ticks are not exact; and without any gap there is still the tick itself.
         self._longest = max(check("longest_gap", longest_gap, "not negative"), period) + 0.5 * period
@@ -210,7 +210,7 @@ class MomentumObserver(SampledLaw):
         if well and self._jumps:
             well = smallest(np.abs(v - v_last) <= self._jump * elapsed)
         if well:
-            ok, impulse, covered = self._good, impulse + torque * self._period, covered + self._period
+            ok, impulse, covered = self._good, impulse + torque * self._span, covered + self._span
         else:
             finite = np.isfinite(q) & np.isfinite(v) & np.isfinite(torque)
             fine = finite
@@ -252,7 +252,7 @@ class MomentumObserver(SampledLaw):
         if going_on:
             sign, ahead, back = mean_features(v_last, v)
             friction = offset + coulomb * sign + forward * ahead + backward * back
-            mean = (momentum - p_last) / elapsed - late_torque - 0.5 * (force + force_last) + friction
+            mean = (momentum - p_last) / elapsed - late_torque - HALF * (force + force_last) + friction
             stepped = residual_step(residual, mean, gain, elapsed)
             # An overflow of absurd readings holds the residual too.
             if not math.isfinite(stepped.dot(stepped)):

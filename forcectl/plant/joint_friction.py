@@ -34,13 +34,15 @@ from pydrake.systems.primitives import Adder, AffineSystem, MatrixGain, Saturati
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import lane_values
+from forcectl.reductions import HALF
 from forcectl.robot_facts import ControlFacts
 
 Array = NDArray[np.float64]
 COULOMB_STEEPNESS = 130.0  # [s/rad] of (5.2)
 THRESHOLD_STEEPNESS = 30.0  # [s/rad] of (5.3)
 _STICKING = 1e7  # [Nms/rad] damping that stands for sticking
-_SPREAD = 1e-6  # [rad/s]
+_SPREAD = np.array(1e-6)  # [rad/s]
+_STEEP, _QUARTER = np.array(COULOMB_STEEPNESS), np.array(0.25)  # see `forcectl.reductions`
 
 
 class JointFriction:
@@ -113,16 +115,16 @@ def mean_features(before: Array, after: Array) -> tuple[Array, Array, Array]:
     Args:
         before, after: joint speeds at the ends of the tick, any one shape [rad/s].
     """
-    middle = 0.5 * (before + after)
+    middle = HALF * (before + after)
     # A speed that hardly changes is spread a little, so that there is something to divide by.
-    half = np.maximum(0.5 * np.abs(after - before), _SPREAD)
+    half = np.maximum(HALF * np.abs(after - before), _SPREAD)
     ends = np.array([middle - half, middle + half])
     # Integrals of tanh, log cosh up to a constant and without its overflow, and of |v|.
-    steep = COULOMB_STEEPNESS * ends
+    steep = _STEEP * ends
     log_cosh, odd = np.logaddexp(steep, -steep), ends * np.abs(ends)
-    over = 0.5 / half
-    mean_sign = (log_cosh[1] - log_cosh[0]) * (over / COULOMB_STEEPNESS)
-    sloped, curved = (0.25 * over) * (odd[1] - odd[0]), 0.5 * middle
+    over = HALF / half
+    mean_sign = (log_cosh[1] - log_cosh[0]) * over / _STEEP
+    sloped, curved = _QUARTER * over * (odd[1] - odd[0]), HALF * middle
     return mean_sign, curved + sloped, curved - sloped
 
 
