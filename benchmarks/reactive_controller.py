@@ -1,7 +1,7 @@
 """The reactive controller of a robot with two arms, tick by tick: everything from measured joints to references.
 
-What is timed is one `AdvanceTo` of 4 ms from Python of a diagram that holds the generator, the controller and the
-momentum observer, the call and Drake's events included. Its inputs are set before, untimed, to what was recorded in a
+What is timed is one `AdvanceTo` of 4 ms from Python of a diagram that has the generator, the controller, the momentum
+observer and what holds their outputs, the call and Drake's events included. Its inputs are set before, untimed, to what was recorded in a
 closed loop: the arms reach for targets that change during the motion, their joints follow one tick late. Rows: torques
 of all joints and the tool speeds; in the second case also distances of the arms from each other and from the torso. The
 shares are measured in runs of their own, with a clock around each part: the parts of the controller are within it.
@@ -109,11 +109,20 @@ def _control(distances: int) -> tuple[Any, Any]:
     for name in ("joint_position", "joint_velocity"):
         index = builder.ExportInput(reactive.GetInputPort(name), name)
         builder.ConnectInput(index, observer.GetInputPort(name))
-        builder.ExportOutput(reactive.GetOutputPort(f"{name}_reference"), f"{name}_reference")
+        _held(builder, reactive.GetOutputPort(f"{name}_reference"))
+    _held(builder, observer.GetOutputPort("external_torque"))
     builder.ExportOutput(reactive.GetOutputPort("active_constraints"), "active_constraints")
     builder.ExportInput(reactive.GetInputPort("task_target"), "task_target")
     builder.ExportInput(observer.GetInputPort("motor_torque"), "motor_torque")
     return builder.Build(), controller
+
+
+def _held(builder: Any, port: Any) -> None:
+    from pydrake.systems.primitives import ZeroOrderHold
+
+    hold = builder.AddNamedSystem(f"held_{port.get_name()}", ZeroOrderHold(PERIOD, port.size()))
+    builder.Connect(port, hold.get_input_port())
+    builder.ExportOutput(hold.get_output_port(), port.get_name())
 
 
 def _recorded(distances: int) -> tuple[Any, Any]:
@@ -126,7 +135,6 @@ def _recorded(distances: int) -> tuple[Any, Any]:
         LogVectorOutput,
         Multiplexer,
         TrajectorySource,
-        ZeroOrderHold,
     )
 
     from forcectl.control.arms_motion import ArmsMotion
@@ -145,18 +153,17 @@ def _recorded(distances: int) -> tuple[Any, Any]:
     builder = DiagramBuilder()
     builder.AddSystem(control)
     target = TrajectorySource(held_trajectory(times, np.array([place(k) for k in range(len(times))]).T))
-    sources = {"task_target": target, "motor_torque": ConstantVectorSource(np.ones(n))}
-    for name in ("joint_position", "joint_velocity"):
-        sources[name] = ZeroOrderHold(PERIOD, n)
-    for source in sources.values():
-        builder.AddSystem(source)
-    for name in ("joint_position", "joint_velocity"):
-        builder.Connect(control.GetOutputPort(f"{name}_reference"), sources[name].get_input_port())
-    gathered = builder.AddSystem(Multiplexer([*(sources[name].get_output_port().size() for name in INPUTS), 1]))
+    sources = {
+        "task_target": builder.AddSystem(target).get_output_port(),
+        "motor_torque": builder.AddSystem(ConstantVectorSource(np.ones(n))).get_output_port(),
+        "joint_position": control.GetOutputPort("joint_position_reference"),
+        "joint_velocity": control.GetOutputPort("joint_velocity_reference"),
+    }
+    gathered = builder.AddSystem(Multiplexer([*(sources[name].size() for name in INPUTS), 1]))
     builder.Connect(control.GetOutputPort("active_constraints"), gathered.get_input_port(len(INPUTS)))
     for i, name in enumerate(INPUTS):
-        builder.Connect(sources[name].get_output_port(), control.GetInputPort(name))
-        builder.Connect(sources[name].get_output_port(), gathered.get_input_port(i))
+        builder.Connect(sources[name], control.GetInputPort(name))
+        builder.Connect(sources[name], gathered.get_input_port(i))
     log = LogVectorOutput(gathered.get_output_port(), builder, publish_period=PERIOD)
     simulator = Simulator(builder.Build())
     simulator.AdvanceTo((SKIPPED + TICKS - 0.5) * PERIOD)

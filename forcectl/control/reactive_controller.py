@@ -24,7 +24,7 @@ from forcectl.control.leash import Leash
 from forcectl.control.null_space import Criterion, JointSpeed
 from forcectl.control.quadratic_program import SolverFactory, Status, fastest
 from forcectl.control.reading_guard import ReadingGuard, Readings
-from forcectl.control.task_coordinates import ArmTask, TaskState
+from forcectl.control.task_coordinates import ArmTask, gathered
 from forcectl.control.task_cost import Weights
 from forcectl.control.task_program import TaskProgram, task_levels
 from forcectl.control.task_progress import Progress, TaskProgress
@@ -161,7 +161,7 @@ class ReactiveController(TickBlock):
         self._tasks = tuple(tasks)
         q0 = lane_values("start", robot.facts.default_posture if start is None else start, self._n)
         origin = ArmsMotion(robot, robot.create_context(), q0, np.zeros(self._n))
-        state = self._task_state(origin)
+        state = gathered(self._tasks, origin)
         self._size = len(state.value)
 
         limits = checked_limits(robot.limits if limits is None else limits, origin)
@@ -246,11 +246,6 @@ class ReactiveController(TickBlock):
         for name in (*_DIAGNOSTICS, "reading_ok", "stage_costs"):
             self.show(name, self._place[name])
 
-    def _task_state(self, motion: ArmsMotion) -> TaskState:
-        """Of all tasks, one after the other."""
-        states = [task.state(motion) for task in self._tasks]
-        return states[0] if len(states) == 1 else TaskState(*map(np.concatenate, zip(*states, strict=True)))
-
     def step(self, context: Context, memory: Vector, time: float) -> Vector:
         """The memory after a tick."""
         Ts, half, place = self._tick, self._half, self._place
@@ -259,7 +254,7 @@ class ReactiveController(TickBlock):
         position, velocity = self._references[0].Eval(context), self._references[1].Eval(context)
         bend, target = (port.Eval(context) if port.HasValue(context) else None for port in self._wishes)
         motion = ArmsMotion(self._robot, self._scratch.Eval(context), q, v)
-        state = self._task_state(motion)
+        state = gathered(self._tasks, motion)
         rows = self._constraints.rows(motion, memory[place["foreseen"]])
 
         violation, criterion = rows.violation, 0.0

@@ -117,25 +117,54 @@ class ArmTask:
         """At the motion of this tick."""
         state: TaskState | None = motion.known.get(self)
         if state is None:  # a task and the limits of its coordinates ask for the same
-            state = motion.known[self] = self.of(motion.arm(self.arm))
+            state = motion.known[self] = self.of(self.tool(motion))
         return state
 
-    def of(self, tool: Spatial) -> TaskState:
-        """Of a pose in motion."""
+    def tool(self, motion: ArmsMotion) -> Spatial:
+        """Whose pose it is that the coordinates are of."""
+        return motion.arm(self.arm)
+
+    def of(self, tool: Spatial, out: TaskState | None = None) -> TaskState:
+        """Of a pose in motion.
+
+        Args:
+            out: where to put it; new arrays when None.
+        """
+        k, n = self.size, tool.jacobian.shape[1]
+        state = TaskState(np.empty(k), np.empty(k), np.empty((k, n)), np.empty(k)) if out is None else out
+        value, rate, jacobian, bias = state
         if self._orientation is None:
             rows = [3 + row for row in self._rows]
-            place = tool.position[self._rows]
-            return TaskState(place, tool.velocity[rows], tool.jacobian[rows], tool.bias[rows])
-        velocity, bias = tool.velocity, tool.bias
-        turned = self._orientation.state(tool.rotation, velocity[:3])
+            value[:], rate[:] = tool.position[self._rows], tool.velocity[rows]
+            jacobian[:], bias[:] = tool.jacobian[rows], tool.bias[rows]
+            return state
+        turned = self._orientation.state(tool.rotation, tool.velocity[:3])
         # x' = map V, with V the spatial velocity [rotation; translation].
         map_ = _TRANSLATION.copy()
         map_[3:, :3] = turned.rates
-        value, further = np.concatenate([tool.position, turned.value]), map_.dot(bias)
-        further[3:] += turned.bias
-        if not self._every:
-            value, further, map_ = value[self._rows], further[self._rows], map_[self._rows]
-        return TaskState(value, map_.dot(velocity), map_.dot(tool.jacobian), further)
+        if self._every:
+            value[:3], value[3:] = tool.position, turned.value
+            map_.dot(tool.bias, bias)
+            bias[3:] += turned.bias
+        else:
+            value[:] = np.concatenate([tool.position, turned.value])[self._rows]
+            map_ = map_[self._rows]
+            bias[:] = map_.dot(tool.bias) + np.concatenate([np.zeros(3), turned.bias])[self._rows]
+        map_.dot(tool.velocity, rate)
+        map_.dot(tool.jacobian, jacobian)
+        return state
+
+
+def gathered(tasks: Sequence[ArmTask], motion: ArmsMotion) -> TaskState:
+    """The coordinates of all tasks, one after the other; those of each are known to the motion, then."""
+    k, begin = sum(task.size for task in tasks), 0
+    every = TaskState(np.empty(k), np.empty(k), np.empty((k, len(motion.q))), np.empty(k))
+    for task in tasks:
+        place = slice(begin, begin + task.size)
+        own = TaskState(every.value[place], every.rate[place], every.jacobian[place], every.bias[place])
+        motion.known[task] = task.of(task.tool(motion), own)
+        begin += task.size
+    return every
 
 
 _TRANSLATION = np.zeros((6, 6))

@@ -22,7 +22,7 @@ from pydrake.systems.framework import BasicVector, Context, DiscreteValues, Leaf
 
 from forcectl.cache import BlockCache, scratch
 from forcectl.control.arms_motion import ArmsMotion
-from forcectl.control.task_coordinates import COORDINATES, ArmTask, Orientation, Spatial, TaskState
+from forcectl.control.task_coordinates import COORDINATES, ArmTask, Orientation, Spatial
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import check
 from forcectl.motion.euler_angles import angles_of
@@ -120,9 +120,9 @@ class RelativeTask(ArmTask):
         super().__init__(follower, coordinates, orientation, priority)
         self.leader = leader
 
-    def state(self, motion: ArmsMotion) -> TaskState:
-        """At the motion of this tick."""
-        return self.of(RelativeMotion(motion.arm(self.leader), motion.arm(self.arm)))
+    def tool(self, motion: ArmsMotion) -> RelativeMotion:
+        """The pose of the follower's TCP in that of the leader."""
+        return RelativeMotion(motion.arm(self.leader), motion.arm(self.arm))
 
 
 class RelativePose(LeafSystem):
