@@ -1,10 +1,11 @@
 """The reactive controller of a robot with two arms, tick by tick: everything from measured joints to references.
 
 What is timed is one `AdvanceTo` of 4 ms from Python of a diagram that has the generator, the controller, the momentum
-observer and what holds their outputs, the call and Drake's events included. Its inputs are set before, untimed, to what was recorded in a
-closed loop: the arms reach for targets that change during the motion, their joints follow one tick late. Rows: torques
-of all joints and the tool speeds; in the second case also distances of the arms from each other and from the torso. The
-shares are measured in runs of their own, with a clock around each part: the parts of the controller are within it.
+observer and what holds their outputs, the call and Drake's events included. Its inputs are set before, untimed, to what
+was recorded in a closed loop: the arms reach for targets that change during the motion, their joints follow one tick
+late. Rows: torques of all joints and the tool speeds, which bind in some ticks; in the second case also distances of
+the arms from each other and from the torso. The shares are measured in runs of their own, with a clock around each
+part: the parts of the controller are within it.
 """
 
 from __future__ import annotations

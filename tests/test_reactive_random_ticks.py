@@ -74,7 +74,7 @@ class Ticks:
         wish = state.rate + rng.normal(size=12) * rng.uniform(0, 0.1)
         place = state.value + PERIOD * 0.5 * (state.rate + wish)
         outcome = self.program.solve(motion, rows, state, place, wish)
-        levels, _ = self.program.levels(motion, state, place, wish)
+        levels, *_ = self.program.levels(motion, state, place, wish)
         first = self.first.solve(
             levels[:1], rows.matrix, rows.limit, u_lower=rows.lower, u_upper=rows.upper, fallback=v
         )

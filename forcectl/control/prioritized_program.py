@@ -111,12 +111,14 @@ class PrioritizedProgram:
         u_lower: Array,
         u_upper: Array,
         fallback: Array,
+        settled: bool = False,
     ) -> PrioritizedSolution:
         """Solve with these coefficients; never raises for what is in them, and never returns a NaN of its own.
 
         Args:
             levels: in order of priority. matrix: E, (m, n). upper: f, (m,). u_lower, u_upper: bounds of u, (n,).
             fallback: u when level 1 has no solution. (n,), returned as it is.
+            settled: whether an optimum of level 1 that no row or bound stops is that of all further levels, too.
 
         Raises:
             BadInputError: not as many levels, or a task of other rows, than the program was made for.
@@ -125,6 +127,9 @@ class PrioritizedProgram:
         hessian, gradient, _ = levels[0]
         first, status, slack = free_optimum(hessian, gradient, matrix, upper, u_lower, u_upper), Status.OPTIMAL, 0.0
         touches = first is None
+        if first is not None and settled:
+            answers = [first] * (1 + len(self._below))
+            return PrioritizedSolution(first, status, slack, len(answers), answers, touches)
         if first is None:
             first, status, slack = self._first.solve(
                 hessian, gradient, matrix, upper, u_lower=u_lower, u_upper=u_upper, fallback=fallback

@@ -115,7 +115,7 @@ class TaskProgram:
     ):
         self._levels, self._criterion, self._constraints, self._period = tuple(levels), criterion, constraints, period
         n, m = len(torque), constraints.size
-        self._eyes = identity(n), _LEAST_DAMPING * identity(n)
+        self._eyes, self._tick = (identity(n), _LEAST_DAMPING * identity(n)), np.array(period)
         # A program has at least one row.
         self._nothing = (np.zeros((1, n)), np.array([np.inf])) if m == 0 else None
         weights = constraints.slack_weights if m else np.full(1, np.inf)
@@ -138,18 +138,23 @@ class TaskProgram:
 
     def levels(
         self, motion: ArmsMotion, state: TaskState, position: Vector, velocity: Vector
-    ) -> tuple[list[Level], bool]:
-        """What is minimised, in order of priority, the criterion last; and whether the tasks are near a singularity."""
+    ) -> tuple[list[Level], bool, bool]:
+        """What is minimised, in order of priority, the criterion last.
+
+        And whether the tasks are near a singularity, and whether the criterion, of one level of tasks, is what damps
+        them: |u - u_rest|^2. What J leaves free is then where both want it already, unless a row stops it.
+        """
         parts = [level.part(state) for level in self._levels]
         near = self._levels[0].damping(parts[0].jacobian)
-        programs, damping, (eye, least) = [], max(near, _LEAST_DAMPING), self._eyes
+        programs, damping, (eye, least), rest = [], max(near, _LEAST_DAMPING), self._eyes, motion.v / self._tick
         for level, part in zip(self._levels, parts, strict=True):
             hessian, gradient, J = level.objective(part, position[level.rows], velocity[level.rows])
             hessian += least if damping == _LEAST_DAMPING else damping * eye
-            programs.append(Level(hessian, gradient + (damping / self._period) * motion.v, J))
+            programs.append(Level(hessian, gradient + damping * rest, J))
             damping = _LEAST_DAMPING
-        programs.append(Level(*self._criterion.cost(motion, self._period)))
-        return programs, near > 0.0
+        last = Level(*self._criterion.cost(motion, self._period))
+        settled = len(programs) == 1 and last.hessian is eye and last.gradient.tobytes() == rest.tobytes()
+        return [*programs, last], near > 0.0, settled
 
     def solve(self, motion: ArmsMotion, rows: Rows, state: TaskState, position: Vector, velocity: Vector) -> Outcome:
         """The optimum, the nearest to it, or braking.
@@ -158,14 +163,16 @@ class TaskProgram:
             rows: of the constraints at this tick. state: of all task coordinates. position, velocity: x_gen, x'_gen at
                 the next tick.
         """
-        programs, near = self.levels(motion, state, position, velocity)
+        programs, near, settled = self.levels(motion, state, position, velocity)
         matrix, limit = (rows.matrix, rows.limit) if self._nothing is None else self._nothing
-        bounds, torque = {"u_lower": rows.lower, "u_upper": rows.upper, "fallback": motion.v}, self._torque
-        found, direct = self._program.solve(programs, matrix, limit, **bounds), 0.0
+        lower, upper, torque, direct = rows.lower, rows.upper, self._torque, 0.0
+        found = self._program.solve(
+            programs, matrix, limit, u_lower=lower, u_upper=upper, fallback=motion.v, settled=settled
+        )
         if torque is not None and any(torque.excess(motion, answer) > 0.0 for answer in _different(found.answers)):
             more, allowed = torque.rows(motion)
             matrix, limit = np.concatenate([matrix, more]), np.concatenate([limit, allowed])
-            found = self._limited.solve(programs, matrix, limit, **bounds)
+            found = self._limited.solve(programs, matrix, limit, u_lower=lower, u_upper=upper, fallback=motion.v)
         u = found.u
         if found.levels == 0:
             u = self._constraints.brake(motion.v, rows)
@@ -173,7 +180,7 @@ class TaskProgram:
         active = 0
         if found.touches:
             beyond = matrix.dot(u) - limit
-            binding = (beyond > _HOLDS, u >= rows.upper, u <= rows.lower)
+            binding = (beyond > _HOLDS, u >= upper, u <= lower)
             active = sum(int(np.count_nonzero(part)) for part in binding)
             if rows.direct:
                 direct = max(direct, largest(beyond[: rows.direct]))
