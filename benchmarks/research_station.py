@@ -1,7 +1,8 @@
 """The research station with two arms in its motion loop: real-time factor, and the share of each part.
 
-Both arms swing in free air, friction sticks, everything is logged. Of each case the time of a run without the estimator
-and one with it are measured in turns; the shares come from taking parts away.
+Both arms move in free air, friction sticks, everything is logged. They swing; or they reach for poses that change, with
+force estimator and reactive controller. Of each case the time of a run without the estimator and one with it are
+measured in turns; the shares come from taking parts away.
 """
 
 from __future__ import annotations
@@ -21,18 +22,29 @@ DURATION = 3.0  # [s]
 
 def benchmark(repeats: int) -> Iterator[Row]:
     from forcectl.diagrams.force_estimator import ForceEstimatorConfig
+    from forcectl.diagrams.reaching import ReachConfig, ReactiveReachingConfig
+    from forcectl.motion.joint_path import JointExcitationConfig
 
-    cases: list[tuple[str, str, dict[str, Any], bool]] = [
-        ("two arms, servos of 2 kHz", ">= 3", {}, False),
-        ("  and force estimator", ">= 3", {}, True),
-        ("  and elastic joints", "", {"elastic_joints": True}, True),
-        ("  and links that may touch", "", {"self_collision": True}, True),
-        ("  with a plant of 2 kHz, too", "", {"time_step": 0.0005}, True),
-        ("one arm and force estimator", "", {"robot": "yumi/left"}, True),
+    swing, estimator = JointExcitationConfig(speed_shares=[0.3]), ForceEstimatorConfig()
+    targets = [
+        ReachConfig(time=0.5 * k, arm=arm, position=[0.4 + 0.05 * (k % 2), side * 0.25, 0.2 + 0.05 * (k % 3)])
+        for k in range(5)
+        for arm, side in (("left", 1.0), ("right", -1.0))
     ]
-    runs = [_runner(options, ForceEstimatorConfig() if estimator else None) for _, _, options, estimator in cases]
-    times = interleaved_medians(runs, repeats)
-    for (name, required, _, _), spent in zip(cases, times, strict=True):
+    reach = ReactiveReachingConfig(targets=targets, link_distance=0.0)
+    apart = ReactiveReachingConfig(targets=targets)
+    cases: list[tuple[str, str, dict[str, Any], Any, Any]] = [
+        ("two arms, servos of 2 kHz", ">= 3", {}, swing, None),
+        ("  and force estimator", ">= 3", {}, swing, estimator),
+        ("  and elastic joints", "", {"elastic_joints": True}, swing, estimator),
+        ("  and links that may touch", "", {"self_collision": True}, swing, estimator),
+        ("  with a plant of 2 kHz, too", "", {"time_step": 0.0005}, swing, estimator),
+        ("  and reactive controller", "", {"tool": "yumi_gripper"}, reach, estimator),
+        ("  that keeps links apart", "", {"tool": "yumi_gripper"}, apart, estimator),
+        ("one arm and force estimator", "", {"robot": "yumi/left"}, swing, estimator),
+    ]
+    times = interleaved_medians([_runner(*parts) for _, _, *parts in cases], repeats)
+    for (name, required, *_), spent in zip(cases, times, strict=True):
         yield Row(name, DURATION / spent, "x real time", required, "5" if required else "")
     bare, observed = times[:2]
     plant = interleaved_medians([_plant_runner()], repeats)[0]
@@ -41,14 +53,13 @@ def benchmark(repeats: int) -> Iterator[Row]:
     yield Row("share of the estimator", 100 * (observed - bare) / observed, "%")
 
 
-def _runner(options: dict[str, Any], estimator: Any) -> Callable[[], None]:
+def _runner(options: dict[str, Any], controller: Any, estimator: Any) -> Callable[[], None]:
     from pydrake.systems.analysis import Simulator
 
     from forcectl.diagrams.motion_loop import build_motion_loop
     from forcectl.diagrams.research_cell import ResearchStationConfig
-    from forcectl.motion.joint_path import JointExcitationConfig
 
-    loop = build_motion_loop(ResearchStationConfig(**options), JointExcitationConfig(speed_shares=[0.3]), estimator)
+    loop = build_motion_loop(ResearchStationConfig(**options), controller, estimator)
     return lambda: Simulator(loop.diagram).AdvanceTo(DURATION)
 
 

@@ -1,6 +1,6 @@
 """Scenario part `!ReactiveReaching`: both arms reach for poses that change while they move (Fig. 5.3).
 
-A MotionController (see `forcectl.control.motion_slot`): targets over time, generators and reactive controller.
+A MotionController (see `forcectl.control.motion_slot`): targets over time, generator and reactive controller.
 """
 
 from __future__ import annotations
