@@ -176,3 +176,9 @@ def test_groups_are_planned_apart_and_each_as_if_it_were_alone():
 def test_groups_that_do_not_add_up_are_refused(groups):
     with pytest.raises(BadInputError, match="groups"):
         trajectory_generator(2, groups=groups)
+
+
+def test_a_target_position_must_be_connected():
+    block = trajectory_generator()
+    with pytest.raises(RuntimeError, match="target_position"):
+        block.GetOutputPort("position").Eval(block.CreateDefaultContext())

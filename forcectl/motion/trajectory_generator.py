@@ -111,12 +111,13 @@ class TrajectoryGenerator(SampledLaw):
     def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
         """One tick of the generator."""
         start = [port.Eval(context) for port in self._start if port.HasValue(context)]
-        target = [port.Eval(context) if port.HasValue(context) else self._none for port in self._inputs]
+        position, *optional = self._inputs
+        further = [port.Eval(context) if port.HasValue(context) else self._none for port in optional]
         planner: GroupPlanner = self._planner.Eval(context)
         after: Any = planner.follow(
             np.reshape(held, (-1, self._size)),
             start if len(start) == len(self._start) else None,
-            np.array(target),
+            np.array([position.Eval(context), *further]),
             self._values.Eval(context),
             self._period,
         )
