@@ -8,6 +8,7 @@ matrix is B = T' diag(J_m) T with the map T from joint to motor speeds, gear rat
 
 from __future__ import annotations
 
+import threading
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -63,6 +64,13 @@ def unit_normal(n: ArrayLike, name: str = "normal") -> Array:
     return unit
 
 
+class PlantForces(threading.local):
+    """A place to work in for what computes forces of a plant, overwritten at every use; each thread has its own."""
+
+    def __init__(self, plant: MultibodyPlant):
+        self.forces = MultibodyForces(plant)
+
+
 class RobotModel:
     """Control-side quantities of a robot with its tool: kinematics, torques, inertias, stiffness.
 
@@ -100,7 +108,7 @@ class RobotModel:
         self.joint_stiffness = facts.stiffness(stiffness_set)
         self.motor_from_joint = _motor_from_joint(facts)
         self.motor_inertia = self.motor_from_joint.T @ np.diag(facts.rotor_inertia) @ self.motor_from_joint
-        self._forces = MultibodyForces(plant)  # a place to work in, overwritten at every use
+        self._scratch = PlantForces(plant)
         self._q = np.array([joint.position_start() for joint in parts.joints])
         self._v = np.array([joint.velocity_start() for joint in parts.joints])
         # An arm and nothing else, in order: the usual case, and no need to pick its joints out of the plant's.
@@ -208,7 +216,7 @@ class RobotModel:
 
         (M(q) + B) vdot + c(q, v) + g(q), with the rotors' B = `motor_inertia` if `rotors`.
         """
-        forces = self._forces
+        forces = self._scratch.forces
         self.plant.CalcForceElementsContribution(context, forces)
         if self._arm_only:
             torque: Array = self.plant.CalcInverseDynamics(context, vdot, forces)

@@ -17,6 +17,7 @@ from forcectl.control.quadratic_program import (
     drake_clarabel,
     drake_daqp,
     fastest,
+    free_optimum,
 )
 from forcectl.errors import BadInputError
 
@@ -203,3 +204,22 @@ def test_the_solver_in_use_is_drakes_where_it_has_it() -> None:
 def test_bad_sizes_and_weights_are_refused(arguments: dict[str, Any], message: str) -> None:
     with pytest.raises(BadInputError, match=message):
         QuadraticProgram(**arguments)
+
+
+@pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
+@pytest.mark.parametrize("where", ["hessian", "gradient", "matrix"])
+def test_the_free_optimum_of_what_is_not_finite_is_none(where: str, bad: float) -> None:
+    wide = np.full(3, 1e9)
+    given = {"hessian": np.eye(3), "gradient": np.array([1.0, 2.0, 3.0]), "matrix": np.ones((2, 3))}
+    assert free_optimum(*given.values(), np.full(2, 1e9), -wide, wide) is not None
+    given[where].flat[0] = bad
+    assert free_optimum(*given.values(), np.full(2, 1e9), -wide, wide) is None
+
+
+def test_the_free_optimum_is_none_where_it_touches_a_row_or_a_bound() -> None:
+    hessian, gradient, matrix = np.eye(2), np.array([-1.0, 0.0]), np.array([[1.0, 0.0]])
+    wide = np.full(2, 9.0)
+    found = free_optimum(hessian, gradient, matrix, np.array([1.1]), -wide, wide)
+    np.testing.assert_allclose(found, [1.0, 0.0], atol=1e-15)
+    for upper, low, high in (([1.0], -wide, wide), ([1.1], -wide, [1.0, 9.0]), ([1.1], [1.0, -9.0], wide)):
+        assert free_optimum(hessian, gradient, matrix, np.array(upper), np.array(low), np.array(high)) is None

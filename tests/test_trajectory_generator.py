@@ -172,6 +172,14 @@ def test_groups_are_planned_apart_and_each_as_if_it_were_alone():
             np.testing.assert_array_equal(out[name], np.concatenate([each[name] for each in apart]))
 
 
+def test_a_start_that_is_no_number_leaves_the_other_groups_alone():
+    bench = Bench(trajectory_generator(2, groups=[1, 1]))
+    rest = {"start_velocity": [0.0, 0.0], "start_acceleration": [0.0, 0.0]}
+    out = bench(target_position=[0.1, 0.6], start_position=[math.nan, 0.5], **rest)
+    assert abs(out["position"][0]) < 1e-3
+    assert out["position"][1] == pytest.approx(0.5, abs=1e-3)
+
+
 @pytest.mark.parametrize("groups", [[1, 2], [2, 0], [1.0, 1.0], []])
 def test_groups_that_do_not_add_up_are_refused(groups):
     with pytest.raises(BadInputError, match="groups"):

@@ -105,6 +105,20 @@ def test_what_is_felt_stays_exact_beside_what_is_not():
         assert U[:, 5] @ found == pytest.approx((lost / 0.02) ** 2 * (U[:, 5] @ mu), abs=1e-9)
 
 
+@pytest.mark.parametrize("smallest", [1e-9, 1e-6, 1e-3])
+@pytest.mark.parametrize("lost", [0.0, 1e-12, 1e-7, 1e-2])
+def test_a_limit_far_below_the_singular_values_is_kept_as_exactly(smallest, lost):
+    rng = np.random.default_rng(6)
+    U, _ = np.linalg.qr(rng.normal(size=(6, 6)))
+    V, _ = np.linalg.qr(rng.normal(size=(7, 6)))
+    for _ in range(20):
+        J = U @ np.diag([1.0, 0.8, 0.6, 0.5, 0.4, lost]) @ V.T
+        mu = rng.normal(size=6)
+        found, near = wrench_from_torques(J, J.T @ mu, smallest=smallest, length=1.0)
+        assert near == (lost < smallest)
+        np.testing.assert_allclose(U[:, :5].T @ found, U[:, :5].T @ mu, atol=1e-8)
+
+
 def test_the_damping_sets_in_without_a_jump():
     J = np.diag([1.0, 1.0, 1.0, 1.0, 1.0, 0.0])
     torque = np.ones(6)

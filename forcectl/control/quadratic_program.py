@@ -313,8 +313,10 @@ def free_optimum(
 
     Where they seldom bind it saves a solver half of its time. Arguments: see `QuadraticProgram.solve`; any numbers.
     """
+    if not math.isfinite(np.vdot(hessian, hessian) + np.vdot(matrix, matrix)):
+        return None
     _, free, failed = dposv(hessian, -gradient)
-    # What is not finite makes the factorisation fail or a NaN, and that fails every comparison.
+    # NaN fails every comparison.
     apart = (
         failed == 0
         and largest(matrix.dot(free) - upper) < -_TOUCHES

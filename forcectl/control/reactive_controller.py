@@ -233,12 +233,11 @@ class ReactiveController(TickBlock):
         self._place = {
             name: slice(end - len(part), end) for (name, part), end in zip(memory.items(), ends, strict=True)
         }
-        self._memory_start = np.concatenate(list(memory.values()))
         self._scratch = scratch(self, "commanded posture", self._robot.create_context)
         inputs = (*self._references, *self._wishes, *self._measured)
         self._task_start = task_start
         kept = {"task_position": task_start, "task_velocity": np.zeros(k), "task_acceleration": np.zeros(k)}
-        self.declare_memory(self._memory_start, inputs, self._period, kept)
+        self.declare_memory(np.concatenate(list(memory.values())), inputs, self._period, kept)
         for name in ("joint_position_reference", "joint_velocity_reference"):
             self.show(name, self._place[name])
         for name in kept:

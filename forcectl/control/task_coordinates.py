@@ -74,6 +74,8 @@ class Spatial(Protocol):
 class ArmTask:
     """Some or all of the coordinates x, y, z [m] and phi, theta, psi [rad] of one arm.
 
+    A subclass says in `tool` what pose they are of.
+
     Args:
         arm: its name. coordinates: of `COORDINATES`, in that order. orientation: makes phi, theta, psi; None where the
             task has none of them. priority: the level that it belongs to, 1 is the first.

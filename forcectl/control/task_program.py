@@ -173,6 +173,7 @@ class TaskProgram:
             more, allowed = torque.rows(motion)
             matrix, limit = np.concatenate([matrix, more]), np.concatenate([limit, allowed])
             found = self._limited.solve(programs, matrix, limit, u_lower=lower, u_upper=upper, fallback=motion.v)
+            direct = max(torque.excess(motion, found.u), 0.0)
         u = found.u
         if found.levels == 0:
             u = self._constraints.brake(motion.v, rows)

@@ -14,13 +14,13 @@ from collections.abc import Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, JacobianWrtVariable, Joint, MultibodyForces
+from pydrake.multibody.tree import Frame, JacobianWrtVariable, Joint
 from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError
 from forcectl.lanes import check_count
 from forcectl.reductions import HALF, largest
-from forcectl.robot import RobotModel
+from forcectl.robot import PlantForces, RobotModel
 
 Array = NDArray[np.float64]
 _ORIGIN = np.zeros(3)
@@ -59,7 +59,7 @@ class MomentumModel:
         in_order = np.arange(plant.num_positions())
         self._all = np.array_equal(self._q, in_order) and np.array_equal(self._v, in_order)
         self._at_rest = np.zeros(plant.num_velocities())
-        self._forces = MultibodyForces(plant)  # a place to work in, overwritten at every use
+        self._scratch = PlantForces(plant)
         self._rotors = None if rotor_inertia is None else _inertia_matrix(rotor_inertia, self.num_joints)
 
     @classmethod
@@ -116,9 +116,10 @@ class MomentumModel:
             momentum = momentum + self._rotors.dot(v)
         self._set_positions(context, q)
         self._set_velocities(context, v)
-        self.plant.CalcForceElementsContribution(context, self._forces)
+        forces = self._scratch.forces
+        self.plant.CalcForceElementsContribution(context, forces)
         # C q' - tau_g, in one sweep over the links.
-        held = self.plant.CalcInverseDynamics(context, self._at_rest, self._forces)
+        held = self.plant.CalcInverseDynamics(context, self._at_rest, forces)
         return momentum, rate - (held if self._all else held[self._v])
 
     def owns(self, frame: Frame) -> bool:

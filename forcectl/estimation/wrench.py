@@ -29,7 +29,7 @@ from forcectl.estimation.momentum_model import MomentumModel
 from forcectl.lanes import check
 
 Array = NDArray[np.float64]
-_IDENTITY = np.eye(6)
+_LEAST = 1e-6  # smaller limits, relative to all singular values and squared, are left to these values themselves
 
 
 def wrench_from_torques(jacobian: Array, torque: Array, *, smallest: float, length: float) -> tuple[Array, bool]:
@@ -47,8 +47,9 @@ def wrench_from_torques(jacobian: Array, torque: Array, *, smallest: float, leng
     scale = np.ones(rows)
     scale[-3:] = 1.0 / length
     square = np.outer(scale, scale) * jacobian.dot(jacobian.T)
-    # Usually all singular values are above the limit, and then this Cholesky factor exists.
-    if dpotrf(square - smallest**2 * _IDENTITY[:rows, :rows], clean=0)[1] == 0:
+    # Usually all singular values are above the limit, and then this Cholesky factor exists. It squares the condition.
+    wide = smallest**2 > _LEAST * np.trace(square)
+    if wide and dpotrf(square - smallest**2 * np.eye(rows), clean=0)[1] == 0:
         found = dposv(square, scale * jacobian.dot(torque))[1]
         return scale * found, False
     # LAPACK itself: half the time of numpy's wrapper for so small a matrix.

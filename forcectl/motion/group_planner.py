@@ -44,8 +44,8 @@ class GroupPlanner:
 
         Args:
             course: rows as the fields of `Course`, (16, n). start: the motion to go on from, rows as the fields of
-                `Motion`; that of the course when None or not finite. target, limits: rows as the fields of `Target` and
-                `Limits`, (3, n).
+                `Motion`; that of the course when None, or in groups where it is not finite. target, limits: rows as the
+                fields of `Target` and `Limits`, (3, n).
         """
         # Nearly always everything is as it was, and then this comparison is a third of what there is to do.
         if (
@@ -55,11 +55,11 @@ class GroupPlanner:
             and not largest(course[4])
         ):
             return self._go_on(course, period)
-        given = None if start is None or not np.isfinite(start).all() else np.array(start)
+        given = None if start is None else np.array(start)
         parts = []
         for place, planner in zip(self._groups, self._planners, strict=True):
             own = Course(*course[:, place])
-            if given is not None:
+            if given is not None and np.isfinite(given[:, place]).all():
                 own = begin_again(own, Motion(*given[:, place]))
             parts.append(planner.follow(own, Target(*target[:, place]), Limits(*limits[:, place]), period))
         return np.concatenate(parts, axis=1)

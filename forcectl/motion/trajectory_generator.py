@@ -15,8 +15,6 @@ from forcectl.lanes import Lane, Parameter, lane_values
 from forcectl.motion.group_planner import GroupPlanner, check_groups
 from forcectl.motion.trajectory import Limits, begin, check_limits_together
 
-Array = NDArray[np.float64]
-
 _START = ("start_position", "start_velocity", "start_acceleration")
 
 
@@ -36,7 +34,8 @@ class TrajectoryGenerator(SampledLaw):
     velocity_mode: shape (n,) [1]; none when not connected. A component above 0.5 takes on the target velocity,
         wherever it is.
     start_position, start_velocity, start_acceleration: shape (n,), the motion to go on from in this tick [u, u/s,
-        u/s^2]; that of the generator itself when one of them is not connected, or a number of them is not finite.
+        u/s^2]; that of the generator itself when one of them is not connected, or in a group in which a number of them
+        is not finite.
     position, velocity, acceleration: shape (n,), at the END of the tick, x_gen[k+1] [u, u/s, u/s^2]: what a controller
         has to reach with the command of this tick.
     arrived: shape (n,), 1 when that is the target [1]. braking: shape (n,), 1 in a component that could not be planned

@@ -43,6 +43,8 @@ THRESHOLD_STEEPNESS = 30.0  # [s/rad] of (5.3)
 _STICKING = 1e7  # [Nms/rad] damping that stands for sticking
 _SPREAD = np.array(1e-6)  # [rad/s]
 _STEEP, _QUARTER = np.array(COULOMB_STEEPNESS), np.array(0.25)  # see `forcectl.reductions`
+for _constant in (_SPREAD, _STEEP, _QUARTER):
+    _constant.flags.writeable = False
 
 
 class JointFriction:
