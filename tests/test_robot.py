@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import sys
+from concurrent.futures import ThreadPoolExecutor
 from pathlib import Path
 
 import numpy as np
@@ -215,3 +217,29 @@ def test_unknown_names_are_refused(arguments, message):
     with pytest.raises(BadInputError) as caught:
         RobotModel.load(**arguments)
     assert message in str(caught.value)
+
+
+def test_threads_may_share_a_model():
+    """Each has a context; what is computed in between belongs to the thread."""
+    model = RobotModel.load("yumi/left", tool=None)
+    postures = np.random.default_rng(8).uniform(-0.5, 0.5, size=(2, model.num_joints))
+    alone = []
+    for q in postures:
+        context = model.create_context()
+        model.set_positions(context, q)
+        alone.append(model.load_torque(context))
+
+    def compute(i: int) -> float:
+        context, worst = model.create_context(), 0.0
+        model.set_positions(context, postures[i])
+        for _ in range(1500):
+            worst = max(worst, np.abs(model.load_torque(context) - alone[i]).max())
+        return worst
+
+    interval = sys.getswitchinterval()
+    sys.setswitchinterval(1e-6)
+    try:
+        with ThreadPoolExecutor(2) as pool:
+            assert max(pool.map(compute, range(2))) == 0.0
+    finally:
+        sys.setswitchinterval(interval)
