@@ -256,3 +256,10 @@ def test_a_controller_that_cannot_be_added_is_one_line(own_module, tmp_path, nam
         build(load_scenario(path))
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_an_estimator_that_cannot_be_added_is_told_as_the_estimator(own_module, tmp_path):
+    path = tmp_path / "motion.yaml"
+    path.write_text("loop: motion\ncontroller: !JointExcitation {}\nestimator: !Import {path: 'own_laws:Raises'}\n")
+    with pytest.raises(BadInputError, match=r"estimator\.path = 'own_laws:Raises': its add_to raised AttributeError"):
+        build(load_scenario(path))

@@ -52,10 +52,10 @@ class ImportConfig:
             raise
         except Exception as error:  # whatever the user's class does
             reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise BadInputError(f"controller.path = {self.path!r}: its add_to raised {reason}") from error
+            raise BadInputError(f"path = {self.path!r}: its add_to raised {reason}") from error
         if not isinstance(system, System):
             raise BadInputError(
-                f"controller.path = {self.path!r}: its add_to must return a Drake system, not {type(system).__name__}"
+                f"path = {self.path!r}: its add_to must return a Drake system, not {type(system).__name__}"
             )
         return system
 
