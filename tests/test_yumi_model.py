@@ -15,6 +15,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import BodyIndex
 from pydrake.systems.framework import DiagramBuilder
 
+from forcectl.estimation.momentum_model import MomentumModel
 from forcectl.models import add_packages, list_robots, models_folder
 from forcectl.robot import RobotModel
 
@@ -246,6 +247,19 @@ def test_dynamics_agree_with_an_independent_library(both, reference):
             relative(both.load_torque(context), reference.inverse_dynamics(q, v, np.zeros(14))),
         )
     assert worst < 1e-9
+
+
+@pytest.mark.parametrize("speed", [0.05, 3.0])
+def test_momentum_terms_agree_with_an_independent_library(both, reference, speed):
+    model, rng = MomentumModel.of_robot(both), np.random.default_rng(12)
+    context, n = model.create_context(), both.num_joints
+    for _ in range(25):
+        q, v = rng.uniform(-1.5, 1.5, n), speed * rng.normal(size=n)
+        momentum, force = model.terms(context, q, v)
+        gravity = model.terms(context, q, np.zeros(n))[1]
+        assert relative(momentum, reference.mass_matrix(q) @ v) < 1e-9
+        assert relative(gravity, -reference.gravity(q)) < 1e-9
+        assert relative(force - gravity, reference.coriolis_matrix(q, v).T @ v) < 1e-7
 
 
 def test_links_are_where_an_independent_library_puts_them(both, reference):
