@@ -11,7 +11,7 @@ from robot_controller_runs import PERIOD, N, accelerations, assert_smooth, drive
 from forcectl.control.constraints import CartesianWall
 
 # 1000 take two minutes: a fifth of them at every change.
-RUNS = int(os.environ.get("FORCECTL_RANDOM_RUNS", "200"))
+RUNS = int(os.environ.get("FORCECTL_RANDOM_RUNS", "150"))
 
 
 def random_run(seed: int, ticks: int = 250) -> float:

@@ -16,7 +16,7 @@ from reactive_runs import PERIOD, Reacher, random_goal
 from forcectl.control.collision_shapes import RobotShapes
 from forcectl.control.self_collision import LinkDistance
 
-TASKS = int(os.environ.get("FORCECTL_RANDOM_TASKS", "20"))
+TASKS = int(os.environ.get("FORCECTL_RANDOM_TASKS", "12"))
 DISTANCE = 0.01
 
 
