@@ -18,6 +18,7 @@ from forcectl.control.quadratic_program import (
     drake_daqp,
     fastest,
     free_optimum,
+    identity,
 )
 from forcectl.errors import BadInputError
 
@@ -223,3 +224,10 @@ def test_the_free_optimum_is_none_where_it_touches_a_row_or_a_bound() -> None:
     np.testing.assert_allclose(found, [1.0, 0.0], atol=1e-15)
     for upper, low, high in (([1.0], -wide, wide), ([1.1], -wide, [1.0, 9.0]), ([1.1], [1.0, -9.0], wide)):
         assert free_optimum(hessian, gradient, matrix, np.array(upper), np.array(low), np.array(high)) is None
+
+
+def test_a_hessian_that_may_not_be_written_to_is_as_good() -> None:
+    program, rows = QuadraticProgram(2, 1), np.array([[1.0, 1.0]])
+    found = program.solve(identity(2), np.array([-2.0, -2.0]), rows, np.array([1.0]), fallback=np.zeros(2))
+    assert found.status == Status.OPTIMAL
+    np.testing.assert_allclose(found.u, [0.5, 0.5], atol=1e-9)

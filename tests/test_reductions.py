@@ -1,4 +1,4 @@
-"""Largest and smallest, also of truth values and where something is no number."""
+"""Largest and smallest, also of truth values and where something is no number; definite matrices."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forcectl.reductions import largest, smallest
+from forcectl.reductions import is_definite, largest, smallest
 
 
 @given(st.lists(st.floats(allow_nan=False), min_size=1, max_size=20))
@@ -32,3 +32,9 @@ def test_what_is_no_number_is_not_lost(place: int) -> None:
 def test_of_truth_values_they_are_any_and_all(truth: list[bool]) -> None:
     assert largest(np.array(truth)) is any(truth)
     assert smallest(np.array(truth)) is all(truth)
+
+
+@pytest.mark.parametrize("least", [-1e-9, 1e-9, 0.3])
+def test_a_matrix_is_definite_if_its_eigenvalues_are_positive(least: float) -> None:
+    Q, _ = np.linalg.qr(np.random.default_rng(2).normal(size=(6, 6)))
+    assert is_definite(Q @ np.diag([least, 1.0, 2.0, 3.0, 4.0, 5.0]) @ Q.T) == (least > 0)

@@ -22,7 +22,7 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context
-from scipy.linalg.lapack import dposv, dpotrf, dsyev
+from scipy.linalg.lapack import dposv, dsyev
 
 from forcectl.cache import scratch
 from forcectl.control.constrained_program import ConstrainedProgram, Outcome
@@ -36,6 +36,7 @@ from forcectl.control.tick_block import TickBlock
 from forcectl.control.tracking import Tracking
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import check
+from forcectl.reductions import is_definite
 from forcectl.robot import JointLimits
 
 Vector = NDArray[np.float64]
@@ -326,8 +327,7 @@ class InvarianceController(TickBlock):
     def _damping(self, hessian: Vector) -> float:
         """lambda^2 of the damped inverse, from the smallest singular value of J that the task needs."""
         limit, free = self._singular, max(0, self._n - 6)
-        # Usually far from singular, and then this Cholesky factor exists; at a fifth of the cost of the eigenvalues.
-        if free == 0 and dpotrf(hessian - self._singular_eye)[1] == 0:
+        if free == 0 and is_definite(hessian - self._singular_eye):  # usually far from singular
             return 0.0
         smallest = max(dsyev(hessian, compute_v=0)[0].item(free), 0.0)
         return max(_DAMPING**2 * (1.0 - smallest / limit), _REDUNDANT if free else 0.0)

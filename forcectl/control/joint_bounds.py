@@ -94,12 +94,14 @@ class JointBounds:
     def _unbound(self, q: Vector, v: Vector) -> bool:
         """Whether all joints are too far from their position limits to be bound, and within their speed limits."""
         speed = np.abs(v)
+        # Of a NaN every comparison is false.
+        if not largest(speed - self._speed) <= 0.0:
+            return False
         # Usually they are so far away that no speed matters.
-        if largest(np.abs(q - self._middle) - self._far) <= 0.0 and largest(speed - self._speed) <= 0.0:
+        if largest(np.abs(q - self._middle) - self._far) <= 0.0:
             return True
         room = np.minimum(self._high - q, q - self._low)
-        # Of a NaN every comparison is false.
-        return bool(largest(speed - self._speed) <= 0.0 and largest(self._way(speed) - room) <= 0.0)
+        return bool(largest(self._way(speed) - room) <= 0.0)
 
     def _way(self, speed: Vector) -> Vector:
         """What a joint needs to stop from a speed that a tick at full acceleration still adds to [rad]."""

@@ -21,7 +21,15 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg.lapack import dgeqrf, dormqr, dposv
 
-from forcectl.control.quadratic_program import QuadraticProgram, SolverFactory, Status, fastest, free_optimum, identity
+from forcectl.control.quadratic_program import (
+    QuadraticProgram,
+    SolverFactory,
+    Status,
+    fastest,
+    free_optimum,
+    identity,
+    keeps,
+)
 from forcectl.errors import BadInputError, invalid
 from forcectl.lanes import check_count
 from forcectl.reductions import largest
@@ -167,7 +175,7 @@ class PrioritizedProgram:
             return None
         # The step without rows and bounds, where they leave room for it.
         if plain:
-            free, failed = -steepness, 0
+            bent, free, failed = identity(len(steepness)), -steepness, 0
         else:
             bent = basis.T.dot(hessian).dot(basis)
             _, free, failed = dposv(bent, -steepness)
@@ -175,11 +183,8 @@ class PrioritizedProgram:
             if largest(np.abs(free)) <= _NOWHERE:
                 return u
             there: Array = u + basis.dot(free)
-            inside = largest(matrix.dot(there) - upper) <= _ROOM
-            if inside and largest(there - u_upper) <= _ROOM and largest(u_lower - there) <= _ROOM:
+            if keeps(there, matrix.dot(there), upper, u_lower, u_upper, _ROOM):
                 return there
-        if plain:
-            bent = np.eye(len(steepness))
         room = np.concatenate([upper - matrix @ u, u_upper - u])
         below = np.concatenate([self._no_lower, np.minimum(u_lower - u, 0.0)])
         found = program.solve(

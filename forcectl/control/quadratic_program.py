@@ -138,6 +138,8 @@ class DaqpPackage:
     def __call__(self, program: Coefficients) -> tuple[Array | None, bool]:
         """See `Solver`."""
         hessian, gradient, matrix, lower, upper, u_lower, u_upper = program
+        if not hessian.flags.writeable:  # the package takes no other
+            hessian = hessian.copy()
         above, below = np.concatenate([u_upper, upper]), np.concatenate([u_lower, lower])
         equal = above == below
         kinds = np.where(equal, _EQUALITY, self._kinds) if largest(equal) else self._kinds
@@ -279,13 +281,8 @@ class QuadraticProgram:
     def _plainly(self, program: Coefficients, u: Array, reached: Array) -> bool:
         """Whether u satisfies every row and bound, to the tolerance."""
         tolerance = self._tolerance
-        # NaN fails every comparison.
-        return bool(
-            largest(reached - program.upper) <= tolerance
-            and largest(u - program.u_upper) <= tolerance
-            and largest(program.u_lower - u) <= tolerance
-            and (program.lower is self._no_lower or largest(program.lower - reached) <= tolerance)
-        )
+        inside = keeps(u, reached, program.upper, program.u_lower, program.u_upper, tolerance)
+        return inside and (program.lower is self._no_lower or largest(program.lower - reached) <= tolerance)
 
     def _holds(self, program: Coefficients, u: Array, reached: Array) -> bool:
         """Whether u is finite and satisfies every row and bound, to the tolerance relative to its terms."""
@@ -316,14 +313,18 @@ def free_optimum(
     if not math.isfinite(np.vdot(hessian, hessian) + np.vdot(matrix, matrix)):
         return None
     _, free, failed = dposv(hessian, -gradient)
-    # NaN fails every comparison.
-    apart = (
-        failed == 0
-        and largest(matrix.dot(free) - upper) < -_TOUCHES
-        and largest(free - u_upper) < -_TOUCHES
-        and largest(u_lower - free) < -_TOUCHES
-    )
+    apart = failed == 0 and keeps(free, matrix.dot(free), upper, u_lower, u_upper, -_TOUCHES)
     return free if apart else None
+
+
+def keeps(u: Array, reached: Array, upper: Array, u_lower: Array, u_upper: Array, tolerance: float) -> bool:
+    """Whether u, with E u = `reached`, is beyond no upper row or bound by more than the tolerance."""
+    # NaN fails every comparison.
+    return bool(
+        largest(reached - upper) <= tolerance
+        and largest(u - u_upper) <= tolerance
+        and largest(u_lower - u) <= tolerance
+    )
 
 
 def _finite(program: Coefficients) -> bool:

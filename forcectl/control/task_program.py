@@ -19,7 +19,7 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf, dsyev
+from scipy.linalg.lapack import dsyev
 
 from forcectl.control.arms_motion import ArmsMotion
 from forcectl.control.constraints import ConstraintSet, JointTorqueLimit, Rows
@@ -29,7 +29,7 @@ from forcectl.control.quadratic_program import SolverFactory, Status, identity
 from forcectl.control.task_coordinates import ArmTask, TaskState
 from forcectl.control.task_cost import TaskCost, Weights
 from forcectl.errors import BadInputError
-from forcectl.reductions import largest
+from forcectl.reductions import is_definite, largest
 
 Vector = NDArray[np.float64]
 
@@ -89,8 +89,7 @@ class TaskLevel:
     def damping(self, J: Vector) -> float:
         """lambda^2 of the damped inverse, from the smallest singular value of J."""
         square = self._scales * J.dot(J.T)
-        # Usually far from singular, and then this Cholesky factor exists; at a fifth of the cost of the eigenvalues.
-        if dpotrf(square - self._limit, clean=0)[1] == 0:
+        if is_definite(square - self._limit):  # usually far from singular
             return 0.0
         smallest = max(dsyev(square, compute_v=0)[0].item(0), 0.0)
         return max(_DAMPING**2 * (1.0 - smallest / _SINGULAR**2), 0.0)

@@ -205,8 +205,8 @@ class MomentumObserver(SampledLaw):
 
         lost = False
         # Nearly always everything is well; sums of squares and one comparison tell it in a fifth of the time.
-        well = started and math.isfinite(q.dot(q) + v.dot(v) + torque.dot(torque)) and not largest(moved == 0.0)
-        well = well and not largest(frozen)
+        well = started and math.isfinite(q.dot(q) + v.dot(v) + torque.dot(torque))
+        well = well and not (largest(moved == 0.0) or largest(frozen))
         if well and self._jumps:
             well = smallest(np.abs(v - v_last) <= self._jump * elapsed)
         if well:

@@ -21,12 +21,13 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
-from scipy.linalg.lapack import dgesdd, dposv, dpotrf
+from scipy.linalg.lapack import dgesdd, dposv
 
 from forcectl.cache import BlockCache, scratch
 from forcectl.errors import BadInputError
 from forcectl.estimation.momentum_model import MomentumModel
 from forcectl.lanes import check
+from forcectl.reductions import is_definite
 
 Array = NDArray[np.float64]
 _LEAST = 1e-6  # smaller limits, relative to all singular values and squared, are left to these values themselves
@@ -47,9 +48,9 @@ def wrench_from_torques(jacobian: Array, torque: Array, *, smallest: float, leng
     scale = np.ones(rows)
     scale[-3:] = 1.0 / length
     square = np.outer(scale, scale) * jacobian.dot(jacobian.T)
-    # Usually all singular values are above the limit, and then this Cholesky factor exists. It squares the condition.
+    # Usually all singular values are above the limit. To square them squares the condition, too.
     wide = smallest**2 > _LEAST * np.trace(square)
-    if wide and dpotrf(square - smallest**2 * np.eye(rows), clean=0)[1] == 0:
+    if wide and is_definite(square - smallest**2 * np.eye(rows)):
         found = dposv(square, scale * jacobian.dot(torque))[1]
         return scale * found, False
     # LAPACK itself: half the time of numpy's wrapper for so small a matrix.

@@ -22,11 +22,11 @@ class GroupPlanner:
     Holds no state but the last plans, to save time: results depend on the arguments only.
 
     Args:
-        sizes: how many components, one after the other, each group has. synchronized: see `Planner`.
+        sizes: how many components, one after the other, each group has; checked. synchronized: see `Planner`.
     """
 
     def __init__(self, sizes: Sequence[int], synchronized: bool = True):
-        self._sizes, self._synchronized = tuple(check_count("groups", size) for size in sizes), synchronized
+        self._sizes, self._synchronized = tuple(sizes), synchronized
         ends = np.cumsum(self._sizes).tolist()
         self._groups = [slice(end - size, end) for end, size in zip(ends, self._sizes, strict=True)]
         self._planners = [Planner(size, synchronized) for size in self._sizes]
