@@ -9,7 +9,7 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, get_type_hints
 
 import xarray as xr
 
@@ -26,8 +26,8 @@ from forcectl.simulation.expectations import Expectation
 from forcectl.simulation.metrics import metrics_of
 from forcectl.simulation.motion_scenario import MotionScenario
 from forcectl.simulation.scenario_checks import check_run
-from forcectl.simulation.schema import Reader, first_of, to_tree
-from forcectl.simulation.yaml_tree import Tagged, Tree, difference, merge, nest, plain
+from forcectl.simulation.schema import Reader, first_of, tags_of, to_tree
+from forcectl.simulation.yaml_tree import Tagged, Tree, difference, is_object, merge, nest, plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -136,8 +136,8 @@ def as_file(scenario: str | Path | Mapping[str, Any] | AnyScenario | ScenarioFil
     if isinstance(scenario, ScenarioFile):
         return scenario
     if isinstance(scenario, AnyScenario):
-        tree = to_tree(scenario)
-        return ScenarioFile("scenario", "scenario", Tagged(tree), Path.cwd())
+        tree = Tagged({f.name: plain(getattr(scenario, f.name)) for f in fields(scenario)})
+        return ScenarioFile("scenario", "scenario", tree, Path.cwd())
     if isinstance(scenario, Mapping):
         return ScenarioFile("scenario", "scenario", catalog.scenario_tree(plain(scenario), "scenario"), Path.cwd())
     if isinstance(scenario, str | Path):
@@ -189,7 +189,7 @@ class _Layers:
         changes = variants.get(variant) if isinstance(variants, Tagged) else None
         if changes is not None and not isinstance(changes, Tagged):
             raise Reader(lambda key: file.origin).invalid(f"variants.{variant}", changes, "a mapping of scenario keys")
-        forced, varied = nest({key: to_tree(value, TAGS) for key, value in overrides.items()}), nest(changes or {})
+        forced, varied = nest(overrides), nest(changes or {})
         self._layers: list[tuple[str, Tagged]] = [
             (file.origin, file.tree),
             (f"{file.origin}: variant {variant!r}", varied),
@@ -234,7 +234,7 @@ def _holds(tree: Tree, parts: list[str]) -> bool:
         elif isinstance(tree, Tagged) and part in tree:
             tree = tree[part]
         else:
-            return False
+            return is_object(tree) or (isinstance(tree, Tagged) and tree.given is not None)
     return True
 
 
@@ -285,8 +285,9 @@ def resolved_tree(scenarios: Mapping[str, AnyScenario]) -> Tagged:
     names = list(scenarios)
     trees = {}
     for name, scenario in scenarios.items():
+        hints = get_type_hints(type(scenario))
         trees[name] = Tagged(
-            {f.name: to_tree(getattr(scenario, f.name), f.metadata.get("tags")) for f in fields(scenario)}
+            {f.name: to_tree(getattr(scenario, f.name), tags_of(f), hints[f.name]) for f in fields(scenario)}
         )
         trees[name].update(variants=Tagged())
         if "preset" in trees[name]:

@@ -21,7 +21,7 @@ from typing import Any
 
 from forcectl.errors import BadInputError
 from forcectl.simulation.catalog import SLOTS
-from forcectl.simulation.yaml_tree import Tagged, Tree, tag_of
+from forcectl.simulation.yaml_tree import Tagged, Tree, is_object, tag_of
 
 _MISSING: Any = dataclasses.MISSING
 _PRIMITIVES: dict[Any, str] = {
@@ -31,6 +31,10 @@ _PRIMITIVES: dict[Any, str] = {
     str: "text",
     Path: "text",
 }
+
+
+# What a filler of a slot must have, where the slot's default has it.
+SLOT_METHODS = ("add_to", "metrics", "figures")
 
 
 def first_of(table: Mapping[str, str]) -> Callable[[], Any]:
@@ -112,9 +116,15 @@ class Reader:
         Raises:
             BadInputError: an unknown or missing key, a wrong type, or a value that the class itself refuses.
         """
+        if is_object(tree):
+            return self._given(cls, tree, key)
         fields = {f.name: f for f in dataclasses.fields(cls) if f.init}
         if not isinstance(tree, Tagged):
             raise self.invalid(key or "scenario", tree, f"a mapping with keys out of: {', '.join(fields)}")
+        if tree.given is not None:
+            default = self._given(cls, tree.given, key)
+            if type(default) is not cls:
+                return self.dataclass(type(default), tree, key)
         for name in tree:
             if name not in fields:
                 raise self.unknown(join(key, name), name, fields)
@@ -130,6 +140,27 @@ class Reader:
                 values[name] = start
         return self.construct(cls, values, key)
 
+    def _given(self, cls: type, given: Any, key: str) -> Any:
+        """An object given from Python at a place for instances of `cls`; the object itself is used."""
+        if not isinstance(given, cls):
+            raise self.invalid(key, given, f"a mapping, or an object of class {cls.__name__}")
+        return given
+
+    def _filler(self, table: Mapping[str, str], given: Any, key: str) -> Any:
+        """An object given from Python for a slot; the object itself is used.
+
+        Raises:
+            BadInputError: it lacks a method of the slot.
+        """
+        default = load_object(next(iter(table.values())))
+        wanted = [name for name in SLOT_METHODS if callable(getattr(default, name, None))]
+        if isinstance(given, type):
+            raise self.invalid(key, given, "an object, not a class")
+        for name in wanted:
+            if not callable(getattr(given, name, None)):
+                raise self.invalid(key, given, f"a tag, or an object with the method {name}")
+        return given
+
     def construct(self, cls: Callable[..., Any], values: Mapping[str, Any], key: str) -> Any:
         """`cls(**values)`, with its refusal told as one line about `key`."""
         try:
@@ -143,6 +174,13 @@ class Reader:
         table = tags_of(field)
         if table is None:
             return self.value(kind, tree, key, start)
+        if is_object(tree):
+            return self._filler(table, tree, key)
+        if isinstance(tree, Tagged) and tree.given is not None:
+            given = self._filler(table, tree.given, key)
+            if not dataclasses.is_dataclass(given):
+                raise self.invalid(join(key, next(iter(tree))), tree, f"left out: {show(given)} is no dataclass")
+            return self.dataclass(type(given), tree, key)
         if isinstance(tree, str):  # the tag alone, as text
             tree = Tagged(tag=tree.removeprefix("!"))
         tag = tag_of(tree)
@@ -166,6 +204,8 @@ class Reader:
                 raise self._not_among(key, tree, [str(a) for a in arguments])
             return tree
         if isinstance(kind, type) and issubclass(kind, enum.Enum):
+            if isinstance(tree, kind):
+                return tree
             if not isinstance(tree, str) or tree not in kind.__members__:
                 raise self._not_among(key, tree, list(kind.__members__))
             return kind[tree]
@@ -233,7 +273,7 @@ class Reader:
             return int(tree)
         if (kind is bool and isinstance(tree, bool)) or (kind is str and isinstance(tree, str)):
             return tree
-        if kind is Path and isinstance(tree, str):
+        if kind is Path and isinstance(tree, str | Path):
             return Path(tree)
         raise self.invalid(key, tree, describe(kind))
 
@@ -260,12 +300,24 @@ def describe(kind: Any) -> str:
     return "a mapping" if (base or kind) is dict else getattr(kind, "__name__", str(kind))
 
 
-def to_tree(value: Any, table: Mapping[str, str] | None = None) -> Tree:
-    """The tree that a `Reader` turns back into `value`: every field written out, tags where there is a choice."""
-    if dataclasses.is_dataclass(value) and not isinstance(value, type):
-        tag = next((tag for tag, path in (table or {}).items() if load_object(path) is type(value)), None)
-        parts = {f.name: to_tree(getattr(value, f.name), tags_of(f)) for f in dataclasses.fields(value) if f.init}
-        return Tagged(parts, tag)
+def to_tree(value: Any, table: Mapping[str, str] | None = None, kind: Any = None) -> Tree:
+    """The tree that a `Reader` turns back into `value`: every field written out, tags where there is a choice.
+
+    Args:
+        value: of a field.
+        table: the tags of a slot and what is behind them; None where there is no choice.
+        kind: the class of the field, when that is a dataclass. An object of another class gets the tag `!Import`.
+    """
+    if is_object(value) and not dataclasses.is_dataclass(value):
+        return Tagged({"path": path_of(type(value)), "repr": show(value)}, "Import")
+    if is_object(value):
+        cls = type(value)
+        tag = next((tag for tag, path in (table or {}).items() if load_object(path) is cls), None)
+        hints = typing.get_type_hints(cls)
+        own = (f for f in dataclasses.fields(cls) if f.init)
+        parts = Tagged({f.name: to_tree(getattr(value, f.name), tags_of(f), hints[f.name]) for f in own}, tag)
+        foreign = tag is None if table else dataclasses.is_dataclass(kind) and cls is not kind
+        return Tagged({"path": path_of(cls), "parameters": parts}, "Import") if foreign else parts
     if isinstance(value, enum.Enum):
         return value.name
     if isinstance(value, Mapping):
@@ -273,3 +325,8 @@ def to_tree(value: Any, table: Mapping[str, str] | None = None) -> Tree:
     if isinstance(value, list | tuple):
         return [to_tree(v) for v in value]
     return str(value) if isinstance(value, Path) else value
+
+
+def path_of(cls: type) -> str:
+    """Import path of a class, "package.module:Name"."""
+    return f"{cls.__module__}:{cls.__qualname__}"

@@ -2,14 +2,18 @@
 
 A tree is made of mappings, lists, text, numbers, true/false and null. A mapping may carry a tag, as in
 `!Integral {integral_gain: 3}`. Scalars follow YAML 1.2, as in Drake: `2e5` is a number and `on` is text.
+
+From Python a tree may also hold objects, such as the configuration of a controller. An object is a leaf: it is passed
+on as it is and never copied. A mapping merged on top of an object holds the changes, and the object as its `given`.
 """
 
 from __future__ import annotations
 
-import copy
 import math
 import re
 from collections.abc import Iterator, Mapping
+from enum import Enum
+from pathlib import PurePath
 from typing import Any, cast
 
 import yaml
@@ -19,15 +23,22 @@ from forcectl.errors import BadInputError
 _MOST_VALUES = 100_000  # in one text
 _UNPRINTABLE = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\ud800-\udfff]")  # what no file of a run could hold
 
-Tree = Any  # a Tagged mapping, a list of trees or a scalar
+Tree = Any  # a Tagged mapping, a list of trees, a scalar or an object
 
 
 class Tagged(dict[str, Any]):
-    """A mapping with the YAML tag in front of it (without the `!`), or None."""
+    """A mapping with the YAML tag in front of it (without the `!`), or None.
 
-    def __init__(self, values: Mapping[str, Any] | None = None, tag: str | None = None):
+    Args:
+        values: keys and values.
+        tag: without the `!`.
+        given: the object that the values change, None where there is none.
+    """
+
+    def __init__(self, values: Mapping[str, Any] | None = None, tag: str | None = None, given: Any = None):
         super().__init__(values or {})
         self.tag = tag
+        self.given = given
 
 
 def tag_of(tree: Tree) -> str | None:
@@ -173,19 +184,45 @@ def merge(base: Tree, over: Tree) -> Tree:
     """`base` with the values of `over` on top; neither is changed.
 
     Mappings are merged key by key, unless `over` has another tag: then it replaces `base` as a whole. Keys that are
-    whole numbers address the elements of a list. Everything else is replaced.
+    whole numbers address the elements of a list. A tag given as text is that tag. Everything else is replaced.
     """
+    if isinstance(over, Tagged) and over.tag is None and over.given is None:
+        if isinstance(base, str):
+            base = Tagged(tag=base.removeprefix("!")) if base else base
+        elif is_object(base):
+            base = Tagged(given=base)
     if isinstance(base, list) and isinstance(over, Tagged) and over and all(_is_index(k, base) for k in over):
         items = list(base)
         for key, value in over.items():
             items[int(key)] = merge(items[int(key)], value)
         return items
-    if not isinstance(base, Tagged) or not isinstance(over, Tagged) or over.tag not in (None, base.tag):
-        return copy.deepcopy(over)
-    result = Tagged(base, base.tag)
+    if not isinstance(base, Tagged) or not isinstance(over, Tagged) or _replaces(over, base):
+        return _copied(over)
+    result = Tagged(base, base.tag, base.given)
     for key, value in over.items():
-        result[key] = merge(base[key], value) if key in base else copy.deepcopy(value)
+        if key in base:
+            result[key] = merge(base[key], value)
+        elif is_object(base.given) and is_object(getattr(base.given, str(key), None)):
+            result[key] = merge(getattr(base.given, key), value)
+        else:
+            result[key] = _copied(value)
     return result
+
+
+def _replaces(over: Tagged, base: Tagged) -> bool:
+    return over.given is not None or over.tag not in (None, base.tag)
+
+
+def is_object(value: Any) -> bool:
+    """Whether a part of a tree is an object from Python: no mapping, list, scalar or file name."""
+    return not isinstance(value, Mapping | list | tuple | str | int | float | bool | PurePath | Enum | None)
+
+
+def _copied(tree: Tree) -> Tree:
+    """A tree of new mappings and lists; objects stay themselves."""
+    if isinstance(tree, Tagged):
+        return Tagged({key: _copied(value) for key, value in tree.items()}, tree.tag, tree.given)
+    return [_copied(value) for value in tree] if isinstance(tree, list) else tree
 
 
 def _is_index(key: object, items: list[Any]) -> bool:
@@ -206,7 +243,7 @@ def nest(overrides: Mapping[str, Any]) -> Tagged:
 def plain(value: Any) -> Tree:
     """A value given from Python (dicts, tuples, NumPy numbers and arrays) as a tree."""
     if isinstance(value, Mapping):
-        return Tagged({k: plain(v) for k, v in value.items()}, tag_of(value))
+        return Tagged({k: plain(v) for k, v in value.items()}, tag_of(value), getattr(value, "given", None))
     if isinstance(value, list | tuple):
         return [plain(v) for v in value]
     if hasattr(value, "tolist"):  # NumPy, without importing it
@@ -227,7 +264,7 @@ def as_json(tree: Tree) -> Any:
 def difference(base: Tree, other: Tree) -> Tree:
     """The smallest tree that turns `base` into `other` when merged on top; an empty mapping for equal mappings."""
     if not isinstance(base, Tagged) or not isinstance(other, Tagged) or base.tag != other.tag or set(base) - set(other):
-        return copy.deepcopy(other)
+        return _copied(other)
     changed = Tagged()
     for key, value in other.items():
         if key not in base or not equal(base[key], value):
