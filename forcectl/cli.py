@@ -108,7 +108,7 @@ def run(
 ) -> None:
     """Simulate a scenario and write log, metrics, figures and block diagram.
 
-    Example: forcectl run fig_2_7 --set controller.integral_gain=2 --seed 3
+    Example: forcectl run fig_2_7 --set station.environment.stiffness=2e4 --seed 3
     """
     from forcectl.simulation.catalog import find_scenario
     from forcectl.simulation.progress import ProgressBars

@@ -19,6 +19,10 @@ CASES = [
         ["run", "fig_2_7", "--set", "controller.integral_gian=1"],
         ["controller.integral_gian", "did you mean 'integral_gain'"],
     ),
+    (
+        ["run", "fig_2_7", "--set", "controller.integral_gain=2"],
+        ["override of controller.integral_gain", "'K_I = 1.5 1/s', 'K_I = 3 1/s', 'K_I = 4.5 1/s'", "--variant"],
+    ),
     (["run", "fig_2_7", "--set", "duration=long"], ["duration = 'long'", "must be a number"]),
     (["run", "fig_2_7", "--set", "duration=[1]"], ["duration = [1]", "must be a number"]),
     (["run", "fig_2_7", "--set", "seed=1.5"], ["seed = 1.5", "must be a whole number"]),

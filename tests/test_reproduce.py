@@ -125,3 +125,9 @@ def test_every_shipped_experiment_meets_its_targets(experiment, fidelity):
     missed = [(v.target, v.ours) for part in report.parts for v in part.verdicts if v.passed is False]
     assert missed == []
     assert [part.failures for part in report.parts] == [{}]
+
+
+def test_a_fidelity_that_variants_set_themselves_is_not_overridden(files):
+    (files / "cells.yaml").write_text("variants: {a: {station.fidelity: Kinematic}, b: {}}\n")
+    with pytest.raises(fc.BadInputError, match=r"override of station\.fidelity .* set by 'a': run one"):
+        fc.reproduce(["cells.yaml"], fidelity="OneDimensional")

@@ -19,6 +19,7 @@ from forcectl.simulation.imported import ImportConfig
 from forcectl.simulation.logs import read_netcdf
 from forcectl.simulation.metrics import metric_names
 from forcectl.simulation.run import StoppedRunError
+from forcectl.simulation.yaml_tree import Tagged
 
 SHORT = {"duration": 0.6}
 LAWS = """
@@ -83,6 +84,50 @@ def test_a_run_without_a_directory_writes_nothing(tmp_path, monkeypatch):
     assert result.log["measured_force"].dims == ("time",)
     assert result.log.sizes["time"] == 301
     assert result.diagram.get_name() == "closed_loop"
+
+
+VARIED = {
+    "duration": 0.2,
+    "variants": {
+        "soft": {"station": {"environment": {"stiffness": 1e4}}, "seed": 1},
+        "other law": {"controller": Tagged({"integral_gain": 2.0}, "AdaptiveIntegral")},
+        "as it is": {},
+    },
+}
+
+
+@pytest.mark.parametrize(
+    ("overrides", "key", "setters"),
+    [
+        ({"station.environment.stiffness": 2e4}, "station.environment.stiffness", "'soft'"),
+        ({"station": {"environment": {"stiffness": 2e4}}}, "station.environment.stiffness", "'soft'"),
+        ({"controller.integral_gain": 2.0}, "controller.integral_gain", "'other law'"),
+        ({"controller": IntegralConfig(integral_gain=2.0)}, "controller", "'other law'"),
+        ({"seed": 3}, "seed", "'soft'"),
+    ],
+)
+def test_an_override_that_would_make_variants_the_same_is_refused(overrides, key, setters):
+    with pytest.raises(fc.BadInputError) as caught:
+        fc.run(VARIED, overrides=overrides)
+    assert str(caught.value) == (
+        f"override of {key} for several variants: must be a key that none of them sets, but it is set by {setters}: "
+        "run one of them with --variant, or override another key"
+    )
+    for variant in VARIED["variants"]:
+        assert fc.run(VARIED, variant=variant, overrides=overrides).metrics.keys() == {variant}
+
+
+def test_the_short_forms_of_overrides_are_refused_alike():
+    with pytest.raises(fc.BadInputError, match=r"override of seed .* set by 'soft': run one"):
+        fc.run(VARIED, seed=3)
+    cells = {"variants": {"a": {"station.fidelity": "Kinematic"}, "b": {"station": {"fidelity": "OneDimensional"}}}}
+    with pytest.raises(fc.BadInputError, match=r"override of station\.fidelity .* set by 'a', 'b': run one"):
+        fc.run(cells, fidelity="Kinematic")
+
+
+def test_keys_beside_those_of_the_variants_are_overridden_for_all():
+    changes = {"station.environment.damping": 10.0, "duration": 0.1}
+    assert set(fc.run(VARIED, overrides=changes).metrics) == set(VARIED["variants"])
 
 
 def test_metrics_of_the_issue_are_all_there():

@@ -20,7 +20,7 @@ from typing import Any
 from forcectl.errors import BadInputError, ForcectlError
 from forcectl.simulation.catalog import ScenarioFile, find_scenario
 from forcectl.simulation.expectations import Verdict
-from forcectl.simulation.run import StoppedRunError, finish, verdicts_on, with_shortcuts
+from forcectl.simulation.run import StoppedRunError, check_overrides, finish, verdicts_on, with_shortcuts
 from forcectl.simulation.run_directory import SUMMARY, check_free, write_json, write_whole
 from forcectl.simulation.scenario import AnyScenario, Scenario, build, origins, resolve, select_variants
 from forcectl.simulation.simulate import Outcome, simulate
@@ -125,6 +125,7 @@ def _parts(file: ScenarioFile, fidelity: str | None) -> list[_Part]:
     for one in fidelities:
         overrides = with_shortcuts(None, None, one)
         scenarios = {name: resolve(file, name, overrides) for name in select_variants(file)}
+        check_overrides(file, list(scenarios), overrides)
         parts.append(_Part(file, one, overrides, scenarios, len(fidelities) > 1))
     return parts
 

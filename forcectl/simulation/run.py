@@ -26,9 +26,9 @@ from forcectl.simulation.scenario import (
     resolved_tree,
     select_variants,
 )
-from forcectl.simulation.schema import to_tree
+from forcectl.simulation.schema import join, to_tree
 from forcectl.simulation.simulate import Outcome, simulate
-from forcectl.simulation.yaml_tree import as_json, dump
+from forcectl.simulation.yaml_tree import Tagged, Tree, as_json, dump, nest
 
 Progress = Callable[[str, float], None]  # (variant, share done)
 
@@ -78,7 +78,8 @@ def run(
         scenario: name of a shipped experiment, path of a YAML file, its content as a mapping, or a `Scenario`.
         variant: run this one only; otherwise all of them, one after the other.
         overrides: dotted key -> value on top of everything, for example {"station.environment.stiffness": 2e5} or
-            {"controller": AdaptiveIntegralConfig(integral_gain=2.0)}.
+            {"controller": AdaptiveIntegralConfig(integral_gain=2.0)}; where several variants are run, of keys that none
+            of them sets.
         seed: short for the override of `seed`. fidelity: short for that of `station.fidelity`.
         out: directory to write (see `run_directory`); None writes nothing.
         force: replace an earlier run in `out`.
@@ -94,6 +95,7 @@ def run(
     changes = with_shortcuts(overrides, seed, fidelity)
     # Everything is checked before anything is simulated.
     scenarios = {name: resolve(file, name, changes) for name in select_variants(file, variant)}
+    check_overrides(file, list(scenarios), changes)
     directory = None if out is None else Path(out).expanduser()
     if replay and directory is None:
         raise BadInputError("replay = True: must be False without an output directory")
@@ -112,6 +114,40 @@ def with_shortcuts(overrides: Mapping[str, Any] | None, seed: int | None, fideli
     """Overrides with the values that have an argument of their own."""
     shortcuts = {"seed": seed, "station.fidelity": fidelity}
     return dict(overrides or {}) | {key: value for key, value in shortcuts.items() if value is not None}
+
+
+def check_overrides(file: ScenarioFile, names: Sequence[str], overrides: Mapping[str, Any]) -> None:
+    """Refuse overrides that would make variants the same under different names.
+
+    Args:
+        file: of the variants. names: of the ones to be run, each of which can be resolved.
+        overrides: dotted key -> value.
+
+    Raises:
+        BadInputError: several variants are to be run, and one of them sets an overridden key, a part of it, or what it
+            is a part of.
+    """
+    if len(names) < 2:
+        return
+    set_by = {name: _keys(nest(file.tree["variants"].get(name) or {})) for name in names}
+    for key in _keys(nest({key: to_tree(value, TAGS) for key, value in overrides.items()})):
+        clashing = [name for name, keys in set_by.items() if any(_overlap(key, other) for other in keys)]
+        if clashing:
+            raise BadInputError(
+                f"override of {key} for several variants: must be a key that none of them sets, but it is set by "
+                f"{', '.join(map(repr, clashing))}: run one of them with --variant, or override another key"
+            )
+
+
+def _keys(tree: Tree, key: str = "") -> list[str]:
+    """Dotted keys that a tree replaces when it is merged: a tag or a list replaces the whole part."""
+    if isinstance(tree, Tagged) and tree.tag is None:
+        return [found for name, part in tree.items() for found in _keys(part, join(key, name))]
+    return [key]
+
+
+def _overlap(one: str, other: str) -> bool:
+    return f"{one}.".startswith(f"{other}.") or f"{other}.".startswith(f"{one}.")
 
 
 def finish(
