@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+import sys
 
 import pytest
 
@@ -79,9 +80,12 @@ CASES = [
     (["graph", "fig_2_7", "--out", "picture.jpeg"], ["unknown format 'jpeg'", "did you mean 'png'", "png, svg"]),
     (["graph", "fig_2_7", "--out", "no/such/folder/x.svg"], ["'no/such/folder/x.svg'", "cannot be written"]),
     (["graph", "nothing.here:function"], ["'nothing.here:function'", "importable", "No module named"]),
-    (["graph", "os:getcwd"], ["'os:getcwd'", "must return a Drake Diagram, not str"]),
-    (["graph", "math:cos"], ["'math:cos'", "but raised TypeError"]),
-    (["check", "os.path:joinn"], ["did you mean 'join'"]),
+    (["graph", "numpy:get_include"], ["'numpy:get_include'", "must return a Drake Diagram, not str"]),
+    (["graph", "numpy:sin"], ["'numpy:sin'", "but raised TypeError"]),
+    (["check", "numpy.linalg:invv"], ["did you mean 'inv'"]),
+    (["check", "os:getcwd"], ["diagram = 'os:getcwd'", "not of Python's standard library"]),
+    (["graph", "os.path:join"], ["diagram = 'os.path:join'", "not of Python's standard library"]),
+    (["check", "forcectl.imports:Path"], ["diagram = 'forcectl.imports:Path'", "not of Python's standard library"]),
     (["check", "fig_2_77"], ["unknown scenario 'fig_2_77'"]),
     (["reproduce"], ["either names or --all"]),
     (["reproduce", "fig_2_8", "--all"], ["either names or --all"]),
@@ -149,6 +153,67 @@ def test_scenario_file(text, parts, monkeypatch, capfd, tmp_path):
     (tmp_path / "own.yaml").write_text(text)
     assert_one_line(*complain(["run", "own.yaml"], monkeypatch, capfd), parts)
     assert [path.name for path in tmp_path.iterdir()] == ["own.yaml"]
+
+
+PARAMETERS = "parameters: {command: 'touch written'}"
+
+
+@pytest.mark.parametrize("path", ["os:system", "posix:system", "builtins:exec", "antigravity:webbrowser"])
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        (
+            "controller: !InvarianceRobot {{constraints: [{{path: '{path}', {parameters}}}]}}",
+            "controller.constraints.0",
+        ),
+        ("controller: !Import {{path: '{path}', {parameters}}}", "controller"),
+        ("loop: motion\nestimator: !Import {{path: '{path}', {parameters}}}", "estimator"),
+    ],
+)
+def test_a_scenario_is_no_program(text, key, path, monkeypatch, capfd, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.yaml").write_text(text.format(path=path, parameters=PARAMETERS))
+    refusal = "must be of a module of your own or of an installed package, not of Python's standard library"
+    loaded = set(sys.modules)
+    output = complain(["check", "own.yaml"], monkeypatch, capfd)
+    assert_one_line(*output, [f"own.yaml: {key}.path = {path!r}: {refusal}\n"])
+    assert [file.name for file in tmp_path.iterdir()] == ["own.yaml"]
+    assert "antigravity" not in set(sys.modules) - loaded
+
+
+PASSED_ON = """
+from os import system
+from subprocess import Popen
+from random import random
+
+def command(command):
+    open("written", "w").close()
+
+class Command:
+    def __init__(self, command):
+        open("written", "w").close()
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "allowed"),
+    [
+        ("system", "not of Python's standard library"),
+        ("Popen", "not of Python's standard library"),
+        ("random", "not of Python's standard library"),
+        ("command", "a class with "),
+        ("Command", "a class with "),
+    ],
+)
+def test_what_is_named_is_looked_at_before_it_is_called(name, allowed, monkeypatch, capfd, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "passes_on.py").write_text(PASSED_ON)
+    part = f"{{path: 'passes_on:{name}', {PARAMETERS}}}"
+    for text in (f"!InvarianceRobot {{constraints: [{part}]}}", f"!Import {part}"):
+        (tmp_path / "own.yaml").write_text(f"controller: {text}\n")
+        assert_one_line(*complain(["check", "own.yaml"], monkeypatch, capfd), [f"path = 'passes_on:{name}'", allowed])
+    assert not (tmp_path / "written").exists()
+    sys.modules.pop("passes_on", None)
 
 
 def test_files_that_are_no_text(monkeypatch, capfd, tmp_path):

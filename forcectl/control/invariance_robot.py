@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from inspect import get_annotations
 from math import inf
 from typing import Any
 
@@ -26,6 +27,7 @@ from forcectl.plant.tip_kinematics import TipDisplacement
 from forcectl.robot import JointLimits, unit_normal
 
 Array = NDArray[np.float64]
+_INTERFACE = "a class with relative_degree and evaluate(motion)"
 
 
 class AdaptiveInvarianceController(Diagram):
@@ -119,6 +121,9 @@ class ConstraintConfig:
     def constraint(self) -> Constraint:
         """The constraint, built anew."""
         kind = import_object(self.path)
+        # Looked at before it is called: the parameters are the scenario's.
+        if not isinstance(kind, type) or not _has_interface(kind):
+            raise invalid("path", self.path, _INTERFACE)
         try:
             made = kind(**self.parameters)
         except BadInputError:
@@ -127,7 +132,7 @@ class ConstraintConfig:
             reason = " ".join(f"{type(error).__name__}: {error}".split())
             raise BadInputError(f"path = {self.path!r}: cannot be built with these parameters: {reason}") from error
         if not isinstance(made, Constraint):
-            raise invalid("path", self.path, "a class with relative_degree and evaluate(motion)")
+            raise invalid("path", self.path, _INTERFACE)
         return made
 
 
@@ -201,6 +206,12 @@ class InvarianceRobotConfig:
             return builder.AddNamedSystem("invariance_controller", controller)
         block = AdaptiveInvarianceController(controller, self.adaptation.estimator(facts), facts)
         return builder.AddNamedSystem("invariance_controller", block)
+
+
+def _has_interface(kind: type) -> bool:
+    # A field of a dataclass without a default is an annotation only.
+    annotated = any("relative_degree" in get_annotations(base) for base in kind.__mro__)
+    return callable(getattr(kind, "evaluate", None)) and (annotated or hasattr(kind, "relative_degree"))
 
 
 def _robot(facts: LoopFacts) -> RobotFacts:

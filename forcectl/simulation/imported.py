@@ -31,7 +31,7 @@ class ImportConfig:
 
     def __post_init__(self) -> None:
         made = import_object(self.path)
-        if not isinstance(made, type) or not hasattr(made, "add_to"):
+        if not isinstance(made, type) or not callable(getattr(made, "add_to", None)):
             raise invalid("path", self.path, "a class with a method add_to(builder, facts)")
         reader = Reader()
         if dataclasses.is_dataclass(made):
