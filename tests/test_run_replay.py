@@ -3,10 +3,18 @@
 from __future__ import annotations
 
 import re
+from pathlib import Path
 
 import pytest
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
 
 import forcectl as fc
+from forcectl.simulation.replay import Scene
+
+SOCKETS = [Path("/proc/self/net/tcp"), Path("/proc/self/net/tcp6")]
+LISTENING = "0A"
+LOOPBACK = {"0100007F", "00000000000000000000000001000000"}  # 127.0.0.1 and ::1, as the kernel writes them
 
 
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Multibody"])
@@ -37,3 +45,16 @@ def test_a_longer_run_has_more_frames(tmp_path):
 def test_a_replay_needs_a_directory():
     with pytest.raises(fc.BadInputError, match="replay = True: must be False without an output directory"):
         fc.run("fig_2_8", replay=True)
+
+
+@pytest.mark.skipif(not SOCKETS[0].exists(), reason="only Linux lists its sockets in /proc")
+def test_nobody_else_can_visit_the_server_behind_a_replay():
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    plant.Finalize()
+    scene = Scene(builder, plant, scene_graph)
+    rows = [line.split() for path in SOCKETS if path.exists() for line in path.read_text().splitlines()[1:]]
+    listening = [row[1].split(":") for row in rows if row[3] == LISTENING]
+    hosts = {host for host, port in listening if int(port, 16) == scene.meshcat.port()}
+    assert hosts
+    assert hosts <= LOOPBACK

@@ -13,7 +13,16 @@ from pathlib import Path
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
-from pydrake.geometry import Box, Meshcat, MeshcatVisualizer, MeshcatVisualizerParams, Rgba, Role, SceneGraph
+from pydrake.geometry import (
+    Box,
+    Meshcat,
+    MeshcatParams,
+    MeshcatVisualizer,
+    MeshcatVisualizerParams,
+    Rgba,
+    Role,
+    SceneGraph,
+)
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
@@ -130,11 +139,11 @@ class Scene:
 
 
 def _quiet_meshcat() -> Meshcat:
-    """A Meshcat that does not announce the address of a server that nobody is meant to visit."""
+    """A Meshcat that does not announce the address of a server that nobody is meant to visit, nor let others in."""
     logger = logging.getLogger("drake")
     level = logger.level
     logger.setLevel(logging.WARNING)
     try:
-        return Meshcat()
+        return Meshcat(MeshcatParams(host="localhost"))
     finally:
         logger.setLevel(level)
