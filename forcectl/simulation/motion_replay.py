@@ -4,20 +4,17 @@ from __future__ import annotations
 
 from pathlib import Path
 
-import numpy as np
 import xarray as xr
-from pydrake.geometry import Box, Cylinder, Rgba
-from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.geometry import Box, Rgba
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.diagrams.research_cell import ResearchStationConfig
 from forcectl.robot import add_robot
-from forcectl.simulation.replay import ARROW, Scene
+from forcectl.simulation.replay import ARROW, ForceBar, Scene
 
 _TRUE, _ESTIMATED = Rgba(0.0, 0.45, 0.7, 1.0), Rgba(0.84, 0.37, 0.0, 1.0)
 _WOOD = Rgba(0.75, 0.6, 0.42, 1.0)
-_LEAST = 0.05  # [N] shorter bars are not drawn
 
 
 def write_motion_replay(log: xr.Dataset, station: ResearchStationConfig, path: Path) -> None:
@@ -36,27 +33,21 @@ def write_motion_replay(log: xr.Dataset, station: ResearchStationConfig, path: P
     for i, obstacle in enumerate(station.obstacles):
         meshcat.SetObject(f"obstacles/{i}", Box(*obstacle.size), _WOOD)
         meshcat.SetTransform(f"obstacles/{i}", obstacle.pose)
-    bars = [("tip_wrench", _TRUE, 0.006)]
-    if "estimated_wrench" in log:
-        bars.append(("estimated_wrench", _ESTIMATED, 0.004))
-    for name, colour, radius in bars:
-        for arm in parts.arms:
-            meshcat.SetObject(f"{name}/{arm}/bar", Cylinder(radius, 1.0), colour)
+    looks = {"tip_wrench": (0.010, _TRUE), "estimated_wrench": (0.007, _ESTIMATED)}
+    bars = {
+        name: [ForceBar(meshcat, f"{name}/{arm}", *look) for arm in parts.arms]
+        for name, look in looks.items()
+        if name in log
+    }
     positions, indices = plant.GetPositions(own), [joint.position_start() for joint in parts.joints]
 
     def draw(k: int, when: float) -> None:
         positions[indices] = log["link_position"].values[k]
         plant.SetPositions(own, positions)
-        for name, _, _ in bars:
-            wrenches = log[name].values[k].reshape(-1, 6)
-            for (arm, part), wrench in zip(parts.arms.items(), wrenches, strict=True):
-                force, tip = wrench[3:], part.tcp_frame.CalcPoseInWorld(own).translation()
-                size = float(np.linalg.norm(force))
-                along = RotationMatrix.MakeFromOneVector(force, 2) if size > _LEAST else RotationMatrix()
-                length = ARROW * size if size > _LEAST else 1e-4
-                # It ends where the force acts.
-                X_WB = RigidTransform(along, tip) @ RigidTransform([0.0, 0.0, -0.5 * length])
-                meshcat.SetTransform(f"{name}/{arm}", X_WB, when)
-                meshcat.SetProperty(f"{name}/{arm}/bar/<object>", "scale", [1.0, 1.0, length], when)
+        tips = [part.tcp_frame.CalcPoseInWorld(own).translation() for part in parts.arms.values()]
+        for name, of_arms in bars.items():
+            forces = log[name].values[k].reshape(-1, 6)[:, 3:]
+            for bar, tip, force in zip(of_arms, tips, forces, strict=True):
+                bar.draw(tip - ARROW * force, force, when)  # it ends where the force acts
 
     scene.record(log["time"].values, draw, path)

@@ -34,7 +34,8 @@ from forcectl.models import add_packages
 from forcectl.robot import add_robot
 
 FRAMES = 32.0  # pictures per second of simulated time
-ARROW = 0.02  # [m/N] length of the bar that shows the contact force
+ARROW = 0.02  # [m/N] length of the bars that show forces
+_LEAST = 0.05  # [N] of a force that is shown
 _BLUE, _DARK = Rgba(0.0, 0.45, 0.7, 1.0), Rgba(0.15, 0.15, 0.17, 1.0)
 _PLATE = np.array([0.3, 0.2])  # [m] length and width of the plate
 
@@ -75,8 +76,7 @@ def write_replay(log: xr.Dataset, station: StationConfig, path: Path) -> None:
     meshcat, own = scene.meshcat, scene.plant_context
     positions, indices = plant.GetPositions(own), [joint.position_start() for joint in joints]
     # The bar stands beside the tool, where it does not go, and grows along n.
-    meshcat.SetObject("force/bar", Box(0.012, 0.012, 1.0), _BLUE)
-    meshcat.SetTransform("force", X_WE @ RigidTransform([-0.12, 0.08, 0.0] if uneven else [0.1, 0.0, 0.0]))
+    bar, foot = ForceBar(meshcat, "force", 0.012, _BLUE), X_WE @ ([-0.12, 0.08, 0.0] if uneven else [0.1, 0.0, 0.0])
     meshcat.SetTransform("grooves", X_WE)
     if uneven and uneven.grooves:
         on_plate = (c for c in uneven.grooves.centres(uneven.length) if abs(c) < _PLATE[0] / 2)
@@ -93,11 +93,42 @@ def write_replay(log: xr.Dataset, station: StationConfig, path: Path) -> None:
             positions[plant.GetJointByName("surface_slide").position_start()] = height
             meshcat.SetTransform("grooves/lines", RigidTransform([0.0, 0.0, height]), when)
         plant.SetPositions(own, positions)
-        length = max(1e-4, ARROW * float(log["contact_force"].values[k]))
-        meshcat.SetTransform("force/bar", RigidTransform([0.0, 0.0, length / 2]), when)
-        meshcat.SetProperty("force/bar/<object>", "scale", [1.0, 1.0, length], when)
+        bar.draw(foot, float(log["contact_force"].values[k]) * cell.n, when)
 
     scene.record(log["time"].values, draw, path)
+
+
+class ForceBar:
+    """A bar that shows a force: `ARROW` long per newton, hidden below `_LEAST`.
+
+    Args:
+        meshcat: to draw in.
+        path: of the bar in the page; nothing else may be drawn there.
+        width: of its square section [m].
+        colour: of the bar.
+    """
+
+    def __init__(self, meshcat: Meshcat, path: str, width: float, colour: Rgba):
+        self._meshcat, self._path = meshcat, path
+        meshcat.SetObject(path, Box(width, width, 1.0), colour)
+
+    def draw(self, start: NDArray[np.float64], force: NDArray[np.float64], when: float) -> None:
+        """Draw it from a point along a force.
+
+        Args:
+            start: in W (3,) [m].
+            force: in W (3,) [N].
+            when: time in the recording [s].
+        """
+        size = float(np.linalg.norm(force))
+        shown = size > _LEAST
+        self._meshcat.SetProperty(self._path, "visible", shown, when)
+        if shown:  # the place of a hidden bar is nowhere, also in the log of a run that ended in NaN
+            X_WF = RigidTransform(RotationMatrix.MakeFromOneVector(force, 2), start)
+            length = ARROW * size
+            self._meshcat.SetTransform(self._path, X_WF @ RigidTransform([0.0, 0.0, length / 2]), when)
+            # Scaled are the axes of the shape itself. Those of a box are Drake's; a cylinder of Meshcat's lies along y.
+            self._meshcat.SetProperty(f"{self._path}/<object>", "scale", [1.0, 1.0, length], when)
 
 
 class Scene:
