@@ -8,7 +8,6 @@ from typing import Any
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
-from forcectl.control.integral import IntegralConfig
 from forcectl.diagrams.closed_loop import ClosedLoop, build_closed_loop
 from forcectl.diagrams.one_dimensional_loop import (
     OneDimensionalLoop,
@@ -16,6 +15,7 @@ from forcectl.diagrams.one_dimensional_loop import (
     build_one_dimensional_loop,
 )
 from forcectl.diagrams.station import FIDELITIES, StationConfig
+from forcectl.force.integral import IntegralConfig
 from forcectl.motion.references import StepConfig
 
 __all__ = ["FIDELITIES", "build", "build_scalar", "runner"]

@@ -19,10 +19,10 @@ COMPLIANCE = 2e-4
 
 
 def benchmark(repeats: int) -> Iterator[Row]:
-    from forcectl.control.fourth_degree_force_law import FourthDegreeForceLaw
-    from forcectl.control.integral import IntegralForceLaw
-    from forcectl.control.invariance_control import InvarianceControl, InvarianceCorrection
-    from forcectl.control.invariance_force_law import InvarianceForceLaw
+    from forcectl.force.integral import IntegralForceLaw
+    from forcectl.force.invariance.correction import InvarianceControl, InvarianceCorrection
+    from forcectl.force.invariance.force_law import InvarianceForceLaw
+    from forcectl.force.invariance.fourth_degree import FourthDegreeForceLaw
 
     def integral() -> IntegralForceLaw:
         return IntegralForceLaw(1, integral_gain=3.0, compliance=COMPLIANCE)

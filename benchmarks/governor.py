@@ -17,7 +17,7 @@ from benchmarks._ticks import Case, tick_rows, under_a_decaying_force
 
 
 def benchmark(repeats: int) -> Iterator[Row]:
-    from forcectl.control.governor import CommandGovernor
+    from forcectl.force.governor.governor import CommandGovernor
 
     governors: dict[str, Case] = {
         "without a governor": (None, ""),

@@ -1,4 +1,4 @@
-"""Solving one quadratic program, by solver: what decides which one `forcectl.control.quadratic_program` takes.
+"""Solving one quadratic program, by solver: what decides which one `forcectl.qp.quadratic_program` takes.
 
 Programs of the size of a robot controller (6 variables) and of a dual arm (14), with other coefficients at every tick,
 through the same layer, checks included.
@@ -25,7 +25,7 @@ def benchmark(repeats: int) -> Iterator[Row]:
     import numpy as np
     from pydrake import solvers
 
-    from forcectl.control.quadratic_program import (
+    from forcectl.qp.quadratic_program import (
         DaqpPackage,
         QuadraticProgram,
         SolverFactory,

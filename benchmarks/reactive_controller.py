@@ -68,19 +68,19 @@ def _control(distances: int) -> tuple[Any, Any]:
     import numpy as np
     from pydrake.systems.framework import DiagramBuilder
 
-    from forcectl.control.arms_motion import ArmsMotion
-    from forcectl.control.collision_shapes import RobotShapes
-    from forcectl.control.constraints import Constraint
-    from forcectl.control.reactive_controller import ReactiveController
-    from forcectl.control.rotation_vector import RotationVector
-    from forcectl.control.self_collision import LinkDistance
-    from forcectl.control.task_coordinates import ArmTask
-    from forcectl.control.task_limits import TaskSpeedLimit
-    from forcectl.diagrams.reactive_motion import ReactiveMotion
-    from forcectl.estimation.momentum_model import MomentumModel
+    from forcectl.collision.distance import LinkDistance
+    from forcectl.collision.shapes import RobotShapes
     from forcectl.estimation.momentum_observer import MomentumObserver
-    from forcectl.plant.joint_friction import JointFriction
-    from forcectl.robot import RobotModel
+    from forcectl.framework.rotation_vector import RotationVector
+    from forcectl.plant.drives.joint_friction import JointFriction
+    from forcectl.robot.arms_motion import ArmsMotion
+    from forcectl.robot.model import RobotModel
+    from forcectl.robot.momentum_model import MomentumModel
+    from forcectl.tasks.constraints.base import Constraint
+    from forcectl.tasks.constraints.task_limits import TaskSpeedLimit
+    from forcectl.tasks.coordinates import ArmTask
+    from forcectl.tasks.reactive_controller import ReactiveController
+    from forcectl.tasks.reactive_motion import ReactiveMotion
 
     robot = RobotModel.load("yumi", "yumi_gripper")
     start, n = robot.facts.default_posture, robot.num_joints
@@ -134,9 +134,9 @@ def _recorded(distances: int) -> tuple[Any, Any]:
         TrajectorySource,
     )
 
-    from forcectl.control.arms_motion import ArmsMotion
     from forcectl.motion.references import held_trajectory
-    from forcectl.robot import RobotModel
+    from forcectl.robot.arms_motion import ArmsMotion
+    from forcectl.robot.model import RobotModel
 
     control, controller = _control(distances)
     robot = RobotModel.load("yumi", "yumi_gripper")
@@ -172,12 +172,12 @@ def _shares(diagram: Any, inputs: Any) -> dict[str, float]:
     """Median time of each part per tick [s]."""
     import numpy as np
 
-    from forcectl.control.arms_motion import ArmsMotion
-    from forcectl.control.constraints import ConstraintSet
-    from forcectl.control.prioritized_program import PrioritizedProgram
-    from forcectl.control.reactive_controller import ReactiveController
     from forcectl.estimation.momentum_observer import MomentumObserver
     from forcectl.motion.trajectory_generator import TrajectoryGenerator
+    from forcectl.qp.prioritized_program import PrioritizedProgram
+    from forcectl.robot.arms_motion import ArmsMotion
+    from forcectl.tasks.constraints.base import ConstraintSet
+    from forcectl.tasks.reactive_controller import ReactiveController
 
     parts: dict[str, tuple[type, str]] = {
         "momentum observer": (MomentumObserver, "step"),

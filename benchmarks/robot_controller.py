@@ -25,7 +25,7 @@ def benchmark(repeats: int) -> Iterator[Row]:
     import numpy as np
     from pydrake.systems.analysis import Simulator
 
-    from forcectl.control.invariance_robot import InvarianceRobotConfig, WallConfig
+    from forcectl.force.invariance.robot import InvarianceRobotConfig, WallConfig
 
     wall = WallConfig(point=[2.0, 0.0, 0.0], normal=[-1.0, 0.0, 0.0])
     laws: dict[str, dict[str, Any]] = {"invariance": {}, "corrected integral law": {"nominal_gain": 3.0}}

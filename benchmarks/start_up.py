@@ -17,9 +17,9 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks._measure import Row, interleaved_medians, main, median_seconds
 
-# The modules of others that `forcectl.simulation.run` ends up with, asked of the interpreter and not written down.
+# The modules of others that `forcectl.runs.run` ends up with, asked of the interpreter and not written down.
 _OTHERS = (
-    "import sys, forcectl.simulation.run; "
+    "import sys, forcectl.runs.run; "
     "print(','.join(sorted(m for m in sys.modules if m.startswith('pydrake.') and '_' not in m)))"
 )
 
@@ -36,7 +36,7 @@ def benchmark(repeats: int) -> Iterator[Row]:
             lambda: _process("import forcectl, forcectl.cli"),
             lambda: _process("import forcectl"),
             lambda: _process(f"import numpy, scipy.linalg, {drake}"),
-            lambda: _process("import forcectl.simulation.run"),
+            lambda: _process("import forcectl.runs.run"),
         ],
         repeats,
     )

@@ -66,11 +66,11 @@ def _functions(repeats: int) -> Iterator[Row]:
     """The plain functions: plans, and what the tasks of two arms cost beside the kinematics of each arm alone."""
     import numpy as np
 
-    from forcectl.control.arms_motion import ArmsMotion
-    from forcectl.motion.euler_angles import EulerAngles
-    from forcectl.motion.relative_pose import RelativeMotion
+    from forcectl.framework.euler_angles import EulerAngles
     from forcectl.motion.trajectory import Planner, Target, begin, limits_of
-    from forcectl.robot import RobotModel
+    from forcectl.robot.arms_motion import ArmsMotion
+    from forcectl.robot.model import RobotModel
+    from forcectl.tasks.relative_task import RelativeMotion
 
     robot = RobotModel.load("yumi", tool=None)
     rng, n = np.random.default_rng(1), robot.num_joints

@@ -41,9 +41,9 @@ def record(samples: int) -> tuple[Any, Any]:
 
 def fit(u: Any, y: Any, *, prefilter: bool = True) -> Any:
     """A PID fit of the first-order model with 1.5 rad/s."""
-    from forcectl.estimation.controller_basis import discrete_pid
-    from forcectl.estimation.reference_model import first_order
-    from forcectl.estimation.vrft import fit_vrft
+    from forcectl.tuning.controller_basis import discrete_pid
+    from forcectl.tuning.reference_model import first_order
+    from forcectl.tuning.vrft import fit_vrft
 
     return fit_vrft(u, y, first_order(1.5, PERIOD), discrete_pid(PERIOD), prefilter=prefilter)
 

@@ -20,9 +20,9 @@ GAINS = (-5.37e-5, -2.53e-4, 1.62e-8)
 
 
 def benchmark(repeats: int) -> Iterator[Row]:
-    from forcectl.control.linear_law import LinearForceLaw
     from forcectl.estimation.excited_compliance import ExcitedCompliance
     from forcectl.estimation.recursive_vrft import RecursiveVrft
+    from forcectl.force.linear_law import LinearForceLaw
 
     blocks: dict[str, Case] = {
         "without a block": (None, ""),

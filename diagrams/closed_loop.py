@@ -8,13 +8,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort
 
-from forcectl.control.force_law import ControllerConfig
 from forcectl.conventions import unit_of
 from forcectl.diagrams.force_controller import add_controller
 from forcectl.diagrams.log import LoggedLoop, add_log
 from forcectl.diagrams.station import Cell, StationConfig, build_station, describe
 from forcectl.diagrams.truth import CONTACT_FORCE
 from forcectl.errors import invalid
+from forcectl.force.slot import ControllerConfig
 from forcectl.motion.references import ForceReferenceConfig
 from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.plant.tip_kinematics import tip_displacements

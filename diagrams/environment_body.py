@@ -4,7 +4,7 @@ A surface that is the same everywhere is welded to the world, and its compliance
 contact acts on a massless skin welded to something that slides along n, so that the contact normal stays n and the
 reaction of that weld is the force of the contact, free of inertia. For an uneven surface of one material that is a
 plate driven to the height under the tool; for several materials it is a carrier on the spring of the place, see
-`forcectl.plant.surface_spring`.
+`forcectl.plant.contact.surface_spring`.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ from pydrake.systems.primitives import MatrixGain
 from forcectl.diagrams.station import Cell, Vector
 from forcectl.errors import BadInputError
 from forcectl.models import add_packages
-from forcectl.plant.surface_spring import SurfaceSpring
+from forcectl.plant.contact.surface_spring import SurfaceSpring
 
 # Compliance of the ball of the tool [m/N]: small beside any environment, and in series with it (taken out again below).
 BALL_COMPLIANCE = 1e-7

@@ -6,11 +6,11 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import PassThrough
 
-from forcectl.control.force_law import ControllerConfig, LoopFacts, RobotFacts
-from forcectl.control.kinematic_inversion import ConstantKinematicInversion, KinematicInversion
 from forcectl.diagrams.parts import affine, input_names, output_names
 from forcectl.diagrams.station import Cell
 from forcectl.errors import BadInputError
+from forcectl.force.kinematic_inversion import ConstantKinematicInversion, KinematicInversion
+from forcectl.force.slot import ControllerConfig, LoopFacts, RobotFacts
 from forcectl.plant.tip_kinematics import TipDisplacement
 
 CONTROLLER_INPUTS = (

@@ -2,7 +2,7 @@
 
     loads -> station -> (readings) -> estimator -> motion controller -> (references) -> station
 
-See `forcectl.control.motion_slot` for the slots and how to fill them. From a reading to the motion it causes:
+See `forcectl.tasks.slot` for the slots and how to fill them. From a reading to the motion it causes:
 
     station to controller    none: the position is that of the tick
     estimator, controller    none, when their outputs are feedthrough at the tick (`SampledLaw`)
@@ -18,7 +18,13 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort, PortDataType, System
 
-from forcectl.control.motion_slot import (
+from forcectl.diagrams.log import LoggedLoop, add_log
+from forcectl.diagrams.parts import input_names, output_names
+from forcectl.diagrams.research_cell import ResearchCell, ResearchStationConfig, describe_research
+from forcectl.diagrams.research_station import RESEARCH_OUTPUTS, ResearchStation
+from forcectl.errors import BadInputError
+from forcectl.motion.loads import LoadConfig, add_loads
+from forcectl.tasks.slot import (
     ESTIMATES,
     FEEDFORWARD,
     READINGS,
@@ -29,12 +35,6 @@ from forcectl.control.motion_slot import (
     check_estimator,
     check_motion_controller,
 )
-from forcectl.diagrams.log import LoggedLoop, add_log
-from forcectl.diagrams.parts import input_names, output_names
-from forcectl.diagrams.research_cell import ResearchCell, ResearchStationConfig, describe_research
-from forcectl.diagrams.research_station import RESEARCH_OUTPUTS, ResearchStation
-from forcectl.errors import BadInputError
-from forcectl.motion.loads import LoadConfig, add_loads
 
 WRENCH_PARTS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
 

@@ -17,17 +17,17 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Demultiplexer
 
-from forcectl.control.force_law import ControllerConfig, LoopFacts
-from forcectl.control.integral import IntegralConfig, LinearIntegralForceLaw
 from forcectl.diagrams.log import LoggedLoop, add_log
 from forcectl.diagrams.parts import input_names
 from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.lanes import LaneBlock, check
+from forcectl.force.integral import IntegralConfig, LinearIntegralForceLaw
+from forcectl.force.slot import ControllerConfig, LoopFacts
+from forcectl.framework.batch import LaneBlock, check
 from forcectl.motion.references import ForceReferenceConfig, StepConfig
-from forcectl.plant.compliant_contact import EnvironmentConfig
-from forcectl.plant.force_sensor import ForceSensorConfig
-from forcectl.plant.position_loop import PositionLoopConfig
-from forcectl.plant.servo import ServoConfig
+from forcectl.plant.contact.compliant_contact import EnvironmentConfig
+from forcectl.plant.drives.position_loop import PositionLoopConfig
+from forcectl.plant.drives.servo import ServoConfig
+from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 
 
 @dataclass(kw_only=True)

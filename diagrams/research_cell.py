@@ -6,17 +6,16 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.math import RigidTransform, RollPitchYaw
 
 from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.estimation.momentum_model import MomentumModel
-from forcectl.lanes import check, whole_multiple
-from forcectl.plant.joint_friction import JointFriction
-from forcectl.plant.joint_sensors import FAULTS, ReadingFault
-from forcectl.robot import RobotModel
+from forcectl.framework.batch import check, whole_multiple
+from forcectl.plant.contact.obstacle import ObstacleConfig
+from forcectl.plant.drives.joint_friction import JointFriction
+from forcectl.plant.sensors.joint_sensors import FAULTS, ReadingFault
+from forcectl.robot.model import RobotModel
+from forcectl.robot.momentum_model import MomentumModel
 
 Array = NDArray[np.float64]
-LARGEST_STIFFNESS = 1e7  # [N/m] of the links where they touch something
 
 
 def _switch(name: str, value: object) -> None:
@@ -26,7 +25,7 @@ def _switch(name: str, value: object) -> None:
 
 @dataclass(kw_only=True)
 class JointServoConfig:
-    """Scenario part `servo`: the position loops of the joints, see `forcectl.plant.joint_servo`."""
+    """Scenario part `servo`: the position loops of the joints, see `forcectl.plant.drives.joint_servo`."""
 
     bandwidth: float | None = None  # w [rad/s]; null: that of the control facts' reference filter
     damping_ratio: float | None = None  # zeta [1]; null: that of the control facts' reference filter
@@ -45,7 +44,7 @@ class JointServoConfig:
 
 @dataclass(kw_only=True)
 class JointSensorsConfig:
-    """Scenario part `sensors`: what is measured, see `forcectl.plant.joint_sensors`."""
+    """Scenario part `sensors`: what is measured, see `forcectl.plant.sensors.joint_sensors`."""
 
     quantum: float = 1e-6  # [rad], >= 0; assumed: 16 bits per turn of a motor with a gear of 100
     position_noise: float = 0.0  # [rad] standard deviation per tick, >= 0
@@ -71,39 +70,8 @@ class JointFrictionConfig:
 
 
 @dataclass(kw_only=True)
-class ObstacleConfig:
-    """A box that the robot may touch, fixed to the world."""
-
-    size: list[float] = field(default_factory=lambda: [0.2, 0.2, 0.2])  # [m], three, > 0
-    position: list[float] = field(default_factory=lambda: [0.5, 0.0, 0.0])  # of its centre [m]
-    rotation_deg: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # roll, pitch, yaw [deg]
-    stiffness: float = 1e4  # [N/m] at a point of contact, > 0 and at most a tenth of the links' 1e7
-    damping: float = 50.0  # [Ns/m], >= 0
-    friction: float = 0.2  # Coulomb's, against any link [1], >= 0 and below 1
-
-    def __post_init__(self) -> None:
-        for name in ("size", "position", "rotation_deg"):
-            values = getattr(self, name)
-            if len(values) != 3:
-                raise invalid(name, values, "three numbers")
-            for value in values:
-                check(name, value, "positive" if name == "size" else "finite")
-        if check("stiffness", self.stiffness, "positive") > 0.1 * LARGEST_STIFFNESS:
-            raise invalid("stiffness", self.stiffness, f"at most {0.1 * LARGEST_STIFFNESS:g} N/m")
-        for name in ("damping", "friction"):
-            check(name, getattr(self, name), "not negative")
-        if self.friction >= 1:
-            raise invalid("friction", self.friction, "below 1")
-
-    @property
-    def pose(self) -> RigidTransform:
-        """Of its centre in the world."""
-        return RigidTransform(RollPitchYaw(np.radians(self.rotation_deg)), np.array(self.position))
-
-
-@dataclass(kw_only=True)
 class ReadingFaultConfig:
-    """A fault of the readings, see `forcectl.plant.joint_sensors.ReadingFault`."""
+    """A fault of the readings, see `forcectl.plant.sensors.joint_sensors.ReadingFault`."""
 
     kind: str = "nan"  # nan, frozen or lost
     joint: str = ""  # by name; empty: all joints

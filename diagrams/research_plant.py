@@ -25,9 +25,10 @@ from pydrake.multibody.plant import (
 from pydrake.multibody.tree import JointActuator, ModelInstanceIndex, PdControllerGains
 from pydrake.systems.framework import DiagramBuilder
 
-from forcectl.diagrams.research_cell import LARGEST_STIFFNESS, ObstacleConfig, ResearchCell
-from forcectl.plant.joint_friction import COULOMB_STEEPNESS, add_coulomb_friction
-from forcectl.robot import RobotParts, add_robot
+from forcectl.diagrams.research_cell import ResearchCell
+from forcectl.plant.contact.obstacle import LARGEST_STIFFNESS, ObstacleConfig
+from forcectl.plant.drives.joint_friction import COULOMB_STEEPNESS, add_coulomb_friction
+from forcectl.robot.model import RobotParts, add_robot
 
 _OBSTACLE = Rgba(0.75, 0.6, 0.42, 1.0)
 _LINK_FRICTION = 0.5

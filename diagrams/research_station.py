@@ -8,8 +8,8 @@
     truth  link_position, link_velocity (n,) [rad, rad/s], external_torque (n,) [Nm]
            tip_wrench (6a,) [Nm, N], contact_force (a,) [N]
 
-There is no force sensor. References are taken every period, by servo loops of 2 kHz; see `forcectl.plant.joint_servo`
-for the loops, of which the plant, at 1 kHz, feels the mean, and `forcectl.plant.joint_sensors` for what is measured.
+There is no force sensor. References are taken every period, by servo loops of 2 kHz, of which the plant, at 1 kHz,
+feels the mean: see `forcectl.plant.drives.joint_servo`. What is measured: `forcectl.plant.sensors.joint_sensors`.
 Friction (5.2) sticks. The arms share one plant, so that they may touch each other and things.
 
 Rigid joints    servo torque -> links with their rotors; friction is part of the plant's implicit step.
@@ -36,10 +36,10 @@ from pydrake.systems.primitives import ConstantVectorSource, MatrixGain
 from forcectl.diagrams.parts import export_outputs
 from forcectl.diagrams.research_cell import ResearchCell
 from forcectl.diagrams.research_plant import ResearchPlant, add_research_plant
-from forcectl.plant.joint_friction import FrictionRest, actuation_gain, desired_state_gain
-from forcectl.plant.joint_sensors import JointSensors
-from forcectl.plant.joint_servo import JointServo, servo_gains
-from forcectl.plant.motor_motion import MotorMotion
+from forcectl.plant.drives.joint_friction import FrictionRest, actuation_gain, desired_state_gain
+from forcectl.plant.drives.joint_servo import JointServo, servo_gains
+from forcectl.plant.drives.motor_motion import MotorMotion
+from forcectl.plant.sensors.joint_sensors import JointSensors
 from forcectl.plant.tip_load import LoadTruth, TipLoad
 
 RESEARCH_INPUTS = (

@@ -24,16 +24,16 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, Diagram
 
-from forcectl.control.joint_impedance import JointImpedanceConfig
-from forcectl.control.kinematic_inversion import check_start_posture
 from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.lanes import check, whole_multiple
+from forcectl.force.kinematic_inversion import check_start_posture
+from forcectl.framework.batch import check, whole_multiple
 from forcectl.plant.compliance import robot_compliance, total_compliance
-from forcectl.plant.compliant_contact import EnvironmentConfig
-from forcectl.plant.force_sensor import ForceSensorConfig
-from forcectl.plant.position_loop import PositionLoopConfig
-from forcectl.plant.servo import ServoConfig
-from forcectl.robot import RobotModel, unit_normal
+from forcectl.plant.contact.compliant_contact import EnvironmentConfig
+from forcectl.plant.drives.joint_impedance import JointImpedanceConfig
+from forcectl.plant.drives.position_loop import PositionLoopConfig
+from forcectl.plant.drives.servo import ServoConfig
+from forcectl.plant.sensors.force_sensor import ForceSensorConfig
+from forcectl.robot.model import RobotModel, unit_normal
 
 Vector = NDArray[np.float64]
 FIDELITIES = ("OneDimensional", "Kinematic", "Multibody")
@@ -51,7 +51,7 @@ STATION_OUTPUTS = (
 # Scenario tag of `interface` -> import path of its configuration; the first is the default.
 INTERFACES = {
     "JointPosition": "forcectl.diagrams.station:JointPositionConfig",
-    "JointImpedance": "forcectl.control.joint_impedance:JointImpedanceConfig",
+    "JointImpedance": "forcectl.plant.drives.joint_impedance:JointImpedanceConfig",
 }
 
 

@@ -8,7 +8,7 @@ from forcectl.diagrams.motor_side import MotorSide
 from forcectl.diagrams.station import Cell
 from forcectl.diagrams.station_surface import add_surface, connect_material
 from forcectl.diagrams.truth import finish_light_station
-from forcectl.plant.tip_contact import TipContact
+from forcectl.plant.contact.tip_contact import TipContact
 from forcectl.plant.tip_kinematics import TipDisplacement
 
 

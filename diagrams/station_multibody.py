@@ -24,7 +24,6 @@ from pydrake.multibody.tree import Joint, PdControllerGains
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer, LinearSystem, MatrixGain
 
-from forcectl.control.joint_impedance import JointImpedanceConfig
 from forcectl.diagrams.environment_body import BALL_COMPLIANCE, add_environment, contact_material, drive_surface
 from forcectl.diagrams.parts import export_outputs
 from forcectl.diagrams.station import Cell
@@ -32,11 +31,12 @@ from forcectl.diagrams.station_surface import add_surface
 from forcectl.diagrams.torque_interface import TorqueInterface
 from forcectl.diagrams.truth import add_contact_state
 from forcectl.errors import BadInputError
-from forcectl.plant.drive import Drive, joint_to_motor
-from forcectl.plant.position_loop import PositionLoop
+from forcectl.plant.drives.drive import Drive, joint_to_motor
+from forcectl.plant.drives.joint_impedance import JointImpedanceConfig
+from forcectl.plant.drives.position_loop import PositionLoop
+from forcectl.plant.sensors.wrist_sensor import WristSensor
 from forcectl.plant.tip_kinematics import TipDisplacement, Vector
-from forcectl.plant.wrist_sensor import WristSensor
-from forcectl.robot import RobotParts, add_robot
+from forcectl.robot.model import RobotParts, add_robot
 
 _LARGEST_DRIVE_STEP = 0.5e-3  # [s] friction sticks and slips with a time of its own
 

@@ -14,9 +14,9 @@ from pydrake.systems.primitives import Adder, Gain
 
 from forcectl.diagrams.parts import affine, output_names
 from forcectl.diagrams.station import Cell, Vector
-from forcectl.plant.compliant_contact import CompliantContact, LinearContact
-from forcectl.plant.surface import SurfaceHeight, SurfaceProfile
-from forcectl.plant.surface_materials import SurfaceMaterial
+from forcectl.plant.contact.compliant_contact import CompliantContact, LinearContact
+from forcectl.plant.contact.surface import SurfaceHeight, SurfaceProfile
+from forcectl.plant.contact.surface_materials import SurfaceMaterial
 from forcectl.plant.tip_kinematics import TipDisplacement
 
 

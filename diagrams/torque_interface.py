@@ -1,6 +1,6 @@
 """The torque interface of a robot: joint impedance control on drives that are told torques.
 
-Has the ports of `forcectl.plant.drive.Drive` and takes its place in the multibody station.
+Has the ports of `forcectl.plant.drives.drive.Drive` and takes its place in the multibody station.
 """
 
 from __future__ import annotations
@@ -9,11 +9,11 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from forcectl.control.joint_impedance import GravityCompensation, JointImpedance
 from forcectl.diagrams.station import Cell, StationConfig
 from forcectl.errors import BadInputError
-from forcectl.plant.drive import joint_to_motor
-from forcectl.plant.torque_drive import TorqueDrive
+from forcectl.plant.drives.drive import joint_to_motor
+from forcectl.plant.drives.joint_impedance import GravityCompensation, JointImpedance
+from forcectl.plant.drives.torque_drive import TorqueDrive
 
 Vector = NDArray[np.float64]
 _MOST_TAKEN = 1.7  # of a motor's speed per tick; it grows from 2 on

@@ -19,7 +19,7 @@ CONTACT_FORCE = 1e-9  # [N] from here on it is contact and not rounding
 def add_contact_state(builder: DiagramBuilder, force: OutputPort) -> OutputPort:
     """1 while there is contact, else 0: the force in units of `CONTACT_FORCE`, limited to 1.
 
-    Two C++ primitives, because every run logs it; `forcectl.plant.contact_monitor` turns losses into events.
+    Two C++ primitives, because every run logs it; `forcectl.plant.contact.contact_monitor` turns losses into events.
     """
     scaled = builder.AddNamedSystem("contact_scale", Gain(1 / CONTACT_FORCE, 1))
     state = builder.AddNamedSystem("contact_state", Saturation(np.zeros(1), np.ones(1)))

@@ -24,8 +24,8 @@ from pydrake.systems.sensors import CameraInfo
 import forcectl as fc
 from forcectl.diagrams.station import StationConfig, describe
 from forcectl.diagrams.station_multibody import MultibodyStation
+from forcectl.figures.force import COLOURS, force_figure, frame
 from forcectl.motion.trajectory import Planner, Target, begin, limits_of
-from forcectl.viz.figures import COLOURS, force_figure, frame
 
 EYE, AT = np.array([2.5, -2.1, 1.6]), np.array([0.3, 0.0, 0.66])
 WIDTH, HEIGHT, FIELD_OF_VIEW = 900, 900, 0.52

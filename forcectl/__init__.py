@@ -15,11 +15,11 @@ from typing import TYPE_CHECKING, Any
 from forcectl.errors import BadInputError, ForcectlError, RunFailedError
 
 if TYPE_CHECKING:
-    from forcectl.simulation.catalog import list_experiments
-    from forcectl.simulation.reproduce import reproduce
-    from forcectl.simulation.run import RunResult, run
-    from forcectl.simulation.scenario import Scenario, build, load_scenario
-    from forcectl.viz.graph import graph
+    from forcectl.graph.export import graph
+    from forcectl.runs.reproduce import reproduce
+    from forcectl.runs.run import RunResult, run
+    from forcectl.scenario.catalog import list_experiments
+    from forcectl.scenario.scenario import Scenario, build, load_scenario
 
 __all__ = [
     "BadInputError",
@@ -36,14 +36,14 @@ __all__ = [
 ]
 
 _HOMES = {
-    "RunResult": "forcectl.simulation.run",
-    "Scenario": "forcectl.simulation.scenario",
-    "build": "forcectl.simulation.scenario",
-    "graph": "forcectl.viz.graph",
-    "list_experiments": "forcectl.simulation.catalog",
-    "load_scenario": "forcectl.simulation.scenario",
-    "reproduce": "forcectl.simulation.reproduce",
-    "run": "forcectl.simulation.run",
+    "RunResult": "forcectl.runs.run",
+    "Scenario": "forcectl.scenario.scenario",
+    "build": "forcectl.scenario.scenario",
+    "graph": "forcectl.graph.export",
+    "list_experiments": "forcectl.scenario.catalog",
+    "load_scenario": "forcectl.scenario.scenario",
+    "reproduce": "forcectl.runs.reproduce",
+    "run": "forcectl.runs.run",
 }
 
 

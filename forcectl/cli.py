@@ -80,7 +80,7 @@ def list_() -> None:
 
     Example: forcectl list
     """
-    from forcectl.simulation.listing import catalog_tables
+    from forcectl.runs.listing import catalog_tables
 
     console = _console()
     for table in catalog_tables():
@@ -110,11 +110,11 @@ def run(
 
     Example: forcectl run fig_2_7 --set station.environment.stiffness=2e4 --seed 3
     """
-    from forcectl.simulation.catalog import find_scenario
-    from forcectl.simulation.progress import ProgressBars
-    from forcectl.simulation.run import run as simulate
-    from forcectl.simulation.run_directory import free_name
-    from forcectl.simulation.tables import metrics_table, verdict_table
+    from forcectl.runs.directory import free_name
+    from forcectl.runs.progress import ProgressBars
+    from forcectl.runs.run import run as simulate
+    from forcectl.runs.tables import metrics_table, verdict_table
+    from forcectl.scenario.catalog import find_scenario
 
     file = find_scenario(scenario)
     directory = out or free_name(Path("runs"), file.name)
@@ -166,7 +166,7 @@ def graph(
     """
     chosen = _format(format_, out)
     name, diagram = _diagram(scenario, variant, settings, fidelity)
-    from forcectl.viz.graph import export
+    from forcectl.graph.export import export
 
     target = out or Path(f"{name}.{'mmd' if chosen == 'mermaid' else chosen}")
     partial = target.with_name(f".partial-{target.name}")
@@ -219,11 +219,11 @@ def reproduce(
 
     Example: forcectl reproduce fig_2_7 fig_2_8 --check
     """
-    from forcectl.simulation.catalog import list_experiments
-    from forcectl.simulation.progress import ProgressBars
-    from forcectl.simulation.reproduce import reproduce as compare
-    from forcectl.simulation.run_directory import free_name
-    from forcectl.simulation.tables import verdict_table
+    from forcectl.runs.directory import free_name
+    from forcectl.runs.progress import ProgressBars
+    from forcectl.runs.reproduce import reproduce as compare
+    from forcectl.runs.tables import verdict_table
+    from forcectl.scenario.catalog import list_experiments
 
     if bool(experiments) == all_:
         raise BadInputError(f"reproduce: must have either names or --all, known: {', '.join(list_experiments())}")
@@ -288,9 +288,9 @@ def vrft(
 
     Example: forcectl tune vrft record.csv --reference-model 1.5 --out tuned
     """
-    from forcectl.simulation.run_directory import free_name
-    from forcectl.simulation.tune import CONTROLLER, tune_vrft
-    from forcectl.simulation.tuning_report import gains_table, report_lines
+    from forcectl.runs.directory import free_name
+    from forcectl.runs.tune import CONTROLLER, tune_vrft
+    from forcectl.runs.tuning_report import gains_table, report_lines
 
     directory = out or free_name(Path("tuned"), Path(data).stem)
     tuned = tune_vrft(
@@ -322,7 +322,7 @@ def parse_settings(settings: list[str]) -> dict[str, Any]:
     Raises:
         BadInputError: no equals sign, no key, or a value that is not YAML.
     """
-    from forcectl.simulation.yaml_tree import parse
+    from forcectl.scenario.yaml_tree import parse
 
     found = {}
     for text in settings:
@@ -346,11 +346,11 @@ def _format(wanted: str | None, out: Path | None) -> str:
 def _diagram(target: str, variant: str | None, settings: list[str] | None, fidelity: str | None) -> tuple[str, Diagram]:
     """A file name and the diagram behind a scenario or an import path."""
     if ":" in target and not Path(target).exists():
-        from forcectl.simulation.imported import call_for_diagram
+        from forcectl.scenario.imported import call_for_diagram
 
         return target.rpartition(":")[2], call_for_diagram(target)
-    from forcectl.simulation.run import with_shortcuts
-    from forcectl.simulation.scenario import as_file, build, origins, resolve, select_variants
+    from forcectl.runs.run import with_shortcuts
+    from forcectl.scenario.scenario import as_file, build, origins, resolve, select_variants
 
     file = as_file(target)
     overrides = with_shortcuts(parse_settings(settings or []), None, fidelity)

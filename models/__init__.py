@@ -1,6 +1,6 @@
 """The robots, tools and environments shipped with forcectl, and where to find them.
 
-A robot is a folder with one URDF or SDF and one `*.control.yaml` (see `forcectl.robot_facts`); a tool is a folder with
+A robot is a folder with one URDF or SDF and one `*.control.yaml` (see `forcectl.robot.facts`); a tool is a folder with
 one URDF or SDF and one `*.tool.yaml`. A user's own folder works wherever a shipped name does. Every shipped folder has
 a `package.xml`, so that `package://comau_smart_six/...` works after `add_packages`.
 

@@ -1,1 +1,1 @@
-"""Estimators of what the controllers are not told."""
+"""Estimation while a loop runs: compliance, external torque, wrench."""

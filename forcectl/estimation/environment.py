@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from forcectl.lanes import Lane, LaneBlock, Parameter, check, check_order, lane_values
+from forcectl.framework.batch import Lane, LaneBlock, Parameter, check, check_order, lane_values
 
 
 def ewrls_step(estimate: Lane, covariance: Lane, target: Lane, regressor: Lane, forgetting: Lane) -> tuple[Lane, Lane]:

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from forcectl.errors import invalid
-from forcectl.lanes import Lane, LaneBlock, Parameter, check, lane_values
+from forcectl.framework.batch import Lane, LaneBlock, Parameter, check, lane_values
 
 
 class ExcitedCompliance(LaneBlock):

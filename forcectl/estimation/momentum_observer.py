@@ -28,13 +28,13 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
-from forcectl.cache import scratch
-from forcectl.control.sampled_law import SampledLaw
 from forcectl.errors import BadInputError
-from forcectl.estimation.momentum_model import MomentumModel
-from forcectl.lanes import Lane, Parameter, check, lane_values
-from forcectl.plant.joint_friction import JointFriction, friction_threshold, mean_features
-from forcectl.reductions import HALF, largest, smallest
+from forcectl.framework.batch import Lane, Parameter, check, lane_values
+from forcectl.framework.cache import scratch
+from forcectl.framework.kernels import HALF, largest, smallest
+from forcectl.framework.sampled_law import SampledLaw
+from forcectl.plant.drives.joint_friction import JointFriction, friction_threshold, mean_features
+from forcectl.robot.momentum_model import MomentumModel
 
 Array = NDArray[np.float64]
 

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from forcectl.errors import invalid
-from forcectl.lanes import SCALAR_MATH, Lane, LaneBlock, Parameter, check, lane_values
+from forcectl.framework.batch import SCALAR_MATH, Lane, LaneBlock, Parameter, check, lane_values
 
 GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
 _WAIT = 3.0  # samples after a gap until the differences no longer reach across it

@@ -23,11 +23,11 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 from scipy.linalg.lapack import dgesdd, dposv
 
-from forcectl.cache import BlockCache, scratch
 from forcectl.errors import BadInputError
-from forcectl.estimation.momentum_model import MomentumModel
-from forcectl.lanes import check
-from forcectl.reductions import is_definite
+from forcectl.framework.batch import check
+from forcectl.framework.cache import BlockCache, scratch
+from forcectl.framework.kernels import is_definite
+from forcectl.robot.momentum_model import MomentumModel
 
 Array = NDArray[np.float64]
 _LEAST = 1e-6  # smaller limits, relative to all singular values and squared, are left to these values themselves

@@ -1,1 +1,1 @@
-"""References and motion in the unconstrained directions."""
+"""References, trajectories and loads."""

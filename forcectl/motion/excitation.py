@@ -18,7 +18,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
 from forcectl.errors import BadInputError
-from forcectl.lanes import check
+from forcectl.framework.batch import check
 from forcectl.motion.references import Reference, linear_trajectory, read_signal
 
 SPRING_STIFFNESS = 5900.0  # [N/m] that the default moves are made for

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.errors import invalid
-from forcectl.lanes import check_count
+from forcectl.framework.batch import check_count
+from forcectl.framework.kernels import largest
 from forcectl.motion.trajectory import Course, Limits, Motion, Plan, Planner, Target, begin_again
-from forcectl.reductions import largest
 
 Array = NDArray[np.float64]
 

@@ -17,10 +17,10 @@ from numpy.typing import NDArray
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
-from forcectl.cache import BlockCache
-from forcectl.control.motion_slot import MotionFacts
 from forcectl.errors import BadInputError, invalid
-from forcectl.lanes import check
+from forcectl.framework.batch import check
+from forcectl.framework.cache import BlockCache
+from forcectl.tasks.slot import MotionFacts
 
 Array = NDArray[np.float64]
 

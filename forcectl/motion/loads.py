@@ -14,8 +14,8 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, OutputPort
 
 from forcectl.errors import invalid, unknown
-from forcectl.lanes import check, check_count
-from forcectl.robot import RobotModel
+from forcectl.framework.batch import check, check_count
+from forcectl.robot.model import RobotModel
 
 Array = NDArray[np.float64]
 _ROUNDING = 1e-9  # [s] of the times of ticks

@@ -13,8 +13,8 @@ from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
 from pydrake.trajectories import FunctionHandleTrajectory, PiecewisePolynomial, Trajectory
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.lanes import check
-from forcectl.series_file import read_series
+from forcectl.framework.batch import check
+from forcectl.framework.series_file import read_series
 
 _SHORTEST = 1e-9  # time between two points of a reference [s]
 
@@ -98,7 +98,7 @@ def read_signal(path: str, column: str) -> tuple[list[float], list[float]]:
     """The columns `time` [s] and `column` of a CSV file.
 
     Raises:
-        BadInputError: about `path`, see `forcectl.series_file`; times below zero or too close.
+        BadInputError: about `path`, see `forcectl.framework.series_file`; times below zero or too close.
     """
     times, values = (signal.tolist() for signal in read_series(path, "time", column))
     _check_times(f"path = {path!r}: column time", times)

@@ -15,9 +15,9 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.lanes import check
+from forcectl.framework.batch import check
 from forcectl.motion.references import Reference
-from forcectl.robot import RobotModel
+from forcectl.robot.model import RobotModel
 
 Vector = NDArray[np.float64]
 _STEEPEST = 0.3  # slope [-], as that of a surface

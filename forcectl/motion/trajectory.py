@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError, Synchronization, Trajectory
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.lanes import check_count, lane_values
+from forcectl.framework.batch import check_count, lane_values
 
 Array = NDArray[np.float64]
 

@@ -9,9 +9,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
-from forcectl.cache import scratch
-from forcectl.control.sampled_law import SampledLaw
-from forcectl.lanes import Lane, Parameter, lane_values
+from forcectl.framework.batch import Lane, Parameter, lane_values
+from forcectl.framework.cache import scratch
+from forcectl.framework.sampled_law import SampledLaw
 from forcectl.motion.group_planner import GroupPlanner, check_groups
 from forcectl.motion.trajectory import Limits, begin, check_limits_together
 

@@ -17,8 +17,8 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context
 
-from forcectl.control.sampled_law import SampledLaw
-from forcectl.lanes import Lane, Parameter
+from forcectl.framework.batch import Lane, Parameter
+from forcectl.framework.sampled_law import SampledLaw
 
 
 def velocity_step(

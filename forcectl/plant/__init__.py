@@ -1,1 +1,1 @@
-"""The parts of a force-controlled robot: loops, compliance, contact, friction, sensors."""
+"""The simulated world: drives, sensors, contact and compliance."""

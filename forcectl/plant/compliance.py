@@ -19,7 +19,7 @@ from pydrake.math import RigidTransform
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.robot import RobotModel, posture_cache
+from forcectl.robot.model import RobotModel, posture_cache
 
 Array = NDArray[np.float64]
 

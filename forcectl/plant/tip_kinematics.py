@@ -12,8 +12,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from forcectl.lanes import check, lane_values
-from forcectl.robot import RobotModel, has_moved, posture_cache, unit_normal
+from forcectl.framework.batch import check, lane_values
+from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
 
 Vector = NDArray[np.float64]
 

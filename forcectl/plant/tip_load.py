@@ -17,8 +17,8 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from forcectl.cache import BlockCache
-from forcectl.robot import RobotModel, RobotParts, posture_cache
+from forcectl.framework.cache import BlockCache
+from forcectl.robot.model import RobotModel, RobotParts, posture_cache
 
 Array = NDArray[np.float64]
 

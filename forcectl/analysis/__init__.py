@@ -1,0 +1,1 @@
+"""Metrics and figures from the log of a run."""

@@ -1,0 +1,146 @@
+"""Force estimates in the log of a motion loop against the truth: static loads, pushes, contact, and nothing at all.
+
+Of each arm the log is cut into stretches by what really acts on it:
+
+    static load   an applied wrench that stays the same for at least `average`; judged by the mean of its last `average`
+    push          any other applied wrench
+    contact       a true contact force
+    free          nothing, for at least `settle` after any of them; fast while a joint exceeds `fast_share` of its speed
+                  limit and for `settle` after that, quiet otherwise
+
+The first `begin` seconds are not judged: the observer starts there.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.errors import invalid
+from forcectl.framework.batch import check
+from forcectl.tasks.slot import MotionFacts
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+_LEAST = 1e-6  # [N, Nm] from here on something acts
+_CONTACT_BEGINS = 0.2  # [s] of a contact that are not judged
+
+
+@dataclass(kw_only=True)
+class ForceAnalysis:
+    """Scenario part `!ForceEstimation`: needs an estimator in the loop."""
+
+    average: float = 0.5  # [s], > 0
+    settle: float = 0.3  # [s], >= 0
+    begin: float = 0.5  # [s], >= 0
+    fast_share: float = 0.2  # of the joint speed limits, (0, 1)
+
+    def __post_init__(self) -> None:
+        check("average", self.average, "positive")
+        for name in ("settle", "begin"):
+            check(name, getattr(self, name), "not negative")
+        if not 0 < check("fast_share", self.fast_share) < 1:
+            raise invalid("fast_share", self.fast_share, "above 0 and below 1")
+
+    def metrics(self, log: Any, facts: MotionFacts) -> dict[str, float | None]:
+        """The metrics of force estimation in `ANALYSIS_METRICS`, of all arms and of each; none without an estimator."""
+        if "estimated_wrench" not in log:
+            return {}
+        result: dict[str, float | None] = {}
+        arms = facts.robot.parts.arms
+        each = {name: self._arm(log, facts, i, arm.joints) for i, (name, arm) in enumerate(arms.items())}
+        for metric in next(iter(each.values())):
+            values = [value for one in each.values() if (value := one[metric]) is not None]
+            total = sum(values) if metric == "static_loads" else max(values, default=None)
+            result[metric] = total
+        if len(each) > 1:
+            result |= {f"{name}.{metric}": value for name, one in each.items() for metric, value in one.items()}
+        return result
+
+    def figures(self, log: Any, facts: MotionFacts, title: str) -> dict[str, Figure]:
+        """Those of every run show it."""
+        del log, facts, title
+        return {}
+
+    def _arm(self, log: Any, facts: MotionFacts, i: int, joints: slice) -> dict[str, float | None]:
+        time = log["time"].values
+        rows = slice(6 * i, 6 * i + 6)
+        true, estimate = log["tip_wrench"].values[:, rows], log["estimated_wrench"].values[:, rows]
+        applied = log["applied_wrench"].values[:, rows] if "applied_wrench" in log else np.zeros_like(true)
+        tau, tau_hat = (log[name].values[:, joints] for name in ("external_torque", "estimated_torque"))
+        touching = log["contact_force"].values[:, i] > _LEAST
+        judged = time >= self.begin - 1e-9
+        error = np.linalg.norm(estimate[:, 3:] - true[:, 3:], axis=1)
+        size, shown = np.linalg.norm(true[:, 3:], axis=1), np.linalg.norm(estimate[:, 3:], axis=1)
+
+        loaded = np.abs(applied).max(axis=1) > _LEAST
+        constant = loaded & np.concatenate([[False], (np.diff(applied, axis=0) == 0).all(axis=1)])
+        static, pushes = [], []
+        for part in stretches(loaded & judged):
+            held = [s for s in stretches(constant[part]) if time[part][s][-1] - time[part][s][0] >= self.average - 1e-9]
+            if not held:
+                pushes.append(part)
+            for s in held:
+                last = slice(part.start + s.start, part.start + s.stop)
+                static.append(slice(int(np.searchsorted(time, time[last][-1] - self.average + 1e-9)), last.stop))
+        means = [(estimate[s, 3:].mean(axis=0), true[s, 3:].mean(axis=0)) for s in static]
+        distance = [float(np.linalg.norm(one - two)) for one, two in means]
+        relative = [
+            100 * d / float(np.linalg.norm(two)) for d, (_, two) in zip(distance, means, strict=True) if two.any()
+        ]
+        coulomb = facts.friction.coulomb[joints]
+        share = [np.abs(tau_hat[s].mean(axis=0) - tau[s].mean(axis=0)) / coulomb for s in static if coulomb.all()]
+
+        extended = [slice(s.start, int(np.searchsorted(time, time[s][-1] + self.settle))) for s in pushes]
+        peaks = [float(100 * abs(shown[s].max() / size[s].max() - 1)) for s in extended if size[s].any()]
+
+        contact = []
+        for s in stretches(touching & judged):
+            later = slice(int(np.searchsorted(time, time[s][0] + _CONTACT_BEGINS)), s.stop)
+            if later.stop > later.start:
+                contact.append(later)
+        contact_error = [float(np.sqrt(np.mean(error[s] ** 2))) for s in contact]
+        contact_mean = [
+            100
+            * float(np.linalg.norm((estimate - true)[s, 3:].mean(axis=0)) / np.linalg.norm(true[s, 3:].mean(axis=0)))
+            for s in contact
+            if true[s, 3:].any()
+        ]
+
+        speed = np.abs(log["joint_velocity"].values[:, joints]) / facts.robot.limits.velocity[joints]
+        nothing = ~self._lately(time, loaded | touching | (np.abs(true).max(axis=1) > _LEAST)) & judged
+        fast = self._lately(time, speed.max(axis=1) > self.fast_share)
+
+        def most(values: Array, where: Mask) -> float | None:
+            return float(values[where].max()) if where.any() else None
+
+        worst_torque = np.abs(tau_hat).max(axis=1)
+        return {
+            "static_loads": float(len(static)),
+            "static_force_error_N": max(distance, default=None),
+            "static_force_error_pct": max(relative, default=None),
+            "static_torque_error_share": max((float(s.max()) for s in share), default=None),
+            "push_peak_error_pct": max(peaks, default=None),
+            "contact_force_error_N": max(contact_error, default=None),
+            "contact_mean_error_pct": max(contact_mean, default=None),
+            "quiet_force_N": most(shown, nothing & ~fast),
+            "fast_force_N": most(shown, nothing & fast),
+            "fast_torque_Nm": most(worst_torque, nothing & fast),
+        }
+
+    def _lately(self, time: Array, here: Mask) -> Mask:
+        """Whether it was so at any time in the last `settle`."""
+        count = max(1, round(self.settle / float(time[1] - time[0])))
+        return np.convolve(here, np.ones(count + 1), "full")[: len(here)] > 0.5
+
+
+def stretches(here: Mask) -> list[slice]:
+    """The stretches in which it is true."""
+    edges = np.flatnonzero(np.diff(np.concatenate([[False], here, [False]]).astype(int)))
+    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

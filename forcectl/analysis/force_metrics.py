@@ -1,0 +1,399 @@
+"""Metrics: one definition each, as plain functions of sampled signals.
+
+Signals are 1-D arrays over `time` [s], forces in [N]. A step metric looks at one `Step`: from the instant the desired
+force changes to the last sample before it changes again. Time counts from that instant. What cannot be told from the
+signals (a settling time when the force has not settled) is None.
+
+    overshoot   max(F) - F_ref of the measured force (thesis: OS = max(F)/F_ref - 1); min for a step down; from
+                where the force first comes to F_ref: what it was beyond it before the step does not count
+    rise        10 % to 90 % of the step
+    settling    last time outside a band of +-2 % or +-5 % of F_ref
+    model error e = F - F_M, F_M the response of M(s) = w/(s + w) to the desired force
+
+A run with motion along the surface has further ones: of the force up to its beginning, and during it. Motion loops
+have metrics of their own, `forcectl.analysis.motion_metrics`.
+"""
+
+from __future__ import annotations
+
+import re
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.analysis.motion_metrics import MOTION_METRICS as MOTION_LOOP_METRICS
+from forcectl.analysis.motion_metrics import is_motion_metric
+
+Signal = NDArray[np.float64]
+
+# Every metric with its unit and meaning. A run with several steps has those of the last one under these names, and
+# those of each one as `step_1.<name>`, `step_2.<name>` ...
+STEP_METRICS: dict[str, tuple[str, str]] = {
+    "overshoot_N": ("N", "measured force beyond the reference"),
+    "overshoot_pct": ("%", "the same, in percent of the reference"),
+    "rise_time_s": ("s", "10 % to 90 % of the step"),
+    "time_to_90pct_s": ("s", "from the step to 90 % of it"),
+    "settling_time_5pct_s": ("s", "last time outside 5 % of the reference"),
+    "settling_time_2pct_s": ("s", "last time outside 2 % of the reference"),
+    "steady_state_error_N": ("N", "mean of reference less force over the last tenth of the step"),
+    "largest_drop_N": ("N", "furthest the force goes back after half of the step"),
+    "touches_2pct": ("1", "how many times the force comes to 2 % of the reference, bounces included"),
+    "max_abs_model_error_N": ("N", "largest distance from the reference model"),
+    "time_of_max_abs_model_error_s": ("s", "when that is"),
+    "max_positive_model_error_N": ("N", "furthest above the reference model"),
+    "time_of_max_positive_model_error_s": ("s", "when that is"),
+    "model_error_sd_N": ("N", "standard deviation from the reference model over the window"),
+    "model_error_window_s": ("s", "length of that window"),
+    "lag_behind_model_5pct_s": ("s", "how much later than the reference model the force has made 5 % of the step"),
+}
+# None in a run without motion.
+MOTION_METRICS: dict[str, tuple[str, str]] = {
+    "settling_time_2pct_before_motion_s": ("s", "the same as above, of the last step before the motion begins"),
+    "mean_force_in_motion_N": ("N", "mean of the measured force during the motion"),
+    "peak_in_motion_N": ("N", "furthest above the reference during the motion"),
+    "time_of_peak_in_motion_s": ("s", "when that is, from the beginning of the motion"),
+    "recovery_time_2pct_s": ("s", "from that peak until the force is back within 2 % of the reference"),
+    "dip_in_motion_N": ("N", "furthest below the reference during the motion"),
+    "longest_excursion_2pct_s": ("s", "longest time without being within 2 % of the reference during the motion"),
+}
+RUN_METRICS: dict[str, tuple[str, str]] = {
+    "peak_force_N": ("N", "largest true contact force of the run"),
+    "contact_loss_s": ("s", "time without contact after the first contact"),
+    "run_model_error_sd_N": ("N", "standard deviation from the reference model over the whole run"),
+    "run_max_abs_model_error_N": ("N", "largest distance from the reference model in the whole run"),
+    "control_effort_m": ("m", "path length of the displacement command"),
+    "constraint_violations": ("1", "ticks in which a constraint of the controller was violated, by however little"),
+    "largest_constraint_violation": ("SI", "the furthest of them, in the unit of its constraint (m, rad, rad/s, Nm)"),
+    "realtime_factor": ("1", "simulated time divided by computing time"),
+}
+# None in a run without tuning of a controller.
+TUNING_METRICS: dict[str, tuple[str, str]] = {
+    "proportional_gain": ("m/N", "as tuned, at the end of the run"),
+    "integral_gain": ("m/(N s)", "the same"),
+    "derivative_gain": ("m s/N", "the same"),
+    "hand_over_time_s": ("s", "when the controller takes over from the excitation"),
+    "hand_over_jump_m": ("m", "change of the displacement command in that tick"),
+}
+METRICS = STEP_METRICS | MOTION_METRICS | TUNING_METRICS | RUN_METRICS
+# Of two variants; only to be asked for in `expect`.
+PAIR_METRICS: dict[str, tuple[str, str]] = {
+    "force_distance_N": ("N", "largest distance of the measured force from that of another variant"),
+}
+GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
+_MOTION_BAND = 0.02  # of the reference
+_SETTLED_SHARE = 0.1  # of the step, over which the steady state is averaged
+
+
+def metric_names() -> list[str]:
+    """Names of all metrics of a force loop."""
+    return list(METRICS)
+
+
+def is_metric(name: str) -> bool:
+    """Whether `name` is a metric, also of one step out of several (`step_2.overshoot_N`)."""
+    one = re.fullmatch(r"step_[1-9]\d*\.(\w+)", name)
+    return one.group(1) in STEP_METRICS if one else name in METRICS or is_motion_metric(name)
+
+
+def metric_unit(name: str) -> str:
+    """Unit of a metric."""
+    return (METRICS | MOTION_LOOP_METRICS)[name.rpartition(".")[2]][0]
+
+
+@dataclass(frozen=True)
+class Step:
+    """One change of the desired force at `time` [s]: samples [first, end), from `start` [N] to `target` [N]."""
+
+    first: int
+    end: int
+    time: float
+    start: float
+    target: float
+
+    @property
+    def size(self) -> float:
+        """Signed height [N]."""
+        return self.target - self.start
+
+
+def find_steps(time: Signal, desired: Signal, initial: float = 0.0) -> list[Step]:
+    """The steps in a desired force.
+
+    A change that goes on for several samples (a ramp) is one step, counted from where it begins. A reference that is
+    constant from the first sample on is a step at that sample, if it differs from `initial`, the force before it [N].
+    """
+    changed = np.flatnonzero(np.diff(desired, prepend=initial) != 0)
+    if changed.size == 0:
+        return []
+    begins = changed[np.flatnonzero(np.diff(changed, prepend=-2) > 1)]
+    ends = [*begins[1:].tolist(), len(desired)]
+    return [
+        Step(first, end, float(time[first]), float(desired[first - 1]) if first else initial, float(desired[end - 1]))
+        for first, end in zip(begins.tolist(), ends, strict=True)
+    ]
+
+
+def overshoot(force: Signal, step: Step) -> float:
+    """Furthest measured force beyond the target [N] from where it first comes to it, zero if it stays short of it.
+
+    What a force was beyond the target before the step is not the step's doing; one that never comes to it counts from
+    where it is nearest.
+    """
+    beyond = (force[step.first : step.end] - step.target) * (1 if step.size >= 0 else -1)
+    short = beyond <= 0.0
+    return max(0.0, float(beyond[int(np.argmax(short) if short.any() else np.argmin(beyond)) :].max()))
+
+
+def time_to_share(time: Signal, force: Signal, step: Step, share: float) -> float | None:
+    """Time [s] from the step until the force first reaches `share` of it, interpolated between samples."""
+    t = time[step.first : step.end] - step.time
+    progress = (force[step.first : step.end] - step.start) / step.size
+    reached = np.flatnonzero(progress >= share)
+    if reached.size == 0:
+        return None
+    i = int(reached[0])
+    if i == 0:
+        return float(t[0])
+    return float(t[i - 1] + (t[i] - t[i - 1]) * (share - progress[i - 1]) / (progress[i] - progress[i - 1]))
+
+
+def rise_time(time: Signal, force: Signal, step: Step) -> float | None:
+    """Time [s] from 10 % to 90 % of the step."""
+    low, high = time_to_share(time, force, step, 0.1), time_to_share(time, force, step, 0.9)
+    return high - low if low is not None and high is not None else None
+
+
+def settling_time(time: Signal, force: Signal, step: Step, band: float) -> float | None:
+    """Last time [s] outside +-`band` of the target (of the height, for a target of zero); None if still outside."""
+    width = band * (abs(step.target) or abs(step.size))
+    outside = np.flatnonzero(np.abs(force[step.first : step.end] - step.target) > width)
+    if outside.size == 0:
+        return 0.0
+    last = int(outside[-1])
+    return float(time[step.first + last] - step.time) if step.first + last < step.end - 1 else None
+
+
+def steady_state_error(force: Signal, step: Step) -> float:
+    """Mean of target less force [N] over the last tenth of the step."""
+    first = step.end - max(1, round(_SETTLED_SHARE * (step.end - step.first)))
+    return float(np.mean(step.target - force[first : step.end]))
+
+
+def largest_drop(force: Signal, step: Step) -> float | None:
+    """Furthest that the force falls back [N] from what it had reached, once half of the step is done."""
+    progress = (force[step.first : step.end] - step.start) * (1 if step.size >= 0 else -1)
+    done = np.flatnonzero(progress >= 0.5 * abs(step.size))
+    if done.size == 0:
+        return None
+    later = progress[done[0] :]
+    return float((np.maximum.accumulate(later) - later).max())
+
+
+def touches(force: Signal, step: Step, band: float) -> int:
+    """How many times the force comes to within `band` of the target or beyond: once, and again after each bounce."""
+    short = (step.target - force[step.first : step.end]) * (1 if step.size >= 0 else -1)
+    there = short <= band * (abs(step.target) or abs(step.size))
+    return int(np.sum(np.diff(there, prepend=False) & there))
+
+
+def model_response(time: Signal, desired: Signal, bandwidth: float, initial: float = 0.0) -> Signal:
+    """Response F_M [N] of M(s) = w/(s + w) to the desired force, held between samples; exact for steps.
+
+    Args:
+        time: [s]. desired: [N]. bandwidth: w [rad/s]. initial: F_M at the first sample [N].
+    """
+    decay = np.exp(-bandwidth * np.diff(time))
+    response = np.empty_like(desired)
+    value = initial
+    for k in range(len(desired)):
+        response[k] = value
+        if k < len(decay):
+            value = desired[k] + (value - desired[k]) * decay[k]
+    return response
+
+
+def model_error_sd(time: Signal, error: Signal, step: Step, window: float) -> tuple[float, float]:
+    """Standard deviation [N] of the model error over `window` T_w [s] from the step, and the window used.
+
+    It falls with 1/sqrt(T_w), so numbers compare at equal windows only. A step shorter than T_w is used as a whole.
+    """
+    inside = time[step.first : step.end] <= step.time + window * (1 + 1e-9)
+    t = time[step.first : step.end][inside]
+    return float(np.std(error[step.first : step.end][inside])), float(t[-1] - step.time)
+
+
+def step_metrics(
+    time: Signal, force: Signal, step: Step, model: Signal | None, window: float
+) -> dict[str, float | None]:
+    """`STEP_METRICS` of one step.
+
+    Args:
+        time: [s]. force: measured [N]. model: response of the reference model [N], or None. window: T_w [s].
+    """
+    beyond = overshoot(force, step)
+    result: dict[str, float | None] = dict.fromkeys(STEP_METRICS)
+    result |= {
+        "overshoot_N": beyond,
+        "overshoot_pct": 100 * beyond / (abs(step.target) or abs(step.size)),
+        "rise_time_s": rise_time(time, force, step),
+        "time_to_90pct_s": time_to_share(time, force, step, 0.9),
+        "settling_time_5pct_s": settling_time(time, force, step, 0.05),
+        "settling_time_2pct_s": settling_time(time, force, step, 0.02),
+        "steady_state_error_N": steady_state_error(force, step),
+        "largest_drop_N": largest_drop(force, step),
+        "touches_2pct": float(touches(force, step, 0.02)),
+    }
+    if model is not None:
+        error = force - model
+        part = error[step.first : step.end]
+        furthest, highest = int(np.argmax(np.abs(part))), int(np.argmax(part))
+        sd, used = model_error_sd(time, error, step, window)
+        result |= {
+            "max_abs_model_error_N": float(abs(part[furthest])),
+            "time_of_max_abs_model_error_s": float(time[step.first + furthest] - step.time),
+            "max_positive_model_error_N": max(0.0, float(part[highest])),
+            "time_of_max_positive_model_error_s": float(time[step.first + highest] - step.time),
+            "model_error_sd_N": sd,
+            "model_error_window_s": used,
+        }
+        reached = [time_to_share(time, signal, step, 0.05) for signal in (force, model)]
+        if reached[0] is not None and reached[1] is not None:
+            result["lag_behind_model_5pct_s"] = reached[0] - reached[1]
+    return result
+
+
+def longest_stretch(time: Signal, inside: NDArray[np.bool_]) -> float:
+    """Longest time [s] from one sample that is true to the next that is, or to an end of the signal."""
+    ends = np.concatenate([time[:1], time[inside], time[-1:]])
+    return float(np.diff(ends).max())
+
+
+def motion_metrics(
+    time: Signal, desired: Signal, force: Signal, begin: float, end: float, initial: float = 0.0
+) -> dict[str, float | None]:
+    """`MOTION_METRICS` of a motion.
+
+    Args:
+        time: [s]. desired, force: desired and measured [N]. begin, end: of the motion [s]. initial: force at the start
+            [N].
+    """
+    result: dict[str, float | None] = dict.fromkeys(MOTION_METRICS)
+    before, (first, last) = time < begin, np.searchsorted(time, [begin, end])
+    steps = find_steps(time[before], desired[before], initial)
+    if steps:
+        result["settling_time_2pct_before_motion_s"] = settling_time(time, force, steps[-1], _MOTION_BAND)
+    if last - first < 2:
+        return result
+    error = force - desired
+    within, moving = np.abs(error) <= _MOTION_BAND * np.abs(desired), slice(first, last)
+    highest = first + int(np.argmax(error[moving]))
+    back = np.flatnonzero(within[highest:])
+    return result | {
+        "mean_force_in_motion_N": float(np.mean(force[moving])),
+        "peak_in_motion_N": max(0.0, float(error[highest])),
+        "time_of_peak_in_motion_s": float(time[highest] - begin),
+        "recovery_time_2pct_s": float(time[highest + back[0]] - time[highest]) if back.size else None,
+        "dip_in_motion_N": max(0.0, float(-error[moving].min())),
+        "longest_excursion_2pct_s": longest_stretch(time[moving], within[moving]),
+    }
+
+
+def contact_loss(time: Signal, in_contact: NDArray[np.bool_]) -> float | None:
+    """Time [s] without contact after the first contact; None without any contact."""
+    touched = np.flatnonzero(in_contact)
+    if touched.size == 0:
+        return None
+    first = int(touched[0])
+    return float(np.sum(np.diff(time)[first:][~in_contact[first:-1]]))
+
+
+def tuning_metrics(time: Signal, signals: Mapping[str, Signal]) -> dict[str, float | None]:
+    """`TUNING_METRICS` from the signals of those names, `mode` (0, then 1) and `displacement_command`."""
+    result: dict[str, float | None] = dict.fromkeys(TUNING_METRICS)
+    result |= {name: float(signals[name][-1]) for name in GAINS if name in signals}
+    if "mode" in signals and "displacement_command" in signals:
+        closed = np.flatnonzero(np.diff(signals["mode"]) > 0)
+        if closed.size:
+            tick, command = int(closed[0]), signals["displacement_command"]
+            result["hand_over_time_s"] = float(time[tick + 1])
+            result["hand_over_jump_m"] = abs(float(command[tick + 1] - command[tick]))
+    return result
+
+
+def control_effort(command: Signal) -> float:
+    """Path length [m] of the displacement command: the sum of its absolute changes."""
+    return float(np.sum(np.abs(np.diff(command))))
+
+
+def force_distance(time: Signal, force: Signal, other: Signal, step: Step, share: float) -> float | None:
+    """Largest distance [N] of two forces from the step on, until `other` has first made this share of it.
+
+    None when it never does.
+    """
+    end = time_to_share(time, other, step, share)
+    if end is None:
+        return None
+    until = step.first + int(np.searchsorted(time[step.first : step.end], step.time + end, side="right"))
+    return float(np.max(np.abs(force - other)[step.first : until]))
+
+
+def metrics_of(
+    signals: Mapping[str, Any],
+    *,
+    window: float = 4.1,
+    realtime_factor: float | None = None,
+    motion: tuple[float, float] | None = None,
+) -> dict[str, float | None]:
+    """All metrics of one run.
+
+    Args:
+        signals: arrays over time: `time`, `desired_force`, `measured_force`, `contact_force`,
+            and where they exist `model_force`, `contact_state`, `displacement_command`, `constraint_violation`.
+        window: T_w [s] of `model_error_sd_N`.
+        realtime_factor: measured by the caller. motion: begin and end of the motion along the surface [s].
+
+    Returns:
+        Name -> value; None where a metric is undefined. Never NaN.
+    """
+    found = {name: np.asarray(signals[name], dtype=float) for name in _SIGNALS if name in signals}
+    time, desired, force, contact = (found[n] for n in ("time", "desired_force", "measured_force", "contact_force"))
+    model = found.get("model_force")
+    steps = [step_metrics(time, force, s, model, window) for s in find_steps(time, desired, float(contact[0]))]
+    result: dict[str, float | None] = dict(steps[-1]) if steps else dict.fromkeys(STEP_METRICS)
+    if len(steps) > 1:
+        result |= {f"step_{i}.{name}": value for i, step in enumerate(steps, start=1) for name, value in step.items()}
+    result |= dict.fromkeys(MOTION_METRICS)
+    if motion is not None:
+        result |= motion_metrics(time, desired, force, *motion, float(contact[0]))
+    violation = found.get("constraint_violation")
+    in_contact = found["contact_state"] > 0.5 if "contact_state" in found else contact > 0
+    command = found.get("displacement_command")
+    result |= tuning_metrics(time, found)
+    result |= {
+        "peak_force_N": float(contact.max()),
+        "contact_loss_s": contact_loss(time, in_contact),
+        "run_model_error_sd_N": float(np.std(force - model)) if model is not None else None,
+        "run_max_abs_model_error_N": float(np.abs(force - model).max()) if model is not None else None,
+        "control_effort_m": control_effort(command) if command is not None else None,
+        "constraint_violations": float(np.count_nonzero(violation > 0)) if violation is not None else None,
+        "largest_constraint_violation": float(violation.max()) if violation is not None else None,
+        "realtime_factor": realtime_factor,
+    }
+    return {name: value if value is None or np.isfinite(value) else None for name, value in result.items()}
+
+
+_SIGNALS = (
+    "time",
+    "desired_force",
+    "measured_force",
+    "contact_force",
+    "model_force",
+    "contact_state",
+    "displacement_command",
+    "constraint_violation",
+    "mode",
+    *GAINS,
+)

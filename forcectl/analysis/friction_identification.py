@@ -1,0 +1,120 @@
+"""Friction identification from the log of a motion loop, and how far it is from the truth (Fig. 5.2)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from forcectl.errors import BadInputError
+from forcectl.figures.motion import one_variant
+from forcectl.framework.batch import check
+from forcectl.plant.drives.joint_friction import JointFriction, friction_torque
+from forcectl.tasks.slot import MotionFacts
+from forcectl.tuning.friction_identification import (
+    FrictionFit,
+    draw_friction,
+    friction_samples,
+    identify_friction,
+)
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+_COLUMNS = 2
+_GRID = 201  # speeds at which curves are compared
+
+
+@dataclass(kw_only=True)
+class FrictionAnalysis:
+    """Scenario part `!FrictionIdentification`: of an excitation run without loads.
+
+    It knows the exact dynamics and the readings, as `ForceEstimator` does.
+    """
+
+    slowest: float = 0.05  # [rad/s] slower ticks are left out, >= 0
+    begin: float = 0.0  # [s] earlier ticks are left out, >= 0
+
+    def __post_init__(self) -> None:
+        for name in ("slowest", "begin"):
+            check(name, getattr(self, name), "not negative")
+
+    def fit(self, log: Any, facts: MotionFacts) -> FrictionFit:
+        """What the readings of one variant say.
+
+        Raises:
+            BadInputError: they do not excite a joint.
+        """
+        late = log.isel(time=log["time"].values >= self.begin)
+        readings = (late[name].values for name in ("time", "joint_position", "joint_velocity", "motor_torque"))
+        samples = friction_samples(facts.momentum_model(), *readings, velocity_bandwidth=facts.velocity_bandwidth)
+        return identify_friction(*samples, slowest=self.slowest)
+
+    def metrics(self, log: Any, facts: MotionFacts) -> dict[str, float | None]:
+        """`friction_...` of `ANALYSIS_METRICS`, and of every joint its numbers; none when it cannot be identified."""
+        try:
+            fit = self.fit(log, facts)
+        except BadInputError:
+            return {}
+        return friction_metrics(fit, facts.friction, [str(name) for name in log["joint"].values])
+
+    def figures(self, log: Any, facts: MotionFacts, title: str) -> dict[str, Figure]:
+        """One figure per arm with the joints side by side; of the first variant."""
+        # Beside variants of another robot the joints come in another order.
+        one = one_variant(log).sel(joint=facts.robot.facts.arm_joints)
+        try:
+            fit = self.fit(one, facts)
+        except BadInputError:
+            return {}
+        joints = [str(name) for name in one["joint"].values]
+        return {
+            f"friction_{name}": _figure(fit, joints, range(arm.joints.start, arm.joints.stop), f"{title}: {name}")
+            for name, arm in facts.robot.parts.arms.items()
+        }
+
+
+def friction_metrics(fit: FrictionFit, true: JointFriction, joints: list[str]) -> dict[str, float | None]:
+    """Distance of a fit from the truth, of all joints and of each."""
+    found, fastest = fit.friction, np.max(np.abs(fit.speed), axis=0)
+    speeds = fastest * np.linspace(-1.0, 1.0, _GRID)[:, None]
+    difference = np.abs(friction_torque(speeds, found) - friction_torque(speeds, true))
+    error = 100 * difference.max(axis=0) / np.abs(friction_torque(speeds, true)).max(axis=0)
+    coulomb = 100 * np.abs(found.coulomb - true.coulomb) / np.where(true.coulomb > 0, true.coulomb, np.nan)
+    rows = {
+        "friction_error_pct": error,
+        "coulomb_error_pct": coulomb,
+        "offset_error_Nm": np.abs(found.offset - true.offset),
+        "friction_explained": fit.explained,
+        "coulomb_Nm": found.coulomb,
+        "viscous_forward_Nms": found.viscous_forward,
+        "viscous_backward_Nms": found.viscous_backward,
+        "offset_Nm": found.offset,
+    }
+    worst = {
+        "friction_error_pct": float(np.max(error)),
+        "coulomb_error_pct": float(np.nanmax(coulomb)) if np.isfinite(coulomb).any() else None,
+        "offset_error_Nm": float(np.max(rows["offset_error_Nm"])),
+        "friction_explained": float(np.min(fit.explained)),
+        "friction_ticks": float(np.min(fit.used)),
+    }
+    each = {f"{joint}.{name}": float(row[k]) for k, joint in enumerate(joints) for name, row in rows.items()}
+    return worst | {name: value if np.isfinite(value) else None for name, value in each.items()}
+
+
+def _figure(fit: FrictionFit, joints: list[str], mine: range, title: str) -> Figure:
+    from matplotlib.figure import Figure
+
+    count = -(-len(mine) // _COLUMNS)
+    figure = Figure(figsize=(9.0, 0.8 + 2.3 * count), layout="constrained")
+    grid = figure.subplots(count, _COLUMNS, squeeze=False).ravel()
+    for axes, k in zip(grid, mine, strict=False):
+        draw_friction(axes, fit, k, joints[k])
+    for axes in grid[len(mine) :]:
+        axes.set_axis_off()
+    handles, labels = grid[0].get_legend_handles_labels()
+    figure.legend(handles, labels, loc="outside upper right", ncol=3, frameon=False, fontsize=9)
+    figure.suptitle(title, x=0.01, ha="left", fontsize=11, parse_math=False)
+    figure.supxlabel("joint speed [rad/s]", fontsize=10)
+    figure.supylabel("friction torque [Nm]", fontsize=10)
+    return figure

@@ -1,0 +1,90 @@
+"""Metrics of motion loops: one definition each, from the log.
+
+Every run has those of `LOOP_METRICS`; an analysis (`forcectl.analysis.slot`) adds its own, which it names
+in `ANALYSIS_METRICS`. `<joint or arm>.<metric>` is that metric of one joint or arm alone.
+"""
+
+from __future__ import annotations
+
+import re
+from typing import Any
+
+import numpy as np
+
+from forcectl.tasks.slot import MotionFacts
+
+# Name -> unit and meaning.
+LOOP_METRICS: dict[str, tuple[str, str]] = {
+    "tracking_error_rad": ("rad", "largest distance of a joint from its reference"),
+    "joint_limit_excess_rad": ("rad", "furthest that a joint is beyond its position limits"),
+    "speed_limit_excess_rad_s": ("rad/s", "furthest that a joint is beyond its speed limit"),
+    "torque_share": ("1", "largest motor torque as a share of its limit"),
+    "peak_contact_force_N": ("N", "largest sum of true contact forces on an arm"),
+    "realtime_factor": ("1", "simulated time divided by computing time"),
+}
+FORCE_METRICS: dict[str, tuple[str, str]] = {
+    "static_loads": ("1", "number of static loads that were judged"),
+    "static_force_error_N": ("N", "largest distance of the mean estimate from the true force under a static load"),
+    "static_force_error_pct": ("%", "the same, in percent of the true force"),
+    "static_torque_error_share": ("1", "largest error of an estimated torque then, by Coulomb's friction of its joint"),
+    "push_peak_error_pct": ("%", "largest difference between the peaks of estimated and true force in a push"),
+    "contact_force_error_N": ("N", "root mean square distance of estimate and true force in contact"),
+    "contact_mean_error_pct": ("%", "distance of their means, in percent of the true force"),
+    "quiet_force_N": ("N", "largest estimated force while nothing acts and the arm is quiet"),
+    "fast_force_N": ("N", "largest estimated force while nothing acts and the arm moves fast"),
+    "fast_torque_Nm": ("Nm", "largest estimated joint torque then"),
+}
+FRICTION_METRICS: dict[str, tuple[str, str]] = {
+    "friction_error_pct": ("%", "largest distance of identified and true friction, in percent of the largest friction"),
+    "coulomb_error_pct": ("%", "distance of identified and true Coulomb friction"),
+    "offset_error_Nm": ("Nm", "distance of identified and true friction offset"),
+    "friction_explained": ("1", "share of the variance of the torque that the fit explains, least of all joints"),
+    "friction_ticks": ("1", "ticks used, fewest of all joints"),
+    "coulomb_Nm": ("Nm", "identified, of a joint"),
+    "viscous_forward_Nms": ("Nms/rad", "identified, of a joint"),
+    "viscous_backward_Nms": ("Nms/rad", "identified, of a joint"),
+    "offset_Nm": ("Nm", "identified, of a joint"),
+}
+REACH_METRICS: dict[str, tuple[str, str]] = {
+    "reach_offset_mm": ("mm", "distance of the links' TCP from its last target at the end, of the worse arm"),
+    "reach_angle_deg": ("deg", "angle between the two, of the worse arm"),
+    "reach_time_s": ("s", "from the last change of the targets until both commands are there"),
+    "retargets": ("1", "changes of the targets after the start"),
+    "link_distance_mm": ("mm", "least distance of links from each other and from obstacles"),
+    "acceleration_share": ("1", "largest joint acceleration of the reference as a share of its limit"),
+    "active_share": ("1", "share of the ticks in which a constraint binds"),
+    "constraint_excess": ("", "largest violation of a constraint or joint limit, in its own unit"),
+    "holding_share": ("1", "share of the ticks in which the joints brake or hold"),
+    "joint_speed_rms": ("rad/s", "root mean square length of the joint speeds of the reference"),
+    "limit_room_deg": ("deg", "least distance of a joint of the reference from its limits"),
+    "mean_distance_mm": ("mm", "mean over time of the least distance of links"),
+    "mean_room_deg": ("deg", "mean over time of the least distance of a joint from its limits"),
+    "reflected_mass_kg": ("kg", "mean of the mass that a push at the TCPs meets"),
+}
+ANALYSIS_METRICS = FORCE_METRICS | FRICTION_METRICS | REACH_METRICS
+MOTION_METRICS = LOOP_METRICS | ANALYSIS_METRICS
+
+
+def is_motion_metric(name: str) -> bool:
+    """Whether `name` is a metric of a motion loop, of one joint or arm too (`left.push_error_N`)."""
+    return bool(re.fullmatch(r"(\w+\.)?\w+", name)) and name.rpartition(".")[2] in MOTION_METRICS
+
+
+def motion_loop_metrics(log: Any, facts: MotionFacts, realtime_factor: float | None) -> dict[str, float | None]:
+    """`LOOP_METRICS` of one run.
+
+    Args:
+        log: dataset over time. facts: of its robot. realtime_factor: measured by the caller.
+    """
+    limits = facts.robot.limits
+    q, v, torque = (log[name].values for name in ("link_position", "link_velocity", "motor_torque"))
+    reference = log["joint_position_reference"].values
+    beyond = np.maximum(q - limits.position_upper, limits.position_lower - q)
+    return {
+        "tracking_error_rad": float(np.max(np.abs(reference - q))),
+        "joint_limit_excess_rad": max(0.0, float(beyond.max())),
+        "speed_limit_excess_rad_s": max(0.0, float((np.abs(v) - limits.velocity).max())),
+        "torque_share": float(np.max(np.abs(torque) / limits.torque)),
+        "peak_contact_force_N": float(log["contact_force"].values.max()),
+        "realtime_factor": realtime_factor,
+    }

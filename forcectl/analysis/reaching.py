@@ -1,0 +1,119 @@
+"""Whether both arms reached their targets, and how: limits, distances, and what the null space did (Fig. 5.3)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Box
+
+from forcectl.collision.distance import LinkDistance
+from forcectl.collision.shapes import Obstacle, RobotShapes
+from forcectl.errors import invalid
+from forcectl.framework.batch import check
+from forcectl.framework.rotation_vector import RotationVector
+from forcectl.plant.contact.obstacle import ObstacleConfig
+from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.robot.model import unit_normal
+from forcectl.tasks.null_space import TowardsSmallMass
+from forcectl.tasks.slot import MotionFacts
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+
+@dataclass(kw_only=True)
+class ReachAnalysis:
+    """Scenario part `!Reaching`: of a run of `!ReactiveReaching`."""
+
+    robot: str = "yumi"  # whose collision shapes are measured: the station's
+    tool: str | None = "yumi_gripper"
+    obstacles: list[ObstacleConfig] = field(default_factory=list)  # whose distance counts, too
+    mass_direction: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])  # of the reflected mass, in W
+    every: int = 4  # ticks between postures whose distances and masses are computed
+
+    def __post_init__(self) -> None:
+        unit_normal(self.mass_direction, "mass_direction")
+        if check("every", self.every, "positive") != int(self.every):
+            raise invalid("every", self.every, "a whole number")
+
+    def metrics(self, log: Any, facts: MotionFacts) -> dict[str, float | None]:
+        """Those of `REACH_METRICS`."""
+        if "task_target" not in log:
+            return {}
+        offset, angle = self._missed(log, facts)
+        reference, speed = log["joint_position_reference"].values, log["joint_velocity_reference"].values
+        limits, time = facts.robot.limits, log["time"].values
+        room = np.minimum(limits.position_upper - reference, reference - limits.position_lower)
+        bend = np.diff(speed, axis=0) / facts.period
+        distance, mass = self._along(log, facts)
+        target = log["task_target"].values
+        changed = np.flatnonzero((np.diff(target, axis=0) != 0).any(axis=1))
+        begun = changed[-1] + 1 if len(changed) else 0
+        reached = np.flatnonzero(log["reached"].values.ravel()[begun:] > 0)
+        return {
+            "reach_offset_mm": 1e3 * offset,
+            "reach_angle_deg": float(np.degrees(angle)),
+            "reach_time_s": float(time[begun + reached[0]] - time[begun]) if len(reached) else None,
+            "retargets": float(len(changed)),
+            "link_distance_mm": 1e3 * float(distance.min()),
+            "acceleration_share": float((np.abs(bend) / limits.acceleration).max()),
+            "active_share": float(np.mean(log["active_constraints"].values > 0)),
+            "constraint_excess": float(log["constraint_violation"].values.max()),
+            "holding_share": float(np.mean(log["holding"].values)),
+            "joint_speed_rms": float(np.sqrt(np.mean(np.sum(speed**2, axis=1)))),
+            "mean_distance_mm": 1e3 * float(distance.mean()),
+            "limit_room_deg": float(np.degrees(room.min())),
+            "mean_room_deg": float(np.degrees(room.min(axis=1).mean())),
+            "reflected_mass_kg": float(mass.mean()),
+        }
+
+    def figures(self, log: Any, facts: MotionFacts, title: str) -> dict[str, Figure]:
+        """Tool centre points and distances of the first variant; what the null space does in all of them."""
+        from forcectl.figures.reaching import null_space_figure, reach_figure
+
+        if "task_target" not in log:
+            return {}
+        several = "variant" in log.dims
+        names = [str(name) for name in log["variant"].values] if several else [""]
+        runs = {name: log.sel(variant=name).dropna("time", how="all") if several else log for name in names}
+        found = {name: self._along(run, facts) for name, run in runs.items()}
+        first = names[0]
+        figures = {"reaching": reach_figure(runs[first], found[first][0], self.every, title)}
+        if several:
+            figures["null_space"] = null_space_figure(runs, found, facts.robot.limits, self.every, title)
+        return figures
+
+    def _missed(self, log: Any, facts: MotionFacts) -> tuple[float, float]:
+        """How far the links are from the target at the end [m, rad], the worse arm."""
+        robot = facts.robot
+        rest = np.zeros(facts.num_joints)
+        start = ArmsMotion(robot, robot.create_context(), facts.start, rest)
+        end = ArmsMotion(robot, robot.create_context(), log["link_position"].values[-1], rest)
+        offsets, angles = [], []
+        for arm, target in zip(start.arm_names, log["task_target"].values[-1].reshape(-1, 6), strict=True):
+            wanted = RotationVector(start.arm(arm).rotation).rotation(target[3:])
+            offsets.append(np.linalg.norm(end.arm(arm).position - target[:3]))
+            turned = RotationVector(wanted).state(end.arm(arm).rotation, np.zeros(3)).value
+            angles.append(np.linalg.norm(turned))
+        return float(max(offsets)), float(max(angles))
+
+    def _along(self, log: Any, facts: MotionFacts) -> tuple[Array, Array]:
+        """Least distance of the links [m] and reflected masses (k, arms) [kg], every so many ticks."""
+        shapes, robot = RobotShapes.load(self.robot, self.tool), facts.robot
+        pairs = [LinkDistance(shapes)]
+        if self.obstacles:
+            boxes = [Obstacle(Box(*each.size), each.pose) for each in self.obstacles]
+            pairs.append(LinkDistance(shapes.against(boxes)))
+        masses = [TowardsSmallMass(robot, arm, self.mass_direction) for arm in robot.parts.arms]
+        context, rest = robot.create_context(), np.zeros(facts.num_joints)
+        distances, found = [], []
+        for q in log["link_position"].values[:: self.every]:
+            distances.append(min(pair.distances(q).min() for pair in pairs))
+            motion = ArmsMotion(robot, context, q, rest)
+            found.append([mass.mass(motion) for mass in masses])
+        return np.array(distances), np.array(found)

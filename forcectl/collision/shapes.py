@@ -1,0 +1,191 @@
+"""Collision shapes of a robot, read from its model, in the form in which distances of many pairs are cheap.
+
+Each pair of shapes is made of a *core* and of *balls*:
+
+    core    the points within a radius of a box that is fixed on a link; the box may be flat in any direction, so that
+            a capsule is the core with the box (0, 0, length/2), a sphere that with (0, 0, 0)
+    balls   spheres fixed on a link that together contain the other shape, up to `tolerance` beyond its surface
+
+The distance of a ball from a core has a closed form, is convex in the place of the ball, and its gradient has no jumps
+wherever parallel shapes turn past each other. So it is found without iterations, and what holds for the distances of
+all balls holds for the shapes. Distances are too small by up to `tolerance`, or `box_tolerance` where two boxes meet:
+exact wherever a sphere meets anything.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Box, Capsule, Cylinder, GeometryId, Shape, Sphere
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
+
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.robot.joint_tree import JointTree
+from forcectl.robot.model import RobotParts, add_robot
+
+Array = NDArray[np.float64]
+
+_ROW = 6  # balls at most
+
+
+@dataclass(frozen=True)
+class Solid:
+    """A sphere, capsule or box on a link of the tree.
+
+    name: of the body and the shape. link: see `JointTree`. X_LC: pose of its middle on the link, (4, 4), z along a
+    capsule. half: half the size of the box (3,) [m]. radius: around it [m].
+    """
+
+    name: str
+    link: int
+    X_LC: Array
+    half: Array
+    radius: float
+
+    @property
+    def is_box(self) -> bool:
+        """Whether it is more than a sphere or a capsule."""
+        return bool(self.half[:2].any())
+
+
+@dataclass(frozen=True)
+class Obstacle:
+    """Something in the world that is not a part of the robot.
+
+    shape: Drake's `Sphere`, `Capsule` or `Box`. X_WO: its pose. name: for messages.
+    """
+
+    shape: Shape
+    X_WO: RigidTransform
+    name: str = "obstacle"
+
+
+class Balls(NamedTuple):
+    """Balls of one radius in the frame of a solid, in rows: centres of each row (m, 3) [m], radius [m]."""
+
+    rows: list[Array]
+    radius: float
+
+    @property
+    def number(self) -> int:
+        """How many balls."""
+        return sum(map(len, self.rows))
+
+
+def cover(solid: Solid, tolerance: float, box_tolerance: float) -> Balls:
+    """Balls that contain a solid and stand out of it by at most a tolerance [m], `box_tolerance` if it is a box."""
+    if solid.is_box:
+        return _cover_box(solid.half, box_tolerance)
+    length, radius = 2 * solid.half[2], solid.radius
+    if length / 2 <= tolerance:
+        return Balls([np.zeros((1, 3))], radius + length / 2)
+    # Two neighbours at a distance s contain the cylinder of radius r between them if R^2 = r^2 + (s/2)^2.
+    count = math.ceil(length / (2 * math.sqrt((radius + tolerance) ** 2 - radius**2))) + 1
+    z = np.linspace(-0.5, 0.5, count) * length
+    centres = np.stack([0 * z, 0 * z, z], axis=1)
+    rows = [centres[at : at + _ROW] for at in range(0, count, _ROW)]
+    return Balls(rows, math.hypot(radius, 0.5 * length / (count - 1)))
+
+
+def _cover_box(half: Array, tolerance: float) -> Balls:
+    """A ball around each cell of a grid, but for the cells that are at no face."""
+    if not (half > 0).all():
+        raise BadInputError(f"box of size {(2 * half).tolist()}: must be above zero in every direction")
+    for step in itertools.count(1):
+        counts = np.ceil(half / half.max() * step - 1e-9).astype(int)
+        cell = half / counts
+        radius = float(np.linalg.norm(cell))
+        if radius - cell.min() <= tolerance:
+            break
+    rows = []
+    longest = int(np.argmax(counts))
+    for place in itertools.product(*[range(n) if i != longest else (0,) for i, n in enumerate(counts)]):
+        at_face = any(p in (0, n - 1) for i, (p, n) in enumerate(zip(place, counts, strict=True)) if i != longest)
+        along = np.arange(counts[longest]) if at_face else np.unique([0, counts[longest] - 1])
+        places = np.tile(np.array(place, dtype=float), (len(along), 1))
+        places[:, longest] = along
+        centres = (2 * places + 1) * cell - half
+        rows += [centres[at : at + _ROW] for at in range(0, len(centres), _ROW)]
+    return Balls(rows, radius)
+
+
+class RobotShapes:
+    """The collision shapes of a robot with its tools, and the pairs of them that Drake would check.
+
+    Args:
+        tree: of the plant whose link a shape is on. parts: of the robot. solids: its shapes. pairs: of solids.
+
+    Attributes: as the arguments.
+    """
+
+    def __init__(self, tree: JointTree, parts: RobotParts, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]]):
+        """Use `load`."""
+        self.tree, self.parts = tree, parts
+        self.solids, self.pairs = tuple(solids), tuple(pairs)
+
+    @classmethod
+    def load(cls, robot: str | Path, tool: str | Path | None, X_WB: RigidTransform | None = None) -> RobotShapes:
+        """The shapes of what `forcectl.robot.model.add_robot` puts into a plant; joints in the order of `RobotModel`.
+
+        Raises:
+            BadInputError: unknown robot or tool, or a shape that is no sphere, capsule, cylinder or box. A cylinder is
+                taken for the capsule around it.
+        """
+        builder = DiagramBuilder()
+        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.001)
+        parts = add_robot(plant, robot, tool, X_WB)
+        plant.Finalize()
+        tree, inspector = JointTree(plant, parts.joints), scene_graph.model_inspector()
+        candidates = sorted(inspector.GetCollisionCandidates(), key=_in_order)
+        geometries = sorted({geometry for pair in candidates for geometry in pair}, key=GeometryId.get_value)
+        solids = []
+        for geometry in geometries:
+            body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
+            place = tree.frames([body.body_frame()], [inspector.GetPoseInFrame(geometry)])
+            name = f"{body.name()}/{inspector.GetName(geometry)}"
+            solids.append(Solid(name, int(place.link[0]), place.X_LF[0], *_core(name, inspector.GetShape(geometry))))
+        index = {geometry: i for i, geometry in enumerate(geometries)}
+        pairs = [(index[a], index[b]) for a, b in candidates]
+        # Two shapes of one link keep their distance whatever the joints do.
+        return cls(tree, parts, solids, [(a, b) for a, b in pairs if solids[a].link != solids[b].link])
+
+    def against(self, obstacles: Iterable[Obstacle], arms: Iterable[str] | None = None) -> RobotShapes:
+        """The pairs of each obstacle with each shape that the joints of these arms move (None: of all)."""
+        chosen = self.parts.arms if arms is None else {name: self._arm(name) for name in arms}
+        joints = [i for name in chosen for i in range(*self.parts.arms[name].joints.indices(self.tree.num_joints))]
+        solids, pairs = list(self.solids), []
+        for obstacle in obstacles:
+            core = _core(obstacle.name, obstacle.shape)
+            solids.append(Solid(obstacle.name, 0, obstacle.X_WO.GetAsMatrix4(), *core))
+            moved = [i for i, s in enumerate(self.solids) if self.tree.moves[s.link, joints].any()]
+            pairs += [(i, len(solids) - 1) for i in moved]
+        return RobotShapes(self.tree, self.parts, solids, pairs)
+
+    def _arm(self, name: str) -> str:
+        if name not in self.parts.arms:
+            raise unknown("arm", name, self.parts.arms)
+        return name
+
+
+def _in_order(pair: tuple[GeometryId, GeometryId]) -> tuple[int, int]:
+    return pair[0].get_value(), pair[1].get_value()
+
+
+def _core(name: str, shape: Shape) -> tuple[Array, float]:
+    """Half the size of the box, and the radius around it."""
+    if isinstance(shape, Sphere):
+        return np.zeros(3), shape.radius()
+    if isinstance(shape, Capsule | Cylinder):
+        return np.array([0.0, 0.0, 0.5 * shape.length()]), shape.radius()
+    if isinstance(shape, Box):
+        return 0.5 * np.asarray(shape.size()), 0.0
+    raise invalid(f"shape of {name}", type(shape).__name__, "a Sphere, Capsule, Cylinder or Box")

@@ -1,1 +1,0 @@
-"""Force laws and controllers: equations as plain functions, then the systems."""

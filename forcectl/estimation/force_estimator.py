@@ -1,0 +1,144 @@
+"""The estimator slot filled by the momentum observer and a wrench estimate per arm (5.6)*, (5.8)."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import Multiplexer, TrajectorySource
+from pydrake.trajectories import PiecewisePolynomial
+
+from forcectl.errors import invalid
+from forcectl.estimation.momentum_observer import MomentumObserver
+from forcectl.estimation.wrench import WrenchEstimator
+from forcectl.framework.batch import check
+from forcectl.tasks.slot import READINGS, MotionFacts
+
+_JUMP = 4.0  # a speed that changes so many times faster than joints may accelerate was not read right
+_STOP = 2.0  # nor one that comes to rest so many times faster, at once and to the last bit
+_FROZEN = 0.1  # [rad/s] from which it may where there is no limit of the acceleration
+
+
+class ForceEstimator(Diagram):
+    """External joint torques and the wrench at each TCP.
+
+    ```
+    name: ForceEstimator
+    input_ports: [joint_position, joint_velocity, motor_torque]
+    output_ports: [estimated_torque, estimated_wrench, residual, reading_ok, near_singular]
+    ```
+
+    joint_position, joint_velocity, motor_torque: shape (n,), readings of the tick [rad, rad/s, Nm].
+    estimated_torque: shape (n,), external joint torques beyond the threshold of the friction [Nm].
+    estimated_wrench: shape (6a,), of the environment on the robot at each TCP in the world, [torque; force] [Nm, N].
+    residual: shape (n,), r [Nm]. reading_ok: shape (n,) [1]. near_singular: shape (a,), 1 where a direction is damped
+        [1]. All are feedthrough of all inputs at the tick.
+
+    Sampling: `period` [s]; no delay. Speeds that are filtered make the estimate as late as they are.
+
+    Args:
+        observer: of the n joints. wrenches: by arm, all of the same n joints. tare: their input of that name, or None.
+    """
+
+    def __init__(
+        self,
+        observer: MomentumObserver,
+        wrenches: Mapping[str, WrenchEstimator],
+        tare: TrajectorySource | None = None,
+    ):
+        super().__init__()
+        self.port_units = {"estimated_torque": "Nm", "estimated_wrench": "Nm,N", "near_singular": "1"}
+        builder = DiagramBuilder()
+        add, connect, export = builder.AddNamedSystem, builder.Connect, builder.ExportInput
+        add("observer", observer)
+        if tare is not None:
+            add("tare", tare)
+        for name in READINGS:
+            export(observer.GetInputPort(name), name)
+        both = add("wrenches", Multiplexer([6] * len(wrenches)))
+        flags = add("near_singular", Multiplexer([1] * len(wrenches)))
+        for i, (arm, wrench) in enumerate(wrenches.items()):
+            add(f"wrench_{arm}", wrench)
+            connect(observer.GetOutputPort("external_torque"), wrench.GetInputPort("external_torque"))
+            builder.ConnectInput("joint_position", wrench.GetInputPort("joint_position"))
+            if tare is not None:
+                connect(tare.get_output_port(), wrench.GetInputPort("tare"))
+            connect(wrench.GetOutputPort("wrench"), both.get_input_port(i))
+            connect(wrench.GetOutputPort("near_singular"), flags.get_input_port(i))
+        outputs = {
+            "estimated_torque": observer.GetOutputPort("external_torque"),
+            "estimated_wrench": both.get_output_port(),
+            "residual": observer.GetOutputPort("residual"),
+            "reading_ok": observer.GetOutputPort("reading_ok"),
+            "near_singular": flags.get_output_port(),
+        }
+        for name, port in outputs.items():
+            builder.ExportOutput(port, name)
+        builder.BuildInto(self)
+
+
+@dataclass(kw_only=True)
+class ForceEstimatorConfig:
+    """Scenario part `!ForceEstimator`: momentum observer and wrench estimates.
+
+    It knows the exact dynamics, and `friction_scale` times the friction that the joints have. The threshold (5.3)* is
+    given in shares of Coulomb's friction of each joint.
+    """
+
+    gain: float = 25.0  # K_R [1/s], > 0
+    friction_scale: float = 1.0  # believed friction / true friction, >= 0
+    threshold_move: float = 0.0  # tau_move / tau_C, >= 0
+    threshold_still: float = 0.0  # tau_still / tau_C, >= 0
+    limit_share: float = 1.0  # of the torque limits, at which the residual stops, > 0
+    moment: bool = True  # false: only forces act at the TCPs
+    smallest_singular_value: float = 0.02  # below which a direction is damped [1], > 0
+    tare_start: float = 0.0  # [s] of the ticks whose mean becomes zero, >= 0
+    tare_duration: float = 0.0  # [s], >= 0; 0: no taring
+
+    def __post_init__(self) -> None:
+        for name in ("gain", "limit_share", "smallest_singular_value"):
+            check(name, getattr(self, name), "positive")
+        for name in ("friction_scale", "threshold_move", "threshold_still", "tare_start", "tare_duration"):
+            check(name, getattr(self, name), "not negative")
+        if not isinstance(self.moment, bool):
+            raise invalid("moment", self.moment, "true or false")
+
+    def add_to(self, builder: DiagramBuilder, facts: MotionFacts) -> ForceEstimator:
+        """Add the estimator."""
+        robot, coulomb = facts.robot, facts.friction.coulomb
+        model = facts.momentum_model()
+        # A joint that sticks stands still from one tick to the next, but only from a speed that it can stop from.
+        fastest_stop = _STOP * robot.limits.acceleration * facts.period
+        observer = MomentumObserver(
+            model,
+            facts.friction.scaled(self.friction_scale),
+            gain=self.gain,
+            move=self.threshold_move * coulomb,
+            still=self.threshold_still * coulomb,
+            limit=self.limit_share * robot.limits.torque,
+            period=facts.period,
+            velocity_bandwidth=facts.velocity_bandwidth,
+            frozen_speed=np.where(np.isfinite(fastest_stop), fastest_stop, _FROZEN),
+            largest_acceleration=_JUMP * robot.limits.acceleration,
+        )
+        wrenches = {
+            name: WrenchEstimator(
+                model,
+                arm.tcp_frame,
+                joints=arm.joints,
+                moment=self.moment,
+                smallest=self.smallest_singular_value,
+                length=robot.facts.characteristic_length,
+                period=facts.period,
+            )
+            for name, arm in robot.parts.arms.items()
+        }
+        tare = None
+        if self.tare_duration > 0:
+            start, end = self.tare_start, self.tare_start + self.tare_duration
+            breaks, values = ([0.0], [0.0]) if start > 0 else ([], [])
+            held = PiecewisePolynomial.ZeroOrderHold([*breaks, start, end, end + 1.0], [[*values, 1.0, 0.0, 0.0]])
+            tare = TrajectorySource(held)
+        return builder.AddNamedSystem("estimator", ForceEstimator(observer, wrenches, tare))

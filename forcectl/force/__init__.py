@@ -1,0 +1,1 @@
+"""Force laws: from a desired and a measured force to a displacement command."""

@@ -1,0 +1,112 @@
+"""Adaptive force control: any law with a `compliance` input, fed by the EWRLS estimate of the contact."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.estimation.environment import EnvironmentComplianceEstimator
+from forcectl.force.slot import LoopFacts
+from forcectl.framework.batch import check, whole_multiple
+from forcectl.framework.sampled_law import SampledLaw
+from forcectl.plant.sensors.force_sensor import sensor_filter
+
+
+class AdaptiveForceLaw(Diagram):
+    """A force law whose compliance comes from the EWRLS estimator.
+
+    ```
+    name: AdaptiveForceLaw
+    input_ports: [desired_force, measured_force, motor_displacement]
+    output_ports: [displacement_command, invariance_function (optional), status (optional), environment_compliance]
+    ```
+
+    desired_force, measured_force: shape (n,) [N].
+    motor_displacement: shape (n,), actual motor-side dx along n [m], unfiltered: the block filters it like the force.
+    displacement_command: shape (n,) [m]. invariance_function, status: of laws that have them.
+    environment_compliance: shape (n,), C_E_hat [m/N].
+
+    Sampling: `period` [s]; no delay beyond that of the law, whose compliance is one tick old.
+
+    Args:
+        law: a `SampledLaw` or diagram of one, with the ports of the force law's slot and the input `compliance`.
+
+    Raises:
+        BadInputError: the law has no such input.
+    """
+
+    def __init__(
+        self,
+        law: SampledLaw | Diagram,
+        estimator: EnvironmentComplianceEstimator,
+        *,
+        filter_bandwidth: ArrayLike,
+        filter_damping_ratio: ArrayLike,
+        filter_delay_ticks: int,
+        period: float,
+    ):
+        super().__init__()
+        if not law.HasInputPort("compliance"):
+            raise BadInputError(f"{type(law).__name__} has no input port 'compliance': an adaptive law must have one")
+        self.sample_delay = dict(getattr(law, "sample_delay", {}))
+        builder = DiagramBuilder()
+        builder.AddNamedSystem("law", law)
+        builder.AddNamedSystem("estimator", estimator)
+        filter_ = sensor_filter(estimator.size, filter_bandwidth, filter_damping_ratio, period, filter_delay_ticks)
+        builder.AddNamedSystem("displacement_filter", filter_)
+        builder.ExportInput(law.GetInputPort("desired_force"), "desired_force")
+        measured = builder.ExportInput(law.GetInputPort("measured_force"), "measured_force")
+        builder.ConnectInput(measured, estimator.GetInputPort("measured_force"))
+        builder.ExportInput(filter_.get_input_port(), "motor_displacement")
+        builder.Connect(filter_.get_output_port(), estimator.GetInputPort("displacement"))
+        builder.Connect(estimator.GetOutputPort("compliance"), law.GetInputPort("compliance"))
+        for i in range(law.num_output_ports()):
+            port = law.get_output_port(i)
+            builder.ExportOutput(port, port.get_name())
+        builder.ExportOutput(estimator.GetOutputPort("environment_compliance"), "environment_compliance")
+        builder.BuildInto(self)
+
+
+@dataclass(kw_only=True)
+class Adaptation:
+    """What the configurations of adaptive laws share: the estimator and what it starts from."""
+
+    compliance_error: float = 0.8  # initial C_E_hat / C_E, > 0; 1/1.2 = stiffness 20 % too high
+    forgetting: float = 0.995  # mu, (0, 1]
+    initial_covariance: float = 1e-6  # P_0 [1/N^2], > 0
+    minimum_force: float = 0.2  # [N], >= 0
+
+    def __post_init__(self) -> None:
+        check("compliance_error", self.compliance_error, "positive")
+        check("initial_covariance", self.initial_covariance, "positive")
+        check("minimum_force", self.minimum_force, "not negative")
+        if not 0 < check("forgetting", self.forgetting) <= 1:
+            raise invalid("forgetting", self.forgetting, "above 0 and at most 1")
+
+    def estimator(self, facts: LoopFacts) -> EnvironmentComplianceEstimator:
+        """The estimator, starting from `compliance_error` times the true environment compliance."""
+        return EnvironmentComplianceEstimator(
+            facts.size,
+            initial_compliance=self.compliance_error * facts.environment_compliance,
+            initial_covariance=self.initial_covariance,
+            forgetting=self.forgetting,
+            robot_compliance=facts.robot_compliance - facts.drive_compliance,
+            drive_compliance=facts.drive_compliance,
+            minimum_force=self.minimum_force,
+            period=facts.period,
+        )
+
+    def adapt(self, builder: DiagramBuilder, facts: LoopFacts, law: SampledLaw | Diagram) -> AdaptiveForceLaw:
+        """Add the law with the estimator."""
+        block = AdaptiveForceLaw(
+            law,
+            self.estimator(facts),
+            filter_bandwidth=facts.sensor_bandwidth,
+            filter_damping_ratio=facts.sensor_damping_ratio,
+            filter_delay_ticks=whole_multiple("delay", facts.sensor_delay, facts.period, "period"),
+            period=facts.period,
+        )
+        return builder.AddNamedSystem("force_law", block)

@@ -1,0 +1,1 @@
+"""The reference governor (Section 4.5)."""

@@ -1,0 +1,308 @@
+"""MPC command governor: gives a force loop of moderate bandwidth the reference that makes it fast (Sec. 4.6).
+
+It knows the loop by its model only and is designed by two bandwidths, a delay and two weights; `governor_program` has
+the problem and `governor_stability` says for which true delays the whole is stable. That r[0] is far above the desired
+force is intended: it is how a slow loop becomes fast.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+from math import inf
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.force.governor.program import (
+    GovernorProgram,
+    Horizon,
+    Limits,
+    check_horizon,
+    check_pole,
+    check_ticks,
+    check_weights,
+    closed_form,
+    coefficients,
+    free_force,
+    model_step,
+    over_horizon,
+)
+from forcectl.force.linear_law import VrftConfig
+from forcectl.force.slot import LoopFacts
+from forcectl.framework.batch import Lane, Parameter, check, check_order, lane_values, whole_multiple
+from forcectl.framework.sampled_law import SampledLaw
+from forcectl.qp.quadratic_program import Status
+
+
+class CommandGovernor(SampledLaw):
+    """Chooses the references of n independent force loops, tick by tick. (4.31), (4.33)*
+
+    ```
+    name: CommandGovernor
+    input_ports: [desired_force, measured_force]
+    output_ports: [governed_reference, status]
+    parameters: [inner_pole, reference_pole, output_weight, reference_weight, lower_limit, upper_limit, rate_limit,
+        lower_force, upper_force]
+    ```
+
+    desired_force, measured_force: shape (n,) [N].
+    governed_reference: shape (n,), r[t] [N], for the `desired_force` of the inner loop. Feedthrough of both inputs.
+    status: shape (n,), see `Status`: OPTIMAL; NOT_FINITE while a force is not a finite number, which holds the last
+    reference; with a horizon of more than one tick also SLACK (the predicted force cannot stay within its limits) and
+    SOLVER_FAILED, which holds the last reference as well.
+
+    Parameters (Context, shape (n,)): inner_pole A and reference_pole At of the models per tick, in (0, 1);
+    output_weight Q_y >= 0, reference_weight Q_r > 0; lower_limit and upper_limit of r [N], rate_limit of r [N/s] > 0,
+    lower_force and upper_force [N] of the predicted force; infinite for no limit. They bound what the model of the
+    inner loop predicts, not the reference, which is beyond them while the force is on its way (lower_limit and
+    upper_limit are for that), and not what the true loop does otherwise than its model.
+
+    Sampling: `period` [s]; no delay from measured_force to governed_reference, see `SampledLaw`.
+
+    Args:
+        delay: of the inner loop, T_d = N `period` [s]. horizon: h, 1 to 500 [ticks]; 1 is the thesis' and has a closed
+            form with all limits, more is a quadratic program per lane and tick.
+        initial_force: at which the loop rests before the first tick, shape (n,) or a number [N].
+
+    Raises:
+        BadInputError: a value that is not allowed.
+    """
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        inner_pole: ArrayLike = 0.997,
+        reference_pole: ArrayLike = 0.985,
+        delay: float = 0.08,
+        output_weight: ArrayLike = 1.0,
+        reference_weight: ArrayLike = 1e-3,
+        horizon: int = 1,
+        lower_limit: ArrayLike = -inf,
+        upper_limit: ArrayLike = inf,
+        rate_limit: ArrayLike = inf,
+        lower_force: ArrayLike = -inf,
+        upper_force: ArrayLike = inf,
+        initial_force: ArrayLike = 0.0,
+        period: float = 0.002,
+    ):
+        ticks = whole_multiple("delay", check("delay", delay), check("period", period, "positive"), "period")
+        self._ticks = check_ticks("delay in ticks", ticks)
+        self._horizon = check_horizon(horizon)
+        self._program = GovernorProgram(horizon) if self._horizon > 1 else None
+        parameters = {
+            "inner_pole": Parameter(inner_pole, "a number", "1"),
+            "reference_pole": Parameter(reference_pole, "a number", "1"),
+            "output_weight": Parameter(output_weight, "not negative", "1"),
+            "reference_weight": Parameter(reference_weight, "positive and finite", "1"),
+            "lower_limit": Parameter(lower_limit, "a number", "N"),
+            "upper_limit": Parameter(upper_limit, "a number", "N"),
+            "rate_limit": Parameter(rate_limit, "positive", "N/s"),
+            "lower_force": Parameter(lower_force, "a number", "N"),
+            "upper_force": Parameter(upper_force, "a number", "N"),
+        }
+        super().__init__(size, parameters, period)
+        self.sample_delay = {("measured_force", "governed_reference"): 0.0}
+        self._desired = self.DeclareVectorInputPort("desired_force", size)
+        self._measured = self.DeclareVectorInputPort("measured_force", size)
+        start = lane_values("initial_force", initial_force, size)
+        memory: dict[str, ArrayLike] = {"wanted_force": start, "status": 0.0}
+        memory |= {f"reference_{i}_ticks_ago": start for i in range(1, self._ticks + 1)}
+        reads = {self._desired.ticket(), self._measured.ticket()}
+        self.declare_command("governed_reference", reads, start, memory)
+        self.declare_output("status")
+
+    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """The poles are within (0, 1), the weights finite, the limits in order."""
+        for name in ("inner_pole", "reference_pole"):
+            check_pole(name, values[name])
+        check_weights(values["output_weight"], values["reference_weight"])
+        _check_limits(values)
+
+    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+        """Coefficients and limits of all lanes, and, for a longer horizon, those of each."""
+        model, (lower, upper, rate, *forces) = values[:4], values[4:]
+        limits = Limits(lower, upper, rate * self._period, *forces)
+        inner, wanted, output, reference = model
+        lanes: list[tuple[Horizon, Limits]] = []  # of the program; without one the closed form is used
+        if self._program is not None:
+            for (a, at, q_y, q_r), bounds in zip(_by_lane(model), _by_lane(limits), strict=True):
+                lanes.append((over_horizon(a, at, self._ticks, q_y, q_r, horizon=self._horizon), Limits(*bounds)))
+        c = coefficients(inner, wanted, self._ticks, output, reference)
+        return c, None if limits.none else limits, lanes
+
+    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+        """One tick of the governor."""
+        m = self.math
+        last, wanted, _, *past = held
+        numbers, limits, lanes = self._values.Eval(context)
+        desired, force = self.lane(self._desired.Eval(context)), self.lane(self._measured.Eval(context))
+        free = free_force(numbers, force, past)
+        reference = closed_form(numbers, wanted, desired, free)
+        fine = abs(reference) < inf
+        status = m.where(fine, float(Status.OPTIMAL), float(Status.NOT_FINITE))
+        if lanes:
+            reference, status = self._solve(lanes, wanted, desired, free, last)
+        elif limits is not None:
+            reference = limits.nearest(numbers, reference, last, free, m)
+        after = model_step(numbers, wanted, desired)
+        reference = m.where(fine, reference, last)
+        return reference, m.where(abs(after) < inf, after, wanted), status, *[reference, *past][: self._ticks]
+
+    def _solve(
+        self, lanes: Sequence[tuple[Horizon, Limits]], wanted: Lane, desired: Lane, free: Lane, last: Lane
+    ) -> tuple[Lane, Lane]:
+        """The first reference and the status of every lane's program."""
+        program: Any = self._program
+        found = np.empty((2, self._size))
+        for i, (forces, (numbers, limits)) in enumerate(
+            zip(_by_lane((wanted, desired, free, last)), lanes, strict=True)
+        ):
+            solution = program.solve(numbers, *forces[:3], last=forces[3], limits=limits)
+            found[:, i] = solution.u[0], solution.status
+        reference, status = found
+        return self.lane(reference), self.lane(status)
+
+
+def _check_limits(values: Mapping[str, NDArray[np.float64]]) -> None:
+    """BadInputError unless there is a number between each pair of limits."""
+    for lower, upper in (("lower_limit", "upper_limit"), ("lower_force", "upper_force")):
+        check_order(lower, upper, values)
+        if np.any(values[lower] == inf) or np.any(values[upper] == -inf):
+            raise invalid(lower, values[lower].tolist(), f"a number, or infinite on its own side, as {upper}")
+
+
+def _by_lane(values: Sequence[Lane]) -> list[list[float]]:
+    """Lane values as one row of numbers per lane."""
+    rows: list[list[float]] = np.reshape(values, (len(values), -1)).T.tolist()
+    return rows
+
+
+class GovernedForceLaw(Diagram):
+    """A force law behind a command governor (Fig. 4.12).
+
+    ```
+    name: GovernedForceLaw
+    input_ports: [desired_force, measured_force, (further inputs of the law)]
+    output_ports: [governed_reference, governor_status, displacement_command, (further outputs of the law)]
+    ```
+
+    desired_force, measured_force: shape (n,) [N]. displacement_command: shape (n,) [m], of the law.
+    governed_reference, governor_status: of the `CommandGovernor`.
+
+    Sampling: `period` of the two [s]; no delay beyond that of the law.
+
+    Args:
+        builder: holds the law; it is built into this diagram. law: a ForceLaw or a ForceController.
+
+    Raises:
+        BadInputError: the law has no such inputs.
+    """
+
+    port_units = {"governed_reference": "N", "governor_status": "1"}
+
+    def __init__(self, builder: DiagramBuilder, law: System, governor: CommandGovernor):
+        super().__init__()
+        for name in ("desired_force", "measured_force"):
+            if not law.HasInputPort(name):
+                raise BadInputError(f"{type(law).__name__} has no input port {name!r}: a governed law must have one")
+        self.sample_delay = dict(getattr(law, "sample_delay", {}))
+        builder.AddNamedSystem("governor", governor)
+        builder.ExportInput(governor.GetInputPort("desired_force"), "desired_force")
+        measured = builder.ExportInput(governor.GetInputPort("measured_force"), "measured_force")
+        builder.ConnectInput(measured, law.GetInputPort("measured_force"))
+        builder.Connect(governor.GetOutputPort("governed_reference"), law.GetInputPort("desired_force"))
+        for i in range(law.num_input_ports()):
+            port = law.get_input_port(i)
+            if port.get_name() not in ("desired_force", "measured_force"):
+                builder.ExportInput(port, port.get_name())
+        builder.ExportOutput(governor.GetOutputPort("governed_reference"), "governed_reference")
+        builder.ExportOutput(governor.GetOutputPort("status"), "governor_status")
+        for i in range(law.num_output_ports()):
+            port = law.get_output_port(i)
+            builder.ExportOutput(port, port.get_name())
+        builder.BuildInto(self)
+
+
+@dataclass(kw_only=True)
+class GovernedConfig:
+    """Scenario part `!Governed`; the default is that of Sec. 4.6.3.
+
+    In front of any controller of the force; one that does not tell the bandwidth of its loop needs `inner_bandwidth`.
+    """
+
+    law: Any = field(default_factory=VrftConfig, metadata={"slot": ("force", "controller")})
+    inner_bandwidth: float | None = None  # (1-A)/Ts [rad/s], > 0; null: what the law was tuned for
+    reference_bandwidth: float = 7.5  # (1-At)/Ts [rad/s], > 0: At = 0.985 at 2 ms; 4.5 is the 0.991 of the text
+    delay: float = 0.08  # T_d [s], >= 0, whole control ticks
+    output_weight: float = 1.0  # Q_y, >= 0
+    reference_weight: float = 1e-3  # Q_r, > 0
+    horizon: int = 1  # [ticks], 1 to 500; more than one: a quadratic program at every tick
+    lower_limit: float = -inf  # [N], of the reference of the law
+    upper_limit: float = inf  # [N]
+    rate_limit: float = inf  # [N/s], > 0
+    lower_force: float = -inf  # [N], of the predicted force; does not bound the reference nor what the model misses
+    upper_force: float = inf  # [N]
+
+    def __post_init__(self) -> None:
+        if isinstance(self.law, GovernedConfig):
+            raise invalid("law", "!Governed", "a law, not a second governor")
+        check("reference_bandwidth", self.reference_bandwidth, "positive")
+        lane_values("rate_limit", self.rate_limit, 1, "positive")
+        inner = self._inner_bandwidth()
+        if inner is None:
+            raise BadInputError("inner_bandwidth is missing: must be a number, because the law does not tell its own")
+        check("inner_bandwidth", inner, "positive")
+        check("delay", self.delay, "not negative")
+        check_weights(self.output_weight, check("reference_weight", self.reference_weight, "positive"))
+        check_horizon(self.horizon)
+        names = ("lower_limit", "upper_limit", "lower_force", "upper_force")
+        _check_limits({name: lane_values(name, getattr(self, name), 1, "a number") for name in names})
+
+    def _inner_bandwidth(self) -> float | None:
+        told = getattr(self.law, "reference_model_bandwidth", lambda: None)
+        return told() if self.inner_bandwidth is None else self.inner_bandwidth
+
+    def reference_model_bandwidth(self) -> float | None:
+        """Bandwidth [rad/s] of the wanted response."""
+        return self.reference_bandwidth
+
+    def governor(self, facts: LoopFacts) -> CommandGovernor:
+        """The governor alone.
+
+        Raises:
+            BadInputError: a bandwidth that is not below 1/period, or a delay that is not a whole number of periods.
+        """
+        poles = {}
+        for name, bandwidth in (
+            ("inner_bandwidth", self._inner_bandwidth()),
+            ("reference_bandwidth", self.reference_bandwidth),
+        ):
+            if bandwidth is None or not bandwidth * facts.period < 1:
+                raise invalid(name, bandwidth, f"below 1/period = {1 / facts.period:g}")
+            poles[name] = 1 - bandwidth * facts.period
+        return CommandGovernor(
+            facts.size,
+            inner_pole=poles["inner_bandwidth"],
+            reference_pole=poles["reference_bandwidth"],
+            delay=self.delay,
+            output_weight=self.output_weight,
+            reference_weight=self.reference_weight,
+            horizon=self.horizon,
+            lower_limit=self.lower_limit,
+            upper_limit=self.upper_limit,
+            rate_limit=self.rate_limit,
+            lower_force=self.lower_force,
+            upper_force=self.upper_force,
+            period=facts.period,
+        )
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> GovernedForceLaw:
+        """Add the governor and its law."""
+        inner = DiagramBuilder()
+        law = self.law.add_to(inner, facts)
+        return builder.AddNamedSystem("force_law", GovernedForceLaw(inner, law, self.governor(facts)))

@@ -1,0 +1,243 @@
+"""For which true delays of the inner loop a command governor is stable (Sec. 4.6.2).
+
+The governor believes in N ticks of delay, the loop has Nbar, eps = N - Nbar. What it feeds back is
+
+    r = ... - alpha/(1-A) (A^N_p y + (1-A) S),      alpha = (1-A)^2/((1-A)^2 + Q_r/Q_y) for a horizon of one     (4.32)
+
+and the poles of the loop, apart from zeros, are the roots of
+
+    z^N (z - (1-alpha) A) + alpha A^(N+1) (z^eps - 1),          eps >= 0                                         (4.40)
+    z^Nbar (z - (1-alpha) A) + alpha A^(N+1) (1 - z^-eps),      eps < 0
+
+Three tests, the strongest first. (i) Exact: the spectral radius. (ii) Sufficient for one Nbar, by Rouche's theorem:
+
+    alpha A^(N+1) |e^(j eps w) - 1| < |e^(jw) - (1-alpha) A|    for all w
+
+(iii) Sufficient for every Nbar at once: alpha (2 A^(N+1) - A) < 1 - A. The bound (4.42), sufficient according to the
+thesis, is necessary only (`published_bound`), and no test uses it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+from numpy.polynomial import chebyshev
+from numpy.typing import NDArray
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.force.governor.program import check_pole, check_ticks, over_horizon
+from forcectl.framework.batch import check
+
+Array = NDArray[np.float64]
+
+# A double root is found to about 3e-8 only: a pole nearer to the unit circle is not called stable. It would decay over
+# ten million ticks.
+_POLE_MARGIN = 1e-7
+_FREQUENCY_MARGIN = 1e-12
+# What cannot move a pole by a rounding error, and would overflow when divided by.
+_NEGLIGIBLE = 1e-10
+# Roots of a higher degree take minutes.
+_MOST_TICKS = 2000
+
+
+def feedback_weight(
+    inner_pole: float, delay_ticks: int, output_weight: float, reference_weight: float, *, horizon: int = 1
+) -> float:
+    """alpha [1], in [0, 1]: what share of the predicted free force the governor takes back. (4.32)
+
+    A longer horizon without active limits feeds the same quantity back, with a larger alpha.
+
+    Raises:
+        BadInputError: see `coefficients`.
+    """
+    numbers = over_horizon(inner_pole, inner_pole, delay_ticks, output_weight, reference_weight, horizon=horizon)
+    gains = np.linalg.solve(numbers.hessian, numbers.c.gain * numbers.response.T @ numbers.free_decay)
+    return float(gains[0]) * numbers.c.input_gain
+
+
+def characteristic_polynomial(inner_pole: float, alpha: float, delay_ticks: int, true_delay_ticks: int) -> Array:
+    """Coefficients of (4.40), that of the highest power first; its degree is max(N, Nbar) + 1.
+
+    Args:
+        inner_pole: A, in (0, 1). alpha: in [0, 1]. delay_ticks: N >= 0. true_delay_ticks: Nbar >= 0.
+
+    Raises:
+        BadInputError: a value outside of that.
+    """
+    _check(inner_pole, alpha, delay_ticks, true_delay_ticks)
+    fed_back = alpha * inner_pole ** (delay_ticks + 1)
+    eps = delay_ticks - true_delay_ticks
+    degree = max(delay_ticks, true_delay_ticks) + 1
+    result = np.zeros(degree + 1)
+    result[:2] = 1.0, -(1.0 - alpha) * inner_pole
+    sign = 1.0 if eps >= 0 else -1.0
+    result[degree - abs(eps)] += sign * fed_back
+    result[degree] -= sign * fed_back
+    return result
+
+
+def spectral_radius(inner_pole: float, alpha: float, delay_ticks: int, true_delay_ticks: int) -> float:
+    """Test (i): the largest absolute value of a pole; the loop is stable below 1. See `characteristic_polynomial`."""
+    roots = np.roots(characteristic_polynomial(inner_pole, alpha, delay_ticks, true_delay_ticks))
+    return float(np.abs(roots).max(initial=0.0))
+
+
+def frequency_margin(inner_pole: float, alpha: float, delay_ticks: int, true_delay_ticks: int) -> float:
+    """Test (ii): the loop is stable when this is positive; it may be stable when it is not.
+
+    Returns:
+        The minimum over w of |e^(jw) - (1-alpha) A|^2 - (alpha A^(N+1) |e^(j eps w) - 1|)^2, which is a polynomial in
+        cos w. See `characteristic_polynomial` for the arguments.
+    """
+    _check(inner_pole, alpha, delay_ticks, true_delay_ticks)
+    pole, fed_back = (1.0 - alpha) * inner_pole, alpha * inner_pole ** (delay_ticks + 1)
+    if fed_back < _NEGLIGIBLE:
+        return (1.0 - pole) ** 2 - 4.0 * fed_back**2
+    series = np.zeros(max(2, abs(delay_ticks - true_delay_ticks) + 1))
+    series[0] = (1.0 - pole) ** 2 + 2.0 * pole - 2.0 * fed_back**2
+    series[1] = -2.0 * pole
+    series[abs(delay_ticks - true_delay_ticks)] += 2.0 * fed_back**2
+    # Real parts of complex roots are further points where the polynomial is looked at, and do no harm.
+    points = np.clip(np.real(chebyshev.chebroots(chebyshev.chebder(series))), -1.0, 1.0)
+    return float(chebyshev.chebval(np.append(points, [-1.0, 1.0]), series).min())
+
+
+def alpha_for_every_delay(inner_pole: float, delay_ticks: int) -> float:
+    """Test (iii): the loop is stable for every Nbar when alpha is below this, or at most 1 where it is infinite."""
+    _check(inner_pole, 0.0, delay_ticks, 0)
+    slope = 2.0 * inner_pole ** (delay_ticks + 1) - inner_pole
+    return (1.0 - inner_pole) / slope if slope > 1.0 - inner_pole else inf
+
+
+def largest_alpha(inner_pole: float, delay_ticks: int, true_delay_ticks: int) -> float:
+    """The alpha [1] up to which the loop is stable, all smaller ones included; 1 if it is stable for all of them.
+
+    There a pole reaches the unit circle: (4.40) is D(z) + alpha E(z), and alpha = -D/E is real.
+    """
+    _check(inner_pole, 0.0, delay_ticks, true_delay_ticks)
+    open_loop = characteristic_polynomial(inner_pole, 0.0, delay_ticks, true_delay_ticks)
+    feedback = characteristic_polynomial(inner_pole, 1.0, delay_ticks, true_delay_ticks) - open_loop
+    # D(z) E(1/z) = D(1/z) E(z) where D/E is real on the unit circle.
+    real_ratio = np.convolve(open_loop, feedback[::-1]) - np.convolve(open_loop[::-1], feedback)
+    real_ratio[np.abs(real_ratio) < _NEGLIGIBLE**2 * np.abs(real_ratio).max()] = 0.0
+    roots = np.roots(real_ratio)
+    z = np.append(roots[np.abs(np.abs(roots) - 1.0) < 1e-6], [1.0, -1.0])
+    z /= np.abs(z)
+    with np.errstate(divide="ignore", invalid="ignore"):
+        alpha = -np.polyval(open_loop, z) / np.polyval(feedback, z)
+    crossings = alpha.real[np.isfinite(alpha) & (np.abs(alpha.imag) < 1e-6) & (alpha.real > 0)]
+    return float(min(crossings.min(initial=1.0), 1.0))
+
+
+def published_bound(inner_pole: float, delay_ticks: int, true_delay_ticks: int) -> float:
+    """The bound of alpha [1] of (4.42), which the thesis calls sufficient for delays that differ by any amount.
+
+    It is what the first row of Jury's table says for eps = 1, so a necessary condition there and no guarantee: with
+    A = 0.997, N = 40, where it is 0.7746, a true delay of 20 ticks is unstable from alpha = 0.09 on. For eps < 0 it has
+    Nbar in the place of N.
+    """
+    _check(inner_pole, 0.0, delay_ticks, true_delay_ticks)
+    a, n = inner_pole, max(delay_ticks, true_delay_ticks)
+    power = a**n
+    root = np.sqrt(power * (a * a * power - 2.0 * a * power + 5.0 * power + 4.0))
+    return float((a * power - power + root) / (2.0 * a * power * (power + 1.0)))
+
+
+@dataclass(frozen=True)
+class DelayCase:
+    """One true delay: Nbar [ticks], eps = N - Nbar, the tests, and the alpha [1] up to which it is stable.
+
+    stable: by test (i). certain: by test (ii). A stable loop may be uncertain.
+    """
+
+    true_delay_ticks: int
+    mismatch: int
+    spectral_radius: float
+    stable: bool
+    certain: bool
+    largest_alpha: float
+
+
+@dataclass(frozen=True)
+class StabilityReport:
+    """What the tests say of one governor; `str` of it is a table.
+
+    inner_pole: A. delay_ticks: N. alpha: of `feedback_weight`. for_every_delay: test (iii).
+    alpha_for_every_delay: its bound, infinite when every alpha up to 1 meets it. cases: in the order asked for.
+    """
+
+    inner_pole: float
+    delay_ticks: int
+    alpha: float
+    for_every_delay: bool
+    alpha_for_every_delay: float
+    cases: tuple[DelayCase, ...]
+
+    @property
+    def stable(self) -> bool:
+        """Whether all true delays asked for are stable, by test (i)."""
+        return all(case.stable for case in self.cases)
+
+    @property
+    def largest_alpha(self) -> float:
+        """The alpha [1] up to which all true delays asked for are stable."""
+        return min(case.largest_alpha for case in self.cases)
+
+    def __str__(self) -> str:
+        lines = [
+            f"A = {self.inner_pole:g}, N = {self.delay_ticks}, alpha = {self.alpha:.5g}",
+            f"stable for every true delay: {'yes' if self.for_every_delay else 'not certain'} "
+            f"(alpha below {min(self.alpha_for_every_delay, 1.0):.5g})",
+            f"stable for the true delays below: {'yes' if self.stable else 'NO'} "
+            f"(alpha below {self.largest_alpha:.5g})",
+            "",
+            "true delay  mismatch  spectral radius  stable  certain  largest alpha",
+        ]
+        lines += [
+            f"{case.true_delay_ticks:10d}  {case.mismatch:8d}  {case.spectral_radius:15.8f}  "
+            f"{'yes' if case.stable else 'NO':>6s}  {'yes' if case.certain else 'no':>7s}  {case.largest_alpha:13.5g}"
+            for case in self.cases
+        ]
+        return "\n".join(lines)
+
+
+def stability_report(
+    inner_pole: float, delay_ticks: int, alpha: float, *, true_delay_ticks: Sequence[int]
+) -> StabilityReport:
+    """All tests for several true delays.
+
+    Args:
+        inner_pole: A, in (0, 1). delay_ticks: N, 0..2000. alpha: of `feedback_weight`, in [0, 1].
+        true_delay_ticks: Nbar, at least one, each 0..2000.
+
+    Raises:
+        BadInputError: a value outside of that.
+    """
+    if len(true_delay_ticks) == 0:
+        raise BadInputError("true_delay_ticks is empty: must have at least one delay")
+    cases = []
+    for ticks in true_delay_ticks:
+        radius = spectral_radius(inner_pole, alpha, delay_ticks, ticks)
+        cases.append(
+            DelayCase(
+                true_delay_ticks=int(ticks),
+                mismatch=int(delay_ticks - ticks),
+                spectral_radius=radius,
+                stable=radius < 1.0 - _POLE_MARGIN,
+                certain=frequency_margin(inner_pole, alpha, delay_ticks, ticks) > _FREQUENCY_MARGIN,
+                largest_alpha=largest_alpha(inner_pole, delay_ticks, ticks),
+            )
+        )
+    bound = alpha_for_every_delay(inner_pole, delay_ticks)
+    return StabilityReport(inner_pole, int(delay_ticks), alpha, alpha < bound, bound, tuple(cases))
+
+
+def _check(inner_pole: float, alpha: float, delay_ticks: int, true_delay_ticks: int) -> None:
+    check_pole("inner_pole", check("inner_pole", inner_pole))
+    if not 0.0 <= check("alpha", alpha) <= 1.0:
+        raise invalid("alpha", alpha, "from 0 to 1")
+    check_ticks("delay_ticks", delay_ticks, _MOST_TICKS)
+    check_ticks("true_delay_ticks", true_delay_ticks, _MOST_TICKS)

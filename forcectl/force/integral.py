@@ -1,0 +1,182 @@
+"""Implicit integral force control.
+
+    dx_bar[k] = dx_bar[k-1] - C_T_hat K_I Ts e(F_bar - F[k])                                          (2.11)*
+
+The minus sign goes with F = -dx/C_T (2.8). e(.) is an optional dead zone against hunting with static friction (Sec.
+2.1.1). The command is limited, and because the law is a pure integrator, limiting its state is its anti-windup.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
+from pydrake.systems.primitives import LinearSystem, Multiplexer
+
+from forcectl.errors import invalid
+from forcectl.force.slot import LoopFacts
+from forcectl.framework.batch import Lane, Parameter, check, check_order, lane_values
+from forcectl.framework.sampled_law import SampledLaw
+
+
+def dead_zone(error: Lane, width: Lane, m: Any = np) -> Lane:
+    """The part of `error` [N] beyond +-width [N]."""
+    return m.copysign(m.maximum(abs(error) - width, 0.0), error)
+
+
+def integral_step(command: Lane, error: Lane, gain: Lane, lower: Lane, upper: Lane, m: Any = np) -> Lane:
+    """One tick of the integral law.
+
+    Args:
+        command: last displacement command dx_bar [m]. error: F_bar - F after the dead zone [N].
+        gain: C_T_hat K_I Ts [m/N]. lower, upper: limits of the command [m].
+    """
+    return m.minimum(m.maximum(command - gain * error, lower), upper)
+
+
+class IntegralForceLaw(SampledLaw):
+    """Integral force controller for n independent force loops.
+
+    ```
+    name: IntegralForceLaw
+    input_ports: [desired_force, measured_force, compliance (optional)]
+    output_ports: [displacement_command]
+    parameters: [integral_gain, dead_zone, lower_limit, upper_limit, compliance (optional)]
+    ```
+
+    desired_force, measured_force: shape (n,) [N].
+    compliance: shape (n,), C_T_hat [m/N], > 0; the port exists when no `compliance` is given, else it is a parameter.
+    displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1). Feedthrough of all inputs at the tick.
+
+    Parameters (Context, shape (n,)): integral_gain K_I [1/s] >= 0, dead_zone [N] >= 0, lower_limit and upper_limit [m],
+    compliance C_T_hat [m/N] > 0.
+
+    A force that is not a number holds the last command.
+
+    Sampling: `period` [s]; no delay from measured_force to displacement_command, see `SampledLaw`.
+    """
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        integral_gain: ArrayLike,
+        compliance: ArrayLike | None = None,
+        dead_zone: ArrayLike = 0.0,
+        lower_limit: ArrayLike = -np.inf,
+        upper_limit: ArrayLike = np.inf,
+        period: float = 0.002,
+    ):
+        parameters = {
+            "integral_gain": Parameter(integral_gain, "not negative", "1/s"),
+            "dead_zone": Parameter(dead_zone, "not negative", "N"),
+            "lower_limit": Parameter(lower_limit, "a number", "m"),
+            "upper_limit": Parameter(upper_limit, "a number", "m"),
+        }
+        if compliance is not None:
+            parameters["compliance"] = Parameter(compliance, "positive and finite", "m/N")
+        super().__init__(size, parameters, period)
+        self.sample_delay = {("measured_force", "displacement_command"): 0.0}
+        self._desired = self.DeclareVectorInputPort("desired_force", size)
+        self._measured = self.DeclareVectorInputPort("measured_force", size)
+        self._compliance = self.DeclareVectorInputPort("compliance", size) if compliance is None else None
+        inputs = [self._desired, self._measured, *([self._compliance] if self._compliance else [])]
+        self.declare_command("displacement_command", {port.ticket() for port in inputs})
+
+    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+        """(K_I Ts [C_T_hat], dead zone, limits)."""
+        gain, width, lower, upper, *compliance = values
+        return gain * self._period * (compliance[0] if compliance else 1.0), width, lower, upper
+
+    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """The limits are in order."""
+        check_order("lower_limit", "upper_limit", values)
+
+    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+        """One tick of the law."""
+        (last,) = held
+        gain, width, lower, upper = self._values.Eval(context)
+        if self._compliance is not None:
+            gain = gain * self.lane(self._compliance.Eval(context))
+        error = self.lane(self._desired.Eval(context)) - self.lane(self._measured.Eval(context))
+        after = integral_step(last, dead_zone(error, width, self.math), gain, lower, upper, self.math)
+        return (self.math.where(after == after, after, last),)
+
+
+class LinearIntegralForceLaw(Diagram):
+    """The law without dead zone and limits, as a linear system that can be analysed and converted with its loop.
+
+    ```
+    name: LinearIntegralForceLaw
+    input_ports: [desired_force, measured_force]
+    output_ports: [displacement_command]
+    ```
+
+    desired_force, measured_force: shape (n,) [N]. displacement_command: shape (n,) [m]. Feedthrough of both.
+
+    Sampling: `period` [s]; no delay. For diagrams in which everything runs at this period: between the events of one
+    tick the output is that of the next.
+    """
+
+    def __init__(self, size: int, *, integral_gain: ArrayLike, compliance: ArrayLike, period: float = 0.002):
+        super().__init__()
+        gain = lane_values("integral_gain", integral_gain, size, "not negative")
+        gain = gain * lane_values("compliance", compliance, size, "positive") * check("period", period, "positive")
+        builder = DiagramBuilder()
+        both = builder.AddNamedSystem("forces", Multiplexer([size, size]))
+        eye, step = np.eye(size), np.hstack([np.diag(-gain), np.diag(gain)])
+        law = builder.AddNamedSystem("integrator", LinearSystem(eye, step, eye, step, period))
+        builder.Connect(both.get_output_port(), law.get_input_port())
+        builder.ExportInput(both.get_input_port(0), "desired_force")
+        builder.ExportInput(both.get_input_port(1), "measured_force")
+        builder.ExportOutput(law.get_output_port(), "displacement_command")
+        builder.BuildInto(self)
+
+
+@dataclass(kw_only=True)
+class IntegralConfig:
+    """Scenario part `!Integral`."""
+
+    integral_gain: float = 1.5  # K_I [1/s], >= 0
+    compliance_error: float = 1.0  # C_T_hat / C_T, > 0
+    dead_zone: float = 0.0  # [N], >= 0
+    lower_limit: float = -0.1  # [m], below zero: deepest command
+    upper_limit: float = 0.1  # [m], above zero: furthest retreat
+
+    def __post_init__(self) -> None:
+        check("integral_gain", self.integral_gain, "not negative")
+        check("compliance_error", self.compliance_error, "positive")
+        check("dead_zone", self.dead_zone, "not negative")
+        check_limits(self.lower_limit, self.upper_limit)
+
+    def reference_model_bandwidth(self) -> float | None:
+        """Bandwidth K_I [rad/s] of the nominal closed loop M(s) = K_I/(s + K_I)."""
+        return self.integral_gain
+
+    def law(self, facts: LoopFacts, compliance: ArrayLike | None, *, limited: bool = True) -> IntegralForceLaw:
+        """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
+        return IntegralForceLaw(
+            facts.size,
+            integral_gain=self.integral_gain,
+            compliance=compliance,
+            dead_zone=self.dead_zone,
+            lower_limit=self.lower_limit if limited else -np.inf,
+            upper_limit=self.upper_limit if limited else np.inf,
+            period=facts.period,
+        )
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> IntegralForceLaw:
+        """Add the law; it believes in `compliance_error` times the true total compliance."""
+        return builder.AddNamedSystem("force_law", self.law(facts, self.compliance_error * facts.total_compliance))
+
+
+def check_limits(lower: float, upper: float) -> None:
+    """Limits of a displacement command [m]: lower < 0 < upper."""
+    if not check("lower_limit", lower) < 0:
+        raise invalid("lower_limit", lower, "below zero")
+    if not check("upper_limit", upper) > 0:
+        raise invalid("upper_limit", upper, "above zero")

@@ -1,0 +1,1 @@
+"""Invariance control (Chapter 3): a force that does not pass its limit."""

@@ -1,0 +1,164 @@
+"""Invariance control with a nominal force law: what the law asks for, corrected so that F does not pass F_bar (3.18).
+
+    min |u - u_nom|^2    s.t.  y'' <= a_max(y, y'),    y = -dx_bar - C_T_hat F_bar,    y'' = -u                    [56]
+
+With one control this is u_nom clipped. a_max is the one-step form of the row y'' <= gamma of an active constraint. The
+nominal control is the acceleration after which the corrected command moves as fast as the nominal one,
+
+    u_nom = ((dx_nom[k] - dx_nom[k-1])/Ts - v[k])/Ts
+
+so only the changes of the nominal command count: where the correction has left it behind, there is nothing to catch up.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from math import inf
+from typing import Any
+
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
+
+from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
+from forcectl.force.integral import IntegralConfig
+from forcectl.force.invariance.force_law import InvarianceForceLaw, InvarianceLimits, one_step_acceleration
+from forcectl.force.slot import ControllerConfig, LoopFacts
+from forcectl.framework.batch import Lane
+
+# Scenario tag of a nominal law -> import path of its configuration; the first is the default.
+NOMINAL_LAWS = {
+    "Integral": "forcectl.force.integral:IntegralConfig",
+    "Import": "forcectl.scenario.imported:ImportConfig",
+}
+
+
+class InvarianceCorrection(InvarianceForceLaw):
+    """Corrects the command of a nominal law for n independent force loops.
+
+    ```
+    name: InvarianceCorrection
+    input_ports: [desired_force, measured_force, nominal_command, compliance (optional)]
+    output_ports: [displacement_command, invariance_function, status]
+    parameters: [gamma, upper_acceleration, speed_limit, lower_limit, upper_limit, compliance (optional)]
+    ```
+
+    nominal_command: shape (n,), displacement command of the nominal law [m]; its changes count, from 0 on.
+
+    The other ports and parameters are those of `InvarianceForceLaw`, as are moving references and the safe behaviour;
+    upper_acceleration [m/s^2] > 0 limits the control in both directions. While the constraint is violated, as after a
+    step down, the command returns within gamma or as fast as the nominal law asks for, whichever is faster. (3.57)
+
+    Sampling: `period` [s]; no delay from nominal_command to displacement_command, see `SampledLaw`.
+    """
+
+    own_memory = ("nominal",)
+
+    def declare_own_inputs(self) -> set[Any]:
+        """The nominal command."""
+        self._nominal = self.DeclareVectorInputPort("nominal_command", self._size)
+        return {self._nominal.ticket()}
+
+    def decide(
+        self, context: Context, y: Lane, rate: Lane, v: Lane, gamma: Lane, upper: Lane, own: Sequence[Lane]
+    ) -> tuple[Lane, Sequence[Lane]]:
+        """The nominal acceleration, at most the largest that keeps the constraint."""
+        m, period = self.math, self._period
+        (last,) = own
+        nominal = self.lane(self._nominal.Eval(context))
+        nominal = m.where(abs(nominal) < inf, nominal, last)
+        wanted = (v - (nominal - last) / period) / period
+        largest = one_step_acceleration(y, rate, gamma, m.where(y > 0.0, -gamma, upper), period, m)
+        return m.minimum(wanted, largest), (nominal,)
+
+
+class InvarianceControl(Diagram):
+    """A nominal force law and its correction.
+
+    ```
+    name: InvarianceControl
+    input_ports: [desired_force, measured_force, compliance (optional)]
+    output_ports: [displacement_command, invariance_function, status]
+    ```
+
+    desired_force, measured_force: shape (n,) [N].
+    compliance: shape (n,), C_T_hat [m/N], for whichever of the two laws has this input.
+    displacement_command, invariance_function, status: of `InvarianceCorrection`.
+
+    Sampling: `period` of the laws [s]; no delay from measured_force to displacement_command.
+
+    Args:
+        nominal: any force law with the ports of its slot. Only changes of its command count; a limit of its own that it
+            runs into while it is corrected would end them. correction: takes its command.
+    """
+
+    port_units = {"invariance_function": "m", "status": "1"}
+
+    def __init__(self, nominal: System, correction: InvarianceCorrection):
+        super().__init__()
+        self.sample_delay = {("measured_force", "displacement_command"): 0.0}
+        builder = DiagramBuilder()
+        builder.AddNamedSystem("nominal", nominal)
+        builder.AddNamedSystem("correction", correction)
+        for name in ("desired_force", "measured_force", "compliance"):
+            first, *others = [s.GetInputPort(name) for s in (nominal, correction) if s.HasInputPort(name)] or [None]
+            if first is not None:
+                index = builder.ExportInput(first, name)
+                for other in others:
+                    builder.ConnectInput(index, other)
+        builder.Connect(nominal.GetOutputPort("displacement_command"), correction.GetInputPort("nominal_command"))
+        for name in ("displacement_command", "invariance_function", "status"):
+            builder.ExportOutput(correction.GetOutputPort(name), name)
+        builder.BuildInto(self)
+
+
+@dataclass(kw_only=True)
+class InvarianceControlConfig(InvarianceLimits):
+    """Scenario part `!InvarianceControl`."""
+
+    # Of an integral law the limits of the command are not used: the ones below are.
+    nominal: Any = field(default_factory=lambda: IntegralConfig(integral_gain=3.0), metadata={"tags": NOMINAL_LAWS})
+    upper_acceleration: float | None = 10.0  # [m/s^2], > 0: of the control; null: -gamma
+
+    def reference_model_bandwidth(self) -> float | None:
+        """That of the nominal law [rad/s]; None when it does not tell."""
+        bandwidth = getattr(self.nominal, "reference_model_bandwidth", None)
+        return bandwidth() if bandwidth else None
+
+    def law(self, facts: LoopFacts, compliance: ArrayLike | None) -> InvarianceControl:
+        """The nominal law and its correction, which believes in this total compliance [m/N] or has a port for it."""
+        correction = self.block(InvarianceCorrection, facts, compliance)
+        if not isinstance(self.nominal, IntegralConfig):
+            return InvarianceControl(_built(self.nominal, facts), correction)
+        believed = None if compliance is None else self.nominal.compliance_error * facts.total_compliance
+        return InvarianceControl(self.nominal.law(facts, believed, limited=False), correction)
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> InvarianceControl | AdaptiveForceLaw:
+        """Add the law; its constraint believes in `compliance_error` times the true total compliance."""
+        return builder.AddNamedSystem("force_law", self.law(facts, self.compliance_error * facts.total_compliance))
+
+
+@dataclass(kw_only=True)
+class AdaptiveInvarianceControlConfig(Adaptation, InvarianceControlConfig):
+    """Scenario part `!AdaptiveInvarianceControl`: constraint and integral law with the estimated compliance. (3.56)"""
+
+    compliance_error: float = 0.8  # initial C_E_hat / C_E, > 0; 1/1.2 = stiffness 20 % too high
+
+    def __post_init__(self) -> None:
+        Adaptation.__post_init__(self)
+        InvarianceControlConfig.__post_init__(self)
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> AdaptiveForceLaw:
+        """Add the law with its estimator."""
+        return self.adapt(builder, facts, self.law(facts, None))
+
+
+def _built(config: ControllerConfig, facts: LoopFacts) -> Diagram:
+    """The system of a configuration in a diagram of its own, with all its ports."""
+    builder = DiagramBuilder()
+    law = config.add_to(builder, facts)
+    for i in range(law.num_input_ports()):
+        builder.ExportInput(law.get_input_port(i), law.get_input_port(i).get_name())
+    for i in range(law.num_output_ports()):
+        builder.ExportOutput(law.get_output_port(i), law.get_output_port(i).get_name())
+    return builder.Build()

@@ -1,0 +1,283 @@
+"""Force control by set invariance without a nominal controller: relative degree 2, one step ahead (Sec. 3.2.2, 3.4).
+
+    y = -dx_bar - C_T_hat F_bar <= 0,    y'' = -dx_bar''                                            (3.44), (3.50)
+
+The control is the acceleration of the displacement command, integrated twice, exactly for a control held over the tick:
+
+    dx_bar[k+1] = dx_bar[k] + Ts v[k] + Ts^2 u/2,    v[k+1] = v[k] + Ts u
+
+The law knows the force through C_T_hat only: with a wrong one it ends at F = (C_T_hat/C_T) F_bar (3.55).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
+from typing import Any, TypeVar
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Context, DiagramBuilder
+
+from forcectl.errors import invalid
+from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
+from forcectl.force.integral import check_limits
+from forcectl.force.slot import LoopFacts
+from forcectl.framework.batch import Lane, Parameter, check, check_order, lane_values
+from forcectl.framework.sampled_law import SampledLaw
+from forcectl.qp.quadratic_program import Status
+
+_NOT_FINITE = float(Status.NOT_FINITE)
+
+
+def one_step_acceleration(y: Lane, rate: Lane, gamma: Lane, upper: Lane, period: float, m: Any = np) -> Lane:
+    """The fastest acceleration y'' of a double integrator after which the constraint y <= 0 can still be kept.
+
+    For y <= 0 it is the largest a in [gamma, upper] whose next state (y1, y1') = (y + Ts y' + Ts^2 a/2, y' + Ts a) can
+    be brought to rest at 0 with decelerations within gamma that change at the ticks only; gamma if there is none. For
+    y > 0 the same is done for (-y, -y'), with the opposite sign. (3.31)*, (3.33)*, (3.57), sampled
+
+    The set of such states is a polygon: its corners lie on the parabola Phi = y - y'^2/(2 gamma) = 0 at speeds of whole
+    multiples of -gamma Ts, and it is at most -gamma Ts^2/8 smaller. So Phi(y1, y1') <= 0 holds as well, and unlike on
+    the parabola itself every braking ends exactly at rest: no chatter at the end.
+
+    Args:
+        y: constraint output, violated when positive. rate: y'. gamma: lower bound of y'' when braking, < 0.
+        upper: largest y'' when accelerating, > 0. period: tick Ts [s]. m: numpy, or `SCALAR_MATH` for floats.
+    """
+    side = m.where(y > 0.0, -1.0, 1.0)
+    speed_step = -gamma * period
+    speed = side * rate / speed_step
+    # In units of speed_step and speed_step * Ts: the corner of speed n is n (n + 1)/2 half steps ahead.
+    ahead = -side * y / (speed_step * period) - 0.5 * speed
+    n = m.floor((m.sqrt(1.0 + 8.0 * m.maximum(ahead, 0.0)) - 1.0) * 0.5)
+    next_speed = m.where(ahead < 0.0, 2.0 * ahead, n + (ahead - 0.5 * n * (n + 1.0)) / (n + 1.0))
+    return side * m.minimum(m.maximum(-gamma * (next_speed - speed), gamma), upper)
+
+
+def fall(
+    desired: Lane,
+    last: Lane,
+    last_slope: Lane,
+    last_bend: Lane,
+    compliance: Lane,
+    opposite: Lane,
+    period: float,
+    m: Any = np,
+) -> tuple[Lane, Lane, Lane, Lane]:
+    """How fast a falling reference moves the set point, and how much faster it gets.
+
+    As far as two differences in a row agree on it: at jumps and corners they do not.
+
+    Args:
+        desired, last: F_bar now and a tick ago [N]. last_slope, last_bend: differences a tick ago [N/s, N/s^2].
+        compliance: C_T_hat [m/N]. opposite: -gamma [m/s^2]. period: tick [s]. m: numpy, or `SCALAR_MATH` for floats.
+
+    Returns:
+        slope and bend, the differences now; speed [m/s] and acceleration [m/s^2] of the set point, both >= 0.
+    """
+    slope = (desired - last) / period
+    bend = (slope - last_slope) / period
+    speed = -compliance * m.minimum(m.maximum(slope, last_slope), 0.0)
+    return slope, bend, speed, m.minimum(-compliance * m.minimum(m.maximum(bend, last_bend), 0.0), 0.9 * opposite)
+
+
+class InvarianceForceLaw(SampledLaw):
+    """Invariance force controller [57] for n independent force loops.
+
+    ```
+    name: InvarianceForceLaw
+    input_ports: [desired_force, measured_force, compliance (optional)]
+    output_ports: [displacement_command, invariance_function, status]
+    parameters: [gamma, upper_acceleration, speed_limit, lower_limit, upper_limit, compliance (optional)]
+    ```
+
+    desired_force, measured_force: shape (n,) [N]; of the measured one only that it is a number.
+    compliance: shape (n,), C_T_hat [m/N], > 0; the port exists when no `compliance` is given, else it is a parameter.
+    displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1). Feedthrough of all inputs at the tick.
+    invariance_function: shape (n,), Phi(y, y') [m] of the state before the tick; above zero while the constraint cannot
+    be kept within gamma, as after a step down.
+    status: shape (n,), 0, or `Status.NOT_FINITE` while the command brakes and holds.
+
+    Parameters (Context, shape (n,)): gamma [m/s^2] < 0, the deceleration towards the constraint; upper_acceleration
+    [m/s^2] > 0, the largest away from rest; speed_limit [m/s] > 0 of the command; lower_limit and upper_limit [m] of
+    the command; compliance C_T_hat [m/N] > 0.
+
+    A desired force below the present one is reached in the same manner from the other side. The set point may move at
+    any time, also by a changing estimate of the compliance: position and velocity of the command stay continuous.
+
+    A rising reference is followed at the distance the command needs to stop, so that F never passes F_bar, however the
+    reference goes on. A falling one is followed with its speed and its acceleration, by differences. If it begins to
+    fall at r [N/s] all at once, F exceeds it until the command moves as fast, by at most C_T r^2/(2 upper_acceleration)
+    + 2 Ts r; and where it stops all at once, F falls short by at most C_T r^2/(-2 gamma). A smooth one that leaves the
+    command a fifth of its acceleration is exceeded by less than a thousandth of its amplitude (sines, once reached). A
+    single jump is a step, not a speed.
+
+    A desired force, measured force or compliance that is not finite (or a compliance not above zero) brakes the command
+    within gamma and holds it there. Lost contact does not show in what the law knows: the command stays at its set
+    point, and so does the force when contact is back.
+
+    Sampling: `period` [s]; no delay from desired_force to displacement_command, see `SampledLaw`.
+    """
+
+    port_units = {"invariance_function": "m", "status": "1"}
+    own_memory: tuple[str, ...] = ()
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        gamma: ArrayLike = -0.1,
+        upper_acceleration: ArrayLike | None = None,
+        compliance: ArrayLike | None = None,
+        speed_limit: ArrayLike = np.inf,
+        lower_limit: ArrayLike = -np.inf,
+        upper_limit: ArrayLike = np.inf,
+        period: float = 0.002,
+    ):
+        if upper_acceleration is None:
+            upper_acceleration = -lane_values(f"{type(self).__name__}.gamma", gamma, size, "negative and finite")
+        parameters = {
+            "gamma": Parameter(gamma, "negative and finite", "m/s^2"),
+            "upper_acceleration": Parameter(upper_acceleration, "positive and finite", "m/s^2"),
+            "speed_limit": Parameter(speed_limit, "positive", "m/s"),
+            "lower_limit": Parameter(lower_limit, "a number", "m"),
+            "upper_limit": Parameter(upper_limit, "a number", "m"),
+        }
+        if compliance is not None:
+            parameters["compliance"] = Parameter(compliance, "positive and finite", "m/N")
+        super().__init__(size, parameters, period)
+        self.sample_delay = {("desired_force", "displacement_command"): 0.0}
+        self._desired = self.DeclareVectorInputPort("desired_force", size)
+        self._measured = self.DeclareVectorInputPort("measured_force", size)
+        own = self.declare_own_inputs()
+        self._compliance = self.DeclareVectorInputPort("compliance", size) if compliance is None else None
+        reads = {self._desired.ticket(), self._measured.ticket(), *own}
+        if self._compliance is not None:
+            reads.add(self._compliance.ticket())
+        memory = ("velocity", "invariance_function", "status", "desired", "slope", "bend", *self.own_memory)
+        self.declare_command("displacement_command", reads, further=dict.fromkeys(memory, 0.0))
+        self.declare_output("invariance_function")
+        self.declare_output("status")
+
+    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """The limits are in order."""
+        check_order("lower_limit", "upper_limit", values)
+
+    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+        """The parameters, with -gamma and the largest acceleration of the command."""
+        gamma, upper, *rest = values
+        return gamma, -gamma, upper, self.math.maximum(upper, -gamma), *rest
+
+    def declare_own_inputs(self) -> set[Any]:
+        """Declare the inputs of a subclass after those of the slot; their tickets."""
+        return set()
+
+    def decide(
+        self, context: Context, y: Lane, rate: Lane, v: Lane, gamma: Lane, upper: Lane, own: Sequence[Lane]
+    ) -> tuple[Lane, Sequence[Lane]]:
+        """The acceleration y'' of a new tick, and the subclass' own memory after it.
+
+        Args:
+            y, rate: constraint output [m] and its rate [m/s]. v: velocity of the command [m/s]. gamma, upper: bounds of
+                y'' relative to the set point [m/s^2]. own: the subclass' own memory.
+        """
+        return one_step_acceleration(y, rate, gamma, upper, self._period, self.math), own
+
+    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+        """One tick of the law."""
+        maximum, minimum, where, period = self.math.maximum, self.math.minimum, self.math.where, self._period
+        gamma, opposite, upper, most, speed_limit, lower_limit, upper_limit, *fixed = self._values.Eval(context)
+        x, v, _, _, last, last_slope, last_bend, *own = held
+        desired = self.lane(self._desired.Eval(context))
+        measured = self.lane(self._measured.Eval(context))
+        compliance = fixed[0] if self._compliance is None else self.lane(self._compliance.Eval(context))
+        good = (abs(desired) + abs(measured) + compliance < inf) & (compliance > 0.0)
+        desired, compliance = where(good, desired, last), where(good, compliance, 0.0)
+
+        free = -compliance * desired
+        target = minimum(maximum(free, lower_limit), upper_limit)
+        follow = where(free == target, compliance, 0.0)
+        slope, bend, falls, retreat = fall(desired, last, last_slope, last_bend, follow, opposite, period, self.math)
+        rate = falls - v
+        y = target - x
+        chosen, own_after = self.decide(context, y, rate, v, gamma + retreat, upper, own)
+        braked = v - minimum(maximum(v, period * gamma), period * opposite)
+        wanted = where(good, v - period * (chosen - retreat), braked)
+
+        # The limits bind the command last; they never ask for more than the accelerations do.
+        change = period * most
+        wanted = minimum(maximum(wanted, -speed_limit), speed_limit)
+        wanted = minimum(maximum(wanted, v - change), v + change)
+        after = x + 0.5 * period * (v + wanted)
+        inside = minimum(maximum(after, minimum(x, lower_limit)), maximum(x, upper_limit))
+        velocity = where(inside == after, wanted, 0.0)
+        phi = y + 0.5 * maximum(rate, 0.0) * rate / opposite
+        return inside, velocity, phi, where(good, 0.0, _NOT_FINITE), desired, slope, bend, *own_after
+
+
+_Law = TypeVar("_Law", bound=InvarianceForceLaw)
+
+
+@dataclass(kw_only=True)
+class InvarianceLimits:
+    """What the configurations of laws with this constraint share."""
+
+    gamma: float = -0.1  # [m/s^2], < 0: deceleration towards the constraint
+    upper_acceleration: float | None = None  # [m/s^2], > 0: away from rest; null: -gamma
+    compliance_error: float = 1.0  # C_T_hat / C_T, > 0, of the constraint
+    speed_limit: float = inf  # [m/s], > 0, of the command
+    lower_limit: float = -0.1  # [m], below zero: deepest command
+    upper_limit: float = 0.1  # [m], above zero: furthest retreat
+
+    def __post_init__(self) -> None:
+        if not check("gamma", self.gamma) < 0:
+            raise invalid("gamma", self.gamma, "below zero")
+        if self.upper_acceleration is not None:
+            check("upper_acceleration", self.upper_acceleration, "positive")
+        if not self.speed_limit > 0:
+            raise invalid("speed_limit", self.speed_limit, "above zero")
+        check("compliance_error", self.compliance_error, "positive")
+        check_limits(self.lower_limit, self.upper_limit)
+
+    def block(self, kind: type[_Law], facts: LoopFacts, compliance: ArrayLike | None) -> _Law:
+        """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
+        return kind(
+            facts.size,
+            gamma=self.gamma,
+            upper_acceleration=self.upper_acceleration,
+            compliance=compliance,
+            speed_limit=self.speed_limit,
+            lower_limit=self.lower_limit,
+            upper_limit=self.upper_limit,
+            period=facts.period,
+        )
+
+
+@dataclass(kw_only=True)
+class InvarianceConfig(InvarianceLimits):
+    """Scenario part `!Invariance`."""
+
+    def law(self, facts: LoopFacts, compliance: ArrayLike | None) -> InvarianceForceLaw:
+        """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
+        return self.block(InvarianceForceLaw, facts, compliance)
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> InvarianceForceLaw | AdaptiveForceLaw:
+        """Add the law; it believes in `compliance_error` times the true total compliance."""
+        return builder.AddNamedSystem("force_law", self.law(facts, self.compliance_error * facts.total_compliance))
+
+
+@dataclass(kw_only=True)
+class AdaptiveInvarianceConfig(Adaptation, InvarianceConfig):
+    """Scenario part `!AdaptiveInvariance`: the constraint with the compliance estimated on line. (3.56)"""
+
+    compliance_error: float = 0.8  # initial C_E_hat / C_E, > 0; 1/1.2 = stiffness 20 % too high
+
+    def __post_init__(self) -> None:
+        Adaptation.__post_init__(self)
+        InvarianceConfig.__post_init__(self)
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> AdaptiveForceLaw:
+        """Add the law with its estimator."""
+        return self.adapt(builder, facts, self.law(facts, None))

@@ -1,0 +1,297 @@
+"""Force control by invariance of the measured force: relative degree 4, with bouncing reduction (Sec. 3.7).
+
+    y = F - F_bar <= 0,    F = -dx/C_T,    dx = h(s) dx_bar,    h(s) = w^2/(s^2 + 2 z w s + w^2)
+
+    y'''  = -w^2 xbar'/C_T - w^2 y' - 2 z w y''                                                (3.62)*, (3.87)*
+    y^(4) = -w^2 xbar''/C_T - w^2 y'' - 2 z w y'''                                                     (3.65)*
+
+The control is xbar'', integrated twice. At rest F = F_bar whatever the compliance is believed to be (3.63). y' and y''
+come from one of
+
+    model        x' and x'' of h(s), driven by the command:  y' = -x'/C_T, y'' = -x''/C_T                (3.62)*
+    difference   differences of the measured force                                                       (3.87)*
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Context, DiagramBuilder
+
+from forcectl.errors import invalid, unknown
+from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
+from forcectl.force.integral import check_limits
+from forcectl.force.invariance.functions import FLOAT_MATH, invariance_4
+from forcectl.force.slot import LoopFacts
+from forcectl.framework.batch import Lane, Parameter, check, check_order, lane_values
+from forcectl.framework.sampled_law import SampledLaw
+from forcectl.plant.drives.position_loop import first_order_hold, second_order
+from forcectl.qp.quadratic_program import Status
+
+DERIVATIVES = ("model", "difference")
+
+
+def fourth_derivative(state: Sequence[Lane], alpha: Lane, gamma: Lane, upper: Lane, m: Any = np) -> tuple[Lane, Lane]:
+    """y^(4) of the law, and Phi of the virtual state that decides on it.
+
+    `upper` while Phi(xi_hat) < 0, else gamma (3.30), (3.78). When y > 0 falls, the same for -y (3.85).
+
+    Args:
+        state: y, y', y'', y'''. alpha: >= 0. gamma: < 0. upper: > 0. m: numpy, or `FLOAT_MATH` for floats.
+    """
+    y, *rates = state
+    side = m.where((y > 0) & (rates[0] < 0), -1.0, 1.0)
+    phi = invariance_4((side * y, *(side * (1 + alpha) * rate for rate in rates)), gamma, m)
+    return side * m.where(phi < 0, upper, gamma), phi
+
+
+def speed_window(
+    y: Lane, absent: Lane, desired: Lane, c: Lane, w: Lane, z: Lane, least: Lane, limit: Lane, m: Any = np
+) -> tuple[Lane, Lane]:
+    """Smallest and largest velocity of the command [m/s] when y' and y'' are differences of the measured force.
+
+    Without a contact to answer it, a = c y4/w^2 + 2 z w v (3.65)* feeds itself from v_u = c |y4|/(2 z w^3) on (3 mm/s
+    at 1e4 N/m and 1e5 N/s^4). In contact 3 v_u is allowed, and what changes 0.6 of the reference or error in 2 z/w, the
+    settling of the force filter. Slower are the approach without contact (v_u, a quarter), a retreat, and pressing on
+    under too much force (a tenth of v_u, and the error in 2 z/w). With too little force and no contact: no retreat.
+
+    Args:
+        y: F - F_bar [N]. absent: there is no contact. desired: F_bar [N]. c: C_T_hat [m/N].
+        w, z: of the lag from command to force. least: the smaller of |gamma| and the largest y^(4) [N/s^4].
+        limit: no faster than this [m/s]. m: numpy, or `FLOAT_MATH` for floats.
+    """
+    unstable = 0.5 * c * least / (z * w * w * w)
+    per_newton = 0.5 * c * w / z
+    size = per_newton * m.maximum(abs(desired), abs(y))
+    speed = m.minimum(limit, m.minimum(3.0 * unstable, 0.6 * size))
+    approach = m.minimum(speed, m.minimum(unstable, 0.25 * size))
+    back = m.minimum(speed, 0.1 * unstable + per_newton * abs(y))
+    low = -m.where(y > 0, back, m.where(absent, approach, speed))
+    return low, m.where((y < 0) & absent, 0.0, back)
+
+
+class FourthDegreeForceLaw(SampledLaw):
+    """Invariance force controller of relative degree 4 for n independent force loops.
+
+    ```
+    name: FourthDegreeForceLaw
+    input_ports: [desired_force, measured_force, compliance (optional)]
+    output_ports: [displacement_command, invariance_function, status]
+    parameters: [gamma, upper, alpha, bandwidth, damping_ratio, acceleration_limit, speed_limit, rest_region,
+        lower_limit, upper_limit, compliance (optional)]
+    ```
+
+    desired_force, measured_force: shape (n,) [N].
+    compliance: shape (n,), C_T_hat [m/N], > 0; the port exists when no `compliance` is given, else it is a parameter.
+    displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1). Feedthrough of all inputs at the tick.
+    invariance_function: shape (n,), Phi of the virtual state at the tick [N].
+    status: shape (n,), 0, or `Status.NOT_FINITE` while the command brakes and holds.
+
+    Parameters (Context, shape (n,)): gamma [N/s^4] < 0; upper [N/s^4] > 0, the largest y^(4), |gamma| when not given;
+    alpha [1] >= 0 of the virtual state; bandwidth w [rad/s] and damping_ratio z [1] of the lag between command and
+    measured force; acceleration_limit [m/s^2] > 0 and speed_limit [m/s] > 0 of the command (with differences, never
+    above `speed_window`); rest_region [N] >= 0, within which of F_bar the command brakes and rests; lower_limit and
+    upper_limit [m] of the command; compliance C_T_hat [m/N] > 0.
+
+    The velocity of the command never jumps, except that it is lost at a limit of the command. A force or compliance
+    that is not a number brakes the command within the acceleration limit and holds it. Lost contact, for differences a
+    measured force below rest_region, stops a retreat and is followed slowly, down to the lower limit.
+
+    Range, differences, default plant, gamma -1e5: 1e3 to 1e6 N/m is held without running off. What the friction of the
+    drives lets go at once (0.1 mm of command: 1 N at 1e4 N/m, up to 5 N at 1e5 and 1e6 N/m) is hunted when it exceeds
+    rest_region: 5 N at 1e6 N/m goes up to 7.8 N, 12 to 2 N at 1e6 N/m up to 4.8 N, with contact lost at times. C_T_hat
+    three times too large, alpha = 0 and gamma = -1e7 hunt too (15 N up to 24 N at 1e4 N/m), a third is smooth and slow.
+    Far below the |gamma| or above the bandwidth that fit the plant, friction holds: gamma = -1e3 and w = 75.4 rad/s
+    behind a filter of 12.6 rad/s never get beyond 1 N at 1e4 N/m. The reference 0 ends up to 0.1 mm off the surface.
+
+    Sampling: `period` [s]; no delay from measured_force to displacement_command, see `SampledLaw`.
+
+    Args:
+        derivatives: "model" or "difference", see above.
+    """
+
+    port_units = {"invariance_function": "N", "status": "1"}
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        gamma: ArrayLike,
+        alpha: ArrayLike,
+        bandwidth: ArrayLike,
+        damping_ratio: ArrayLike = 1.0,
+        upper: ArrayLike | None = None,
+        compliance: ArrayLike | None = None,
+        acceleration_limit: ArrayLike = np.inf,
+        speed_limit: ArrayLike = np.inf,
+        rest_region: ArrayLike = 0.0,
+        lower_limit: ArrayLike = -np.inf,
+        upper_limit: ArrayLike = np.inf,
+        derivatives: str = "difference",
+        period: float = 0.002,
+    ):
+        if derivatives not in DERIVATIVES:
+            raise unknown("derivatives", str(derivatives), DERIVATIVES)
+        self._from_model = derivatives == "model"
+        if upper is None:
+            upper = -lane_values(f"{type(self).__name__}.gamma", gamma, size, "negative and finite")
+        parameters = {
+            "gamma": Parameter(gamma, "negative and finite", "N/s^4"),
+            "upper": Parameter(upper, "positive and finite", "N/s^4"),
+            "alpha": Parameter(alpha, "not negative", "1"),
+            "bandwidth": Parameter(bandwidth, "positive and finite", "rad/s"),
+            "damping_ratio": Parameter(damping_ratio, "positive and finite", "1"),
+            "acceleration_limit": Parameter(acceleration_limit, "positive", "m/s^2"),
+            "speed_limit": Parameter(speed_limit, "positive", "m/s"),
+            "rest_region": Parameter(rest_region, "not negative", "N"),
+            "lower_limit": Parameter(lower_limit, "a number", "m"),
+            "upper_limit": Parameter(upper_limit, "a number", "m"),
+        }
+        if compliance is not None:
+            parameters["compliance"] = Parameter(compliance, "positive and finite", "m/N")
+        super().__init__(size, parameters, period)
+        if size == 1:
+            self.math = FLOAT_MATH
+        self.sample_delay = {("measured_force", "displacement_command"): 0.0}
+        self._desired = self.DeclareVectorInputPort("desired_force", size)
+        self._measured = self.DeclareVectorInputPort("measured_force", size)
+        self._compliance = self.DeclareVectorInputPort("compliance", size) if compliance is None else None
+        inputs = [self._desired, self._measured, *([self._compliance] if self._compliance else [])]
+        own = ("model_position", "model_velocity") if self._from_model else ("last_force", "last_rate", "samples")
+        further = dict.fromkeys(("invariance_function", "status", "velocity", *own), 0.0)
+        self.declare_command("displacement_command", {port.ticket() for port in inputs}, further=further)
+        self.declare_output("invariance_function")
+        self.declare_output("status")
+
+    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """The limits are in order, alpha is finite."""
+        check_order("lower_limit", "upper_limit", values)
+        if not np.isfinite(values["alpha"]).all():
+            raise invalid("alpha", values["alpha"].tolist(), "finite")
+
+    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+        """The parameters, and the sampled h(s) for a command that is linear between ticks, entry by entry."""
+        models = []
+        for w, z in zip(np.ravel(values[3]), np.ravel(values[4]), strict=True):
+            phi, start, change = first_order_hold(*second_order(float(w), float(z)), self._period)
+            models.append(np.concatenate([phi.ravel(), start.ravel(), change.ravel()]))
+        return *values, tuple(self.lane(entry) for entry in np.transpose(models))
+
+    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+        """One tick of the law."""
+        m, period = self.math, self._period
+        gamma, upper, alpha, w, z, limit, speed, rest, lowest, highest, *fixed, model = self._values.Eval(context)
+        x, _, _, v, *own = held
+        desired = self.lane(self._desired.Eval(context))
+        force = self.lane(self._measured.Eval(context))
+        compliance = fixed[0] if self._compliance is None else self.lane(self._compliance.Eval(context))
+        good = (abs(desired) < np.inf) & (abs(force) < np.inf) & (compliance > 0.0) & (compliance < np.inf)
+        force, desired, c = m.where(good, force, 0.0), m.where(good, desired, 0.0), m.where(good, compliance, 1.0)
+
+        y = force - desired
+        if self._from_model:
+            y1, y2 = -own[1] / c, -w * (w * (x - own[0]) - 2 * z * own[1]) / c
+        else:
+            last_force, last_rate, samples = own
+            y1 = m.where(samples > 0, (force - last_force) / period, 0.0)
+            y2 = m.where(samples > 1, (y1 - last_rate) / period, 0.0)
+            own = [force, y1, m.where(good, m.minimum(samples + 1.0, 2.0), 0.0)]
+        y3 = -w * (w * v / c + w * y1 + 2 * z * y2)
+        y4, phi = fourth_derivative((y, y1, y2, y3), alpha, gamma, upper, m)
+        a = -c * (y4 / (w * w) + y2 + 2 * z * y3 / w)
+        good = good & (abs(a) < np.inf) & (phi - phi == 0)
+        a = m.where(good & (abs(y) >= rest), a, -v / period)
+        low, high = -speed, speed
+        if not self._from_model:
+            low, high = speed_window(y, force <= rest, desired, c, w, z, m.minimum(-gamma, upper), speed, m)
+        a = m.minimum(m.maximum(a, (low - v) / period), (high - v) / period)
+        a = m.minimum(m.maximum(a, -limit), limit)
+
+        after = x + period * (v + 0.5 * period * a)
+        inside = m.minimum(m.maximum(after, lowest), highest)
+        velocity = m.where(inside == after, v + period * a, 0.0)
+        if self._from_model:
+            p11, p12, p21, p22, g1, g2, d1, d2 = model
+            position, rate, change = own[0], own[1], inside - x
+            own = [
+                p11 * position + p12 * rate + g1 * x + d1 * change,
+                p21 * position + p22 * rate + g2 * x + d2 * change,
+            ]
+        status = m.where(good, 0.0, float(Status.NOT_FINITE))
+        return inside, m.where(good, phi, 0.0), status, velocity, *own
+
+
+@dataclass(kw_only=True)
+class FourthDegreeInvarianceConfig:
+    """Scenario part `!FourthDegreeInvariance`."""
+
+    gamma: float = -1e5  # [N/s^4], < 0
+    upper: float | None = None  # largest y^(4) [N/s^4], > 0; null: -gamma
+    alpha: float = 3.0  # virtual state, >= 0
+    bandwidth: float | None = None  # w [rad/s], > 0, of the lag from command to force; null: that of the force sensor
+    damping_ratio: float = 1.0  # of the same lag, > 0
+    derivatives: str = "difference"  # of the force: model or difference
+    compliance_error: float = 1.0  # C_T_hat / C_T, > 0
+    acceleration_limit: float = 0.1  # of the command [m/s^2], > 0
+    speed_limit: float = np.inf  # of the command [m/s], > 0; with differences never above `speed_window`
+    rest_region: float = 0.3  # [N], >= 0
+    lower_limit: float = -0.1  # [m], below zero: deepest command
+    upper_limit: float = 0.1  # [m], above zero: furthest retreat
+
+    def __post_init__(self) -> None:
+        if not check("gamma", self.gamma) < 0:
+            raise invalid("gamma", self.gamma, "below zero")
+        for name in ("upper", "bandwidth"):
+            if getattr(self, name) is not None:
+                check(name, getattr(self, name), "positive")
+        for name in ("damping_ratio", "compliance_error", "acceleration_limit"):
+            check(name, getattr(self, name), "positive")
+        if not self.speed_limit > 0:
+            raise invalid("speed_limit", self.speed_limit, "above zero")
+        for name in ("alpha", "rest_region"):
+            check(name, getattr(self, name), "not negative")
+        if self.derivatives not in DERIVATIVES:
+            raise unknown("derivatives", str(self.derivatives), DERIVATIVES)
+        check_limits(self.lower_limit, self.upper_limit)
+
+    def law(self, facts: LoopFacts, compliance: ArrayLike | None) -> FourthDegreeForceLaw:
+        """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
+        return FourthDegreeForceLaw(
+            facts.size,
+            gamma=self.gamma,
+            upper=self.upper,
+            alpha=self.alpha,
+            bandwidth=facts.sensor_bandwidth if self.bandwidth is None else self.bandwidth,
+            damping_ratio=self.damping_ratio,
+            compliance=compliance,
+            acceleration_limit=self.acceleration_limit,
+            speed_limit=self.speed_limit,
+            rest_region=self.rest_region,
+            lower_limit=self.lower_limit,
+            upper_limit=self.upper_limit,
+            derivatives=self.derivatives,
+            period=facts.period,
+        )
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> FourthDegreeForceLaw | AdaptiveForceLaw:
+        """Add the law; it believes in `compliance_error` times the true total compliance."""
+        return builder.AddNamedSystem("force_law", self.law(facts, self.compliance_error * facts.total_compliance))
+
+
+@dataclass(kw_only=True)
+class AdaptiveFourthDegreeInvarianceConfig(Adaptation, FourthDegreeInvarianceConfig):
+    """Scenario part `!AdaptiveFourthDegreeInvariance`: the same with the compliance estimated on line. (Fig. 3.10)"""
+
+    compliance_error: float = 2 / 3  # initial C_E_hat / C_E, > 0; 1/1.5 = stiffness 50 % too high
+
+    def __post_init__(self) -> None:
+        Adaptation.__post_init__(self)
+        FourthDegreeInvarianceConfig.__post_init__(self)
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> AdaptiveForceLaw:
+        """Add the law with its estimator."""
+        return self.adapt(builder, facts, self.law(facts, None))

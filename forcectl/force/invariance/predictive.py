@@ -1,0 +1,273 @@
+"""Force control on moving, stiff contact: a law that plans from the compliance, corrected by what is foreseen.
+
+A law such as [57] commands u = -C_T_hat F_bar(t), open loop: fast and without overshoot, but blind. Here it is told
+where the surface is, and the drive is told what it owes, each seen through the filters the loop is known to have:
+
+    x    = dx_m - h dx_uc              displacement of the motor side, less that of the motion along the path
+    s_f  = C_T_hat F_m + S x           height of the surface above that path, through the force sensor
+    s    = s_a + T s_b                 s_a, s_b: observer of s_f and of its rate;  T = T_S + T_h
+    e'   = w_e (x - h (u + s))         what friction has kept the drive from
+    dx_bar = u + s - e
+
+h is the joint-reference filter with the command delay, S the filter of the force sensor with its delay, T_S and T_h
+their lags on a ramp, 2 z/w + delay: a surface that rises steadily is met without error. The observer has two equal
+poles exp(-w_s Ts).
+
+With the right compliance s does not depend on the command, so that nothing is fed back and the law's transients stay as
+they are. With a wrong one, r = C_T_hat/C_T, the part 1 - r of the command is taken for surface; the force still ends at
+F_bar exactly, because x ends at u + s:  C_T_hat F = s - x = -u.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from math import inf
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
+from pydrake.systems.primitives import Demultiplexer, LinearSystem, Multiplexer
+
+from forcectl.errors import invalid
+from forcectl.force.invariance.force_law import InvarianceConfig
+from forcectl.force.slot import LoopFacts
+from forcectl.framework.batch import Lane, Parameter, check, check_order, whole_multiple
+from forcectl.framework.sampled_law import SampledLaw
+from forcectl.plant.drives.position_loop import LONGEST_DELAY, PositionLoop
+from forcectl.plant.sensors.force_sensor import sensor_filter
+
+
+class PredictiveCorrection(SampledLaw):
+    """Surface height and drive error of n independent force loops, added to a law's command.
+
+    ```
+    name: PredictiveCorrection
+    input_ports: [measured_force, motor_displacement, path_displacement, planned_displacement, nominal_command,
+        felt_displacements]
+    output_ports: [displacement_command, planned_command, surface_offset, drive_offset]
+    parameters: [compliance, surface_bandwidth, drive_bandwidth, search_speed, lead, minimum_force, offset_limit,
+        lower_limit, upper_limit, drive_compliance]
+    ```
+
+    measured_force: shape (n,), F_m [N]. motor_displacement, path_displacement: shape (n,), dx_m and h dx_uc [m].
+    felt_displacements: shape (2n,), both through the filter of the force sensor [m].
+    planned_displacement: shape (n,), h (u + s) [m]. nominal_command: shape (n,), u [m].
+    displacement_command: shape (n,), dx_bar = u + s - e [m], held over [t_k, t_k+1). Feedthrough of all inputs at the
+    tick, as all outputs. planned_command: shape (n,), u + s [m]. surface_offset, drive_offset: shape (n,), s and e [m].
+
+    Parameters (Context, shape (n,)): compliance C_T_hat [m/N] > 0; surface_bandwidth w_s and drive_bandwidth w_e [1/s]
+    >= 0; search_speed [m/s] >= 0; lead T [s] >= 0; minimum_force [N] >= 0 from which there is contact; offset_limit [m]
+    >= 0 of s and e each; lower_limit and upper_limit [m] of the command.
+
+    Without contact the surface can only be below the tool: s sinks with the rate learnt, if that is downwards, and at
+    most search_speed faster, until there is contact.
+
+    While an input is not finite nothing is learnt, and s and e stay; the command follows u, or is held when u is not
+    finite.
+
+    Sampling: `period` [s]; no delay from nominal_command to displacement_command, see `SampledLaw`.
+    """
+
+    port_units = {"felt_displacements": "m,m", "planned_command": "m", "surface_offset": "m", "drive_offset": "m"}
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        compliance: ArrayLike,
+        surface_bandwidth: ArrayLike = 4.0,
+        drive_bandwidth: ArrayLike = 1.0,
+        search_speed: ArrayLike = 0.005,
+        lead: ArrayLike = 0.0,
+        minimum_force: ArrayLike = 0.2,
+        offset_limit: ArrayLike = 0.01,
+        lower_limit: ArrayLike = -np.inf,
+        upper_limit: ArrayLike = np.inf,
+        drive_compliance: ArrayLike = 0.0,
+        period: float = 0.002,
+    ):
+        parameters = {
+            "compliance": Parameter(compliance, "positive and finite", "m/N"),
+            "surface_bandwidth": Parameter(surface_bandwidth, "not negative", "1/s"),
+            "drive_bandwidth": Parameter(drive_bandwidth, "not negative", "1/s"),
+            "search_speed": Parameter(search_speed, "not negative", "m/s"),
+            "lead": Parameter(lead, "not negative", "s"),
+            "minimum_force": Parameter(minimum_force, "not negative", "N"),
+            "offset_limit": Parameter(offset_limit, "not negative", "m"),
+            "lower_limit": Parameter(lower_limit, "a number", "m"),
+            "upper_limit": Parameter(upper_limit, "a number", "m"),
+            "drive_compliance": Parameter(drive_compliance, "not negative", "m/N"),
+        }
+        super().__init__(size, parameters, period)
+        self.sample_delay = {("nominal_command", "displacement_command"): 0.0}
+        names = ("measured_force", "motor_displacement", "path_displacement", "planned_displacement", "nominal_command")
+        self._inputs = [self.DeclareVectorInputPort(name, size) for name in names]
+        self._felt = self.DeclareVectorInputPort("felt_displacements", 2 * size)
+        memory = ("planned_command", "surface_offset", "drive_offset", "height", "rate", "nominal")
+        reads = {port.ticket() for port in (*self._inputs, self._felt)}
+        self.declare_command("displacement_command", reads, further=dict.fromkeys(memory, 0.0))
+        for name in memory[:3]:
+            self.declare_output(name)
+
+    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """The limits are in order."""
+        check_order("lower_limit", "upper_limit", values)
+
+    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+        """The gains of the observer and of the drive's integral instead of the bandwidths, and the search per tick."""
+        compliance, surface, drive, search, *rest = values
+        pole = np.exp(-surface * self._period)
+        gains = 1.0 - pole * pole, (1.0 - pole) ** 2 / self._period, drive * self._period, search * self._period
+        return compliance, *(self.lane(np.atleast_1d(gain)) for gain in gains), *rest
+
+    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+        """One tick of the correction."""
+        maximum, minimum, where = self.math.maximum, self.math.minimum, self.math.where
+        values = self._values.Eval(context)
+        compliance, gain, rate_gain, drive_gain, search, lead, contact, most, lower, upper, drive = values
+        _, _, last_surface, owed, height, rate, last_nominal = held
+        force, motor, path, planned, nominal = [self.lane(port.Eval(context)) for port in self._inputs]
+        felt_motor, felt_path = self.lanes(self._felt.Eval(context))
+
+        ahead = height + self._period * rate
+        error = (compliance - drive) * force + felt_motor - felt_path - ahead
+        drive_error = motor - drive * force - path - planned
+        good = (abs(error) < inf) & (abs(drive_error) < inf) & (abs(nominal) < inf)
+        error, drive_error = where(good, error, 0.0), where(good, drive_error, 0.0)
+
+        touching = force > contact
+        change = where(touching, gain * error, minimum(maximum(gain * error, -search), 0.0))
+        after = minimum(maximum(ahead + change, -most), most)
+        # At its limit the height does not move, whatever rate would be learnt there.
+        learnt = where(touching, rate + rate_gain * error, minimum(rate, 0.0))
+        rate = where(good, where(abs(after) < most, learnt, 0.0), rate)
+        height = where(good, after, height)
+        surface = where(good, minimum(maximum(height + lead * rate, -most), most), last_surface)
+        owed = minimum(maximum(owed + drive_gain * drive_error, -most), most)
+        nominal = where(abs(nominal) < inf, nominal, last_nominal)
+        plan = nominal + surface
+        return minimum(maximum(plan - owed, lower), upper), plan, surface, owed, height, rate, nominal
+
+
+class PredictiveForceLaw(Diagram):
+    """A force law with its command corrected for surface and drive, and the known filters of the loop.
+
+    ```
+    name: PredictiveForceLaw
+    input_ports: [desired_force, measured_force, motor_displacement, path_displacement]
+    output_ports: [displacement_command, surface_offset, drive_offset, invariance_function (optional),
+        status (optional)]
+    ```
+
+    desired_force, measured_force: shape (n,) [N]. motor_displacement: shape (n,), actual motor-side dx along n [m].
+    path_displacement: shape (n,), dx_uc: what the reference in the unconstrained directions asks for along n [m].
+    displacement_command: shape (n,) [m]. surface_offset, drive_offset: shape (n,), s and e [m].
+    invariance_function, status: of laws that have them.
+
+    Sampling: `period` [s]; no delay beyond that of the law.
+
+    Args:
+        law: with the ports of the force law's slot. correction: of the same size n.
+        filters: h on dx_uc, h on u + s, and S on dx_m and h dx_uc, the last of size 2n.
+    """
+
+    def __init__(
+        self, law: System, correction: PredictiveCorrection, filters: tuple[PositionLoop, PositionLoop, LinearSystem]
+    ):
+        super().__init__()
+        self.sample_delay = dict(getattr(law, "sample_delay", {}))
+        builder, n = DiagramBuilder(), correction.size
+        add, connect, export = builder.AddNamedSystem, builder.Connect, builder.ExportInput
+        add("law", law)
+        add("correction", correction)
+        path_loop, planned_loop, sensor = filters
+        add("path_loop", path_loop)
+        add("planned_loop", planned_loop)
+        add("displacement_filter", sensor)
+        path, planned = add("path", Demultiplexer([n, n])), add("planned", Demultiplexer([n, n]))
+        both = add("displacements", Multiplexer([n, n]))
+        export(law.GetInputPort("desired_force"), "desired_force")
+        measured = export(law.GetInputPort("measured_force"), "measured_force")
+        builder.ConnectInput(measured, correction.GetInputPort("measured_force"))
+        motor = export(correction.GetInputPort("motor_displacement"), "motor_displacement")
+        builder.ConnectInput(motor, both.get_input_port(0))
+        export(path_loop.get_input_port(), "path_displacement")
+        connect(path_loop.get_output_port(), path.get_input_port())
+        connect(path.get_output_port(0), both.get_input_port(1))
+        connect(path.get_output_port(0), correction.GetInputPort("path_displacement"))
+        connect(both.get_output_port(), sensor.get_input_port())
+        connect(sensor.get_output_port(), correction.GetInputPort("felt_displacements"))
+        connect(correction.GetOutputPort("planned_command"), planned_loop.get_input_port())
+        connect(planned_loop.get_output_port(), planned.get_input_port())
+        connect(planned.get_output_port(0), correction.GetInputPort("planned_displacement"))
+        connect(law.GetOutputPort("displacement_command"), correction.GetInputPort("nominal_command"))
+        for name in ("displacement_command", "surface_offset", "drive_offset"):
+            builder.ExportOutput(correction.GetOutputPort(name), name)
+        for i in range(law.num_output_ports()):
+            port = law.get_output_port(i)
+            if port.get_name() != "displacement_command":
+                builder.ExportOutput(port, port.get_name())
+        builder.BuildInto(self)
+
+
+@dataclass(kw_only=True)
+class PredictiveInvarianceConfig(InvarianceConfig):
+    """Scenario part `!PredictiveInvariance`: [57] with the command corrected for surface and drive."""
+
+    surface_bandwidth: float = 4.0  # w_s [1/s], >= 0: of the observer of the surface
+    drive_bandwidth: float = 1.0  # w_e [1/s], >= 0: of the correction for friction
+    search_speed: float = 0.005  # [m/s], >= 0: at which the surface is looked for without contact
+    offset_limit: float = 0.01  # [m], >= 0: of either correction
+    minimum_force: float = 0.2  # [N], >= 0: from which there is contact
+    filter_bandwidth: float = 75.4  # w of h [rad/s], > 0
+    filter_damping_ratio: float = 1.0  # z of h [-], > 0
+    filter_delay: float = 0.002  # command delay of h [s], whole ticks
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("surface_bandwidth", "drive_bandwidth", "search_speed", "offset_limit", "minimum_force"):
+            check(name, getattr(self, name), "not negative")
+        for name in ("filter_bandwidth", "filter_damping_ratio"):
+            check(name, getattr(self, name), "positive")
+        if check("filter_delay", self.filter_delay, "not negative") > LONGEST_DELAY:
+            raise invalid("filter_delay", self.filter_delay, f"at most {LONGEST_DELAY:g} s")
+
+    def position_loop(self, facts: LoopFacts) -> PositionLoop:
+        """The model of the joint-reference filter and its delay."""
+        return PositionLoop(
+            facts.size,
+            bandwidth=self.filter_bandwidth,
+            damping_ratio=self.filter_damping_ratio,
+            period=facts.period,
+            delay=self.filter_delay,
+            unit="m",
+        )
+
+    def lead(self, facts: LoopFacts) -> float:
+        """T = T_S + T_h [s]: the lag of sensor and drive on a ramp."""
+        sensor = 2 * facts.sensor_damping_ratio / facts.sensor_bandwidth + facts.sensor_delay
+        return sensor + 2 * self.filter_damping_ratio / self.filter_bandwidth + self.filter_delay
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> PredictiveForceLaw:
+        """Add the law; it and its correction believe in `compliance_error` times the true total compliance."""
+        compliance = self.compliance_error * facts.total_compliance
+        ticks = whole_multiple("delay", facts.sensor_delay, facts.period, "period")
+        correction = PredictiveCorrection(
+            facts.size,
+            compliance=compliance,
+            surface_bandwidth=self.surface_bandwidth,
+            drive_bandwidth=self.drive_bandwidth,
+            search_speed=self.search_speed,
+            lead=self.lead(facts),
+            minimum_force=self.minimum_force,
+            offset_limit=self.offset_limit,
+            lower_limit=self.lower_limit,
+            upper_limit=self.upper_limit,
+            drive_compliance=facts.drive_compliance,
+            period=facts.period,
+        )
+        sensor = sensor_filter(2 * facts.size, facts.sensor_bandwidth, facts.sensor_damping_ratio, facts.period, ticks)
+        filters = self.position_loop(facts), self.position_loop(facts), sensor
+        law = PredictiveForceLaw(self.law(facts, compliance), correction, filters)
+        return builder.AddNamedSystem("force_law", law)

@@ -1,0 +1,78 @@
+"""Outputs that are brought to a set point without overshoot: the force through the compliance, Cartesian coordinates.
+
+force        y = -dx_bar - C_T_hat F_bar,    y'' = -dx_bar''                                    (3.44), (3.50)
+coordinate   y = x - x_d,                    y'' = x''                                          (3.37)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.force.invariance.force_law import fall, one_step_acceleration
+from forcectl.framework.batch import SCALAR_MATH
+
+Vector = NDArray[np.float64]
+
+
+class Regulated(NamedTuple):
+    """One output at one tick: y [m], y' [m/s], the y'' it asks for and the y'' it allows at most [m/s^2]."""
+
+    y: float
+    rate: float
+    wish: float
+    bound: float
+
+
+class Course(NamedTuple):
+    """What following a reference remembers: the desired force [N], and its first and second differences."""
+
+    desired: float
+    slope: float
+    bend: float
+
+
+@dataclass(frozen=True)
+class RegulatedCoordinate:
+    """A Cartesian coordinate of the TCP that goes to a set point, beside the force (3.37).
+
+    axis: unit vector in W, perpendicular to n and to those of others, (3,). displacement: set point along it from the
+    start [m]. gamma: deceleration towards it [m/s^2], < 0.
+    """
+
+    axis: Vector
+    displacement: float
+    gamma: float
+
+    def regulate(self, x: float, v: float, period: float) -> Regulated:
+        """At displacement x [m] and speed v [m/s]."""
+        y = x - self.displacement
+        a = one_step_acceleration(y, v, self.gamma, -self.gamma, period, SCALAR_MATH)
+        return Regulated(y, v, a, a)
+
+
+def regulate_force(
+    x: float, v: float, desired: float, compliance: float, past: Course, gamma: float, upper: float, period: float
+) -> tuple[Regulated, Course]:
+    """The force, as `InvarianceForceLaw` regulates it: a falling reference is followed with its speed.
+
+    Args:
+        x, v: displacement dx_bar along n and its rate [m, m/s]. desired: F_bar [N]. compliance: C_T_hat [m/N].
+        past: of the tick before. gamma: deceleration towards the constraint [m/s^2], < 0. upper: largest acceleration
+            away from rest [m/s^2], > 0. period: tick [s].
+    """
+    slope, bend, falls, retreat = fall(desired, *past, compliance, -gamma, period, SCALAR_MATH)
+    y = -compliance * desired - x
+    a = one_step_acceleration(y, falls - v, gamma + retreat, upper, period, SCALAR_MATH) - retreat
+    return Regulated(y, falls - v, a, a), Course(desired, slope, bend)
+
+
+def corrected(output: Regulated, wish: float, gamma: float, period: float) -> Regulated:
+    """An output whose y'' comes from elsewhere (`wish`) and is limited only as far as y <= 0 asks for it (3.18)."""
+    upper = -gamma if output.y > 0 else math.inf
+    bound = one_step_acceleration(output.y, output.rate, gamma, upper, period, SCALAR_MATH)
+    return output._replace(wish=wish, bound=bound)

@@ -1,0 +1,186 @@
+"""Kinematic inversion: from a displacement along n to joint commands.
+
+    q_bar = q_0 + J(q)^-1 n dx_bar + dq_uc                                                     (2.9), (2.12)
+
+Near a singularity the joint motion per metre |J^-1 n| grows without bound; beyond a limit the inverse is damped,
+
+    J^-1 n  ->  J' (J J' + lambda^2 I)^-1 n,     lambda^2 = lambda_max^2 (1 - limit/|J^-1 n|)
+
+so the command stays finite and continuous, and an output says so.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
+from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain
+from scipy.linalg.lapack import dgesv
+
+from forcectl.errors import BadInputError
+from forcectl.framework.batch import check, lane_values
+from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
+
+Vector = NDArray[np.float64]
+_NO_ROTATION = np.zeros(3)
+
+
+def joint_direction(jacobian: Vector, n: Vector) -> Vector:
+    """J^-1 n: joint motion per metre of tool motion along n, shape (n_q,) [rad/m].
+
+    Args:
+        jacobian: J_WT, shape (6, n_q), rotations above translations (Drake's order). n: unit vector in W, shape (3,).
+
+    Returns:
+        the least-squares solution for arms with other than six joints; infinite entries at a singularity.
+    """
+    wanted = np.concatenate([_NO_ROTATION, n])
+    solution: Vector
+    if jacobian.shape[0] == jacobian.shape[1]:
+        # LAPACK itself: half the time of numpy's wrapper for six unknowns.
+        _, _, solution, info = dgesv(jacobian, wanted)
+        return solution if info == 0 else np.full(jacobian.shape[1], np.inf)
+    solution = np.linalg.lstsq(jacobian, wanted, rcond=None)[0]
+    return solution
+
+
+def guarded_direction(jacobian: Vector, n: Vector, limit: float, damping: float) -> tuple[Vector, bool]:
+    """J^-1 n, damped when it exceeds `limit`.
+
+    Args:
+        jacobian, n: see `joint_direction`. limit: largest |J^-1 n| that is used undamped [rad/m].
+        damping: lambda_max [m], of the size of the smallest singular value still trusted.
+
+    Returns:
+        joint motion per metre [rad/m] and whether it was damped.
+    """
+    exact = joint_direction(jacobian, n)
+    size = math.sqrt(exact @ exact)
+    if size <= limit:
+        return exact, False
+    share = 1.0 - limit / size if math.isfinite(size) else 1.0
+    wanted = np.concatenate([_NO_ROTATION, n])
+    gram = jacobian @ jacobian.T + damping**2 * share * np.eye(6)
+    return jacobian.T @ np.linalg.solve(gram, wanted), True
+
+
+def check_start_posture(robot: RobotModel, posture: Vector, n: Vector, limit: float) -> Vector:
+    """J^-1 n in the start posture [rad/m].
+
+    Raises:
+        BadInputError: the posture is singular for motion along n.
+    """
+    context = robot.create_context()
+    robot.set_positions(context, posture)
+    direction = joint_direction(robot.jacobian(context), n)
+    size = float(np.linalg.norm(direction))
+    if not size <= limit:
+        degrees = np.round(np.degrees(posture), 3).tolist()
+        raise BadInputError(
+            f"posture_deg = {degrees}: is singular for motion along {n.tolist()} "
+            f"(|J^-1 n| = {size:.3g} rad/m, must be at most {limit:g})"
+        )
+    return direction
+
+
+class KinematicInversion(LeafSystem):
+    """Joint command for a displacement along n, with the Jacobian at the motor positions.
+
+    ```
+    name: KinematicInversion
+    input_ports: [displacement_command, motor_position, unconstrained_reference]
+    output_ports: [joint_position_command, near_singular]
+    ```
+
+    displacement_command: shape (1,), dx_bar along n [m].
+    motor_position: shape (n_q,), where the Jacobian is taken [rad].
+    unconstrained_reference: shape (n_q,), joint motion dq_uc in the unconstrained directions, from q_0 [rad].
+    joint_position_command: shape (n_q,), q_bar [rad]. Feedthrough of displacement_command and unconstrained_reference.
+    near_singular: 1 while the inverse is damped, else 0. State.
+
+    Sampling: J^-1 n is state, renewed every `period` [s] if the posture has changed: much slower than the force loop.
+
+    Args:
+        robot: kinematics. n: unit normal in W, shape (3,). start: q_0, shape (n_q,) [rad].
+        limit: largest |J^-1 n| used undamped [rad/m]. damping: lambda_max [m].
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        n: ArrayLike,
+        start: Vector,
+        *,
+        period: float = 0.01,
+        limit: float = 20.0,
+        damping: float = 0.05,
+    ):
+        super().__init__()
+        self._robot, self._n, self._start = robot, unit_normal(n), lane_values("start", start, robot.num_joints)
+        self._limit, self._damping = check("limit", limit, "positive"), check("damping", damping, "positive")
+        q = robot.num_joints
+        self._command = self.DeclareVectorInputPort("displacement_command", 1)
+        self._position = self.DeclareVectorInputPort("motor_position", q)
+        self._unconstrained = self.DeclareVectorInputPort("unconstrained_reference", q)
+        self.port_units = {"near_singular": "1"}
+        self._posture = posture_cache(self, robot, self._position)
+        context = robot.create_context()
+        robot.set_positions(context, self._start)
+        first, damped = guarded_direction(robot.jacobian(context), self._n, self._limit, self._damping)
+        self._direction = self.DeclareDiscreteState(first)
+        self._near = self.DeclareDiscreteState([float(damped)])
+        self._taken_at = self.DeclareDiscreteState(self._start)
+        reads = {self.discrete_state_ticket(self._direction), self._command.ticket(), self._unconstrained.ticket()}
+        self.DeclareVectorOutputPort("joint_position_command", q, self._joint_command, prerequisites_of_calc=reads)
+        self.DeclareStateOutputPort("near_singular", self._near)
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=check("period", period, "positive"), offset_sec=0.0, update=self._renew
+        )
+
+    def _renew(self, context: Context, next_state: DiscreteValues) -> None:
+        q = self._position.Eval(context)
+        if not has_moved(q, context.get_discrete_state(self._taken_at).value()):
+            return
+        jacobian = self._robot.jacobian(self._posture.Eval(context))
+        direction, damped = guarded_direction(jacobian, self._n, self._limit, self._damping)
+        next_state.set_value(self._direction, direction)
+        next_state.set_value(self._near, [float(damped)])
+        next_state.set_value(self._taken_at, q)
+
+    def _joint_command(self, context: Context, output: BasicVector) -> None:
+        q = context.get_discrete_state(self._direction).value() * self._command.Eval(context).item()
+        q += self._start
+        q += self._unconstrained.Eval(context)
+        output.SetFromVector(q)
+
+
+class ConstantKinematicInversion(Diagram):
+    """The same for small motion about one posture: J is that of the start, so it is a constant matrix.
+
+    What the unconstrained reference has along n by this J is taken out: it is the curvature that one dimension leaves
+        out.
+
+    ```
+    name: ConstantKinematicInversion
+    input_ports: [displacement_command, unconstrained_reference]
+    output_ports: [joint_position_command]
+    ```
+    """
+
+    def __init__(self, direction: Vector, row: Vector, start: Vector):
+        """`direction`: J^-1 n, `row`: n'J, `start`: q_0, each of shape (n_q,) [rad/m, m/rad, rad]."""
+        super().__init__()
+        builder = DiagramBuilder()
+        gain = builder.AddNamedSystem("direction", MatrixGain(direction.reshape(-1, 1)))
+        q_0 = builder.AddNamedSystem("start", ConstantVectorSource(start))
+        total = builder.AddNamedSystem("sum", Adder(3, len(start)))
+        builder.ExportInput(gain.get_input_port(), "displacement_command")
+        across = builder.AddNamedSystem("across_normal", MatrixGain(np.eye(len(start)) - np.outer(direction, row)))
+        builder.ExportInput(across.get_input_port(), "unconstrained_reference")
+        builder.Connect(across.get_output_port(), total.get_input_port(2))
+        builder.Connect(gain.get_output_port(), total.get_input_port(0))
+        builder.Connect(q_0.get_output_port(), total.get_input_port(1))
+        builder.ExportOutput(total.get_output_port(), "joint_position_command")
+        builder.BuildInto(self)

@@ -1,0 +1,205 @@
+"""Force control with a controller that is linear in its parameters, as VRFT tunes it (Secs. 4.3 and 4.5).
+
+    dx_bar = u_hat - C_R_hat F                                                                         (4.12)
+    u_hat  = C_rho(z) (F_bar - F)                                                                      (4.13)
+    C_rho  = K_P + K_I Ts/(1 - z^-1) + K_D (1 - z^-1)/(Ts + T_D - T_D z^-1) + sum_i f_i z^-i           (4.20)
+
+With T_D = 0 this is the discrete PID of (4.20), whose gains are K_I Ts and K_D/Ts; T_D > 0 is the derivative
+s/(1 + s T_D) of Sec. 4.3. The plant gain from dx to F is negative, and so are the gains. The compliance of the robot is
+fed back positively: what is left of the plant is the environment, whatever the posture.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Context, DiagramBuilder, System
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.force.integral import check_limits
+from forcectl.force.slot import LoopFacts
+from forcectl.framework.batch import Lane, Parameter, check, check_order
+from forcectl.framework.sampled_law import SampledLaw
+
+GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
+GAIN_UNITS = {"proportional_gain": "m/N", "integral_gain": "m/(N s)", "derivative_gain": "m s/N"}
+EXCITE, REGULATE = 0.0, 1.0  # values of `mode`
+
+
+class LinearForceLaw(SampledLaw):
+    """PID and FIR force controller with feedback of the robot's compliance, for n independent force loops.
+
+    ```
+    name: LinearForceLaw
+    input_ports: [desired_force, measured_force, proportional_gain (optional), integral_gain (optional),
+        derivative_gain (optional), excitation (optional), mode (optional)]
+    output_ports: [displacement_command, controller_output]
+    parameters: [robot_compliance, derivative_filter, lower_limit, upper_limit, proportional_gain (optional),
+        integral_gain (optional), derivative_gain (optional), fir_0 (optional), fir_1 (optional), fir_2 (optional)]
+    ```
+
+    desired_force, measured_force: shape (n,) [N].
+    proportional_gain, integral_gain, derivative_gain: shape (n,) [m/N, m/(N s), m s/N], ports when `gains` is None,
+        else parameters. When they change, u_hat does not jump.
+    excitation: shape (n,), u_hat of the open-loop experiment [m]; mode: shape (n,), `EXCITE` or `REGULATE`. Both exist
+        with `open_loop`. In `EXCITE` the command follows the excitation, and the controller is kept such that it takes
+        over without a jump, whatever the force error is then.
+    displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1). Feedthrough of all inputs at the tick.
+    controller_output: shape (n,), u_hat = dx_bar + C_R_hat F [m] as commanded, after the limits.
+
+    Parameters (Context, shape (n,)): robot_compliance C_R_hat [m/N] >= 0, derivative_filter T_D [s] >= 0, lower_limit
+    and upper_limit of dx_bar [m], the three gains, and fir_0, fir_1, ... [m/N], as many as are given.
+
+    It starts at dx_bar = 0 under the force it finds. At a limit the integral stands still unless it leads away from it.
+    A force, gain or excitation that is not a number holds the last command and everything remembered. Lost contact
+    reads as F = 0: the command goes after the surface, down to its lower limit.
+
+    Sampling: `period` [s]; no delay from measured_force to displacement_command, see `SampledLaw`.
+
+    Args:
+        gains: K_P, K_I, K_D, each a number or shape (n,); None: from ports. fir: f_0, f_1, ..., each a number or shape
+            (n,).
+
+    Raises:
+        BadInputError: not three gains, or a parameter that is not allowed.
+    """
+
+    port_units = GAIN_UNITS | {"excitation": "m", "controller_output": "m", "mode": "1"}
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        gains: Sequence[ArrayLike] | None = None,
+        fir: Sequence[ArrayLike] = (),
+        robot_compliance: ArrayLike = 0.0,
+        derivative_filter: ArrayLike = 0.0,
+        lower_limit: ArrayLike = -np.inf,
+        upper_limit: ArrayLike = np.inf,
+        open_loop: bool = False,
+        period: float = 0.002,
+    ):
+        parameters = {
+            "robot_compliance": Parameter(robot_compliance, "not negative", "m/N"),
+            "derivative_filter": Parameter(derivative_filter, "not negative", "s"),
+            "lower_limit": Parameter(lower_limit, "a number", "m"),
+            "upper_limit": Parameter(upper_limit, "a number", "m"),
+        }
+        if gains is not None:
+            if len(gains) != len(GAINS):
+                raise BadInputError(f"gains has {len(gains)} values: must have {len(GAINS)}, {', '.join(GAINS)}")
+            parameters |= {n: Parameter(v, "finite", GAIN_UNITS[n]) for n, v in zip(GAINS, gains, strict=True)}
+        parameters |= {f"fir_{i}": Parameter(value, "finite", "m/N") for i, value in enumerate(fir)}
+        super().__init__(size, parameters, period)
+        self.sample_delay = {("measured_force", "displacement_command"): 0.0}
+        self._desired = self.DeclareVectorInputPort("desired_force", size)
+        self._measured = self.DeclareVectorInputPort("measured_force", size)
+        self._gains = None if gains is not None else [self.DeclareVectorInputPort(name, size) for name in GAINS]
+        loop = ("excitation", "mode") if open_loop else ()
+        self._open_loop = [self.DeclareVectorInputPort(name, size) for name in loop]
+        inputs = [self._desired, self._measured, *(self._gains or []), *self._open_loop]
+        past = [f"error_{i}" for i in range(1, max(len(fir), 2))]
+        own = ("controller_output", "started", "integral", "proportional", "derivative", *past)
+        further = dict.fromkeys(own, 0.0)
+        self.declare_command("displacement_command", {port.ticket() for port in inputs}, further=further)
+        self.declare_output("controller_output")
+
+    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """The limits are in order."""
+        check_order("lower_limit", "upper_limit", values)
+
+    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+        """One tick of the law."""
+        m, period = self.math, self._period
+        robot, filter_time, lower, upper, *coefficients = self._values.Eval(context)
+        force = self.lane(self._measured.Eval(context))
+        error = self.lane(self._desired.Eval(context)) - force
+        gains, fir = coefficients[:3], coefficients[3:]
+        if self._gains is not None:
+            gains, fir = [self.lane(port.Eval(context)) for port in self._gains], coefficients
+        kp, ki, kd = gains
+        good = (abs(error) < np.inf) & (abs(force) < np.inf) & (abs(kp) + abs(ki) + abs(kd) < np.inf)
+        if self._open_loop:
+            excitation, mode = (self.lane(port.Eval(context)) for port in self._open_loop)
+            regulate = mode >= 0.5 * (EXCITE + REGULATE)
+            good = good & (regulate | (abs(excitation) < np.inf))
+            excitation = m.where(good, excitation, 0.0)
+        error, force = m.where(good, error, 0.0), m.where(good, force, 0.0)
+        kp, ki, kd = m.where(good, kp, 0.0), m.where(good, ki, 0.0), m.where(good, kd, 0.0)
+
+        _, _, started, integral, proportional, derivative, *past = held
+        feedback = robot * force
+        # A change of K_P goes into the integral; so does the force at the start.
+        integral = m.where(started > 0, integral + (proportional - kp * past[0]), feedback)
+        proportional = kp * error
+        derivative = (filter_time * derivative + kd * (error - past[0])) / (filter_time + period)
+        moving: Lane = 0.0
+        for coefficient, e in zip(fir, (error, *past), strict=False):
+            moving = moving + coefficient * e
+        others = proportional + derivative + moving - feedback
+        after = integral + ki * period * error
+        free = after + others
+        # At a limit the integral goes as far as the limit, and never back to get there.
+        after = m.where((free > upper) & (after > integral), m.maximum(integral, upper - others), after)
+        integral = m.where((free < lower) & (after < integral), m.minimum(integral, lower - others), after)
+        command = m.minimum(m.maximum(integral + others, lower), upper)
+        if self._open_loop:
+            command = m.where(regulate, command, m.minimum(m.maximum(excitation - feedback, lower), upper))
+            integral = m.where(regulate, integral, command - others)
+        new = (command, command + feedback, 1.0, integral, proportional, derivative, error, *past[:-1])
+        good = good & (abs(free) < np.inf)
+        if self._size == 1:
+            return new if good else held
+        return [np.where(good, a, b) for a, b in zip(new, held, strict=True)]
+
+
+@dataclass(kw_only=True)
+class VrftConfig:
+    """Scenario part `!Vrft`: a controller that VRFT has tuned; the default is that of Sec. 4.3.4."""
+
+    proportional_gain: float = -5.37e-5  # K_P [m/N]
+    integral_gain: float = -2.53e-4  # K_I [m/(N s)], <= 0
+    derivative_gain: float = 1.62e-8  # K_D [m s/N]
+    fir: list[float] = field(default_factory=list)  # further FIR coefficients f_0, f_1, ... [m/N]
+    derivative_filter: float | None = None  # T_D [s], >= 0; null: two control ticks
+    robot_compliance_error: float = 1.0  # C_R_hat / C_R, >= 0
+    lower_limit: float = -0.1  # [m], below zero: deepest command
+    upper_limit: float = 0.1  # [m], above zero: furthest retreat
+    reference_bandwidth: float = 1.5  # of the reference model it was tuned for [rad/s], > 0
+
+    def __post_init__(self) -> None:
+        for name in GAINS:
+            check(name, getattr(self, name))
+        if self.integral_gain > 0:
+            raise invalid("integral_gain", self.integral_gain, "zero or below: pressing is a negative displacement")
+        for value in self.fir:
+            check("fir", value)
+        if self.derivative_filter is not None:
+            check("derivative_filter", self.derivative_filter, "not negative")
+        check("robot_compliance_error", self.robot_compliance_error, "not negative")
+        check("reference_bandwidth", self.reference_bandwidth, "positive")
+        check_limits(self.lower_limit, self.upper_limit)
+
+    def reference_model_bandwidth(self) -> float | None:
+        """Bandwidth [rad/s] of the reference model M(s) = w/(s + w)."""
+        return self.reference_bandwidth
+
+    def law(self, facts: LoopFacts) -> LinearForceLaw:
+        """The block; it believes in `robot_compliance_error` times the true compliance of the robot."""
+        return LinearForceLaw(
+            facts.size,
+            gains=(self.proportional_gain, self.integral_gain, self.derivative_gain),
+            fir=self.fir,
+            derivative_filter=2 * facts.period if self.derivative_filter is None else self.derivative_filter,
+            robot_compliance=self.robot_compliance_error * facts.robot_compliance,
+            lower_limit=self.lower_limit,
+            upper_limit=self.upper_limit,
+            period=facts.period,
+        )
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> System:
+        """Add the law."""
+        return builder.AddNamedSystem("force_law", self.law(facts))

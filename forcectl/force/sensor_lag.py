@@ -1,0 +1,66 @@
+"""What the measured force does not show yet, through the known filter and delay of the sensor.
+
+    unseen = (p if p > 0 else p/4) + max(T d', 0)/2,    p = H dx_motor - min(dx_bar, dx_motor),
+    d = C_T_hat F + H dx_motor
+
+with H the filter and delay of the sensor and T their lag; in the unit of C_T_hat F/2, see `ForceLimit`. p is the depth
+that is commanded, or reached, beyond what the sensor shows. The way back counts a quarter, which is half of what the
+model says. d is what the motion does not explain, a surface that rises: it goes on while the sensor lags.
+"""
+
+from __future__ import annotations
+
+from forcectl.force.slot import LoopFacts
+from forcectl.framework.batch import whole_multiple
+from forcectl.plant.sensors.force_sensor import sensor_filter
+
+_WAY_BACK = 0.25
+_SMOOTHING = 0.25  # of the rate d', in lags
+_NONSENSE = 10.0  # [m] nothing moves so far
+
+
+class SensorLag:
+    """The force sensor as its filter and delay are known.
+
+    Without memory of its own: who uses it keeps `size` numbers, zeros at rest at 0.
+
+    Args:
+        bandwidth: [rad/s], > 0. damping_ratio: [-], > 0. period: tick [s]. delay_ticks: transport delay in samples.
+    """
+
+    def __init__(self, bandwidth: float, damping_ratio: float, period: float, delay_ticks: int = 0):
+        system = sensor_filter(1, bandwidth, damping_ratio, period, 0)
+        self._a = system.A().ravel().tolist()
+        self._b = system.B().ravel().tolist()
+        self._direct = system.D().item()
+        lag = 2 * damping_ratio / bandwidth + delay_ticks * period
+        self._share = min(period / (_SMOOTHING * lag), 1.0)
+        self.size = 3 + delay_ticks
+
+    @classmethod
+    def of(cls, facts: LoopFacts) -> SensorLag:
+        """That of a loop."""
+        delay = whole_multiple("delay", facts.sensor_delay, facts.period, "period")
+        return cls(facts.sensor_bandwidth, facts.sensor_damping_ratio, facts.period, delay)
+
+    def unseen(self, memory: list[float], command: float, moved: float, depth: float) -> tuple[float, list[float]]:
+        """What is to be added to C_T_hat F/2 [m], and the memory of the next tick.
+
+        Args:
+            memory: `size` numbers. command: dx_bar [m]. moved: dx_motor [m]; the command if that is no number.
+            depth: C_T_hat F of the measured force [m]; if that is no number, the surface is taken to stay.
+        """
+        x, rate, surface, *line = memory
+        if not abs(moved) < _NONSENSE:
+            moved = command
+        line.append(moved)
+        late = line.pop(0)
+        (a, b, c, d), (e, f) = self._a, self._b
+        shown = x + self._direct * late
+        rise = depth + shown - surface  # _SMOOTHING T d'
+        if not abs(rise) < _NONSENSE:
+            rise = 0.0
+        beyond = shown - min(command, moved)
+        unseen = (beyond if beyond > 0.0 else _WAY_BACK * beyond) + max(rise, 0.0) / (2 * _SMOOTHING)
+        following = [a * x + b * rate + e * late, c * x + d * rate + f * late, surface + self._share * rise]
+        return unseen, following + line

@@ -1,0 +1,112 @@
+"""Force control that re-tunes itself while it regulates: EWRLS-VRFT, for surfaces of several materials (Sec. 4.5).
+
+The law that is linear in its gains, with those of recursive VRFT with forgetting, from the data of the loop itself. It
+learns only while the force moves, because at rest nothing tells K_P; never from a force so low that contact may be
+lost; and within a range about the gains it starts with. New gains make the command bend, not jump.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
+from forcectl.force.linear_law import LinearForceLaw, VrftConfig
+from forcectl.force.slot import LoopFacts
+from forcectl.framework.batch import check
+
+
+def add_tuned_law(builder: DiagramBuilder, law: LinearForceLaw, tuner: RecursiveVrft) -> None:
+    """Add a law as `law` and what tunes its gains as `tuner`, connected, with the ports of the slot and the gains."""
+    builder.AddNamedSystem("law", law)
+    builder.AddNamedSystem("tuner", tuner)
+    builder.Connect(law.GetOutputPort("controller_output"), tuner.GetInputPort("controller_output"))
+    builder.ExportInput(law.GetInputPort("desired_force"), "desired_force")
+    measured = builder.ExportInput(law.GetInputPort("measured_force"), "measured_force")
+    builder.ConnectInput(measured, tuner.GetInputPort("measured_force"))
+    for name in ("displacement_command", "controller_output"):
+        builder.ExportOutput(law.GetOutputPort(name), name)
+    for name in GAINS:
+        builder.Connect(tuner.GetOutputPort(name), law.GetInputPort(name))
+        builder.ExportOutput(tuner.GetOutputPort(name), name)
+
+
+class AdaptiveVrft(Diagram):
+    """A force law with the gains that recursive VRFT finds meanwhile.
+
+    ```
+    name: AdaptiveVrft
+    input_ports: [desired_force, measured_force]
+    output_ports: [displacement_command, controller_output, proportional_gain, integral_gain, derivative_gain]
+    ```
+
+    desired_force, measured_force: shape (n,) [N]. displacement_command: shape (n,) [m].
+    controller_output: shape (n,), u_hat [m]. The gains: shape (n,) [m/N, m/(N s), m s/N].
+
+    Sampling: `period` [s]; no delay from measured_force to displacement_command; gains are one tick old.
+
+    Args:
+        law: with gains from ports. tuner: with `always`.
+    """
+
+    def __init__(self, law: LinearForceLaw, tuner: RecursiveVrft):
+        super().__init__()
+        self.sample_delay = dict(law.sample_delay)
+        builder = DiagramBuilder()
+        add_tuned_law(builder, law, tuner)
+        builder.BuildInto(self)
+
+
+@dataclass(kw_only=True)
+class AdaptiveVrftConfig(VrftConfig):
+    """Scenario part `!AdaptiveVrft`: starts with the gains of `!Vrft`."""
+
+    forgetting: float = 0.995  # per sample, (0, 1]
+    initial_covariance: float = 1e-9  # P_0, > 0, also the largest: how far the first samples may move the gains
+    minimum_force: float = 8.0  # [N], >= 0, below which nothing is learnt
+    minimum_rate: float = 1.0  # of the force [N/s], >= 0, below which nothing is learnt
+    gain_range: float = 10.0  # K_P and K_I stay within this factor of where they start, >= 1
+    data_resolution: float = 0.0039  # the force is rounded to this for the tuning [N], >= 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check("initial_covariance", self.initial_covariance, "positive")
+        for name in ("minimum_force", "minimum_rate", "data_resolution"):
+            check(name, getattr(self, name), "not negative")
+        if not 0 < check("forgetting", self.forgetting) <= 1:
+            raise invalid("forgetting", self.forgetting, "above 0 and at most 1")
+        if check("gain_range", self.gain_range) < 1:
+            raise invalid("gain_range", self.gain_range, "at least 1")
+        if not (self.proportional_gain < 0 and self.integral_gain < 0):
+            gains = f"proportional_gain = {self.proportional_gain:g}, integral_gain = {self.integral_gain:g}"
+            raise BadInputError(f"{gains}: must both be below zero, they set the range to stay within")
+        if self.fir:
+            raise invalid("fir", self.fir, "empty: the PID gains are tuned")
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> AdaptiveVrft:
+        """Add the law with its tuner."""
+        law = LinearForceLaw(
+            facts.size,
+            derivative_filter=2 * facts.period if self.derivative_filter is None else self.derivative_filter,
+            robot_compliance=self.robot_compliance_error * facts.robot_compliance,
+            lower_limit=self.lower_limit,
+            upper_limit=self.upper_limit,
+            period=facts.period,
+        )
+        tuner = RecursiveVrft(
+            facts.size,
+            bandwidth=self.reference_bandwidth,
+            forgetting=self.forgetting,
+            resolution=self.data_resolution,
+            minimum_force=self.minimum_force,
+            minimum_rate=self.minimum_rate,
+            gain_range=self.gain_range,
+            initial_gains=(self.proportional_gain, self.integral_gain, self.derivative_gain),
+            initial_covariance=self.initial_covariance,
+            prefilter=False,
+            always=True,
+            period=facts.period,
+        )
+        return builder.AddNamedSystem("force_law", AdaptiveVrft(law, tuner))

@@ -1,0 +1,156 @@
+"""VRFT gains that follow the compliance of the environment, for surfaces of several materials (Sec. 4.5).
+
+    K_I = -w_c C_E,    K_P = -w_c T (C_R_hat + C_E),    K_D/K_P as it is                       (equations 3.2; 4.1, 4.2)
+
+is what VRFT finds on any material: T is the lag of the loop, the same on all of them. So what has to be learnt on the
+way is C_E alone. w_c and the gains that VRFT has found on one material tell its C_E and T; where the drives stick at
+every reversal, a larger K_P (half again as much) tracks better than that of an experiment that hardly reverses.
+New gains make the command bend, not jump.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import AffineSystem, Demultiplexer, LinearSystem
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.estimation.excited_compliance import ExcitedCompliance
+from forcectl.force.linear_law import GAINS, LinearForceLaw, VrftConfig
+from forcectl.force.slot import LoopFacts
+from forcectl.framework.batch import check, whole_multiple
+from forcectl.plant.sensors.force_sensor import sensor_filter
+
+
+class ScaledVrft(Diagram):
+    """A force law with gains in proportion to the compliance that is estimated meanwhile.
+
+    ```
+    name: ScaledVrft
+    input_ports: [desired_force, measured_force, motor_displacement]
+    output_ports: [displacement_command, controller_output, environment_compliance, learning, proportional_gain,
+        integral_gain, derivative_gain]
+    ```
+
+    desired_force, measured_force: shape (n,) [N].
+    motor_displacement: shape (n,), actual motor-side dx along n [m], unfiltered: the block filters it like the force.
+    displacement_command: shape (n,) [m]. controller_output: shape (n,), u_hat [m].
+    environment_compliance: shape (n,), C_E_hat [m/N]. learning: shape (n,), 1 while samples count.
+    The gains: shape (n,) [m/N, m/(N s), m s/N].
+
+    Sampling: `period` [s]; no delay from measured_force to displacement_command, gains are one tick old.
+
+    Args:
+        law: with gains from ports. estimator: of the compliance. filter_: of the displacement, that of the force.
+        slopes: of K_P, K_I and K_D over C_E, offsets: their values at C_E = 0; each of shape (3, n).
+    """
+
+    def __init__(
+        self,
+        law: LinearForceLaw,
+        estimator: ExcitedCompliance,
+        filter_: LinearSystem,
+        slopes: NDArray[np.float64],
+        offsets: NDArray[np.float64],
+    ):
+        super().__init__()
+        self.sample_delay = dict(law.sample_delay)
+        size = law.size
+        builder = DiagramBuilder()
+        add, connect = builder.AddNamedSystem, builder.Connect
+        add("law", law)
+        add("estimator", estimator)
+        add("displacement_filter", filter_)
+        gain, empty = np.vstack([np.diag(row) for row in slopes]), np.zeros((0, 0))
+        scale = AffineSystem(
+            empty, np.zeros((0, size)), np.zeros(0), np.zeros((3 * size, 0)), gain, offsets.ravel(), 0.0
+        )
+        add("gains_of_compliance", scale)
+        gains = add("gains", Demultiplexer([size] * 3))
+        for name in ("desired_force", "measured_force"):
+            outer = builder.ExportInput(law.GetInputPort(name), name)
+            builder.ConnectInput(outer, estimator.GetInputPort(name))
+        builder.ExportInput(filter_.get_input_port(), "motor_displacement")
+        connect(filter_.get_output_port(), estimator.GetInputPort("displacement"))
+        connect(estimator.GetOutputPort("environment_compliance"), scale.get_input_port())
+        connect(scale.get_output_port(), gains.get_input_port())
+        for block, names in (
+            (law, ("displacement_command", "controller_output")),
+            (estimator, ("environment_compliance", "learning")),
+        ):
+            for name in names:
+                builder.ExportOutput(block.GetOutputPort(name), name)
+        for i, name in enumerate(GAINS):
+            connect(gains.get_output_port(i), law.GetInputPort(name))
+            builder.ExportOutput(gains.get_output_port(i), name)
+        builder.BuildInto(self)
+
+
+@dataclass(kw_only=True)
+class ScaledVrftConfig(VrftConfig):
+    """Scenario part `!ScaledVrft`: starts with the gains of `!Vrft`; the rest as in `ExcitedCompliance`."""
+
+    drift_bandwidth: float = 3.0  # w_h [rad/s], > 0: slower changes of height and compliance of the robot drop out
+    surface_deviation: float = 1e-5  # [m], > 0: what the surface adds within 1/w_h; more makes learning slower
+    memory: float = 3.0  # T [s], > 0
+    minimum_excitation: float = 0.2  # of the reference model's response [N], >= 0, below which nothing is learnt
+    minimum_force: float = 2.0  # [N], >= 0, below which nothing is learnt
+    gain_range: float = 10.0  # C_E stays within this factor of where it starts, >= 1
+    gain_rate: float = 3.0  # [1/s], > 0: largest relative change of C_E
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in ("drift_bandwidth", "surface_deviation", "memory", "gain_rate"):
+            check(name, getattr(self, name), "positive")
+        for name in ("minimum_excitation", "minimum_force"):
+            check(name, getattr(self, name), "not negative")
+        if check("gain_range", self.gain_range) < 1:
+            raise invalid("gain_range", self.gain_range, "at least 1")
+        if not (self.proportional_gain < 0 and self.integral_gain < 0):
+            gains = f"proportional_gain = {self.proportional_gain:g}, integral_gain = {self.integral_gain:g}"
+            raise BadInputError(f"{gains}: must both be below zero, they tell the compliance and the lag")
+        if self.fir:
+            raise invalid("fir", self.fir, "empty: the PID gains are scaled")
+
+    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> ScaledVrft:
+        """Add the law with its estimator."""
+        robot, w = self.robot_compliance_error * facts.robot_compliance, self.reference_bandwidth
+        first = -self.integral_gain / w
+        # Slopes with C_E for the K_P and K_D that are given where C_E is the first.
+        lag = self.proportional_gain / (robot + first)
+        damping = self.derivative_gain / (robot + first)
+        law = LinearForceLaw(
+            facts.size,
+            derivative_filter=2 * facts.period if self.derivative_filter is None else self.derivative_filter,
+            robot_compliance=robot,
+            lower_limit=self.lower_limit,
+            upper_limit=self.upper_limit,
+            period=facts.period,
+        )
+        estimator = ExcitedCompliance(
+            facts.size,
+            initial_compliance=first,
+            bandwidth=w,
+            drift_bandwidth=self.drift_bandwidth,
+            robot_compliance=robot,
+            surface_deviation=self.surface_deviation,
+            memory=self.memory,
+            minimum_excitation=self.minimum_excitation,
+            minimum_force=self.minimum_force,
+            range=self.gain_range,
+            rate=self.gain_rate,
+            period=facts.period,
+        )
+        filter_ = sensor_filter(
+            facts.size,
+            facts.sensor_bandwidth,
+            facts.sensor_damping_ratio,
+            facts.period,
+            whole_multiple("delay", facts.sensor_delay, facts.period, "period"),
+        )
+        slopes = np.array([lag, np.full(facts.size, -w), damping])
+        offsets = np.array([lag * robot, np.zeros(facts.size), damping * robot])
+        return builder.AddNamedSystem("force_law", ScaledVrft(law, estimator, filter_, slopes, offsets))

@@ -1,0 +1,200 @@
+"""Lanes: n independent scalar loops inside one block.
+
+A block of size n runs n loops side by side; lane i uses element i of every port, state and parameter. The equations are
+written once, with operators that mean the same on a float and on an array, and `LaneBlock` hands them floats when n = 1
+(numpy costs ten times more on single numbers) and arrays otherwise, so a lane equals the same loop run alone: bit for
+bit, and to rounding (1e-12) in blocks that are one of Drake's linear systems. In those (filters, position loops) a lane
+that is not a number reaches the others, as 0 NaN is NaN; everywhere else it stays alone.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+from numbers import Integral, Real
+from types import SimpleNamespace
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.cache import BlockCache
+
+Lane = Any  # a float when the block has one lane, else an array of shape (n,)
+
+# Up to here a loop over floats is faster than numpy; measured.
+FEW_LANES = 8
+
+# The few functions that operators cannot express, for floats; numpy itself serves arrays with the same results.
+SCALAR_MATH: Any = SimpleNamespace(
+    maximum=max,
+    minimum=min,
+    copysign=math.copysign,
+    sqrt=math.sqrt,
+    floor=lambda v: v // 1.0 if math.isfinite(v) else v,
+    where=lambda condition, a, b: a if condition else b,
+)
+
+_CHECKS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.bool_]]] = {
+    "positive": lambda v: v > 0,
+    "positive and finite": lambda v: (v > 0) & np.isfinite(v),
+    "not negative": lambda v: v >= 0,
+    "negative and finite": lambda v: (v < 0) & np.isfinite(v),
+    "finite": np.isfinite,
+    "a number": lambda v: ~np.isnan(v),
+    "above 0 and at most 1": lambda v: (v > 0) & (v <= 1),
+}
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A value per lane that lives in the Context.
+
+    value: number or shape (n,). allowed: "positive", "not negative" or "a number" (each may be
+    infinite), "finite", "positive and finite", "negative and finite" or "above 0 and at most 1". unit: for
+    documentation and graphs.
+    """
+
+    value: ArrayLike
+    allowed: str = "finite"
+    unit: str = ""
+
+
+def lane_values(name: str, value: ArrayLike, size: int, allowed: str = "finite") -> NDArray[np.float64]:
+    """`value` as an array of shape (size,), checked.
+
+    Raises:
+        BadInputError: wrong length, not a number, or outside what is allowed.
+    """
+    if size < 1:
+        raise invalid("size", size, "at least 1")
+    if value is None or isinstance(value, bool):
+        raise invalid(name, value, "a number or a list of numbers")
+    try:
+        array = np.asarray(value, dtype=float)
+    except (TypeError, ValueError):
+        raise invalid(name, value, "a number or a list of numbers") from None
+    if array.ndim > 1 or array.size not in (1, size):
+        raise BadInputError(f"{name} has shape {array.shape}: must be one number or shape ({size},)")
+    array = np.broadcast_to(array.ravel(), size).astype(float)
+    # Infinity is a legal "no limit" wherever only a sign is asked for; NaN never is.
+    if np.isnan(array).any() or not _CHECKS[allowed](array).all():
+        raise invalid(name, array.tolist() if size > 1 else float(array[0]), allowed)
+    return array
+
+
+def check(name: str, value: float, allowed: str = "finite") -> float:
+    """`value` as a finite float when it is "positive", "not negative" or "finite", else BadInputError."""
+    if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
+        raise invalid(name, value, "a finite number")
+    return float(lane_values(name, value, 1, allowed)[0])
+
+
+def check_count(name: str, value: int) -> int:
+    """`value` as a whole number of at least 1, else BadInputError."""
+    if isinstance(value, bool) or not isinstance(value, Integral) or value < 1:
+        raise invalid(name, value, "a whole number, at least 1")
+    return int(value)
+
+
+def whole_multiple(name: str, value: float, period: float, period_name: str) -> int:
+    """How many times `period` fits into `value`; BadInputError when it does not divide it."""
+    ratio = value / period
+    if not (value >= 0 and math.isfinite(ratio) and abs(ratio - round(ratio)) <= 1e-6):
+        raise invalid(name, value, f"zero or a whole multiple of {period_name} = {period:g}")
+    return round(ratio)
+
+
+def check_order(lower: str, upper: str, values: Mapping[str, NDArray[np.float64]]) -> None:
+    """BadInputError unless `lower` is at most `upper` in every lane."""
+    if np.any(values[lower] > values[upper]):
+        raise invalid(lower, values[lower].tolist(), f"at most {upper} = {values[upper].tolist()}")
+
+
+class LaneBlock(LeafSystem):
+    """A LeafSystem of n lanes with named parameters in the Context.
+
+    `parameter_names` and `parameter_units` tell graphs and tools what the numeric parameters are.
+    """
+
+    parameter_names: Sequence[str] = ()
+    parameter_units: Mapping[str, str] = {}
+
+    def __init__(self, size: int, parameters: Mapping[str, Parameter]):
+        super().__init__()
+        if size < 1:
+            raise invalid("size", size, "at least 1")
+        self._size = size
+        self.math = SCALAR_MATH if size == 1 else np
+        self._allowed = {name: p.allowed for name, p in parameters.items()}
+        self._index = {}
+        for name, p in parameters.items():
+            self._index[name] = self.DeclareNumericParameter(
+                BasicVector(lane_values(f"{type(self).__name__}.{name}", p.value, size, p.allowed))
+            )
+        self.check_together({name: lane_values(name, p.value, size, p.allowed) for name, p in parameters.items()})
+        self.parameter_names = tuple(parameters)
+        self.parameter_units = {name: p.unit for name, p in parameters.items()}
+        self._values = BlockCache(
+            self,
+            "parameter values",
+            lambda: Value[object](()),
+            lambda block, context, value: block._collect(context, value),
+            {self.all_parameters_ticket()},
+        )
+
+    @property
+    def size(self) -> int:
+        """Number of lanes."""
+        return self._size
+
+    def set_parameter(self, context: Context, name: str, value: ArrayLike) -> None:
+        """Set a parameter in this block's context, checked like at construction."""
+        index = self._find(name)
+        checked = lane_values(f"{type(self).__name__}.{name}", value, self._size, self._allowed[name])
+        self.check_together({n: self.parameter(context, n) for n in self._index} | {name: checked})
+        context.get_mutable_numeric_parameter(index).SetFromVector(checked)
+
+    def parameter(self, context: Context, name: str) -> NDArray[np.float64]:
+        """A parameter as it stands in this block's context, shape (n,)."""
+        value: NDArray[np.float64] = context.get_numeric_parameter(self._find(name)).CopyToVector()
+        return value
+
+    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """Raise BadInputError when parameters that are fine alone do not fit each other; nothing by default."""
+
+    def _find(self, name: str) -> int:
+        if name not in self._index:
+            raise unknown(f"parameter of {type(self).__name__}", name, self._index)
+        return self._index[name]
+
+    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+        """What the equations need of the parameters; computed once per change, not per tick."""
+        return values
+
+    def _collect(self, context: Context, value: AbstractValue) -> None:
+        values = tuple(self.lane(context.get_numeric_parameter(i).CopyToVector()) for i in self._index.values())
+        value.set_value(self.derive(values))
+
+    def lane(self, vector: NDArray[np.float64]) -> Lane:
+        """A vector of shape (n,) as the equations want it."""
+        return vector.item() if self._size == 1 else vector
+
+    def lanes(self, vector: NDArray[np.float64]) -> Any:
+        """A stacked vector of shape (k n,) as k lane values."""
+        return vector.tolist() if self._size == 1 else vector.reshape(-1, self._size)
+
+    def write(self, vector: BasicVector, value: Lane) -> None:
+        """Put one lane value into a vector of shape (n,)."""
+        if self._size == 1:
+            vector.SetAtIndex(0, value)
+        else:
+            vector.SetFromVector(value)
+
+    def stack(self, *values: Lane) -> NDArray[np.float64]:
+        """k lane values as one vector of shape (k n,)."""
+        return np.array(values) if self._size == 1 else np.concatenate(values)

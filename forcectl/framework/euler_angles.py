@@ -1,0 +1,193 @@
+"""Euler angles as task variables: [x y z phi theta psi] (XYZ), or [x y z phi theta] (XY) where turns about z are free.
+
+    R = Rx(phi) Ry(theta) Rz(psi),    w = E(phi, theta) [phi', theta', psi']
+
+        [1    0      sin theta        ]             [1   sin phi tan theta   -cos phi tan theta]
+    E = [0  cos phi  -sin phi cos theta],    E^-1 = [0        cos phi              sin phi     ]
+        [0  sin phi   cos phi cos theta]            [0  -sin phi/cos theta    cos phi/cos theta]
+
+w is the angular velocity in the frame that R is expressed in. phi and theta alone say where the z axis points. The
+angles are singular where cos theta = 0: z along x. There 1/cos theta has no bound; below e, cos theta is inverted as
+
+    1/cos theta  ->  cos theta/e^2
+
+which is continuous and never larger than 1/e. phi' and psi' then fade out instead of growing; theta' stays exact.
+"""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from forcectl.errors import invalid
+from forcectl.framework.batch import check
+from forcectl.framework.rotation_vector import OrientationState
+
+Array = NDArray[np.float64]
+
+SMALLEST = 0.05  # e [1]: 2.9 degrees from the singularity
+_ALIGNED = 1e-9  # cos theta from which on phi and psi are rounding errors
+_TURN = 2 * math.pi
+
+
+def rotation_of(angles: ArrayLike) -> Array:
+    """R of the angles phi, theta, psi, shape (3,) [rad]; shape (3, 3)."""
+    phi, theta, psi = np.asarray(angles, dtype=float).tolist()
+    a, s = math.cos(phi), math.sin(phi)
+    b, t = math.cos(theta), math.sin(theta)
+    c, u = math.cos(psi), math.sin(psi)
+    return np.array(
+        [
+            [b * c, -b * u, t],
+            [a * u + s * t * c, a * c - s * t * u, -s * b],
+            [s * u - a * t * c, s * c + a * t * u, a * b],
+        ]
+    )
+
+
+def angles_of(rotation: Array, about: ArrayLike | None = None) -> Array:
+    """Angles phi, theta, psi of a rotation matrix (3, 3), shape (3,) [rad].
+
+    Args:
+        about: angles that those returned are the nearest to, see `nearest`: the last ones, say, for angles that are
+            continuous. None: theta within +-pi/2, the others within +-pi.
+    """
+    (r00, r01, r02), (r10, r11, r12), (_, _, r22) = rotation.tolist()
+    cosine = math.hypot(r00, r01)
+    theta = math.atan2(r02, cosine)
+    if cosine > _ALIGNED:
+        phi, psi = math.atan2(-r12, r22), math.atan2(-r01, r00)
+    else:
+        # Only psi + phi, or psi - phi, says anything: phi is the given one.
+        phi = 0.0 if about is None else float(np.asarray(about, dtype=float)[0])
+        psi = math.atan2(r10, r11) - math.copysign(phi, phi * r02)
+    angles = np.array([phi, theta, psi])
+    return angles if about is None else nearest(angles, about)
+
+
+def nearest(angles: ArrayLike, about: ArrayLike) -> Array:
+    """The angles of the same orientation that are nearest to others, shape (3,) [rad].
+
+    Every orientation has the angles (phi, theta, psi) and (phi + pi, pi - theta, psi + pi), each plus whole turns.
+    """
+    first, centre = np.asarray(angles, dtype=float), np.asarray(about, dtype=float)
+    second = np.array([first[0] + math.pi, math.pi - first[1], first[2] + math.pi])
+    both = [each - _TURN * np.round((each - centre) / _TURN) for each in (first, second)]
+    one, other = (float(np.square(each - centre).sum()) for each in both)
+    return both[0] if one <= other else both[1]
+
+
+def near_singular(angles: ArrayLike, smallest: float = SMALLEST) -> bool:
+    """Whether `inverse_rate_matrix` is damped at these angles (3,) [rad]."""
+    return abs(math.cos(float(np.asarray(angles, dtype=float)[1]))) < smallest
+
+
+def rate_matrix(angles: ArrayLike) -> Array:
+    """E, shape (3, 3), of the angles (3,) [rad]."""
+    phi, theta, _ = np.asarray(angles, dtype=float).tolist()
+    a, s, b = math.cos(phi), math.sin(phi), math.cos(theta)
+    return np.array([[1.0, 0.0, math.sin(theta)], [0.0, a, -s * b], [0.0, s, a * b]])
+
+
+def rate_matrix_derivative(angles: ArrayLike, rates: ArrayLike) -> Array:
+    """E', shape (3, 3) [1/s], of the angles (3,) [rad] and their rates (3,) [rad/s]."""
+    phi, theta, _ = np.asarray(angles, dtype=float).tolist()
+    dphi, dtheta, _ = np.asarray(rates, dtype=float).tolist()
+    a, s, b, t = math.cos(phi), math.sin(phi), math.cos(theta), math.sin(theta)
+    return np.array(
+        [
+            [0.0, 0.0, b * dtheta],
+            [0.0, -s * dphi, -a * b * dphi + s * t * dtheta],
+            [0.0, a * dphi, -s * b * dphi - a * t * dtheta],
+        ]
+    )
+
+
+def inverse_rate_matrix(angles: ArrayLike, smallest: float = SMALLEST) -> Array:
+    """E^-1, shape (3, 3), of the angles (3,) [rad]; damped where |cos theta| < `smallest`."""
+    phi, theta, _ = np.asarray(angles, dtype=float).tolist()
+    a, s, t = math.cos(phi), math.sin(phi), math.sin(theta)
+    k = _reciprocal(math.cos(theta), smallest)
+    return np.array([[1.0, s * t * k, -a * t * k], [0.0, a, s], [0.0, -s * k, a * k]])
+
+
+def rates_bias(angles: ArrayLike, angular_velocity: ArrayLike, smallest: float = SMALLEST) -> Array:
+    """(E^-1)' w, shape (3,) [rad/s^2]: the angles' second derivatives are E^-1 w' and this.
+
+    Args:
+        angles: (3,) [rad]. angular_velocity: w (3,) [rad/s].
+    """
+    theta = float(np.asarray(angles, dtype=float)[1])
+    rates = inverse_rate_matrix(angles, smallest) @ np.asarray(angular_velocity, dtype=float)
+    return _bias(math.sin(theta), math.cos(theta), rates, smallest)
+
+
+def task_jacobian(jacobian: Array, angles: ArrayLike, *, axis_free: bool = False, smallest: float = SMALLEST) -> Array:
+    """Rows of the task variables' rates per joint speed, shape (6, n), or (5, n) with a free z axis [m, 1].
+
+    Args:
+        jacobian: of the spatial velocity [rotation; translation], (6, n) [1; m]. angles: (3,) [rad].
+    """
+    rows = 2 if axis_free else 3
+    return np.concatenate([jacobian[3:], inverse_rate_matrix(angles, smallest)[:rows] @ jacobian[:3]])
+
+
+def task_bias(
+    bias: Array, velocity: Array, angles: ArrayLike, *, axis_free: bool = False, smallest: float = SMALLEST
+) -> Array:
+    """J'q' of the task variables, shape (6,) or (5,) [m/s^2, rad/s^2]: x'' = J u + J'q' with J of `task_jacobian`.
+
+    Args:
+        bias: J'q' of the spatial velocity, (6,) [rad/s^2; m/s^2]. velocity: the spatial velocity, (6,) [rad/s; m/s].
+        angles: (3,) [rad].
+    """
+    rows = 2 if axis_free else 3
+    turning = inverse_rate_matrix(angles, smallest) @ bias[:3] + rates_bias(angles, velocity[:3], smallest)
+    return np.concatenate([bias[3:], turning[:rows]])
+
+
+class EulerAngles:
+    """Euler angles as the orientation of a task, see `forcectl.tasks.coordinates.ArmTask`.
+
+    Args:
+        base: R_0 (3, 3), for the angles of R_0' R; None: the identity. It moves the singularity away from where the
+            task is. about: angles (3,) [rad] that the values are nearest to, see `nearest`; None: the usual range.
+            smallest: e [1].
+
+    Raises:
+        BadInputError: base is not a rotation, or smallest not above 0 and at most 1.
+    """
+
+    def __init__(self, base: ArrayLike | None = None, *, about: ArrayLike | None = None, smallest: float = SMALLEST):
+        R = np.eye(3) if base is None else np.asarray(base, dtype=float)
+        if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0:
+            raise invalid("base", np.asarray(base).tolist(), "a rotation matrix (3, 3)")
+        self._back = R.T
+        self._about = None if about is None else np.asarray(about, dtype=float)
+        self._smallest = check("smallest", smallest, "above 0 and at most 1")
+
+    def state(self, rotation: Array, angular_velocity: Array) -> OrientationState:
+        """The angles of R (3, 3) that turns at w (3,) [rad/s], and what makes their rates of w and w'."""
+        angles = angles_of(self._back @ rotation, self._about)
+        rates = inverse_rate_matrix(angles, self._smallest) @ self._back
+        theta = float(angles[1])
+        bias = _bias(math.sin(theta), math.cos(theta), rates @ angular_velocity, self._smallest)
+        return OrientationState(angles, rates, bias)
+
+    def rotation(self, value: ArrayLike) -> Array:
+        """R (3, 3) of the angles (3,) [rad]."""
+        R: Array = self._back.T @ rotation_of(value)
+        return R
+
+
+def _reciprocal(cosine: float, smallest: float) -> float:
+    return cosine / max(abs(cosine), smallest) ** 2
+
+
+def _bias(t: float, b: float, rates: Array, smallest: float) -> Array:
+    """-E^-1 E' rates, with sine t and cosine b of theta."""
+    dphi, dtheta, dpsi = rates.tolist()
+    k = _reciprocal(b, smallest)
+    return np.array([k * dtheta * (t * dphi - dpsi), b * dphi * dpsi, k * dtheta * (t * dpsi - dphi)])

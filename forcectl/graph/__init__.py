@@ -1,0 +1,1 @@
+"""Block-diagram graphs of any Drake diagram."""

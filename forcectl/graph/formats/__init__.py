@@ -1,0 +1,1 @@
+"""Writing a block diagram: SVG, PNG, PDF, DOT, Mermaid, HTML."""

@@ -1,0 +1,147 @@
+"""A block graph as one interactive page that needs no network: fold and unfold, search, tooltips, zoom, dark mode.
+
+The layout of every fold state is computed here and stored in the page; the script only moves blocks between states.
+When there are too many states for that, the page has every depth, and every diagram opened alone and at its depth.
+"""
+
+from __future__ import annotations
+
+import itertools
+import json
+from collections.abc import Iterator
+from typing import Any
+
+from jinja2 import Environment, PackageLoader, select_autoescape
+
+from forcectl.graph.formats.paint import PALETTE
+from forcectl.graph.formats.picture import Layouter, Picture
+from forcectl.graph.formats.svg import box_content, draw, net_content, net_key, style
+from forcectl.graph.model import CATEGORY_TEXT, Block, BlockGraph, Parameter, Port, format_values
+
+_WORK = 6000  # fold states times blocks that are laid out at most
+_MOST_STATES = 128
+
+
+def to_html(graph: BlockGraph) -> str:
+    """A complete HTML document; it opens at the graph's depth."""
+    layouter = Layouter(graph)
+    start = layouter.picture()
+    fragments: dict[str, int] = {}
+    paths = {block.path: number for number, block in enumerate(graph.root.walk())}
+    states = [_state(graph, layouter.picture(opened), opened, paths, fragments) for opened in fold_states(graph)]
+    data = {
+        "title": graph.root.name,
+        "blocks": [_facts(block, paths) for block in graph.root.walk()],
+        "states": states,
+        "signals": _signals(graph),
+        "fragments": list(fragments),
+        "start": _key(graph.unfolded(), paths),
+        "depths": [_key(graph.unfolded(depth), paths) for depth in range(graph.max_depth + 1)],
+    }
+    template = Environment(
+        loader=PackageLoader("forcectl.graph.formats"), autoescape=select_autoescape(["html.j2"]), trim_blocks=True
+    ).get_template("graph.html.j2")
+    return template.render(
+        title=graph.root.name,
+        style=style(),
+        width=f"{start.width:.2f}",
+        height=f"{start.height:.2f}",
+        scene=draw(graph, start),
+        kinds=[(name, CATEGORY_TEXT[name]) for name in PALETTE if any(b.category == name for b in graph.root.walk())],
+        max_depth=graph.max_depth,
+        depth=graph.max_depth if graph.depth is None else min(graph.depth, graph.max_depth),
+        # A closing tag inside of a name must not end the script element.
+        data=json.dumps(data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"),
+    )
+
+
+def fold_states(graph: BlockGraph) -> list[frozenset[str]]:
+    """The sets of open diagrams that the page knows, the first one being all folded."""
+    count = sum(1 for _ in graph.root.walk())
+    limit = min(_MOST_STATES, max(16, _WORK // count))
+    if _number_of_states(graph.root) <= limit:
+        return sorted(map(frozenset, _all_states(graph.root)), key=lambda s: (len(s), sorted(s)))
+    found = {graph.unfolded(depth) for depth in range(graph.max_depth + 1)} | {graph.unfolded()}
+    for block in graph.root.walk():
+        if block.kind == "diagram":
+            parts = block.path.split("::")
+            above = {"::".join(parts[:n]) for n in range(1, len(parts) + 1)} & set(graph.by_path)
+            found.add(frozenset(above))
+            if len(found) < limit:
+                found.add(graph.unfolded(len(parts)) - {block.path})
+    return sorted(found, key=lambda s: (len(s), sorted(s)))
+
+
+def _number_of_states(block: Block) -> int:
+    if block.kind == "leaf":
+        return 1
+    product = 1
+    for child in block.blocks:
+        product *= _number_of_states(child)
+    return 1 + product
+
+
+def _all_states(block: Block) -> Iterator[set[str]]:
+    yield set()
+    if block.kind == "diagram":
+        for choice in itertools.product(*(list(_all_states(c)) for c in block.blocks if c.kind == "diagram")):
+            yield {block.path}.union(*choice)
+
+
+def _key(opened: frozenset[str], paths: dict[str, int]) -> str:
+    return ",".join(str(number) for number in sorted(paths[path] for path in opened))
+
+
+def _state(
+    graph: BlockGraph, picture: Picture, opened: frozenset[str], paths: dict[str, int], fragments: dict[str, int]
+) -> dict[str, Any]:
+    def stored(text: str) -> int:
+        return fragments.setdefault(text, len(fragments))
+
+    boxes = []
+    for box in picture.boxes:
+        role, content = box_content(graph.by_path[box.path], box)
+        boxes.append([paths[box.path], stored(role), stored(content), round(box.x, 1), round(box.y, 1)])
+    nets = []
+    for net in picture.nets:
+        role, content = net_content(graph, net)
+        nets.append([stored(net_key(net.inside, net.source)), stored(role), stored(content)])
+    size = [round(picture.width, 2), round(picture.height, 2)]
+    return {"open": _key(opened, paths), "size": size, "boxes": boxes, "nets": nets}
+
+
+def _facts(block: Block, paths: dict[str, int]) -> dict[str, Any]:
+    """What the tooltip and the search know about a block."""
+    continuous, discrete, abstract = block.states
+    parent = block.path.rpartition("::")[0]
+    return {
+        "path": block.path,
+        "name": block.name,
+        "type": block.type_name,
+        "kind": CATEGORY_TEXT[block.category],
+        "nested": block.kind == "diagram",
+        "parent": paths.get(parent, -1),
+        "sample": block.period_text,
+        "states": [continuous, discrete, abstract],
+        "parameters": [_parameter(parameter) for parameter in block.parameters],
+        "inputs": [_port(port) for port in block.inputs],
+        "outputs": [_port(port) for port in block.outputs],
+    }
+
+
+def _signals(graph: BlockGraph) -> dict[str, list[str]]:
+    """Name, size with unit, and origin of every net."""
+    return {
+        net_key(block.path, edge.source): [edge.source.port, edge.signal, graph.by_path[edge.source.block].name]
+        for block in graph.root.walk()
+        for edge in block.edges
+    }
+
+
+def _parameter(parameter: Parameter) -> list[str]:
+    return [parameter.name, format_values(parameter.values)]
+
+
+def _port(port: Port) -> list[str]:
+    direct = f"direct from {', '.join(port.feedthrough)}" if port.feedthrough else ""
+    return [port.name, port.signal, direct]

@@ -1,0 +1,1 @@
+"""Placing blocks and wires of a block diagram."""

@@ -1,0 +1,208 @@
+"""What a picture of a Drake diagram needs to know, as plain immutable values.
+
+Nothing here keeps a reference to a Drake object: a graph can be stored, compared and drawn after its diagram is gone.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+from functools import cached_property
+from typing import Literal
+
+from forcectl.graph.events import SampleTime
+
+Kind = Literal["leaf", "diagram"]
+Category = Literal["continuous", "discrete", "hybrid", "stateless", "multibody", "nested"]
+
+CATEGORY_TEXT: dict[Category, str] = {
+    "continuous": "continuous states",
+    "discrete": "sampled",
+    "hybrid": "continuous and sampled",
+    "stateless": "no state",
+    "multibody": "multibody and geometry",
+    "nested": "nested diagram",
+}
+
+
+@dataclass(frozen=True)
+class Port:
+    """One input or output of a block.
+
+    Attributes:
+        name: as declared in Drake.
+        size: number of elements; 0 for an abstract port.
+        unit: SI unit of `forcectl.conventions`, or "".
+        abstract: type of the value of an abstract port, "" for a vector.
+        connected: whether the picture's wiring uses it.
+        feedthrough: inputs that reach this output without a state in between (outputs of leaf systems only).
+    """
+
+    name: str
+    size: int
+    unit: str = ""
+    abstract: str = ""
+    connected: bool = True
+    feedthrough: tuple[str, ...] = ()
+
+    @property
+    def signal(self) -> str:
+        """Size and unit as written on an edge, such as `6 · rad`."""
+        if self.abstract:
+            return self.abstract
+        return f"{self.size} · {self.unit}" if self.unit else str(self.size)
+
+
+@dataclass(frozen=True)
+class Parameter:
+    """A numeric parameter: its name and its elements."""
+
+    name: str
+    values: tuple[float, ...]
+
+
+@dataclass(frozen=True, order=True)
+class Endpoint:
+    """One end of a wire: a port of the block at `block`, or a terminal of the diagram that holds the wire."""
+
+    block: str
+    port: str
+
+
+@dataclass(frozen=True)
+class Edge:
+    """A wire inside one diagram, labelled with the signal of its source."""
+
+    source: Endpoint
+    target: Endpoint
+    signal: str
+    size: int
+    unit: str
+
+
+@dataclass(frozen=True)
+class Block:
+    """A leaf system, or a diagram with its own blocks and wires.
+
+    Attributes:
+        path: names from the root, joined by `::`; unique in the graph.
+        automatic_name: True when nobody named the system.
+        samples: periodic events, fastest first.
+        every_step: True when it acts at every simulator step.
+        states: numbers of continuous, discrete and abstract states.
+        parameters: numeric parameters with their values.
+        blocks, edges: contents of a diagram; edges name the diagram itself for its own terminals.
+    """
+
+    path: str
+    name: str
+    type_name: str
+    kind: Kind
+    category: Category
+    inputs: tuple[Port, ...]
+    outputs: tuple[Port, ...]
+    automatic_name: bool = False
+    samples: tuple[SampleTime, ...] = ()
+    every_step: bool = False
+    states: tuple[int, int, int] = (0, 0, 0)
+    parameters: tuple[Parameter, ...] = ()
+    blocks: tuple[Block, ...] = ()
+    edges: tuple[Edge, ...] = ()
+
+    def walk(self) -> Iterator[Block]:
+        """This block and everything inside, parents first."""
+        yield self
+        for block in self.blocks:
+            yield from block.walk()
+
+    @property
+    def height(self) -> int:
+        """Levels of diagrams inside: 0 for a leaf."""
+        return 1 + max((block.height for block in self.blocks), default=0) if self.kind == "diagram" else 0
+
+    @property
+    def period_text(self) -> str:
+        """Sample times as written on the block, such as `2 ms`."""
+        periods = sorted({sample.period for sample in self.samples})
+        return ", ".join([format_time(period) for period in periods] + (["every step"] if self.every_step else []))
+
+
+@dataclass(frozen=True)
+class BlockGraph:
+    """A diagram ready to be drawn.
+
+    Attributes:
+        root: the top-level diagram (or a single leaf).
+        depth: levels that are unfolded; None means all.
+        signals: whether wires carry size and unit.
+    """
+
+    root: Block
+    depth: int | None = 1
+    signals: bool = True
+
+    @cached_property
+    def by_path(self) -> dict[str, Block]:
+        """Every block of the graph, folded away or not."""
+        return {block.path: block for block in self.root.walk()}
+
+    @property
+    def max_depth(self) -> int:
+        """The depth at which everything is unfolded."""
+        return self.root.height
+
+    def unfolded(self, depth: int | None = None) -> frozenset[str]:
+        """Paths of the diagrams drawn open at `depth` (default: the depth of the graph)."""
+        levels = self.depth if depth is None else depth
+        return frozenset(_open_paths(self.root, self.max_depth if levels is None else levels))
+
+    @property
+    def nodes(self) -> tuple[Block, ...]:
+        """The blocks that are visible at the graph's depth, open diagrams included, parents first."""
+        return tuple(_visible(self.root, self.unfolded()))
+
+    @property
+    def edges(self) -> tuple[Edge, ...]:
+        """The wires that are visible at the graph's depth."""
+        shown = self.unfolded()
+        return tuple(edge for block in self.nodes if block.path in shown for edge in block.edges)
+
+    @property
+    def inputs(self) -> tuple[Port, ...]:
+        """Terminals through which signals enter the whole diagram."""
+        return self.root.inputs
+
+    @property
+    def outputs(self) -> tuple[Port, ...]:
+        """Terminals through which signals leave the whole diagram."""
+        return self.root.outputs
+
+
+def _open_paths(block: Block, levels: int) -> Iterator[str]:
+    if block.kind == "diagram" and levels > 0:
+        yield block.path
+        for child in block.blocks:
+            yield from _open_paths(child, levels - 1)
+
+
+def _visible(block: Block, unfolded: frozenset[str]) -> Iterator[Block]:
+    yield block
+    if block.path in unfolded:
+        for child in block.blocks:
+            yield from _visible(child, unfolded)
+
+
+def format_time(seconds: float) -> str:
+    """A sample time with the prefix that reads best: `2 ms`, `250 µs`, `1.5 s`."""
+    for scale, unit in ((1.0, "s"), (1e-3, "ms"), (1e-6, "µs")):
+        if seconds >= scale * 0.9999999:
+            return f"{seconds / scale:.3g} {unit}"
+    return f"{seconds:.3g} s"
+
+
+def format_values(values: tuple[float, ...], most: int = 8) -> str:
+    """Numbers for a tooltip: one plain, several in brackets, long ones cut short."""
+    texts = [f"{value:.6g}" for value in values[:most]]
+    if len(values) == 1:
+        return texts[0]
+    return "[" + ", ".join(texts) + (f", … {len(values)} values" if len(values) > most else "") + "]"

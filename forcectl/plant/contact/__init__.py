@@ -1,0 +1,1 @@
+"""The environment: surfaces, materials and contact."""

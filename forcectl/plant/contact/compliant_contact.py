@@ -1,0 +1,222 @@
+"""Compliant one-sided contact: robot compliance in series with a spring and damper of the environment.
+
+    -dx = C_R F + z,    F = K_E z + D_E z',    F >= 0                       (2.7), (2.8); F = -dx/C_T when D_E = 0
+
+dx is the motor-side displacement along n (negative when pressing), z the deformation of the environment, C_R the
+compliance n'(C_J + C_L)n of the robot. The damper makes z a state; a backward Euler step of length h is
+
+    z+ = (C_R D_E z/h - dx)/(1 + C_R (K_E + D_E/h)),    F = K_E z+ + D_E (z+ - z)/h
+
+which is exact for D_E = 0 and needs no special case for C_R = 0. When F would pull, the contact is lost: F = 0 and the
+environment relaxes by itself.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
+from pydrake.systems.primitives import Gain
+
+from forcectl.errors import invalid
+from forcectl.framework.batch import Lane, LaneBlock, Parameter, check, lane_values
+from forcectl.plant.contact.surface import SurfaceConfig
+
+
+def elastic_force(dx: Lane, stiffness: Lane, m: Any = np) -> Lane:
+    """F = max(0, -K_T dx) [N] for a displacement dx [m] and the stiffness 1/C_T [N/m] of the whole series. (2.8)"""
+    return m.maximum(-stiffness * dx, 0.0) + 0.0  # no negative zero
+
+
+def damped_contact(
+    dx: Lane, z: Lane, stiffness: Lane, rate_stiffness: Lane, robot_compliance: Lane, m: Any = np
+) -> tuple[Lane, Lane]:
+    """One step of the damped contact.
+
+    Args:
+        dx: motor-side displacement at the end of the step [m]. z: deformation of the environment before it [m].
+        stiffness: K_E [N/m]. rate_stiffness: D_E/h [N/m]. robot_compliance: C_R [m/N].
+
+    Returns:
+        force F [N] and deformation z [m] at the end of the step.
+    """
+    touching = (robot_compliance * rate_stiffness * z - dx) / (1 + robot_compliance * (stiffness + rate_stiffness))
+    force = stiffness * touching + rate_stiffness * (touching - z)
+    free = rate_stiffness * z / (stiffness + rate_stiffness)
+    lost = force <= 0
+    return m.where(lost, 0.0, force), m.where(lost, free, touching)
+
+
+class CompliantContact(LaneBlock):
+    """Contact force of a compliant surface on a robot of known compliance.
+
+    ```
+    name: CompliantContact
+    input_ports: [displacement, robot_compliance (optional), surface_stiffness (optional), surface_damping (optional)]
+    output_ports: [contact_force]
+    parameters: [stiffness (optional), damping (optional), robot_compliance (optional)]
+    ```
+
+    displacement: shape (n,), dx along n from the undeformed surface, motor side [m]; pressing is negative.
+    robot_compliance: shape (n,), C_R(q) [m/N]; the port exists when `compliance_port`, else the parameter is used.
+    surface_stiffness, surface_damping: shape (n,), K_E [N/m] > 0 and D_E [N s/m] >= 0 of the place; the ports exist
+        when `stiffness` or `damping` is None.
+    contact_force: shape (n,), >= 0 [N]. Feedthrough of all inputs.
+
+    Parameters (Context, shape (n,)): stiffness K_E [N/m] > 0, damping D_E [N s/m] >= 0, robot_compliance C_R [m/N] >=
+    0.
+
+    Sampling: with any damping the deformation of the environment is a discrete state, updated every `period` [s];
+    without, the block has no state and no events (then damping cannot be changed later).
+    """
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        stiffness: ArrayLike | None,
+        damping: ArrayLike | None = 0.0,
+        robot_compliance: ArrayLike = 0.0,
+        compliance_port: bool = False,
+        period: float = 0.002,
+    ):
+        self._period = check("period", period, "positive")
+        self._damped = damping is None or bool(np.any(lane_values("damping", damping, size, "not negative") > 0))
+        parameters = {}
+        if stiffness is not None:
+            parameters["stiffness"] = Parameter(stiffness, "positive and finite", "N/m")
+        if self._damped and damping is not None:
+            parameters["damping"] = Parameter(damping, "not negative", "N s/m")
+        if not compliance_port:
+            parameters["robot_compliance"] = Parameter(robot_compliance, "not negative", "m/N")
+        super().__init__(size, parameters)
+        reads = {self.all_parameters_ticket()} | self._declare_inputs(compliance_port)
+        given = {"surface_stiffness": stiffness, "surface_damping": damping}
+        self._surface = [self.DeclareVectorInputPort(name, size) if v is None else None for name, v in given.items()]
+        reads |= {port.ticket() for port in self._surface if port is not None}
+        if self._damped:
+            self._z = self.DeclareDiscreteState(size)
+            reads.add(self.discrete_state_ticket(self._z))
+            self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
+        self.DeclareVectorOutputPort("contact_force", size, self._force, prerequisites_of_calc=reads)
+
+    def _declare_inputs(self, compliance_port: bool) -> set[Any]:
+        """Declare the inputs that `_situation` reads; returns their tickets."""
+        self._displacement = self.DeclareVectorInputPort("displacement", self._size)
+        self._compliance = self.DeclareVectorInputPort("robot_compliance", self._size) if compliance_port else None
+        return {port.ticket() for port in (self._displacement, self._compliance) if port is not None}
+
+    def _situation(self, context: Context) -> tuple[Lane, Lane]:
+        """dx [m], and C_R [m/N] unless it is a parameter."""
+        compliance = None if self._compliance is None else self.lane(self._compliance.Eval(context))
+        return self.lane(self._displacement.Eval(context)), compliance
+
+    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+        """(K_E, D_E/h, C_R, 1/C_T); None where it is not told by parameters."""
+        named = dict(zip(self.parameter_names, values, strict=True))
+        rate = named["damping"] / self._period if "damping" in named else 0.0
+        stiffness, compliance, total = named.get("stiffness"), named.get("robot_compliance"), None
+        if stiffness is not None and compliance is not None:
+            total = stiffness / (1 + compliance * stiffness)
+        return stiffness, rate, compliance, total
+
+    def _solve(self, context: Context) -> tuple[Lane, Lane]:
+        stiffness, rate, compliance, total = self._values.Eval(context)
+        dx, seen = self._situation(context)
+        if seen is not None:
+            compliance = seen
+        if total is None:
+            at_place, damping = self._surface
+            if at_place is not None:
+                stiffness = self.lane(at_place.Eval(context))
+            if damping is not None:
+                rate = self.lane(damping.Eval(context)) / self._period
+            total = stiffness / (1 + compliance * stiffness)
+        if not self._damped:
+            return elastic_force(dx, total, self.math), None
+        z = self.lane(context.get_discrete_state(self._z).value())
+        return damped_contact(dx, z, stiffness, rate, compliance, self.math)
+
+    def _force(self, context: Context, output: BasicVector) -> None:
+        self.write(output, self._solve(context)[0])
+
+    def _update(self, context: Context, next_state: DiscreteValues) -> None:
+        next_state.set_value(self._z, self.stack(self._solve(context)[1]))
+
+
+class LinearContact(Diagram):
+    """The two-sided spring of the thesis' analysis: F = -dx/C_T, contact never lost. (2.8)
+
+    ```
+    name: LinearContact
+    input_ports: [displacement]
+    output_ports: [contact_force]
+    ```
+    """
+
+    def __init__(self, size: int, *, stiffness: ArrayLike, robot_compliance: ArrayLike = 0.0):
+        super().__init__()
+        k = lane_values("stiffness", stiffness, size, "positive and finite")
+        c = lane_values("robot_compliance", robot_compliance, size, "not negative")
+        builder = DiagramBuilder()
+        spring = builder.AddNamedSystem("spring", Gain(-k / (1 + c * k)))
+        builder.ExportInput(spring.get_input_port(), "displacement")
+        builder.ExportOutput(spring.get_output_port(), "contact_force")
+        builder.BuildInto(self)
+
+
+@dataclass(kw_only=True)
+class EnvironmentConfig:
+    """Scenario part `environment`."""
+
+    stiffness: float = 5.9e3  # K_E [N/m], > 0; where surface.materials does not say otherwise
+    damping: float = 0.0  # D_E [N s/m], >= 0; the same
+    one_sided: bool = True  # false: the linear two-sided spring (OneDimensional only)
+    surface: SurfaceConfig = field(default_factory=SurfaceConfig)  # flat by default
+
+    def __post_init__(self) -> None:
+        check("stiffness", self.stiffness, "positive")
+        check("damping", self.damping, "not negative")
+        if not isinstance(self.one_sided, bool):
+            raise invalid("one_sided", self.one_sided, "true or false")
+        if not self.one_sided and self.damping:
+            raise invalid("damping", self.damping, "0 with one_sided = false")
+        if not self.one_sided and self.surface.materials is not None:
+            raise invalid("one_sided", False, "true with surface.materials")
+
+    @property
+    def first_stiffness(self) -> float:
+        """K_E where the tool starts [N/m]."""
+        if self.surface.materials is None:
+            return self.stiffness
+        materials = self.surface.materials.path()
+        return float(materials.along(materials.stiffness, 0.0))
+
+    @property
+    def contact_values(self) -> tuple[float | None, float | None]:
+        """K_E and D_E as `CompliantContact` takes them: None where they come from ports."""
+        materials = self.surface.materials
+        if materials is None:
+            return self.stiffness, self.damping
+        return None, None if materials.damped else 0.0
+
+    def add_to(
+        self,
+        builder: DiagramBuilder,
+        size: int,
+        period: float,
+        *,
+        robot_compliance: ArrayLike = 0.0,
+    ) -> CompliantContact | LinearContact:
+        """Add the contact for n lanes."""
+        if not self.one_sided:
+            linear = LinearContact(size, stiffness=self.stiffness, robot_compliance=robot_compliance)
+            return builder.AddNamedSystem("contact", linear)
+        stiffness, damping = self.contact_values
+        block = CompliantContact(
+            size, stiffness=stiffness, damping=damping, robot_compliance=robot_compliance, period=period
+        )
+        return builder.AddNamedSystem("contact", block)

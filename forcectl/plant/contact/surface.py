@@ -1,0 +1,288 @@
+"""Uneven surfaces for moving contact: grooves, roughness, a slope, or a profile from a file.
+
+    h(s) = max_u [z(s + u) + sqrt(R^2 - u^2) - R],  |u| <= R        what a ball of radius R rests on
+    F = -(dx - h(s))/C_T                                            (2.8) with the surface at h instead of at 0
+
+z is the profile itself, s the path coordinate of the tool along the surface from its start. A ball cannot reach the
+bottom of a groove narrower than itself and rounds off every peak: h is the profile dilated by the ball, computed once
+when the station is built. The contact normal stays n; lateral forces of flanks are left out.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.framework.batch import check
+from forcectl.framework.series_file import read_series
+from forcectl.plant.contact.surface_materials import MaterialsConfig
+
+Array = NDArray[np.float64]
+GRID = 2e-5  # distance of the points of a profile [m]
+_NARROWEST = 5 * GRID  # what such a grid resolves [m]
+_STEEPEST = 0.3  # slope [-] up to which n is still a fair contact normal
+_LONGEST = 2.0  # path [m]; keeps the grid small
+_HIGHEST = 0.05  # height in a file, of a groove, of roughness [m]: beyond it the number is hardly in metres
+
+
+def groove_profile(s: Array, centre: float, depth: float, width: float, flank: float) -> Array:
+    """One groove: a flat bottom between flanks of half a cosine, shape of s [m].
+
+    Args:
+        s: path coordinate [m]. centre, depth, width: [m], width from edge to edge. flank: width of one flank [m], from
+            0 (a step) to width/2 (no flat bottom).
+    """
+    outside = np.abs(s - centre) - (width / 2 - flank)
+    if flank == 0:
+        return np.where(outside < 0, -depth, 0.0)
+    profile: Array = -0.5 * depth * (1 + np.cos(np.pi * np.clip(outside / flank, 0.0, 1.0)))
+    return profile
+
+
+def rough_profile(count: int, step: float, rms: float, correlation_length: float, seed: int) -> Array:
+    """Gaussian roughness with the autocorrelation rms^2 exp(-(u/l)^2), shape (count,) [m]; periodic.
+
+    Band-limited: nothing is shorter than a period of l. The same arguments give the same bits.
+
+    Args:
+        step: distance of the points [m]. rms: [m], of exactly these points. correlation_length: l [m].
+    """
+    white = np.random.Generator(np.random.PCG64(seed)).standard_normal(count)
+    frequency = np.fft.rfftfreq(count, step)
+    amplitude = np.exp(-0.5 * (np.pi * frequency * correlation_length) ** 2)
+    amplitude[(frequency > 1 / correlation_length) | (frequency == 0)] = 0.0
+    rough = np.fft.irfft(np.fft.rfft(white) * amplitude, count)
+    scaled: Array = rough * (rms / np.sqrt(np.mean(rough**2)))
+    return scaled
+
+
+def ball_envelope(profile: Array, step: float, radius: float) -> Array:
+    """Height of the lowest point of a ball that rests on the profile, shape (k,) [m].
+
+    Args:
+        profile: heights at equal distances, shape (k,) [m]; goes on level at both ends. step: that distance [m].
+        radius: [m], >= 0.
+    """
+    # The ball touches no further from its axis than where it is as high as the whole profile.
+    height = min(float(np.ptp(profile)), radius)
+    reach = math.sqrt(height * (2 * radius - height))
+    count = min(int(reach / step), len(profile))
+    padded = np.pad(profile, count, mode="edge")
+    envelope = profile.copy()
+    for i in range(1, count + 1):
+        rise = radius - math.sqrt(radius**2 - (i * step) ** 2)
+        for first in (count - i, count + i):
+            np.maximum(envelope, padded[first : first + len(profile)] - rise, out=envelope)
+    return envelope
+
+
+@dataclass(frozen=True)
+class SurfaceProfile:
+    """Height of the surface under the tool, over the path coordinate.
+
+    h(s) = slope s + a table joined by straight lines, which keeps its last value beyond its ends; h(0) = 0.
+
+    start: of the table [m]. step: distance of its points [m]. heights: shape (k,) [m], k >= 2. slope: [-].
+    """
+
+    start: float
+    step: float
+    heights: Array
+    slope: float = 0.0
+
+    def height(self, s: ArrayLike) -> Array:
+        """h [m] at path coordinates s [m] of any shape."""
+        s = np.asarray(s, dtype=float)
+        grid = self.start + self.step * np.arange(len(self.heights))
+        height: Array = self.slope * s + np.interp(s, grid, self.heights)
+        return height
+
+
+class SurfaceHeight(LeafSystem):
+    """Height of the surface at the place of the tool.
+
+    ```
+    name: SurfaceHeight
+    input_ports: [path_position]
+    output_ports: [surface_height]
+    ```
+
+    path_position: shape (1,), s [m]. surface_height: shape (1,), h(s) [m]. Feedthrough.
+
+    Sampling: none; a linear look-up when read.
+    """
+
+    port_units = {"path_position": "m", "surface_height": "m"}
+
+    def __init__(self, profile: SurfaceProfile):
+        super().__init__()
+        # Lists of floats: numpy is slow on single numbers.
+        self._heights = profile.heights.tolist()
+        self._rises = np.diff(profile.heights).tolist()
+        self._start, self._scale, self._slope = profile.start, 1 / profile.step, profile.slope
+        self._position = self.DeclareVectorInputPort("path_position", 1)
+        self.DeclareVectorOutputPort("surface_height", 1, self._height, prerequisites_of_calc={self._position.ticket()})
+
+    def _height(self, context: Context, output: BasicVector) -> None:
+        s = self._position.Eval(context).item()
+        at = (s - self._start) * self._scale
+        if 0 <= at < len(self._rises):
+            i = int(at)
+            height = self._heights[i] + (at - i) * self._rises[i]
+        else:
+            height = self._heights[-1 if at > 0 else 0]
+        output.SetAtIndex(0, self._slope * s + height)
+
+
+@dataclass(kw_only=True)
+class GrooveConfig:
+    """Scenario part `grooves`: equal grooves across the path."""
+
+    depth: float = 2e-4  # [m], > 0
+    width: float = 4e-3  # [m] from edge to edge
+    flank: float | None = None  # [m] width of one flank, 0 (a step) to width/2; null: width/2, a cosine
+    spacing: float = 0.02  # [m] from centre to centre, on both sides of the start but not at it
+    positions: list[float] = field(default_factory=list)  # [m] of the centres; empty: by the spacing
+
+    def __post_init__(self) -> None:
+        for name in ("depth", "spacing"):
+            check(name, getattr(self, name), "positive")
+        if check("width", self.width) < _NARROWEST:
+            raise invalid("width", self.width, f"at least {_NARROWEST:g} m")
+        if self.depth > _HIGHEST:
+            raise invalid("depth", self.depth, f"at most {_HIGHEST:g} m")
+        if self.flank is not None and not 0 <= check("flank", self.flank) <= self.width / 2:
+            raise invalid("flank", self.flank, f"from 0 to width/2 = {self.width / 2:g} m")
+        for position in self.positions:
+            check("positions", position)
+        if any(b - a < self.width for a, b in pairwise(sorted(self.positions))):
+            raise invalid("positions", self.positions, f"apart by at least the width, {self.width:g} m")
+        if self.spacing < self.width:
+            raise invalid("spacing", self.spacing, f"at least the width, {self.width:g} m")
+
+    def centres(self, length: float) -> list[float]:
+        """Where the grooves are within +-`length` [m], sorted [m].
+
+        Raises:
+            BadInputError: a position beyond that.
+        """
+        if not self.positions:
+            count = int(length / self.spacing + 1e-9)
+            return [i * self.spacing for i in range(-count, count + 1) if i]
+        furthest = max(self.positions, key=abs)
+        if abs(furthest) > length:
+            raise invalid("grooves.positions", furthest, f"within the length, {length:g} m of the start")
+        return sorted(self.positions)
+
+
+@dataclass(kw_only=True)
+class RoughnessConfig:
+    """Scenario part `roughness`, see `rough_profile`. The ball smooths it further."""
+
+    rms: float = 5e-6  # [m], > 0
+    correlation_length: float = 1e-3  # [m] over which the correlation falls to 1/e
+    seed: int = 0  # its own: the surface is the same whatever the noise; >= 0
+
+    def __post_init__(self) -> None:
+        if check("rms", self.rms, "positive") > _HIGHEST:
+            raise invalid("rms", self.rms, f"at most {_HIGHEST:g} m")
+        if check("correlation_length", self.correlation_length) < _NARROWEST:
+            raise invalid("correlation_length", self.correlation_length, f"at least {_NARROWEST:g} m")
+        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
+            raise invalid("seed", self.seed, "a whole number, at least 0")
+
+
+@dataclass(kw_only=True)
+class SurfaceConfig:
+    """Scenario part `surface`: heights that are given are added up; flat when none are."""
+
+    direction: list[float] = field(default_factory=lambda: [1.0, 0.0, 0.0])  # of s in W, perpendicular to the normal
+    length: float = 0.2  # [m] the profile covers +-length of path and goes on level beyond
+    slope: float = 0.0  # [-] rise along n per path; positive: towards the robot
+    grooves: GrooveConfig | None = None
+    roughness: RoughnessConfig | None = None
+    materials: MaterialsConfig | None = None  # instead of one stiffness and damping everywhere
+    path: str = ""  # CSV file with the columns position and height [m], joined by straight lines
+
+    def __post_init__(self) -> None:
+        if len(self.direction) != 3 or not all(np.isfinite(d) for d in self.direction) or not any(self.direction):
+            raise invalid("direction", self.direction, "three finite numbers, not all zero")
+        if not _NARROWEST <= check("length", self.length) <= _LONGEST:
+            raise invalid("length", self.length, f"from {_NARROWEST:g} to {_LONGEST:g} m")
+        if abs(check("slope", self.slope)) > _STEEPEST:
+            raise invalid("slope", self.slope, f"from -{_STEEPEST:g} to {_STEEPEST:g}")
+        if self.roughness is not None and self.roughness.correlation_length > self.length:
+            longest = f"at most the length, {self.length:g} m"
+            raise invalid("roughness.correlation_length", self.roughness.correlation_length, longest)
+        if self.grooves is not None:
+            self.grooves.centres(self.length)
+        if self.path:
+            read_profile(self.path)
+
+    @property
+    def flat(self) -> bool:
+        """Whether the surface is the plane through the start, perpendicular to n."""
+        smooth = self.materials is None or self.materials.flat
+        return smooth and self.slope == 0 and self.grooves is None and self.roughness is None and not self.path
+
+    @property
+    def uniform(self) -> bool:
+        """Whether it is flat and of one material: the same everywhere along the path."""
+        return self.flat and self.materials is None
+
+    def direction_across(self, n: Array) -> Array:
+        """Unit vector of the path coordinate in W, shape (3,).
+
+        Raises:
+            BadInputError: it is not perpendicular to n.
+        """
+        along: Array = np.asarray(self.direction, dtype=float) / np.linalg.norm(self.direction)
+        if abs(along @ n) > 1e-6:
+            raise invalid("surface.direction", self.direction, f"perpendicular to the normal {n.tolist()}")
+        return along
+
+    def profile(self, ball_radius: float) -> SurfaceProfile:
+        """The profile as a ball of that radius [m] meets it.
+
+        Raises:
+            BadInputError: the file cannot be used.
+        """
+        half = round(self.length / GRID)
+        s: Array = GRID * np.arange(-half, half + 1, dtype=float)
+        z = np.zeros(len(s))
+        if self.grooves is not None:
+            g = self.grooves
+            for centre in g.centres(self.length):
+                z += groove_profile(s, centre, g.depth, g.width, g.width / 2 if g.flank is None else g.flank)
+        if self.roughness is not None:
+            r = self.roughness
+            z += rough_profile(len(s), GRID, r.rms, r.correlation_length, r.seed)
+        if self.materials is not None and not self.materials.flat:
+            materials = self.materials.path()
+            z += materials.along(materials.height, s)
+        if self.path:
+            z += np.interp(s, *read_profile(self.path))
+        h = ball_envelope(z, GRID, ball_radius)
+        return SurfaceProfile(float(s[0]), GRID, h - h[half], self.slope)
+
+
+def read_profile(path: str) -> tuple[Array, Array]:
+    """Positions and heights [m] of a profile file, each of shape (k,), k >= 2.
+
+    Raises:
+        BadInputError: about `path`, see `forcectl.framework.series_file`; not in metres.
+    """
+    positions, heights = read_series(path, "position", "height")
+    for x, z in zip(positions, heights, strict=True):
+        if abs(z) > _HIGHEST:
+            told = f"position = {x:g}, height = {z:g}"
+            raise BadInputError(f"path = {path!r}: {told}: must be in metres, at most {_HIGHEST:g} m")
+    if positions[-1] - positions[0] > 2 * _LONGEST:
+        raise BadInputError(f"path = {path!r}: positions span {positions[-1] - positions[0]:g}: must be in metres")
+    return positions, heights

@@ -1,0 +1,171 @@
+"""Surfaces of several materials: stiffness and damping of the environment over the path of the tool.
+
+    F = K_E(s) z + D_E(s) z',    z = h(s) - (dx - C_R F)             (2.7), (2.8) with the K_E and D_E of the place
+
+Where two materials meet, their shares go over into each other along half a cosine, as under a contact that lies partly
+on each. What the change of K_E under a pressed-in tool takes or gives, (K_E'(s)/2) z^2 along the path, the motion along
+the path has to bring; like the lateral forces of flanks it is left out.
+"""
+
+from __future__ import annotations
+
+import math
+from bisect import bisect_right
+from dataclasses import dataclass, field
+from itertools import pairwise
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.batch import check
+
+Array = NDArray[np.float64]
+# K_E [N/m] of the plates on which Table 4.2 was measured, calibrated: effective values, with what bears the plate.
+MATERIALS = {"springs": 5.9e3, "aluminium": 5.0e4, "wood": 1.55e5, "plastic": 2.1e5}
+_CLOSE = 1e-9  # [m] between two segments that count as joined
+_LARGEST_HEIGHT = 0.05  # [m]
+
+
+@dataclass(kw_only=True)
+class SegmentConfig:
+    """Scenario part of `materials.segments`: one material along the path."""
+
+    material: str  # plastic, wood, aluminium or springs; any other name with a stiffness of its own
+    start: float  # [m] path coordinate
+    end: float  # [m] > start
+    stiffness: float | None = None  # K_E [N/m], > 0; null: that of the material
+    damping: float = 0.0  # D_E [N s/m], >= 0
+    height: float = 0.0  # [m] above the rest of the surface
+
+    def __post_init__(self) -> None:
+        if self.stiffness is not None:
+            check("stiffness", self.stiffness, "positive")
+        elif self.material not in MATERIALS:
+            raise BadInputError(f"{unknown('material', self.material, MATERIALS)}; any other needs its stiffness")
+        check("damping", self.damping, "not negative")
+        if abs(check("height", self.height)) > _LARGEST_HEIGHT:
+            raise invalid("height", self.height, f"within {_LARGEST_HEIGHT:g} m")
+        check("start", self.start)
+        if check("end", self.end) <= self.start:
+            raise invalid("end", self.end, f"above start = {self.start:g} m")
+
+    @property
+    def environment_stiffness(self) -> float:
+        """K_E [N/m]."""
+        return MATERIALS[self.material] if self.stiffness is None else self.stiffness
+
+
+@dataclass(frozen=True)
+class MaterialPath:
+    """Values over the path coordinate, constant but for the joints, where they blend.
+
+    joints: where the segments meet [m], shape (k,), increasing. blend: width of each transition [m], >= 0.
+    stiffness [N/m], damping [N s/m], height [m]: of the segments, shape (k + 1,).
+    """
+
+    joints: list[float]
+    blend: float
+    stiffness: list[float]
+    damping: list[float]
+    height: list[float]
+
+    def share(self, s: float) -> tuple[int, float]:
+        """Number i of the segment at s [m] and the share of the next one, i + 1, there; the rest is i's."""
+        half = self.blend / 2
+        i = bisect_right(self.joints, s + half)
+        if not i or s >= self.joints[i - 1] + half:
+            return i, 0.0
+        return i - 1, 0.5 - 0.5 * math.cos(math.pi * (s + half - self.joints[i - 1]) / self.blend)
+
+    def along(self, values: list[float], s: ArrayLike) -> Array:
+        """One of the three lists at path coordinates s [m] of any shape."""
+        found = []
+        for place in np.ravel(np.asarray(s, dtype=float)).tolist():
+            i, share = self.share(place)
+            found.append(values[i] + share * (values[i + 1] - values[i]) if share else values[i])
+        return np.array(found).reshape(np.shape(s))
+
+
+@dataclass(kw_only=True)
+class MaterialsConfig:
+    """Scenario part `materials`: what the surface is made of along the path; the outermost go on beyond their ends."""
+
+    segments: list[SegmentConfig] = field(default_factory=list)  # in any order, without gap or overlap
+    blend: float = 0.002  # [m] length over which materials go over into each other, at most the shortest between joints
+
+    def __post_init__(self) -> None:
+        if not self.segments:
+            raise invalid("segments", self.segments, "at least one segment")
+        check("blend", self.blend, "not negative")
+        ordered = self._ordered()
+        for before, after in pairwise(ordered):
+            if abs(after.start - before.end) > _CLOSE:
+                fault = "an overlap" if after.start < before.end else "a gap"
+                joined = f"{before.end:g} m, where {before.material} ends: there is {fault}"
+                raise invalid(f"segments.{self.segments.index(after)}.start", after.start, joined)
+        shortest = min((segment.end - segment.start for segment in ordered[1:-1]), default=math.inf)
+        if self.blend > shortest + _CLOSE:
+            raise invalid("blend", self.blend, f"at most the shortest segment between two joints, {shortest:g} m")
+
+    def _ordered(self) -> list[SegmentConfig]:
+        return sorted(self.segments, key=lambda segment: segment.start)
+
+    def path(self) -> MaterialPath:
+        """The values over the path."""
+        ordered = self._ordered()
+        return MaterialPath(
+            [segment.start for segment in ordered[1:]],
+            self.blend,
+            [segment.environment_stiffness for segment in ordered],
+            [segment.damping for segment in ordered],
+            [segment.height for segment in ordered],
+        )
+
+    @property
+    def flat(self) -> bool:
+        """Whether all segments are of the same height."""
+        return len({segment.height for segment in self.segments}) == 1
+
+    @property
+    def damped(self) -> bool:
+        """Whether any segment has damping."""
+        return any(segment.damping for segment in self.segments)
+
+
+class SurfaceMaterial(LeafSystem):
+    """Stiffness and damping of the surface at the place of the tool.
+
+    ```
+    name: SurfaceMaterial
+    input_ports: [path_position]
+    output_ports: [surface_stiffness, surface_damping (optional)]
+    ```
+
+    path_position: shape (1,), s [m]. surface_stiffness: shape (1,), K_E(s) [N/m]. surface_damping: shape (1,), D_E(s)
+    [N s/m]; with `damped` only. Feedthrough.
+
+    Sampling: none; evaluated when read.
+    """
+
+    port_units = {"path_position": "m", "surface_stiffness": "N/m", "surface_damping": "N s/m"}
+
+    def __init__(self, path: MaterialPath, damped: bool):
+        super().__init__()
+        self._path = path
+        self._position = self.DeclareVectorInputPort("path_position", 1)
+        reads = {self._position.ticket()}
+        self.DeclareVectorOutputPort("surface_stiffness", 1, self._stiffness, prerequisites_of_calc=reads)
+        if damped:
+            self.DeclareVectorOutputPort("surface_damping", 1, self._damping, prerequisites_of_calc=reads)
+
+    def _stiffness(self, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, self._at(context, self._path.stiffness))
+
+    def _damping(self, context: Context, output: BasicVector) -> None:
+        output.SetAtIndex(0, self._at(context, self._path.damping))
+
+    def _at(self, context: Context, values: list[float]) -> float:
+        i, share = self._path.share(self._position.Eval(context).item())
+        return values[i] + share * (values[i + 1] - values[i]) if share else values[i]

@@ -1,0 +1,79 @@
+"""A spring and damper that change with the place, for a body with Drake's implicit position control.
+
+    wanted    F = K(s) (h - q) - D(s) q'
+    Drake     F = p (q_d - q+) + d (q_d' - q'+)      with constant p >= K and d >= D, + at the end of the step
+
+Told the state q^ = q + dt q' that the body is going to have anyway, with
+
+    q_d = q^ + (K/p)(h - q^),    q_d' = (1 - D/d) q'
+
+Drake's force is spring and damper of the place at the end of the step, and that of a mass (p - K) dt^2 + (d - D) dt,
+0.2 kg beside p = 2e5 N/m at 1 ms. A force computed with the state before the step would be unstable on a light body.
+"""
+
+from __future__ import annotations
+
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from forcectl.framework.batch import check
+
+
+class SurfaceSpring(LeafSystem):
+    """Desired state of the carrier of a surface of several materials.
+
+    ```
+    name: SurfaceSpring
+    input_ports: [carrier_state, surface_stiffness, surface_damping (optional), surface_height (optional)]
+    output_ports: [desired_state]
+    ```
+
+    carrier_state, desired_state: shape (2,), position along n and velocity [m, m/s]. surface_stiffness,
+    surface_damping, surface_height: shape (1,), K_E [N/m], D_E [N s/m] and h [m] under the tool; without damping and on
+    flat surfaces the ports do not exist. Feedthrough.
+
+    Sampling: none; evaluated when read.
+
+    Args:
+        position_gain: p [N/m], > 0. velocity_gain: d [N s/m], >= 0; the damping port exists when it is above 0.
+        further_compliance: in series with the surface, carried by the spring as well [m/N]; may be negative.
+        uneven: whether there is a height. period: dt of the plant [s].
+    """
+
+    port_units = {
+        "carrier_state": "m,m/s",
+        "desired_state": "m,m/s",
+        "surface_stiffness": "N/m",
+        "surface_damping": "N s/m",
+        "surface_height": "m",
+    }
+
+    def __init__(
+        self,
+        position_gain: float,
+        velocity_gain: float = 0.0,
+        *,
+        further_compliance: float = 0.0,
+        uneven: bool = False,
+        period: float = 0.001,
+    ):
+        super().__init__()
+        self._p = check("position_gain", position_gain, "positive")
+        self._d = check("velocity_gain", velocity_gain, "not negative")
+        self._further, self._period = check("further_compliance", further_compliance), check("period", period)
+        self._state = self.DeclareVectorInputPort("carrier_state", 2)
+        self._stiffness = self.DeclareVectorInputPort("surface_stiffness", 1)
+        self._damping = self.DeclareVectorInputPort("surface_damping", 1) if self._d else None
+        self._height = self.DeclareVectorInputPort("surface_height", 1) if uneven else None
+        ports = (self._state, self._stiffness, self._damping, self._height)
+        reads = {port.ticket() for port in ports if port is not None}
+        self.DeclareVectorOutputPort("desired_state", 2, self._desired, prerequisites_of_calc=reads)
+
+    def _desired(self, context: Context, output: BasicVector) -> None:
+        q, v = self._state.Eval(context).tolist()
+        stiffness = self._stiffness.Eval(context).item()
+        height = 0.0 if self._height is None else self._height.Eval(context).item()
+        spring = stiffness / (1 + self._further * stiffness)
+        q += self._period * v
+        output.SetAtIndex(0, q + spring / self._p * (height - q))
+        share = 0.0 if self._damping is None else 1 - self._damping.Eval(context).item() / self._d
+        output.SetAtIndex(1, share * v)

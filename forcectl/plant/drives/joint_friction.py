@@ -1,0 +1,320 @@
+"""Joint friction with an offset, a Coulomb part and viscous parts that differ with the direction.
+
+    tau_F = tau_O + tau_C tanh(130 q') + D+ max(q', 0) + D- min(q', 0)                                 (5.2)
+    thr   = tau_move + tau_still sech(30 q')                                                           (5.3)*
+
+tau_F opposes the motion: B q'' + ... + tau_F = tau. (5.3) is printed with its two names exchanged; what is least known
+is the friction at rest, so the band is widest there.
+
+The tanh is what control can compute from a measured speed. In a simulated plant its slope, 130 tau_C, is far stiffer
+than a step of 0.5 to 1 ms allows and a joint would creep under load, so there the Coulomb part sticks:
+
+- on the motor side of a drive, one step implicit in the speed. With s the speed the step would reach without Coulomb
+  and viscous friction, and B the inertia of the axis,
+
+      v+ = soft(s, dt tau_C/B)/(1 + dt D/B),   D = D+ or D- by the sign of s,    soft(s, c) = sign(s) max(|s| - c, 0)
+
+  which is exact: a sticking axis stands still (`sticking_speed`, `StickingSpeed`).
+- in a multibody plant with rigid joints, one more actuator per joint that regulates the speed to zero with an effort
+  of at most tau_C (`add_coulomb_friction`). Drake solves it implicitly, with the contacts; a sticking joint creeps by a
+  few 1e-6 rad/s, what its solver resolves.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Joint, JointActuator, ModelInstanceIndex, PdControllerGains
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import Adder, AffineSystem, MatrixGain, Saturation
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.framework.batch import lane_values
+from forcectl.framework.kernels import HALF
+from forcectl.robot.facts import ControlFacts
+
+Array = NDArray[np.float64]
+COULOMB_STEEPNESS = 130.0  # [s/rad] of (5.2)
+THRESHOLD_STEEPNESS = 30.0  # [s/rad] of (5.3)
+_STICKING = 1e7  # [Nms/rad] damping that stands for sticking
+_SPREAD = np.array(1e-6)  # [rad/s]
+_STEEP, _QUARTER = np.array(COULOMB_STEEPNESS), np.array(0.25)  # see `forcectl.framework.kernels`
+for _constant in (_SPREAD, _STEEP, _QUARTER):
+    _constant.flags.writeable = False
+
+
+class JointFriction:
+    """Parameters of (5.2) for n joints.
+
+    Attributes:
+        size: n. offset: tau_O [Nm]. coulomb: tau_C [Nm]. viscous_forward, viscous_backward: D+, D- [Nms/rad]. Arrays of
+            shape (n,), not to be changed.
+    """
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        offset: ArrayLike = 0.0,
+        coulomb: ArrayLike = 0.0,
+        viscous_forward: ArrayLike = 0.0,
+        viscous_backward: ArrayLike | None = None,
+    ):
+        """Numbers hold for every joint; `viscous_backward` is `viscous_forward` when it is None.
+
+        Raises:
+            BadInputError: a value of another shape, not finite, or negative where that is no friction.
+        """
+        self.size = size
+        self.offset = lane_values("offset", offset, size)
+        self.coulomb = _finite("coulomb", coulomb, size)
+        self.viscous_forward = _finite("viscous_forward", viscous_forward, size)
+        backward = viscous_forward if viscous_backward is None else viscous_backward
+        self.viscous_backward = _finite("viscous_backward", backward, size)
+
+    @classmethod
+    def of_facts(cls, facts: ControlFacts) -> JointFriction:
+        """The friction in the control facts of a robot."""
+        return cls(
+            facts.num_joints,
+            offset=facts.friction_offset,
+            coulomb=facts.coulomb_friction,
+            viscous_forward=facts.viscous_friction,
+            viscous_backward=facts.viscous_friction_backward,
+        )
+
+    def scaled(self, factor: float) -> JointFriction:
+        """The friction of this model times `factor`, >= 0 [1]; the offset too."""
+        return JointFriction(
+            self.size,
+            offset=factor * self.offset,
+            coulomb=factor * self.coulomb,
+            viscous_forward=factor * self.viscous_forward,
+            viscous_backward=factor * self.viscous_backward,
+        )
+
+
+def _finite(name: str, value: ArrayLike, size: int) -> Array:
+    return lane_values(name, lane_values(name, value, size, "not negative"), size)
+
+
+def friction_torque(speed: Array, friction: JointFriction) -> Array:
+    """tau_F of (5.2) [Nm] at joint speeds of shape (..., n) [rad/s]."""
+    viscous = friction.viscous_forward * np.maximum(speed, 0.0) + friction.viscous_backward * np.minimum(speed, 0.0)
+    torque: Array = friction.offset + friction.coulomb * np.tanh(COULOMB_STEEPNESS * speed) + viscous
+    return torque
+
+
+def mean_features(before: Array, after: Array) -> tuple[Array, Array, Array]:
+    """Means of tanh(130 q'), max(q', 0) and min(q', 0) over a tick in which the speed changes linearly.
+
+    Exact through a reversal, where the values at the ends of the tick say nothing about the mean.
+
+    Args:
+        before, after: joint speeds at the ends of the tick, any one shape [rad/s].
+    """
+    middle = HALF * (before + after)
+    # A speed that hardly changes is spread a little, so that there is something to divide by.
+    half = np.maximum(HALF * np.abs(after - before), _SPREAD)
+    ends = np.array([middle - half, middle + half])
+    # Integrals of tanh, log cosh up to a constant and without its overflow, and of |v|.
+    steep = _STEEP * ends
+    log_cosh, odd = np.logaddexp(steep, -steep), ends * np.abs(ends)
+    over = HALF / half
+    mean_sign = (log_cosh[1] - log_cosh[0]) * over / _STEEP
+    sloped, curved = _QUARTER * over * (odd[1] - odd[0]), HALF * middle
+    return mean_sign, curved + sloped, curved - sloped
+
+
+def friction_threshold(speed: Any, move: Any, still: Any) -> Any:
+    """thr of (5.3)* [Nm]: `move` + `still` at rest, `move` at speed; arguments [rad/s], [Nm], [Nm]."""
+    # sech without the overflow of cosh.
+    decay = np.exp(-THRESHOLD_STEEPNESS * np.abs(speed))
+    return move + still * 2.0 * decay / (1.0 + decay**2)
+
+
+def sticking_speed(free: Array, rate: Array, friction: JointFriction) -> Array:
+    """Speed at the end of a step with friction that sticks.
+
+    Args:
+        free: speed the step would reach with the offset but without Coulomb and viscous friction, (n,) [rad/s].
+        rate: dt/B, shape (n,) [rad/(Nms)].
+
+    Returns:
+        v+, shape (n,) [rad/s]; exactly zero while the drive stays below tau_C.
+    """
+    viscous = np.where(free > 0, friction.viscous_forward, friction.viscous_backward)
+    speed: Array = np.copysign(np.maximum(np.abs(free) - rate * friction.coulomb, 0.0), free) / (1 + rate * viscous)
+    return speed
+
+
+class StickingSpeed(Diagram):
+    """`sticking_speed` of C++ blocks, for what runs at the rate of the plant.
+
+    ```
+    name: StickingSpeed
+    input_ports: [free_speed]
+    output_ports: [speed]
+    ```
+
+    free_speed: shape (n,), see `sticking_speed` [rad/s]. speed: shape (n,), v+ [rad/s]. Feedthrough.
+
+    Args:
+        rate: dt/B, shape (n,) [rad/(Nms)], > 0.
+    """
+
+    def __init__(self, friction: JointFriction, rate: ArrayLike):
+        super().__init__()
+        n = friction.size
+        per_torque = lane_values("rate", rate, n, "positive and finite")
+        stick, unlimited = per_torque * friction.coulomb, np.full(n, np.inf)
+        gains = (
+            1 / (1 + per_torque * friction.viscous_forward),
+            1 / (1 + per_torque * friction.viscous_backward),
+        )
+        self.port_units = {"free_speed": "rad/s", "speed": "rad/s"}
+        builder = DiagramBuilder()
+        add, connect = builder.AddNamedSystem, builder.Connect
+        free = add("free_speed", MatrixGain(np.eye(n)))
+        # What exceeds a limit is the signal less itself limited: the same number, so that sticking gives a true zero.
+        total = add("sum", Adder(4, n))
+        directions = (("forward", -unlimited, stick, gains[0]), ("backward", -stick, unlimited, gains[1]))
+        for i, (name, lower, upper, gain) in enumerate(directions):
+            limit = add(f"{name}_limit", Saturation(lower, upper))
+            beyond = add(f"{name}_gain", MatrixGain(np.diag(gain)))
+            within = add(f"{name}_stick", MatrixGain(np.diag(-gain)))
+            connect(free.get_output_port(), limit.get_input_port())
+            connect(free.get_output_port(), beyond.get_input_port())
+            connect(limit.get_output_port(), within.get_input_port())
+            connect(beyond.get_output_port(), total.get_input_port(2 * i))
+            connect(within.get_output_port(), total.get_input_port(2 * i + 1))
+        builder.ExportInput(free.get_input_port(), "free_speed")
+        builder.ExportOutput(total.get_output_port(), "speed")
+        builder.BuildInto(self)
+
+
+def add_coulomb_friction(
+    plant: MultibodyPlant, joints: Sequence[Joint], friction: JointFriction, steepness: float = np.inf
+) -> tuple[JointActuator, ...]:
+    """Add what a discrete plant can carry of (5.2) by itself: sticking Coulomb friction and the common viscous part.
+
+    The Coulomb part is one actuator `<joint>_friction` per joint, whose desired speed has to be zero: feed the
+    `desired_state` input of the model instance through `desired_state_gain`. The lesser of D+ and D- becomes the
+    damping of the joint. What is left, `FrictionRest`, belongs into the plant's `applied_generalized_force` input. Set
+    rotor inertias before.
+
+    Measure the torque of the motors where it is made: Drake's `net_actuation` output shows the sum of all actuators of
+    a joint, friction included, in each of their entries.
+
+    Args:
+        plant: discrete, not yet finalized. joints: n joints with one velocity each.
+        steepness: [s/rad] of a friction that creeps under load as that of (5.2), tau_C sat(steepness q'); sticks by
+            default.
+
+    Raises:
+        BadInputError: a steepness that is not positive, a plant that is continuous or finalized, or a wrong number of
+            joints.
+    """
+    if plant.time_step() == 0 or plant.is_finalized():
+        raise BadInputError("plant: must be discrete and not yet finalized to get sticking friction")
+    if len(joints) != friction.size:
+        raise BadInputError(f"joints: has {len(joints)} entries: must have {friction.size}, as the friction")
+    if not steepness > 0:
+        raise invalid("steepness", steepness, "positive")
+    actuators = []
+    common = np.minimum(friction.viscous_forward, friction.viscous_backward)
+    for joint, coulomb, viscous in zip(joints, friction.coulomb, common, strict=True):
+        joint.set_default_damping(joint.default_damping() + float(viscous))
+        # An effort limit of zero is refused.
+        limit = max(float(coulomb), np.finfo(float).tiny)
+        rotor, ratio = _rotor(plant, joint)
+        actuator = plant.AddJointActuator(f"{joint.name()}_friction", joint, limit)
+        # Of several actuators of a joint, Drake takes the rotor of the last one and forgets the others.
+        actuator.set_default_rotor_inertia(rotor)
+        actuator.set_default_gear_ratio(ratio)
+        actuator.set_controller_gains(PdControllerGains(p=0.0, d=min(_STICKING, steepness * limit)))
+        actuators.append(actuator)
+    return tuple(actuators)
+
+
+def _rotor(plant: MultibodyPlant, joint: Joint) -> tuple[float, float]:
+    """Rotor inertia [kg m2] and gear ratio [1] of the last actuator of a joint; none without one."""
+    found = (0.0, 1.0)
+    for index in plant.GetJointActuatorIndices():
+        actuator = plant.get_joint_actuator(index)
+        if actuator.joint().index() == joint.index():
+            found = actuator.default_rotor_inertia(), actuator.default_gear_ratio()
+    return found
+
+
+def desired_state_gain(
+    plant: MultibodyPlant, instance: ModelInstanceIndex, actuators: Sequence[JointActuator]
+) -> MatrixGain:
+    """From [q; v] of the given actuators, (2n,), to the `desired_state` input of their instance; the rest is zero."""
+    rows = _rows(plant, instance, actuators)
+    return MatrixGain(np.kron(np.eye(2), rows))
+
+
+def actuation_gain(
+    plant: MultibodyPlant, instance: ModelInstanceIndex, actuators: Sequence[JointActuator]
+) -> MatrixGain:
+    """From the torques of the given actuators, (n,), to the `actuation` input of their instance; the rest is zero."""
+    return MatrixGain(_rows(plant, instance, actuators))
+
+
+def _rows(plant: MultibodyPlant, instance: ModelInstanceIndex, actuators: Sequence[JointActuator]) -> Array:
+    every = [int(index) for index in plant.GetJointActuatorIndices(instance)]
+    rows = np.zeros((len(every), len(actuators)))
+    for column, actuator in enumerate(actuators):
+        rows[every.index(int(actuator.index())), column] = 1.0
+    return rows
+
+
+class FrictionRest(Diagram):
+    """What `add_coulomb_friction` leaves of (5.2): offset and the difference of the viscous parts, of C++ blocks.
+
+    ```
+    name: FrictionRest
+    input_ports: [velocity]
+    output_ports: [generalized_force]
+    ```
+
+    velocity: shape (n_v,), of the plant [rad/s]. generalized_force: shape (n_v,) [Nm]. Feedthrough.
+
+    Explicit, so it is held over a step: stable while dt |D+ - D-| stays below the inertia of the joint.
+
+    Args:
+        plant: finalized. joints: n joints, those of `add_coulomb_friction`.
+    """
+
+    def __init__(self, plant: MultibodyPlant, joints: Sequence[Joint], friction: JointFriction):
+        super().__init__()
+        n_v = plant.num_velocities()
+        pick = np.zeros((len(joints), n_v))
+        pick[np.arange(len(joints)), [joint.velocity_start() for joint in joints]] = 1.0
+        common = np.minimum(friction.viscous_forward, friction.viscous_backward)
+        unlimited, zero = np.full(n_v, np.inf), np.zeros(n_v)
+        self.port_units = {"velocity": "rad/s", "generalized_force": "Nm"}
+        builder = DiagramBuilder()
+        add, connect = builder.AddNamedSystem, builder.Connect
+        velocity = add("velocity", MatrixGain(np.eye(n_v)))
+        total = add("sum", Adder(2, n_v))
+        for i, (name, viscous, lower, upper, offset) in enumerate(
+            (
+                ("forward", friction.viscous_forward, zero, unlimited, friction.offset),
+                ("backward", friction.viscous_backward, -unlimited, zero, 0.0 * friction.offset),
+            )
+        ):
+            part = add(f"{name}_part", Saturation(lower, upper))
+            gain = -pick.T @ np.diag(viscous - common) @ pick
+            force = add(f"{name}_force", AffineSystem(D=gain, y0=-pick.T @ offset))
+            connect(velocity.get_output_port(), part.get_input_port())
+            connect(part.get_output_port(), force.get_input_port())
+            connect(force.get_output_port(), total.get_input_port(i))
+        builder.ExportInput(velocity.get_input_port(), "velocity")
+        builder.ExportOutput(total.get_output_port(), "generalized_force")
+        builder.BuildInto(self)

@@ -1,0 +1,219 @@
+"""Joint impedance control: what a robot with a torque interface holds its joints with.
+
+    tau = K_q (q_bar - q) + D_q (q_bar' - q') + g(q)
+
+At rest a force F along n moves the tool by C_q F, C_q = n'J K_q^-1 J'n, in series with joints and links. With the
+positions of the motors as q the law is the torque of a spring, of a damper and of the weight: passive, whatever the
+robot touches, but for its sampling. A motor of inertia B alone is stable under it with the period T when
+
+    K_q T/2 < D_q < 2 B/T
+
+Joints whose springs are not much stiffer than K_q cannot be damped from the motors much: with K_q = K they reach a
+damping ratio of 0.2 at most.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
+
+from forcectl.errors import BadInputError
+from forcectl.framework.batch import Lane, Parameter, check, lane_values
+from forcectl.framework.cache import BlockCache
+from forcectl.framework.sampled_law import SampledLaw
+from forcectl.robot.model import RobotModel, has_moved
+
+Vector = NDArray[np.float64]
+
+
+def impedance_torque(error: Lane, rate_error: Lane, stiffness: Lane, damping: Lane) -> Lane:
+    """K_q (q_bar - q) + D_q (q_bar' - q') [Nm].
+
+    Args:
+        error: q_bar - q [rad]. rate_error: its rate [rad/s]. stiffness: K_q [Nm/rad]. damping: D_q [Nms/rad].
+    """
+    return stiffness * error + damping * rate_error
+
+
+class JointImpedance(SampledLaw):
+    """Joint impedance control of n joints.
+
+    ```
+    name: JointImpedance
+    input_ports: [reference, motor_state, gravity_torque]
+    output_ports: [torque_command]
+    parameters: [stiffness, damping]
+    ```
+
+    reference: shape (2n,), q_bar and its rate [rad, rad/s]. motor_state: shape (2n,), q and its rate [rad, rad/s].
+    gravity_torque: shape (n,), g(q), or any other torque that is fed forward [Nm].
+    torque_command: shape (n,), tau [Nm], held over [t_k, t_k+1). Feedthrough of all inputs at the tick.
+
+    Parameters (Context, shape (n,)): stiffness K_q [Nm/rad] >= 0, damping D_q [Nms/rad] >= 0.
+
+    A joint whose reference is not finite is held where it was last told to be; one whose state or gravity torque is not
+    finite keeps its last torque.
+
+    Sampling: `period` [s]; no delay from motor_state to torque_command, see `SampledLaw`.
+
+    Args:
+        initial_reference: q_bar at rest, shape (n,) or a number [rad]. initial_torque: tau there [Nm].
+    """
+
+    port_units = {
+        "reference": "rad,rad/s",
+        "motor_state": "rad,rad/s",
+        "gravity_torque": "Nm",
+        "torque_command": "Nm",
+    }
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        stiffness: ArrayLike,
+        damping: ArrayLike,
+        initial_reference: ArrayLike = 0.0,
+        initial_torque: ArrayLike = 0.0,
+        period: float = 0.002,
+    ):
+        parameters = {
+            "stiffness": Parameter(stiffness, "not negative", "Nm/rad"),
+            "damping": Parameter(damping, "not negative", "Nms/rad"),
+        }
+        super().__init__(size, parameters, period)
+        self.sample_delay = {("motor_state", "torque_command"): 0.0}
+        self._reference = self.DeclareVectorInputPort("reference", 2 * size)
+        self._state = self.DeclareVectorInputPort("motor_state", 2 * size)
+        self._gravity = self.DeclareVectorInputPort("gravity_torque", size)
+        reads = {port.ticket() for port in (self._reference, self._state, self._gravity)}
+        self.declare_command("torque_command", reads, initial_torque, {"reference": initial_reference})
+
+    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+        """One tick of the law."""
+        m = self.math
+        last, goal = held
+        stiffness, damping = self._values.Eval(context)
+        wanted, rate = self.lanes(self._reference.Eval(context))
+        q, speed = self.lanes(self._state.Eval(context))
+        gravity = self.lane(self._gravity.Eval(context))
+        told = abs(wanted) + abs(rate) < np.inf
+        goal, rate = m.where(told, wanted, goal), m.where(told, rate, 0.0)
+        torque = impedance_torque(goal - q, rate - speed, stiffness, damping) + gravity
+        return m.where(abs(torque) < np.inf, torque, last), goal
+
+
+class GravityCompensation(LeafSystem):
+    """Torque that carries the weight of a robot with elastic joints, from the positions of its motors.
+
+    g(q) of the links, q = q_m - K^-1 g: what the springs K are known to give under the weight, one renewal ago.
+
+    ```
+    name: GravityCompensation
+    input_ports: [motor_position]
+    output_ports: [gravity_torque]
+    ```
+
+    motor_position: shape (n,), q_m [rad].
+    gravity_torque: shape (n,), g [Nm]. State, no direct feedthrough.
+
+    Sampling: renewed every `period` [s] if the posture of the links has changed. A position that is not finite changes
+    nothing.
+
+    Args:
+        robot: dynamics. start: link positions at the start, shape (n,) [rad].
+        spring_stiffness: K of the joints, shape (n,) [Nm/rad], > 0.
+    """
+
+    port_units = {"gravity_torque": "Nm"}
+
+    def __init__(self, robot: RobotModel, start: ArrayLike, spring_stiffness: ArrayLike, *, period: float = 0.002):
+        super().__init__()
+        n = robot.num_joints
+        self._robot, self._stiffness = robot, lane_values("spring_stiffness", spring_stiffness, n, "positive")
+        context = robot.create_context()
+        links = lane_values("start", start, n)
+        robot.set_positions(context, links)
+        torque = robot.gravity_torque(context)
+        self._position = self.DeclareVectorInputPort("motor_position", n)
+        self._torque = self.DeclareDiscreteState(torque)
+        self._taken_at = self.DeclareDiscreteState(links)
+        reads: Any = {self._position.ticket(), self.discrete_state_ticket(self._torque)}
+        self._posture = BlockCache(
+            self,
+            "posture of the links",
+            lambda: AbstractValue.Make(robot.create_context()),
+            lambda block, context, value: block._set_posture(context, value),
+            reads,
+        )
+        self.DeclareStateOutputPort("gravity_torque", self._torque)
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=check("period", period, "positive"), offset_sec=0.0, update=self._renew
+        )
+
+    def _links(self, context: Context) -> Vector:
+        torque = context.get_discrete_state(self._torque).value()
+        links: Vector = self._position.Eval(context) - torque / self._stiffness
+        return links
+
+    def _set_posture(self, context: Context, value: AbstractValue) -> None:
+        self._robot.set_positions(value.get_mutable_value(), self._links(context))
+
+    def _renew(self, context: Context, next_state: DiscreteValues) -> None:
+        links = self._links(context)
+        if np.isfinite(links).all() and has_moved(links, context.get_discrete_state(self._taken_at).value()):
+            next_state.set_value(self._torque, self._robot.gravity_torque(self._posture.Eval(context)))
+            next_state.set_value(self._taken_at, links)
+
+
+@dataclass(kw_only=True)
+class JointImpedanceConfig:
+    """Scenario part `interface: !JointImpedance`: the drives are told torques, and impedance control holds the joints.
+
+    Empty lists stand for gains that suit the inertias. D_q = 2 z sqrt(K_q I), with the inertia I of motor and link in
+    the start posture.
+    """
+
+    stiffness: list[float] = field(default_factory=list)  # K_q per joint [Nm/rad], > 0; empty: `bandwidth`^2 B
+    bandwidth: float = 60.0  # [rad/s], > 0: of the motors alone, of inertia B, on the default stiffness
+    damping_ratio: float = 0.7  # z, > 0
+    torque_gain: float = 4.0  # of the torque loop in the drives, >= 0: it divides their friction by one more than this
+    friction_bandwidth: float = 100.0  # of the friction observer in the drives [rad/s], >= 0; 0: none
+
+    def __post_init__(self) -> None:
+        if self.stiffness:
+            lane_values("stiffness", self.stiffness, len(self.stiffness), "positive and finite")
+        for name in ("bandwidth", "damping_ratio"):
+            check(name, getattr(self, name), "positive")
+        for name in ("torque_gain", "friction_bandwidth"):
+            check(name, getattr(self, name), "not negative")
+
+    def joint_stiffness(self, motor_inertia: Vector) -> Vector:
+        """K_q, shape (n,) [Nm/rad].
+
+        Args:
+            motor_inertia: B, shape (n,), joint side [kg m^2].
+
+        Raises:
+            BadInputError: not as many values as joints.
+        """
+        if not self.stiffness:
+            return self.bandwidth**2 * motor_inertia
+        if len(self.stiffness) != len(motor_inertia):
+            raise BadInputError(f"interface.stiffness has {len(self.stiffness)} values: must have {len(motor_inertia)}")
+        return np.array(self.stiffness)
+
+    def joint_damping(self, stiffness: Vector, inertia: Vector) -> Vector:
+        """D_q, shape (n,) [Nms/rad].
+
+        Args:
+            stiffness: K_q, shape (n,) [Nm/rad]. inertia: I of motor and link, shape (n,) [kg m^2].
+        """
+        damping: Vector = 2 * self.damping_ratio * np.sqrt(stiffness * inertia)
+        return damping

@@ -1,0 +1,198 @@
+"""The servo loops of a position-controlled robot at the rate of its plant, and the torque they ask of the motors.
+
+    tau = sat(u),   u = K_p (r - q) + K_d (v_r - v) + z + tau_ff,   z' = K_i (r - q) + w_b (tau - u)
+    K_p = B w^2,    K_d = 2 zeta B w,    K_i = w_i K_p
+
+with B the inertia that a joint moves. r goes on with v_r between two references, so that references at 250 Hz do not
+drive a loop at 2 kHz in stairs. With v_r = 0 the motion follows h(s) = w^2/(s^2 + 2 zeta w s + w^2), 2 zeta/w behind in
+steady motion; with v_r = r' it is not behind. z carries what is constant: gravity, friction, loads; while a motor is at
+its limit it gives way at w_b = w.
+
+The loops run m times in a step dt of the plant. What acts in a step is the mean of their torques, with the motion going
+on as it does, v + a h, a = (v - v_last)/dt, h = (m - 1)/(2m) dt the mean time of the m samples:
+
+    u = K_p (r + v_r h - q - v h) + K_d (v_r - v - a h) + z + tau_ff
+
+so that a plant at 1 kHz has loops of 2 kHz. All of it but the taking of references are C++ blocks: a Python callback at
+that rate costs more than the plant.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
+from pydrake.systems.primitives import (
+    Demultiplexer,
+    LinearSystem,
+    MatrixGain,
+    Multiplexer,
+    Saturation,
+)
+
+from forcectl.framework.batch import check, check_count, lane_values, whole_multiple
+
+Array = NDArray[np.float64]
+
+
+class ServoGains(NamedTuple):
+    """Gains of n joints, shape (n,): K_p [Nm/rad], K_d [Nms/rad], K_i [Nm/(rad s)]; w_b [1/s]."""
+
+    position: Array
+    velocity: Array
+    integral: Array
+    unwinding: float
+
+
+def servo_gains(inertia: ArrayLike, bandwidth: float, damping_ratio: float, integral_gain: float) -> ServoGains:
+    """Gains that make h(s) of each joint.
+
+    Args:
+        inertia: B, shape (n,) [kg m2]. bandwidth: w [rad/s]. damping_ratio: zeta [1]. integral_gain: w_i [1/s].
+    """
+    B = np.asarray(inertia, dtype=float)
+    stiffness = B * bandwidth**2
+    unwinding = bandwidth if integral_gain > 0 else 0.0  # nothing would wind it up again
+    return ServoGains(stiffness, 2 * damping_ratio * bandwidth * B, integral_gain * stiffness, unwinding)
+
+
+class ReferenceHold(LeafSystem):
+    """References of n joints, taken at ticks, that go on between them.
+
+        r + v_r (t - t_k) = o_k + I(t),   I = dt sum v_r,   o_k = r - I_k + dt (v_r - v_r,k-1)
+
+    I is an integrator at the rate of the plant, beside it: with it there is nothing to be computed here between ticks.
+    In the step in which a reference is taken, I still goes on with the last speed.
+
+    ```
+    name: ReferenceHold
+    input_ports: [joint_position_reference, joint_velocity_reference, joint_torque_feedforward, travelled]
+    output_ports: [reference]
+    ```
+
+    joint_position_reference: shape (n,), r [rad]. joint_velocity_reference: shape (n,), v_r [rad/s].
+    joint_torque_feedforward: shape (n,) [Nm]. It and v_r are zero when they are not connected.
+    travelled: shape (n,), I [rad].
+    reference: shape (3n,), o, v_r and the feed-forward [rad, rad/s, Nm]. State.
+
+    A joint with a reference that is not a finite number keeps its last position, without speed and feed-forward.
+
+    Sampling: `period` [s]; what is taken at a tick shows after it.
+
+    Args:
+        time_step: dt of the integrator [s]. start: r before the first tick, shape (n,) [rad].
+    """
+
+    optional_inputs = ("joint_torque_feedforward", "joint_velocity_reference")
+
+    def __init__(self, size: int, *, period: float, time_step: float, start: ArrayLike):
+        super().__init__()
+        n = self._n = check_count("size", size)
+        self._step = check("time_step", time_step, "positive")
+        self.port_units = {"joint_torque_feedforward": "Nm", "travelled": "rad", "reference": "rad,rad/s,Nm"}
+        names = ("joint_position_reference", "joint_velocity_reference", "joint_torque_feedforward")
+        self._inputs = [self.DeclareVectorInputPort(name, n) for name in names]
+        self._travelled = self.DeclareVectorInputPort("travelled", n)
+        state = self.DeclareDiscreteState(np.concatenate([lane_values("start", start, n), np.zeros(2 * n)]))
+        self.DeclareStateOutputPort("reference", state)
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=check("period", period, "positive"), offset_sec=0.0, update=self._take
+        )
+
+    def _take(self, context: Context, next_state: DiscreteValues) -> None:
+        n, held = self._n, context.get_discrete_state(0).value()
+        travelled, last_rate = self._travelled.Eval(context), held[n : 2 * n]
+        taken = np.concatenate([port.Eval(context) if port.HasValue(context) else np.zeros(n) for port in self._inputs])
+        if not np.isfinite(taken).all():
+            rows = taken.reshape(3, n)
+            bad = ~np.isfinite(rows).all(axis=0)
+            rows[0, bad] = (held[:n] + travelled)[bad]
+            rows[1:, bad] = 0.0
+        taken[:n] += self._step * (taken[n : 2 * n] - last_rate) - travelled
+        next_state.set_value(0, taken)
+
+
+class JointServo(Diagram):
+    """Position servos of n joints.
+
+    ```
+    name: JointServo
+    input_ports: [joint_position_reference, joint_velocity_reference, joint_torque_feedforward, position, velocity]
+    output_ports: [motor_torque, torque_integral]
+    ```
+
+    joint_position_reference, joint_velocity_reference, joint_torque_feedforward: shape (n,), see `ReferenceHold`.
+    position, velocity: shape (n,), of the motors [rad, rad/s].
+    motor_torque: shape (n,), tau, joint side [Nm]. Feedthrough of position and velocity.
+    torque_integral: shape (n,), integral of motor_torque over time [Nms]. State.
+
+    Sampling: references every `period` [s], felt by the motors one `time_step` [s] later; the rest every `time_step`.
+
+    Args:
+        substeps: m, how often the loops run in a time step.
+        gains: of the n joints. limit: of the motor torque, shape (n,), may be infinite [Nm].
+        start: r before the first reference, shape (n,) [rad]. torque: z at the start, shape (n,) [Nm].
+    """
+
+    def __init__(
+        self,
+        gains: ServoGains,
+        limit: ArrayLike,
+        *,
+        period: float,
+        time_step: float,
+        start: ArrayLike,
+        torque: ArrayLike = 0.0,
+        substeps: int = 1,
+    ):
+        super().__init__()
+        n = len(gains.position)
+        count = check_count("substeps", substeps)
+        bound = lane_values("limit", limit, n, "positive")
+        step = check("time_step", time_step, "positive")
+        whole_multiple("period", check("period", period, "positive"), step, "time_step")
+        self.port_units = {"position": "rad", "velocity": "rad/s", "motor_torque": "Nm", "torque_integral": "Nms"}
+        builder = DiagramBuilder()
+        add, connect = builder.AddNamedSystem, builder.Connect
+        eye, zero = np.eye(n), np.zeros((n, n))
+        hold = add("references", ReferenceHold(n, period=period, time_step=step, start=start))
+        kp, kd, ki = (np.diag(gain) for gain in gains[:3])
+        ahead = 0.5 * (count - 1) / count * step
+        # Known at the start of a step: o, v_r, tau_ff, I, q, v, z, v_last.
+        known = add("known", Multiplexer([3 * n, n, n, n, n, n]))
+        damped, slowing = kd + ahead * kp, kd * (ahead / step)
+        law = np.hstack([kp, damped, eye, kp, -kp, -damped - slowing, eye, slowing])
+        wanted = add("wanted_torque", MatrixGain(law))
+        motor = add("torque_limit", Saturation(-bound, bound))
+        # z, the integrals of tau and v_r, and v_last.
+        after = add("after", Multiplexer([8 * n, n, n]))
+        error = np.hstack([ki, zero, zero, ki, -ki, zero, zero, zero, -gains.unwinding * eye, gains.unwinding * eye])
+        mean = np.hstack([*[zero] * 9, eye])
+        travel = np.hstack([zero, eye, *[zero] * 8])
+        speed = np.hstack([*[zero] * 5, eye / step, *[zero] * 4])
+        nothing = np.zeros((4 * n, 10 * n))
+        kept = np.diag(np.repeat([1.0, 1.0, 1.0, 0.0], n))
+        sums = LinearSystem(kept, step * np.vstack([error, mean, travel, speed]), np.eye(4 * n), nothing, step)
+        sums.configure_default_state(np.concatenate([lane_values("torque", torque, n), np.zeros(3 * n)]))
+        integrals = add("integrals", sums)
+        parts = add("integrals_and_speed", Demultiplexer([n, n, n, n]))
+        connect(hold.GetOutputPort("reference"), known.get_input_port(0))
+        connect(parts.get_output_port(2), known.get_input_port(1))
+        connect(parts.get_output_port(2), hold.GetInputPort("travelled"))
+        connect(parts.get_output_port(0), known.get_input_port(4))
+        connect(parts.get_output_port(3), known.get_input_port(5))
+        connect(known.get_output_port(), wanted.get_input_port())
+        connect(wanted.get_output_port(), motor.get_input_port())
+        for i, port in enumerate((known.get_output_port(), wanted.get_output_port(), motor.get_output_port())):
+            connect(port, after.get_input_port(i))
+        connect(after.get_output_port(), integrals.get_input_port())
+        connect(integrals.get_output_port(), parts.get_input_port())
+        for i in range(3):
+            builder.ExportInput(hold.get_input_port(i), hold.get_input_port(i).get_name())
+        builder.ExportInput(known.get_input_port(2), "position")
+        builder.ExportInput(known.get_input_port(3), "velocity")
+        builder.ExportOutput(motor.get_output_port(), "motor_torque")
+        builder.ExportOutput(parts.get_output_port(1), "torque_integral")
+        builder.BuildInto(self)

@@ -1,0 +1,160 @@
+"""Joint-reference filter, the model of the inner position loop.
+
+    h(s) = w^2 / (s^2 + 2 z w s + w^2)                                   (2.3), w = 75.4 rad/s, z = 1 in Sec. 2.2
+
+The command is held over a control tick, so the zero-order-hold discretisation is exact at the ticks; with `period = 0`
+the same filter is a continuous state. A command delay of whole ticks sits in front of it.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import LinearSystem
+from scipy.linalg import block_diag, expm
+
+from forcectl.errors import invalid
+from forcectl.framework.batch import check, lane_values, whole_multiple
+
+Matrix = NDArray[np.float64]
+LONGEST_DELAY = 1.0  # [s] a delay line keeps every sample
+
+
+def second_order(bandwidth: float, damping_ratio: float) -> tuple[Matrix, Matrix]:
+    """State matrices A (2, 2) and B (2, 1) of h(s), state = [output, output rate]. (2.3)"""
+    w, z = bandwidth, damping_ratio
+    return np.array([[0.0, 1.0], [-w * w, -2 * z * w]]), np.array([[0.0], [w * w]])
+
+
+def zero_order_hold(a: Matrix, b: Matrix, period: float) -> tuple[Matrix, Matrix]:
+    """Exact sampled A, B for an input that is constant over each period [s]."""
+    n, m = b.shape
+    e = expm(np.block([[a, b], [np.zeros((m, n + m))]]) * period)
+    return e[:n, :n], e[:n, n:]
+
+
+def first_order_hold(a: Matrix, b: Matrix, period: float) -> tuple[Matrix, Matrix, Matrix]:
+    """Exact sampled Phi, G0, G1 for an input that is linear in time over each period [s].
+
+    x[k+1] = Phi x[k] + G0 u[k] + G1 (u[k+1] - u[k])
+    """
+    n, m = b.shape
+    block = np.zeros((n + 2 * m, n + 2 * m))
+    block[:n, :n], block[:n, n : n + m], block[n : n + m, n + m :] = a * period, b * period, np.eye(m)
+    e = expm(block)
+    return e[:n, :n], e[:n, n : n + m], e[:n, n + m :]
+
+
+def interleave(blocks: list[Matrix], size: int) -> Matrix:
+    """One matrix for n equal-shaped systems, with the states grouped by quantity instead of by lane."""
+    rows, cols = blocks[0].shape
+    whole = block_diag(*blocks)
+    row_order = np.arange(rows * size).reshape(size, rows).T.ravel()
+    col_order = np.arange(cols * size).reshape(size, cols).T.ravel()
+    return whole[np.ix_(row_order, col_order)]
+
+
+class PositionLoop(Diagram):
+    """The inner position loop: command delay, then the joint-reference filter.
+
+    ```
+    name: PositionLoop
+    input_ports: [command]
+    output_ports: [reference]
+    ```
+
+    command: shape (n,), [rad] or [m], sampled every `period`.
+    reference: shape (2n,), filtered command and its rate, [rad, rad/s] or [m, m/s].
+
+    Sampling: `period` [s]; period = 0 gives continuous states (then delay must be 0). Delay from command to reference:
+    `delay` [s] plus the lag of the filter. Depends on the state only (no direct feedthrough).
+
+    Args:
+        size: number of joints or lanes n.
+        bandwidth: w [rad/s], number or shape (n,), > 0.
+        damping_ratio: z [-], number or shape (n,), > 0.
+        period: [s], >= 0.
+        delay: [s], a whole multiple of period.
+        initial_command: [rad] or [m], number or shape (n,): rest value of the filter and of the delay line.
+        unit: "rad" or "m", for graphs.
+    """
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        bandwidth: ArrayLike = 75.4,
+        damping_ratio: ArrayLike = 1.0,
+        period: float = 0.002,
+        delay: float = 0.0,
+        initial_command: ArrayLike = 0.0,
+        unit: str = "rad",
+    ):
+        super().__init__()
+        self.port_units = {"command": unit, "reference": f"{unit},{unit}/s"}
+        w = lane_values("bandwidth", bandwidth, size, "positive and finite")
+        z = lane_values("damping_ratio", damping_ratio, size, "positive and finite")
+        start = lane_values("initial_command", initial_command, size)
+        check("period", period, "not negative")
+        if period == 0 and delay != 0:
+            raise invalid("delay", delay, "0 for a continuous filter (period = 0)")
+        ticks = whole_multiple("delay", delay, period, "period") if delay else 0
+        self.sample_delay = {("command", "reference"): ticks * period}
+
+        continuous = [second_order(wi, zi) for wi, zi in zip(w, z, strict=True)]
+        pairs = [zero_order_hold(a, b, period) for a, b in continuous] if period else continuous
+        a = interleave([p[0] for p in pairs], size)
+        b = interleave([p[1] for p in pairs], size)
+        # States: filter (2n), then the delay line, newest command first.
+        n_filter, n_line = 2 * size, ticks * size
+        A = np.zeros((n_filter + n_line, n_filter + n_line))
+        B = np.zeros((n_filter + n_line, size))
+        A[:n_filter, :n_filter] = a
+        if ticks:
+            A[:n_filter, n_filter + n_line - size :] = b
+            B[n_filter : n_filter + size] = np.eye(size)
+            A[n_filter + size :, n_filter : n_filter + n_line - size] = np.eye(n_line - size)
+        else:
+            B[:n_filter] = b
+        C = np.eye(n_filter, n_filter + n_line)
+        filter_ = LinearSystem(A, B, C, np.zeros((n_filter, size)), period)
+        filter_.configure_default_state(np.concatenate([start, np.zeros(size), np.tile(start, ticks)]))
+
+        builder = DiagramBuilder()
+        builder.AddNamedSystem("delayed_filter" if ticks else "filter", filter_)
+        builder.ExportInput(filter_.get_input_port(), "command")
+        builder.ExportOutput(filter_.get_output_port(), "reference")
+        builder.BuildInto(self)
+
+
+@dataclass(kw_only=True)
+class PositionLoopConfig:
+    """Scenario part `position_loop`."""
+
+    bandwidth: float = 75.4  # [rad/s], > 0
+    damping_ratio: float = 1.0  # [-], > 0
+    delay: float = 0.002  # [s] command delay T_t, whole ticks
+
+    def __post_init__(self) -> None:
+        check("bandwidth", self.bandwidth, "positive")
+        check("damping_ratio", self.damping_ratio, "positive")
+        if check("delay", self.delay, "not negative") > LONGEST_DELAY:
+            raise invalid("delay", self.delay, f"at most {LONGEST_DELAY:g} s")
+
+    def add_to(
+        self, builder: DiagramBuilder, size: int, period: float, initial_command: ArrayLike = 0.0, unit: str = "rad"
+    ) -> PositionLoop:
+        """Add the block for n joints or lanes."""
+        block = PositionLoop(
+            size,
+            bandwidth=self.bandwidth,
+            damping_ratio=self.damping_ratio,
+            period=period,
+            delay=self.delay,
+            initial_command=initial_command,
+            unit=unit,
+        )
+        return builder.AddNamedSystem("position_loop", block)

@@ -1,0 +1,270 @@
+"""Cascaded drive servo with Coulomb friction that really sticks.
+
+    v_r = K_v (r - x) + r'
+    a   = w_v [(v_r - v) + w_i int(v_r - v)] + a_load - b v - a_c sign(v),   v = 0 while |a without friction| <= a_c
+
+(the calibrated plant of the design's targets, section 2). One inner step is implicit in v: with s the velocity the step
+would reach without friction,
+
+    v+ = soft(s, dt a_c) / (1 + dt (w_v (1 + w_i dt) + b)),     soft(s, c) = sign(s) max(|s| - c, 0)
+
+so sticking is exact (v+ = 0, no creep) and the velocity loop is stable at any step size. Position and reference are
+those at the start of the step: one of them at its end would shift the motion by a whole step. a_c is Coulomb = static
+friction.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues
+from pydrake.systems.primitives import Demultiplexer
+
+from forcectl.errors import invalid, unknown
+from forcectl.framework.batch import FEW_LANES, SCALAR_MATH, Lane, LaneBlock, Parameter, check, check_count, lane_values
+
+Vector = NDArray[np.float64]
+TUNINGS = ("axes", "rotors")
+
+
+class ServoGains(NamedTuple):
+    """Coefficients of one inner step of length dt, derived from the servo's parameters by `servo_gains`."""
+
+    position: Lane  # K_v [1/s]
+    velocity: Lane  # w_v (1 + w_i dt) dt [-]
+    integral: Lane  # w_v w_i dt [1/s]
+    stick: Lane  # a_c dt [m/s or rad/s]
+    inverse: Lane  # 1/(1 + dt (w_v (1 + w_i dt) + b)) [-]
+    step: float  # dt [s]
+
+
+def servo_gains(
+    position: Lane, velocity: Lane, integral: Lane, coulomb: Lane, viscous: Lane, step: float
+) -> ServoGains:
+    """Coefficients of one inner step.
+
+    Args:
+        position: K_v [1/s]. velocity: w_v [1/s]. integral: w_i [1/s].
+        coulomb: a_c [m/s^2 or rad/s^2]. viscous: b [1/s]. step: dt [s].
+    """
+    damping = velocity * (1 + integral * step)
+    return ServoGains(
+        position, damping * step, velocity * integral * step, coulomb * step, 1 / (1 + step * (damping + viscous)), step
+    )
+
+
+def servo_steps(
+    x: Lane, v: Lane, i: Lane, r: Lane, rate: Lane, push: Lane, gains: ServoGains, count: int, m: Any = np
+) -> tuple[Lane, Lane, Lane]:
+    """`count` inner steps of the servo.
+
+    Args:
+        x, v, i: position, velocity, integral of the velocity error [rad, rad/s, rad] or [m, m/s, m].
+        r, rate: reference and its rate at the start [rad, rad/s] or [m, m/s]; the reference moves on with its rate.
+        push: velocity the load adds per inner step, a_load dt [rad/s] or [m/s].
+        gains: coefficients of an inner step. m: numpy, or scalar functions of the same names.
+
+    Returns:
+        x, v, i after the steps.
+    """
+    position, velocity, integral, stick, inverse, step = gains
+    maximum, copysign = m.maximum, m.copysign
+    for _ in range(count):
+        wanted = position * (r - x) + rate
+        free = v + velocity * wanted + integral * i + push
+        v = copysign(maximum(abs(free) - stick, 0.0), free) * inverse
+        x = x + step * v
+        i = i + step * (wanted - v)
+        r = r + step * rate
+    return x, v, i
+
+
+def each_lane(gains: ServoGains, size: int) -> tuple[ServoGains, ...]:
+    """Array coefficients as one set of floats per lane."""
+    return tuple(ServoGains(*[np.broadcast_to(g, size).item(lane) for g in gains]) for lane in range(size))
+
+
+def few_servo_steps(
+    state: Vector, reference: Vector, push: list[float] | None, gains: tuple[ServoGains, ...], count: int
+) -> Vector:
+    """`servo_steps` for a few joints one by one on floats: half the time of numpy, the same bits.
+
+    Args:
+        state: x, v, i, shape (3n,). reference: r and its rate, shape (2n,). push: per joint, or None without load.
+        gains: per joint. count: inner steps.
+
+    Returns:
+        the state after the steps, shape (3n,).
+    """
+    n = len(gains)
+    after, target = state.tolist(), reference.tolist()
+    for lane, lane_gains in enumerate(gains):
+        x, v, i = after[lane::n]
+        r, rate = target[lane::n]
+        load = push[lane] if push else 0.0
+        # A joint at rest without load stays at rest.
+        if v != 0 or rate != 0 or i != 0 or x != r or load != 0:
+            after[lane::n] = servo_steps(x, v, i, r, rate, load, lane_gains, count, SCALAR_MATH)
+    return np.array(after)
+
+
+class ServoCore(LaneBlock):
+    """Cascaded servo with sticking friction, without load: contact is a small disturbance to a stiff drive (Sec. 2.1).
+
+    ```
+    name: ServoCore
+    input_ports: [reference]
+    output_ports: [state]
+    parameters: [position_gain, velocity_gain, integral_gain, coulomb_friction, viscous_friction]
+    ```
+
+    reference: shape (2n,), reference and its rate, [rad, rad/s] or [m, m/s]; extrapolated with its rate inside a tick.
+    state: shape (3n,), position, velocity and integral of the velocity error, [rad, rad/s, rad] or [m, m/s, m].
+        State, no
+        direct feedthrough.
+
+    Parameters (Context, shape (n,)): position_gain K_v [1/s] > 0, velocity_gain w_v [1/s] > 0, integral_gain w_i [1/s]
+    >= 0, coulomb_friction a_c [m/s^2 or rad/s^2] >= 0, viscous_friction b [1/s] >= 0.
+
+    Sampling: `period` [s], divided into `substeps` inner steps.
+    """
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        period: float = 0.002,
+        substeps: int = 4,
+        position_gain: ArrayLike = 25.0,
+        velocity_gain: ArrayLike = 200.0,
+        integral_gain: ArrayLike = 15.0,
+        coulomb_friction: ArrayLike = 1.6,
+        viscous_friction: ArrayLike = 0.0,
+        initial_position: ArrayLike = 0.0,
+        unit: str = "rad",
+    ):
+        self._substeps = check_count("substeps", substeps)
+        self._step = check("period", period, "positive") / substeps
+        super().__init__(
+            size,
+            {
+                "position_gain": Parameter(position_gain, "positive and finite", "1/s"),
+                "velocity_gain": Parameter(velocity_gain, "positive and finite", "1/s"),
+                "integral_gain": Parameter(integral_gain, "not negative", "1/s"),
+                "coulomb_friction": Parameter(coulomb_friction, "not negative", f"{unit}/s^2"),
+                "viscous_friction": Parameter(viscous_friction, "not negative", "1/s"),
+            },
+        )
+        self.port_units = {"reference": f"{unit},{unit}/s", "state": f"{unit},{unit}/s,{unit}"}
+        self._reference = self.DeclareVectorInputPort("reference", 2 * size)
+        start = lane_values("initial_position", initial_position, size)
+        self._state = self.DeclareDiscreteState(np.concatenate([start, np.zeros(2 * size)]))
+        self.DeclareStateOutputPort("state", self._state)
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
+
+    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+        """Coefficients of one inner step; lane by lane for a few lanes."""
+        position, velocity, integral, coulomb, viscous = values
+        gains = servo_gains(position, velocity, integral, coulomb, viscous, self._step)
+        return each_lane(gains, self._size) if 1 < self._size <= FEW_LANES else gains
+
+    def _update(self, context: Context, next_state: DiscreteValues) -> None:
+        reference = self._reference.Eval(context)
+        state = context.get_discrete_state(self._state).value()
+        gains = self._values.Eval(context)
+        if 1 < self._size <= FEW_LANES:
+            next_state.set_value(few_servo_steps(state, reference, None, gains, self._substeps))
+            return
+        r, rate = self.lanes(reference)
+        x, v, i = self.lanes(state)
+        next_state.set_value(self.stack(*servo_steps(x, v, i, r, rate, 0.0, gains, self._substeps, self.math)))
+
+
+class Servo(Diagram):
+    """`ServoCore` with its state taken apart.
+
+    ```
+    name: Servo
+    input_ports: [reference]
+    output_ports: [position, velocity]
+    ```
+
+    reference: shape (2n,), see `ServoCore`. position: shape (n,) [rad] or [m]. velocity: shape (n,) [rad/s] or [m/s].
+    """
+
+    def __init__(self, core: ServoCore):
+        super().__init__()
+        units = core.port_units["reference"].split(",")
+        self.port_units = {"reference": core.port_units["reference"], "position": units[0], "velocity": units[1]}
+        builder = DiagramBuilder()
+        builder.AddNamedSystem("core", core)
+        parts = builder.AddNamedSystem("parts", Demultiplexer([core.size] * 3))
+        builder.Connect(core.GetOutputPort("state"), parts.get_input_port())
+        builder.ExportInput(core.GetInputPort("reference"), "reference")
+        builder.ExportOutput(parts.get_output_port(0), "position")
+        builder.ExportOutput(parts.get_output_port(1), "velocity")
+        builder.BuildInto(self)
+
+
+@dataclass(kw_only=True)
+class ServoConfig:
+    """Scenario part `servo`. `ideal: true` leaves the servo out: the drive follows the filtered reference exactly."""
+
+    ideal: bool = False
+    position_gain: float = 25.0  # [1/s]
+    velocity_gain: float = 200.0  # [1/s]
+    integral_gain: float = 15.0  # [1/s]
+    coulomb_friction: float = 1.6  # [m/s^2] along the pressed direction (OneDimensional, Kinematic)
+    friction_scale: float = 1.0  # [-] factor on the joint friction of the control facts (Multibody)
+    # What the velocity loops of the joints are tuned for (Multibody): "axes", the inertia that the control facts give,
+    # or "rotors", that of the rotors alone.
+    tuned_for: str = "axes"
+    substeps: int = 4  # inner steps per control tick, each at most 0.5 ms
+
+    def __post_init__(self) -> None:
+        for name in ("position_gain", "velocity_gain"):
+            check(name, getattr(self, name), "positive")
+        for name in ("integral_gain", "coulomb_friction", "friction_scale"):
+            check(name, getattr(self, name), "not negative")
+        if self.tuned_for not in TUNINGS:
+            raise unknown("tuned_for", str(self.tuned_for), TUNINGS)
+        if isinstance(self.substeps, bool) or not isinstance(self.substeps, int) or not 1 <= self.substeps <= 100:
+            raise invalid("substeps", self.substeps, "a whole number from 1 to 100")
+
+    def rotor_velocity_gain(self, rotor_inertia: Vector, loop_inertia: Vector) -> Vector:
+        """w_v of each drive on its rotor (n,) [1/s].
+
+        Args:
+            rotor_inertia: at the joints (n,) [kg m2]. loop_inertia: what the loops are tuned for (n,) [kg m2]; empty if
+                not known, which is to say the rotors.
+        """
+        known = self.tuned_for == "axes" and loop_inertia.size > 0
+        gain: Vector = self.velocity_gain * (loop_inertia / rotor_inertia if known else np.ones(len(rotor_inertia)))
+        return gain
+
+    def add_to(
+        self,
+        builder: DiagramBuilder,
+        size: int,
+        period: float,
+        *,
+        coulomb_friction: ArrayLike | None = None,
+        initial_position: ArrayLike = 0.0,
+        unit: str = "rad",
+    ) -> Servo:
+        """Add the block for n joints or lanes; `coulomb_friction` overrides the scalar where joints differ."""
+        core = ServoCore(
+            size,
+            period=period,
+            substeps=self.substeps,
+            position_gain=self.position_gain,
+            velocity_gain=self.velocity_gain,
+            integral_gain=self.integral_gain,
+            coulomb_friction=self.coulomb_friction if coulomb_friction is None else coulomb_friction,
+            initial_position=initial_position,
+            unit=unit,
+        )
+        return builder.AddNamedSystem("servo", Servo(core))

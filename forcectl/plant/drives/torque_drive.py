@@ -1,0 +1,142 @@
+"""The drives of a robot with elastic joints and torque sensors: told torques instead of positions.
+
+    B phi'' = tau_m - S^-T tau_spring - tau_F,    tau_F = b phi' + c sign(phi')
+    tau_m   = sat(S^-T (tau_bar + k (tau_bar - tau_spring)) + tau_F_hat)
+    tau_F_hat' = w_F (tau_m - S^-T tau_spring - B phi'' - tau_F_hat)
+
+tau_bar is the torque command, tau_spring what the sensors in the joints measure, k the gain of the torque loop, w_F the
+bandwidth of the observer that sees in the motor's own motion what friction takes. Below the limits of the motors this
+is a drive with 1/(1 + k) of the inertia and of the friction, and of the latter only what the observer has not seen yet:
+
+    B/(1 + k) phi'' = S^-T (tau_bar - tau_spring) - (tau_F - tau_F_hat)/(1 + k)
+
+A stuck drive is loaded with w_F (1 + k) times the error of the torque per second, until it moves: at rest the springs
+have the torque that is told. phi, S and B as in `forcectl.plant.drives.drive`. The torques are held over a step, which
+is implicit in the friction:
+
+    v+ = soft(v + dt/B (tau_m - S^-T tau_spring), dt c/B) / (1 + dt b/B),    phi+ = phi + dt v+
+
+so sticking is exact. C++ blocks, as there. Sensors of torque and speed are taken for exact.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import Demultiplexer, LinearSystem, MatrixGain, Multiplexer, Saturation
+
+from forcectl.errors import invalid
+from forcectl.framework.batch import check, lane_values
+
+Matrix = NDArray[np.float64]
+
+
+class TorqueDrive(Diagram):
+    """Torque loop, motor inertia and sticking friction of n axes.
+
+    ```
+    name: TorqueDrive
+    input_ports: [torque_command, spring_torque]
+    output_ports: [motor_state, motor_position, motor_velocity, motor_torque]
+    ```
+
+    torque_command: shape (n,), tau_bar at the joints [Nm].
+    spring_torque: shape (n,), torque of the joint springs on the links [Nm]; the motors feel the opposite.
+    motor_state: shape (2n,), q_m and its rate [rad, rad/s]: the desired state of the joint springs. State.
+    motor_position, motor_velocity: its halves.
+    motor_torque: shape (n,), tau_m of the motors, times their gear ratios [Nm]. Feedthrough of both inputs.
+
+    Sampling: `period` [s], torques held over it.
+
+    Args:
+        inertia: B, shape (n,) [kg m^2]. to_motor: S, shape (n, n). torque_gain: k, >= 0.
+        friction_bandwidth: w_F of the friction observer [rad/s], >= 0; 0 for none.
+        torque_limit: of tau_m, shape (n,) [Nm], > 0; infinite for none.
+        coulomb_friction: c, shape (n,) [Nm]. viscous_friction: b, shape (n,) [Nms/rad].
+        initial_position: q_m at rest, shape (n,) [rad].
+    """
+
+    def __init__(
+        self,
+        inertia: ArrayLike,
+        to_motor: Matrix,
+        *,
+        period: float,
+        torque_gain: float,
+        friction_bandwidth: float,
+        torque_limit: ArrayLike,
+        coulomb_friction: ArrayLike,
+        viscous_friction: ArrayLike,
+        initial_position: ArrayLike,
+    ):
+        super().__init__()
+        n = len(to_motor)
+        if to_motor.shape != (n, n) or not np.linalg.cond(to_motor) < 1e6:
+            raise invalid("to_motor", to_motor.tolist(), "a square matrix that can be inverted")
+        start = lane_values("initial_position", initial_position, n)
+        B = lane_values("inertia", inertia, n, "positive and finite")
+        coulomb = lane_values("coulomb_friction", coulomb_friction, n, "not negative")
+        viscous = lane_values("viscous_friction", viscous_friction, n, "not negative")
+        limit = lane_values("torque_limit", torque_limit, n, "positive")
+        gain, dt = check("torque_gain", torque_gain, "not negative"), check("period", period, "positive")
+        back = np.linalg.inv(to_motor)
+        seen = -np.expm1(-dt * check("friction_bandwidth", friction_bandwidth, "not negative"))
+        eye, zero = np.eye(n), np.zeros((n, n))
+        slowed = np.diag(1 / (1 + dt * viscous / B))
+        inert = seen * np.diag(B / dt)
+        # x = [phi, phi', tau_F_hat]; inputs: s - sat(s), tau_m and the springs' torque on the motors.
+        axes = LinearSystem(
+            np.block([[eye, zero, zero], [zero, zero, zero], [zero, inert, (1 - seen) * eye]]),
+            np.block([[dt * slowed, zero, zero], [slowed, zero, zero], [-inert @ slowed, seen * eye, seen * eye]]),
+            np.eye(3 * n),
+            np.zeros((3 * n, 3 * n)),
+            period,
+        )
+        axes.configure_default_state(np.concatenate([to_motor @ start, np.zeros(2 * n)]))
+
+        self.port_units = {"torque_command": "Nm"}
+        builder = DiagramBuilder()
+        add, connect = builder.AddNamedSystem, builder.Connect
+        add("axes", axes)
+        load = add("springs_on_motors", MatrixGain(-back.T))
+        asked = add("asked", Multiplexer([n, n, 3 * n]))
+        loop = add("torque_loop", MatrixGain(np.hstack([(1 + gain) * back.T, gain * eye, zero, zero, eye])))
+        motors = add("motors", Saturation(-limit, limit))
+        known = add("known", Multiplexer([3 * n, n, n]))
+        # s and -s; only the second half is limited, so that their sum is s - sat(s), exactly zero when sticking.
+        rate = np.diag(dt / B)
+        free = np.hstack([zero, eye, zero, rate, rate])
+        free_speed = add("free_speed", MatrixGain(np.vstack([free, -free])))
+        bounds = np.concatenate([np.full(n, np.inf), dt * coulomb / B])
+        friction = add("friction", Saturation(-bounds, bounds))
+        slip = add("slip", MatrixGain(np.hstack([eye, eye])))
+        acting = add("acting", Multiplexer([n, n, n]))
+        state = add("motor_state", MatrixGain(np.block([[back, zero, zero], [zero, back, zero]])))
+        halves = add("position_and_velocity", Demultiplexer([n, n]))
+        for source, block, index in (
+            (load, asked, 1),
+            (axes, asked, 2),
+            (asked, loop, 0),
+            (loop, motors, 0),
+            (axes, known, 0),
+            (motors, known, 1),
+            (load, known, 2),
+            (known, free_speed, 0),
+            (free_speed, friction, 0),
+            (friction, slip, 0),
+            (slip, acting, 0),
+            (motors, acting, 1),
+            (load, acting, 2),
+            (acting, axes, 0),
+            (axes, state, 0),
+            (state, halves, 0),
+        ):
+            connect(source.get_output_port(), block.get_input_port(index))
+        builder.ExportInput(asked.get_input_port(0), "torque_command")
+        builder.ExportInput(load.get_input_port(), "spring_torque")
+        builder.ExportOutput(state.get_output_port(), "motor_state")
+        builder.ExportOutput(halves.get_output_port(0), "motor_position")
+        builder.ExportOutput(halves.get_output_port(1), "motor_velocity")
+        builder.ExportOutput(motors.get_output_port(), "motor_torque")
+        builder.BuildInto(self)

@@ -1,0 +1,1 @@
+"""Sensors of force and of joint motion."""

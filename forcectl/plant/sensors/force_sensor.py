@@ -1,0 +1,358 @@
+"""Force sensor: bias, noise, range, quantisation, taring, transport delay and second-order filter, in this order.
+
+    y = filter( delay( quantise( saturate( F + bias + noise ) ) - tare ) )
+
+The noise is white per control tick and a pure function of (seed, lane, tick), so a run gives the same bits in any
+process, after a reset, and for a lane inside a bundle. The filter is discretised with a first-order hold, which is
+exact for forces that are linear between ticks and, unlike a zero-order hold, adds no delay of its own.
+"""
+
+from __future__ import annotations
+
+import builtins
+from abc import abstractmethod
+from dataclasses import dataclass
+from functools import lru_cache
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
+from pydrake.systems.primitives import LinearSystem
+
+from forcectl.errors import invalid
+from forcectl.framework.batch import Lane, LaneBlock, Parameter, check, lane_values, whole_multiple
+from forcectl.plant.drives.position_loop import (
+    LONGEST_DELAY,
+    first_order_hold,
+    interleave,
+    second_order,
+    zero_order_hold,
+)
+
+_CHUNK = 1024
+
+
+@lru_cache(maxsize=64)
+def _noise_chunk(sources: tuple[tuple[int, int], ...], chunk: int) -> NDArray[np.float64]:
+    rows = [np.random.default_rng((seed, lane, chunk)).standard_normal(_CHUNK) for seed, lane in sources]
+    values = np.ascontiguousarray(np.transpose(rows))
+    values.setflags(write=False)
+    return values
+
+
+def white_noise(sources: tuple[tuple[int, int], ...], tick: int) -> NDArray[np.float64]:
+    """Sample number `tick` of unit white noise, shape (n,): a pure function of its arguments.
+
+    Args:
+        sources: per channel a (seed, lane), each >= 0: channels with equal ones draw the same numbers.
+    """
+    chunk, index = divmod(tick, _CHUNK)
+    row: NDArray[np.float64] = _noise_chunk(sources, chunk)[index]
+    return row
+
+
+class Converter(NamedTuple):
+    """What digitising needs to know of a channel, derived from its parameters by `converter`."""
+
+    bias: Lane  # [N]
+    noise_std: Lane  # [N]
+    upper: Lane  # end of the range [N]
+    lower: Lane  # its other end [N]
+    quantum: Lane  # [N]; 1 where there is none
+    quantised: Any  # whether there is one; None when there is one in every lane
+
+
+def converter(bias: Lane, noise_std: Lane, quantum: Lane, limit: Lane) -> Converter:
+    """The numbers `digitise` needs; quantum = 0 [N]: not quantised."""
+    exists = quantum > 0
+    return Converter(bias, noise_std, limit, -limit, quantum + (1 - exists), None if np.all(exists) else exists)
+
+
+def digitise(force: Lane, noise: Lane, channel: Converter, m: Any = np) -> Lane:
+    """The raw reading of a true force [N]: bias and noise (unit white, times its deviation), range, whole quanta."""
+    bias, noise_std, upper, lower, quantum, quantised = channel
+    seen = m.maximum(m.minimum(force + (bias + noise_std * noise), upper), lower)
+    rounded = quantum * m.floor(seen / quantum + 0.5)
+    return rounded if quantised is None else m.where(quantised, rounded, seen)
+
+
+class SensorElectronics(LaneBlock):
+    """Base of the blocks that digitise: bias, noise, range, quantisation and taring of n channels.
+
+    Parameters (Context, shape (n,)): bias, noise_std >= 0 (standard deviation per tick), quantum >= 0, range > 0, all
+    in the unit of the channel. Taring: with `tare` the first reading without noise becomes the zero (state, set by an
+    initialisation event); `tare_now` does the same at any time.
+
+    A subclass declares its ports in `declare_ports`, says what the channels feel in `feels`, and reads with `read`.
+
+    Args:
+        seed: of the noise; lane i of a bundle uses seeds[i] when a list is given, and then equals the run alone.
+        unit: of the channels, for documentation.
+    """
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        bias: ArrayLike = 0.0,
+        noise_std: ArrayLike = 0.0,
+        quantum: ArrayLike = 0.0,
+        range: ArrayLike = np.inf,
+        tare: bool = True,
+        seed: int | list[int] = 0,
+        unit: str = "N",
+        period: float = 0.002,
+    ):
+        super().__init__(
+            size,
+            {
+                "bias": Parameter(bias, "finite", unit),
+                "noise_std": Parameter(noise_std, "not negative", unit),
+                "quantum": Parameter(quantum, "not negative", unit),
+                "range": Parameter(range, "positive", unit),
+            },
+        )
+        self._period = check("period", period, "positive")
+        # One seed: the channels of one sensor draw independently. A list: each lane is a sensor of its own.
+        sources = [(s, 0) for s in seed] if isinstance(seed, list) else [(seed, i) for i in builtins.range(size)]
+        if len(sources) != size or not all(isinstance(s, int) and s >= 0 for s, _ in sources):
+            raise invalid("seed", seed, f"a whole number, not negative, or a list of {size} of them")
+        self._sources = tuple(sources)
+        self.reads: set[Any] = {self.time_ticket(), self.all_parameters_ticket()}
+        self._tare = self.DeclareDiscreteState(size) if tare else None
+        if tare:
+            self.reads.add(self.discrete_state_ticket(self._tare))
+            self.DeclareInitializationDiscreteUpdateEvent(self._tare_update)
+        self.declare_ports(unit)
+
+    @abstractmethod
+    def declare_ports(self, unit: str) -> None:
+        """Declare the ports; the outputs depend on the inputs and on `reads`."""
+
+    @abstractmethod
+    def feels(self, context: Context) -> NDArray[np.float64]:
+        """What the channels feel, shape (n,)."""
+
+    def derive(self, values: tuple[Lane, ...]) -> Converter:
+        """What `digitise` needs of the parameters."""
+        return converter(*values)
+
+    def tare_now(self, context: Context) -> None:
+        """Make the present reading (without noise) the zero, as an operator does before touching a surface.
+
+        Raises:
+            BadInputError: the sensor was built without taring.
+        """
+        if self._tare is None:
+            raise invalid("tare", False, "true to tare the sensor")
+        context.SetDiscreteState(self._tare, self._quiet(context))
+
+    def _tare_update(self, context: Context, next_state: DiscreteValues) -> None:
+        next_state.set_value(self._tare, self._quiet(context))
+
+    def _quiet(self, context: Context) -> NDArray[np.float64]:
+        return self.stack(self._raw(context, self.feels(context), np.zeros(self._size)))
+
+    def _raw(self, context: Context, felt: NDArray[np.float64], noise: NDArray[np.float64]) -> Lane:
+        return digitise(self.lane(felt), self.lane(noise), self._values.Eval(context), self.math)
+
+    def read(self, context: Context, felt: NDArray[np.float64]) -> Lane:
+        """The reading of the channels that feel `felt`, shape (n,)."""
+        tick = int(context.get_time() / self._period + 0.5)
+        reading = self._raw(context, felt, white_noise(self._sources, tick))
+        if self._tare is not None:
+            reading = reading - self.lane(context.get_discrete_state(self._tare).value())
+        return reading
+
+
+class ForceDigitiser(SensorElectronics):
+    """The sensor's electronics, for forces that are signals.
+
+    ```
+    name: ForceDigitiser
+    input_ports: [force]
+    output_ports: [reading]
+    parameters: [bias, noise_std, quantum, range]
+    ```
+
+    force: shape (n,), true force or wrench component [N or Nm].
+    reading: shape (n,), same unit. Feedthrough of force.
+
+    Parameters and arguments: see `SensorElectronics`.
+    """
+
+    def declare_ports(self, unit: str) -> None:
+        """Input and output."""
+        self.port_units = {"force": unit, "reading": unit}
+        self._force = self.DeclareVectorInputPort("force", self._size)
+        reads = self.reads | {self._force.ticket()}
+        self.DeclareVectorOutputPort("reading", self._size, self._reading, prerequisites_of_calc=reads)
+
+    def feels(self, context: Context) -> NDArray[np.float64]:
+        """The force."""
+        force: NDArray[np.float64] = self._force.Eval(context)
+        return force
+
+    def _reading(self, context: Context, output: BasicVector) -> None:
+        self.write(output, self.read(context, self._force.Eval(context)))
+
+
+def sensor_filter(
+    size: int,
+    bandwidth: ArrayLike,
+    damping_ratio: ArrayLike,
+    period: float,
+    delay_ticks: int,
+    hold: str = "first_order",
+) -> LinearSystem:
+    """The sensor's second-order low-pass behind a delay line, as one sampled linear system.
+
+    Args:
+        size: number of channels n. bandwidth: [rad/s], shape (n,) or number. damping_ratio: [-].
+        period: [s]. delay_ticks: transport delay in samples.
+        hold: "first_order" (output at t_k uses the input at t_k: direct feedthrough) or "zero_order".
+    """
+    w = lane_values("bandwidth", bandwidth, size, "positive and finite")
+    z = lane_values("damping_ratio", damping_ratio, size, "positive and finite")
+    eye, zero = np.eye(size), np.zeros((size, size))
+    models = [second_order(wi, zi) for wi, zi in zip(w, z, strict=True)]
+    if hold == "zero_order":
+        pairs = [zero_order_hold(a, b, period) for a, b in models]
+        a, b = interleave([p[0] for p in pairs], size), interleave([p[1] for p in pairs], size)
+        d = zero
+    else:
+        # State xi = x - G1 u turns the look-ahead of the first-order hold into direct feedthrough.
+        triples = [first_order_hold(a, b, period) for a, b in models]
+        a = interleave([p[0] for p in triples], size)
+        g0, g1 = interleave([p[1] for p in triples], size), interleave([p[2] for p in triples], size)
+        b, d = a @ g1 + g0 - g1, g1[:size]
+    c = np.hstack([eye, zero])
+    if not delay_ticks:
+        return LinearSystem(a, b, c, d, period)
+    n, line = 2 * size, delay_ticks * size
+    A = np.zeros((n + line, n + line))
+    A[:n, :n], A[:n, n + line - size :] = a, b
+    A[n + size :, n : n + line - size] = np.eye(line - size)
+    B = np.zeros((n + line, size))
+    B[n : n + size] = eye
+    C = np.zeros((size, n + line))
+    C[:, :n], C[:, n + line - size :] = c, d
+    return LinearSystem(A, B, C, zero, period)
+
+
+class ForceSensor(Diagram):
+    """A force sensor of n channels: `ForceDigitiser`, then `sensor_filter`.
+
+    The digitiser, and taring with it, is left out when there is neither bias, noise, quantum nor range.
+
+    ```
+    name: ForceSensor
+    input_ports: [force]
+    output_ports: [measured_force]
+    ```
+
+    force, measured_force: shape (n,), [N] (or [Nm] for the torque channels of a wrench).
+
+    Sampling: `period` [s]. Delay: `delay` [s] plus the lag of the filter; feedthrough when delay = 0 (first-order
+        hold).
+    """
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        bandwidth: ArrayLike = 12.6,
+        damping_ratio: ArrayLike = 1.0,
+        noise_std: ArrayLike = 0.0,
+        quantum: ArrayLike = 0.0,
+        bias: ArrayLike = 0.0,
+        range: ArrayLike = np.inf,
+        delay: float = 0.0,
+        tare: bool = True,
+        seed: int | list[int] = 0,
+        unit: str = "N",
+        period: float = 0.002,
+    ):
+        super().__init__()
+        check("period", period, "positive")
+        ticks = whole_multiple("delay", check("delay", delay, "not negative"), period, "period")
+        self.sample_delay = {("force", "measured_force"): ticks * period}
+        self.port_units = {"force": unit, "measured_force": unit}
+        builder = DiagramBuilder()
+        filter_ = builder.AddNamedSystem("filter", sensor_filter(size, bandwidth, damping_ratio, period, ticks))
+        if np.any(noise_std) or np.any(quantum) or np.any(bias) or np.any(np.isfinite(range)):
+            digitiser = ForceDigitiser(
+                size,
+                unit=unit,
+                bias=bias,
+                noise_std=noise_std,
+                quantum=quantum,
+                range=range,
+                tare=tare,
+                seed=seed,
+                period=period,
+            )
+            builder.AddNamedSystem("digitiser", digitiser)
+            builder.Connect(digitiser.GetOutputPort("reading"), filter_.get_input_port())
+            builder.ExportInput(digitiser.GetInputPort("force"), "force")
+        else:
+            builder.ExportInput(filter_.get_input_port(), "force")
+        builder.ExportOutput(filter_.get_output_port(), "measured_force")
+        builder.BuildInto(self)
+
+
+@dataclass(kw_only=True)
+class ForceSensorConfig:
+    """Scenario part `force_sensor`. Force values; torque channels use the same numbers times `torque_ratio`."""
+
+    bandwidth: float = 12.6  # [rad/s], > 0
+    damping_ratio: float = 1.0  # [-], > 0
+    noise_std: float = 0.05  # [N] per sample, before the filter, >= 0
+    quantum: float = 0.05  # [N], >= 0
+    bias: float = 0.0  # [N]
+    tare: bool = True  # make the first reading the zero
+    delay: float = 0.0  # [s] transport delay, whole control ticks
+    range: float = 400.0  # [N] saturation, > 0
+    torque_ratio: float = 0.05  # [m] torque noise, quantum and range relative to force, > 0
+
+    def __post_init__(self) -> None:
+        for name in ("bandwidth", "damping_ratio", "torque_ratio"):
+            check(name, getattr(self, name), "positive")
+        for name in ("noise_std", "quantum"):
+            check(name, getattr(self, name), "not negative")
+        if check("delay", self.delay, "not negative") > LONGEST_DELAY:
+            raise invalid("delay", self.delay, f"at most {LONGEST_DELAY:g} s")
+        check("bias", self.bias)
+        lane_values("range", self.range, 1, "positive")
+        if not isinstance(self.tare, bool):
+            raise invalid("tare", self.tare, "true or false")
+
+    def channel_scale(self) -> NDArray[np.float64]:
+        """Factors on noise, quantum, bias and range of the six channels of a wrench [torque; force], shape (6,)."""
+        return np.repeat([self.torque_ratio, 1.0], 3)
+
+    def filter(self, size: int, period: float) -> LinearSystem:
+        """The filter behind the electronics, for n channels."""
+        ticks = whole_multiple("delay", self.delay, period, "period")
+        return sensor_filter(size, self.bandwidth, self.damping_ratio, period, ticks)
+
+    def add_to(
+        self, builder: DiagramBuilder, period: float, *, size: int = 1, seed: int | list[int] = 0
+    ) -> ForceSensor:
+        """Add a sensor of n force channels."""
+        block = ForceSensor(
+            size,
+            bandwidth=self.bandwidth,
+            damping_ratio=self.damping_ratio,
+            noise_std=self.noise_std,
+            quantum=self.quantum,
+            bias=self.bias,
+            range=self.range,
+            delay=self.delay,
+            # Without bias the first reading is zero already.
+            tare=self.tare and self.bias != 0,
+            seed=seed,
+            period=period,
+        )
+        return builder.AddNamedSystem("force_sensor", block)

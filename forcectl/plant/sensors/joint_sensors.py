@@ -1,0 +1,175 @@
+"""What a position-controlled robot tells at each tick of its interface: joint positions, speeds and motor torques.
+
+    q_m = quantum floor((q + noise)/quantum + 1/2)
+    v_m = a v_m,k-1 + (1 - a) (q_m - q_m,k-1)/T,   a = e^{-w_v T}
+    tau = (I - I_{k-1})/T,                          I the integral of the motor torque over time
+
+The speed is differentiated from the position, as encoders have none, and low-pass filtered; it is T/2 + 1/w_v late. The
+torque is the mean over the tick: a sample of it would be off by 10-15 % of every transient.
+
+Readings may fail, for tests of what lives on them: a position that is no number, an encoder that stands still, a sample
+that is lost and repeats the last one.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Context
+
+from forcectl.errors import invalid, unknown
+from forcectl.framework.batch import Lane, Parameter, check, lane_values
+from forcectl.framework.sampled_law import SampledLaw
+from forcectl.plant.sensors.force_sensor import white_noise
+
+Array = NDArray[np.float64]
+FAULTS = ("nan", "frozen", "lost")
+_ROUNDING = 1e-9  # [s] of the times of ticks
+
+
+@dataclass(frozen=True)
+class ReadingFault:
+    """What fails from `start` until before `end` [s]: one of `FAULTS`, of one joint or, when it is None, of all.
+
+    nan: position and speed are not numbers. frozen: the position stays what it was, and the speed follows it. lost: all
+    readings of all joints are those of the tick before.
+    """
+
+    kind: str
+    start: float
+    end: float
+    joint: int | None = None
+
+    def acts(self, time: float) -> bool:
+        """Whether it does at the tick of this time [s]."""
+        return self.start <= time + _ROUNDING < self.end
+
+
+def quantised(values: Array, quantum: Array) -> Array:
+    """Whole quanta; as they are where the quantum is zero."""
+    exists = quantum > 0
+    step = np.where(exists, quantum, 1.0)
+    rounded: Array = np.where(exists, step * np.floor(values / step + 0.5), values)
+    return rounded
+
+
+class JointSensors(SampledLaw):
+    """Readings of n joints.
+
+    ```
+    name: JointSensors
+    input_ports: [position, torque_integral]
+    output_ports: [joint_position, joint_velocity, motor_torque]
+    parameters: [quantum, position_noise, torque_noise]
+    ```
+
+    position: shape (n,), of the motors [rad]. torque_integral: shape (n,), of the motor torque over time [Nms].
+    joint_position: shape (n,), measured [rad]. joint_velocity: shape (n,), from it [rad/s].
+    motor_torque: shape (n,), mean over the tick that ends [Nm].
+        All are feedthrough of both inputs at the tick, and held.
+
+    Parameters (Context, shape (n,)): quantum [rad] >= 0, 0: not quantised; position_noise [rad] and torque_noise [Nm]
+    >= 0, standard deviation per tick.
+
+    Sampling: `period` [s]; no delay of the position. Noise is a pure function of (seed, joint, tick).
+
+    Args:
+        bandwidth: w_v of the speed [rad/s]. start: positions before the first tick, shape (n,) [rad].
+        torque: motor torque before it, shape (n,) [Nm]. seed: of the noise. faults: of the readings.
+    """
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        period: float = 0.004,
+        bandwidth: float = 250.0,
+        start: ArrayLike = 0.0,
+        torque: ArrayLike = 0.0,
+        quantum: ArrayLike = 0.0,
+        position_noise: ArrayLike = 0.0,
+        torque_noise: ArrayLike = 0.0,
+        seed: int = 0,
+        faults: Sequence[ReadingFault] = (),
+    ):
+        super().__init__(
+            size,
+            {
+                "quantum": Parameter(quantum, "not negative", "rad"),
+                "position_noise": Parameter(position_noise, "not negative", "rad"),
+                "torque_noise": Parameter(torque_noise, "not negative", "Nm"),
+            },
+            period,
+        )
+        n = size
+        self._pole = float(np.exp(-check("bandwidth", bandwidth, "positive") * period))
+        if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
+            raise invalid("seed", seed, "a whole number, not negative")
+        for fault in faults:
+            if fault.kind not in FAULTS:
+                raise unknown("kind", fault.kind, FAULTS)
+            if fault.joint is not None and not 0 <= fault.joint < n:
+                raise invalid("joint", fault.joint, f"from 0 to {n - 1}")
+        self._faults = tuple(faults)
+        self._sources = tuple((seed, channel) for channel in range(2 * n))
+        self.sample_delay = {("position", "joint_position"): 0.0}
+        self.port_units = {"position": "rad", "torque_integral": "Nms"}
+        self.port_units |= {"joint_position": "rad", "joint_velocity": "rad/s", "motor_torque": "Nm"}
+        self._inputs = [self.DeclareVectorInputPort(name, n) for name in ("position", "torque_integral")]
+        at_rest = quantised(lane_values("start", start, n), lane_values("quantum", quantum, n, "not negative"))
+        load = lane_values("torque", torque, n)
+        self.declare_command(
+            "joint_position",
+            {port.ticket() for port in self._inputs},
+            initial=at_rest,
+            further={
+                "joint_velocity": 0.0,
+                "motor_torque": load,
+                # What the electronics remember, whatever is told.
+                "impulse": -period * load,
+                "position": at_rest,
+                "speed": 0.0,
+            },
+        )
+        self.declare_output("joint_velocity")
+        self.declare_output("motor_torque")
+
+    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+        """The parameters as arrays, also for one joint."""
+        return tuple(np.atleast_1d(value) for value in values)
+
+    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+        """The readings of a tick."""
+        *told, impulse_last, last, speed = (np.atleast_1d(value) for value in held)
+        position, impulse = (port.Eval(context) for port in self._inputs)
+        quantum, position_noise, torque_noise = self._values.Eval(context)
+        torque = (impulse - impulse_last) / self._period
+        if position_noise.any() or torque_noise.any():
+            noise = white_noise(self._sources, round(context.get_time() / self._period))
+            position = position + position_noise * noise[: self._size]
+            torque = torque + torque_noise * noise[self._size :]
+        acting = [fault for fault in self._faults if fault.acts(context.get_time())]
+        position = quantised(position, quantum)
+        for fault in acting:
+            if fault.kind == "frozen":
+                which = slice(None) if fault.joint is None else fault.joint
+                position[which] = last[which]
+        speed = self._pole * speed + (1 - self._pole) * (position - last) / self._period
+        readings = [position, speed, torque]
+        for fault in acting:
+            if fault.kind == "nan":
+                readings[:2] = [_without(values, fault.joint) for values in readings[:2]]
+        if any(fault.kind == "lost" for fault in acting):
+            readings = told
+        after = [*readings, impulse, position, speed]
+        return after if self._size > 1 else [value.item() for value in after]
+
+
+def _without(values: Array, joint: int | None) -> Array:
+    """Values of which one, or all, are no numbers."""
+    spoiled = values.copy()
+    spoiled[slice(None) if joint is None else joint] = np.nan
+    return spoiled

@@ -1,0 +1,173 @@
+"""Wrist force/torque sensor: the wrench at the weld between flange and tool, digitised, less the weight of the tool.
+
+    w_S(felt)  = -(reaction at the weld, on the tool)  = environment + weight of everything beyond the sensor
+    w_S        = digitised w_S(felt) - [p x R_WS' m g; R_WS' m g]
+
+The weight is known from the mass and centre of the tool and the motor-side orientation of the sensor. A sensor that was
+tared in the start posture has that posture's weight in its zero already.
+"""
+
+from __future__ import annotations
+
+from typing import TypedDict
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, Joint
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues
+
+from forcectl.errors import BadInputError
+from forcectl.framework.batch import check, lane_values
+from forcectl.plant.sensors.force_sensor import SensorElectronics
+from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
+
+Vector = NDArray[np.float64]
+
+
+class Electronics(TypedDict):
+    """Arguments of `SensorElectronics` for the six channels [torque; force], in [Nm, N]."""
+
+    bias: ArrayLike
+    noise_std: ArrayLike
+    quantum: ArrayLike
+    range: ArrayLike
+    tare: bool
+    seed: int
+    period: float
+
+
+def weight_matrix(mass: float, p_SScm: Vector) -> Vector:
+    """Wrench about the origin of S of a mass per acceleration of gravity, both in S, shape (6, 3) [kg m; kg].
+
+    Args:
+        mass [kg]. p_SScm: its centre in S, shape (3,) [m].
+    """
+    x, y, z = p_SScm
+    return mass * np.vstack([[[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], np.eye(3)])
+
+
+class WristSensor(SensorElectronics):
+    """Six-axis wrist sensor between flange and tool of a multibody plant, without its filter.
+
+    ```
+    name: WristSensor
+    input_ports: [reaction_forces, motor_position]
+    output_ports: [readings]
+    parameters: [bias, noise_std, quantum, range]
+    ```
+
+    reaction_forces: abstract, list of SpatialForce of the plant.
+    motor_position: shape (n_q,), for the orientation of the sensor [rad].
+    readings: shape (8,): the measured wrench of the environment on the tool at S in S, [torque; force] [Nm, N]; its
+        force along n [N]; the true contact force [N], which the mounting of the environment carries. Feedthrough of
+        reaction_forces.
+
+    One output, because reading the reactions of a plant costs more than all the rest.
+
+    Parameters (Context, shape (6,)), taring and noise: see `SensorElectronics`.
+
+    Sampling: noise per `period` [s]; the orientation of the sensor is state, renewed every `posture_period` [s] if the
+    posture has changed.
+
+    Args:
+        plant: with the reactions. mounting: weld of the environment, which is massless, its surface normal +z.
+        robot: kinematics and tool. n: unit normal in W, shape (3,). start: q_0, shape (n_q,) [rad].
+        electronics: bias, noise_std, quantum, range, tare, seed and period of `SensorElectronics`; with `tare` the
+            sensor was made zero in the start posture, weight of the tool included.
+    """
+
+    def __init__(
+        self,
+        plant: MultibodyPlant,
+        sensor_weld: Joint,
+        mounting: Joint,
+        robot: RobotModel,
+        n: ArrayLike,
+        start: Vector,
+        *,
+        posture_period: float = 0.01,
+        electronics: Electronics,
+    ):
+        joints = list(plant.GetJointIndices())
+        self._rows = joints.index(sensor_weld.index()), joints.index(mounting.index())
+        self._load, self._gravity = tool_load(robot)
+        self._robot, self._n = robot, unit_normal(n)
+        self._start = lane_values("start", start, robot.num_joints)
+        self._posture_period = check("posture_period", posture_period, "positive")
+        self._zeroed = electronics["tare"]
+        super().__init__(6, unit="Nm,N", **electronics)
+
+    def declare_ports(self, unit: str) -> None:
+        """Inputs, output and the state that is the sensor's orientation."""
+        self.port_units = {"readings": "Nm,N"}
+        self._reactions = self.DeclareAbstractInputPort("reaction_forces", AbstractValue.Make([SpatialForce.Zero()]))
+        self._position = self.DeclareVectorInputPort("motor_position", self._robot.num_joints)
+        self._posture = posture_cache(self, self._robot, self._position)
+        context = self._robot.create_context()
+        self._robot.set_positions(context, self._start)
+        self._in_zero = np.zeros(6)
+        orientation = self._orient(context)
+        if self._zeroed:
+            self._in_zero = orientation[3:].copy()
+            orientation[3:] = 0.0
+        # n in S, and the weight that is not in the sensor's zero.
+        self._orientation = self.DeclareDiscreteState(orientation)
+        self._taken_at = self.DeclareDiscreteState(self._start)
+        reads = self.reads | {self._reactions.ticket(), self.discrete_state_ticket(self._orientation)}
+        self.DeclareVectorOutputPort("readings", 8, self._readings, prerequisites_of_calc=reads)
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=self._posture_period, offset_sec=0.0, update=self._renew_orientation
+        )
+
+    def _orient(self, plant_context: Context) -> Vector:
+        R_SW = sensor_frame(self._robot).CalcPoseInWorld(plant_context).rotation().matrix().T
+        return np.concatenate([R_SW @ self._n, self._load @ (R_SW @ self._gravity) - self._in_zero])
+
+    def _renew_orientation(self, context: Context, next_state: DiscreteValues) -> None:
+        q = self._position.Eval(context)
+        if has_moved(q, context.get_discrete_state(self._taken_at).value()):
+            next_state.set_value(self._orientation, self._orient(self._posture.Eval(context)))
+            next_state.set_value(self._taken_at, q)
+
+    def feels(self, context: Context) -> Vector:
+        """What the weld carries: environment and weight of everything beyond the sensor, at S in S."""
+        return -self._reactions.Eval(context)[self._rows[0]].get_coeffs()
+
+    def _readings(self, context: Context, output: BasicVector) -> None:
+        reactions = self._reactions.Eval(context)
+        wrist, mounting = self._rows
+        orientation = context.get_discrete_state(self._orientation).value()
+        readings = np.empty(8)
+        readings[:6] = self.read(context, -reactions[wrist].get_coeffs())
+        readings[:6] -= orientation[3:]
+        readings[6] = orientation[:3] @ readings[3:6]
+        readings[7] = reactions[mounting].translational()[2]
+        output.SetFromVector(readings)
+
+
+def sensor_frame(robot: RobotModel) -> Frame:
+    """The frame S of the robot's wrist sensor.
+
+    Raises:
+        BadInputError: the tool has no wrist sensor.
+    """
+    if robot.parts.sensor_frame is None or robot.parts.sensor_weld is None:
+        raise BadInputError("tool: has no wrist sensor: its facts must name a sensor_frame and a sensor_weld")
+    return robot.parts.sensor_frame
+
+
+def tool_load(robot: RobotModel) -> tuple[Vector, Vector]:
+    """`weight_matrix` of what hangs at the wrist sensor, and gravity in the world [m/s^2].
+
+    Raises:
+        BadInputError: the tool has no wrist sensor.
+    """
+    frame, plant = sensor_frame(robot), robot.plant
+    context = robot.create_context()
+    tool = robot.parts.sensor_weld.child_body()  # type: ignore[union-attr]
+    p_WTcm = plant.EvalBodyPoseInWorld(context, tool).multiply(tool.CalcCenterOfMassInBodyFrame(context))
+    p_SScm = frame.CalcPoseInWorld(context).inverse().multiply(p_WTcm)
+    return weight_matrix(tool.get_mass(context), p_SScm), plant.gravity_field().gravity_vector()

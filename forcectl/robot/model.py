@@ -1,0 +1,298 @@
+"""The quantities control needs of a robot and its tool: kinematics, torques, inertias, stiffness.
+
+A robot is a folder; nothing in the code names one. `add_robot` puts the same models into a simulated plant.
+
+The link-side plant holds no rotors: with elastic joints the rotor inertia, geared up, turns on the motor side. Its
+matrix is B = T' diag(J_m) T with the map T from joint to motor speeds, gear ratios and motor couplings included.
+"""
+
+from __future__ import annotations
+
+import threading
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, JacobianWrtVariable, MultibodyForces
+from pydrake.systems.framework import Context, InputPort, LeafSystem
+
+from forcectl.errors import invalid
+from forcectl.framework.cache import BlockCache
+from forcectl.robot.facts import ControlFacts
+from forcectl.robot.parts import ArmParts, RobotParts, add_robot, frame_named
+
+__all__ = [
+    "ArmParts",
+    "JointLimits",
+    "RobotModel",
+    "RobotParts",
+    "add_robot",
+    "has_moved",
+    "posture_cache",
+    "unit_normal",
+]
+
+Array = NDArray[np.float64]
+_ORIGIN = np.zeros(3)
+
+
+@dataclass(frozen=True)
+class JointLimits:
+    """Limits of the arm joints, each of shape (n,); infinite where the model gives none."""
+
+    position_lower: Array  # [rad]
+    position_upper: Array  # [rad]
+    velocity: Array  # [rad/s]
+    acceleration: Array  # [rad/s2]
+    torque: Array  # joint side [Nm]
+
+
+def unit_normal(n: ArrayLike, name: str = "normal") -> Array:
+    """n as a unit vector of shape (3,); BadInputError, with its name, when it is not a direction."""
+    try:
+        vector = np.asarray(n, dtype=float)
+    except (TypeError, ValueError):
+        raise invalid(name, n, "three numbers") from None
+    length = np.linalg.norm(vector) if vector.shape == (3,) else np.nan
+    if not np.isfinite(length) or length < 1e-9:
+        raise invalid(name, np.asarray(n).tolist(), "three finite numbers, not all zero")
+    unit: Array = vector / length
+    return unit
+
+
+class PlantForces(threading.local):
+    """A place to work in for what computes forces of a plant, overwritten at every use; each thread has its own."""
+
+    def __init__(self, plant: MultibodyPlant):
+        self.forces = MultibodyForces(plant)
+
+
+class RobotModel:
+    """Control-side quantities of a robot with its tool: kinematics, torques, inertias, stiffness.
+
+    Of a robot with several arms the vectors cover the joints of all, and what is said of the TCP is said of the first
+    arm's; `parts.arms` has the frames and joints of each, and the functions that end in `_of` take any frame.
+
+    Holds no state: every function takes a context of `plant` (see `create_context`), so that a block can keep one in a
+    cache entry. Vectors over joints have shape (n,), n = `num_joints`, in the order of the control facts; other joints
+    of the model (a gripper, say) stay at their defaults. Spatial vectors are [rotation; translation], in the world W.
+
+    Attributes:
+        facts, tool_facts: what the YAML files say; `tool_facts` is None without a tool.
+        plant: robot and tool, fixed to the world, continuous, without geometry, finalized.
+        parts: joints, actuators and frames in `plant`.
+        tcp_frame: tool centre point T, of the first arm.
+        limits: joint limits.
+        stiffness_set: name of the joint-stiffness set in use.
+        joint_stiffness: its values [Nm/rad].
+        motor_from_joint: T, motor speeds per joint speeds, shape (n, n) [1].
+        motor_inertia: T' diag(J_m) T, shape (n, n), joint side [kg m2].
+    """
+
+    def __init__(self, plant: MultibodyPlant, parts: RobotParts, stiffness_set: str | None = None):
+        """Use `load`."""
+        facts = parts.facts
+        self.facts = facts
+        self.tool_facts = parts.tool_facts
+        self.plant = plant
+        self.parts = parts
+        self.num_joints = facts.num_joints
+        self._world = plant.world_frame()
+        self.tcp_frame = parts.tcp_frame
+        self.limits = _limits(parts)
+        self.stiffness_set = facts.default_stiffness_set if stiffness_set is None else stiffness_set
+        self.joint_stiffness = facts.stiffness(stiffness_set)
+        self.motor_from_joint = _motor_from_joint(facts)
+        self.motor_inertia = self.motor_from_joint.T @ np.diag(facts.rotor_inertia) @ self.motor_from_joint
+        self._scratch = PlantForces(plant)
+        self._q = np.array([joint.position_start() for joint in parts.joints])
+        self._v = np.array([joint.velocity_start() for joint in parts.joints])
+        # An arm and nothing else, in order: the usual case, and no need to pick its joints out of the plant's.
+        every = np.arange(self.num_joints)
+        self._arm_only = np.array_equal(self._q, every[: plant.num_positions()]) and plant.num_positions() == len(every)
+        self._link_frames = {
+            frame: frame_named(plant, frame, parts.instance, "link_compliance frame") for frame in facts.link_compliance
+        }
+
+    @classmethod
+    def load(
+        cls,
+        robot: str | Path = "comau_smart_six",
+        tool: str | Path | None = "force_probe",
+        stiffness_set: str | None = None,
+    ) -> RobotModel:
+        """A robot with its tool, by shipped name or folder path.
+
+        Args:
+            robot: shipped robot or robot folder; "yumi/left" is one arm of a robot that has several.
+            tool: shipped tool, tool folder, or None for the bare flange; every arm has one.
+            stiffness_set: which joint stiffness to use; the facts' default when None.
+
+        Raises:
+            BadInputError: unknown name, bad facts, or a model that does not fit them.
+        """
+        plant = MultibodyPlant(time_step=0.0)
+        parts = add_robot(plant, robot, tool)
+        plant.Finalize()
+        return cls(plant, parts, stiffness_set)
+
+    def create_context(self) -> Context:
+        """A context of `plant` in the default posture at rest."""
+        return self.plant.CreateDefaultContext()
+
+    def positions(self, context: Context) -> Array:
+        """Joint positions in `context`, shape (n,) [rad]."""
+        q: Array = self.plant.GetPositions(context)[self._q]
+        return q
+
+    def set_positions(self, context: Context, q: Array) -> None:
+        """Set the joint positions q, shape (n,) [rad]."""
+        if self._arm_only:
+            self.plant.SetPositions(context, q)
+            return
+        everything = self.plant.GetPositions(context)
+        everything[self._q] = q
+        self.plant.SetPositions(context, everything)
+
+    def set_velocities(self, context: Context, v: Array) -> None:
+        """Set the joint speeds v, shape (n,) [rad/s]."""
+        if self._arm_only:
+            self.plant.SetVelocities(context, v)
+            return
+        everything = self.plant.GetVelocities(context)
+        everything[self._v] = v
+        self.plant.SetVelocities(context, everything)
+
+    def pose(self, context: Context) -> RigidTransform:
+        """Pose X_WT of the TCP frame in the world [m]."""
+        return self.tcp_frame.CalcPoseInWorld(context)
+
+    def tip_position(self, context: Context) -> Array:
+        """Position p_WT of the TCP in the world, shape (3,) [m]; a third of the cost of `pose`."""
+        position: Array = self.plant.CalcPointsPositions(context, self.tcp_frame, _ORIGIN, self._world)
+        return position.ravel()
+
+    def jacobian(self, context: Context) -> Array:
+        """J_WT: spatial velocity of the TCP in the world per joint speed, shape (6, n) [1; m]."""
+        return self.jacobian_of(context, self.tcp_frame)
+
+    def jacobian_of(self, context: Context, frame: Frame) -> Array:
+        """Spatial velocity of the origin of `frame` in the world per joint speed, shape (6, n) [1; m]."""
+        world = self._world
+        J = self.plant.CalcJacobianSpatialVelocity(context, JacobianWrtVariable.kV, frame, _ORIGIN, world, world)
+        columns: Array = J if self._arm_only else J[:, self._v]
+        return columns
+
+    def bias_acceleration(self, context: Context) -> Array:
+        """J'v: spatial acceleration of the TCP in the world at the joint speeds of `context`, none changing, (6,)."""
+        return self.bias_acceleration_of(context, self.tcp_frame)
+
+    def bias_acceleration_of(self, context: Context, frame: Frame) -> Array:
+        """As `bias_acceleration`, of the origin of `frame`, shape (6,)."""
+        world = self._world
+        A = self.plant.CalcBiasSpatialAcceleration(context, JacobianWrtVariable.kV, frame, _ORIGIN, world, world)
+        bias: Array = A.get_coeffs()
+        return bias
+
+    def link_poses(self, context: Context) -> dict[str, RigidTransform]:
+        """Poses in the world of the distal frames named in the facts' `link_compliance`."""
+        return {name: frame.CalcPoseInWorld(context) for name, frame in self._link_frames.items()}
+
+    def gravity_torque(self, context: Context) -> Array:
+        """Torque that holds robot and tool at rest, shape (n,) [Nm]; opposite to Drake's generalized gravity force."""
+        torque: Array = -self.plant.CalcGravityGeneralizedForces(context)[self._v]
+        return torque
+
+    def load_torque(self, context: Context) -> Array:
+        """c(q, v) + g(q): joint torque of a motion without acceleration, at q and v of `context`, shape (n,) [Nm]."""
+        return self.torque(context, np.zeros(self.num_joints), rotors=False)
+
+    def torque(self, context: Context, vdot: Array, rotors: bool = True) -> Array:
+        """Joint-side torque of the motion at q and v of `context`, without friction, shape (n,) [Nm].
+
+        (M(q) + B) vdot + c(q, v) + g(q), with the rotors' B = `motor_inertia` if `rotors`.
+        """
+        forces = self._scratch.forces
+        self.plant.CalcForceElementsContribution(context, forces)
+        if self._arm_only:
+            torque: Array = self.plant.CalcInverseDynamics(context, vdot, forces)
+        else:
+            everything = np.zeros(self.plant.num_velocities())
+            everything[self._v] = vdot
+            torque = self.plant.CalcInverseDynamics(context, everything, forces)[self._v]
+        return torque + self.motor_inertia.dot(vdot) if rotors else torque
+
+    def mass_matrix(self, context: Context) -> Array:
+        """Link-side mass matrix, without rotors, shape (n, n) [kg m2]."""
+        M: Array = self.plant.CalcMassMatrix(context)
+        return M if self._arm_only else M[np.ix_(self._v, self._v)]
+
+    def inverse_dynamics(self, context: Context, q: Array, v: Array, vdot: Array, rotors: bool = True) -> Array:
+        """As `torque`, of the motion (q, v, vdot), shape (n,) [Nm]. Leaves q and v in `context`."""
+        self.set_positions(context, q)
+        self.set_velocities(context, v)
+        return self.torque(context, vdot, rotors)
+
+    def smallest_singular_value(self, context: Context) -> float:
+        """Distance from a singular posture [1]: smallest singular value of the TCP Jacobian.
+
+        Translations are divided by the facts' `characteristic_length`. With fewer than six joints it tells whether the
+        joints move the TCP independently. Of several arms it is the least.
+        """
+        return min(self._smallest_singular_value(context, arm) for arm in self.parts.arms.values())
+
+    def _smallest_singular_value(self, context: Context, arm: ArmParts) -> float:
+        J = self.jacobian_of(context, arm.tcp_frame)[:, arm.joints]
+        J[3:] /= self.facts.characteristic_length
+        return float(np.linalg.svd(J, compute_uv=False)[-1])
+
+
+def posture_cache(block: LeafSystem, robot: RobotModel, position: InputPort) -> BlockCache:
+    """A cache entry of `block` with a context of `robot.plant` in the posture of the port, shape (n,) [rad]."""
+    index = position.get_index()  # the port itself would keep the block
+
+    def calc(block: LeafSystem, context: Context, value: AbstractValue) -> None:
+        robot.set_positions(value.get_mutable_value(), block.EvalVectorInput(context, index).value())
+
+    return BlockCache(
+        block, "robot posture", lambda: AbstractValue.Make(robot.create_context()), calc, {position.ticket()}
+    )
+
+
+_STILL = 1e-4  # [rad]
+
+
+def has_moved(q: Array, since: Array) -> bool:
+    """Whether a posture is another one for what depends on the posture only: by more than 1e-4 rad in all.
+
+    What the tangent of a motion leaves out below that is 1e-8 of an arm's length.
+    """
+    step = q - since
+    return bool(step @ step > _STILL**2)
+
+
+def _motor_from_joint(facts: ControlFacts) -> Array:
+    T = np.eye(facts.num_joints)
+    for coupling in facts.motor_coupling:
+        T[facts.arm_joints.index(coupling.motor_of), facts.arm_joints.index(coupling.driven_by)] = coupling.factor
+    return facts.gear_ratio[:, None] * T
+
+
+def _limits(parts: RobotParts) -> JointLimits:
+    def smaller(lower: list[Array], upper: list[Array]) -> Array:
+        return np.minimum(-np.concatenate(lower), np.concatenate(upper))
+
+    joints = parts.joints
+    return JointLimits(
+        position_lower=np.concatenate([j.position_lower_limits() for j in joints]),
+        position_upper=np.concatenate([j.position_upper_limits() for j in joints]),
+        velocity=smaller([j.velocity_lower_limits() for j in joints], [j.velocity_upper_limits() for j in joints]),
+        acceleration=smaller(
+            [j.acceleration_lower_limits() for j in joints], [j.acceleration_upper_limits() for j in joints]
+        ),
+        torque=np.array([actuator.effort_limit() for actuator in parts.actuators]),
+    )

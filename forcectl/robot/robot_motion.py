@@ -1,0 +1,129 @@
+"""What a controller in joint accelerations knows of the motion (q, q') it commands: pose, J, J'q', and M on demand.
+
+    x' = J q',    x'' = J u + J'q',    u = q''
+
+Computed once per tick and handed to every constraint.
+"""
+
+from __future__ import annotations
+
+from functools import cached_property
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform
+from pydrake.systems.framework import Context
+
+from forcectl.robot.model import RobotModel
+
+Vector = NDArray[np.float64]
+
+
+class Contact(NamedTuple):
+    """What is known of the contact at one tick.
+
+    displacement: dx_bar along n [m], into the surface when negative. rate: its rate [m/s]; its second derivative is
+    row u + bias, with row (n,) [m/rad], bias [m/s^2]. compliance: C_T_hat [m/N]. measured_force: [N]. unseen: what the
+    measured force does not show yet [m], see `SensorLag`.
+    """
+
+    displacement: float
+    rate: float
+    row: Vector
+    bias: float
+    compliance: float
+    measured_force: float
+    unseen: float = 0.0
+
+
+class RobotMotion:
+    """The commanded motion at one tick; spatial vectors are [rotation; translation] in W.
+
+    Attributes:
+        q, v: joint positions and speeds, (n,) [rad, rad/s].
+        position, rotation: of the TCP, (3,) [m] and (3, 3).
+        jacobian: J_WT, (6, n) [1; m]. velocity: J v, (6,) [rad/s; m/s]. bias: J'v, (6,) [rad/s^2; m/s^2].
+        contact: filled in by the controller.
+    """
+
+    contact: Contact
+
+    def __init__(self, robot: RobotModel, context: Context, q: Vector, v: Vector):
+        """`context`: of `robot.plant`, overwritten; must stay in this posture while the motion is in use."""
+        self._robot, self._context = robot, context
+        self.q, self.v = q, v
+        self.position, self.rotation = place(robot, context, q)
+        robot.set_velocities(context, v)
+        self.jacobian: Vector = robot.jacobian(context)
+        self.velocity: Vector = self.jacobian.dot(v)
+        self.bias: Vector = robot.bias_acceleration(context)
+
+    @cached_property
+    def inertia(self) -> Vector:
+        """M(q) with the rotors' share, joint side, (n, n) [kg m2]."""
+        return self._robot.mass_matrix(self._context) + self._robot.motor_inertia
+
+    @cached_property
+    def load(self) -> Vector:
+        """c(q, v) + g(q): joint torque of the motion at u = 0, (n,) [Nm]."""
+        return self._robot.load_torque(self._context)
+
+    def torque(self, u: Vector) -> Vector:
+        """M(q) u + c(q, v) + g(q), (n,) [Nm], at once: half of the cost of the two."""
+        return self._robot.torque(self._context, u)
+
+
+class StraightMotion(RobotMotion):
+    """The same about one posture q_0, with the Jacobian of that posture: what the one-dimensional station is made of.
+
+    Args:
+        origin: the motion at rest in q_0.
+    """
+
+    def __init__(self, origin: RobotMotion, q: Vector, v: Vector):
+        self._robot, self._context = origin._robot, origin._context
+        self.q, self.v = q, v
+        self.jacobian, self.velocity, self.bias = origin.jacobian, origin.jacobian @ v, origin.bias
+        self.position, self.rotation = straight_place(origin, q)
+
+
+class Place(NamedTuple):
+    """Position (3,) [m] and rotation (3, 3) of the TCP in W."""
+
+    position: Vector
+    rotation: Vector
+
+
+def place(robot: RobotModel, context: Context, q: Vector) -> Place:
+    """Where the TCP is in posture q, (n,) [rad]; `context` is overwritten."""
+    robot.set_positions(context, q)
+    return pose_parts(robot.pose(context))
+
+
+def pose_parts(pose: RigidTransform) -> Place:
+    """Position and rotation of a pose, at the cost of one call."""
+    matrix = pose.GetAsMatrix34()
+    return Place(matrix[:, 3], matrix[:, :3])
+
+
+def straight_place(origin: RobotMotion, q: Vector) -> Place:
+    """The same of a `StraightMotion`."""
+    moved = origin.jacobian @ (q - origin.q)
+    x, y, z = moved[:3]
+    # Rotation to first order: what `turn` reads off it is the difference of the rotation vectors.
+    rotation = (np.eye(3) + np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])) @ origin.rotation
+    return Place(origin.position + moved[3:], rotation)
+
+
+def turn(from_: Vector, to: Vector) -> Vector:
+    """Rotation vector from one orientation to another, exact for small angles and of the right sign below pi.
+
+    Args:
+        from_, to: rotation matrices (3, 3).
+
+    Returns:
+        sin(angle) * axis in W, (3,) [rad].
+    """
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = (to @ from_.T).tolist()
+    return np.array([0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)])

@@ -1,0 +1,1 @@
+"""Running scenarios: simulation, logs, run directories, reproduction, replay."""

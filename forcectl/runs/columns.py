@@ -1,0 +1,206 @@
+"""Columns of numbers with names and units, read from a CSV file or from the log of a run.
+
+A CSV file has a header of the form `time [s], displacement [mm], force [N]`, in any order, with commas, semicolons or
+tabs between. A log is NetCDF as `forcectl run` writes it: each variable over `time` with the attribute `units`.
+"""
+
+from __future__ import annotations
+
+import csv
+import io
+import re
+from collections.abc import Callable, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.errors import BadInputError, unknown
+
+Array = NDArray[np.float64]
+
+_HEADER = re.compile(r"^\s*(?P<name>.*?)\s*(?:[\[(]\s*(?P<unit>[^\])]*?)\s*[\])])?\s*$")
+_NETCDF = (".nc", ".nc4", ".h5", ".hdf5", ".cdf")
+
+
+@dataclass(frozen=True)
+class Column:
+    """One quantity: its name as written, its unit ("" when none is given) and its values (k,).
+
+    fault: where the first cell is that holds no number, "" when there is none; its value and empty ones are NaN.
+    """
+
+    name: str
+    unit: str
+    values: Array
+    fault: str = ""
+
+    @property
+    def label(self) -> str:
+        """Name and unit as they stand in a header."""
+        return f"{self.name} [{self.unit}]" if self.unit else self.name
+
+
+@dataclass(frozen=True)
+class Columns:
+    """A table: the file's name, its columns by lower-case name, and what a row is called in messages."""
+
+    origin: str
+    columns: dict[str, Column]
+    row: Callable[[int], str]
+
+    def find(self, wanted: str | None, names: Sequence[str], kind: str) -> Column:
+        """The column called `wanted`, or else the first of `names` that there is.
+
+        Raises:
+            BadInputError: there is none (the message names those that there are), or a cell of it is no number.
+        """
+        column = self._named(wanted, names, kind)
+        if column.fault:
+            raise BadInputError(f"{self.origin} {column.fault}")
+        return column
+
+    def _named(self, wanted: str | None, names: Sequence[str], kind: str) -> Column:
+        there = ", ".join(column.label for column in self.columns.values())
+        if wanted is not None:
+            if _key(wanted) not in self.columns:
+                raise BadInputError(f"{self.origin}: {unknown(f'column of {kind}', wanted, self._names())}")
+            return self.columns[_key(wanted)]
+        for name in names:
+            if name in self.columns:
+                return self.columns[name]
+        raise BadInputError(
+            f"{self.origin} has no column of {kind}: has {there}; name one {' or '.join(names[:3])}, or say which it is"
+        )
+
+    def _names(self) -> list[str]:
+        return [column.name for column in self.columns.values()]
+
+
+def read_columns(path: Path, variant: str | None = None) -> Columns:
+    """All columns of a file.
+
+    Args:
+        path: CSV, or NetCDF by its suffix. variant: which one of a log of several.
+
+    Raises:
+        BadInputError: the file cannot be read, has no header or no rows, or a row has too many or too few cells.
+    """
+    if not path.is_file():
+        kind = "is a folder" if path.is_dir() else "does not exist"
+        raise BadInputError(f"data file {str(path)!r} {kind}: must be a CSV file or a log.nc")
+    if path.suffix.lower() in _NETCDF:
+        return _read_log(path, variant)
+    if variant is not None:
+        raise BadInputError(f"--variant {variant!r}: must be left out, {path.name} is not the log of a run")
+    return _read_csv(path)
+
+
+def _key(name: str) -> str:
+    return re.sub(r"[\s-]+", "_", name.strip().lower())
+
+
+def _read_csv(path: Path) -> Columns:
+    try:
+        text = path.read_text(encoding="utf-8-sig")  # spreadsheets put a byte order mark in front
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise BadInputError(f"cannot read {path.name}: {reason}") from None
+    lines = [(n, line) for n, line in enumerate(text.splitlines(), start=1) if line.strip() and line[0] != "#"]
+    if not lines:
+        raise BadInputError(f"{path.name} is empty: must have a header and rows")
+    separator = max(";\t,", key=lines[0][1].count)
+    header = [part.strip() for part in _cells(lines[0][1], separator)]
+    if all(_is_number(part) for part in header):
+        raise BadInputError(
+            f"{path.name} has no header: its first row must name columns and units, as in "
+            "time [s], displacement [mm], force [N]"
+        )
+    rows = lines[1:]
+    if not rows:
+        raise BadInputError(f"{path.name} has a header and no rows")
+    decimal_comma = separator == ";" and "." not in rows[0][1]
+    faults = [""] * len(header)
+    body = "\n".join(line for _, line in rows)
+    body = body.replace(",", ".") if decimal_comma else body
+    try:
+        values = np.loadtxt(io.StringIO(body), delimiter=separator, ndmin=2, comments=None)
+    except ValueError:
+        values, faults = _read_slowly(path.name, header, separator, rows, decimal_comma)
+    if values.shape[1] != len(header):
+        raise BadInputError(
+            f"{path.name} row {rows[0][0]} has {values.shape[1]} cells: must have {len(header)}, as the header"
+        )
+    columns: dict[str, Column] = {}
+    for i, part in enumerate(header):
+        found = _HEADER.match(part)
+        name, unit = (found["name"], found["unit"] or "") if found else (part, "")
+        if _key(name) in columns:
+            raise BadInputError(f"{path.name} has two columns called {name!r}: rename one")
+        columns[_key(name)] = Column(name, unit, np.ascontiguousarray(values[:, i]), faults[i])
+    numbers = [n for n, _ in rows]
+    return Columns(path.name, columns, lambda k: f"row {numbers[k]}")
+
+
+def _cells(line: str, separator: str) -> list[str]:
+    try:
+        return next(csv.reader([line], delimiter=separator))
+    except csv.Error:  # a cell of more than 100 000 letters
+        return [line]
+
+
+def _is_number(text: str) -> bool:
+    try:
+        float(text)
+    except ValueError:
+        return False
+    return True
+
+
+def _read_slowly(
+    name: str, header: list[str], separator: str, rows: list[tuple[int, str]], decimal_comma: bool
+) -> tuple[Array, list[str]]:
+    """Cell by cell: the values, NaN where there is no number, and the first fault of each column."""
+    values, faults = np.full((len(rows), len(header)), np.nan), [""] * len(header)
+    for k, (number, line) in enumerate(rows):
+        cells = _cells(line, separator)
+        if len(cells) != len(header):
+            raise BadInputError(f"{name} row {number} has {len(cells)} cells: must have {len(header)}, as the header")
+        for i, cell in enumerate(cells):
+            cell = cell.strip().replace(",", ".") if decimal_comma else cell.strip()
+            if _is_number(cell):
+                values[k, i] = float(cell)
+            elif cell and not faults[i]:
+                faults[i] = f"row {number}, column {header[i]}: {cell[:40]!r} must be a number"
+    return values, faults
+
+
+def _read_log(path: Path, variant: str | None) -> Columns:
+    from forcectl.runs.logs import read_netcdf
+
+    try:
+        log = read_netcdf(path)
+    except (OSError, ValueError, KeyError, AttributeError) as error:
+        raise BadInputError(f"cannot read {path.name} as NetCDF: {' '.join(str(error).split())[:120]}") from None
+    if "variant" in log.dims:
+        names = [str(name) for name in log["variant"].values]
+        if variant is None:
+            raise BadInputError(
+                f"{path.name} has several variants: say which with --variant, one of: {', '.join(names)}"
+            )
+        if variant not in names:
+            raise unknown(f"variant of {path.name}", variant, names)
+        log = log.isel(variant=names.index(variant)).dropna("time", how="all")
+    elif variant is not None and variant != str(log.coords["variant"].item() if "variant" in log.coords else ""):
+        raise BadInputError(f"--variant {variant!r}: must be left out, {path.name} has one variant only")
+    if "time" not in log.dims:
+        raise BadInputError(f"{path.name} has no dimension 'time': must be the log of a run")
+    columns = {}
+    for name in ["time", *log.data_vars]:
+        variable = log[name] if name in log.variables else None
+        if variable is not None and variable.dims == ("time",) and np.issubdtype(variable.dtype, np.number):
+            columns[_key(str(name))] = Column(
+                str(name), str(variable.attrs.get("units", "")), np.asarray(variable.values, dtype=float)
+            )
+    return Columns(path.name, columns, lambda k: f"sample {k}")

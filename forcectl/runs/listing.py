@@ -1,0 +1,41 @@
+"""What there is to choose from, as tables in the terminal; like `catalog`, without importing Drake."""
+
+from __future__ import annotations
+
+from rich.markup import escape
+from rich.table import Table
+
+from forcectl.scenario import catalog
+
+
+def catalog_tables() -> list[Table]:
+    """Everything there is to choose from."""
+    scenarios = new_table("Experiments", "name", "title", "source")
+    for name in catalog.list_experiments():
+        tree = catalog.find_scenario(name).tree
+        scenarios.add_row(name, escape(str(tree.get("title", ""))), escape(str(tree.get("source", ""))))
+    presets = new_table("Plant presets", "preset", "what it changes")
+    for name in catalog.list_presets():
+        presets.add_row(name, escape(str(catalog.find_preset(name).tree.get("description", ""))))
+    parts = new_table("Stations, and what fills the slots of their loops", "key", "choices")
+    parts.add_row("station.fidelity", ", ".join(catalog.FIDELITIES))
+    parts.add_row("station.interface", ", ".join(f"!{tag}" for tag in catalog.INTERFACES))
+    for key, names in catalog.list_models().items():
+        parts.add_row(key, ", ".join(names))
+    for loop, slots in catalog.SLOTS.items():
+        for slot, tags in slots.items():
+            parts.add_row(f"{slot} (loop: {loop})", ", ".join(f"!{tag}" for tag in tags))
+    blocks = new_table("Blocks", "block", "what it is")
+    for name, text in catalog.list_blocks().items():
+        blocks.add_row(name, escape(text))
+    return [scenarios, presets, parts, blocks]
+
+
+def new_table(title: str, *columns: str) -> Table:
+    """An empty table without borders; only targets and texts are wrapped."""
+    table = Table(
+        title=title or None, title_justify="left", title_style="bold", header_style="bold", box=None, pad_edge=False
+    )
+    for i, column in enumerate(columns):
+        table.add_column(column, no_wrap=i == 0 and column != "target")
+    return table

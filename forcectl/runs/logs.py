@@ -1,0 +1,149 @@
+"""Logs: what a diagram recorded, as labelled data, and as a NetCDF file.
+
+One variant is a dataset over `time` with the scalar coordinate `variant`; several are stacked along the dimension
+`variant`. Vector signals have a second dimension with the names of their components. Every variable has the attributes
+`units` and `long_name`.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+
+from forcectl.analysis.force_metrics import model_response
+from forcectl.conventions import unit_of
+
+
+class ChunkedLog:
+    """Samples of a run, taken out of the diagram's log piece by piece, so that each is looked at and copied once."""
+
+    def __init__(self) -> None:
+        self._times: list[NDArray[np.float64]] = []
+        self._data: list[NDArray[np.float64]] = []
+
+    def take(self, log: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """Move everything out of a Drake `VectorLog`; returns the new times (k,) [s] and values (n, k)."""
+        # A chunk may begin with the sample that the last one ended with.
+        times, data = log.sample_times().copy(), log.data().copy()
+        log.Clear()
+        if self._times and times.size and self._times[-1].size and times[0] <= self._times[-1][-1]:
+            times, data = times[1:], data[:, 1:]
+        self._times.append(times)
+        self._data.append(data)
+        return times, data
+
+    def cut(self, when: float) -> None:
+        """Forget the samples after the time `when` [s], which lies in the last piece."""
+        keep = self._times[-1] <= when
+        self._times[-1], self._data[-1] = self._times[-1][keep], self._data[-1][:, keep]
+
+    def samples(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+        """All times (k,) [s] and values (n, k) so far."""
+        return np.concatenate(self._times), np.concatenate(self._data, axis=1)
+
+
+def to_dataset(
+    times: NDArray[np.float64],
+    values: NDArray[np.float64],
+    signals: Mapping[str, Any],
+    variant: str,
+    model_bandwidth: float | None = None,
+    derived: Mapping[str, tuple[str, NDArray[np.float64]]] | None = None,
+) -> xr.Dataset:
+    """The log of one variant.
+
+    Args:
+        times: (k,) [s]. values: (n, k).
+        signals: name -> which `rows` (a slice), `unit` and component `labels` (None: a scalar).
+        variant: name of the variant.
+        model_bandwidth: of the reference model [rad/s]; adds its response `model_force` [N].
+        derived: further scalars, name -> unit and samples (k,).
+    """
+    dataset = xr.Dataset(coords={"time": ("time", times, {"units": "s", "long_name": "time"}), "variant": variant})
+    for name, signal in signals.items():
+        rows = values[signal.rows]
+        attributes = {"units": signal.unit, "long_name": name.replace("_", " ")}
+        if signal.labels is None:
+            dataset[name] = ("time", rows[0].copy(), attributes)
+        else:
+            component = signal.dimension or ("joint" if _are_joints(name) else f"{name}_component")
+            dataset = dataset.assign_coords({component: list(signal.labels)})
+            dataset[name] = (("time", component), rows.T.copy(), attributes)
+    for name, (unit, samples) in (derived or {}).items():
+        dataset[name] = ("time", samples, {"units": unit, "long_name": name.replace("_", " ")})
+    if model_bandwidth is not None:
+        start = float(dataset["contact_force"].values[0]) if times.size else 0.0
+        response = model_response(times, dataset["desired_force"].values, model_bandwidth, start)
+        attributes = {
+            "units": unit_of("model_force"),
+            "long_name": "reference model",
+            "bandwidth_rad_s": model_bandwidth,
+        }
+        dataset["model_force"] = ("time", response, attributes)
+    return dataset
+
+
+def _are_joints(name: str) -> bool:
+    return name.split("_")[0] in ("motor", "link", "joint")
+
+
+def stack(logs: Sequence[xr.Dataset]) -> xr.Dataset:
+    """The logs of several variants as one, over (variant, time); shorter ones are filled up with NaN."""
+    if len(logs) == 1:
+        return logs[0]
+    return xr.concat(
+        logs,
+        dim="variant",
+        join="outer",
+        data_vars="all",
+        coords="minimal",
+        compat="override",
+        combine_attrs="override",
+    )
+
+
+def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
+    """Write a log; the same log gives the same file."""
+    encoding = {name: {"zlib": True, "complevel": 1} for name in dataset.data_vars if dataset[name].ndim}
+    dataset.to_netcdf(path, engine="h5netcdf", encoding=encoding)
+
+
+def read_netcdf(path: str | Path) -> xr.Dataset:
+    """Read a log into memory."""
+    with xr.open_dataset(path, engine="h5netcdf") as dataset:
+        return dataset.load()
+
+
+def first_fault(
+    times: NDArray[np.float64], values: NDArray[np.float64], signals: Mapping[str, Any], limits: Mapping[str, float]
+) -> tuple[str, float, float] | None:
+    """The first sample that no healthy run has: (signal, time [s], value), or None.
+
+    Args:
+        times: (k,) [s]. values: (n, k).
+        signals: name -> rows.
+        limits: name -> largest absolute value; every signal must be finite.
+    """
+    healthy = np.isfinite(values).all() and all(_within(values, signals, n, limit) for n, limit in limits.items())
+    if healthy:
+        return None
+    found: list[tuple[float, str, float]] = []
+    for name, signal in signals.items():
+        rows = values[signal.rows]
+        bad = ~np.isfinite(rows) | (np.abs(rows) > limits.get(name, math.inf))
+        columns = np.flatnonzero(bad.any(axis=0))
+        if columns.size:
+            k = int(columns[0])
+            found.append((float(times[k]), name, float(rows[bad[:, k], k][0])))
+    time, name, value = min(found, key=lambda item: item[0])
+    return name, time, value
+
+
+def _within(values: NDArray[np.float64], signals: Mapping[str, Any], name: str, limit: float) -> bool:
+    return name not in signals or bool((np.abs(values[signals[name].rows]) <= limit).all())

@@ -1,0 +1,220 @@
+"""Recorded experiments: input and output in SI units as deviations from rest, checked before they are used."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.conventions import unit_of
+from forcectl.errors import BadInputError
+from forcectl.runs.columns import Column, Columns, read_columns
+
+Array = NDArray[np.float64]
+
+# Factor from a unit to that of SI, per quantity.
+UNITS = {
+    "time": {"s": 1.0, "ms": 1e-3, "us": 1e-6, "µs": 1e-6, "μs": 1e-6, "min": 60.0},
+    "displacement": {"m": 1.0, "cm": 1e-2, "mm": 1e-3, "um": 1e-6, "µm": 1e-6, "μm": 1e-6, "in": 0.0254},
+    "force": {"N": 1.0, "kN": 1e3, "mN": 1e-3, "daN": 10.0, "lbf": 4.4482216152605, "kgf": 9.80665},
+}
+# Names that are looked for, the better ones first. u_hat of the open-loop scheme is `controller_output` in our logs.
+COMPENSATED_INPUTS = ("controller_output", "u_hat", "u")
+NAMES = {
+    "time": ("time", "t"),
+    "displacement": (*COMPENSATED_INPUTS, "displacement", "displacement_command", "dx_bar", "dx", "position"),
+    "force": ("force", "measured_force", "contact_force", "f", "y"),
+}
+_OWN_UNITS = {"controller_output": "m"}
+
+_JITTER = 0.05  # of the period that a time may be off
+_FEWEST = 100  # rows
+_AT_REST = (1e-9, 1e-3)  # of its range that the input may move while it rests; the second where it is measured
+LONG_REST = 20  # samples
+_REST = 0.3  # [s] that a pause must last for the force to follow
+_LARGEST = {"displacement": 10.0, "force": 1e6}  # [m], [N], from there on it is no measurement of a robot
+_BEYOND = 0.05  # of its range that the input moves on while the force stands still: it is saturated
+_STUCK = 10  # samples that this takes
+_SAME = 1e-6  # of its range by which a saturated force may differ
+
+
+@dataclass(frozen=True)
+class Recorded:
+    """An experiment.
+
+    origin: file name. input_name, output_name: as written in it. period: Ts [s].
+    u, y: displacement [m] and force [N] less their values at rest, shape (k,). u_rest, y_rest: those values.
+    resting: samples at the beginning that those values are from.
+    """
+
+    origin: str
+    input_name: str
+    output_name: str
+    period: float
+    u: Array
+    y: Array
+    u_rest: float
+    y_rest: float
+    resting: int
+
+    @property
+    def time(self) -> Array:
+        """From the first sample, shape (k,) [s]."""
+        return self.period * np.arange(self.u.size, dtype=float)
+
+    @property
+    def gain_at_rest(self) -> float | None:
+        """Force per displacement where the input rests between moves [N/m]; None with fewer than two such places."""
+        moves = np.flatnonzero(np.abs(np.diff(self.u)) > _AT_REST[1] * np.ptp(self.u) / LONG_REST)
+        begins, ends = np.concatenate([[-1], moves]), np.concatenate([moves, [self.u.size - 1]])
+        ends = ends[(ends - begins) * self.period >= _REST]
+        ends = ends[np.abs(self.u[ends]) > _BEYOND * np.ptp(self.u)]
+        if ends.size < 2:
+            return None
+        return float(self.u[ends] @ self.y[ends] / (self.u[ends] @ self.u[ends]))
+
+
+def read_record(
+    path: str | Path,
+    *,
+    input_column: str | None = None,
+    output_column: str | None = None,
+    variant: str | None = None,
+    flip_input: bool = False,
+) -> Recorded:
+    """Read an experiment from a CSV file or the log of a run.
+
+    Args:
+        path: the file. input_column, output_column: names of displacement and force where they are not found by name.
+        variant: which one of a log of several. flip_input: count displacements into the surface as negative, though
+            the file has them positive.
+
+    Raises:
+        BadInputError: one line that names the row or column and what to do; see `forcectl.runs.columns`, and
+            units, sampling, gaps, values that are missing, constant input, saturated force, too few rows.
+    """
+    table = read_columns(Path(path).expanduser(), variant)
+    time = table.find(None, NAMES["time"], "time")
+    moved = table.find(input_column, NAMES["displacement"], "displacement")
+    force = table.find(output_column, NAMES["force"], "force")
+    if moved is force:
+        raise BadInputError(f"{table.origin}: column {moved.label} cannot be both displacement and force")
+    factors = [
+        _factor(table, column, quantity)
+        for column, quantity in ((time, "time"), (moved, "displacement"), (force, "force"))
+    ]
+    if time.values.size < _FEWEST:
+        raise BadInputError(
+            f"{table.origin} has {time.values.size} rows: must have at least {_FEWEST}; "
+            "record the experiment from rest to rest"
+        )
+    for column in (time, moved, force):
+        _check_finite(table, column)
+    period = _check_sampling(table, time.values * factors[0])
+    for column, factor, quantity in ((moved, factors[1], "displacement"), (force, factors[2], "force")):
+        _check_size(table, column, factor, quantity)
+    u, y = moved.values * (-factors[1] if flip_input else factors[1]), force.values * factors[2]
+    for column, values, what in ((moved, u, "the experiment must move it"), (force, y, "is there contact?")):
+        if values.min() == values.max():
+            raise BadInputError(
+                f"{table.origin}: column {column.label} is constant at {column.values[0]:g} in all rows: {what}"
+            )
+    _check_saturation(table, force, u, y)
+    rests = [int(np.argmax(np.abs(u - u[0]) > share * np.ptp(u))) for share in _AT_REST]
+    resting = rests[0] if rests[0] >= LONG_REST else rests[1]
+    y_rest = float(y[:resting].mean())
+    return Recorded(table.origin, moved.label, force.label, period, u - u[0], y - y_rest, float(u[0]), y_rest, resting)
+
+
+def _factor(table: Columns, column: Column, quantity: str) -> float:
+    known = UNITS[quantity]
+    # Logs of our own that leave out a unit still have that of their name.
+    unit = column.unit or (_OWN_UNITS.get(column.name, unit_of(column.name)) if _is_log(table) else "")
+    if not unit:
+        example = {"time": "s", "displacement": "mm", "force": "N"}[quantity]
+        raise BadInputError(
+            f"{table.origin}: column {column.name!r} has no unit: write it in the header, "
+            f"as in '{column.name} [{example}]'"
+        )
+    if unit not in known:
+        raise BadInputError(
+            f"{table.origin}: column {column.name!r} has the unit {unit!r}: must be one of {quantity}, "
+            f"{', '.join(known)}"
+        )
+    return known[unit]
+
+
+def _is_log(table: Columns) -> bool:
+    return table.row(0).startswith("sample")
+
+
+def _check_finite(table: Columns, column: Column) -> None:
+    bad = np.flatnonzero(~np.isfinite(column.values))
+    if bad.size:
+        raise BadInputError(
+            f"{table.origin} {table.row(int(bad[0]))}, column {column.label}: empty or not a number "
+            f"({bad.size} such rows); fill it in, or cut the record before it"
+        )
+
+
+def _check_size(table: Columns, column: Column, factor: float, quantity: str) -> None:
+    bad = np.flatnonzero(np.abs(column.values) > _LARGEST[quantity] / factor)
+    if bad.size:
+        k = int(bad[0])
+        raise BadInputError(
+            f"{table.origin} {table.row(k)}, column {column.label}: {column.values[k]:g} is no {quantity} of a robot: "
+            f"must be at most {_LARGEST[quantity] / factor:g} {column.unit or unit_of(column.name)}; "
+            "correct the row or the unit"
+        )
+
+
+def _check_sampling(table: Columns, time: Array) -> float:
+    """The sampling period [s] of times that are regular."""
+    steps = np.diff(time)
+    period = float(np.median(steps))
+    wrong = np.flatnonzero(steps <= 0)
+    if wrong.size:
+        k = int(wrong[0])
+        what = "the same time as" if steps[k] == 0 else "an earlier time than"
+        raise BadInputError(
+            f"{table.origin} {table.row(k + 1)}: {what} {table.row(k)}, {time[k + 1]:.9g} s: "
+            "remove the row, or sort them"
+        )
+    late = np.flatnonzero(steps > 1.5 * period)
+    if late.size:
+        k = int(late[0])
+        missing = max(round(steps[k] / period) - 1, 1)
+        raise BadInputError(
+            f"{table.origin} {table.row(k + 1)}: {missing} {'row is' if missing == 1 else 'rows are'} missing before "
+            f"it, {steps[k]:.6g} s after {table.row(k)} at a period of {period:.6g} s ({late.size} such gaps); "
+            "record without gaps, or cut the record there"
+        )
+    uneven = np.flatnonzero(np.abs(steps - period) > _JITTER * period)
+    if uneven.size:
+        k = int(uneven[0])
+        raise BadInputError(
+            f"{table.origin} {table.row(k + 1)}: {steps[k]:.6g} s after {table.row(k)}, the others {period:.6g} s: "
+            f"sampling must be regular within {100 * _JITTER:g} %; resample the record"
+        )
+    return float((time[-1] - time[0]) / (time.size - 1))
+
+
+def _check_saturation(table: Columns, column: Column, u: Array, y: Array) -> None:
+    """Refuse a force that stands still at its largest or smallest value while the input moves on."""
+    sign = np.sign(np.sum((u - u.mean()) * (y - y.mean()))) or 1.0
+    for toward in (1.0, -1.0):
+        extreme = (toward * y).max()
+        there = np.concatenate([[False], toward * y >= extreme - _SAME * np.ptp(y), [False]])
+        edges = np.flatnonzero(there[1:] != there[:-1])
+        for start, end in zip(edges[::2], edges[1::2], strict=True):
+            on = toward * sign * (u[start:end] - u[start]) > _BEYOND * np.ptp(u)
+            if on.sum() >= _STUCK:
+                k = int(start + np.argmax(on))
+                why = "the sensor is saturated" if toward > 0 else "contact is lost or the sensor is saturated"
+                raise BadInputError(
+                    f"{table.origin} {table.row(k)}, column {column.label}: stands still at {column.values[k]:g} from "
+                    f"{table.row(int(start))} to {table.row(int(end - 1))} while the displacement moves on: {why}; "
+                    "record smaller moves in contact"
+                )

@@ -1,0 +1,215 @@
+"""Reproduction: experiments by variants by fidelities in parallel processes, the thesis' numbers beside ours.
+
+Writes, under the output directory, one run directory per experiment and fidelity, and `summary.json`:
+{experiment: {target: {published, ours, deviation, tolerance, pass}}}. Targets of an experiment that runs on several
+fidelities end in the fidelity, in brackets; `pass` is null for a value that is reported but not judged there.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+from collections.abc import Callable, Iterable, Mapping, Sequence
+from concurrent.futures import Future, ProcessPoolExecutor, as_completed
+from concurrent.futures.process import BrokenProcessPool
+from dataclasses import dataclass, field, replace
+from pathlib import Path
+from typing import Any
+
+from forcectl.errors import BadInputError, ForcectlError
+from forcectl.runs.directory import SUMMARY, check_free, write_json, write_whole
+from forcectl.runs.run import StoppedRunError, check_overrides, finish, verdicts_on, with_shortcuts
+from forcectl.runs.simulate import Outcome, simulate
+from forcectl.scenario.catalog import ScenarioFile, find_scenario
+from forcectl.scenario.expectations import Verdict
+from forcectl.scenario.scenario import AnyScenario, Scenario, build, origins, resolve, select_variants
+
+Progress = Callable[[str, float], None]  # (what, share done)
+
+
+@dataclass(frozen=True)
+class _Part:
+    """One experiment on one fidelity: the unit of a run directory."""
+
+    file: ScenarioFile
+    fidelity: str
+    overrides: dict[str, Any]
+    scenarios: dict[str, AnyScenario]
+    several: bool  # whether the experiment runs on several fidelities
+
+
+@dataclass(frozen=True)
+class PartReport:
+    """One experiment on one fidelity, judged. `failures`: variant -> why it has no metrics."""
+
+    experiment: str
+    title: str
+    fidelity: str
+    verdicts: list[Verdict]
+    metrics: dict[str, dict[str, float | None]]
+    failures: dict[str, str]
+
+
+@dataclass(frozen=True)
+class Reproduction:
+    """All experiments, judged."""
+
+    parts: list[PartReport] = field(default_factory=list)
+
+    @property
+    def passed(self) -> bool:
+        """Whether no target was missed."""
+        return all(v.passed is not False for part in self.parts for v in part.verdicts)
+
+    def summary(self) -> dict[str, dict[str, dict[str, object]]]:
+        """The content of `summary.json`."""
+        result: dict[str, dict[str, dict[str, object]]] = {}
+        for part in self.parts:
+            result.setdefault(part.experiment, {}).update({v.target: v.as_row() for v in part.verdicts})
+        return result
+
+
+def reproduce(
+    experiments: Iterable[str | Path],
+    *,
+    out: str | Path | None = None,
+    fidelity: str | None = None,
+    workers: int | None = None,
+    force: bool = False,
+    progress: Progress | None = None,
+) -> Reproduction:
+    """Run experiments and compare with their expectations.
+
+    Args:
+        experiments: names of shipped experiments or paths of scenario files.
+        out: directory to write; None writes nothing.
+        fidelity: this one only; otherwise the `fidelities` of each experiment.
+        workers: processes; None: one per processor.
+        force: replace an earlier reproduction in `out`.
+        progress: called with the name of a part and the share of its variants that is done.
+
+    Raises:
+        BadInputError: an experiment cannot be used; nothing was run. A run that fails later is a failed row.
+    """
+    files = [find_scenario(name) for name in experiments]
+    for name in (names := [file.name for file in files]):
+        if names.count(name) > 1:
+            raise BadInputError(
+                f"experiments: two are called {name!r}: names must differ, they are folders of the output"
+            )
+    parts = [part for file in files for part in _parts(file, fidelity)]
+    directory = None if out is None else Path(out).expanduser()
+    if directory is not None:
+        check_free(directory, force)
+    outcomes = _simulate_all(parts, workers or os.cpu_count() or 1, progress)
+    result = Reproduction([_report(part, outcomes[i]) for i, part in enumerate(parts)])
+
+    def fill(folder: Path) -> None:
+        for i, part in enumerate(parts):
+            _write(part, outcomes[i], folder / part.file.name / part.fidelity)
+        write_json(folder / SUMMARY, result.summary())
+
+    if directory is not None:
+        write_whole(directory, fill, force)
+    return result
+
+
+def _parts(file: ScenarioFile, fidelity: str | None) -> list[_Part]:
+    first = resolve(file, select_variants(file)[0])
+    if not isinstance(first, Scenario):  # a motion loop has one station
+        scenarios = {name: resolve(file, name) for name in select_variants(file)}
+        return [_Part(file, first.fidelity, {}, scenarios, False)]
+    fidelities = [fidelity] if fidelity else first.fidelities or [first.fidelity]
+    parts = []
+    for one in fidelities:
+        overrides = with_shortcuts(None, None, one)
+        scenarios = {name: resolve(file, name, overrides) for name in select_variants(file)}
+        check_overrides(file, list(scenarios), overrides)
+        parts.append(_Part(file, one, overrides, scenarios, len(fidelities) > 1))
+    return parts
+
+
+def _job(file: ScenarioFile, variant: str, overrides: Mapping[str, Any]) -> Outcome | str:
+    """One simulation in a worker process; a text when there is not even a log."""
+    try:
+        scenario = resolve(file, variant, overrides)
+        # Diagrams and exceptions do not travel between processes.
+        loop = build(scenario, origins(file, variant, overrides))
+        return replace(simulate(scenario, loop, variant), diagram=None, cause=None)
+    except ForcectlError as error:
+        return str(error)
+    except (Exception, SystemExit) as error:  # a row of the table, with the name of what went wrong
+        return " ".join(f"{type(error).__name__}: {error}".split())
+
+
+def _one_thread() -> None:
+    # Many processes with many threads each are slower than with one.
+    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
+        os.environ.setdefault(name, "1")
+
+
+def _pool(workers: int) -> ProcessPoolExecutor:
+    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_one_thread)
+
+
+def _simulate_all(parts: Sequence[_Part], workers: int, progress: Progress | None) -> list[dict[str, Outcome | str]]:
+    """Variant -> outcome for every part."""
+    results: list[dict[str, Outcome | str]] = [{} for _ in parts]
+    jobs = [(i, variant) for i, part in enumerate(parts) for variant in part.scenarios]
+
+    def take(i: int, variant: str, future: Future[Outcome | str]) -> None:
+        results[i][variant] = future.result()
+        if progress:
+            label = f"{parts[i].file.name} [{parts[i].fidelity}]"
+            progress(label, len(results[i]) / len(parts[i].scenarios))
+
+    def submit(pool: ProcessPoolExecutor, i: int, variant: str) -> Future[Outcome | str]:
+        return pool.submit(_job, parts[i].file, variant, parts[i].overrides)
+
+    lost = []
+    with _pool(max(1, min(workers, len(jobs)))) as pool:
+        running = {submit(pool, i, variant): (i, variant) for i, variant in jobs}
+        for future in as_completed(running):
+            try:
+                take(*running[future], future)
+            except BrokenProcessPool:
+                lost.append(running[future])
+    # One process that dies takes the others' work with it: repeat what was lost, each in a process of its own.
+    for i, variant in lost:
+        with _pool(1) as pool:
+            try:
+                take(i, variant, submit(pool, i, variant))
+            except BrokenProcessPool:
+                results[i][variant] = "the process ended unexpectedly"
+    return results
+
+
+def _report(part: _Part, outcomes: Mapping[str, Outcome | str]) -> PartReport:
+    done: list[Outcome] = []
+    failures = {}
+    for name in part.scenarios:
+        outcome = outcomes[name]
+        if isinstance(outcome, Outcome) and outcome.failure is None:
+            done.append(outcome)
+        else:
+            failures[name] = outcome if isinstance(outcome, str) else str(outcome.failure)
+    rows = [
+        Verdict(f"run of {name!r}", None, None, None, "must complete", False, why) for name, why in failures.items()
+    ]
+    rows += verdicts_on(part.file, part.scenarios, done)
+    if part.several:
+        rows = [replace(row, target=f"{row.target} [{part.fidelity}]") for row in rows]
+    title = next(iter(part.scenarios.values())).title
+    metrics = {outcome.variant: outcome.metrics for outcome in done}
+    return PartReport(part.file.name, title, part.fidelity, rows, metrics, failures)
+
+
+def _write(part: _Part, outcomes: Mapping[str, Outcome | str], directory: Path) -> None:
+    done = [outcomes[name] for name in part.scenarios]
+    with_log = [outcome for outcome in done if isinstance(outcome, Outcome)]
+    if not with_log:
+        return
+    # A run that had to stop is written beside, and is a row of the table already.
+    with contextlib.suppress(StoppedRunError):
+        finish(part.file, part.scenarios, with_log, directory, overrides=part.overrides)

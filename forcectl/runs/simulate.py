@@ -1,0 +1,122 @@
+"""Simulating one variant: build, advance piece by piece, watch the log, measure the speed."""
+
+from __future__ import annotations
+
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+import numpy as np
+import xarray as xr
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, Diagram
+
+from forcectl.runs.logs import ChunkedLog, first_fault, to_dataset
+from forcectl.scenario.scenario import AnyScenario, Loop
+
+CHUNK = 0.25  # [s] of simulated time between two looks at the log
+
+
+@dataclass(frozen=True)
+class Outcome:
+    """One simulated variant. `failure` says why it had to stop; the log then ends there and `metrics` is empty."""
+
+    variant: str
+    log: xr.Dataset
+    metrics: dict[str, float | None]
+    failure: str | None = None
+    # The next two are None when the outcome comes from another process.
+    diagram: Diagram | None = None
+    cause: BaseException | None = None  # what a block or a solver raised
+
+
+def simulate(
+    scenario: AnyScenario,
+    loop: Loop,
+    variant: str,
+    realtime_rate: float = 0.0,
+    progress: Callable[[str, float], None] | None = None,
+) -> Outcome:
+    """Simulate a scenario.
+
+    Args:
+        scenario: complete (see `load_scenario`). loop: what `build` made of it.
+        variant: its name, for the log.
+        realtime_rate: at most this many simulated seconds per second; 0: as fast as possible.
+        progress: called with the variant and the share done, after every `CHUNK`.
+    """
+    simulator = Simulator(loop.diagram)
+    context = simulator.get_mutable_context()
+    simulator.set_target_realtime_rate(realtime_rate)
+    log = ChunkedLog()
+    limits = scenario.limits()
+    count = max(1, int(np.ceil(scenario.duration / CHUNK - 1e-9)))
+    failure, computing = None, 0.0
+    for i in range(count + 1):
+        cause, seconds = _advance(simulator, min(i * CHUNK, scenario.duration))
+        computing += seconds if i else 0.0  # the first one initializes
+        times, values = log.take(loop.sink.FindMutableLog(context))
+        fault = first_fault(times, values, loop.signals, limits)
+        if fault is not None:
+            name, when, value = fault
+            what = "is not a number" if np.isnan(value) else f"diverges ({value:.4g} {loop.signals[name].unit})"
+            failure = f"{name} {what} at t = {when:.4f} s"
+            log.cut(when)
+        elif cause is not None:
+            failure = f"{_state_fault(loop.diagram, context)} at t = {context.get_time():.4f} s: {_reason(cause)}"
+        if progress:
+            progress(variant, i / count)
+        if failure is not None:
+            break
+    times, values = log.samples()
+    bandwidth = scenario.model_bandwidth(loop)
+    dataset = to_dataset(times, values, loop.signals, variant, bandwidth, loop.derived(values))
+    if failure is not None:
+        return Outcome(variant, dataset, {}, failure, loop.diagram, cause)
+    factor = scenario.duration / computing if computing > 0 else None
+    metrics = scenario.metrics(dataset, loop, factor)
+    return Outcome(variant, dataset, metrics, None, loop.diagram)
+
+
+def _advance(simulator: Simulator, until: float) -> tuple[BaseException | None, float]:
+    """Advance to `until` [s], 0: initialize; returns what stopped it (or None), and the computing time [s]."""
+    started = time.perf_counter()
+    try:
+        if until == 0:
+            simulator.Initialize()
+        else:
+            simulator.AdvanceTo(until)
+    # Drake's solvers give up with a RuntimeError, its failed preconditions arrive as SystemExit, and a block of the
+    # user's own may raise anything.
+    except (Exception, SystemExit) as error:
+        return error, time.perf_counter() - started
+    return None, time.perf_counter() - started
+
+
+def _reason(error: BaseException) -> str:
+    text = " ".join(str(error).split())[:200]
+    return text if isinstance(error, RuntimeError) and text else f"{type(error).__name__} {text}".strip()
+
+
+def _state_fault(system: Diagram, context: Context, path: str = "") -> str:
+    """Which block's state is not a finite number, in words; else that the simulation stopped."""
+    for block in system.GetSystems():
+        name = f"{path}{block.get_name()}"
+        own = block.GetMyContextFromRoot(context)
+        if isinstance(block, Diagram):
+            found = _state_fault(block, context, f"{name}/")
+            if found != _STOPPED:
+                return found
+        elif not all(np.isfinite(group).all() for group in _state(own)):
+            return f"state of {name} is not a finite number"
+    return _STOPPED
+
+
+_STOPPED = "simulation stopped"
+
+
+def _state(context: Context) -> Iterator[NDArray[np.float64]]:
+    yield context.get_continuous_state_vector().CopyToVector()
+    for group in range(context.num_discrete_state_groups()):
+        yield context.get_discrete_state(group).value()

@@ -1,0 +1,51 @@
+"""Results as tables in the terminal."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+from rich.markup import escape
+from rich.table import Table
+
+from forcectl.analysis.force_metrics import metric_names, metric_unit
+from forcectl.runs.listing import new_table
+from forcectl.scenario.expectations import Verdict
+
+
+def metrics_table(metrics: Mapping[str, Mapping[str, float | None]], title: str = "") -> Table:
+    """Metrics as rows, variants as columns."""
+    table = new_table(escape(title), "metric", "unit")
+    for variant in metrics:
+        table.add_column(escape(variant), justify="right")
+    names = list(dict.fromkeys([*metric_names(), *(name for values in metrics.values() for name in values)]))
+    for name in names:
+        values = [one.get(name) for one in metrics.values()]
+        if any(v is not None for v in values):
+            table.add_row(name, metric_unit(name), *map(number, values))
+    return table
+
+
+def verdict_table(verdicts: Sequence[Verdict], title: str = "") -> Table:
+    """Targets with the published value, ours, the deviation, what is allowed and the verdict."""
+    table = new_table(escape(title), "target", "published")
+    for column in ("ours", "deviation"):
+        table.add_column(column, justify="right")
+    for column in ("allowed", "verdict"):
+        table.add_column(column)
+    for v in verdicts:
+        published = v.published if isinstance(v.published, str) else number(v.published)
+        note = f"\n[dim]{escape(v.note)}[/]" if v.note else ""
+        table.add_row(
+            escape(v.target) + note, escape(published), number(v.ours), number(v.deviation), v.tolerance, verdict(v)
+        )
+    return table
+
+
+def verdict(v: Verdict) -> str:
+    """The verdict as a coloured word."""
+    return {True: "[green]pass[/]", False: "[bold red]missed[/]", None: "[dim]reported[/]"}[v.passed]
+
+
+def number(value: float | None) -> str:
+    """Four significant digits; a dash for what is undefined."""
+    return "–" if value is None else f"{value:.4g}"

@@ -1,0 +1,286 @@
+"""Tuning from a recorded experiment: gains, a report on them, the loop to expect, and a scenario that runs it.
+
+controller.yaml  a scenario with the controller `!Vrft`, for `forcectl run`
+summary.json     gains in both forms, fit report, warnings
+figures/         experiment and prediction, SVG and PNG
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.runs.directory import SUMMARY, check_free, write_json, write_whole
+from forcectl.runs.recorded import LONG_REST, Recorded, read_record
+from forcectl.runs.tuning_report import summary
+from forcectl.scenario.schema import Reader
+from forcectl.scenario.yaml_tree import Tagged, dump, parse
+from forcectl.tuning.controller_basis import ControllerBasis, continuous_pid, discrete_pid, fir
+from forcectl.tuning.fit import VrftFit
+from forcectl.tuning.reference_model import ReferenceModel, ReferenceModelConfig
+from forcectl.tuning.vrft import fit_vrft
+
+CONTROLLER = "controller.yaml"
+_SAMPLES_PER_TIME_CONSTANT = 5
+_CONTROL_PERIOD = 0.002  # [s] of the shipped station
+_REPEATED = 0.5  # rms that a second record may differ from the first by
+_HYSTERESIS = 0.1  # that the static gain of the plant model may differ from that of the rests by
+
+
+@dataclass(frozen=True)
+class Tuned:
+    """A tuned controller: its reference model, the record and the fit, and the directory with the results.
+
+    compensated: whether the robot's compliance was fed back in the experiment.
+    """
+
+    config: ReferenceModelConfig
+    record: Recorded
+    fit: VrftFit
+    compensated: bool
+    directory: Path | None  # None when nothing was written
+
+    @property
+    def bandwidth(self) -> float:
+        """Of the first-order reference model that was asked for, or that comes near the one of higher order [rad/s]."""
+        asked = self.config.bandwidth if self.config.order == 1 else None
+        return asked if asked is not None else _round(self.fit.model.bandwidth)
+
+    @property
+    def controller(self) -> Tagged:
+        """The scenario part `!Vrft`."""
+        part = Tagged({"proportional_gain": 0.0, "integral_gain": 0.0, "derivative_gain": 0.0}, "Vrft")
+        pid = self.fit.pid
+        if pid is None:
+            part["fir"] = [float(gain) for gain in self.fit.gains]
+        else:
+            part["proportional_gain"], part["integral_gain"] = pid.proportional, pid.integral
+            part["derivative_gain"], part["derivative_filter"] = pid.derivative, pid.derivative_time
+        part["robot_compliance_error"] = 1.0 if self.compensated else 0.0
+        part["reference_bandwidth"] = self.bandwidth
+        return part
+
+    @property
+    def scenario(self) -> Tagged:
+        """The controller in a loop with a contact as stiff as that of the record."""
+        station = Tagged({"environment": Tagged({"stiffness": _round(self.stiffness)})})
+        if not self.compensated:
+            # Without the feedback of (4.12) the record cannot tell robot from environment.
+            station["elastic_joints"] = False
+        horizon = self.fit.predicted_step.size * self.fit.model.period
+        return Tagged(
+            {
+                "title": f"VRFT controller tuned on {self.record.origin}",
+                "source": "forcectl tune vrft",
+                "station": station,
+                "controller": self.controller,
+                "reference": Tagged({"force": self.step}, "Step"),
+                "reference_model": self.bandwidth,
+                "duration": _round(min(max(horizon, 1.0), 600.0)),
+            }
+        )
+
+    @property
+    def _between_rests(self) -> float | None:
+        """The stiffness that the rests of the record show where the plant model has another one [N/m]."""
+        shown, model = self.record.gain_at_rest, self.fit.plant.static_gain
+        return -shown if shown is not None and abs(model - shown) > _HYSTERESIS * abs(shown) else None
+
+    @property
+    def stiffness(self) -> float:
+        """Of the contact: of the plant model, or of the rests between the moves where the model fails there [N/m]."""
+        shown = self._between_rests
+        return -self.fit.plant.static_gain if shown is None else shown
+
+    @property
+    def step(self) -> float:
+        """A step of the reference within what was recorded [N]."""
+        return _round(max(0.8 * float(self.record.y.max()), 1.0), 2)
+
+    @property
+    def warnings(self) -> tuple[str, ...]:
+        """Of the fit, and of the record."""
+        own = []
+        if self._between_rests is not None:
+            own.append(
+                f"the plant model is {-self.fit.plant.static_gain:.4g} N/m stiff and the contact at rest "
+                f"{self.stiffness:.4g} N/m (friction?): the latter is written to the station"
+            )
+        if self.record.resting < LONG_REST:
+            own.append("the record does not begin with a rest: its first sample is taken for the values at rest")
+        if self.fit.pid is None and not math.isclose(self.record.period, _CONTROL_PERIOD, rel_tol=1e-3):
+            own.append(
+                f"FIR coefficients are for the period of the record, {self.record.period:g} s, and the station runs at "
+                f"{_CONTROL_PERIOD:g} s: set station.period"
+            )
+        return (*self.fit.warnings, *own)
+
+
+def tune_vrft(
+    data: str | Path,
+    reference_model: str | float | ReferenceModelConfig,
+    *,
+    form: str = "continuous",
+    prefilter: bool = True,
+    refine: bool = True,
+    second: str | Path | None = None,
+    input_column: str | None = None,
+    output_column: str | None = None,
+    variant: str | None = None,
+    flip_input: bool = False,
+    compensated: bool | None = None,
+    out: str | Path | None = None,
+    force: bool = False,
+) -> Tuned:
+    """Tune a controller from a recorded experiment and write it.
+
+    Args:
+        data: CSV file or log.nc. reference_model: bandwidth [rad/s], or the text of a mapping with the keys of
+            `ReferenceModelConfig`.
+        form: "continuous" or "discrete" PID, or "fir:N" with N coefficients.
+        prefilter: L = M (1 - M). refine: take better gains than those of VRFT where a plant model made of the record is
+            good enough to tell; see `fit_vrft`. second: record of a second, equal experiment, used as instrument.
+        input_column, output_column, variant, flip_input: see `read_record`.
+        compensated: whether the compliance of the robot was fed back in the experiment (4.12); None: by the name of
+            the input, which is not when it is `displacement_command`.
+        out: directory to write; None writes nothing. force: replace an earlier result there.
+
+    Raises:
+        BadInputError: data, model or directory cannot be used; nothing was written.
+    """
+    config = reference_model_config(reference_model)
+    _basis(form, 1.0)
+    directory = None if out is None else Path(out).expanduser()
+    if directory is not None:
+        check_free(directory, force)
+    columns: dict[str, Any] = {
+        "input_column": input_column,
+        "output_column": output_column,
+        "variant": variant,
+        "flip_input": flip_input,
+    }
+    record = read_record(data, **columns)
+    model = config.model(record.period)
+    _check_against_model(record, model)
+    instrument = None
+    if second is not None:
+        again = read_record(second, **columns)
+        if again.u.size != record.u.size or not math.isclose(again.period, record.period, rel_tol=1e-3):
+            raise BadInputError(
+                f"{again.origin} has {again.u.size} samples at {again.period:g} s: must have {record.u.size} at "
+                f"{record.period:g} s, as {record.origin}"
+            )
+        _check_repeated(record, again)
+        instrument = again.y
+    basis = _basis(form, record.period)
+    fit = fit_vrft(record.u, record.y, model, basis, prefilter=prefilter, instrument=instrument, refine=refine)
+    if float(record.u @ record.y) > 0:
+        raise BadInputError(
+            f"{record.origin}: {record.output_name} rises with {record.input_name}: pressing must be a negative "
+            "displacement and a positive force; use --flip-input where displacements into the surface are positive"
+        )
+    if compensated is None:
+        compensated = record.input_name.split(" ")[0].lower() not in ("displacement_command",)
+    tuned = Tuned(config, record, fit, compensated, directory)
+    if tuned.stiffness <= 0:
+        raise BadInputError(
+            f"{record.origin}: does not tell how stiff the contact is: must have several moves in contact with a rest "
+            "after each; record more of them"
+        )
+    if directory is not None:
+        write_whole(directory, lambda folder: _write(tuned, folder), force)
+    return tuned
+
+
+def reference_model_config(text: str | float | ReferenceModelConfig) -> ReferenceModelConfig:
+    """The reference model behind `1.5` (bandwidth [rad/s]) or `{bandwidth: 1.5, order: 2}`.
+
+    Raises:
+        BadInputError: neither, or a key that does not exist.
+    """
+    if isinstance(text, ReferenceModelConfig):
+        return text
+    tree = parse(text, "--reference-model") if isinstance(text, str) else text
+    if isinstance(tree, int | float) and not isinstance(tree, bool):
+        tree = Tagged({"bandwidth": tree})
+    if not isinstance(tree, Tagged):
+        raise BadInputError(
+            f"--reference-model {text!r}: must be a bandwidth [rad/s] or a mapping such as {{bandwidth: 1.5, order: 2}}"
+        )
+    config: ReferenceModelConfig = Reader(lambda key: "--reference-model").dataclass(ReferenceModelConfig, tree, "")
+    return config
+
+
+def _basis(form: str, period: float) -> ControllerBasis:
+    kind, _, taps = form.partition(":")
+    if kind == "fir" and taps.isdecimal() and int(taps) > 0:
+        return fir(int(taps), period)
+    if form not in ("continuous", "discrete"):
+        raise invalid("form", form, "continuous, discrete or fir:N, as in fir:10")
+    return continuous_pid(period) if form == "continuous" else discrete_pid(period)
+
+
+def _check_repeated(record: Recorded, again: Recorded) -> None:
+    """Refuse a second record that is not the same experiment: as an instrument it would mislead without a sign."""
+    for name, first, second in (
+        (again.input_name, record.u, again.u),
+        (again.output_name, record.y, again.y),
+    ):
+        if (differs := float(np.linalg.norm(second - first) / np.linalg.norm(first))) > _REPEATED:
+            raise BadInputError(
+                f"{again.origin}: column {name} differs from that of {record.origin} by {100 * differs:.0f} %: must be "
+                f"at most {100 * _REPEATED:g} %; repeat the same experiment"
+            )
+
+
+def _check_against_model(record: Recorded, model: ReferenceModel) -> None:
+    duration, slowest = record.u.size * record.period, model.time_constant
+    longest = slowest / _SAMPLES_PER_TIME_CONSTANT
+    if record.period > longest > 0:
+        raise BadInputError(
+            f"{record.origin}: sampled every {record.period:g} s: must be at most {longest:.3g} s for a reference "
+            f"model with the time constant {slowest:.3g} s; sample faster, or choose a slower model"
+        )
+    lag = max(slowest, model.lag)
+    if duration < 2 * lag:
+        raise BadInputError(
+            f"{record.origin}: lasts {duration:.3g} s: must last at least {2 * lag:.3g} s, twice the time constant "
+            "of the reference model; record longer, or choose a faster model"
+        )
+
+
+def _write(tuned: Tuned, folder: Path) -> None:
+    remark = (
+        "of the contact in the record" if tuned.compensated else "of robot and contact together: the joints are rigid"
+    )
+    text = f"# station: the stiffness is that {remark}\n{dump(tuned.scenario)}"
+    (folder / CONTROLLER).write_text(text, encoding="utf-8")
+    write_json(folder / SUMMARY, summary(tuned.fit, tuned.record, tuned.warnings))
+    _write_figures(tuned, folder / "figures")
+
+
+def _round(value: float, digits: int = 4) -> float:
+    return float(f"{value:.{digits}g}")
+
+
+def _write_figures(tuned: Tuned, folder: Path) -> None:
+    # Matplotlib takes half a second to import.
+    from forcectl.figures.force import save
+    from forcectl.figures.tuning import experiment_figure, prediction_figure
+
+    folder.mkdir()
+    fit, record = tuned.fit, tuned.record
+    shown = slice(None, None, max(record.u.size // 20_000, 1))  # a picture has no room for more
+    force, of_model = record.y + record.y_rest, fit.plant.response(record.u) + record.y_rest
+    title = f"{record.origin}: the plant model explains {100 * fit.plant.explained:.1f} % of the force"
+    displacement = record.u + record.u_rest
+    figure = experiment_figure(record.time[shown], displacement[shown], force[shown], of_model[shown], title)
+    save(figure, folder / "experiment")
+    step, time = tuned.step, fit.model.period * np.arange(fit.predicted_step.size, dtype=float)
+    title = f"Step of {step:g} N, predicted with the plant model identified from {record.origin}"
+    save(prediction_figure(time, step * fit.predicted_step, step * fit.model_step, title), folder / "prediction")

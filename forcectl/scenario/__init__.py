@@ -1,0 +1,1 @@
+"""Scenario files: keys, tags, variants, expectations."""

@@ -1,0 +1,217 @@
+"""What is expected of a run: published or required values, and the verdict on ours."""
+
+from __future__ import annotations
+
+import difflib
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, field
+
+from forcectl.analysis.force_metrics import PAIR_METRICS, is_metric, metric_names
+from forcectl.analysis.motion_metrics import MOTION_METRICS
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.batch import check
+
+Metrics = Mapping[str, float | None]
+_NAMED = 12  # metrics in a message
+# (variant, other variant, share of the last step) -> `force_distance_N`
+Distance = Callable[[str, str, float], float | None]
+
+
+@dataclass(kw_only=True)
+class Term:
+    """A metric of a variant."""
+
+    metric: str
+    variant: str | None = None  # null: the variant of the expectation
+
+    def __post_init__(self) -> None:
+        _check_metric(self.metric)
+
+
+@dataclass(kw_only=True)
+class Other:
+    """The variant whose force is compared with, and for how long."""
+
+    variant: str
+    until_pct: float = 100.0  # of the last step, until the other one has first made this much of it
+
+    def __post_init__(self) -> None:
+        if not 0 < check("until_pct", self.until_pct) <= 100:
+            raise invalid("until_pct", self.until_pct, "above 0 and at most 100")
+
+
+@dataclass(kw_only=True)
+class Tolerance:
+    """Allowed distance from a published number: the larger of the two."""
+
+    absolute: float = 0.0  # in the unit of the metric
+    relative: float = 0.0  # of the published number
+
+    def __post_init__(self) -> None:
+        for name in ("absolute", "relative"):
+            check(name, getattr(self, name), "not negative")
+
+    def width(self, published: float) -> float:
+        """Allowed distance from `published`."""
+        return max(self.absolute, self.relative * abs(published))
+
+
+@dataclass(kw_only=True)
+class Expectation:
+    """One line of `expect`.
+
+    The value judged is metric(variant), less that of `minus`, or divided by that of `ratio`; the metric
+    `force_distance_N` is that of the variant's measured force from the one in `distance_to`. It passes when it lies
+    within `tolerance` of `published` (if there is a tolerance) and between `minimum` and `maximum` (`strict`: not on
+    them).
+    """
+
+    target: str  # names the line
+    metric: str
+    variant: str | None = None  # null: the only one
+    minus: Term | None = None
+    ratio: Term | None = None
+    distance_to: Other | None = None
+    published: float | str | None = None  # the thesis' number, or its statement in words
+    expected: float | None = None  # what the default plant gives; helps to find a fault, is not judged
+    tolerance: Tolerance | None = None
+    minimum: float | None = None
+    maximum: float | None = None
+    strict: bool = False
+    fidelities: list[str] = field(
+        default_factory=list
+    )  # judged on these, only reported on others; empty: judged on all
+
+    def __post_init__(self) -> None:
+        if self.metric not in PAIR_METRICS:
+            _check_metric(self.metric)
+        if (self.distance_to is not None) != (self.metric in PAIR_METRICS):
+            raise BadInputError(f"target {self.target!r}: force_distance_N and distance_to must go together")
+        if self.tolerance is not None and not isinstance(self.published, float):
+            raise invalid("published", self.published, "a number, because there is a tolerance")
+        if self.tolerance is None and self.minimum is None and self.maximum is None:
+            raise BadInputError(f"target {self.target!r} is missing what to judge by: tolerance, minimum or maximum")
+
+    def variants(self, names: Sequence[str]) -> dict[str, str]:
+        """The variant of each term, by key; a term without one takes that of the expectation, then the first."""
+        own = self.variant if self.variant is not None else names[0]
+        found = {"variant": own}
+        for key in ("minus", "ratio", "distance_to"):
+            term = getattr(self, key)
+            if term is not None:
+                found[f"{key}.variant"] = term.variant if term.variant is not None else own
+        return found
+
+
+@dataclass(frozen=True)
+class Verdict:
+    """One target, judged. `passed` is None for a value that is reported but not judged."""
+
+    target: str
+    published: float | str | None
+    ours: float | None
+    deviation: float | None  # ours less published, where that is a number
+    tolerance: str
+    passed: bool | None
+    note: str = ""
+
+    def as_row(self) -> dict[str, object]:
+        """The record of `summary.json`."""
+        row: dict[str, object] = {
+            "published": self.published,
+            "ours": self.ours,
+            "deviation": self.deviation,
+            "tolerance": self.tolerance,
+            "pass": self.passed,
+        }
+        return row | ({"note": self.note} if self.note else {})
+
+
+def judge(
+    expectation: Expectation,
+    metrics: Mapping[str, Metrics],
+    names: Sequence[str],
+    fidelity: str,
+    distance: Distance = lambda variant, other, share: None,
+) -> Verdict:
+    """The verdict on one expectation.
+
+    Args:
+        expectation: what is asked for.
+        metrics: variant -> metric -> value.
+        names: all variants of the scenario; one that failed has no metrics.
+        fidelity: of the station that was simulated.
+        distance: looks `force_distance_N` up.
+    """
+    ours, note = _value(expectation, metrics, names, distance)
+    judged = not expectation.fidelities or fidelity in expectation.fidelities
+    published = expectation.published
+    return Verdict(
+        target=expectation.target,
+        published=published,
+        ours=ours,
+        deviation=ours - published if ours is not None and isinstance(published, float) else None,
+        tolerance=tolerance_text(expectation),
+        passed=(ours is not None and _within(expectation, ours)) if judged else None,
+        note=note,
+    )
+
+
+def _value(
+    expectation: Expectation, metrics: Mapping[str, Metrics], names: Sequence[str], distance: Distance
+) -> tuple[float | None, str]:
+    where = expectation.variants(names)
+
+    def look_up(metric: str, variant: str) -> float | None:
+        return metrics.get(variant, {}).get(metric)
+
+    if (other_one := expectation.distance_to) is not None:
+        value = distance(where["variant"], other_one.variant, other_one.until_pct / 100)
+    else:
+        value = look_up(expectation.metric, where["variant"])
+    if value is None:
+        return None, f"{expectation.metric} of {where['variant']!r} is undefined"
+    for key, term in (("minus", expectation.minus), ("ratio", expectation.ratio)):
+        if term is None:
+            continue
+        other = look_up(term.metric, where[f"{key}.variant"])
+        if other is None or (key == "ratio" and other == 0):
+            return None, f"{term.metric} of {where[f'{key}.variant']!r} is undefined or zero"
+        value = value - other if key == "minus" else value / other
+    return value, ""
+
+
+def _within(expectation: Expectation, ours: float) -> bool:
+    published, low, high = expectation.published, expectation.minimum, expectation.maximum
+    if (
+        expectation.tolerance
+        and isinstance(published, float)
+        and abs(ours - published) > expectation.tolerance.width(published)
+    ):
+        return False
+    if expectation.strict:
+        return (low is None or ours > low) and (high is None or ours < high)
+    return (low is None or ours >= low) and (high is None or ours <= high)
+
+
+def tolerance_text(expectation: Expectation) -> str:
+    """What is allowed, for a table: `± 0.25`, `≤ 2`, `5 … 18`."""
+    parts = []
+    if expectation.tolerance and isinstance(expectation.published, float):
+        parts.append(f"± {expectation.tolerance.width(expectation.published):.3g}")
+    low, high = expectation.minimum, expectation.maximum
+    if low is not None and high is not None:
+        parts.append(f"{low:g} … {high:g}")
+    elif low is not None:
+        parts.append(f"{'>' if expectation.strict else '≥'} {low:g}")
+    elif high is not None:
+        parts.append(f"{'<' if expectation.strict else '≤'} {high:g}")
+    return ", ".join(parts)
+
+
+def _check_metric(name: str) -> None:
+    if not is_metric(name):
+        # All of them would fill a page: those that look most like it.
+        names = sorted({*metric_names(), *MOTION_METRICS})
+        near = difflib.get_close_matches(name, names, n=_NAMED, cutoff=0.0)
+        raise BadInputError(f"metric = {name!r}: {unknown('metric', name, near)} and {len(names) - len(near)} more")

@@ -1,0 +1,305 @@
+"""Scenarios: what is simulated, in which variants, and what is expected of it.
+
+A scenario's values come from, later wins: the defaults of the dataclasses, the plant preset, the scenario file, the
+variant, overrides (`--set` on the command line).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import dataclass, field, fields
+from pathlib import Path
+from typing import TYPE_CHECKING, Any, get_type_hints
+
+import xarray as xr
+
+from forcectl.analysis.force_metrics import metrics_of
+from forcectl.diagrams.closed_loop import ClosedLoop, build_closed_loop
+from forcectl.diagrams.motion_loop import MotionLoop
+from forcectl.diagrams.station import FIDELITIES, StationConfig
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.batch import check
+from forcectl.motion.tangential import TangentialMotionConfig
+from forcectl.scenario import catalog
+from forcectl.scenario.catalog import CONTROLLERS, REFERENCES, SLOTS, ScenarioFile
+from forcectl.scenario.checks import check_run
+from forcectl.scenario.error_keys import full_key
+from forcectl.scenario.expectations import Expectation
+from forcectl.scenario.motion_scenario import MotionScenario
+from forcectl.scenario.schema import Reader, first_of, tags_of, to_tree
+from forcectl.scenario.yaml_tree import Tagged, Tree, difference, is_object, merge, nest, plain
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+TAGS = {tag: path for slots in SLOTS.values() for table in slots.values() for tag, path in table.items()}
+FORCE_LIMIT = 2.0  # a contact force above this many sensor ranges is a diverging run
+ONLY_VARIANT = "default"  # name of the one variant of a scenario without variants
+
+
+@dataclass(kw_only=True)
+class Scenario:
+    """One simulation of the force loop (Part I), complete: a scenario file after presets, one variant and overrides."""
+
+    loop: str = "force"
+    title: str = ""
+    source: str = ""  # figure or table of the thesis
+    description: str = ""
+    preset: str = catalog.DEFAULT_PRESET  # name of a file in experiments/presets
+    station: StationConfig = field(default_factory=StationConfig)
+    controller: Any = field(default_factory=first_of(CONTROLLERS), metadata={"tags": CONTROLLERS})
+    reference: Any = field(default_factory=first_of(REFERENCES), metadata={"tags": REFERENCES})
+    motion: TangentialMotionConfig = field(default_factory=TangentialMotionConfig)  # along the surface
+    duration: float = 5.0  # [s], > 0
+    seed: int = 0  # of every random number in the run, >= 0
+    reference_model: float | None = None  # [rad/s] bandwidth of the model M(s); null: the controller's own
+    model_error_window: float = 4.1  # T_w [s] of model_error_sd_N
+    variants: dict[str, Any] = field(default_factory=dict)  # name -> values that replace the scenario's
+    fidelities: list[str] = field(default_factory=list)  # that `reproduce` runs; empty: the station's own
+    expect: list[Expectation] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        check_run(self.duration, self.seed)
+        check("model_error_window", self.model_error_window, "positive")
+        if self.reference_model is not None:
+            check("reference_model", self.reference_model, "positive")
+        for name in self.fidelities:
+            if name not in FIDELITIES:
+                raise BadInputError(f"fidelities = {self.fidelities}: {unknown('fidelity', name, FIDELITIES)}")
+
+    @property
+    def fidelity(self) -> str:
+        """Of its station."""
+        return self.station.fidelity
+
+    def build(self) -> ClosedLoop:
+        """The loop as a diagram."""
+        return build_closed_loop(self.station, self.controller, self.reference, motion=self.motion, seed=self.seed)
+
+    def limits(self) -> dict[str, float]:
+        """Largest absolute values of a healthy run, by signal."""
+        return {"contact_force": FORCE_LIMIT * self.station.force_sensor.range}
+
+    def model_bandwidth(self, loop: Any) -> float | None:
+        """Of the reference model [rad/s]; None without one."""
+        own = self.reference_model
+        bandwidth: float | None = own if own is not None else loop.reference_model_bandwidth
+        return bandwidth or None
+
+    def metrics(self, log: xr.Dataset, loop: Any, realtime_factor: float | None) -> dict[str, float | None]:
+        """All metrics of a run."""
+        del loop
+        signals = {str(name): log[name].values for name in log.variables}
+        window, motion = self.model_error_window, self.motion.interval()
+        return metrics_of(signals, window=window, realtime_factor=realtime_factor, motion=motion)
+
+    def figures(self, log: xr.Dataset, title: str) -> dict[str, Figure]:
+        """Figures of a run, by file name; `log` may be that of several variants."""
+        from forcectl.figures.force import run_figures
+
+        return run_figures(log, title)
+
+
+AnyScenario = Scenario | MotionScenario
+Loop = ClosedLoop | MotionLoop
+LOOPS: dict[str, type[Scenario] | type[MotionScenario]] = {"force": Scenario, "motion": MotionScenario}
+
+
+def load_scenario(
+    scenario: str | Path | Mapping[str, Any], variant: str | None = None, overrides: Mapping[str, Any] | None = None
+) -> AnyScenario:
+    """One scenario, complete.
+
+    Args:
+        scenario: name of a shipped experiment, path of a YAML file, or the same content as a mapping.
+        variant: name of the variant; may be left out when there is at most one.
+        overrides: dotted key -> value, on top of everything; a value may be a config object.
+
+    Raises:
+        BadInputError: anything in it that cannot be used.
+    """
+    file = as_file(scenario)
+    names = select_variants(file, variant)
+    if len(names) > 1:
+        raise BadInputError(f"{file.origin} has several variants, name one of: {', '.join(names)}")
+    return resolve(file, names[0], overrides)
+
+
+def as_file(scenario: str | Path | Mapping[str, Any] | AnyScenario | ScenarioFile) -> ScenarioFile:
+    """Whatever names or holds a scenario, as the file it would be."""
+    if isinstance(scenario, ScenarioFile):
+        return scenario
+    if isinstance(scenario, AnyScenario):
+        tree = Tagged({f.name: plain(getattr(scenario, f.name)) for f in fields(scenario)})
+        return ScenarioFile("scenario", "scenario", tree, Path.cwd())
+    if isinstance(scenario, Mapping):
+        return ScenarioFile("scenario", "scenario", catalog.scenario_tree(plain(scenario), "scenario"), Path.cwd())
+    if isinstance(scenario, str | Path):
+        return catalog.find_scenario(scenario)
+    raise invalid("scenario", scenario, "a name, a path, a mapping or a Scenario")
+
+
+def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]:
+    """The variants to run: the named one, else all.
+
+    Raises:
+        BadInputError: no variant of that name.
+    """
+    variants = file.tree.get("variants") or Tagged({ONLY_VARIANT: Tagged()})
+    if not isinstance(variants, Tagged) or not all(isinstance(name, str) for name in variants):
+        raise Reader(lambda key: file.origin).invalid(
+            "variants", variants, "a mapping of names to values (quote names)"
+        )
+    if variant is not None and variant not in variants:
+        raise unknown(f"variant of {file.origin}", variant, variants)
+    return list(variants) if variant is None else [variant]
+
+
+def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[str, Any] | None = None) -> AnyScenario:
+    """The scenario of one variant, with preset and overrides applied.
+
+    Raises:
+        BadInputError: names file or option, dotted key, value and what is allowed.
+    """
+    layers = _Layers(file, variant, overrides or {})
+    reader = Reader(layers.origin)
+    tree = layers.merged()
+    _locate_files(tree, file.folder)
+    scenario: AnyScenario = reader.dataclass(LOOPS[layers.loop], tree, "")
+    names = select_variants(file)
+    for i, expectation in enumerate(scenario.expect):
+        for key, name in expectation.variants(names).items():
+            if name not in names:
+                raise reader.unknown(f"expect.{i}.{key}", name, names, "variant")
+    return scenario
+
+
+class _Layers:
+    """The trees a scenario is made of, weakest first, each with the name that messages use."""
+
+    def __init__(self, file: ScenarioFile, variant: str, overrides: Mapping[str, Any]):
+        self._file = file.origin
+        variants = file.tree.get("variants")
+        changes = variants.get(variant) if isinstance(variants, Tagged) else None
+        if changes is not None and not isinstance(changes, Tagged):
+            raise Reader(lambda key: file.origin).invalid(f"variants.{variant}", changes, "a mapping of scenario keys")
+        forced, varied = nest(overrides), nest(changes or {})
+        self._layers: list[tuple[str, Tagged]] = [
+            (file.origin, file.tree),
+            (f"{file.origin}: variant {variant!r}", varied),
+            ("override", forced),
+        ]
+        loop = self.merged().get("loop", next(iter(LOOPS)))
+        if not isinstance(loop, str) or loop not in LOOPS:
+            raise Reader(self.origin).unknown("loop", loop, LOOPS, "loop")
+        self.loop = loop
+        # A slot without a tag means its default, and stays that when a later layer changes only some of its keys.
+        defaults = Tagged({slot: Tagged(tag=next(iter(table))) for slot, table in SLOTS[self.loop].items()})
+        self._layers.insert(0, ("defaults", defaults))
+        if self.loop != "force":
+            return
+        name = self.merged().get("preset", catalog.DEFAULT_PRESET)
+        if name not in catalog.list_presets():
+            raise Reader(self.origin).unknown("preset", name, catalog.list_presets(), "preset")
+        preset = catalog.find_preset(str(name)).tree
+        preset.pop("description", None)
+        self._layers.insert(1, (f"preset {name!r}", preset))
+
+    def merged(self) -> Tagged:
+        result = Tagged()
+        for _, tree in self._layers:
+            result = merge(result, tree)
+        return result
+
+    def origin(self, key: str) -> str:
+        """Where the value at a dotted key came from: the strongest layer that holds it, or holds the part around it."""
+        parts = key.split(".")
+        for length in range(len(parts), 0, -1):
+            for label, tree in reversed(self._layers):
+                if _holds(tree, parts[:length]):
+                    return self._file if label == "defaults" else label
+        return self._file
+
+
+def _holds(tree: Tree, parts: list[str]) -> bool:
+    for part in parts:
+        if isinstance(tree, list) and part.isdecimal() and int(part) < len(tree):
+            tree = tree[int(part)]
+        elif isinstance(tree, Tagged) and part in tree:
+            tree = tree[part]
+        else:
+            return is_object(tree) or (isinstance(tree, Tagged) and tree.given is not None)
+    return True
+
+
+def _locate_files(tree: Tree, folder: Path) -> None:
+    # A file beside the scenario is found from anywhere.
+    if isinstance(tree, Tagged):
+        path = tree.get("path")
+        if isinstance(path, str) and path and (folder / path).is_file():
+            tree["path"] = str(folder / path)
+        for part in tree.values():
+            _locate_files(part, folder)
+
+
+def build(scenario: AnyScenario, origin: Callable[[str], str] = lambda key: "") -> Loop:
+    """The loop of a scenario as a diagram.
+
+    Args:
+        scenario: complete. origin: says for a dotted key where its value came from, see `origins`.
+
+    Raises:
+        BadInputError: values that are fine one by one but do not fit together.
+    """
+    try:
+        return scenario.build()
+    except BadInputError as error:
+        key, text = full_key(scenario, error)
+        raise BadInputError(f"{origin(key)}: {text}".removeprefix(": ")) from None
+    # What no check of ours foresaw: Drake refuses with a RuntimeError, its failed preconditions arrive as SystemExit,
+    # and a delay line of years does not fit into memory.
+    except (RuntimeError, SystemExit, MemoryError) as error:
+        reason = " ".join(str(error).split())[:300]
+        name = origin("") or f"scenario {scenario.title!r}"
+        raise BadInputError(f"{name} cannot be built: {reason}") from error
+
+
+def origins(
+    file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[str, Any] | None = None
+) -> Callable[[str], str]:
+    """What says for a dotted key of the scenario that `resolve` makes of the same which file or option it is from."""
+    return _Layers(file, variant, overrides or {}).origin
+
+
+def resolved_tree(scenarios: Mapping[str, AnyScenario]) -> Tagged:
+    """One tree that holds all variants in full: the first one, and what the others change.
+
+    Presets and defaults are written out, so that the tree means the same when they change later.
+    """
+    names = list(scenarios)
+    trees = {}
+    for name, scenario in scenarios.items():
+        hints = get_type_hints(type(scenario))
+        trees[name] = Tagged(
+            {f.name: to_tree(getattr(scenario, f.name), tags_of(f), hints[f.name]) for f in fields(scenario)}
+        )
+        trees[name].update(variants=Tagged())
+        if "preset" in trees[name]:
+            trees[name].update(preset=catalog.DEFAULT_PRESET)
+    base = trees[names[0]]
+    base["expect"] = [_without_nulls(part) for part in base["expect"] if _only_about(part, names)]
+    for tree in trees.values():
+        tree["expect"] = base["expect"]
+    if names != [ONLY_VARIANT]:
+        changes = {name: difference(trees[names[0]], tree) for name, tree in trees.items()}
+        base["variants"] = Tagged(changes)
+    return base
+
+
+def _only_about(expectation: Tree, names: list[str]) -> bool:
+    terms = [expectation, expectation.get("minus"), expectation.get("ratio")]
+    return all(term.get("variant") in (None, *names) for term in terms if term)
+
+
+def _without_nulls(expectation: Tree) -> Tagged:
+    return Tagged({key: value for key, value in expectation.items() if value is not None and value != []})

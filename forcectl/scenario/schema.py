@@ -1,0 +1,332 @@
+"""From a tree to dataclasses, with one-line errors, and back.
+
+Drake's `yaml_load_typed` reads the same format, but its errors name neither the file nor the dotted key, it fills
+objects in after construction (so a config could not check itself) and it does not resolve postponed annotations. A
+`Reader` therefore builds the dataclasses through their constructors.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import difflib
+import enum
+import importlib
+import math
+import re
+import types
+import typing
+from collections.abc import Callable, Iterable, Mapping
+from pathlib import Path
+from typing import Any
+
+from forcectl.errors import BadInputError
+from forcectl.scenario.catalog import SLOTS
+from forcectl.scenario.yaml_tree import Tagged, Tree, is_object, tag_of
+
+_MISSING: Any = dataclasses.MISSING
+_PRIMITIVES: dict[Any, str] = {
+    float: "a number",
+    int: "a whole number",
+    bool: "true or false",
+    str: "text",
+    Path: "text",
+}
+
+
+# What a filler of a slot must have, where the slot's default has it.
+SLOT_METHODS = ("add_to", "metrics", "figures")
+
+
+def first_of(table: Mapping[str, str]) -> Callable[[], Any]:
+    """Default factory of a slot: the class of the first tag. The field's metadata hold the table as `tags`."""
+    path = next(iter(table.values()))
+    return lambda: load_object(path)()
+
+
+def tags_of(field: dataclasses.Field[Any]) -> Mapping[str, str] | None:
+    """The tags that may stand at a field: of its own table `tags`, or of a `slot` (loop, name); None where none may."""
+    if "slot" in field.metadata:
+        loop, name = field.metadata["slot"]
+        return SLOTS[loop][name]
+    table: Mapping[str, str] | None = field.metadata.get("tags")
+    return table
+
+
+def load_object(path: str) -> Any:
+    """The object behind "package.module:name"."""
+    module, _, name = path.partition(":")
+    return getattr(importlib.import_module(module), name)
+
+
+def show(value: object) -> str:
+    """A value for a message: one line, at most 60 characters."""
+    if isinstance(value, Tagged) and value.tag and not value:
+        return f"!{value.tag}"
+    try:
+        text = " ".join(repr(value).split())
+    except (RecursionError, ValueError):
+        text = f"a {type(value).__name__} too large to print"
+    return text if len(text) <= 60 else text[:57] + "..."
+
+
+def join(key: str, name: object) -> str:
+    """Dotted key of a child."""
+    return f"{key}.{name}" if key else str(name)
+
+
+class Reader:
+    """Builds dataclasses from trees.
+
+    Args:
+        origin: says for a dotted key where its value came from (a file name, an option); begins every message.
+    """
+
+    def __init__(self, origin: Callable[[str], str] = lambda key: ""):
+        self._origin = origin
+
+    def _error(self, key: str, text: str) -> BadInputError:
+        origin = self._origin(key)
+        return BadInputError(f"{origin}: {text}" if origin else text)
+
+    def invalid(self, key: str, value: object, allowed: str) -> BadInputError:
+        """The error for a value that is not allowed at `key`."""
+        return self._error(key, f"{key} = {show(value)}: must be {allowed}")
+
+    def unknown(self, key: str, name: object, known: Iterable[str], kind: str = "key") -> BadInputError:
+        """The error for a name that does not exist at `key`, with the nearest one that does."""
+        names = list(known)
+        lower = {name.lower(): name for name in names}
+        near = difflib.get_close_matches(str(name).lower(), lower, n=1, cutoff=0.5)
+        hint = f"did you mean {lower[near[0]]!r}? " if near else ""
+        return self._error(key, f"{key}: unknown {kind} {show(name)}: {hint}known: {', '.join(names)}")
+
+    def located(self, error: BadInputError, key: str) -> BadInputError:
+        """An error raised by a config about one of its own fields, with file and dotted key in front."""
+        text = str(error)
+        field = re.match(r"([A-Za-z_][\w.]*)(?:\[\d+\])*(?: =| has| is missing|: unknown)", text)
+        if field:
+            return self._error(join(key, field.group(1)), join(key, text))
+        # "unknown robot 'x'" is about the field `robot`.
+        kind = re.match(r"unknown (\w+)", text)
+        return self._error(join(key, kind.group(1)) if kind else key, f"{key}: {text}" if key else text)
+
+    def dataclass(self, cls: type, tree: Tree, key: str, default: Any = None) -> Any:
+        """An instance of dataclass `cls`; what the tree leaves out comes from `default`, else from the class.
+
+        Raises:
+            BadInputError: an unknown or missing key, a wrong type, or a value that the class itself refuses.
+        """
+        if is_object(tree):
+            return self._given(cls, tree, key)
+        fields = {f.name: f for f in dataclasses.fields(cls) if f.init}
+        if not isinstance(tree, Tagged):
+            raise self.invalid(key or "scenario", tree, f"a mapping with keys out of: {', '.join(fields)}")
+        if tree.given is not None:
+            default = self._given(cls, tree.given, key)
+            if type(default) is not cls:
+                return self.dataclass(type(default), tree, key)
+        for name in tree:
+            if name not in fields:
+                raise self.unknown(join(key, name), name, fields)
+        hints = typing.get_type_hints(cls)
+        values: dict[str, Any] = {}
+        for name, field in fields.items():
+            start = getattr(default, name) if default is not None else _default_of(field)
+            if name in tree:
+                values[name] = self._field(field, hints[name], tree[name], join(key, name), start)
+            elif start is _MISSING:
+                raise self._error(key, f"{join(key, name)} is missing: must be {describe(hints[name])}")
+            else:
+                values[name] = start
+        return self.construct(cls, values, key)
+
+    def _given(self, cls: type, given: Any, key: str) -> Any:
+        """An object given from Python at a place for instances of `cls`; the object itself is used."""
+        if not isinstance(given, cls):
+            raise self.invalid(key, given, f"a mapping, or an object of class {cls.__name__}")
+        return given
+
+    def _filler(self, table: Mapping[str, str], given: Any, key: str) -> Any:
+        """An object given from Python for a slot; the object itself is used.
+
+        Raises:
+            BadInputError: it lacks a method of the slot.
+        """
+        default = load_object(next(iter(table.values())))
+        wanted = [name for name in SLOT_METHODS if callable(getattr(default, name, None))]
+        if isinstance(given, type):
+            raise self.invalid(key, given, "an object, not a class")
+        for name in wanted:
+            if not callable(getattr(given, name, None)):
+                raise self.invalid(key, given, f"a tag, or an object with the method {name}")
+        return given
+
+    def construct(self, cls: Callable[..., Any], values: Mapping[str, Any], key: str) -> Any:
+        """`cls(**values)`, with its refusal told as one line about `key`."""
+        try:
+            return cls(**values)
+        except BadInputError as error:
+            raise self.located(error, key) from None
+        except (TypeError, ValueError, OverflowError, OSError) as error:
+            raise self._error(key, f"{key or 'scenario'}: {' '.join(str(error).split())}") from error
+
+    def _field(self, field: dataclasses.Field[Any], kind: Any, tree: Tree, key: str, start: Any) -> Any:
+        table = tags_of(field)
+        if table is None:
+            return self.value(kind, tree, key, start)
+        if is_object(tree):
+            return self._filler(table, tree, key)
+        if isinstance(tree, Tagged) and tree.given is not None:
+            given = self._filler(table, tree.given, key)
+            if not dataclasses.is_dataclass(given):
+                raise self.invalid(join(key, next(iter(tree))), tree, f"left out: {show(given)} is no dataclass")
+            return self.dataclass(type(given), tree, key)
+        if isinstance(tree, str):  # the tag alone, as text
+            tree = Tagged(tag=tree.removeprefix("!"))
+        tag = tag_of(tree)
+        if tag is not None and tag not in table:
+            raise self.unknown(key, f"!{tag}", [f"!{name}" for name in table], "tag")
+        default = type(start) if dataclasses.is_dataclass(start) else load_object(next(iter(table.values())))
+        cls = load_object(table[tag]) if tag else default
+        return self.dataclass(cls, tree, key, start if type(start) is cls else None)
+
+    def value(self, kind: Any, tree: Tree, key: str, start: Any = None) -> Any:
+        """`tree` as a value of type `kind` (the annotation of a field)."""
+        if kind is Any or kind is object:
+            return tree
+        if dataclasses.is_dataclass(kind) and isinstance(kind, type):
+            return self.dataclass(kind, tree, key, start if type(start) is kind else None)
+        base, arguments = typing.get_origin(kind), typing.get_args(kind)
+        if base in (typing.Union, types.UnionType):
+            return self._union(arguments, tree, key, start)
+        if base is typing.Literal:
+            if not any(tree == a and type(tree) is type(a) for a in arguments):
+                raise self._not_among(key, tree, [str(a) for a in arguments])
+            return tree
+        if isinstance(kind, type) and issubclass(kind, enum.Enum):
+            if isinstance(tree, kind):
+                return tree
+            if not isinstance(tree, str) or tree not in kind.__members__:
+                raise self._not_among(key, tree, list(kind.__members__))
+            return kind[tree]
+        if (base or kind) in (list, tuple):
+            return self._list(base or kind, arguments, tree, key)
+        if (base or kind) is dict:
+            return self._dict(arguments, tree, key)
+        return self._primitive(kind, tree, key, start)
+
+    def _not_among(self, key: str, tree: Tree, names: list[str]) -> BadInputError:
+        return (
+            self.unknown(key, tree, names, "value")
+            if isinstance(tree, str)
+            else self.invalid(key, tree, f"one of {', '.join(names)}")
+        )
+
+    def _union(self, members: tuple[Any, ...], tree: Tree, key: str, start: Any) -> Any:
+        if tree is None and type(None) in members:
+            return None
+        rest = [m for m in members if m is not type(None)]
+        if len(rest) == 1:
+            return self.value(rest[0], tree, key, start)
+        for member in rest:
+            try:
+                return self.value(member, tree, key, start)
+            except BadInputError:
+                continue
+        raise self.invalid(key, tree, " or ".join(describe(m) for m in members))
+
+    def _list(self, base: type, arguments: tuple[Any, ...], tree: Tree, key: str) -> Any:
+        item = arguments[0] if arguments else Any
+        fixed = base is tuple and arguments and arguments[-1] is not Ellipsis
+        if not isinstance(tree, list) or (fixed and len(tree) != len(arguments)):
+            raise self.invalid(
+                key, tree, f"a list of {len(arguments)} values" if fixed else f"a list, each {describe(item)}"
+            )
+        kinds = arguments if fixed else [item] * len(tree)
+        return base(
+            self.value(kind, part, f"{key}.{i}") for i, (kind, part) in enumerate(zip(kinds, tree, strict=True))
+        )
+
+    def _dict(self, arguments: tuple[Any, ...], tree: Tree, key: str) -> dict[str, Any]:
+        if not isinstance(tree, Tagged) or tree.tag:
+            raise self.invalid(key, tree, "a mapping")
+        for name in tree:
+            if not isinstance(name, str):
+                raise self.invalid(join(key, name), name, "text (quote it to use it as a name)")
+        return {
+            name: self.value(arguments[1] if arguments else Any, part, join(key, name)) for name, part in tree.items()
+        }
+
+    def _primitive(self, kind: Any, tree: Tree, key: str, start: Any) -> Any:
+        if kind is float and isinstance(tree, int | float) and not isinstance(tree, bool):
+            try:
+                number = float(tree)
+            except OverflowError:
+                number = math.inf
+            # Infinity means "no limit", and only where the default already says so.
+            if math.isnan(number) or (math.isinf(number) and not (isinstance(start, float) and math.isinf(start))):
+                raise self.invalid(key, tree, "a finite number")
+            return number
+        if kind is int and isinstance(tree, int) and not isinstance(tree, bool):
+            return tree
+        if kind is int and isinstance(tree, float) and tree.is_integer() and abs(tree) < 2**53:
+            return int(tree)
+        if (kind is bool and isinstance(tree, bool)) or (kind is str and isinstance(tree, str)):
+            return tree
+        if kind is Path and isinstance(tree, str | Path):
+            return Path(tree)
+        raise self.invalid(key, tree, describe(kind))
+
+
+def _default_of(field: dataclasses.Field[Any]) -> Any:
+    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
+
+
+def describe(kind: Any) -> str:
+    """A type, in words for a message."""
+    if kind in _PRIMITIVES:
+        return _PRIMITIVES[kind]
+    if kind is type(None):
+        return "null"
+    base, arguments = typing.get_origin(kind), typing.get_args(kind)
+    if base in (typing.Union, types.UnionType):
+        return " or ".join(describe(a) for a in arguments)
+    if base is typing.Literal:
+        return "one of " + ", ".join(str(a) for a in arguments)
+    if (base or kind) in (list, tuple):
+        return f"a list, each {describe(arguments[0])}" if arguments else "a list"
+    if dataclasses.is_dataclass(kind):
+        return f"a mapping with keys out of: {', '.join(f.name for f in dataclasses.fields(kind))}"
+    return "a mapping" if (base or kind) is dict else getattr(kind, "__name__", str(kind))
+
+
+def to_tree(value: Any, table: Mapping[str, str] | None = None, kind: Any = None) -> Tree:
+    """The tree that a `Reader` turns back into `value`: every field written out, tags where there is a choice.
+
+    Args:
+        value: of a field.
+        table: the tags of a slot and what is behind them; None where there is no choice.
+        kind: the class of the field, when that is a dataclass. An object of another class gets the tag `!Import`.
+    """
+    if is_object(value) and not dataclasses.is_dataclass(value):
+        return Tagged({"path": path_of(type(value)), "repr": show(value)}, "Import")
+    if is_object(value):
+        cls = type(value)
+        tag = next((tag for tag, path in (table or {}).items() if load_object(path) is cls), None)
+        hints = typing.get_type_hints(cls)
+        own = (f for f in dataclasses.fields(cls) if f.init)
+        parts = Tagged({f.name: to_tree(getattr(value, f.name), tags_of(f), hints[f.name]) for f in own}, tag)
+        foreign = tag is None if table else dataclasses.is_dataclass(kind) and cls is not kind
+        return Tagged({"path": path_of(cls), "parameters": parts}, "Import") if foreign else parts
+    if isinstance(value, enum.Enum):
+        return value.name
+    if isinstance(value, Mapping):
+        return Tagged({k: to_tree(v) for k, v in value.items()}, tag_of(value))
+    if isinstance(value, list | tuple):
+        return [to_tree(v) for v in value]
+    return str(value) if isinstance(value, Path) else value
+
+
+def path_of(cls: type) -> str:
+    """Import path of a class, "package.module:Name"."""
+    return f"{cls.__module__}:{cls.__qualname__}"

@@ -1,0 +1,1 @@
+"""Control of robot motion by prioritized tasks (Chapter 5)."""

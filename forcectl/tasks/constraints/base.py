@@ -1,0 +1,333 @@
+"""Constraints of a robot that is commanded in joint accelerations u, as rows E u <= f, by invariance.
+
+A constraint is an output y <= 0 of relative degree r, and a row that says how u changes its r-th derivative:
+
+    r = 0    y   = row u + bias       (torque)             row u <= -bias
+    r = 1    y'  = row u + bias       (speed)              row u <= -y/Ts - bias
+    r = 2    y'' = row u + bias       (position)           row u <= a(y, y') - bias
+
+with a(y, y') the largest acceleration after which y <= 0 can still be kept with braking at gamma < 0, one tick ahead
+(`one_step_acceleration`). It is a row at every state: there is no active set to be found first. A row that is violated
+asks for the way back within |gamma| (3.57).
+
+Between ticks u is held, and y'' changes with the posture by at most |y'''| Ts. So a constraint whose rows were kept is
+violated by at most 2/3 |y'''| Ts^3 (r = 2: 1/6 in the tick, 1/2 by the speed it leaves to the next) or |y''| Ts^2/2
+(r = 1): nothing for joint positions and speeds, which are integrated exactly. For a coordinate of the tool |y'''| <=
+L (S^3 + 3 S A), with the reach L and the sums S, A of joint speeds and accelerations; about a micrometre at 1 m/s and
+2 ms. It does not add up: the next tick takes into account what the last one missed, and may brake harder than gamma, up
+to twice.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import replace
+from typing import Any, NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.framework.batch import check, lane_values
+from forcectl.framework.kernels import largest
+from forcectl.robot.model import JointLimits, unit_normal
+from forcectl.robot.robot_motion import RobotMotion
+from forcectl.tasks.constraints.joint_bounds import JointBounds, bounded_acceleration
+
+Vector = NDArray[np.float64]
+
+# What one evaluation gives: y, y' (read if r = 2 only), row, bias. Floats and a row of shape (n,), or k of each.
+Evaluation = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]
+
+
+@runtime_checkable
+class Constraint(Protocol):
+    """What a constraint has to offer, forcectl's or a user's own.
+
+        class Wall:
+            relative_degree = 2
+            def __init__(self, height: float): self.height = height
+            def evaluate(self, motion):
+                z, dz = motion.position[2], motion.velocity[5]
+                return self.height - z, -dz, -motion.jacobian[5], -motion.bias[5]
+
+    An attribute `gamma` (< 0, in units of y'') replaces the controller's default. An attribute `slack_weight` (> 0, see
+    `QuadraticProgram`) makes the rows soft in controllers of several arms: they give way before the others. `margin`
+    (>= 0, in units of y) is kept beside a constraint of relative degree 2, for what a tick misses. `rows_change`, if it
+    is true, says that a row may stand for something else at the next tick. `companions` are further constraints that
+    belong to it.
+    """
+
+    relative_degree: int
+
+    def evaluate(self, motion: RobotMotion) -> Evaluation:
+        """(y, y', row, bias) at this motion; y is not read if r = 0."""
+        ...
+
+
+class CartesianWall:
+    """A plane the tool centre point stays in front of.
+
+        y = -normal' (p - point) [m]
+
+    Args:
+        point: on the plane, (3,) [m]. normal: towards the free side, (3,). gamma: [m/s^2], < 0; None: the default.
+    """
+
+    relative_degree = 2
+
+    def __init__(self, point: ArrayLike, normal: ArrayLike, gamma: float | None = None):
+        self._point, self._normal = lane_values("point", point, 3), unit_normal(normal)
+        if gamma is not None:
+            self.gamma = gamma
+
+    def evaluate(self, motion: RobotMotion) -> Evaluation:
+        """See `Constraint`."""
+        n = self._normal
+        row = -n @ motion.jacobian[3:]
+        return -n @ (motion.position - self._point), row @ motion.v, row, -n @ motion.bias[3:]
+
+
+class ForceLimit:
+    """The contact force stays below a maximum, by the model and by the sensor, whichever is nearer.
+
+        y = max(-dx_bar - C_T_hat F_max, C_T_hat (F - F_max)/2 + unseen) [m]
+
+    `unseen` is what the measured force F does not show yet, see `SensorLag`; 0 where the sensor is not known: then F is
+    kept, and the true force goes beyond while F lags. Half of the compliance, so that one that is believed up to twice
+    too large does not count on a longer way to stop: more than half of F_max is approached as fast as F shows it.
+
+    Reached behind a sensor of 12.6 rad/s with the compliance believed 0.5 to 2 times the true one, true force: pressing
+    on a flat surface within 0.01 N + 0.1 % of F_max, on stiff contact with up to 0.8 N of 8 N less where friction lets
+    joints stick and jump. A surface that the path does not know: 5 mm/s towards the tool at 1e5 N/m up to 46 N where 30
+    are allowed, above them for up to 1 s; 1 mm/s up to 35 N. Contact is kept. It is no guarantee against impact.
+
+    Args:
+        maximum: F_max [N], > 0. gamma: [m/s^2], < 0; None: the controller's.
+    """
+
+    relative_degree = 2
+
+    def __init__(self, maximum: float, gamma: float | None = None):
+        self._maximum = check("maximum_force", maximum, "positive")
+        if gamma is not None:
+            self.gamma = gamma
+
+    def evaluate(self, motion: RobotMotion) -> Evaluation:
+        """See `Constraint`."""
+        contact, maximum = motion.contact, self._maximum
+        by_model = -contact.displacement - contact.compliance * maximum
+        by_sensor = 0.5 * contact.compliance * (contact.measured_force - maximum) + contact.unseen
+        return max(by_model, by_sensor), -contact.rate, -contact.row, -contact.bias
+
+
+class JointTorqueLimit:
+    """The torque of the commanded motion stays within limits, by the model: |M u + h| <= limit.
+
+    Args:
+        limit: joint side, (n,) [Nm].
+    """
+
+    relative_degree = 0
+
+    def __init__(self, limit: Vector):
+        self._limit, limited = limit, np.isfinite(limit)
+        self._some = None if limited.all() else np.flatnonzero(limited)
+        self._twice = np.concatenate([limit[limited], limit[limited]])
+        self.size = len(self._twice)
+
+    def evaluate(self, motion: RobotMotion) -> Evaluation:
+        """See `Constraint`."""
+        matrix, limit = self.rows(motion)
+        return 0.0, 0.0, matrix, -limit
+
+    def rows(self, motion: RobotMotion) -> tuple[Vector, Vector]:
+        """E (size, n) and f (size,) of the rows E u <= f."""
+        M, h = motion.inertia, motion.load
+        if self._some is not None:
+            M, h = M[self._some], h[self._some]
+        return np.concatenate([M, -M]), self._twice - np.concatenate([h, -h])
+
+    def excess(self, motion: RobotMotion, u: Vector) -> float:
+        """By how much the torque of u is above its limit [Nm]; <= 0 when none is. Half of the cost of the rows."""
+        excess: float = largest(np.abs(motion.torque(u)) - self._limit)
+        return excess
+
+
+def checked_limits(limits: JointLimits, start: RobotMotion) -> JointLimits:
+    """Joint limits that a controller can keep: every acceleration finite, 20 rad/s^2 where the robot names none.
+
+    Raises:
+        BadInputError: limits that contradict each other or the start posture.
+    """
+    q, n = start.q, len(start.q)
+    for name in ("position_lower", "position_upper", "velocity", "acceleration", "torque"):
+        value = getattr(limits, name)
+        if np.shape(value) != (n,) or np.isnan(value).any():
+            raise invalid(f"limits.{name}", np.asarray(value).tolist(), f"{n} numbers")
+    for name in ("velocity", "acceleration", "torque"):
+        if not (getattr(limits, name) > 0).all():
+            raise invalid(f"limits.{name}", getattr(limits, name).tolist(), "above zero")
+    if not (limits.position_lower < limits.position_upper).all():
+        upper = limits.position_upper.tolist()
+        raise invalid("limits.position_lower", limits.position_lower.tolist(), f"below position_upper = {upper}")
+    if not ((limits.position_lower <= q) & (q <= limits.position_upper)).all():
+        raise BadInputError(f"limits: the start posture {np.round(q, 4).tolist()} rad is outside the position limits")
+    if not (np.abs(start.load) < limits.torque).all():
+        load = np.round(start.load, 1).tolist()
+        raise invalid("limits.torque", limits.torque.tolist(), f"enough to hold the start posture, {load} Nm")
+    acceleration = np.where(np.isfinite(limits.acceleration), limits.acceleration, 20.0)
+    return replace(limits, acceleration=acceleration)
+
+
+class Rows(NamedTuple):
+    """What the constraints ask for at one tick: E u <= f, lower <= u <= upper.
+
+    matrix: E, (m, n). limit: f, (m,). direct: how many rows, at the beginning, are of relative degree 0.
+    lower, upper: (n,) [rad/s^2]. violation: the largest y above zero, of relative degree 1 and 2. rate, bias: y', and
+    y'' at u = 0, of the rows of relative degree 2, which are the last ones.
+    """
+
+    matrix: Vector
+    limit: Vector
+    direct: int
+    lower: Vector
+    upper: Vector
+    violation: float
+    rate: Vector
+    bias: Vector
+
+
+class ConstraintSet:
+    """Joint limits, as bounds of u, and further constraints, as rows; evaluated together.
+
+    Joint limits: see `JointBounds`.
+
+    Args:
+        constraints: any number. limits: of the joints, see `checked_limits`. start: motion to try the constraints on.
+        period: tick Ts [s]. gamma: of constraints without their own, < 0.
+
+    Raises:
+        BadInputError: a constraint that does not keep to the protocol or is violated at the start.
+    """
+
+    def __init__(
+        self, constraints: Sequence[Constraint], limits: JointLimits, start: RobotMotion, period: float, gamma: float
+    ):
+        self._n, self._period = len(start.q), check("period", period, "positive")
+        self._tick = np.array(self._period)
+        every = [part for c in constraints for part in (c, *getattr(c, "companions", ()))]
+        found = [(c, *_try(c, start, gamma)) for c in every]
+        found.sort(key=lambda item: item[0].relative_degree)
+        self._parts: list[tuple[Constraint, slice]] = []
+        row = 0
+        for constraint, rows, _ in found:
+            self._parts.append((constraint, slice(row, row + rows)))
+            row += rows
+        self.size = row
+        # What slack costs, of every row; infinite for hard ones.
+        self.slack_weights = np.array([_slack_weight(c) for c, rows, _ in found for _ in range(rows)])
+        degrees = [c.relative_degree for c, rows, _ in found for _ in range(rows)]
+        self._first, self._second = degrees.count(0), degrees.count(0) + degrees.count(1)
+        self.foreseen_size = row - self._second  # of the vector of `foresee`, zeros at rest
+        self._bounds, self._room = JointBounds(limits, self._period), limits.acceleration
+        self._gamma = [g for _, rows, g in found for _ in range(rows)][self._second :]
+        self._margin = [m for c, rows, _ in found for m in [_margin(c)] * rows][self._second :]
+        steady = [not getattr(c, "rows_change", False) for c, rows, _ in found for _ in range(rows)]
+        self._steady = steady[self._second :]
+
+    def rows(self, motion: RobotMotion, foreseen: Vector) -> Rows:
+        """The rows and bounds at this tick; those of a constraint that raises are not a number.
+
+        Args:
+            foreseen: y' at this tick as the tick before foresaw it, see `foresee`.
+        """
+        m, n, first, second = self.size, self._n, self._first, self._second
+        matrix, values = np.empty((m, n)), np.empty((3, m))
+        for constraint, place in self._parts:
+            try:
+                values[0, place], values[1, place], matrix[place], values[2, place] = constraint.evaluate(motion)
+            except Exception:  # a user's constraint: whatever it raises, the tick goes on
+                values[:, place] = np.nan
+        y, rate, bias = values
+        limit = -bias
+        if second > first:
+            limit[first:second] -= y[first:second] / self._tick
+        if m > second:
+            seen = (y[second:].tolist(), rate[second:].tolist(), foreseen.tolist())
+            parts = (*seen, self._gamma, self._margin, self._steady)
+            limit[second:] += [self._bound(*numbers) for numbers in zip(*parts, strict=True)]
+        lower, upper, violation = self._bounds.at(motion.q, motion.v)
+        if m > first:
+            worst = largest(y[first:])
+            if worst != worst:  # a constraint that is no number hides no other
+                worst = max((value for value in y[first:].tolist() if value == value), default=0.0)
+            violation = max(violation, worst)
+        return Rows(matrix, limit, first, lower, upper, violation, rate[second:], bias[second:])
+
+    def foresee(self, rows: Rows, u: Vector) -> Vector:
+        """y' at the next tick, of the rows of relative degree 2, as far as it is known in this one."""
+        if not self.foreseen_size:
+            return rows.rate
+        expected: Vector = rows.rate + self._period * (rows.matrix[self._second :].dot(u) + rows.bias)
+        return expected
+
+    def _bound(self, y: float, rate: float, foreseen: float, gamma: float, margin: float, steady: bool) -> float:
+        """The bound of row u + bias: that of y'' less what the tick before missed of it, within gamma."""
+        bound = bounded_acceleration(y + margin, rate, gamma, self._period)
+        missed = (rate - foreseen) / self._period
+        return bound - max(min(missed, -gamma), gamma) if steady and missed == missed else bound
+
+    def brake(self, v: Vector, rows: Rows) -> Vector:
+        """u that brings all joints to rest together, the slowest with half of its acceleration limit (n,) [rad/s^2].
+
+        The path is kept; only where it would pass a position limit a joint brakes by itself.
+
+        Args:
+            v: joint speeds [rad/s].
+        """
+        time = max((np.abs(v) / self._room).max().item() * 2.0, self._period)
+        braking: Vector = np.minimum(np.maximum(v / -time, rows.lower), rows.upper)
+        return braking
+
+
+def _slack_weight(constraint: Constraint) -> float:
+    weight = getattr(constraint, "slack_weight", math.inf)
+    return lane_values(f"slack_weight of constraint {type(constraint).__name__}", weight, 1, "positive").item()
+
+
+def _margin(constraint: Constraint) -> float:
+    return check(
+        f"margin of constraint {type(constraint).__name__}", getattr(constraint, "margin", 0.0), "not negative"
+    )
+
+
+def _try(constraint: Any, start: RobotMotion, gamma: float) -> tuple[int, float]:
+    """Number of rows and gamma of a constraint."""
+    name, n = type(constraint).__name__, len(start.q)
+    if not isinstance(constraint, Constraint):
+        raise BadInputError(f"constraint {name} lacks relative_degree or evaluate(motion)")
+    if constraint.relative_degree not in (0, 1, 2):
+        raise invalid(f"relative_degree of constraint {name}", constraint.relative_degree, "0, 1 or 2")
+    own = getattr(constraint, "gamma", gamma)
+    if not check(f"gamma of constraint {name}", own) < 0:
+        raise invalid(f"gamma of constraint {name}", own, "below zero")
+    wanted = f"(y, y', row, bias): numbers and a row of shape ({n},), or k of each"
+    try:
+        y, rate, row, bias = constraint.evaluate(start)
+        row = np.asarray(row, dtype=float)
+        rows = 1 if row.ndim == 1 else len(row)
+        together = [np.broadcast_to(np.asarray(part, dtype=float), rows) for part in (y, rate, bias)]
+    except BadInputError:
+        raise
+    except Exception as error:  # whatever a user's constraint does
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise BadInputError(f"constraint {name}: evaluate must return {wanted}, but: {reason}") from error
+    if row.shape not in ((n,), (rows, n)) or rows < 1:
+        raise BadInputError(f"constraint {name}: evaluate returned a row of shape {row.shape}: must return {wanted}")
+    if not (np.isfinite(row).all() and all(np.isfinite(part).all() for part in together)):
+        raise BadInputError(f"constraint {name}: is not finite in the start posture")
+    if constraint.relative_degree > 0 and together[0].max() > 0:
+        raise BadInputError(f"constraint {name}: is violated in the start posture, by {together[0].max():.3g}")
+    return rows, float(own)

@@ -1,0 +1,132 @@
+"""Constraints that hold in spite of measurement errors and of a model that is not exact: (5.21)-(5.27).
+
+An output p of relative degree 2 is measured as pi = (p, p') with an error Delta, and the model misses v in a tick:
+
+    pi+ = A (pi + Delta) + B p'' + v,     A = [1 Ts; 0 1],  B = [Ts^2/2; Ts],    |Delta| <= D,  |v| <= V       (5.23)
+
+All states that may come next are the corners of a polygon (5.25). They must stay in the set that braking at gamma_p
+never leaves, whatever Delta and v (5.26): the set grows with neither p nor p', so of all corners the upper one decides.
+
+A model error that lasts is a speed v_p/Ts that p' does not show, and an acceleration v_v/Ts that no braking takes away.
+With it, the thesis' set Phi(p, p') <= 0 is left, by 0.95 mm for v_p = 10 um per 4 ms at 2 m/s^2. So the set here is
+
+    { (p, p') : Phi(p - p_max, p' + v_p/Ts) <= 0 },    with braking at gamma_p - v_v/Ts
+
+sampled as in `one_step_acceleration`. It is robustly invariant: with w = p' + v_p/Ts and a = p'' + v_v/Ts the true next
+state is at most (p + Ts w + Ts^2 a/2, w + Ts a), a double integrator without errors, whose bound on a is known; and
+a state that is less in both has more room. Where (5.27) brakes as long as a corner is outside and not at all else, here
+p'' may be the largest that keeps the upper corner inside, at least -gamma_p: there is no limit cycle.
+"""
+
+from __future__ import annotations
+
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.force.invariance.force_law import one_step_acceleration
+from forcectl.framework.batch import check
+from forcectl.robot.robot_motion import RobotMotion
+from forcectl.tasks.constraints.base import Constraint, Evaluation
+
+Vector = NDArray[np.float64]
+
+
+class Errors(NamedTuple):
+    """Bounds of errors, each a number or one for each row of a constraint, >= 0.
+
+    value: of p, in its unit. rate: of p', in its unit per second. Of a model they are what it misses in a tick.
+    """
+
+    value: ArrayLike = 0.0
+    rate: ArrayLike = 0.0
+
+
+class RobustConstraint:
+    """A constraint of relative degree 2, kept in spite of bounded errors; with any number of rows.
+
+    With exact readings and no model error p comes to rest at this distance from its limit, where D and V are the bounds
+    (value, rate) of the errors, and w = D_v + V_p/Ts is a speed it may have unseen:
+
+        D_p + Ts (w + V_v/2) + (w + V_v)^2/(2 gamma) + at most gamma Ts^2/8,      gamma = gamma_p - V_v/Ts
+
+    With errors that change it is nearer, by up to all of it. Its rows say how much p may accelerate, so to a controller
+    they are of relative degree 0: never more than gamma_p is asked for, which can always be given.
+
+    Args:
+        inner: the constraint. Its gamma is replaced; its margin, slack weight and companions are kept. `LinkDistance`
+            scales rows: bounds of its errors must be ten times as large.
+        gamma_p: braking that is always possible, > 0 [unit of y per s^2].
+        measurement_error: of y and y'. model_error: what y and y' are off after a tick, beside what the model says.
+        period: tick Ts [s].
+
+    Raises:
+        BadInputError: a constraint of another degree, a bound below zero, or a model error that gamma_p cannot brake:
+            V_v >= gamma_p Ts.
+    """
+
+    relative_degree = 0
+
+    def __init__(
+        self,
+        inner: Constraint,
+        gamma_p: float,
+        *,
+        measurement_error: Errors = Errors(),  # noqa: B008 -- immutable
+        model_error: Errors = Errors(),  # noqa: B008 -- immutable
+        period: float = 0.004,
+    ):
+        if not isinstance(inner, Constraint):
+            raise BadInputError(f"constraint {type(inner).__name__} lacks relative_degree or evaluate(motion)")
+        if inner.relative_degree != 2:
+            raise invalid("relative_degree of the constraint to make robust", inner.relative_degree, "2")
+        self._inner, self._period = inner, check("period", period, "positive")
+        gamma_p = check("gamma_p", gamma_p, "positive")
+        seen, missed = _bounds("measurement_error", measurement_error), _bounds("model_error", model_error)
+        drift = missed.rate / self._period
+        if (drift >= gamma_p).any():
+            allowed = f"below gamma_p * period = {gamma_p * self._period:g}: what braking can take away"
+            raise invalid("model_error.rate", np.asarray(missed.rate).tolist(), allowed)
+        self._drift, self._gamma = drift, drift - gamma_p
+        self._value = seen.value + getattr(inner, "margin", 0.0)
+        self._rate = seen.rate + missed.value / self._period
+        for name in ("slack_weight", "companions"):
+            if hasattr(inner, name):
+                setattr(self, name, getattr(inner, name))
+
+    def evaluate(self, motion: RobotMotion) -> Evaluation:
+        """(0, 0, row, bias) of rows row u + bias <= 0."""
+        y, rate, row, bias = self._inner.evaluate(motion)
+        return 0.0, 0.0, row, np.subtract(bias, self.bound(y, rate))
+
+    def bound(self, y: ArrayLike, rate: ArrayLike) -> Vector:
+        """The largest y'' with which the constraint can be kept, at least -gamma_p.
+
+        Args:
+            y, rate: as measured.
+        """
+        p, w = np.add(y, self._value), np.add(rate, self._rate)
+        # From outside, as a measurement may have it, it comes back within the same acceleration.
+        upper = np.where(p > 0.0, -self._gamma, np.inf)
+        bound: Vector = one_step_acceleration(p, w, self._gamma, upper, self._period) - self._drift
+        return bound
+
+
+class _Bounds(NamedTuple):
+    value: Vector
+    rate: Vector
+
+
+def _bounds(name: str, errors: Errors) -> _Bounds:
+    checked = []
+    for part, bound in zip(("value", "rate"), errors, strict=True):
+        try:
+            array = np.asarray(bound, dtype=float)
+        except (TypeError, ValueError):
+            raise invalid(f"{name}.{part}", bound, "numbers, at least zero") from None
+        if not (np.isfinite(array) & (array >= 0.0)).all():
+            raise invalid(f"{name}.{part}", array.tolist(), "finite and at least zero")
+        checked.append(array)
+    return _Bounds(*checked)

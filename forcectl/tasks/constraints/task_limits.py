@@ -1,0 +1,102 @@
+"""Limits of task coordinates: where an arm may be, and how fast; constraints as rows."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from forcectl.errors import BadInputError
+from forcectl.framework.batch import check_order, lane_values
+from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.robot.robot_motion import RobotMotion
+from forcectl.tasks.constraints.base import Evaluation
+from forcectl.tasks.coordinates import ArmTask, TaskState
+
+Vector = NDArray[np.float64]
+
+
+class TaskRange:
+    """Task coordinates stay between limits: lower <= x <= upper, relative degree 2.
+
+    Args:
+        task: whose coordinates. lower, upper: of each (k,) or one number [m or rad]; infinite where there is none.
+        gamma: braking [m or rad, per s^2], < 0; None: the controller's. slack_weight: see `Constraint`; None: hard.
+    """
+
+    relative_degree = 2
+
+    def __init__(
+        self,
+        task: ArmTask,
+        lower: ArrayLike = -np.inf,
+        upper: ArrayLike = np.inf,
+        *,
+        gamma: float | None = None,
+        slack_weight: float | None = None,
+    ):
+        limits = {
+            name: lane_values(name, value, task.size, "a number")
+            for name, value in (("lower", lower), ("upper", upper))
+        }
+        check_order("lower", "upper", limits)
+        self._task = task
+        self._both = _Sides(limits["upper"], limits["lower"])
+        _set(self, gamma, slack_weight)
+
+    def evaluate(self, motion: RobotMotion) -> Evaluation:
+        """See `Constraint`."""
+        state = _state(self._task, motion)
+        y, rate, row, bias = state.value, state.rate, state.jacobian, state.bias
+        return self._both.beyond(y), self._both.of(rate), self._both.of(row), self._both.of(bias)
+
+
+class TaskSpeedLimit:
+    """Task coordinates change no faster than limits: |x'| <= limit, relative degree 1.
+
+    Args:
+        task: whose coordinates. limit: of each (k,) or one number, > 0 [m or rad, per s]. slack_weight: see
+            `Constraint`; None: hard.
+    """
+
+    relative_degree = 1
+
+    def __init__(self, task: ArmTask, limit: ArrayLike, *, slack_weight: float | None = None):
+        fastest = lane_values("limit", limit, task.size, "positive")
+        self._task, self._both = task, _Sides(fastest, -fastest)
+        _set(self, None, slack_weight)
+
+    def evaluate(self, motion: RobotMotion) -> Evaluation:
+        """See `Constraint`."""
+        state = _state(self._task, motion)
+        return self._both.beyond(state.rate), 0.0, self._both.of(state.jacobian), self._both.of(state.bias)
+
+
+class _Sides:
+    """Rows x - upper <= 0 and lower - x <= 0 of the coordinates that have these limits."""
+
+    def __init__(self, upper: Vector, lower: Vector):
+        eye, above, below = np.eye(len(upper)), np.isfinite(upper), np.isfinite(lower)
+        if not (above.any() or below.any()):
+            raise BadInputError("lower, upper: at least one limit must be finite")
+        self._pick = np.concatenate([eye[above], -eye[below]])
+        self._limit = np.concatenate([upper[above], -lower[below]])
+
+    def of(self, values: Vector) -> Vector:
+        """Both sides of values (k, ...)."""
+        both: Vector = self._pick.dot(values)
+        return both
+
+    def beyond(self, values: Vector) -> Vector:
+        """By how much values (k,) are beyond their limits."""
+        beyond: Vector = self.of(values) - self._limit
+        return beyond
+
+
+def _set(constraint: TaskRange | TaskSpeedLimit, gamma: float | None, slack_weight: float | None) -> None:
+    for name, value in (("gamma", gamma), ("slack_weight", slack_weight)):
+        if value is not None:
+            setattr(constraint, name, value)
+
+
+def _state(task: ArmTask, motion: RobotMotion) -> TaskState:
+    return task.state(motion) if isinstance(motion, ArmsMotion) else task.of(motion)

@@ -1,0 +1,173 @@
+"""Task coordinates of one arm, any of position and orientation, and how joint accelerations change them.
+
+    x = f(q),    x' = J q',    x'' = J u + J'q'                                                        (5.10)
+
+Position and orientation are those of the TCP in the world, or in the TCP frame of another arm, the leader.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.rotation_vector import OrientationState
+from forcectl.robot.arms_motion import ArmsMotion
+
+Vector = NDArray[np.float64]
+
+COORDINATES = ("x", "y", "z", "phi", "theta", "psi")
+
+
+class TaskState(NamedTuple):
+    """k task coordinates at one tick.
+
+    value, rate: x, x', (k,) [m or rad, per s]. jacobian: J, (k, n). bias: J'q', (k,).
+    """
+
+    value: Vector
+    rate: Vector
+    jacobian: Vector
+    bias: Vector
+
+
+class Orientation(Protocol):
+    """Three coordinates of an orientation: `RotationVector`, Euler angles, or a user's own."""
+
+    def state(self, rotation: Vector, angular_velocity: Vector) -> OrientationState:
+        """Of the rotation R (3, 3) that turns at w (3,) [rad/s]."""
+        ...
+
+
+class Spatial(Protocol):
+    """A pose in motion, of a `RobotMotion` or of one frame in another; spatial vectors are [rotation; translation]."""
+
+    @property
+    def position(self) -> Vector:
+        """(3,) [m]."""
+        ...
+
+    @property
+    def rotation(self) -> Vector:
+        """(3, 3)."""
+        ...
+
+    @property
+    def velocity(self) -> Vector:
+        """V = J q', (6,) [rad/s; m/s]."""
+        ...
+
+    @property
+    def jacobian(self) -> Vector:
+        """J, (6, n) [1; m]."""
+        ...
+
+    @property
+    def bias(self) -> Vector:
+        """J'q', (6,) [rad/s^2; m/s^2]."""
+        ...
+
+
+class ArmTask:
+    """Some or all of the coordinates x, y, z [m] and phi, theta, psi [rad] of one arm.
+
+    A subclass says in `tool` what pose they are of.
+
+    Args:
+        arm: its name. coordinates: of `COORDINATES`, in that order. orientation: makes phi, theta, psi; None where the
+            task has none of them. priority: the level that it belongs to, 1 is the first.
+
+    Raises:
+        BadInputError: unknown coordinates, or orientation without what makes it.
+    """
+
+    def __init__(
+        self,
+        arm: str,
+        coordinates: Sequence[str] = COORDINATES,
+        orientation: Orientation | None = None,
+        priority: int = 1,
+    ):
+        for name in coordinates:
+            if name not in COORDINATES:
+                raise unknown("task coordinate", name, COORDINATES)
+        self._rows = [COORDINATES.index(name) for name in coordinates]
+        if not self._rows or self._rows != sorted(set(self._rows)):
+            raise invalid("coordinates", list(coordinates), f"some of {', '.join(COORDINATES)}, in that order")
+        if isinstance(priority, bool) or not isinstance(priority, int) or priority < 1:
+            raise invalid("priority", priority, "a whole number, at least 1")
+        if self._rows[-1] > 2 and orientation is None:
+            raise BadInputError(f"coordinates {list(coordinates)} of {arm}: orientation is missing")
+        self.arm, self.coordinates, self.priority = arm, tuple(coordinates), priority
+        self._orientation = orientation if self._rows[-1] > 2 else None
+        self._every = len(self._rows) == 6
+
+    @property
+    def size(self) -> int:
+        """How many coordinates there are."""
+        return len(self._rows)
+
+    @property
+    def angular(self) -> Vector:
+        """True for the coordinates in radians, (k,)."""
+        return np.array([row > 2 for row in self._rows])
+
+    def state(self, motion: ArmsMotion) -> TaskState:
+        """At the motion of this tick."""
+        state: TaskState | None = motion.known.get(self)
+        if state is None:  # a task and the limits of its coordinates ask for the same
+            state = motion.known[self] = self.of(self.tool(motion))
+        return state
+
+    def tool(self, motion: ArmsMotion) -> Spatial:
+        """Whose pose it is that the coordinates are of."""
+        return motion.arm(self.arm)
+
+    def of(self, tool: Spatial, out: TaskState | None = None) -> TaskState:
+        """Of a pose in motion.
+
+        Args:
+            out: where to put it; new arrays when None.
+        """
+        k, n = self.size, tool.jacobian.shape[1]
+        state = TaskState(np.empty(k), np.empty(k), np.empty((k, n)), np.empty(k)) if out is None else out
+        value, rate, jacobian, bias = state
+        if self._orientation is None:
+            rows = [3 + row for row in self._rows]
+            value[:], rate[:] = tool.position[self._rows], tool.velocity[rows]
+            jacobian[:], bias[:] = tool.jacobian[rows], tool.bias[rows]
+            return state
+        turned = self._orientation.state(tool.rotation, tool.velocity[:3])
+        # x' = map V, with V the spatial velocity [rotation; translation].
+        map_ = _TRANSLATION.copy()
+        map_[3:, :3] = turned.rates
+        if self._every:
+            value[:3], value[3:] = tool.position, turned.value
+            map_.dot(tool.bias, bias)
+            bias[3:] += turned.bias
+        else:
+            value[:] = np.concatenate([tool.position, turned.value])[self._rows]
+            map_ = map_[self._rows]
+            bias[:] = map_.dot(tool.bias) + np.concatenate([np.zeros(3), turned.bias])[self._rows]
+        map_.dot(tool.velocity, rate)
+        map_.dot(tool.jacobian, jacobian)
+        return state
+
+
+def gathered(tasks: Sequence[ArmTask], motion: ArmsMotion) -> TaskState:
+    """The coordinates of all tasks, one after the other; those of each are known to the motion, then."""
+    k, begin = sum(task.size for task in tasks), 0
+    every = TaskState(np.empty(k), np.empty(k), np.empty((k, len(motion.q))), np.empty(k))
+    for task in tasks:
+        place = slice(begin, begin + task.size)
+        own = TaskState(every.value[place], every.rate[place], every.jacobian[place], every.bias[place])
+        motion.known[task] = task.of(task.tool(motion), own)
+        begin += task.size
+    return every
+
+
+_TRANSLATION = np.zeros((6, 6))
+_TRANSLATION[:3, 3:] = np.eye(3)

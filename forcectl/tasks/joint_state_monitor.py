@@ -1,0 +1,73 @@
+"""Whether a robot's own readings are fit to move by: numbers, no frozen encoder, no lost samples, near the command.
+
+A controller that integrates its own command does not need readings to compute it, but must not go on moving a robot
+that it does not see. So a few bad ticks are passed over, and more of them stop the motion until readings are good.
+
+Bad is, of a joint,
+- a position or speed that is not a number;
+- a frozen encoder: a position that repeats bit for bit while its command moves on by more than `frozen_distance`; lost
+  samples show as this in all joints that move;
+- a position further than `largest_error` from the command: the joint does not follow, or the reading jumped.
+"""
+
+from __future__ import annotations
+
+import math
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.framework.batch import check
+from forcectl.framework.kernels import largest
+
+Vector = NDArray[np.float64]
+
+
+class Readings(NamedTuple):
+    """What is remembered of the readings from tick to tick.
+
+    position: last one, (n,) [rad]; NaN before the first. command: commanded position when it last changed, (n,) [rad].
+    good: 1 for a joint whose reading was, else 0, (n,). gap: ticks since all were good.
+    """
+
+    position: Vector
+    command: Vector
+    good: Vector
+    gap: float
+
+
+class ReadingGuard:
+    """The rules above.
+
+    Args:
+        size: joints n. longest_gap: bad readings that are passed over [s], >= 0. frozen_distance: [rad], > 0.
+            largest_error: [rad], > 0. period: tick [s].
+    """
+
+    def __init__(self, size: int, longest_gap: float, frozen_distance: float, largest_error: float, period: float):
+        self._ticks = check("longest_gap", longest_gap, "not negative") / period + 0.5
+        self._frozen_distance = check("frozen_distance", frozen_distance, "positive")
+        self._ones = np.ones(size)
+        self._largest_error = check("largest_error", largest_error, "positive")
+
+    def look(self, past: Readings, position: Vector, velocity: Vector, q: Vector) -> Readings:
+        """The readings after a tick.
+
+        Args:
+            position, velocity: as read (n,) [rad, rad/s]. q: as commanded for this tick (n,) [rad].
+        """
+        error, same = np.abs(position - q), position == past.position
+        # Of a NaN every comparison is false: such a reading is not near.
+        if largest(error) <= self._largest_error and math.isfinite(velocity.dot(velocity)) and not largest(same):
+            return Readings(position, q, self._ones, 0.0)
+        read = np.isfinite(position)
+        command = np.where(same | ~read, past.command, q)
+        good = (error <= self._largest_error) & np.isfinite(velocity)
+        good &= np.abs(q - command) <= self._frozen_distance
+        gap = 0.0 if good.all() else past.gap + 1.0
+        return Readings(np.where(read, position, past.position), command, good.astype(float), gap)
+
+    def stops(self, readings: Readings) -> bool:
+        """Whether to stop the motion."""
+        return readings.gap > self._ticks

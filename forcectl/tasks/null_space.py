@@ -1,0 +1,207 @@
+"""What the joints do with the freedom that the tasks leave: criteria of the last priority level, (5.19), (5.20).
+
+    min |q'+ - q0'|^2 ,   q'+ = q' + Ts u                                                              (5.20)
+
+with q0' = 0 for the smallest joint speeds (5.19), or q0' downhill in a potential: away from joint limits, from walls,
+obstacles and the other arm, or towards a small reflected mass. Divided by Ts^2 for the solver:
+
+    u'u/2 + g'u,   g = (q' - q0')/T,   T = Ts
+
+A T longer than Ts asks for less at once: q' approaches q0' with the time constant T.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import NamedTuple, Protocol, runtime_checkable
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Context
+
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.batch import check
+from forcectl.qp.quadratic_program import identity
+from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.robot.model import RobotModel, unit_normal
+from forcectl.tasks.constraints.base import Constraint
+
+Vector = NDArray[np.float64]
+
+
+class QuadraticCost(NamedTuple):
+    """u'H u/2 + g'u. hessian: positive definite, (n, n). gradient: (n,)."""
+
+    hessian: Vector
+    gradient: Vector
+
+
+@runtime_checkable
+class Criterion(Protocol):
+    """What the last level minimises, forcectl's or a user's own."""
+
+    def cost(self, motion: ArmsMotion, period: float) -> QuadraticCost:
+        """At this motion, for ticks of `period` [s]."""
+        ...
+
+
+@runtime_checkable
+class Potential(Protocol):
+    """Something the joints are led away from, forcectl's or a user's own."""
+
+    def speed(self, motion: ArmsMotion) -> Vector:
+        """Its share of q0', (n,) [rad/s]; downhill."""
+        ...
+
+
+class JointSpeed:
+    """The smallest joint speeds at the next tick (5.19).
+
+    Args:
+        time_constant: T [s], > 0; None: a tick, as in (5.19).
+    """
+
+    def __init__(self, time_constant: float | None = None):
+        self._time = None if time_constant is None else check("time_constant", time_constant, "positive")
+
+    def cost(self, motion: ArmsMotion, period: float) -> QuadraticCost:
+        """See `Criterion`."""
+        return _towards(motion, None, self._time, period)
+
+
+class EvasiveMotion:
+    """Joint speeds at the next tick near those that lead down some potentials (5.20).
+
+    Args:
+        potentials: their speeds add up. speed: of q0' at most, its largest element [rad/s], > 0; before the tasks take
+            what is theirs of it, which is usually most.
+        time_constant: T [s], > 0; None: a tick, as in (5.20).
+
+    Raises:
+        BadInputError: no potential, or one that does not keep to the protocol.
+    """
+
+    def __init__(self, potentials: Sequence[Potential], speed: float = 0.5, time_constant: float | None = 0.1):
+        if not potentials:
+            raise invalid("potentials", list(potentials), "at least one")
+        for potential in potentials:
+            if not isinstance(potential, Potential):
+                raise BadInputError(f"potential {type(potential).__name__} lacks speed(motion)")
+        self._potentials, self._speed = tuple(potentials), check("speed", speed, "positive")
+        self._time = None if time_constant is None else check("time_constant", time_constant, "positive")
+
+    def cost(self, motion: ArmsMotion, period: float) -> QuadraticCost:
+        """See `Criterion`."""
+        wanted = self._potentials[0].speed(motion)
+        for potential in self._potentials[1:]:
+            wanted = wanted + potential.speed(motion)
+        fastest = np.abs(wanted).max().item()
+        if fastest > self._speed:
+            wanted = wanted * (self._speed / fastest)
+        return _towards(motion, wanted, self._time, period)
+
+
+class AwayFromJointLimits:
+    """Downhill in sum((q - middle)^2/range^2)/2, scaled so that a joint at its limit is wanted to move at `speed`.
+
+    Args:
+        lower, upper: limits (n,) [rad]; a joint without both is left alone. speed: [rad/s], > 0.
+    """
+
+    def __init__(self, lower: ArrayLike, upper: ArrayLike, speed: float = 0.2):
+        low, high = np.asarray(lower, dtype=float), np.asarray(upper, dtype=float)
+        if low.shape != high.shape or low.ndim != 1 or not (low < high).all():
+            raise invalid("lower", low.tolist(), f"as many numbers as upper, each below: {high.tolist()}")
+        width = high - low
+        limited = np.isfinite(width)
+        self._middle = np.where(limited, low, 0.0) + np.where(limited, 0.5 * width, 0.0)
+        self._gain = np.where(limited, 2.0 * check("speed", speed, "positive") / width, 0.0)
+
+    def speed(self, motion: ArmsMotion) -> Vector:
+        """See `Potential`."""
+        speed: Vector = self._gain * (self._middle - motion.q)
+        return speed
+
+
+class AwayFrom:
+    """Away from a constraint y <= 0 of relative degree 2: a wall, an obstacle, the other arm, a user's own.
+
+    Downhill in speed range sum(1 + y/range)^3/3 over the rows within `range` of the constraint; on it, y shrinks at
+    `speed` times the square of the row's length, a metre per radian or so.
+
+    Args:
+        constraint: see `Constraint`. range: where it begins to matter, in units of y [m], > 0. speed: [y/s], > 0.
+    """
+
+    def __init__(self, constraint: Constraint, range: float = 0.1, speed: float = 1.0):
+        if not isinstance(constraint, Constraint) or constraint.relative_degree != 2:
+            raise BadInputError(
+                f"constraint {type(constraint).__name__} must have relative_degree 2 and evaluate(motion)"
+            )
+        self._constraint = constraint
+        self._range, self._speed = check("range", range, "positive"), check("speed", speed, "positive")
+
+    def speed(self, motion: ArmsMotion) -> Vector:
+        """See `Potential`."""
+        y, _, row, _ = self._constraint.evaluate(motion)
+        near = np.maximum(1.0 + np.asarray(y) / self._range, 0.0)
+        speed: Vector = np.atleast_1d(-self._speed * near * near) @ np.atleast_2d(row)
+        return speed
+
+
+class TowardsSmallMass:
+    """Downhill in the mass that a push at an arm's TCP meets, along one direction: m = 1/(j M^-1 j'), j = d'J.
+
+    Its gradient is exact but for two differences of one tick's kinematics, along w = M^-1 j':
+
+        d(1/m)/dq = 2 D_w j' - w' dM/dq w,    w' dM/dq w = 2 (D_w M w - C(q, w) w)
+
+    Args:
+        robot: the controller's. arm: its name. direction: d in the world (3,). gain: speed per relative decrease of the
+            mass per radian [rad^2/s], > 0.
+    """
+
+    def __init__(self, robot: RobotModel, arm: str, direction: ArrayLike, gain: float = 1.0):
+        if arm not in robot.parts.arms:
+            raise unknown("arm", arm, robot.parts.arms)
+        self._robot, self._frame = robot, robot.parts.arms[arm].tcp_frame
+        self._arm, self._direction = arm, unit_normal(direction, "direction")
+        self._gain = check("gain", gain, "positive")
+        self._context: Context = robot.create_context()
+
+    def speed(self, motion: ArmsMotion) -> Vector:
+        """See `Potential`."""
+        along = self._direction @ motion.arm(self._arm).jacobian[3:]
+        w: Vector = np.asarray(np.linalg.solve(motion.inertia, along), dtype=np.float64)
+        mobility = (along @ w).item()
+        if not mobility > 1e-9:  # the direction is blocked: nothing is lighter nearby to first order
+            return np.zeros(len(w))
+        return self._gain / mobility * self._mobility_gradient(motion.q, w)
+
+    def mass(self, motion: ArmsMotion) -> float:
+        """m [kg] at this motion."""
+        along = self._direction @ motion.arm(self._arm).jacobian[3:]
+        mobility = (along @ np.linalg.solve(motion.inertia, along)).item()
+        return 1.0 / mobility if mobility > 0.0 else math.inf
+
+    def _mobility_gradient(self, q: Vector, w: Vector) -> Vector:
+        robot, context, h = self._robot, self._context, 1e-5 / max(np.abs(w).max().item(), 1e-9)
+        found = []
+        for step in (h, -h):
+            robot.set_positions(context, q + step * w)
+            found.append(
+                (self._direction @ robot.jacobian_of(context, self._frame)[3:], robot.mass_matrix(context) @ w)
+            )
+        (j_ahead, p_ahead), (j_back, p_back) = found
+        robot.set_positions(context, q)
+        robot.set_velocities(context, w)
+        coriolis = robot.load_torque(context) - robot.gravity_torque(context)
+        gradient: Vector = (j_ahead - j_back - p_ahead + p_back) / h + 2.0 * coriolis
+        return gradient
+
+
+def _towards(motion: ArmsMotion, wanted: Vector | None, time_constant: float | None, period: float) -> QuadraticCost:
+    time = period if time_constant is None else max(time_constant, period)
+    gradient: Vector = (motion.v if wanted is None else motion.v - wanted) / time
+    return QuadraticCost(identity(len(motion.v)), gradient)

@@ -1,0 +1,223 @@
+"""Scenario part `!ReactiveReaching`: both arms reach for poses that change while they move (Fig. 5.3).
+
+A MotionController (see `forcectl.tasks.slot`): targets over time, generator and reactive controller.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import Box
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.primitives import TrajectorySource
+
+from forcectl.collision.distance import LinkDistance
+from forcectl.collision.shapes import Obstacle, RobotShapes
+from forcectl.errors import invalid, unknown
+from forcectl.force.invariance.robot import ConstraintConfig, JointLimitConfig
+from forcectl.framework.batch import check
+from forcectl.framework.rotation_vector import RotationVector
+from forcectl.motion.references import held_trajectory
+from forcectl.plant.contact.obstacle import ObstacleConfig
+from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.robot.model import unit_normal
+from forcectl.tasks.constraints.base import CartesianWall, Constraint
+from forcectl.tasks.constraints.of_arm import OfArm
+from forcectl.tasks.coordinates import ArmTask
+from forcectl.tasks.null_space import (
+    AwayFrom,
+    AwayFromJointLimits,
+    Criterion,
+    EvasiveMotion,
+    JointSpeed,
+    Potential,
+    TowardsSmallMass,
+)
+from forcectl.tasks.reactive_controller import ReactiveController
+from forcectl.tasks.reactive_motion import Pace, ReactiveMotion
+from forcectl.tasks.slot import MotionFacts
+
+Array = NDArray[np.float64]
+
+NULL_SPACE = ("joint_speed", "joint_limits", "links", "small_mass")
+
+
+@dataclass(kw_only=True)
+class ReachConfig:
+    """Where an arm is to go from a time on; until its first one it stays."""
+
+    arm: str
+    position: list[float]  # of the TCP in the world [m]
+    time: float = 0.0  # [s], >= 0
+    turn_deg: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # rotation vector from the start, in W [deg]
+
+    def __post_init__(self) -> None:
+        for name in ("position", "turn_deg"):
+            if len(getattr(self, name)) != 3:
+                raise invalid(name, getattr(self, name), "three numbers")
+            for value in getattr(self, name):
+                check(name, value)
+        if not np.linalg.norm(self.turn_deg) < 180:
+            raise invalid("turn_deg", self.turn_deg, "of less than 180 degrees in all")
+        check("time", self.time, "not negative")
+
+
+@dataclass(kw_only=True)
+class ArmWallConfig:
+    """A plane that the TCP of an arm stays in front of."""
+
+    arm: str
+    point: list[float]  # on the plane, in W [m]
+    normal: list[float]  # towards the free side, in W
+
+    def __post_init__(self) -> None:
+        if len(self.point) != 3:
+            raise invalid("point", self.point, "three numbers")
+        unit_normal(self.normal)
+
+
+@dataclass(kw_only=True)
+class PaceConfig:
+    """Limits of the references, in metres and in radians."""
+
+    speed: float = 0.5  # [m/s], > 0
+    acceleration: float = 2.0  # [m/s^2], > 0
+    jerk: float = 20.0  # [m/s^3], > 0
+    turn_speed: float = 1.5  # [rad/s], > 0
+    turn_acceleration: float = 6.0  # [rad/s^2], > 0
+    turn_jerk: float = 60.0  # [rad/s^3], > 0
+
+    def __post_init__(self) -> None:
+        self.paces()
+
+    def paces(self) -> tuple[Pace, Pace]:
+        """In metres, in radians."""
+        linear = Pace(self.speed, self.acceleration, self.jerk)
+        return linear, Pace(self.turn_speed, self.turn_acceleration, self.turn_jerk)
+
+
+@dataclass(kw_only=True)
+class ReactiveReachingConfig:
+    """Scenario part `!ReactiveReaching`."""
+
+    targets: list[ReachConfig] = field(default_factory=list)
+    pace: PaceConfig = field(default_factory=PaceConfig)
+    limits: JointLimitConfig = field(default_factory=JointLimitConfig)  # of the joints; the robot's where none is given
+    # What joints do that the tasks leave free: least speed (5.19); or (5.20) away from joint limits, away from links
+    # and obstacles, or to where the reflected mass of every arm is small.
+    null_space: str = "joint_speed"
+    mass_direction: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])  # of small_mass, in W
+    link_distance: float = 0.01  # [m] of the links from each other and from obstacles, >= 0; 0: not kept
+    robot: str = "yumi"  # whose collision shapes these are: the station's robot
+    tool: str | None = "yumi_gripper"  # and its tool
+    obstacles: list[ObstacleConfig] = field(default_factory=list)  # kept away from
+    walls: list[ArmWallConfig] = field(default_factory=list)
+    constraints: list[ConstraintConfig] = field(default_factory=list)  # further ones
+
+    def __post_init__(self) -> None:
+        if self.null_space not in NULL_SPACE:
+            raise unknown("null_space", self.null_space, NULL_SPACE)
+        unit_normal(self.mass_direction, "mass_direction")
+        if check("link_distance", self.link_distance, "not negative") == 0.0 and (
+            self.obstacles or self.null_space == "links"
+        ):
+            raise invalid("link_distance", self.link_distance, "above zero with obstacles, or to keep away from links")
+
+    def add_to(self, builder: DiagramBuilder, facts: MotionFacts) -> System:
+        """A `ReactiveReaching`."""
+        robot = facts.robot
+        start = ArmsMotion(robot, robot.create_context(), facts.start, np.zeros(facts.num_joints))
+        tasks = [ArmTask(arm, orientation=RotationVector(start.arm(arm).rotation)) for arm in start.arm_names]
+        distances = self._distances(facts) if self.link_distance > 0 else []
+        controller = ReactiveController(
+            robot,
+            tasks,
+            start=facts.start,
+            criterion=self._criterion(facts, distances),
+            constraints=[*distances, *self._walls(start), *(each.constraint() for each in self.constraints)],
+            limits=self.limits.limits(robot.limits),
+            period=facts.period,
+        )
+        made = ReactiveReaching(controller, self._targets(start, controller), *self.pace.paces())
+        return builder.AddNamedSystem("reactive_reaching", made)
+
+    def _distances(self, facts: MotionFacts) -> list[LinkDistance]:
+        shapes = RobotShapes.load(self.robot, self.tool)
+        if shapes.tree.num_joints != facts.num_joints:
+            raise invalid("robot", self.robot, f"the station's, with {facts.num_joints} joints")
+        found = [LinkDistance(shapes, self.link_distance, period=facts.period)]
+        if self.obstacles:
+            boxes = [Obstacle(Box(*each.size), each.pose, f"obstacle {i + 1}") for i, each in enumerate(self.obstacles)]
+            found.append(LinkDistance(shapes.against(boxes), self.link_distance, period=facts.period))
+        return found
+
+    def _walls(self, start: ArmsMotion) -> list[Constraint]:
+        for wall in self.walls:
+            start.arm(wall.arm)  # refused by name
+        return [OfArm(wall.arm, CartesianWall(wall.point, wall.normal)) for wall in self.walls]
+
+    def _criterion(self, facts: MotionFacts, distances: list[LinkDistance]) -> Criterion:
+        limits = self.limits.limits(facts.robot.limits)
+        if self.null_space == "joint_limits":
+            return _evasive([AwayFromJointLimits(limits.position_lower, limits.position_upper, speed=1.0)])
+        if self.null_space == "links":
+            return _evasive([AwayFrom(each, speed=3.0) for each in distances])
+        if self.null_space == "small_mass":
+            arms = facts.robot.parts.arms
+            return _evasive([TowardsSmallMass(facts.robot, arm, self.mass_direction, gain=5.0) for arm in arms])
+        return JointSpeed()
+
+    def _targets(self, start: ArmsMotion, controller: ReactiveController) -> TrajectorySource:
+        """Task coordinates over time."""
+        arms = list(start.arm_names)
+        for target in self.targets:
+            if target.arm not in arms:
+                raise unknown("targets.arm", target.arm, arms)
+        now = controller.task_start.reshape(len(arms), 6)
+        times, values = [0.0], [now.ravel().copy()]
+        for target in sorted(self.targets, key=lambda each: each.time):
+            now[arms.index(target.arm)] = [*target.position, *np.radians(target.turn_deg)]
+            if target.time > times[-1]:
+                times.append(target.time)
+                values.append(now.ravel().copy())
+            else:
+                values[-1] = now.ravel().copy()
+        return TrajectorySource(held_trajectory(times, np.array(values).T))
+
+
+def _evasive(potentials: Sequence[Potential]) -> EvasiveMotion:
+    return EvasiveMotion(potentials, speed=1.0)
+
+
+class ReactiveReaching(Diagram):
+    """Reactive motion with its targets over time.
+
+    ```
+    name: ReactiveReaching
+    input_ports: [joint_position, joint_velocity]
+    output_ports: [joint_position_reference, joint_velocity_reference, task_position_reference, task_position,
+      task_velocity, task_acceleration, status, active_constraints, slack, constraint_violation, tracking_error,
+      near_singular, levels_solved, holding, reached, stalled, reading_ok, stage_costs, task_target]
+    ```
+
+    task_target: shape (k,), of the tasks [m or rad]. The other ports: see `ReactiveMotion`.
+
+    Sampling: as the controller; no delay from the readings to the references.
+    """
+
+    def __init__(self, controller: ReactiveController, target: TrajectorySource, linear: Pace, angular: Pace):
+        super().__init__()
+        builder = DiagramBuilder()
+        source = builder.AddNamedSystem("target", target)
+        motion = builder.AddNamedSystem("motion", ReactiveMotion(controller, linear, angular))
+        builder.Connect(source.get_output_port(), motion.GetInputPort("task_target"))
+        for name in ("joint_position", "joint_velocity"):
+            builder.ExportInput(motion.GetInputPort(name), name)
+        for i in range(motion.num_output_ports()):
+            port = motion.get_output_port(i)
+            builder.ExportOutput(port, port.get_name())
+        builder.ExportOutput(source.get_output_port(), "task_target")
+        builder.BuildInto(self)

@@ -1,0 +1,326 @@
+"""The reactive controller of a robot with several arms: from task references to joint references (Algorithm 2).
+
+    min L(x+ - x_gen, x'+ - x'_gen)   s.t.   E u <= f                                    (5.14), (5.16)
+    then, with J u as it is, the criterion of the null space                             (5.18)
+    q[k+1] = q[k] + Ts q'[k] + Ts^2 u/2,    q'[k+1] = q'[k] + Ts u                       (5.15)
+
+q, q' are the commanded motion. The trajectory generator is led by what became of its last reference, see
+`forcectl.tasks.reference_reset`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Context
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.framework.batch import check, lane_values
+from forcectl.framework.cache import scratch
+from forcectl.framework.kernels import largest
+from forcectl.framework.tick_block import TickBlock
+from forcectl.qp.quadratic_program import SolverFactory, Status, fastest
+from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.robot.model import JointLimits, RobotModel
+from forcectl.tasks.constraints.base import Constraint, ConstraintSet, checked_limits
+from forcectl.tasks.coordinates import ArmTask, gathered
+from forcectl.tasks.cost import Weights
+from forcectl.tasks.joint_state_monitor import ReadingGuard, Readings
+from forcectl.tasks.null_space import Criterion, JointSpeed
+from forcectl.tasks.program import TaskProgram, task_levels
+from forcectl.tasks.progress import Progress, TaskProgress
+from forcectl.tasks.reference_reset import Leash
+
+Vector = NDArray[np.float64]
+
+_PROGRESS = ("nearest", "ticks", "reached", "stalled")
+_ABSURD = 1e6  # [m or rad, per s] a reference beyond is no number
+_ROUNDING = 1e-12  # violations below are none
+
+# What is put out besides the references, one number each, with units; in the order of `step`.
+_DIAGNOSTICS = {
+    "status": "1",
+    "active_constraints": "1",
+    "slack": "",
+    "constraint_violation": "",
+    "tracking_error": "1",
+    "near_singular": "1",
+    "levels_solved": "1",
+    "holding": "1",
+    "reached": "1",
+    "stalled": "1",
+}
+
+
+@dataclass(frozen=True)
+class Supervision:
+    """When the motion is stopped, and what counts as reached.
+
+    longest_gap: bad readings that are passed over [s]. frozen_distance, largest_error: see `ReadingGuard` [rad].
+    position_tolerance [m], angle_tolerance [rad]: of the target. patience: see `TaskProgress` [s].
+    """
+
+    longest_gap: float = 0.02
+    frozen_distance: float = 0.01
+    largest_error: float = 0.5
+    position_tolerance: float = 5e-4
+    angle_tolerance: float = 5e-3
+    patience: float = 1.0
+
+    def __post_init__(self) -> None:
+        for name in ("position_tolerance", "angle_tolerance"):
+            check(name, getattr(self, name), "positive")
+
+
+_DEFAULT_WEIGHTS, _DEFAULT_SUPERVISION = Weights(), Supervision()
+
+
+class ReactiveController(TickBlock):
+    """Reactive controller of a robot with any number of arms.
+
+    ```
+    name: ReactiveController
+    input_ports: [task_position_reference, task_velocity_reference, task_acceleration_reference, task_target,
+      joint_position, joint_velocity]
+    output_ports: [joint_position_reference, joint_velocity_reference, task_position, task_velocity, task_acceleration,
+      status, active_constraints, slack, constraint_violation, tracking_error, near_singular, levels_solved, holding,
+      reached, stalled, reading_ok, stage_costs]
+    ```
+
+    task_position_reference, task_velocity_reference: shape (k,), x_gen and x'_gen at the next tick, of the coordinates
+      of all tasks one after the other [m or rad, per s].
+    task_acceleration_reference: shape (k,), x''_gen at the next tick [m or rad, per s^2]; not followed, but handed back
+      in task_acceleration while the others are; may be left unconnected.
+    task_target: shape (k,), where they are to end [m or rad]; may be left unconnected, then reached and stalled are 0.
+    joint_position, joint_velocity: shape (n,), as measured [rad, rad/s]; only supervised, see `ReadingGuard`; may be
+      left unconnected.
+    joint_position_reference, joint_velocity_reference: shape (n,), q and q' at the next tick [rad, rad/s].
+    task_position, task_velocity, task_acceleration: shape (k,), the motion the next reference starts from, see this
+      module [m or rad, per s, per s^2]. From the state only: nothing passes through.
+    status: shape (1,), `Status` [1]; from INFEASIBLE on the joints brake and hold, so they do for bad readings.
+    active_constraints: shape (1,), rows and bounds that hold with equality [1].
+    slack: shape (1,), by how much soft rows are missed [their unit].
+    constraint_violation: shape (1,), largest violation of joint limits [rad, rad/s] and constraints [their units]
+      before the tick and of torques [Nm] in it; 0 for none.
+    tracking_error: shape (1,), largest miss of the reference at the next tick, in tolerances of the target [1].
+    near_singular: shape (1,), 1 while the tasks of the first level are damped [1].
+    levels_solved: shape (1,), of the priority levels, the criterion included; 0 while the joints brake [1].
+    holding: shape (1,), 1 while the joints brake and hold, for whatever reason [1].
+    reached, stalled: shape (1,), 1 when the target is reached, and when it has not come nearer for a while [1].
+    reading_ok: shape (n,), 1 for a joint whose reading of this tick is good, else 0 [1].
+    stage_costs: shape (levels,), L of every level (5.16), then u'H u/2 + g'u of the criterion.
+
+    Every output but those from the state is feedthrough of every input.
+
+    Bad input. A reference that is not a number, or beyond 1e6: the joints brake together, along their path, and hold
+    while it lasts, with status NOT_FINITE. The same after readings that stay bad for longer than `longest_gap`; a few
+    lost samples leave the command alone. Constraints that contradict each other at a tick: soft rows give way; then the
+    joints brake. Limits that contradict each other or the start posture are an error when it is built.
+
+    Sampling: `period` [s]; no delay, see `SampledLaw`: what the tick computes is put out at once and held.
+
+    Args:
+        robot: kinematics, inertia, limits. tasks: in any order of priority. start: commanded posture before the first
+            tick (n,) [rad]; None: the robot's default. weights: of every priority level, or one for all of them.
+            criterion: of the null space. constraints: further ones than joint limits. limits: of the joints; None: the
+            robot's. constraint_gamma: of constraints without their own, < 0. supervision: of readings and targets.
+            period: None: the robot's. solver: of the programs.
+
+    Raises:
+        BadInputError: values out of range, or that contradict each other or the start posture.
+    """
+
+    port_units = _DIAGNOSTICS | {"reading_ok": "1"}
+    optional_inputs = ("task_acceleration_reference", "task_target", "joint_position", "joint_velocity")
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        tasks: Sequence[ArmTask],
+        *,
+        start: ArrayLike | None = None,
+        weights: Weights | Sequence[Weights] = _DEFAULT_WEIGHTS,
+        criterion: Criterion | None = None,
+        constraints: Sequence[Constraint] = (),
+        limits: JointLimits | None = None,
+        constraint_gamma: float = -2.0,
+        supervision: Supervision = _DEFAULT_SUPERVISION,
+        period: float | None = None,
+        solver: SolverFactory = fastest,
+    ):
+        super().__init__()
+        self.sample_delay = {("task_position_reference", "joint_position_reference"): 0.0}
+        self._robot, self._n = robot, robot.num_joints
+        Ts = self._period = check("period", robot.facts.period if period is None else period, "positive")
+        self._tick, self._half = np.array(Ts), np.array(0.5 * Ts)
+        if not tasks:
+            raise invalid("tasks", list(tasks), "at least one")
+        self._tasks = tuple(tasks)
+        q0 = lane_values("start", robot.facts.default_posture if start is None else start, self._n)
+        origin = ArmsMotion(robot, robot.create_context(), q0, np.zeros(self._n))
+        state = gathered(self._tasks, origin)
+        self._size = len(state.value)
+
+        limits = checked_limits(robot.limits if limits is None else limits, origin)
+        if not check("constraint_gamma", constraint_gamma) < 0:
+            raise invalid("constraint_gamma", constraint_gamma, "below zero")
+        self._constraints = ConstraintSet(constraints, limits, origin, Ts, constraint_gamma)
+        angular = np.concatenate([task.angular for task in tasks])
+        self._tolerance = np.where(angular, supervision.angle_tolerance, supervision.position_tolerance)
+        scale = np.where(angular, robot.facts.characteristic_length, 1.0)
+        self._leash = Leash([task.size for task in tasks], scale)
+        levels = task_levels(tasks, weights, robot.facts.characteristic_length, Ts)
+        chosen = JointSpeed() if criterion is None else criterion
+        if not isinstance(chosen, Criterion):
+            raise BadInputError(f"criterion {type(chosen).__name__} lacks cost(motion, period)")
+        chosen.cost(origin, Ts)  # a criterion that does not fit the robot fails here
+        self._program = TaskProgram(levels, chosen, self._constraints, limits.torque, Ts, solver)
+        self._guard = ReadingGuard(
+            self._n, supervision.longest_gap, supervision.frozen_distance, supervision.largest_error, Ts
+        )
+        self._progress = TaskProgress(self._tolerance, supervision.patience, Ts)
+        self._no_costs = [0.0] * self._program.size
+        self._declare(q0, state.value)
+
+    @property
+    def tasks(self) -> tuple[ArmTask, ...]:
+        """The tasks, in the order of the coordinates."""
+        return self._tasks
+
+    @property
+    def period(self) -> float:
+        """Tick [s]."""
+        return self._period
+
+    @property
+    def num_rows(self) -> int:
+        """How many rows the programs have, besides the bounds of the joints."""
+        return self._program.num_rows
+
+    @property
+    def task_start(self) -> Vector:
+        """The task coordinates of the start posture, (k,)."""
+        return self._task_start.copy()
+
+    def _declare(self, start: Vector, task_start: Vector) -> None:
+        n, k = self._n, self._size
+        quantities = ("position", "velocity", "acceleration")
+        names = [f"task_{quantity}_reference" for quantity in quantities]
+        *self._references, bend = [self.DeclareVectorInputPort(name, k) for name in names]
+        self._wishes = bend, self.DeclareVectorInputPort("task_target", k)
+        self._measured = [self.DeclareVectorInputPort(name, n) for name in ("joint_position", "joint_velocity")]
+        none, nowhere = np.zeros(1), np.full(1, np.inf)
+        # Single numbers first, in the order of `step`.
+        memory = {
+            "time": np.full(1, -self._period),
+            "gap": none,
+            "nearest": nowhere,
+            "ticks": none,
+            **dict.fromkeys(_DIAGNOSTICS, none),
+            "stage_costs": np.zeros(self._program.size),
+            "joint_position_reference": start,
+            "joint_velocity_reference": np.zeros(n),
+            "foreseen": np.zeros(self._constraints.foreseen_size),
+            "read_position": np.full(n, np.nan),
+            "read_command": start,
+            "reading_ok": np.ones(n),
+            "target": np.full(k, np.nan),
+        }
+        ends = np.cumsum([len(part) for part in memory.values()]).tolist()
+        self._place = {
+            name: slice(end - len(part), end) for (name, part), end in zip(memory.items(), ends, strict=True)
+        }
+        self._scratch = scratch(self, "commanded posture", self._robot.create_context)
+        inputs = (*self._references, *self._wishes, *self._measured)
+        self._task_start = task_start
+        kept = {"task_position": task_start, "task_velocity": np.zeros(k), "task_acceleration": np.zeros(k)}
+        self.declare_memory(np.concatenate(list(memory.values())), inputs, self._period, kept)
+        for name in ("joint_position_reference", "joint_velocity_reference"):
+            self.show(name, self._place[name])
+        for name in kept:
+            self.show_kept(name)
+        for name in (*_DIAGNOSTICS, "reading_ok", "stage_costs"):
+            self.show(name, self._place[name])
+
+    def step(self, context: Context, memory: Vector, time: float) -> Vector:
+        """The memory after a tick."""
+        Ts, half, place = self._tick, self._half, self._place
+        q, v = memory[place["joint_position_reference"]], memory[place["joint_velocity_reference"]]
+        readings, stops = self._look(context, memory, q, v)
+        position, velocity = self._references[0].Eval(context), self._references[1].Eval(context)
+        bend, target = (port.Eval(context) if port.HasValue(context) else None for port in self._wishes)
+        motion = ArmsMotion(self._robot, self._scratch.Eval(context), q, v)
+        state = gathered(self._tasks, motion)
+        rows = self._constraints.rows(motion, memory[place["foreseen"]])
+
+        violation, criterion = rows.violation, 0.0
+        status, slack, active, near, levels = Status.NOT_FINITE, 0.0, 0, False, 0
+        # Of a NaN every comparison is false.
+        good = largest(np.abs(position)) < _ABSURD and largest(np.abs(velocity)) < _ABSURD
+        if good and not stops:
+            found = self._program.solve(motion, rows, state, position, velocity)
+            u, status, slack, levels, active, direct, near, criterion = found
+            violation = max(violation, direct)
+        else:
+            u = self._constraints.brake(v, rows)
+
+        a = state.jacobian.dot(u) + state.bias
+        rate = state.rate + Ts * a
+        x = state.value + half * (state.rate + rate)
+        led, missed, costs = (x, rate, a), 0.0, self._no_costs
+        if levels > 0:
+            error = x - position
+            missed = largest(np.abs(error) / self._tolerance)
+            costs = [*self._program.costs(error, rate - velocity), criterion]
+            led = self._leash.start(led, (position, velocity, a if bend is None else bend), target)
+        nearest, ticks, reached, stalled = (memory.item(place[name].start) for name in _PROGRESS)
+        progress = Progress(memory[place["target"]], nearest, ticks, reached, stalled)
+        if target is not None:
+            progress = self._progress.look(progress, target, x, rate)
+        numbers = (
+            time,
+            readings.gap,
+            progress.nearest,
+            progress.ticks,
+            status,
+            active,
+            slack,
+            violation if violation > _ROUNDING else 0.0,
+            missed,
+            near,
+            levels,
+            levels == 0,
+            progress.reached,
+            progress.stalled,
+            *costs,
+        )
+        after = v + Ts * u
+        return np.concatenate(
+            [
+                np.array(numbers, dtype=float),
+                q + half * (v + after),
+                after,
+                self._constraints.foresee(rows, u),
+                *readings[:3],
+                progress.target,
+                *led,
+            ]
+        )
+
+    def _look(self, context: Context, memory: Vector, q: Vector, v: Vector) -> tuple[Readings, bool]:
+        """The readings of this tick, and whether they stop the motion."""
+        place, (read, speed) = self._place, self._measured
+        past = Readings(
+            memory[place["read_position"]],
+            memory[place["read_command"]],
+            memory[place["reading_ok"]],
+            memory.item(place["gap"].start),
+        )
+        if not read.HasValue(context):
+            return past, False
+        position, velocity = read.Eval(context), speed.Eval(context) if speed.HasValue(context) else v
+        readings = self._guard.look(past, position, velocity, q)
+        return readings, self._guard.stops(readings)

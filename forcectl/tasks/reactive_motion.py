@@ -1,0 +1,91 @@
+"""Motion control of Fig. 5.3 for a robot with any number of arms: targets, a generator, a controller.
+
+    targets -> generator (x_gen, x_gen', x_gen'') -> reactive controller -> joint references
+               generator <- motion of the tasks (state of the controller, no delay and no loop) <-
+
+Each task is planned on its own: an arm that is blocked does not hold up the other.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from forcectl.framework.batch import check
+from forcectl.motion.trajectory_generator import TrajectoryGenerator
+from forcectl.tasks.reactive_controller import ReactiveController
+
+
+@dataclass(frozen=True)
+class Pace:
+    """Limits of the references of one kind of coordinate: velocity, acceleration, jerk [u/s, u/s^2, u/s^3], > 0."""
+
+    velocity: float
+    acceleration: float
+    jerk: float
+
+    def __post_init__(self) -> None:
+        for name in ("velocity", "acceleration", "jerk"):
+            check(name, getattr(self, name), "positive")
+
+
+LINEAR, ANGULAR = Pace(0.5, 2.0, 20.0), Pace(1.5, 6.0, 60.0)  # in metres, in radians
+
+
+class ReactiveMotion(Diagram):
+    """Reactive controller with its generator.
+
+    ```
+    name: ReactiveMotion
+    input_ports: [task_target, joint_position, joint_velocity]
+    output_ports: [joint_position_reference, joint_velocity_reference, task_position_reference, task_position,
+      task_velocity, task_acceleration, status, active_constraints, slack, constraint_violation, tracking_error,
+      near_singular, levels_solved, holding, reached, stalled, reading_ok, stage_costs]
+    ```
+
+    task_target: shape (k,), where the task coordinates are to go [m or rad]; may change at every tick.
+    task_position_reference: shape (k,), of the generator at the next tick. The other ports: see `ReactiveController`.
+
+    Sampling: as the controller; no delay from the target or the readings to the references.
+
+    Args:
+        controller: is built into this diagram. linear, angular: limits of the references.
+    """
+
+    optional_inputs = ("joint_position", "joint_velocity")
+
+    def __init__(self, controller: ReactiveController, linear: Pace = LINEAR, angular: Pace = ANGULAR):
+        super().__init__()
+        builder = DiagramBuilder()
+        add, connect = builder.AddNamedSystem, builder.Connect
+        add("controller", controller)
+        tasks = controller.tasks
+        kinds = np.concatenate([task.angular for task in tasks])
+        generator = TrajectoryGenerator(
+            len(kinds),
+            velocity_limit=np.where(kinds, angular.velocity, linear.velocity),
+            acceleration_limit=np.where(kinds, angular.acceleration, linear.acceleration),
+            jerk_limit=np.where(kinds, angular.jerk, linear.jerk),
+            initial_position=controller.task_start,
+            groups=[task.size for task in tasks],
+            period=controller.period,
+        )
+        add("generator", generator)
+        for name in ("position", "velocity", "acceleration"):
+            connect(controller.GetOutputPort(f"task_{name}"), generator.GetInputPort(f"start_{name}"))
+            connect(generator.GetOutputPort(name), controller.GetInputPort(f"task_{name}_reference"))
+        target = builder.ExportInput(generator.GetInputPort("target_position"), "task_target")
+        builder.ConnectInput(target, controller.GetInputPort("task_target"))
+        for name in ("joint_position", "joint_velocity"):
+            builder.ExportInput(controller.GetInputPort(name), name)
+        first = ("joint_position_reference", "joint_velocity_reference")
+        for name in first:
+            builder.ExportOutput(controller.GetOutputPort(name), name)
+        builder.ExportOutput(generator.GetOutputPort("position"), "task_position_reference")
+        for i in range(controller.num_output_ports()):
+            port = controller.get_output_port(i)
+            if port.get_name() not in first:
+                builder.ExportOutput(port, port.get_name())
+        builder.BuildInto(self)

@@ -1,0 +1,219 @@
+"""Leader and follower: the motion of one frame in another that moves itself.
+
+    p = R_L' d,    R = R_L' R_F,    d = p_F - p_L
+    V = [R_L' (w_F - w_L); R_L' (d' - w_L x d)] = J q'
+    J'q' = [R_L' (a_F - a_L - w_L x w_F); R_L' (d'' - a_L x d - 2 w_L x d' + w_L x (w_L x d))]
+
+with angular velocities w, angular accelerations a and the motion of d of the two frames in the world, all without joint
+accelerations in J'q'. Everything is in the axes of the leader L, where p and R are; V is the derivative of p and R, so
+that V' = J u + J'q' is that of V.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from functools import cached_property
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.framework.batch import check
+from forcectl.framework.cache import BlockCache, scratch
+from forcectl.framework.euler_angles import angles_of
+from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.robot.model import RobotModel
+from forcectl.tasks.coordinates import COORDINATES, ArmTask, Orientation, Spatial
+
+Array = NDArray[np.float64]
+
+
+class FrameMotion:
+    """The motion of any frame of a robot in the world; spatial vectors are [rotation; translation].
+
+    Args:
+        robot: any number of arms. context: of `robot.plant`, with the joints' positions and speeds; must stay in this
+            posture while the motion is in use. frame: of `robot.plant`. v: the joints' speeds, (n,) [rad/s].
+    """
+
+    def __init__(self, robot: RobotModel, context: Context, frame: Frame, v: Array):
+        X_WF = frame.CalcPoseInWorld(context)
+        self.position: Array = X_WF.translation()
+        self.rotation: Array = X_WF.rotation().matrix()
+        self.jacobian = robot.jacobian_of(context, frame)
+        self.velocity: Array = self.jacobian @ v
+        self._robot, self._context, self._frame = robot, context, frame
+
+    @cached_property
+    def bias(self) -> Array:
+        """J'v, (6,) [rad/s^2; m/s^2]."""
+        return self._robot.bias_acceleration_of(self._context, self._frame)
+
+
+class RelativeMotion:
+    """The motion of a follower's frame in a leader's, in the axes of the leader; see the module's documentation.
+
+    Args:
+        leader, follower: their motions in the world, with Jacobians of the same joints.
+
+    Attributes:
+        position, rotation: p and R, (3,) [m] and (3, 3). velocity: V, (6,) [rad/s; m/s].
+    """
+
+    def __init__(self, leader: Spatial, follower: Spatial):
+        self._leader, self._follower = leader, follower
+        turn = leader.rotation.T
+        d = follower.position - leader.position
+        self.position: Array = turn @ d
+        self.rotation: Array = turn @ follower.rotation
+        # V = F V_F - L V_L, with the spatial velocities in the world.
+        self._of_follower, self._of_leader = np.zeros((6, 6)), np.zeros((6, 6))
+        for map_ in (self._of_follower, self._of_leader):
+            map_[:3, :3] = map_[3:, 3:] = turn
+        self._of_leader[3:, :3] = -turn @ _cross_matrix(d)
+        self._offset = d
+        self.velocity: Array = self._of_follower @ follower.velocity - self._of_leader @ leader.velocity
+
+    @cached_property
+    def jacobian(self) -> Array:
+        """J, (6, n) [1; m]."""
+        J: Array = self._of_follower @ self._follower.jacobian - self._of_leader @ self._leader.jacobian
+        return J
+
+    @cached_property
+    def bias(self) -> Array:
+        """J'q', (6,) [rad/s^2; m/s^2]."""
+        leader, follower = self._leader, self._follower
+        w, rate = leader.velocity[:3], follower.velocity[3:] - leader.velocity[3:]
+        turning = _cross(w, follower.velocity[:3])
+        moving = _cross(w, 2.0 * rate - _cross(w, self._offset))
+        # What the maps do not contain: their own derivatives.
+        plain: Array = self._of_follower @ follower.bias - self._of_leader @ leader.bias
+        plain[:3] -= leader.rotation.T @ turning
+        plain[3:] -= leader.rotation.T @ moving
+        return plain
+
+
+class RelativeTask(ArmTask):
+    """Task coordinates of the TCP of one arm in the TCP frame of another, see `ArmTask`.
+
+    Args:
+        leader, follower: names of two arms. coordinates, orientation, priority: see `ArmTask`.
+
+    Raises:
+        BadInputError: see `ArmTask`; or leader and follower are the same arm.
+    """
+
+    def __init__(
+        self,
+        leader: str,
+        follower: str,
+        coordinates: Sequence[str] = COORDINATES,
+        orientation: Orientation | None = None,
+        priority: int = 1,
+    ):
+        if leader == follower:
+            raise invalid("follower", follower, "another arm than the leader")
+        super().__init__(follower, coordinates, orientation, priority)
+        self.leader = leader
+
+    def tool(self, motion: ArmsMotion) -> RelativeMotion:
+        """The pose of the follower's TCP in that of the leader."""
+        return RelativeMotion(motion.arm(self.leader), motion.arm(self.arm))
+
+
+class RelativePose(LeafSystem):
+    """Pose and velocity of one frame of a robot in another that moves itself, for logs and state machines.
+
+    ```
+    name: RelativePose
+    input_ports: [joint_position, joint_velocity]
+    output_ports: [relative_position, relative_angles, relative_velocity]
+    ```
+
+    joint_position: shape (n,) [rad]. joint_velocity: shape (n,) [rad/s].
+    relative_position: shape (3,), p of the follower's origin in the leader's axes [m].
+    relative_angles: shape (3,), Euler angles phi, theta, psi of R [rad], see
+        `forcectl.framework.euler_angles.angles_of`; continuous but for the singularity.
+    relative_velocity: shape (6,), V in the leader's axes, [rotation; translation] [rad/s, m/s].
+        All are feedthrough of both inputs.
+
+    Readings that are not finite hold what was put out at the last tick.
+
+    Sampling: every `period` [s] what is held; no delay.
+
+    Args:
+        robot: its joints are those of the inputs. leader, follower: frames of its plant.
+
+    Raises:
+        BadInputError: a frame of another plant.
+    """
+
+    def __init__(self, robot: RobotModel, leader: Frame, follower: Frame, *, period: float = 0.004):
+        super().__init__()
+        for frame in (leader, follower):
+            if frame.GetParentPlant() is not robot.plant:
+                raise BadInputError(f"frame {frame.name()!r}: must be of the plant of the robot")
+        self._robot, self._frames = robot, (leader, follower)
+        self.port_units = {
+            "joint_position": "rad",
+            "joint_velocity": "rad/s",
+            "relative_position": "m",
+            "relative_angles": "rad",
+            "relative_velocity": "rad/s,m/s",
+        }
+        n = robot.num_joints
+        self._position = self.DeclareVectorInputPort("joint_position", n)
+        self._velocity = self.DeclareVectorInputPort("joint_velocity", n)
+        self._last = self.DeclareDiscreteState(12)
+        self._scratch = scratch(self, "plant context", robot.create_context)
+        self._now = BlockCache(
+            self,
+            "relative motion",
+            lambda: AbstractValue.Make(BasicVector(12)),
+            lambda block, context, value: value.get_mutable_value().SetFromVector(block._calculate(context)),
+            {self._position.ticket(), self._velocity.ticket(), self.discrete_state_ticket(self._last)},
+        )
+        self._show("relative_position", slice(0, 3))
+        self._show("relative_angles", slice(3, 6))
+        self._show("relative_velocity", slice(6, 12))
+        self.DeclarePeriodicDiscreteUpdateEvent(
+            period_sec=check("period", period, "positive"), offset_sec=0.0, update=self._hold
+        )
+
+    def _show(self, name: str, place: slice) -> None:
+        now = self._now
+
+        def show(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(now.Eval(context).value()[place])
+
+        self.DeclareVectorOutputPort(name, place.stop - place.start, show, prerequisites_of_calc={now.ticket()})
+
+    def _calculate(self, context: Context) -> Array:
+        q, v = self._position.Eval(context), self._velocity.Eval(context)
+        last: Array = context.get_discrete_state(self._last).value()
+        if not (np.isfinite(q).all() and np.isfinite(v).all()):
+            return last
+        scratch = self._scratch.Eval(context)
+        self._robot.set_positions(scratch, q)
+        self._robot.set_velocities(scratch, v)
+        relative = RelativeMotion(*(FrameMotion(self._robot, scratch, frame, v) for frame in self._frames))
+        angles = angles_of(relative.rotation, last[3:6])
+        return np.concatenate([relative.position, angles, relative.velocity])
+
+    def _hold(self, context: Context, next_state: DiscreteValues) -> None:
+        next_state.set_value(self._last, self._now.Eval(context).value())
+
+
+def _cross_matrix(a: Array) -> Array:
+    x, y, z = a.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _cross(a: Array, b: Array) -> Array:
+    """The vector product; numpy's takes ten times as long."""
+    (x, y, z), (u, v, w) = a.tolist(), b.tolist()
+    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])

@@ -1,0 +1,1 @@
+"""Off-line tuning and identification from recorded data."""

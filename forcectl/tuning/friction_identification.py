@@ -1,0 +1,239 @@
+"""Joint friction from a recorded excitation run, by least squares without negative coefficients.
+
+    tau_F = tau_O + tau_C tanh(130 q') + D+ max(q', 0) + D- min(q', 0),   tau_C, D+, D- >= 0           (5.2)
+
+The friction torque of a tick is what the motor torque leaves over in the balance of the momentum,
+
+    mean(tau_F) = mean(tau) + mean(C'q' + tau_g) - (p_k - p_{k-1})/T
+
+so no acceleration is needed. Its regressors are the means of (5.2) over the tick, so that noise of the speed and a
+reversal inside a tick do no harm; ticks that stay slower than `slowest` are left out, because friction at rest follows
+the load and not the speed. From what the fit leaves over come the two levels of the threshold (5.3)*.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.optimize import nnls
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.framework.batch import check
+from forcectl.plant.drives.joint_friction import JointFriction, friction_threshold, friction_torque, mean_features
+from forcectl.robot.momentum_model import MomentumModel
+
+if TYPE_CHECKING:
+    from matplotlib.axes import Axes
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+_COEFFICIENTS = ("tau_O [Nm]", "tau_C [Nm]", "D+ [Nms/rad]", "D- [Nms/rad]")
+_LEAST_SAMPLES = 20
+_WORST_CONDITION = 1e4
+_OUTLIERS = 0.99  # share of the ticks that the threshold covers
+_NEAR_REST = 0.1  # [rad/s] sech(30 q') is 0.1 there
+
+
+@dataclass(frozen=True, eq=False)
+class FrictionFit:
+    """What `identify_friction` found for n joints.
+
+    Attributes:
+        friction: the parameters.
+        deviation: standard error of tau_O, tau_C, D+ and D-, shape (4, n) [Nm, Nm, Nms/rad, Nms/rad]; that of a
+            coefficient at its bound of zero is zero.
+        rms: of what the fit leaves over, shape (n,) [Nm]. explained: share of the variance of the torque, shape (n,).
+        move, still: levels of the threshold that cover 99 % of the ticks, shape (n,) [Nm].
+        used: number of ticks, shape (n,).
+        speed, torque: the ticks, mean joint speed and friction torque, shape (N, n) [rad/s, Nm].
+    """
+
+    friction: JointFriction
+    deviation: Array
+    rms: Array
+    explained: Array
+    move: Array
+    still: Array
+    used: NDArray[np.int64]
+    speed: Array
+    torque: Array
+
+    def report(self) -> str:
+        """A table: one line per joint, coefficients with their standard errors."""
+        f = self.friction
+        values = np.array([f.offset, f.coulomb, f.viscous_forward, f.viscous_backward])
+        head = "joint" + "".join(f"{name:>20}" for name in _COEFFICIENTS)
+        lines = [f"{head}{'rms [Nm]':>12}{'explained':>12}{'move [Nm]':>12}{'still [Nm]':>12}{'ticks':>8}"]
+        for j in range(f.size):
+            pairs = (f"{v:.4g} +- {d:.2g}" for v, d in zip(values[:, j], self.deviation[:, j], strict=True))
+            coefficients = "".join(f"{pair:>20}" for pair in pairs)
+            quality = f"{self.rms[j]:12.4g}{self.explained[j]:12.5f}{self.move[j]:12.3g}{self.still[j]:12.3g}"
+            lines.append(f"{j + 1:5d}{coefficients}{quality}{self.used[j]:8d}")
+        return "\n".join(lines)
+
+
+def friction_samples(
+    model: MomentumModel,
+    time: ArrayLike,
+    position: ArrayLike,
+    velocity: ArrayLike,
+    motor_torque: ArrayLike,
+    *,
+    velocity_bandwidth: float | None = None,
+) -> tuple[Array, Array, Array]:
+    """Friction torque of every tick of a recorded run in free motion.
+
+    Args:
+        model: momentum terms of the n joints. time: shape (N+1,) [s], increasing.
+        position, velocity: shape (N+1, n) [rad, rad/s]. motor_torque: mean over the tick that ends, (N+1, n) [Nm].
+        velocity_bandwidth: of the filter behind speeds that were differentiated from the positions [rad/s], see
+            `MomentumObserver`; None: the speeds are those of the tick.
+
+    Returns:
+        speeds before and after each tick and mean friction torque in it, each of shape (N, n) [rad/s, rad/s, Nm];
+        ticks next to a reading that is not finite are left out.
+
+    Raises:
+        BadInputError: wrong shapes or times that do not increase.
+    """
+    t = np.asarray(time, dtype=float)
+    n = model.num_joints
+    rows = {"position": position, "velocity": velocity, "motor_torque": motor_torque}
+    arrays = {name: np.asarray(values, dtype=float) for name, values in rows.items()}
+    if t.ndim != 1 or len(t) < 2 or not np.all(np.diff(t) > 0):
+        raise BadInputError("time: must be at least two increasing times")
+    for name, array in arrays.items():
+        if array.shape != (len(t), n):
+            raise BadInputError(f"{name} has shape {array.shape}: must be ({len(t)}, {n})")
+    q, v, torque = arrays.values()
+    good = np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1) & np.isfinite(torque).all(axis=1)
+    if velocity_bandwidth is not None:
+        bandwidth = check("velocity_bandwidth", velocity_bandwidth, "positive")
+        q, torque = (_late(t, values, good, bandwidth) for values in (q, torque))
+    momentum, force = np.full_like(q, np.nan), np.full_like(q, np.nan)
+    context = model.create_context()
+    for k in np.flatnonzero(good):
+        momentum[k], force[k] = model.terms(context, q[k], v[k])
+    both = good[1:] & good[:-1]
+    friction = torque[1:] - np.diff(momentum, axis=0) / np.diff(t)[:, None] + 0.5 * (force[1:] + force[:-1])
+    return v[:-1][both], v[1:][both], friction[both]
+
+
+def _late(time: Array, values: Array, good: NDArray[np.bool_], bandwidth: float) -> Array:
+    """Values behind the filter of the speeds; it starts anew after readings that are not good."""
+    late = values.copy()
+    for k in np.flatnonzero(good[1:] & good[:-1]) + 1:
+        pole = np.exp(-bandwidth * (time[k] - time[k - 1]))
+        late[k] = pole * late[k - 1] + (1 - pole) * 0.5 * (values[k] + values[k - 1])
+    return late
+
+
+def identify_friction(before: ArrayLike, after: ArrayLike, torque: ArrayLike, *, slowest: float = 0.02) -> FrictionFit:
+    """Fit (5.2) to ticks, by non-negative least squares.
+
+    Args:
+        before, after: joint speeds at the ends of each tick, shape (N, n) [rad/s]. torque: mean friction torque in it,
+            shape (N, n) [Nm]; see `friction_samples`.
+        slowest: speed below which a tick is left out [rad/s].
+
+    Raises:
+        BadInputError: shapes that do not fit, or a run that does not excite a joint: it has to move in both directions,
+            each at more than one speed.
+    """
+    start, end, load = (np.asarray(values, dtype=float) for values in (before, after, torque))
+    slow = check("slowest", slowest, "not negative")
+    if load.ndim != 2 or start.shape != load.shape or end.shape != load.shape:
+        raise BadInputError(f"torque has shape {load.shape}: must be (N, n), as the speeds {start.shape}, {end.shape}")
+    if not (np.isfinite(start).all() and np.isfinite(end).all() and np.isfinite(load).all()):
+        raise invalid("samples", "not finite", "finite; leave out what was lost")
+    fits = [_fit_joint(j + 1, start[:, j], end[:, j], load[:, j], slow) for j in range(load.shape[1])]
+    offset, coulomb, forward, backward = np.array([fit[0] for fit in fits]).T
+    friction = JointFriction(
+        load.shape[1], offset=offset, coulomb=coulomb, viscous_forward=forward, viscous_backward=backward
+    )
+    deviation, (rms, explained, move, still) = (
+        np.array([fit[1] for fit in fits]).T,
+        np.array([fit[2] for fit in fits]).T,
+    )
+    used = np.array([fit[3] for fit in fits])
+    return FrictionFit(friction, deviation, rms, explained, move, still, used, 0.5 * (start + end), load)
+
+
+def _fit_joint(
+    joint: int, before: Array, after: Array, torque: Array, slowest: float
+) -> tuple[Array, Array, tuple[float, float, float, float], int]:
+    moving = (np.minimum(np.abs(before), np.abs(after)) >= slowest) & (before * after >= 0)
+    count = int(moving.sum())
+    if count < _LEAST_SAMPLES:
+        raise BadInputError(f"joint {joint}: has {count} ticks in motion: must have at least {_LEAST_SAMPLES}")
+    features = np.column_stack([np.ones(count), *mean_features(before[moving], after[moving])])
+    scale = np.linalg.norm(features, axis=0)
+    if np.any(scale == 0) or np.linalg.cond(features / np.where(scale > 0, scale, 1.0)) > _WORST_CONDITION:
+        raise BadInputError(f"joint {joint}: is not excited: must move both ways, each at more than one speed")
+    wanted = torque[moving]
+    # The offset may have either sign: it is the difference of two that may not be negative.
+    solution = nnls(np.column_stack([features / scale, -features[:, 0] / scale[0]]), wanted)[0]
+    coefficients = solution[:4] / scale
+    coefficients[0] -= solution[4] / scale[0]
+    left = wanted - features @ coefficients
+    free = np.concatenate([[True], coefficients[1:] > 0])
+    variance = left @ left / max(count - int(free.sum()), 1)
+    deviation = np.zeros(4)
+    deviation[free] = np.sqrt(variance * np.diag(np.linalg.inv(features[:, free].T @ features[:, free])))
+    spread = float(np.var(wanted))
+    explained = 1.0 - float(np.mean(left**2)) / spread if spread > 0 else 0.0
+    move, still = _threshold_levels(before, after, torque, coefficients)
+    return coefficients, deviation, (float(np.sqrt(np.mean(left**2))), explained, move, still), count
+
+
+def _threshold_levels(before: Array, after: Array, torque: Array, coefficients: Array) -> tuple[float, float]:
+    """Levels of (5.3)* that cover 99 % of the ticks, at speed and, added to that, near rest."""
+    features = np.column_stack([np.ones(len(torque)), *mean_features(before, after)])
+    error, speed = np.abs(torque - features @ coefficients), 0.5 * np.abs(before + after)
+    slow = speed < _NEAR_REST
+    move = float(np.quantile(error[~slow], _OUTLIERS)) if np.any(~slow) else float(np.quantile(error, _OUTLIERS))
+    if not np.any(slow):
+        return move, 0.0
+    # What is above the level at speed, as it would be at rest.
+    excess = np.maximum(error[slow] - move, 0.0) / friction_threshold(speed[slow], 0.0, 1.0)
+    return move, float(np.quantile(excess, _OUTLIERS))
+
+
+def friction_figure(fit: FrictionFit, joint: int, title: str = "") -> Figure:
+    """Friction torque of one joint over its speed, as in Fig. 5.2: model, threshold and the ticks of the run.
+
+    Args:
+        joint: index from 0.
+    """
+    from matplotlib.figure import Figure
+
+    if not 0 <= joint < fit.friction.size:
+        raise invalid("joint", joint, f"from 0 to {fit.friction.size - 1}")
+    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
+    axes = figure.add_subplot()
+    draw_friction(axes, fit, joint, title or f"joint {joint + 1}")
+    axes.set_xlabel("joint speed [rad/s]")
+    axes.set_ylabel("friction torque [Nm]")
+    axes.legend(frameon=False, fontsize=9, loc="upper left")
+    return figure
+
+
+def draw_friction(axes: Axes, fit: FrictionFit, joint: int, title: str) -> None:
+    """What `friction_figure` shows, on axes that may be one of many."""
+    fastest = max(float(np.max(np.abs(fit.speed[:, joint]))), 1e-3)
+    # Closer together where the curve is steep.
+    side = fastest * np.linspace(0.0, 1.0, 400) ** 3
+    speed = np.concatenate([-side[:0:-1], side])
+    model = friction_torque(speed[:, None] * np.ones(fit.friction.size), fit.friction)[:, joint]
+    band = friction_threshold(speed, fit.move[joint], fit.still[joint])
+    axes.fill_between(speed, model - band, model + band, color="#c8c8c8", lw=0, label="threshold", zorder=1)
+    axes.plot(fit.speed[:, joint], fit.torque[:, joint], ".", color="black", ms=2.5, label="recorded", zorder=2)
+    axes.plot(speed, model, color="#d62728", lw=1.8, label="friction model", zorder=3)
+    axes.set_title(title, loc="left", fontsize=11, parse_math=False)
+    axes.set_xlim(-fastest, fastest)
+    axes.grid(color="#e4e4e4", lw=0.8)
+    axes.set_axisbelow(True)
+    axes.spines[["top", "right"]].set_visible(False)

@@ -1,0 +1,216 @@
+"""Plant models from the record of an experiment, to predict what a tuned loop will do before it is closed.
+
+    G(z) = z^-d B(z)/F(z),    orders 1 to 4, d >= 1:  smallest output error |y - G u|
+
+Only the input and what the model makes of it enter, so that noise of the output does not bias the models. Each is found
+by Steiglitz and McBride's iteration at several delays, then by Gauss and Newton's. Which order to believe is another
+question (`forcectl.tuning.prediction`): where friction bends the record, a higher order fits it better and predicts
+the loop worse.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.linalg import qr
+from scipy.signal import lfilter
+
+Array = NDArray[np.float64]
+
+LONGEST = 12_000  # [samples] that are looked at
+_ORDERS = (1, 2, 3, 4)
+_DELAYS = (1, 2, 3, 5, 8, 12, 18, 26, 36, 50, 70, 100, 140, 200)  # first candidates [samples]
+_SEARCH = 6000  # [samples] that the delay is searched with
+_SEARCH_ROWS = 1500  # of them that are compared
+_SEARCHES = 4  # iterations at each delay
+_REFINEMENTS = 12  # iterations at the best one
+_SLOWEST = 0.99999  # pole that an iteration may leave
+_FAST = 0.1  # pole in place of one that no sampled plant has
+_EXACT = 1e-18  # of the output's power: a smaller misfit is rounding
+
+
+@dataclass(frozen=True)
+class PlantModel:
+    """A plant identified from a record.
+
+    numerator, denominator: B (n,) [N/m] and F (n + 1,) in powers of z^-1. delay: d [samples]. period: Ts [s].
+    explained: share of the output's movement that the model reproduces from the input alone [-].
+    criterion: Bayes' information criterion of the order: the smaller one is the more likely, if residuals are noise.
+    """
+
+    numerator: Array
+    denominator: Array
+    delay: int
+    period: float
+    explained: float
+    criterion: float
+
+    @property
+    def order(self) -> int:
+        """n, the number of poles."""
+        return self.denominator.size - 1
+
+    @property
+    def delayed_numerator(self) -> Array:
+        """z^-d B, the zeros of the delay in front."""
+        return np.concatenate([np.zeros(self.delay), self.numerator])
+
+    def response(self, u: ArrayLike) -> Array:
+        """The output for an input (k,) that was zero before its first sample."""
+        late = _late(np.asarray(u, dtype=float), self.delay)
+        return np.asarray(lfilter(self.numerator, self.denominator, late), dtype=float)
+
+    @property
+    def static_gain(self) -> float:
+        """Output per input at rest [N/m]; minus the stiffness of a contact."""
+        return float(self.numerator.sum() / self.denominator.sum())
+
+    def rise_samples(self, longest: int) -> int:
+        """Samples until the response to a step has passed 63 % of where it ends, at most `longest`."""
+        step = self.response(np.ones(longest)) * np.sign(self.static_gain)
+        over = step >= 0.63 * abs(self.static_gain)
+        return int(np.argmax(over)) if over.any() else longest
+
+
+def identify_plants(u: ArrayLike, y: ArrayLike, period: float) -> list[PlantModel]:
+    """The plants of order 1 to 4 that come nearest to a record of deviations from rest, lowest order first.
+
+    Args:
+        u: input (k,), not constant. y: output (k,). period: Ts [s]. Looks at 12 000 samples from the first movement on.
+    """
+    u, y = from_first_movement(u, y)
+    power = float(np.sum((y - y.mean()) ** 2))
+    plants = []
+    for order in _ORDERS:
+        # A delay and lags look alike to smooth moves: the search may end at the wrong one.
+        starts = (_searched(u, y, order), _steiglitz_mcbride(u, y, order, 1, _SEARCHES))
+        found = min((_refined(u, y, start) for start in starts), key=_misfit)
+        share = 1 - found.misfit / power if power else 0.0
+        noise = np.log(found.misfit / y.size + _EXACT * float(np.mean(y**2)) + np.finfo(float).tiny)
+        criterion = float(y.size * noise + (2 * order + 1) * np.log(y.size))
+        plants.append(PlantModel(found.above, found.below, found.delay, period, share, criterion))
+    return plants
+
+
+def from_first_movement(u: ArrayLike, y: ArrayLike) -> tuple[Array, Array]:
+    """The part of a record that models are made of."""
+    u, y = np.asarray(u, dtype=float), np.asarray(y, dtype=float)
+    begin = int(np.argmax(u != 0.0))
+    return u[begin : begin + LONGEST], y[begin : begin + LONGEST]
+
+
+@dataclass(frozen=True)
+class _Found:
+    """A candidate: B, F and d, and its sum of squared errors."""
+
+    misfit: float
+    above: Array
+    below: Array
+    delay: int
+
+
+def _late(u: Array, delay: int) -> Array:
+    return np.concatenate([np.zeros(min(delay, u.size)), u[: max(u.size - delay, 0)]])
+
+
+def _searched(u: Array, y: Array, order: int) -> _Found:
+    """The best of the candidate delays and their neighbours, roughly."""
+    first = slice(0, _SEARCH if np.any(u[1:_SEARCH] != u[0]) else None)
+    part, told = u[first], y[first]
+    every = max(part.size // _SEARCH_ROWS, 1)
+
+    def at(delay: int) -> _Found:
+        return _steiglitz_mcbride(part, told, order, delay, _SEARCHES, every)
+
+    delays = [d for d in _DELAYS if d == 1 or d < part.size // 10]
+    best = min(map(at, delays), key=_misfit)
+    reach = max(best.delay // 4, 1)
+    while reach:
+        near = [best.delay + sign * reach for sign in (-1, 1)]
+        found = min((at(d) for d in near if 1 <= d < part.size // 2), key=_misfit, default=best)
+        if found.misfit < best.misfit:
+            best = found
+        else:
+            reach //= 2
+    return _steiglitz_mcbride(u, y, order, best.delay, _SEARCHES)
+
+
+def _misfit(found: _Found) -> float:
+    return found.misfit
+
+
+def _steiglitz_mcbride(u: Array, y: Array, order: int, delay: int, iterations: int, every: int = 1) -> _Found:
+    """The best of a few iterations: B and F by least squares on signals filtered with the last 1/F."""
+    late, below = _late(u, delay), np.ones(1)
+    best = _Found(float(y @ y), np.zeros(order), np.eye(1, order + 1)[0], delay)
+    for _ in range(iterations):
+        through, told = lfilter([1.0], below, late), lfilter([1.0], below, y)
+        columns = [*_shifted(through, range(order)), *(-c for c in _shifted(told, range(1, order + 1))), told]
+        found = _least_squares(np.column_stack([c[::every] for c in columns]))
+        above, below = found[:order], _stable(np.concatenate([[1.0], found[order:]]))
+        misfit = float(np.sum((y - lfilter(above, below, late)) ** 2))
+        if misfit < best.misfit:
+            best = _Found(misfit, above, below, delay)
+    return best
+
+
+def _refined(u: Array, y: Array, best: _Found) -> _Found:
+    """The smallest output error near a candidate (Levenberg and Marquardt)."""
+    late, damping, order = _late(u, best.delay), 1e-6, best.below.size - 1
+    for _ in range(_REFINEMENTS):
+        output = np.asarray(lfilter(best.above, best.below, late), dtype=float)
+        through, told = lfilter([1.0], best.below, late), lfilter([1.0], best.below, output)
+        columns = [*_shifted(through, range(order)), *(-c for c in _shifted(told, range(1, order + 1)))]
+        rows = np.column_stack([*columns, y - output])
+        last = best
+        while damping < 1e3:
+            step = _least_squares(rows, damping)
+            above, below = last.above + step[:order], last.below.copy()
+            below[1:] += step[order:]
+            if _physical(below):
+                misfit = float(np.sum((y - lfilter(above, below, late)) ** 2))
+                if misfit < last.misfit:
+                    best = _Found(misfit, above, below, last.delay)
+                    break
+            damping *= 10
+        if last.misfit - best.misfit <= 1e-6 * last.misfit:
+            break
+        damping /= 10
+    return best
+
+
+def _shifted(x: Array, delays: range) -> list[Array]:
+    return [_late(x, d) for d in delays]
+
+
+def _least_squares(rows: Array, damping: float = 0.0) -> Array:
+    """x of the smallest |A x - b| for rows [A, b], in units of the columns' lengths held back by `damping`."""
+    (triangle,) = qr(np.asfortranarray(rows), mode="r", overwrite_a=True, check_finite=False)
+    size = rows.shape[1] - 1
+    triangle = np.pad(triangle[: size + 1], ((0, max(size + 1 - len(triangle), 0)), (0, 0)))
+    matrix, wanted = triangle[:, :size], triangle[:, size]
+    lengths = np.linalg.norm(matrix, axis=0)
+    lengths = np.where(lengths > 0, lengths, 1.0)
+    left, singular, right = np.linalg.svd(matrix / lengths, full_matrices=False)
+    kept = singular > 1e-14 * singular[0] if singular[0] else np.zeros(size, dtype=bool)
+    shrunk = np.where(kept, singular / (singular**2 + (damping * singular[0]) ** 2 + ~kept), 0.0)
+    return np.asarray(right.T @ (shrunk * (left.T @ wanted)) / lengths, dtype=float)
+
+
+def _physical(below: Array) -> bool:
+    """Whether F is that of a sampled stable plant: poles inside the unit circle, on the right, as they do not ring."""
+    poles = np.roots(below)
+    return bool((np.abs(poles) < 1.0).all() and (poles.real >= 0.0).all())
+
+
+def _stable(below: Array) -> Array:
+    """F with poles outside of the unit circle mirrored into it, and ringing ones made fast."""
+    poles = np.roots(below)
+    size = np.abs(poles)
+    if (size < _SLOWEST).all() and (poles.real >= 0.0).all():
+        return below
+    mirrored = poles / np.maximum(size, 1.0) ** 2
+    held = mirrored * np.minimum(1.0, _SLOWEST / np.maximum(np.abs(mirrored), 1e-300))
+    return np.atleast_1d(np.poly(np.where(held.real < 0.0, _FAST, held)).real)

@@ -1,0 +1,174 @@
+"""What a tuned loop will do, from the record it was tuned on: predicted with a plant model, and read off the record.
+
+A plant model G gives T = C G/(1 + C G) and its step response. Two figures tell how far to trust it, both of them from
+the record (u, y) itself. With the gains at hand the loop would have made exactly this record from the reference
+
+    r = y + C^-1 u                                                          (the fictitious reference)
+
+because C (r - y) = u; this holds for any plant, friction included. Hence
+
+    record mismatch   |y - M r| / |r - M r|         the reference model missed on r, without a plant model
+    model error       |y - T r| / |r - M r|         the prediction missed on r;  y - T r = (y - G u)/(1 + C G)
+
+in units of the predicted mismatch |s_T - s_M| / |1 - s_M| of step responses. Where r is not to be had (C has a zero
+outside of the unit circle) the virtual reference y/M takes its place in the model error.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from scipy.signal import lfilter
+
+from forcectl.tuning.controller_basis import ControllerBasis
+from forcectl.tuning.plant_model import PlantModel, from_first_movement
+from forcectl.tuning.reference_model import ReferenceModel
+
+Array = NDArray[np.float64]
+
+_DIVERGED = 1e3  # of a unit step
+_FADED = 1e-3  # of its largest value: what C^-1 may have left after the record
+_NOISE = 0.5  # correlation of neighbouring residuals below which they are taken for noise
+_AS_GOOD = 3.0  # a lower order whose model error is within this factor is believed
+_SOUND, _SIMPLE = 0.1, 2  # model error up to which, and order
+_BEYOND_DOUBT = 100.0  # times less of the output's power unexplained
+_MOST_POLES = 300  # of a loop, that are computed
+_ROUNDS = 40  # of the delay, for a loop to show whether pulses fade
+_LONGEST_INVERSE = 200  # coefficients of C
+
+
+@dataclass(frozen=True)
+class Loop:
+    """A plant model in a loop with a controller, as polynomials in powers of z^-1.
+
+    above, below: T = above/(above + below), S = below/(above + below).
+    """
+
+    above: Array
+    below: Array
+
+    @property
+    def closed(self) -> Array:
+        """above + below."""
+        return self.above + self.below
+
+    @property
+    def stable(self) -> bool:
+        """Whether all poles are inside the unit circle; of loops with long delays, whether pulses fade."""
+        polynomial = np.trim_zeros(self.closed, "b")
+        if polynomial.size <= _MOST_POLES:
+            return float(np.abs(np.roots(polynomial)).max(initial=0.0)) < 1.0
+        with np.errstate(over="ignore", invalid="ignore"):
+            pulse = lfilter(self.below, self.closed, np.eye(1, _ROUNDS * polynomial.size)[0])
+        *_, before, after = np.array_split(pulse, 4)
+        return float(np.abs(after).max()) <= float(np.abs(before).max()) < _DIVERGED
+
+    def step(self, samples: int) -> Array:
+        """The response of T to a unit step, shape (samples,); NaN from where it has diverged."""
+        with np.errstate(over="ignore", invalid="ignore"):
+            step = np.asarray(lfilter(self.above, self.closed, np.ones(samples)), dtype=float)
+        wrong = ~(np.abs(step) < _DIVERGED)
+        if wrong.any():
+            step[int(np.argmax(wrong)) :] = np.nan
+        return step
+
+
+def closed_loop(plant: PlantModel, basis: ControllerBasis, gains: ArrayLike) -> Loop:
+    """The loop of a plant model and the controller with these gains."""
+    over, under = basis.transfer(gains)
+    above, below = np.convolve(over, plant.delayed_numerator), np.convolve(under, plant.denominator)
+    size = max(above.size, below.size)
+    return Loop(np.pad(above, (0, size - above.size)), np.pad(below, (0, size - below.size)))
+
+
+class RecordCheck:
+    """The two figures, for a record and a reference model.
+
+    Args:
+        u, y: deviations from rest (k,). model: M.
+    """
+
+    def __init__(self, u: ArrayLike, y: ArrayLike, model: ReferenceModel, basis: ControllerBasis):
+        self._u, self._y = from_first_movement(u, y)
+        self._model, self._basis = model, basis
+
+    def reference(self, gains: ArrayLike) -> Array | None:
+        """r of these gains, shape (k,) [N]; None where C has no stable inverse."""
+        over, under = self._basis.transfer(gains)
+        over = np.trim_zeros(over, "b")
+        if not over.size or not over[0] or over.size > _LONGEST_INVERSE:
+            return None
+        with np.errstate(over="ignore", invalid="ignore"):
+            pulse = np.asarray(lfilter(under, over, np.eye(1, self._u.size)[0]), dtype=float)
+            tail = np.abs(pulse[-max(pulse.size // 10, 1) :]).max()
+            if not tail <= _FADED * np.abs(pulse).max() < np.inf:
+                return None
+            return self._y + np.asarray(lfilter(under, over, self._u), dtype=float)
+
+    def mismatch(self, gains: ArrayLike) -> float | None:
+        """The record mismatch [-]; None where there is no r."""
+        reference = self.reference(gains)
+        if reference is None:
+            return None
+        wanted = self._model.response(reference)
+        return _ratio(self._y - wanted, reference - wanted)
+
+    def error(self, plant: PlantModel, gains: ArrayLike) -> float:
+        """The model error [-], without what the loop makes of white noise; infinite where the loop is unstable."""
+        return self._errors(plant, gains)[1]
+
+    def _errors(self, plant: PlantModel, gains: ArrayLike) -> tuple[float, float]:
+        """The model error with and without what the loop makes of white noise in the output."""
+        loop, residual = closed_loop(plant, self._basis, gains), self._y - plant.response(self._u)
+        with np.errstate(over="ignore", invalid="ignore"):
+            missed = np.asarray(lfilter(loop.below, loop.closed, residual), dtype=float)
+            pulse = np.asarray(lfilter(loop.below, loop.closed, np.eye(1, residual.size)[0]), dtype=float)
+            if not np.abs(pulse).max() < _DIVERGED:
+                return np.inf, np.inf
+            # White noise is what neighbouring residuals differ by.
+            noise = 0.5 * float(np.mean(np.diff(residual) ** 2)) * float(np.cumsum(pulse**2).sum())
+            share = max(1 - noise / max(float(missed @ missed), np.finfo(float).tiny), 0.0)
+        error = _ratio(missed, self._away(gains))
+        return error, float(np.sqrt(share)) * error
+
+    def _away(self, gains: ArrayLike) -> Array:
+        """r - M r."""
+        reference = self.reference(gains)
+        if reference is not None:
+            return reference - self._model.response(reference)
+        if self._model.invertible:
+            over, under = self._model.numerator[self._model.delay :], self._model.denominator
+            virtual = np.asarray(lfilter(under, over, self._y), dtype=float)  # early by the delay of M
+            return virtual - np.concatenate([np.zeros(self._model.delay), self._y[: -self._model.delay]])
+        return self._y - self._model.response(self._y)
+
+    def believed(self, plants: Sequence[PlantModel], gains: ArrayLike) -> PlantModel:
+        """The plant model to predict with, out of those that are about as good as the best in the loop.
+
+        That of the most likely order where its residuals are noise. Residuals that are not noise come of a plant that
+        is not linear, and then a higher order follows the record closer and is less true: of one or two lags the more
+        likely one that is sound, else the lowest order.
+        """
+        errors = [self._errors(plant, gains)[0] for plant in plants]
+        good = [p for p, error in zip(plants, errors, strict=True) if error <= _AS_GOOD * min(errors)]
+        likely = min(good, key=lambda plant: plant.criterion)
+        # A loop that is unstable has no error; the model that says so counts if it is beyond doubt.
+        other = min(plants, key=lambda plant: plant.criterion)
+        if all(other is not plant for plant in good) and _BEYOND_DOUBT * (1 - other.explained) < 1 - likely.explained:
+            return other
+        residual = self._y - likely.response(self._u)
+        noise = float(residual[1:] @ residual[:-1]) <= _NOISE * float(residual @ residual)
+        if noise or not np.isfinite(min(errors)):
+            return likely
+        sound = [p for p, error in zip(plants, errors, strict=True) if error <= _SOUND and p.order <= _SIMPLE]
+        sound = [plant for plant in sound if any(plant is other for other in good)]
+        return min(sound, key=lambda plant: plant.criterion) if sound else good[0]
+
+
+def _ratio(missed: Array, whole: Array) -> float:
+    with np.errstate(over="ignore", invalid="ignore"):
+        value = float(np.linalg.norm(missed)) / max(float(np.linalg.norm(whole)), np.finfo(float).tiny)
+    return value if np.isfinite(value) else np.inf

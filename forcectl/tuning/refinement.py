@@ -1,0 +1,78 @@
+"""Gains that make the predicted loop follow its reference model best, by direct minimisation on a plant model.
+
+    min over theta of |s_T - s_M|,    T = C G/(1 + C G),    dT/dtheta_i = beta_i G/(1 + C G)^2
+
+s: step responses. Levenberg and Marquardt from the gains of VRFT, which minimise the same but for a weighting by the
+experiment's own input, and from cautious ones where the loop of those is unstable.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from forcectl.tuning.controller_basis import ControllerBasis
+from forcectl.tuning.plant_model import PlantModel
+from forcectl.tuning.prediction import closed_loop
+
+Array = NDArray[np.float64]
+
+MOST_GAINS = 20  # that are refined
+_ITERATIONS = 60
+_CAUTIOUS = (0.5, 0.2)  # of the gains of VRFT
+_SETTLED = 1e-3  # relative gain of an iteration that ends the search
+_NEAR = 0.05  # a mismatch below which no other start is tried
+
+
+def nearest_gains(plant: PlantModel, basis: ControllerBasis, start: Array, wanted: Array) -> Array:
+    """The gains whose predicted step response is nearest to a wanted one.
+
+    Args:
+        plant: G. basis: beta, at most `MOST_GAINS` gains. start: gains to begin with, shape (p,).
+        wanted: step response of the reference model, shape (h,) [-].
+    """
+    found = [_descend(plant, basis, np.asarray(start, dtype=float), wanted)]
+    if found[0][0] <= _NEAR**2 * float(np.sum((1 - wanted) ** 2)):
+        return found[0][1]
+    starts = [share * start for share in _CAUTIOUS]
+    if "K_I" in basis.names and plant.static_gain:
+        # The integral gain alone that reaches the reference in the time of the model.
+        integral = basis.names.index("K_I")
+        lag = max(float(np.sum(1 - wanted)), 1.0) * basis.period
+        unit = float(basis.response(np.eye(basis.size)[integral], np.ones(1))[0])  # what it adds in a sample
+        starts.append(np.eye(basis.size)[integral] * basis.period / (lag * plant.static_gain * unit))
+    found += [_descend(plant, basis, np.asarray(first, dtype=float), wanted) for first in starts]
+    return min(found, key=lambda pair: pair[0])[1]
+
+
+def _descend(plant: PlantModel, basis: ControllerBasis, gains: Array, wanted: Array) -> tuple[float, Array]:
+    """The smallest squared distance found, and its gains."""
+    cost, damping = _cost(plant, basis, gains, wanted), 1e-3
+    for _ in range(_ITERATIONS if np.isfinite(cost) else 0):
+        loop = closed_loop(plant, basis, gains)
+        through = lfilter(loop.below, loop.closed, plant.response(np.ones(wanted.size)))
+        through = lfilter(loop.below, loop.closed, through)
+        columns = np.array([lfilter(*beta, through) for beta in basis.filters]).T
+        missed = wanted - loop.step(wanted.size)
+        lengths = np.linalg.norm(columns, axis=0)
+        if not np.isfinite(lengths).all() or not lengths.all():
+            break
+        matrix, last = columns / lengths, cost
+        normal, right = matrix.T @ matrix, matrix.T @ missed
+        while damping < 1e6:
+            step = np.linalg.solve(normal + damping * np.eye(gains.size), right) / lengths
+            if (there := _cost(plant, basis, gains + step, wanted)) < cost:
+                gains, cost = gains + step, there
+                break
+            damping *= 6
+        if last - cost <= _SETTLED * last:
+            break
+        damping = max(damping / 6, 1e-9)
+    return cost, gains
+
+
+def _cost(plant: PlantModel, basis: ControllerBasis, gains: Array, wanted: Array) -> float:
+    missed = closed_loop(plant, basis, gains).step(wanted.size) - wanted
+    cost = float(missed @ missed)
+    return cost if np.isfinite(cost) else np.inf

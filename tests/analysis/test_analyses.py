@@ -1,0 +1,236 @@
+"""Analyses of motion loops on logs that were made up: what each metric says of a case whose answer is known."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+
+from forcectl.analysis.force_estimation import ForceAnalysis, stretches
+from forcectl.analysis.friction_identification import FrictionAnalysis, friction_metrics
+from forcectl.analysis.motion_metrics import FORCE_METRICS, FRICTION_METRICS, is_motion_metric, motion_loop_metrics
+from forcectl.diagrams.motion_loop import motion_facts
+from forcectl.errors import BadInputError
+from forcectl.figures.motion import motion_figures, one_variant
+from forcectl.plant.drives.joint_friction import JointFriction, mean_features
+from forcectl.runs.logs import stack
+from forcectl.tasks.slot import MotionFacts
+from tests.examples.block_examples_research import cell
+
+TICK = 0.004
+COUNT = 1001  # four seconds
+
+
+@cache
+def facts() -> MotionFacts:
+    return motion_facts(cell())
+
+
+def made_up(**signals: Any) -> xr.Dataset:
+    """A log of one arm at rest in which nothing happens, but for the signals given."""
+    n, joints = 7, list(facts().robot.facts.arm_joints)
+    parts = [f"left_{kind}_{axis}" for kind in ("torque", "force") for axis in "xyz"]
+    rows = {
+        **dict.fromkeys(("joint_velocity", "link_velocity", "motor_torque"), np.zeros((COUNT, n))),
+        **dict.fromkeys(("external_torque", "estimated_torque"), np.zeros((COUNT, n))),
+        **dict.fromkeys(("link_position", "joint_position_reference"), np.tile(facts().start, (COUNT, 1))),
+        **dict.fromkeys(("tip_wrench", "estimated_wrench", "applied_wrench"), np.zeros((COUNT, 6))),
+        "contact_force": np.zeros((COUNT, 1)),
+    }
+    sizes = {n: ("joint", joints), 6: ("wrench_component", parts), 1: ("arm", ["left"])}
+    log = xr.Dataset(coords={"time": TICK * np.arange(COUNT), **dict(sizes.values())})
+    for name, values in (rows | signals).items():
+        log[name] = (("time", sizes[values.shape[1]][0]), values)
+    return log
+
+
+def wrench(force: Any, begin: float, end: float) -> np.ndarray:
+    time = TICK * np.arange(COUNT)
+    rows = np.zeros((COUNT, 6))
+    rows[(time >= begin - 1e-9) & (time < end - 1e-9), 3:] = force
+    return rows
+
+
+def judged(**signals: Any) -> dict[str, float | None]:
+    return ForceAnalysis().metrics(made_up(**signals), facts())
+
+
+def test_a_static_load_is_judged_by_the_mean_of_its_end():
+    true = wrench([0, 0, -5.0], 1.0, 2.0)
+    estimate = 0.0 * true
+    estimate[300:500, 5] = -4.9  # late, then 2 % short
+    estimate[400:500:2, 4] = 0.3
+    estimate[401:500:2, 4] = -0.3
+    found = judged(applied_wrench=true, tip_wrench=true, estimated_wrench=estimate)
+    assert found["static_loads"] == 1.0
+    assert found["static_force_error_N"] == pytest.approx(0.1, abs=0.01)
+    assert found["static_force_error_pct"] == pytest.approx(2.0, abs=0.2)
+    assert found["push_peak_error_pct"] is None
+
+
+def test_a_short_load_is_a_push_judged_by_its_peak():
+    true = wrench([10.0, 0, 0], 1.0, 1.3)
+    found = judged(applied_wrench=true, tip_wrench=true, estimated_wrench=np.roll(0.9 * true, 10, axis=0))
+    assert found["static_loads"] == 0.0
+    assert found["push_peak_error_pct"] == pytest.approx(10.0)
+
+
+def test_contact_is_judged_from_a_fifth_of_a_second_on():
+    true = wrench([0, 20.0, 0], 1.0, 2.0)
+    estimate = wrench([0, 19.0, 0], 1.1, 2.0)
+    touching = np.abs(true).max(axis=1, keepdims=True)
+    found = judged(tip_wrench=true, estimated_wrench=estimate, contact_force=touching)
+    assert found["contact_force_error_N"] == pytest.approx(1.0)
+    assert found["contact_mean_error_pct"] == pytest.approx(5.0)
+
+
+def test_what_is_felt_while_nothing_acts_counts_as_quiet_or_fast():
+    speed = np.zeros((COUNT, 7))
+    speed[500:600, 2] = 0.5 * facts().robot.limits.velocity[2]
+    estimate = wrench([0.2, 0, 0], 0.0, 4.0) + wrench([1.0, 0, 0], 2.0, 2.4)
+    torque = np.zeros((COUNT, 7))
+    torque[550, 3] = -0.7
+    found = judged(joint_velocity=speed, estimated_wrench=estimate, estimated_torque=torque)
+    assert found["quiet_force_N"] == pytest.approx(0.2)
+    assert found["fast_force_N"] == pytest.approx(1.2)
+    assert found["fast_torque_Nm"] == pytest.approx(0.7)
+
+
+def test_the_start_and_the_time_after_a_load_are_left_out():
+    true = wrench([0, 0, 9.0], 1.0, 2.0)
+    tail = wrench([0, 0, 8.0], 2.0, 2.25) + wrench([0, 0, 7.0], 0.0, 0.4)
+    found = judged(applied_wrench=true, tip_wrench=true, estimated_wrench=true + tail)
+    assert found["quiet_force_N"] == 0.0
+
+
+def test_an_estimate_of_torque_is_measured_by_coulombs_friction():
+    true, torque = wrench([0, 0, 5.0], 1.0, 2.0), np.zeros((COUNT, 7))
+    torque[:, 4] = 0.5 * facts().friction.coulomb[4]
+    found = judged(applied_wrench=true, tip_wrench=true, estimated_torque=torque)
+    assert found["static_torque_error_share"] == pytest.approx(0.5)
+
+
+def test_without_an_estimator_there_is_nothing_to_judge():
+    assert ForceAnalysis().metrics(made_up().drop_vars("estimated_wrench"), facts()) == {}
+    assert ForceAnalysis().figures(made_up(), facts(), "") == {}
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [({"average": 0.0}, "average = 0"), ({"settle": -1.0}, "settle = -1"), ({"fast_share": 1.0}, "fast_share = 1")],
+)
+def test_bounds_that_cannot_be_are_refused(options, message):
+    with pytest.raises(BadInputError, match=message):
+        ForceAnalysis(**options)
+
+
+def test_stretches_are_found_at_the_ends_too():
+    found = stretches(np.array([True, True, False, True, False, False, True]))
+    assert [(s.start, s.stop) for s in found] == [(0, 2), (3, 4), (6, 7)]
+    assert stretches(np.zeros(3, dtype=bool)) == []
+
+
+def swinging() -> xr.Dataset:
+    """Every joint swings; the torque is what the dynamics and the true friction ask for, the speed is exact."""
+    one = facts()
+    t = TICK * np.arange(COUNT)[:, None]
+    w = np.linspace(3.0, 6.0, 7)
+    q, v = one.start + 0.25 * np.sin(w * t), 0.25 * w * np.cos(w * t)
+    model = one.momentum_model()
+    context, f = model.create_context(), one.friction
+    rows = [model.terms(context, a, b) for a, b in zip(q, v, strict=True)]
+    p, force = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
+    sign, ahead, back = mean_features(v[:-1], v[1:])
+    drag = f.offset + f.coulomb * sign + f.viscous_forward * ahead + f.viscous_backward * back
+    torque = np.zeros_like(q)
+    torque[1:] = np.diff(p, axis=0) / TICK - 0.5 * (force[1:] + force[:-1]) + drag
+    return made_up(motor_torque=torque, joint_velocity=v, link_velocity=v, link_position=q).assign(
+        joint_position=(("time", "joint"), q)
+    )
+
+
+def test_friction_is_found_where_the_log_holds_it(monkeypatch):
+    """With exact speeds: what is left is rounding. The filter of the speeds is taken for none."""
+    log, one = swinging(), facts()
+    exact = MotionFacts(one.robot, one.start, one.period, one.friction, one.rotor_inertia, velocity_bandwidth=1e9)
+    monkeypatch.setattr("forcectl.tuning.friction_identification._late", lambda time, values, good, w: values)
+    found = FrictionAnalysis(slowest=0.02).metrics(log, exact)
+    assert found["friction_error_pct"] < 1e-3
+    assert found["coulomb_error_pct"] < 1e-3
+    assert found["friction_explained"] > 1 - 1e-6
+    assert found["left_joint_1.coulomb_Nm"] == pytest.approx(2.0, rel=1e-4)
+    assert all(is_motion_metric(name) for name in found)
+    assert set(FrictionAnalysis(slowest=0.02).figures(log, exact, "T")) == {"friction_left"}
+
+
+def test_a_run_that_excites_nothing_has_no_friction_metrics():
+    log = made_up().assign(joint_position=made_up()["link_position"])
+    assert FrictionAnalysis().metrics(log, facts()) == {}
+    assert FrictionAnalysis().figures(log, facts(), "") == {}
+
+
+def test_friction_errors_are_those_of_the_curves():
+    class Fit:
+        friction = JointFriction(2, coulomb=[1.1, 2.0], viscous_forward=[1.0, 0.0], offset=[0.0, 0.1])
+        speed, explained, used = np.array([[1.0, -2.0], [-1.0, 2.0]]), np.array([0.9, 1.0]), np.array([50, 40])
+
+    true = JointFriction(2, coulomb=[1.0, 2.0], viscous_forward=[1.0, 0.0])
+    found = friction_metrics(Fit(), true, ["a", "b"])
+    assert found["a.friction_error_pct"] == pytest.approx(100 * 0.1 / 2.0, rel=1e-3)
+    assert found["b.friction_error_pct"] == pytest.approx(100 * 0.1 / 2.0, rel=1e-3)
+    assert found["coulomb_error_pct"] == pytest.approx(10.0)
+    assert found["offset_error_Nm"] == pytest.approx(0.1)
+    assert (found["friction_explained"], found["friction_ticks"]) == (0.9, 40.0)
+
+
+def test_metrics_of_every_run():
+    limits = facts().robot.limits
+    q, v = np.tile(facts().start, (COUNT, 1)), np.zeros((COUNT, 7))
+    q[10, 3] = limits.position_upper[3] + 0.01
+    v[20, 5] = -limits.velocity[5] - 0.2
+    torque = np.zeros((COUNT, 7))
+    torque[5, 0] = -0.5 * limits.torque[0]
+    log = made_up(link_position=q, link_velocity=v, motor_torque=torque)
+    found = motion_loop_metrics(log, facts(), 4.0)
+    assert found["joint_limit_excess_rad"] == pytest.approx(0.01)
+    assert found["speed_limit_excess_rad_s"] == pytest.approx(0.2)
+    assert found["torque_share"] == pytest.approx(0.5)
+    assert found["tracking_error_rad"] == pytest.approx(abs(q[10, 3] - facts().start[3]))
+    assert found["realtime_factor"] == 4.0
+
+
+def test_figures_of_every_run_show_arms_and_forces():
+    figures = motion_figures(made_up(), "T")
+    assert set(figures) == {"motion", "forces"}
+    (axes,) = figures["motion"].axes
+    assert len(axes.lines) == 7
+    assert len(figures["forces"].axes[0].lines) == 6
+    assert set(motion_figures(made_up().drop_vars("estimated_wrench"), "T")) == {"motion"}
+
+
+def test_variants_of_different_robots_are_drawn_each_with_its_own_arms():
+    small = made_up()
+    wide = small.rename(joint="j", arm="a", wrench_component="w")
+    other = wide.assign_coords(
+        j=[str(name).replace("left", "right") for name in small["joint"].values],
+        a=["right"],
+        w=[str(name).replace("left", "right") for name in small["wrench_component"].values],
+    ).rename(j="joint", a="arm", w="wrench_component")
+    both = xr.merge([small, other], join="outer", compat="no_conflicts")
+    log = stack([both.assign_coords(variant="two"), small.assign_coords(variant="one")])
+    figures = motion_figures(log, "T")
+    assert set(figures) == {"motion", "forces_1", "forces_2"}
+    assert [len(figures[name].axes) for name in ("forces_1", "forces_2")] == [2, 1]
+    first = one_variant(log, 1)
+    assert first.sizes["joint"] == 7
+    assert "T: one" in figures["forces_2"].get_suptitle()
+
+
+def test_names_of_metrics():
+    for name in (*FORCE_METRICS, *FRICTION_METRICS, "left.quiet_force_N", "left_joint_1.coulomb_Nm"):
+        assert is_motion_metric(name)
+    for name in ("quiet_force", "left.left.quiet_force_N", "left."):
+        assert not is_motion_metric(name)

@@ -1,0 +1,250 @@
+"""Bad input: one line that names key or file, value and what is allowed; exit code 2; nothing is written."""
+
+from __future__ import annotations
+
+import math
+import sys
+
+import pytest
+
+from forcectl import cli
+
+CASES = [
+    # (arguments, what the line must contain)
+    (
+        ["run", "fig_2_7", "--set", "station.enviroment.stiffness=1e4"],
+        ["override", "'enviroment'", "did you mean 'environment'"],
+    ),
+    (["run", "fig_2_7", "--set", "contoller.integral_gain=1"], ["'contoller'", "did you mean 'controller'"]),
+    (
+        ["run", "fig_2_7", "--set", "controller.integral_gian=1"],
+        ["controller.integral_gian", "did you mean 'integral_gain'"],
+    ),
+    (
+        ["run", "fig_2_7", "--set", "controller.integral_gain=2"],
+        ["override of controller.integral_gain", "'K_I = 1.5 1/s', 'K_I = 3 1/s', 'K_I = 4.5 1/s'", "--variant"],
+    ),
+    (["run", "fig_2_7", "--set", "duration=long"], ["duration = 'long'", "must be a number"]),
+    (["run", "fig_2_7", "--set", "duration=[1]"], ["duration = [1]", "must be a number"]),
+    (["run", "fig_2_7", "--set", "seed=1.5"], ["seed = 1.5", "must be a whole number"]),
+    (["run", "fig_2_7", "--set", "station=5"], ["station = 5", "must be a mapping"]),
+    (
+        ["run", "fig_2_7", "--set", "station.environment.stiffness=-100"],
+        ["station.environment.stiffness = -100", "must be positive"],
+    ),
+    (
+        ["run", "fig_2_7", "--set", "station.environment.stiffness=.nan"],
+        ["station.environment.stiffness = nan", "finite"],
+    ),
+    (
+        ["run", "fig_2_7", "--set", "station.environment.stiffness=.inf"],
+        ["station.environment.stiffness = inf", "finite"],
+    ),
+    (
+        ["run", "fig_2_7", "--set", "station.environment.damping=-1"],
+        ["station.environment.damping = -1", "not negative"],
+    ),
+    (["run", "fig_2_7", "--set", "station.period=0"], ["station.period = 0", "must be positive"]),
+    (["run", "fig_2_7", "--set", "station.period=0.0015"], ["station.period = 0.0015", "whole multiple of time_step"]),
+    (["run", "fig_2_7", "--set", "station.force_sensor.delay=0.003"], ["force_sensor.delay = 0.003", "whole multiple"]),
+    (["run", "fig_2_7", "--set", "duration=0"], ["duration = 0", "must be positive"]),
+    (["run", "fig_2_7", "--set", "duration=1e9"], ["duration = 1000000000", "at most 86400"]),
+    (["run", "fig_2_7", "--set", "seed=-1"], ["seed = -1", "from 0"]),
+    (["run", "fig_2_7", "--set", "preset=frictoin"], ["'frictoin'", "did you mean 'friction'"]),
+    (["run", "no/such/file.yaml"], ["'no/such/file.yaml'", "does not exist"]),
+    (["run", "fig_27"], ["unknown scenario 'fig_27'", "did you mean 'fig_2_7'"]),
+    (["run", "fig_2_7", "--set", "station.robot=comau"], ["station.robot", "'comau'", "comau_smart_six"]),
+    (["run", "fig_2_7", "--set", "station.robot=no/such/folder"], ["station.robot", "'no/such/folder'"]),
+    (
+        ["run", "fig_2_7", "--set", "reference=!File {path: gone.csv}"],
+        ["reference.path = 'gone.csv'", "existing CSV file"],
+    ),
+    (["run", "fig_2_7", "--set", "station.posture_deg=[0, 0, 0, 0, 0, 0]"], ["station.posture_deg", "singular"]),
+    (["run", "fig_2_7", "--set", "station.posture_deg=[0, 0]"], ["station.posture_deg has 2 angles", "must have 6"]),
+    (["run", "fig_2_7", "--set", "station.posture_deg=[0, 0, 0, 0, 9e9, 0]"], ["station.posture_deg[4]", "from"]),
+    (["run", "fig_2_7", "--set", "reference.force=5000"], ["reference.force = 5000", "sensor's range"]),
+    (["run", "fig_2_7", "--variant", "K_I = 2 1/s"], ["unknown variant", "'K_I = 2 1/s'", "did you mean 'K_I = "]),
+    (
+        ["run", "fig_2_7", "--fidelity", "Multybody"],
+        ["station: unknown fidelity 'Multybody'", "did you mean 'Multibody'"],
+    ),
+    (["run", "fig_2_7", "--set", "controller=!Integrall"], ["unknown tag '!Integrall'", "did you mean '!Integral'"]),
+    (["run", "fig_2_7", "--set", "duration"], ["--set 'duration'", "must be key=value"]),
+    (["run", "fig_2_7", "--set", "duration=[1"], ["--set duration", "not valid YAML"]),
+    (["run", "fig_2_7", "--set", "..=1"], ["--set '..=1'", "must be key=value"]),
+    (["run"], ["Missing argument 'SCENARIO'"]),
+    (["run", "fig_2_7", "--sed", "3"], ["No such option: --sed"]),
+    (["run", "fig_2_7", "--seed", "three"], ["'--seed'"]),
+    (["rnu", "fig_2_7"], ["No such command 'rnu'"]),
+    (["graph", "fig_2_7", "--format", "svgg"], ["unknown format 'svgg'", "did you mean 'svg'"]),
+    (["graph", "fig_2_7", "--out", "picture.jpeg"], ["unknown format 'jpeg'", "did you mean 'png'", "png, svg"]),
+    (["graph", "fig_2_7", "--out", "no/such/folder/x.svg"], ["'no/such/folder/x.svg'", "cannot be written"]),
+    (["graph", "nothing.here:function"], ["'nothing.here:function'", "importable", "No module named"]),
+    (["graph", "numpy:get_include"], ["'numpy:get_include'", "must return a Drake Diagram, not str"]),
+    (["graph", "numpy:sin"], ["'numpy:sin'", "but raised TypeError"]),
+    (["check", "numpy.linalg:invv"], ["did you mean 'inv'"]),
+    (["check", "os:getcwd"], ["diagram = 'os:getcwd'", "not of Python's standard library"]),
+    (["graph", "os.path:join"], ["diagram = 'os.path:join'", "not of Python's standard library"]),
+    (
+        ["check", "forcectl.framework.imports:Path"],
+        ["diagram = 'forcectl.framework.imports:Path'", "not of Python's standard library"],
+    ),
+    (["check", "fig_2_77"], ["unknown scenario 'fig_2_77'"]),
+    (["reproduce"], ["either names or --all"]),
+    (["reproduce", "fig_2_8", "--all"], ["either names or --all"]),
+    (["reproduce", "fig_2_9"], ["unknown scenario 'fig_2_9'"]),
+    (["reproduce", "fig_2_8", "--fidelity", "2D"], ["unknown fidelity '2D'"]),
+]
+
+FILES = [
+    ("", ["own.yaml is empty", "must be a mapping"]),
+    ("- 1\n- 2\n", ["own.yaml is a list", "must be a mapping"]),
+    ("just text\n", ["own.yaml is a str", "must be a mapping"]),
+    ("station: {fidelity: OneDimensional\n", ["own.yaml: not valid YAML", "line 2"]),
+    ("duration: 1\nduration: 2\n", ["own.yaml: not valid YAML", "'duration' is written twice", "line 2"]),
+    ("\tduration: 1\n", ["own.yaml: not valid YAML", "line 1"]),
+    ("duraton: 3\n", ["own.yaml: duraton", "did you mean 'duration'"]),
+    ("variants: [a, b]\n", ["own.yaml: variants = ['a', 'b']", "must be a mapping of names"]),
+    ("variants: {1: {}}\n", ["own.yaml: variants", "quote names"]),
+    ("variants: {a: 3}\n", ["own.yaml: variants.a = 3", "must be a mapping of scenario keys"]),
+    ("variants: {a: {duration: -1}}\n", ["own.yaml: variant 'a': duration = -1", "must be positive"]),
+    ("variants: {a: {variant: -1}}\n", ["own.yaml: variant 'a'", "unknown key 'variant'", "did you mean 'variants'"]),
+    ("fidelities: [OneDimensionl]\n", ["own.yaml: fidelities", "did you mean 'OneDimensional'"]),
+    (
+        "expect: [{target: t, metric: overshoot_pc, maximum: 1}]\n",
+        ["own.yaml: expect.0.metric", "did you mean 'overshoot_pct'"],
+    ),
+    ("expect: [{metric: overshoot_pct, maximum: 1}]\n", ["own.yaml: expect.0.target is missing"]),
+    (
+        "expect: [{target: t, metric: overshoot_N, variant: x, maximum: 1}]\n",
+        ["own.yaml: expect.0.variant", "'x'", "default"],
+    ),
+    ("reference_model: 0\n", ["own.yaml: reference_model = 0", "must be positive"]),
+    ("reference: !Sequence {times: [1, 0], forces: [1, 2]}\n", ["own.yaml: reference.times", "strictly increasing"]),
+    ("controller: !Import {path: 'no_such_module_here:Law'}\n", ["own.yaml: controller.path", "No module named"]),
+]
+
+
+def complain(arguments, monkeypatch, capfd):
+    monkeypatch.setattr("sys.argv", ["forcectl", *arguments])
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    return stopped.value.code, capfd.readouterr()
+
+
+def assert_one_line(code, output, parts):
+    assert code == 2
+    assert output.out == ""
+    assert output.err.startswith("error: ")
+    assert output.err.endswith("\n")
+    assert output.err.count("\n") == 1
+    assert "Traceback" not in output.err
+    for part in parts:
+        assert part in output.err
+
+
+@pytest.mark.parametrize(("arguments", "parts"), CASES, ids=lambda value: " ".join(value)[:60])
+def test_command_line(arguments, parts, monkeypatch, capfd, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    assert_one_line(*complain(arguments, monkeypatch, capfd), parts)
+    assert list(tmp_path.iterdir()) == []
+
+
+@pytest.mark.parametrize(("text", "parts"), FILES, ids=lambda value: str(value)[:40])
+def test_scenario_file(text, parts, monkeypatch, capfd, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.yaml").write_text(text)
+    assert_one_line(*complain(["run", "own.yaml"], monkeypatch, capfd), parts)
+    assert [path.name for path in tmp_path.iterdir()] == ["own.yaml"]
+
+
+PARAMETERS = "parameters: {command: 'touch written'}"
+
+
+@pytest.mark.parametrize("path", ["os:system", "posix:system", "builtins:exec", "antigravity:webbrowser"])
+@pytest.mark.parametrize(
+    ("text", "key"),
+    [
+        (
+            "controller: !InvarianceRobot {{constraints: [{{path: '{path}', {parameters}}}]}}",
+            "controller.constraints.0",
+        ),
+        ("controller: !Import {{path: '{path}', {parameters}}}", "controller"),
+        ("loop: motion\nestimator: !Import {{path: '{path}', {parameters}}}", "estimator"),
+    ],
+)
+def test_a_scenario_is_no_program(text, key, path, monkeypatch, capfd, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.yaml").write_text(text.format(path=path, parameters=PARAMETERS))
+    refusal = "must be of a module of your own or of an installed package, not of Python's standard library"
+    loaded = set(sys.modules)
+    output = complain(["check", "own.yaml"], monkeypatch, capfd)
+    assert_one_line(*output, [f"own.yaml: {key}.path = {path!r}: {refusal}\n"])
+    assert [file.name for file in tmp_path.iterdir()] == ["own.yaml"]
+    assert "antigravity" not in set(sys.modules) - loaded
+
+
+PASSED_ON = """
+from os import system
+from subprocess import Popen
+from random import random
+
+def command(command):
+    open("written", "w").close()
+
+class Command:
+    def __init__(self, command):
+        open("written", "w").close()
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "allowed"),
+    [
+        ("system", "not of Python's standard library"),
+        ("Popen", "not of Python's standard library"),
+        ("random", "not of Python's standard library"),
+        ("command", "a class with "),
+        ("Command", "a class with "),
+    ],
+)
+def test_what_is_named_is_looked_at_before_it_is_called(name, allowed, monkeypatch, capfd, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "passes_on.py").write_text(PASSED_ON)
+    part = f"{{path: 'passes_on:{name}', {PARAMETERS}}}"
+    for text in (f"!InvarianceRobot {{constraints: [{part}]}}", f"!Import {part}"):
+        (tmp_path / "own.yaml").write_text(f"controller: {text}\n")
+        assert_one_line(*complain(["check", "own.yaml"], monkeypatch, capfd), [f"path = 'passes_on:{name}'", allowed])
+    assert not (tmp_path / "written").exists()
+    sys.modules.pop("passes_on", None)
+
+
+def test_files_that_are_no_text(monkeypatch, capfd, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "own.yaml").write_bytes(bytes(range(256)))
+    assert_one_line(*complain(["run", "own.yaml"], monkeypatch, capfd), ["'own.yaml'", "not UTF-8"])
+    (tmp_path / "folder.yaml").mkdir()
+    assert_one_line(*complain(["run", "folder.yaml"], monkeypatch, capfd), ["'folder.yaml' is a folder"])
+
+
+def test_output_that_exists_or_cannot_be_written(monkeypatch, capfd, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "there").mkdir()
+    (tmp_path / "file").write_text("")
+    assert_one_line(*complain(["run", "fig_2_8", "--out", "there"], monkeypatch, capfd), ["'there' exists", "--force"])
+    arguments = ["run", "fig_2_8", "--out", "file", "--force"]
+    assert_one_line(*complain(arguments, monkeypatch, capfd), ["'file' is not the directory of a run"])
+    arguments = ["run", "fig_2_8", "--set", "duration=0.1", "--out", "file/below"]
+    assert_one_line(*complain(arguments, monkeypatch, capfd), ["'file/below' cannot be written"])
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["file", "there"]
+
+
+def test_errors_of_the_python_interface_are_the_same():
+    import forcectl as fc
+
+    with pytest.raises(fc.BadInputError, match=r"^override: duration = nan: must be a finite number$"):
+        fc.run("fig_2_8", overrides={"duration": math.nan})
+    with pytest.raises(fc.BadInputError, match=r"^scenario = 3: must be a name, a path, a mapping or a Scenario$"):
+        fc.run(3)
+    with pytest.raises(fc.BadInputError, match=r"^scenario: nope: unknown key 'nope'"):
+        fc.run({"nope": 1})

@@ -1,0 +1,208 @@
+"""Closed loops beyond the step: steps down to nothing and up again, motion along the surface, adaptation, limits."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+import pytest
+import xarray as xr
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Adder, ConstantVectorSource, LogVectorOutput, TrajectorySource
+
+import forcectl
+from forcectl.diagrams.closed_loop import build_closed_loop
+from forcectl.diagrams.force_controller import add_controller
+from forcectl.diagrams.station import FIDELITIES, StationConfig, build_station, describe
+from forcectl.errors import BadInputError
+from forcectl.force.adaptive_integral import AdaptiveIntegralConfig
+from forcectl.force.integral import IntegralConfig
+from forcectl.motion.references import SequenceConfig, StepConfig, held_trajectory
+from forcectl.plant.contact.compliant_contact import EnvironmentConfig
+from forcectl.plant.sensors.force_sensor import ForceSensorConfig
+from tests.examples.station_runs import FORCE, SPRINGS, quiet_sensor
+
+every_fidelity = pytest.mark.parametrize("fidelity", FIDELITIES)
+
+
+def simulate(fidelity: str, duration: float, scenario: dict[str, Any] | None = None, **changes: Any) -> xr.Dataset:
+    """Log of a run; keys of `changes` are scenario keys with "__" for "."."""
+    overrides = {name.replace("__", "."): value for name, value in changes.items()}
+    overrides |= {"station.fidelity": fidelity, "duration": duration}
+    return forcectl.run(scenario or {}, overrides=overrides).log.squeeze()
+
+
+def values(log: xr.Dataset, name: str, start: float = 0.0, end: float = np.inf) -> np.ndarray:
+    result: np.ndarray = log[name].sel(time=slice(start - 1e-9, end)).values
+    return result
+
+
+# --- leaving the surface and coming back -----------------------------------------------------------------------------
+
+
+def pulled_away(fidelity: str, damping: float, duration: float) -> dict[str, np.ndarray]:
+    """Signals of a loop whose robot is sent 8 mm off the surface from 2 s to 3 s, behind the controller's back."""
+    environment = EnvironmentConfig(stiffness=SPRINGS, damping=damping)
+    cell = describe(StationConfig(fidelity=fidelity, environment=environment, force_sensor=quiet_sensor()))
+    away = 8e-3 * cell.direction
+    path = held_trajectory([0.0, 2.0, 3.0], np.array([0 * away, away, 0 * away]).T)
+    builder = DiagramBuilder()
+    force = builder.AddNamedSystem("desired", ConstantVectorSource([FORCE]))
+    rest = builder.AddNamedSystem("motion", ConstantVectorSource(np.zeros(len(away))))
+    pull = builder.AddNamedSystem("pull", TrajectorySource(path))
+    command = builder.AddNamedSystem("command", Adder(2, len(away)))
+    control = add_controller(builder, IntegralConfig(integral_gain=1.5), cell)
+    station = builder.AddNamedSystem("station", build_station(cell))
+    for source, name in (
+        (force.get_output_port(), "desired_force"),
+        (rest.get_output_port(), "unconstrained_reference"),
+        *((station.GetOutputPort(name), name) for name in ("measured_force", "motor_position", "motor_velocity")),
+    ):
+        builder.Connect(source, control.GetInputPort(name))
+    builder.Connect(control.GetOutputPort("joint_position_command"), command.get_input_port(0))
+    builder.Connect(pull.get_output_port(), command.get_input_port(1))
+    builder.Connect(command.get_output_port(), station.GetInputPort("joint_position_command"))
+    sinks = {
+        name: LogVectorOutput(station.GetOutputPort(name), builder, 0.002)
+        for name in ("contact_force", "contact_state", "measured_force")
+    }
+    simulator = Simulator(builder.Build())
+    simulator.AdvanceTo(duration)
+    logs = {name: sink.FindLog(simulator.get_context()) for name, sink in sinks.items()}
+    return {name: log.data()[0] for name, log in logs.items()} | {"time": logs["contact_force"].sample_times()}
+
+
+@every_fidelity
+@pytest.mark.parametrize("damping_time", [pytest.param(0.0, marks=pytest.mark.slow), 0.02])
+def test_a_robot_sent_away_loses_contact_and_finds_it_again(fidelity: str, damping_time: float) -> None:
+    log = pulled_away(fidelity, damping_time * SPRINGS, 7.0)
+    time = log["time"]
+    touching, gone = (time > 0.3) & (time < 2.0), (time > 2.4) & (time < 2.9)
+    assert (log["contact_state"][touching] == 1).all()
+    assert not log["contact_force"][gone].any()
+    assert not log["contact_state"][gone].any()
+    assert abs(log["measured_force"][gone][-1]) < 0.05
+    # The law went on pressing meanwhile: it comes back hard, but the contact never pulls, and the force settles.
+    assert (log["contact_force"] >= 0).all()
+    assert log["contact_state"][time > 3.5].all()
+    assert log["contact_force"][time > 3.0].max() > FORCE
+    assert log["contact_force"][-1] == pytest.approx(FORCE, rel=0.02)
+
+
+@every_fidelity
+def test_zero_force_lifts_off_no_further_than_needed_and_the_next_step_is_as_good(fidelity: str) -> None:
+    reference = SequenceConfig(times=[0.0, 2.5, 5.0], forces=[FORCE, 0.0, FORCE])
+    log = simulate(fidelity, 7.5, reference=reference, controller__integral_gain=1.5)
+    first, between, second = (values(log, "measured_force", *span) for span in ((0, 2.5), (4.8, 5.0), (5.0, 7.5)))
+    assert np.abs(between).max() < 0.3
+    assert values(log, "contact_force").min() >= 0
+    assert second.max() == pytest.approx(first.max(), rel=0.05)
+    assert second[-1] == pytest.approx(FORCE, rel=0.02)
+
+
+# --- motion along the surface ----------------------------------------------------------------------------------------
+
+
+@pytest.mark.parametrize("fidelity", ["Kinematic", "Multibody"])
+def test_moving_along_the_surface_keeps_the_force(fidelity: str) -> None:
+    motion = {"direction": [1.0, 0.0, 0.0], "distance": 0.02, "speed": 0.01, "start_time": 2.0}
+    log = simulate(fidelity, 5.0, {"motion": motion, "reference": {"force": FORCE}})
+    still, moving = values(log, "measured_force", 1.9, 2.0), values(log, "measured_force", 2.0, 4.5)
+    assert still == pytest.approx(FORCE, rel=0.02)
+    assert np.abs(moving - FORCE).max() < 0.1 * FORCE
+    assert values(log, "measured_force")[-1] == pytest.approx(FORCE, rel=0.02)
+    assert (values(log, "contact_state", 0.5) == 1).all()
+
+
+@pytest.mark.parametrize("fidelity", ["Kinematic", "Multibody"])
+@pytest.mark.parametrize("normal", [pytest.param([0.0, 0.0, 1.0], marks=pytest.mark.slow), [1.0, 0.0, 1.0]])
+def test_the_tool_goes_where_the_motion_sends_it(fidelity: str, normal: list[float]) -> None:
+    along = np.array([0.0, 1.0, 0.0])
+    motion = {"direction": along.tolist(), "distance": 0.02, "speed": 0.02, "start_time": 0.5}
+    log = simulate(fidelity, 3.0, {"motion": motion}, station__normal=normal)
+    cell = describe(StationConfig(fidelity=fidelity, normal=normal))
+    context = cell.robot.create_context()
+    cell.robot.set_positions(context, cell.motor_start)
+    start = cell.robot.pose(context)
+    cell.robot.set_positions(context, values(log, "motor_position")[-1])
+    moved = cell.robot.pose(context)
+    travel = moved.translation() - start.translation()
+    assert travel @ along == pytest.approx(0.02, rel=0.03)
+    assert abs(travel @ np.cross(along, cell.n)) < 0.03 * 0.02
+    turned = (start.rotation().inverse() @ moved.rotation()).ToAngleAxis().angle()
+    assert turned < np.radians(0.5)
+
+
+# --- adaptation ------------------------------------------------------------------------------------------------------
+
+
+@every_fidelity
+@pytest.mark.parametrize("error", [0.8, 1.25])
+@pytest.mark.parametrize("stiffness", [SPRINGS, pytest.param(5e4, marks=pytest.mark.slow)])
+def test_adaptive_controller_learns_the_compliance_of_the_environment(
+    fidelity: str, error: float, stiffness: float
+) -> None:
+    controller = AdaptiveIntegralConfig(compliance_error=error, integral_gain=1.5)
+    log = simulate(
+        fidelity, 4.0, controller=controller, station__environment__stiffness=stiffness, station__normal=[0.0, 0.0, 1.0]
+    )
+    estimate = values(log, "environment_compliance") * stiffness
+    assert estimate[0] == pytest.approx(error)
+    # What the robot's compliance is believed to be shows in the estimate of a stiff environment.
+    assert estimate[-1] == pytest.approx(1.0, abs=0.02)
+    assert values(log, "measured_force")[-1] == pytest.approx(FORCE, rel=0.02)
+
+
+@pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic"])
+def test_after_learning_a_second_step_is_that_of_the_known_compliance(fidelity: str) -> None:
+    reference = SequenceConfig(times=[0.0, 5.0], forces=[FORCE, 25.0])
+    changes = {"reference": reference, "station__servo__ideal": True, "station__force_sensor": quiet_sensor()}
+    known = simulate(fidelity, 8.0, controller=IntegralConfig(integral_gain=3.0), **changes)
+    for error in (0.8, 1.25):
+        controller = AdaptiveIntegralConfig(integral_gain=3.0, compliance_error=error)
+        learned = simulate(fidelity, 8.0, controller=controller, **changes)
+        first, second = (
+            np.abs(values(learned, "measured_force", *span) - values(known, "measured_force", *span)).max()
+            for span in ((0.0, 5.0), (5.0, 8.0))
+        )
+        assert second < 0.02 * 10.0
+        assert first > second
+
+
+# --- limits ----------------------------------------------------------------------------------------------------------
+
+
+@every_fidelity
+def test_limited_command_holds_and_does_not_wind_up(fidelity: str) -> None:
+    # 1.5 mm into the springs are about 8 N; the reference asks for 15 N, then for 4 N.
+    reference = SequenceConfig(times=[0.0, 4.0], forces=[FORCE, 4.0])
+    limit = 1.5e-3
+    controller = IntegralConfig(integral_gain=3.0, lower_limit=-limit)
+    log = simulate(fidelity, 6.0, reference=reference, controller=controller, preset="linear")
+    command, force = values(log, "displacement_command"), values(log, "measured_force")
+    assert command.min() == pytest.approx(-limit)
+    stiffness = 1 / (
+        1 / SPRINGS
+        + build_closed_loop(StationConfig(fidelity=fidelity), controller, StepConfig()).cell.robot_compliance
+    )
+    assert values(log, "measured_force", 3.9, 4.0) == pytest.approx(limit * stiffness, rel=0.02)
+    # A wound-up integral would keep pressing; this one leaves the limit in the first tick after the step.
+    after = values(log, "displacement_command", 4.0, 4.01)
+    assert after[2] > -limit
+    assert force[-1] == pytest.approx(4.0, rel=0.03)
+
+
+def test_reference_beyond_the_sensor_is_refused() -> None:
+    station = StationConfig(force_sensor=replace(ForceSensorConfig(), range=10.0))
+    with pytest.raises(BadInputError, match=r"reference\.force = 15.*10 N"):
+        build_closed_loop(station, IntegralConfig(), StepConfig(force=FORCE))
+
+
+@every_fidelity
+def test_believed_compliance_in_the_loop_is_the_true_one(fidelity: str) -> None:
+    loop = build_closed_loop(StationConfig(fidelity=fidelity), IntegralConfig(), StepConfig())
+    assert loop.true_compliance == pytest.approx(loop.cell.robot_compliance + 1 / SPRINGS)
+    assert loop.cell.robot_compliance == pytest.approx(3.2e-5, rel=1e-3)
+    assert loop.reference_model_bandwidth == 1.5

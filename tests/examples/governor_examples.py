@@ -1,0 +1,40 @@
+"""Examples of the command governor and of a law behind it, see `block_examples`."""
+
+from __future__ import annotations
+
+import math
+from functools import partial
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder, System
+
+from forcectl.force.governor.governor import CommandGovernor, GovernedConfig, GovernedForceLaw
+from forcectl.force.integral import IntegralConfig
+from forcectl.force.slot import LoopFacts
+from forcectl.testing.runs import Input
+from tests.examples.block_example import Example, each
+
+
+def force(t: float) -> np.ndarray:
+    return np.array([12.0, 7.0]) * (1 + math.sin(50 * t))
+
+
+def governed() -> GovernedForceLaw:
+    facts = LoopFacts(2, 0.002, np.full(2, 3e-5), np.full(2, 2e-4), 12.6, 1.0, 0.0)
+    return GovernedConfig(law=IntegralConfig()).add_to(DiagramBuilder(), facts)
+
+
+def feedthrough(*outputs: str) -> set[tuple[str, str]]:
+    return {pair for name in outputs for pair in each(name, *FORCES)}
+
+
+FORCES: dict[str, Input] = {"desired_force": force, "measured_force": force}
+GOVERNOR_EXAMPLES: dict[type[System], list[Example]] = {
+    CommandGovernor: [
+        Example(partial(CommandGovernor, 2, delay=0.01, **further), feedthrough("governed_reference", "status"), FORCES)
+        for further in ({}, {"upper_limit": 30.0, "rate_limit": 2e3}, {"horizon": 4, "upper_force": 10.0})
+    ],
+    GovernedForceLaw: [
+        Example(governed, feedthrough("displacement_command", "governed_reference", "governor_status"), FORCES)
+    ],
+}

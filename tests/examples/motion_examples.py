@@ -1,0 +1,88 @@
+"""Examples of the blocks that generate motion."""
+
+from __future__ import annotations
+
+from functools import cache
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import System
+
+from forcectl.motion.trajectory_generator import TrajectoryGenerator
+from forcectl.motion.velocity_generator import VelocityGenerator
+from forcectl.robot.model import RobotModel
+from forcectl.tasks.relative_task import RelativePose
+from tests.examples.block_example import Example, each
+
+LIMITS = {"velocity_limit": [0.5, 1.0], "acceleration_limit": [2.0, 10.0], "jerk_limit": 80.0}
+START_INPUTS = ("start_position", "start_velocity", "start_acceleration")
+GENERATOR_INPUTS = ("target_position", "target_velocity", "velocity_mode", *START_INPUTS)
+
+
+def trajectory_generator(size: int = 2, **changed: Any) -> TrajectoryGenerator:
+    limits = LIMITS if size == 2 else dict.fromkeys(LIMITS, 1.0)
+    return TrajectoryGenerator(size, **{**limits, **changed})
+
+
+def velocity_generator(size: int = 2, **changed: Any) -> VelocityGenerator:
+    return VelocityGenerator(size, **{"acceleration_limit": 3.0, "velocity_limit": 0.5, **changed})
+
+
+@cache
+def two_arms() -> RobotModel:
+    return RobotModel.load("yumi", tool=None)
+
+
+def relative_pose() -> RelativePose:
+    leader, follower = (arm.tcp_frame for arm in two_arms().parts.arms.values())
+    return RelativePose(two_arms(), leader, follower)
+
+
+def joints(t: float) -> np.ndarray:
+    return two_arms().facts.default_posture + 0.1 * np.sin(20 * t + np.arange(14))
+
+
+def jumping(t: float) -> np.ndarray:
+    return np.array([0.1, -0.2]) * (1 + (t > 0.02))
+
+
+MOTION_EXAMPLES: dict[type[System], list[Example]] = {
+    TrajectoryGenerator: [
+        Example(
+            trajectory_generator,
+            {
+                pair
+                for name in ("position", "velocity", "acceleration", "arrived", "braking")
+                for pair in each(name, *GENERATOR_INPUTS)
+            },
+            {"target_position": jumping, "target_velocity": lambda t: 0.1 * t, "velocity_mode": [0.0, 1.0]},
+        ),
+        Example(
+            lambda: trajectory_generator(1, initial_position=0.3, synchronized=False),
+            {
+                pair
+                for name in ("position", "velocity", "acceleration", "arrived", "braking")
+                for pair in each(name, *GENERATOR_INPUTS)
+            },
+            {"target_position": lambda t: t},
+        ),
+    ],
+    RelativePose: [
+        Example(
+            relative_pose,
+            {
+                pair
+                for name in ("relative_position", "relative_angles", "relative_velocity")
+                for pair in each(name, "joint_position", "joint_velocity")
+            },
+            {"joint_position": joints, "joint_velocity": lambda t: 2 * np.cos(20 * t + np.arange(14))},
+        )
+    ],
+    VelocityGenerator: [
+        Example(
+            velocity_generator,
+            {pair for name in ("position", "velocity", "acceleration") for pair in each(name, "target_velocity")},
+            {"target_velocity": jumping},
+        )
+    ],
+}

@@ -1,0 +1,67 @@
+"""Examples of the blocks of the predictive law, see `block_examples`."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder, System
+
+from forcectl.force.invariance.predictive import (
+    PredictiveCorrection,
+    PredictiveForceLaw,
+    PredictiveInvarianceConfig,
+)
+from forcectl.force.slot import LoopFacts
+from tests.examples.block_example import Example, each
+
+
+def push(t: float) -> np.ndarray:
+    return np.array([-2e-3, -1e-3]) * math.sin(60 * t)
+
+
+def force(t: float) -> np.ndarray:
+    return np.array([12.0, 7.0]) * (1 + math.sin(50 * t))
+
+
+def law() -> PredictiveForceLaw:
+    facts = LoopFacts(2, 0.002, np.array([3e-5, 4e-5]), np.array([1e-5, 1e-4]), 12.6, 1.0, 0.004)
+    return PredictiveInvarianceConfig().add_to(DiagramBuilder(), facts)
+
+
+DISPLACEMENTS = ("motor_displacement", "path_displacement", "planned_displacement", "nominal_command")
+SEEN = {
+    "measured_force": force,
+    **dict.fromkeys(DISPLACEMENTS, push),
+    "felt_displacements": lambda t: np.tile(push(t), 2),
+}
+OFFSETS = ("displacement_command", "surface_offset", "drive_offset")
+
+PREDICTIVE_EXAMPLES: dict[type[System], list[Example]] = {
+    PredictiveCorrection: [
+        Example(
+            lambda: PredictiveCorrection(2, compliance=[1e-4, 2e-4], lead=0.2),
+            {pair for output in (*OFFSETS, "planned_command") for pair in each(output, *SEEN)},
+            SEEN,
+        )
+    ],
+    PredictiveForceLaw: [
+        Example(
+            law,
+            {
+                *(pair for o in OFFSETS for pair in each(o, "desired_force", "measured_force", "motor_displacement")),
+                *(
+                    pair
+                    for o in ("invariance_function", "status")
+                    for pair in each(o, "desired_force", "measured_force")
+                ),
+            },
+            {
+                "desired_force": force,
+                "measured_force": force,
+                "motor_displacement": push,
+                "path_displacement": push,
+            },
+        )
+    ],
+}

@@ -1,0 +1,112 @@
+"""Examples of the reactive controller: both arms of a shipped robot, bare flanges."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterable
+from functools import cache
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder, System
+
+from forcectl.diagrams.motion_loop import motion_facts
+from forcectl.diagrams.research_cell import ResearchStationConfig, describe_research
+from forcectl.framework.rotation_vector import RotationVector
+from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.robot.model import RobotModel
+from forcectl.tasks.coordinates import ArmTask
+from forcectl.tasks.reaching import ReachConfig, ReactiveReaching, ReactiveReachingConfig
+from forcectl.tasks.reactive_controller import ReactiveController
+from forcectl.tasks.reactive_motion import ReactiveMotion
+from forcectl.testing.runs import Input
+from tests.examples.block_example import Example
+
+N, K = 14, 12
+
+
+@cache
+def two_arms() -> RobotModel:
+    return RobotModel.load("yumi", None)
+
+
+def at(q: np.ndarray, v: np.ndarray | None = None) -> ArmsMotion:
+    robot = two_arms()
+    return ArmsMotion(robot, robot.create_context(), q, np.zeros(N) if v is None else v)
+
+
+@cache
+def arm_tasks() -> tuple[ArmTask, ...]:
+    """Position and orientation of both arms, from their orientation in the default posture."""
+    motion = at(two_arms().facts.default_posture)
+    return tuple(ArmTask(arm, orientation=RotationVector(motion.arm(arm).rotation)) for arm in motion.arm_names)
+
+
+def reactive_controller(**changes: Any) -> ReactiveController:
+    return ReactiveController(two_arms(), **{"tasks": arm_tasks()} | changes)
+
+
+@cache
+def task_start() -> np.ndarray:
+    return reactive_controller().task_start
+
+
+AMPLITUDE = np.array([0.02, -0.01, 0.01, 0.1, -0.1, 0.2, 0.01, 0.01, -0.02, 0.1, 0.1, -0.1])
+
+REACTIVE_INPUTS: dict[str, Input] = {
+    "task_position_reference": lambda t: task_start() + AMPLITUDE * (1 - math.cos(20 * t)),
+    "task_velocity_reference": lambda t: AMPLITUDE * 20 * math.sin(20 * t),
+    "task_acceleration_reference": lambda t: AMPLITUDE * 400 * math.cos(20 * t),
+    "task_target": lambda t: task_start() + AMPLITUDE,
+    "joint_position": lambda t: two_arms().facts.default_posture + 0.01 * math.sin(30 * t),
+    "joint_velocity": lambda t: 0.3 * math.cos(30 * t) * np.ones(N),
+}
+FROM_STATE = ("task_position", "task_velocity", "task_acceleration")
+
+
+MOTION_INPUTS: dict[str, Input] = {
+    name: REACTIVE_INPUTS[name] for name in ("task_target", "joint_position", "joint_velocity")
+}
+
+
+READINGS = ("joint_position", "joint_velocity")
+
+
+def reactive_motion() -> ReactiveMotion:
+    return ReactiveMotion(reactive_controller())
+
+
+def reactive_reaching() -> ReactiveReaching:
+    facts = motion_facts(describe_research(ResearchStationConfig(tool=None)))
+    goal = ReachConfig(arm="right", position=[0.1, -0.2, 0.3], time=0.02)
+    made = ReactiveReachingConfig(targets=[goal], tool=None).add_to(DiagramBuilder(), facts)
+    assert isinstance(made, ReactiveReaching)
+    return made
+
+
+def outputs() -> set[str]:
+    block = reactive_controller()
+    return {block.get_output_port(i).get_name() for i in range(block.num_output_ports())} - set(FROM_STATE)
+
+
+def every(names: set[str], inputs: Iterable[str]) -> set[tuple[str, str]]:
+    return {(output, name) for output in names for name in inputs}
+
+
+REACTIVE_EXAMPLES: dict[type[System], list[Example]] = {
+    ReactiveController: [Example(reactive_controller, every(outputs(), REACTIVE_INPUTS), REACTIVE_INPUTS)],
+    ReactiveMotion: [
+        Example(
+            reactive_motion,
+            every(outputs(), MOTION_INPUTS) | {("task_position_reference", "task_target")},
+            MOTION_INPUTS,
+        )
+    ],
+    ReactiveReaching: [
+        Example(
+            reactive_reaching,
+            every(outputs(), READINGS),
+            {name: REACTIVE_INPUTS[name] for name in READINGS},
+        )
+    ],
+}

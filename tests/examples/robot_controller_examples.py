@@ -1,0 +1,92 @@
+"""Examples of the robot's invariance controller and its diagrams."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+from typing import Any
+
+import numpy as np
+from pydrake.systems.framework import System
+
+from forcectl.diagrams.force_controller import JointController, build_controller, loop_facts
+from forcectl.diagrams.station import StationConfig, describe
+from forcectl.force.adaptive_force_law import Adaptation
+from forcectl.force.invariance.controller import InvarianceController
+from forcectl.force.invariance.regulated_output import RegulatedCoordinate
+from forcectl.force.invariance.robot import AdaptiveInvarianceController, InvarianceRobotConfig
+from forcectl.force.slot import LoopFacts, RobotFacts
+from forcectl.tasks.constraints.base import CartesianWall
+from forcectl.testing.runs import Input
+from tests.examples.block_example import Example
+
+
+@cache
+def facts() -> LoopFacts:
+    return loop_facts(describe(StationConfig(fidelity="Kinematic")))
+
+
+def robot() -> RobotFacts:
+    found = facts().robot
+    assert found is not None
+    return found
+
+
+def robot_controller(**changes: Any) -> InvarianceController:
+    """The invariance controller of the robot, with everything it may have."""
+    wall = CartesianWall([1.2, 0.0, 0.0], [-1.0, 0.0, 0.0])
+    sideways = RegulatedCoordinate(np.array([0.0, 1.0, 0.0]), 0.002, -0.1)
+    arguments = {"compliance": 2e-4, "maximum_force": 40.0, "constraints": [wall], "outputs": [sideways]}
+    return InvarianceController(robot(), **arguments | changes)
+
+
+def joint_controller() -> JointController:
+    made = build_controller(InvarianceRobotConfig(), describe(StationConfig(fidelity="Kinematic")))
+    assert isinstance(made, JointController)
+    return made
+
+
+def adaptive_robot_controller() -> AdaptiveInvarianceController:
+    return AdaptiveInvarianceController(robot_controller(compliance=None), Adaptation().estimator(facts()), facts())
+
+
+ROBOT_INPUTS: dict[str, Input] = {
+    "desired_force": lambda t: 15 * math.cos(60 * t),
+    "measured_force": lambda t: 15 * math.sin(40 * t),
+    "unconstrained_reference": lambda t: 0.02 * np.arange(6) * t,
+}
+
+
+def robot_feedthrough(*further: str) -> set[tuple[str, str]]:
+    """Every output of the robot's invariance controller, from every input that it reads."""
+    outputs = ("joint_position_command", *InvarianceController.port_units)
+    return {(output, name) for output in outputs for name in (*ROBOT_INPUTS, *further)}
+
+
+def moving(t: float) -> np.ndarray:
+    return robot().start + 0.05 * np.sin(np.arange(1, 7) * (3 * t + 0.1))
+
+
+ROBOT_EXAMPLES: dict[type[System], list[Example]] = {
+    JointController: [Example(joint_controller, robot_feedthrough(), ROBOT_INPUTS)],
+    InvarianceController: [
+        Example(robot_controller, robot_feedthrough(), ROBOT_INPUTS),
+        Example(
+            lambda: robot_controller(nominal_gain=3.0),
+            robot_feedthrough(),
+            ROBOT_INPUTS,
+        ),
+        Example(
+            lambda: robot_controller(compliance=None),
+            robot_feedthrough("compliance"),
+            ROBOT_INPUTS | {"compliance": lambda t: 2e-4 + 1e-3 * t},
+        ),
+    ],
+    AdaptiveInvarianceController: [
+        Example(
+            adaptive_robot_controller,
+            robot_feedthrough(),
+            ROBOT_INPUTS | {"motor_position": moving},
+        )
+    ],
+}

@@ -1,0 +1,118 @@
+"""The robot's invariance controller run tick by tick against a spring that follows its command."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from functools import cache
+from typing import Any
+
+import numpy as np
+from pydrake.systems.analysis import Simulator
+
+from forcectl.diagrams.force_controller import loop_facts
+from forcectl.diagrams.station import StationConfig, describe
+from forcectl.force.invariance.controller import InvarianceController
+from forcectl.force.slot import RobotFacts
+from forcectl.robot.model import JointLimits
+
+PERIOD, COMPLIANCE = 0.002, 2e-4
+N = 6
+
+
+@cache
+def robot_facts(fidelity: str = "Kinematic", **station: Any) -> RobotFacts:
+    facts = loop_facts(describe(StationConfig(fidelity=fidelity, **station))).robot
+    assert facts is not None
+    return facts
+
+
+def make(fidelity: str = "Kinematic", **changes: Any) -> InvarianceController:
+    return InvarianceController(robot_facts(fidelity), **{"compliance": COMPLIANCE} | changes)
+
+
+Course = Callable[[int], Any]
+
+
+def drive(
+    controller: InvarianceController,
+    ticks: int,
+    *,
+    desired: Course | float = 15.0,
+    measured: Callable[[int, float], float] | None = None,
+    reference: Course | None = None,
+    compliance: Course | None = None,
+    stiffness: float = 1 / COMPLIANCE,
+) -> dict[str, np.ndarray]:
+    """Every output of the controller over time, shape (ticks,) or (ticks, n).
+
+    Args:
+        desired, reference, compliance: inputs by tick. measured: force by tick and displacement command of the tick
+            before; None: a spring that is always in contact.
+    """
+    context = controller.CreateDefaultContext()
+    simulator = Simulator(controller, context)
+    names = [controller.get_output_port(i).get_name() for i in range(controller.num_output_ports())]
+    ports = {name: controller.GetOutputPort(name) for name in names}
+    for name in ("motor_position", "motor_velocity"):
+        controller.GetInputPort(name).FixValue(context, np.zeros(N))
+    log: dict[str, list[Any]] = {name: [] for name in names}
+    dx = 0.0
+    for k in range(ticks):
+        if k:
+            simulator.AdvanceTo(k * PERIOD)  # before the event of this tick, which the next call handles
+        force = measured(k, dx) if measured else -dx * stiffness
+        values = {
+            "desired_force": [desired(k) if callable(desired) else desired],
+            "measured_force": [force],
+            "unconstrained_reference": reference(k) if reference else np.zeros(N),
+        }
+        if compliance:
+            values["compliance"] = [compliance(k)]
+        for name, value in values.items():
+            controller.GetInputPort(name).FixValue(context, np.asarray(value, dtype=float))
+        if k == 0:
+            simulator.Initialize()
+        for name, port in ports.items():
+            log[name].append(port.Eval(context))
+        dx = log["displacement_command"][-1].item()
+    return {name: np.squeeze(np.array(values)) for name, values in log.items()}
+
+
+def accelerations(log: dict[str, np.ndarray], start: np.ndarray) -> tuple[np.ndarray, np.ndarray]:
+    """Joint speeds at the ends of the ticks and the accelerations in them, from the command alone (ticks, n)."""
+    q = np.vstack([start, log["joint_position_command"]])
+    v = np.zeros((len(q), q.shape[1]))
+    u = np.zeros((len(q) - 1, q.shape[1]))
+    for k in range(len(u)):
+        u[k] = 2 * (q[k + 1] - q[k] - PERIOD * v[k]) / PERIOD**2
+        v[k + 1] = v[k] + PERIOD * u[k]
+    return v[1:], u
+
+
+def limits(**changes: Any) -> JointLimits:
+    own = robot_facts().model.limits
+    names = ("position_lower", "position_upper", "velocity", "acceleration", "torque")
+    return JointLimits(**{name: changes.get(name, getattr(own, name)) for name in names})
+
+
+def tips(log: dict[str, np.ndarray]) -> np.ndarray:
+    """Displacement of the tool from the start (ticks, 3) [m]."""
+    facts = robot_facts()
+    context = facts.model.create_context()
+    places = []
+    for q in [facts.start, *log["joint_position_command"]]:
+        facts.model.set_positions(context, q)
+        places.append(facts.model.tip_position(context))
+    return np.array(places[1:]) - places[0]
+
+
+def assert_smooth(log: dict[str, np.ndarray], used: JointLimits | None = None) -> None:
+    """Everything is finite, and the command keeps the joint limits: its speed is continuous."""
+    used = used or limits()
+    assert all(np.isfinite(values).all() for values in log.values())
+    v, u = accelerations(log, robot_facts().start)
+    assert (np.abs(u) <= used.acceleration * (1 + 1e-6) + 1e-6).all()
+    assert (np.abs(v) <= used.velocity * (1 + 1e-9)).all()
+    q = log["joint_position_command"]
+    assert (q <= used.position_upper + 1e-9).all()
+    assert (q >= used.position_lower - 1e-9).all()

@@ -1,0 +1,56 @@
+"""Examples of the blocks of surfaces, see `block_examples`."""
+
+from __future__ import annotations
+
+import math
+
+from pydrake.systems.framework import System
+
+from forcectl.plant.contact.surface import GrooveConfig, SurfaceConfig, SurfaceHeight
+from forcectl.plant.contact.surface_materials import MaterialsConfig, SegmentConfig, SurfaceMaterial
+from forcectl.plant.contact.surface_spring import SurfaceSpring
+from tests.examples.block_example import Example, each
+
+
+def material(**changes: float) -> SurfaceMaterial:
+    segments = [
+        SegmentConfig(material="plastic", start=-0.1, end=0.02),
+        SegmentConfig(material="wood", start=0.02, end=0.1, **changes),
+    ]
+    return SurfaceMaterial(MaterialsConfig(segments=segments, blend=0.01).path(), damped="damping" in changes)
+
+
+SURFACE_EXAMPLES: dict[type[System], list[Example]] = {
+    SurfaceHeight: [
+        Example(
+            lambda: SurfaceHeight(SurfaceConfig(slope=0.01, grooves=GrooveConfig()).profile(0.01)),
+            each("surface_height", "path_position"),
+            {"path_position": lambda t: 0.5 * t},
+        )
+    ],
+    SurfaceMaterial: [
+        Example(
+            lambda: material(damping=20.0),
+            each("surface_stiffness", "path_position") | each("surface_damping", "path_position"),
+            {"path_position": lambda t: 0.5 * t},
+        ),
+        Example(material, each("surface_stiffness", "path_position"), {"path_position": lambda t: 0.5 * t}),
+    ],
+    SurfaceSpring: [
+        Example(
+            lambda: SurfaceSpring(3e5, 50.0, further_compliance=1e-6, uneven=True),
+            each("desired_state", "carrier_state", "surface_stiffness", "surface_damping", "surface_height"),
+            {
+                "carrier_state": lambda t: [-1e-4 * math.sin(30 * t), -3e-3 * math.cos(30 * t)],
+                "surface_stiffness": lambda t: 1e5 * (1 + t),
+                "surface_damping": lambda t: 100 * t,
+                "surface_height": lambda t: 1e-3 * t,
+            },
+        ),
+        Example(
+            lambda: SurfaceSpring(3e5),
+            each("desired_state", "carrier_state", "surface_stiffness"),
+            {"carrier_state": lambda t: [-1e-3 * t, -1e-3], "surface_stiffness": lambda t: 1e5 * (1 + t)},
+        ),
+    ],
+}

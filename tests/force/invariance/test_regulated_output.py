@@ -1,0 +1,42 @@
+"""Regulated outputs: the scalar laws' accelerations, for the force and for a coordinate, corrected or their own."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from forcectl.force.invariance.regulated_output import Course, Regulated, RegulatedCoordinate, corrected, regulate_force
+
+PERIOD, GAMMA, COMPLIANCE = 0.002, -0.1, 2e-4
+REST = Course(0.0, 0.0, 0.0)
+
+
+@settings(deadline=None, derandomize=True, max_examples=50)
+@given(st.floats(-0.02, 0.02), st.floats(-1.0, -0.01))
+def test_a_coordinate_goes_to_its_set_point_from_either_side_and_not_beyond(distance: float, gamma: float) -> None:
+    output = RegulatedCoordinate(np.array([1.0, 0.0, 0.0]), distance, gamma)
+    x, v, furthest = 0.0, 0.0, 0.0
+    for _ in range(round(2.5 * (2 * np.sqrt(abs(distance) / -gamma) + 0.02) / PERIOD)):
+        a = output.regulate(x, v, PERIOD).wish
+        x, v = x + PERIOD * v + 0.5 * PERIOD**2 * a, v + PERIOD * a
+        furthest = max(furthest, x * np.sign(distance))
+    assert x == pytest.approx(distance, abs=1e-9)
+    assert furthest <= abs(distance) + 1e-12
+
+
+def test_the_force_is_an_output_against_the_displacement() -> None:
+    output, course = regulate_force(-1e-3, -0.01, 15.0, COMPLIANCE, REST, GAMMA, 0.3, PERIOD)
+    assert output.y == pytest.approx(1e-3 - 3e-3)
+    assert output.rate == 0.01
+    assert output.wish == output.bound == 0.3  # far away: as fast as allowed
+    assert course == (15.0, 7500.0, 7500.0 / PERIOD)
+
+
+def test_a_nominal_acceleration_is_limited_only_where_the_constraint_asks_for_it() -> None:
+    far, near, beyond = (Regulated(y, 0.01, 0.0, 0.0) for y in (-1.0, -0.5e-3, 1e-3))
+    assert corrected(far, 3.0, GAMMA, PERIOD).bound > 100.0
+    assert corrected(near, 3.0, GAMMA, PERIOD).bound == pytest.approx(GAMMA, rel=0.05)
+    assert -0.1 <= corrected(beyond, 3.0, GAMMA, PERIOD).bound < 0
+    assert corrected(far, 3.0, GAMMA, PERIOD).wish == 3.0

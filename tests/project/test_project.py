@@ -1,0 +1,203 @@
+"""Rules that hold for the whole repository, and that no reader should have to check by eye."""
+
+from __future__ import annotations
+
+import ast
+import re
+import subprocess
+import sys
+import tomllib
+from collections.abc import Iterator
+from pathlib import Path
+
+import pytest
+
+ROOT = Path(__file__).resolve().parents[2]
+THIS = Path(__file__).relative_to(ROOT)
+TOP_LEVEL = {"benchmarks", "diagrams", "docs", "experiments", "forcectl", "models", "tests", ".ci", ".github"}
+LINES_PER_FILE = 400
+PLACEHOLDER = r"\b(?:TO" r"DO|FIX" r"ME|XX" r"X)\b"
+
+
+def tracked() -> list[Path]:
+    """The files of the repository, relative to its root: what git tracks or would add."""
+    listing = subprocess.run(
+        ["git", "ls-files", "--cached", "--others", "--exclude-standard"],
+        cwd=ROOT, check=True, capture_output=True, text=True,
+    ).stdout  # fmt: skip
+    return [Path(line) for line in listing.splitlines() if (ROOT / line).is_file()]
+
+
+def texts() -> Iterator[tuple[Path, str]]:
+    for path in tracked():
+        if (ROOT / path).is_symlink():
+            continue
+        try:
+            yield path, (ROOT / path).read_text(encoding="utf-8")
+        except UnicodeDecodeError:  # a picture
+            continue
+
+
+def sources(*folders: str) -> list[Path]:
+    return [path for path in tracked() if path.suffix == ".py" and path.parts[0] in folders]
+
+
+LIBRARY = sources("forcectl", "diagrams", "models", "experiments")
+
+
+def matches(pattern: str, *, but: frozenset[Path] = frozenset()) -> list[str]:
+    """`file:line: text` of each line of a tracked text file in which the pattern occurs."""
+    found = []
+    for path, text in texts():
+        if path not in but:
+            found += [
+                f"{path}:{i}: {line.strip()}" for i, line in enumerate(text.splitlines(), 1) if re.search(pattern, line)
+            ]
+    return found
+
+
+def test_the_searches_below_see_the_files():
+    assert THIS in tracked()
+    assert matches(r"^def test_the_searches_below_see_the_files") != []
+    assert len(LIBRARY) > 20
+
+
+def test_no_package_registry_is_named():
+    hosts = ["py" + "pi.org", "python" + "hosted", "ana" + "conda.org", "npm" + "js", "jsd" + "elivr", "un" + "pkg"]
+    assert matches("|".join(map(re.escape, hosts))) == []
+    assert matches(r"--(?:extra-)?index-url|--find-links|--trusted-host", but=frozenset({THIS})) == []
+
+
+def test_no_path_of_one_machine():
+    folders = ["home/", "Users/", "root/", "work/", "opt/", "mnt/", "tmp/"]
+    assert matches(r"(?<![\w.$})~*/-])/(?:" + "|".join(folders) + r")\w", but=frozenset({THIS})) == []
+
+
+def test_nothing_left_for_later():
+    assert matches(PLACEHOLDER) == []
+
+
+def test_top_level_folders_are_the_agreed_ones():
+    assert {path.parts[0] for path in tracked() if len(path.parts) > 1} - TOP_LEVEL == set()
+
+
+def test_experiments_hold_no_code():
+    assert {path for path in sources("experiments") if path.name != "__init__.py"} == set()
+    init = ast.parse((ROOT / "experiments/__init__.py").read_text())
+    assert len(init.body) == 1, "experiments/__init__.py is a docstring and nothing else"
+
+
+def test_links_inside_the_package_are_relative_and_lead_to_the_folders_beside_it():
+    for name in ("diagrams", "models", "experiments"):
+        link = ROOT / "forcectl" / name
+        assert link.is_symlink(), f"{link} should be a link; on Windows use `git config core.symlinks true`"
+        assert link.readlink() == Path("..") / name
+
+
+def parsed(paths: list[Path]) -> Iterator[tuple[Path, ast.Module]]:
+    for path in paths:
+        yield path, ast.parse((ROOT / path).read_text(encoding="utf-8"))
+
+
+def test_files_are_short():
+    lengths = {str(path): len((ROOT / path).read_text().splitlines()) for path in sources(*TOP_LEVEL)}
+    assert {path: n for path, n in lengths.items() if n >= LINES_PER_FILE} == {}
+
+
+def test_imports_are_explicit():
+    bad = []
+    for path, tree in parsed(sources(*TOP_LEVEL)):
+        for node in ast.walk(tree):
+            if isinstance(node, ast.ImportFrom):
+                names = [f"{node.module}.{alias.name}" for alias in node.names]
+            elif isinstance(node, ast.Import):
+                names = [alias.name for alias in node.names]
+            else:
+                continue
+            bad += [f"{path}:{node.lineno}: {n}" for n in names if n.endswith(".*") or re.match(r"pydrake\.all\b", n)]
+    assert bad == []
+
+
+def undocumented(tree: ast.Module) -> Iterator[str]:
+    """Names of public things without a docstring: the module, its classes and functions, the methods of its classes."""
+    if not ast.get_docstring(tree):
+        yield "module"
+    for node in tree.body:
+        if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_"):
+            if not ast.get_docstring(node):
+                yield node.name
+            for method in node.body if isinstance(node, ast.ClassDef) else []:
+                if isinstance(method, ast.FunctionDef) and not method.name.startswith("_"):
+                    decorators = {ast.unparse(d).split(".")[-1] for d in method.decorator_list}
+                    if not ast.get_docstring(method) and not decorators & {"overload", "override", "setter"}:
+                        yield f"{node.name}.{method.name}"
+
+
+def test_public_things_have_docstrings():
+    bare = [f"{path}: {name}" for path, tree in parsed(LIBRARY) for name in undocumented(tree)]
+    assert bare == []
+
+
+def unreasoned(tree: ast.Module) -> Iterator[int]:
+    """Lines with `pytest.skip`, `pytest.mark.skipif`, ... that do not say why: a bare mark, or an empty text."""
+    called = {node.func: node for node in ast.walk(tree) if isinstance(node, ast.Call)}
+    for node in ast.walk(tree):
+        if not (isinstance(node, ast.Attribute) and node.attr in ("skip", "skipif", "xfail", "importorskip")):
+            continue
+        owner = ast.unparse(node.value)
+        if owner not in ("pytest", "pytest.mark"):
+            continue
+        call = called.get(node)
+        given = [k.value for k in call.keywords if k.arg == "reason"] if call else []
+        if call and owner == "pytest" and node.attr in ("skip", "xfail"):
+            given += call.args[:1]
+        if not given or (isinstance(given[0], ast.Constant) and not str(given[0].value).strip()):
+            yield node.lineno
+
+
+def test_every_skip_gives_its_reason():
+    assert list(unreasoned(ast.parse("@pytest.mark.skip\ndef test(): pytest.skip('')"))) == [1, 2]
+    assert [f"{path}:{line}" for path, tree in parsed(sources("tests")) for line in unreasoned(tree)] == []
+
+
+def test_no_check_that_cannot_fail():
+    always = [
+        f"{path}:{node.lineno}"
+        for path, tree in parsed(sources("tests"))
+        for node in ast.walk(tree)
+        if isinstance(node, ast.Assert) and isinstance(node.test, ast.Constant | ast.Tuple)
+    ]
+    assert always == []
+
+
+@pytest.mark.parametrize("module", ["forcectl", "forcectl.cli", "forcectl.errors", "forcectl.conventions"])
+def test_light_modules_do_not_wait_for_drake(module):
+    heavy = ("pydrake", "numpy", "scipy", "matplotlib", "xarray", "pandas")
+    code = f"import sys, {module}; print(*[name for name in {heavy!r} if name in sys.modules])"
+    result = subprocess.run([sys.executable, "-c", code], capture_output=True, text=True, cwd=ROOT, check=False)
+    assert result.returncode == 0, result.stderr
+    assert result.stdout.split() == []
+
+
+def test_python_versions_agree():
+    """pyproject.toml, the Makefile's check, the lock and the CI matrix speak of the same Pythons."""
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    assert project["requires-python"] == ">=3.11,<3.14"
+    versions = ["3.11", "3.12", "3.13"]
+    assert [f"Programming Language :: Python :: {v}" in project["classifiers"] for v in versions] == [True] * 3
+    assert "(3, 11) <= v[:2] <= (3, 13)" in (ROOT / "Makefile").read_text()
+    assert " ".join(f"python{v}" for v in versions) in (ROOT / "Makefile").read_text()
+    workflow = (ROOT / ".github/workflows/ci.yml").read_text()
+    assert re.search(r"python: \[(.*)\]", workflow)[1].replace('"', "") == ", ".join(versions)  # type: ignore[index]
+
+
+def test_every_dependency_is_locked():
+    def canonical(name: str) -> str:
+        return re.sub(r"[-_.]+", "-", re.match(r"[\w.-]+", name)[0]).lower()  # type: ignore[index]
+
+    project = tomllib.loads((ROOT / "pyproject.toml").read_text())["project"]
+    extras = [r for extra in project["optional-dependencies"].values() for r in extra]
+    wanted = {canonical(r) for r in project["dependencies"] + extras}
+    lines = [line for line in (ROOT / "constraints.txt").read_text().splitlines() if not line.startswith("#")]
+    assert all(re.fullmatch(r"[\w.-]+==[\w.+!-]+( ; .*)?", line) for line in lines)
+    assert wanted - {"forcectl"} <= {canonical(line.split("==")[0]) for line in lines}

@@ -1,0 +1,133 @@
+"""Control facts: what is read, and that every mistake is named."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from forcectl.errors import BadInputError
+from forcectl.models import list_robots, list_tools, models_folder, robot_folder, tool_folder
+from forcectl.robot.facts import load_control_facts, load_tool_facts
+from tests.examples.robot_folders import CONTROL, write_planar_robot
+
+
+def test_comau_facts():
+    facts = load_control_facts(robot_folder("comau_smart_six"))
+    assert facts.num_joints == 6
+    assert facts.period == 0.002
+    assert (facts.reference_filter.natural_frequency, facts.reference_filter.damping_ratio) == (75.4, 1.0)
+    assert facts.default_stiffness_set == "calibrated"
+    np.testing.assert_allclose(facts.stiffness("estimated"), [250000, 250000, 120000, 35000, 15000, 10000])
+    np.testing.assert_allclose(facts.coulomb_friction, [37.72196, 51.81806, 30.20939, 4.53526, 5.78290, 5.30711])
+    assert facts.link_compliance == {}
+
+
+def test_facts_cannot_be_changed_by_accident():
+    facts = load_control_facts(robot_folder("comau_smart_six"))
+    with pytest.raises(ValueError, match="read-only"):
+        facts.stiffness()[0] = 1.0
+
+
+@pytest.mark.parametrize("robot", list_robots())
+def test_every_shipped_robot_has_good_facts(robot):
+    facts = load_control_facts(robot_folder(robot))
+    assert (robot_folder(robot) / facts.model).is_file()
+
+
+@pytest.mark.parametrize("tool", list_tools())
+def test_every_shipped_tool_has_good_facts(tool):
+    facts = load_tool_facts(tool_folder(tool))
+    assert (tool_folder(tool) / facts.model).is_file()
+
+
+MISTAKES = [
+    ("period: 0.004", "perod: 0.004", "unknown key in planar.control.yaml: 'perod': did you mean 'period'?"),
+    ("damping_ratio: 0.9", "damping: 0.9", "did you mean 'damping_ratio'?"),
+    ("period: 0.004\n", "", "key 'period' is missing"),
+    ("period: 0.004", "period: 0", "period = 0.0: must be a positive finite number"),
+    ("period: 0.004", "period: fast", "period = 'fast': must be a number"),
+    ("period: 0.004", "period: [0.004]", "period = [0.004]: must be a number"),
+    ("natural_frequency: 50", "natural_frequency: -50", "natural_frequency = -50.0: must be a positive"),
+    (
+        "soft: [1000, 800, 600]",
+        "soft: [1000, -800, 600]",
+        "joint_stiffness.soft = [1000.0, -800.0, 600.0]: must be 3 finite numbers, each positive",
+    ),
+    ("soft: [1000, 800, 600]", "soft: [1000, 800]", "joint_stiffness.soft = [1000.0, 800.0]: must be 3 finite numbers"),
+    ("soft: [1000, 800, 600]", "soft: [1000, .nan, 600]", "joint_stiffness.soft"),
+    ("soft: [1000, 800, 600]", "soft: 1000", "joint_stiffness.soft = 1000: must be a list of numbers"),
+    ("default_stiffness_set: soft", "default_stiffness_set: sfot", "must be one of the stiffness sets (soft, stiff)"),
+    ("transmission_damping: [1, 1, 1]", "transmission_damping: [1, 1, -1]", "each not negative"),
+    ("gear_ratio: [100, -100, 50]", "gear_ratio: [100, 0, 50]", "must be different from zero"),
+    ("period: 0.004", "period: 0.004\nvelocity_loop_inertia: [1, 2]", "velocity_loop_inertia = [1.0, 2.0]: must be 3"),
+    ("period: 0.004", "period: 0.004\nvelocity_loop_inertia: [1, 0, 2]", "3 finite numbers, each positive"),
+    ("[shoulder, elbow, wrist]", "[shoulder, elbow, elbow]", "must be different joint names"),
+    ("[shoulder, elbow, wrist]", "shoulder", "arm_joints = 'shoulder': must be a list"),
+    ("period: 0.004", "period: 0.004\nlink_compliance: {hand: [0, 0, 0]}", "link_compliance.hand"),
+    (
+        "period: 0.004",
+        "period: 0.004\nmotor_coupling: [{motor_of: thumb, driven_by: elbow, factor: 1}]",
+        "motor_coupling.motor_of = 'thumb': must be one of the arm joints",
+    ),
+    (
+        "period: 0.004",
+        "period: 0.004\nmotor_coupling: [{motor_of: elbow, driven_by: elbow, factor: 1}]",
+        "must be another joint than motor_of",
+    ),
+    ("model: planar.urdf", "model: [", "cannot be read"),
+    ("model: planar.urdf", "model: 3", "model = 3: must be text"),
+    ("[shoulder, elbow, wrist]", "", "arm_joints = None: must be a list"),
+    ("[100, -100, 50]", "[a, -100, 50]", "gear_ratio = ['a', -100, 50]: must be a list of numbers"),
+    ("[100, -100, 50]", "[true, -100, 50]", "must be a list of numbers"),
+    ("{natural_frequency: 50, damping_ratio: 0.9}", "50", "reference_filter = 50: must be keys and values"),
+    (
+        "joint_stiffness:\n  soft: [1000, 800, 600]\n  stiff: [10000, 8000, 6000]",
+        "joint_stiffness: 5",
+        "names and values",
+    ),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "message"), MISTAKES, ids=lambda text: text.split("\n")[-1][:40])
+def test_a_mistake_is_named_in_one_line(tmp_path, old, new, message):
+    assert old in CONTROL
+    folder = write_planar_robot(tmp_path, CONTROL.replace(old, new))
+    with pytest.raises(BadInputError) as caught:
+        load_control_facts(folder)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_file_that_is_not_a_mapping_is_refused(tmp_path):
+    with pytest.raises(BadInputError, match=r"planar\.control\.yaml"):
+        load_control_facts(write_planar_robot(tmp_path, "[1, 2]"))
+
+
+def test_a_folder_without_or_with_two_facts_files_is_refused(tmp_path):
+    with pytest.raises(BadInputError, match="exactly one"):
+        load_control_facts(tmp_path)
+    write_planar_robot(tmp_path)
+    (tmp_path / "other.control.yaml").write_text(CONTROL)
+    with pytest.raises(BadInputError, match=r"other\.control\.yaml, planar\.control\.yaml"):
+        load_control_facts(tmp_path)
+
+
+def test_tool_facts_need_only_model_mount_and_tcp(tmp_path):
+    file = tmp_path / "hook.tool.yaml"
+    file.write_text("model: hook.sdf\nmount_frame: mount\ntcp_frame: tip\n")
+    facts = load_tool_facts(tmp_path)
+    assert (facts.tcp_frame, facts.sensor_weld, facts.contact_ball_radius) == ("tip", None, 0.0)
+    file.write_text("model: hook.sdf\nmount_frame: mount\ntcp_frame: tip\ncontact_ball_radius: -1\n")
+    with pytest.raises(BadInputError, match="contact_ball_radius"):
+        load_tool_facts(tmp_path)
+    file.write_text("model: hook.sdf\ntcp_frame: tip\n")
+    with pytest.raises(BadInputError, match="'mount_frame' is missing"):
+        load_tool_facts(tmp_path)
+
+
+def test_folders_by_name_and_by_path(tmp_path):
+    assert robot_folder("comau_smart_six") == models_folder() / "comau_smart_six"
+    assert robot_folder(tmp_path) == tmp_path
+    assert tool_folder(str(tmp_path)) == tmp_path
+    with pytest.raises(BadInputError, match="did you mean 'force_probe'"):
+        tool_folder("forceprobe")

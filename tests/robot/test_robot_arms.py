@@ -1,0 +1,202 @@
+"""Robots with several arms, joints that are held, and the friction that facts may leave out: any robot folder."""
+
+from __future__ import annotations
+
+from pathlib import Path
+
+import numpy as np
+import pytest
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
+
+from forcectl.errors import BadInputError
+from forcectl.models import list_robots, robot_and_arm, robot_folder, tool_folder
+from forcectl.robot.facts import load_control_facts, load_tool_facts
+from forcectl.robot.model import RobotModel, add_robot
+from tests.examples.robot_folders import CONTROL, LINK_LENGTH, write_planar_robot
+
+ARMS = """arms:
+  inner: {flange_frame: forearm, joints: [shoulder, elbow]}
+  outer: {flange_frame: finger, joints: [wrist]}
+"""
+TWO_ARMS = CONTROL.replace("flange_frame: hand\n", ARMS)
+
+
+@pytest.fixture
+def planar(tmp_path: Path) -> Path:
+    """Two arms in one chain, which no real robot has, so that each arm's parts differ."""
+    return write_planar_robot(tmp_path / "planar", TWO_ARMS)
+
+
+def test_all_arms_in_the_order_of_the_facts(planar):
+    robot = RobotModel.load(planar, tool=None)
+    assert list(robot.parts.arms) == ["inner", "outer"]
+    assert [part.joints for part in robot.parts.arms.values()] == [slice(0, 2), slice(2, 3)]
+    assert [part.flange_frame.name() for part in robot.parts.arms.values()] == ["forearm", "finger"]
+    assert robot.tcp_frame.name() == "forearm"
+    assert robot.num_joints == 3
+
+
+def test_the_one_arm_of_a_robot_without_arms_is_all_of_it(tmp_path):
+    robot = RobotModel.load(write_planar_robot(tmp_path), tool=None)
+    (part,) = robot.parts.arms.values()
+    assert (part.joints, part.flange_frame.name()) == (slice(0, 3), "hand")
+
+
+def test_one_arm_has_its_own_facts_and_the_others_are_rigid(planar):
+    robot = RobotModel.load(f"{planar}/inner", tool=None)
+    assert robot.facts.arm_joints == ["shoulder", "elbow"]
+    np.testing.assert_allclose(robot.facts.gear_ratio, [100, -100])
+    np.testing.assert_allclose(robot.facts.stiffness("stiff"), [10000, 8000])
+    assert robot.motor_inertia.shape == (2, 2)
+    assert robot.facts.held_joints == pytest.approx({"wrist": np.radians(-20)})
+    assert not robot.plant.HasJointNamed("wrist")
+    context = robot.create_context()
+    forearm, hand = (robot.plant.GetFrameByName(n).CalcPoseInWorld(context) for n in ("forearm", "hand"))
+    in_forearm = forearm.inverse() @ hand
+    np.testing.assert_allclose(in_forearm.translation(), [LINK_LENGTH, 0, 0], atol=1e-12)
+    heading = in_forearm.rotation().ToRollPitchYaw().yaw_angle()
+    assert np.degrees(heading) == pytest.approx(-20)
+
+
+def test_motor_couplings_go_with_their_arm(tmp_path):
+    coupled = TWO_ARMS + "motor_coupling: [{motor_of: elbow, driven_by: shoulder, factor: 0.5}]\n"
+    folder = write_planar_robot(tmp_path, coupled)
+    assert len(load_control_facts(folder).only("inner").motor_coupling) == 1
+    assert load_control_facts(folder).only("outer").motor_coupling == []
+    assert RobotModel.load(f"{folder}/inner", tool=None).motor_from_joint[1, 0] == pytest.approx(-50)
+
+
+def test_every_arm_gets_a_tool(planar):
+    robot = RobotModel.load(planar, tool="force_probe")
+    names = [robot.plant.GetModelInstanceName(part.tool_instance) for part in robot.parts.arms.values()]
+    assert names == ["inner_force_probe", "outer_force_probe"]
+    context = robot.create_context()
+    for part in robot.parts.arms.values():
+        reach = part.flange_frame.CalcPoseInWorld(context).inverse() @ part.tcp_frame.CalcPoseInWorld(context)
+        np.testing.assert_allclose(reach.translation(), [0, 0, 0.1833], atol=1e-12)
+    one = RobotModel.load(f"{planar}/outer", tool="force_probe")
+    assert one.plant.GetModelInstanceName(one.parts.tool_instance) == "force_probe"
+
+
+def test_jacobian_and_bias_of_any_frame(planar):
+    robot = RobotModel.load(planar, tool=None)
+    context, h = robot.create_context(), 1e-6
+    q, v = np.array([0.2, 0.5, -0.9]), np.array([0.5, -1.0, 2.0])
+    frame = robot.parts.arms["outer"].tcp_frame
+    rates = []
+    for at in (q + h * v, q - h * v):
+        robot.set_positions(context, at)
+        rates.append(robot.jacobian_of(context, frame) @ v)
+    robot.set_positions(context, q)
+    robot.set_velocities(context, v)
+    expected = (rates[0] - rates[1]) / (2 * h)
+    np.testing.assert_allclose(robot.bias_acceleration_of(context, frame), expected, atol=1e-7)
+    np.testing.assert_allclose(robot.bias_acceleration(context), robot.bias_acceleration_of(context, robot.tcp_frame))
+
+
+def test_distance_from_a_singular_posture_is_the_least_of_all_arms(planar):
+    robot = RobotModel.load(planar, tool=None)
+    single = [RobotModel.load(f"{planar}/{name}", tool=None) for name in ("inner", "outer")]
+    each = [one.smallest_singular_value(one.create_context()) for one in single]
+    assert robot.smallest_singular_value(robot.create_context()) == pytest.approx(min(each))
+
+
+def test_held_joints_are_rigid_and_need_no_drive(tmp_path):
+    folder = write_planar_robot(tmp_path, CONTROL + "held_joints: {slide: 0.1}\n")
+    robot = RobotModel.load(folder, tool=None)
+    assert robot.plant.num_positions() == 3
+    context = robot.create_context()
+    hand, finger = (robot.plant.GetFrameByName(n).CalcPoseInWorld(context) for n in ("hand", "finger"))
+    np.testing.assert_allclose((hand.inverse() @ finger).translation(), [0, 0, 0.1], atol=1e-12)
+
+
+def test_a_tools_held_joints_are_checked(tmp_path):
+    facts = (tool_folder("yumi_gripper") / "yumi_gripper.tool.yaml").read_text()
+    assert load_tool_facts(tool_folder("yumi_gripper")).held_joints == {
+        "finger_1_slide": 0.008,
+        "finger_2_slide": 0.008,
+    }
+    (tmp_path / "bad.tool.yaml").write_text(facts.replace("finger_2_slide: 0.008", "finger_2_slide: .inf"))
+    with pytest.raises(BadInputError, match=r"held_joints\.finger_2_slide = inf: must be finite"):
+        load_tool_facts(tmp_path)
+
+
+def test_friction_that_is_left_out(tmp_path):
+    facts = load_control_facts(
+        write_planar_robot(
+            tmp_path / "a", CONTROL.replace("viscous_friction: [0, 0, 0]", "viscous_friction: [3, 2, 1]")
+        )
+    )
+    np.testing.assert_array_equal(facts.friction_offset, [0, 0, 0])
+    np.testing.assert_array_equal(facts.viscous_friction_backward, [3, 2, 1])
+    given = "viscous_friction_backward: [4, 5, 6]\nfriction_offset: [-1, 0, 1]\n"
+    facts = load_control_facts(write_planar_robot(tmp_path / "b", CONTROL + given))
+    np.testing.assert_array_equal(facts.friction_offset, [-1, 0, 1])
+    np.testing.assert_array_equal(facts.viscous_friction_backward, [4, 5, 6])
+
+
+@pytest.mark.parametrize(
+    ("old", "new", "message"),
+    [
+        (ARMS, "", "flange_frame = '': must be a frame of the model (or give `arms`)"),
+        ("arms:", "flange_frame: hand\narms:", "flange_frame = 'hand': must be left out beside `arms`"),
+        ("joints: [wrist]", "joints: []", "arms: joints = ['shoulder', 'elbow']: must be those of arm_joints"),
+        ("joints: [shoulder, elbow]", "joints: [elbow, shoulder]", "must be those of arm_joints, in the same order"),
+        ("joints: [shoulder, elbow]", "joints: [shoulder, elbow, wrist]", "must be those of arm_joints"),
+        ("joints: [wrist]", "joint: [wrist]", "did you mean 'joints'?"),
+        ("period: 0.004", "period: 0.004\nheld_joints: {wrist: 0}", "must be another joint than the arm joints"),
+        ("period: 0.004", "period: 0.004\nheld_joints: {slide: .nan}", "held_joints.slide = nan: must be finite"),
+        ("period: 0.004", "period: 0.004\nheld_joints: {slide: 30}", "held joint slide [rad, m] = 30"),
+        ("period: 0.004", "period: 0.004\nheld_joints: {slid: 0}", "unknown joint of planar 'slid'"),
+        ("period: 0.004", "period: 0.004\nfriction_offset: [0, 0]", "friction_offset = [0.0, 0.0]: must be 3 finite"),
+        ("period: 0.004", "period: 0.004\nviscous_friction_backward: [0, 0, -1]", "each not negative"),
+        (
+            "period: 0.004",
+            "period: 0.004\nmotor_coupling: [{motor_of: wrist, driven_by: elbow, factor: 1}]",
+            "motor_coupling = ['elbow', 'wrist']: must be two joints of one arm",
+        ),
+        (
+            "joints: [wrist]",
+            "joints: [wrist], tool_neighbours: [palm]",
+            "unknown link in tool_neighbours of planar 'palm'",
+        ),
+    ],
+)
+def test_a_mistake_is_named_in_one_line(tmp_path, old, new, message):
+    assert old in TWO_ARMS
+    folder = write_planar_robot(tmp_path, TWO_ARMS.replace(old, new))
+    with pytest.raises(BadInputError) as caught:
+        RobotModel.load(folder, tool="force_probe")
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("robot", "message"),
+    [
+        ("yumi/lft", "unknown arm of yumi.urdf 'lft': did you mean 'left'?"),
+        ("yum/left", "did you mean 'yumi'?"),
+        ("yumi/left/hand", "unknown robot (neither shipped nor a folder) 'yumi/left/hand'"),
+        ("yumi/", "unknown robot"),
+        ("/left", "unknown robot"),
+        ("comau_smart_six/left", "comau_smart_six.urdf has one arm"),
+    ],
+)
+def test_unknown_arms_are_refused(robot, message):
+    with pytest.raises(BadInputError) as caught:
+        RobotModel.load(robot, tool=None)
+    assert message in str(caught.value)
+
+
+def test_names_of_robots_are_names_of_folders():
+    assert {"comau_smart_six", "yumi"} <= set(list_robots())
+    assert robot_and_arm("yumi") == (robot_folder("yumi"), None)
+    assert robot_and_arm("yumi/left") == (robot_folder("yumi"), "left")
+
+
+def test_the_same_robot_twice_in_one_plant_is_refused(planar):
+    plant, _ = AddMultibodyPlantSceneGraph(DiagramBuilder(), 0.001)
+    add_robot(plant, planar, None)
+    with pytest.raises(BadInputError, match="planar"):
+        add_robot(plant, planar, None)

@@ -1,0 +1,87 @@
+"""Tables of numbers from files: any order, any of three separators, and which cell is wrong."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from forcectl.errors import BadInputError
+from forcectl.runs.columns import read_columns
+
+
+def write(folder, text, name="data.csv"):
+    path = folder / name
+    path.write_text(text, encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize(
+    "text",
+    [
+        "time [s],force [N]\n0.0,1.5\n0.5,2.5\n",
+        "\ufefftime [s],force [N]\r\n0.0,1.5\r\n0.5,2.5\r\n",
+        "# exported\ntime [s]; force [N]\n0,0; 1,5\n0,5; 2,5\n",
+        "time (s)\tforce (N)\n0.0\t1.5\n\n0.5\t2.5\n\n",
+        'time [s],"force [N]"\n"0.0","1.5"\n"0.5","2.5"\n',
+    ],
+)
+def test_headers_separators_and_blank_lines(tmp_path, text):
+    table = read_columns(write(tmp_path, text))
+    assert {name: column.unit for name, column in table.columns.items()} == {"time": "s", "force": "N"}
+    np.testing.assert_array_equal(table.columns["time"].values, [0.0, 0.5])
+    np.testing.assert_array_equal(table.columns["force"].values, [1.5, 2.5])
+
+
+def test_rows_are_called_by_their_line_in_the_file(tmp_path):
+    table = read_columns(write(tmp_path, "# a remark\ntime [s],a\n\n0,1\n1,\n"))
+    assert (table.row(0), table.row(1)) == ("row 4", "row 5")
+    assert np.isnan(table.columns["a"].values[1])
+
+
+def test_columns_are_found_by_any_writing_of_their_name(tmp_path):
+    table = read_columns(write(tmp_path, "Time [s],Measured Force [N],x\n0,1,2\n1,2,3\n"))
+    assert table.find(None, ("force", "measured_force"), "force").label == "Measured Force [N]"
+    assert table.find("measured-force", (), "force").name == "Measured Force"
+    with pytest.raises(BadInputError, match="no column of displacement: has Time"):
+        table.find(None, ("displacement",), "displacement")
+    with pytest.raises(BadInputError, match="did you mean 'Measured Force'"):
+        table.find("measured forse", (), "force")
+
+
+@pytest.mark.parametrize(
+    ("text", "words"),
+    [
+        ("", "empty"),
+        ("time [s],force [N]\n", "no rows"),
+        ("0.0,1.0\n0.1,2.0\n", "no header"),
+        ("a,b\n1,2\n3\n", "row 3 has 1 cells: must have 2"),
+        ("a,b\n1,2\n" + "3" * 200_000 + "\n", "row 3 has 1 cells"),
+        ("a,b\n1,2,3\n4,5,6\n", "row 2 has 3 cells: must have 2"),
+        ("a [N],A [N]\n1,2\n", "two columns called 'A'"),
+    ],
+)
+def test_what_is_wrong_with_a_table(tmp_path, text, words):
+    with pytest.raises(BadInputError, match=words) as caught:
+        read_columns(write(tmp_path, text))
+    assert str(caught.value).startswith("data.csv")
+
+
+def test_words_matter_only_in_a_column_that_is_used(tmp_path):
+    table = read_columns(write(tmp_path, "a,note,b\n1,start,2\n3,,four\n5,end,five\n"))
+    np.testing.assert_array_equal(table.find("a", (), "force").values, [1.0, 3.0, 5.0])
+    with pytest.raises(BadInputError, match=r"data\.csv row 3, column b: 'four' must be a number"):
+        table.find("b", (), "force")
+
+
+def test_files_that_are_no_tables(tmp_path):
+    with pytest.raises(BadInputError, match="does not exist"):
+        read_columns(tmp_path / "none.csv")
+    with pytest.raises(BadInputError, match="is a folder"):
+        read_columns(tmp_path)
+    (tmp_path / "bytes.csv").write_bytes(b"\xff\xfe\x00\x01")
+    with pytest.raises(BadInputError, match="not UTF-8"):
+        read_columns(tmp_path / "bytes.csv")
+    with pytest.raises(BadInputError, match=r"cannot read words\.nc as NetCDF"):
+        read_columns(write(tmp_path, "no data", "words.nc"))
+    with pytest.raises(BadInputError, match="--variant 'a'"):
+        read_columns(write(tmp_path, "a\n1\n"), "a")

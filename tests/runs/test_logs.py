@@ -1,0 +1,126 @@
+"""Logs as labelled data: names, units, stacking, bit-exact files, and the first fault."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+import pytest
+
+from forcectl.runs.logs import ChunkedLog, first_fault, read_netcdf, stack, to_dataset, write_netcdf
+
+
+@dataclass(frozen=True)
+class Signal:
+    rows: slice
+    unit: str
+    labels: tuple[str, ...] | None = None
+    dimension: str | None = None
+
+
+SIGNALS = {
+    "desired_force": Signal(slice(0, 1), "N"),
+    "contact_force": Signal(slice(1, 2), "N"),
+    "motor_position": Signal(slice(2, 4), "rad", ("shoulder", "elbow")),
+}
+
+
+class FakeVectorLog:
+    def __init__(self, times, data):
+        self._times, self._data = np.asarray(times, dtype=float), np.asarray(data, dtype=float)
+
+    def sample_times(self):
+        return self._times
+
+    def data(self):
+        return self._data
+
+    def Clear(self):
+        self._times, self._data = self._times[:0], self._data[:, :0]
+
+
+def samples(n=5, seed=1):
+    times = 0.002 * np.arange(n)
+    values = np.random.default_rng(seed).normal(size=(4, n))
+    values[0] = 15.0
+    return times, values
+
+
+def test_one_variant_is_one_dimensional_with_units_and_joint_names():
+    times, values = samples()
+    log = to_dataset(times, values, SIGNALS, "soft")
+    assert log["desired_force"].dims == ("time",)
+    assert log["motor_position"].dims == ("time", "joint")
+    assert log["variant"].item() == "soft"
+    assert list(log["joint"].values) == ["shoulder", "elbow"]
+    assert log["motor_position"].attrs["units"] == "rad"
+    assert log["time"].attrs["units"] == "s"
+    np.testing.assert_array_equal(log["motor_position"].sel(joint="elbow"), values[3])
+    assert "model_force" not in log
+
+
+def test_the_reference_model_is_added_on_request():
+    times, values = samples(1000)
+    values[1, 0] = 0.0
+    log = to_dataset(times, values, SIGNALS, "soft", model_bandwidth=2.0)
+    np.testing.assert_allclose(log["model_force"], 15 * (1 - np.exp(-2.0 * times)), atol=1e-9)
+    assert log["model_force"].attrs["units"] == "N"
+
+
+def test_several_variants_are_stacked_and_shorter_ones_filled_up():
+    a = to_dataset(*samples(5, 1), SIGNALS, "a")
+    b = to_dataset(*samples(3, 2), SIGNALS, "b")
+    both = stack([a, b])
+    assert both["desired_force"].dims == ("variant", "time")
+    assert both["motor_position"].dims == ("variant", "time", "joint")
+    assert list(both["variant"].values) == ["a", "b"]
+    assert np.isnan(both["desired_force"].sel(variant="b").values[3:]).all()
+    assert both["motor_position"].attrs["units"] == "rad"
+    np.testing.assert_array_equal(both["contact_force"].sel(variant="a"), a["contact_force"])
+
+
+def test_files_read_back_bit_for_bit_and_the_same_log_gives_the_same_file(tmp_path):
+    log = stack([to_dataset(*samples(50, i), SIGNALS, f"v{i}") for i in range(3)])
+    write_netcdf(log, tmp_path / "a.nc")
+    write_netcdf(log, tmp_path / "b.nc")
+    assert (tmp_path / "a.nc").read_bytes() == (tmp_path / "b.nc").read_bytes()
+    again = read_netcdf(tmp_path / "a.nc")
+    assert again.identical(log)
+
+
+def test_chunks_are_taken_once_and_a_repeated_sample_is_dropped():
+    times, values = samples(6)
+    log = ChunkedLog()
+    first = FakeVectorLog(times[:4], values[:, :4])
+    log.take(first)
+    assert first.sample_times().size == 0
+    log.take(FakeVectorLog(times[3:], values[:, 3:]))
+    found_times, found = log.samples()
+    np.testing.assert_array_equal(found_times, times)
+    np.testing.assert_array_equal(found, values)
+    log.cut(times[4])
+    assert log.samples()[0][-1] == times[4]
+
+
+@pytest.mark.parametrize(
+    ("row", "column", "value", "expected"),
+    [
+        (1, 3, np.nan, "contact_force"),
+        (3, 2, np.inf, "motor_position"),
+        (1, 4, 900.0, "contact_force"),
+        (1, 0, -900.0, "contact_force"),
+    ],
+)
+def test_the_first_fault_has_signal_time_and_value(row, column, value, expected):
+    times, values = samples()
+    values[row, column] = value
+    values[1, 4] = np.nan if column < 4 else value
+    name, when, found = first_fault(times, values, SIGNALS, {"contact_force": 800.0})
+    assert (name, when) == (expected, times[column])
+    np.testing.assert_equal(found, value)
+
+
+def test_a_healthy_or_empty_log_has_no_fault():
+    times, values = samples()
+    assert first_fault(times, values, SIGNALS, {"contact_force": 800.0, "other": 1.0}) is None
+    assert first_fault(times[:0], values[:, :0], SIGNALS, {"contact_force": 800.0}) is None

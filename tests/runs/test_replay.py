@@ -1,0 +1,60 @@
+"""The replay is one page that needs no network and moves as the log says."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import pytest
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.systems.framework import DiagramBuilder
+
+import forcectl as fc
+from forcectl.runs.replay import Scene
+
+SOCKETS = [Path("/proc/self/net/tcp"), Path("/proc/self/net/tcp6")]
+LISTENING = "0A"
+LOOPBACK = {"0100007F", "00000000000000000000000001000000"}  # 127.0.0.1 and ::1, as the kernel writes them
+
+
+@pytest.mark.parametrize("fidelity", ["OneDimensional", "Multibody"])
+def test_a_replay_is_one_self_contained_page(tmp_path, capfd, fidelity):
+    fc.run("fig_2_8", overrides={"duration": 0.5}, fidelity=fidelity, out=tmp_path / "run", replay=True)
+    page = (tmp_path / "run" / "replay.html").read_text(encoding="utf-8")
+    assert len(page) > 1_000_000
+    assert not re.findall(r"<(?:script|link)[^>]+(?:src|href)=[\"']https?:", page)
+    assert capfd.readouterr().err == ""
+
+
+def test_every_variant_has_its_own_page(tmp_path):
+    fc.run("fig_2_7", overrides={"duration": 0.1}, out=tmp_path / "run", replay=True)
+    pages = sorted(path.name for path in (tmp_path / "run").glob("replay*"))
+    assert pages == ["replay_1.html", "replay_2.html", "replay_3.html"]
+
+
+def test_a_longer_run_has_more_frames(tmp_path):
+    sizes = []
+    for duration in (0.1, 1.0):
+        out = tmp_path / str(duration)
+        fc.run("fig_2_8", overrides={"duration": duration}, out=out, replay=True)
+        sizes.append((out / "replay.html").stat().st_size)
+    # Each of the 29 further frames moves at least six links.
+    assert sizes[1] - sizes[0] > 29 * 6 * 16
+
+
+def test_a_replay_needs_a_directory():
+    with pytest.raises(fc.BadInputError, match="replay = True: must be False without an output directory"):
+        fc.run("fig_2_8", replay=True)
+
+
+@pytest.mark.skipif(not SOCKETS[0].exists(), reason="only Linux lists its sockets in /proc")
+def test_nobody_else_can_visit_the_server_behind_a_replay():
+    builder = DiagramBuilder()
+    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
+    plant.Finalize()
+    scene = Scene(builder, plant, scene_graph)
+    rows = [line.split() for path in SOCKETS if path.exists() for line in path.read_text().splitlines()[1:]]
+    listening = [row[1].split(":") for row in rows if row[3] == LISTENING]
+    hosts = {host for host, port in listening if int(port, 16) == scene.meshcat.port()}
+    assert hosts
+    assert hosts <= LOOPBACK

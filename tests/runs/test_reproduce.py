@@ -1,0 +1,133 @@
+"""Reproduction: parallel runs, published numbers beside ours, failures as rows."""
+
+from __future__ import annotations
+
+import json
+from typing import Any
+
+import pytest
+
+import forcectl as fc
+from forcectl import cli
+from forcectl.scenario.catalog import MOTION_STATION, find_scenario, loop_of
+
+QUICK = """
+title: Quick
+duration: 0.4
+variants: {soft: {}, stiff: {station.environment.stiffness: 5.0e4}}
+fidelities: [OneDimensional, Kinematic]
+expect:
+  - {target: peak, metric: peak_force_N, variant: soft, minimum: 0.0, maximum: 50.0}
+  - {target: published, metric: peak_force_N, variant: stiff, published: 100.0, tolerance: {relative: 0.01}}
+  - {target: one only, metric: peak_force_N, maximum: 50.0, fidelities: [Kinematic]}
+"""
+ONE_FAILS = """
+title: One fails
+duration: 0.4
+variants: {good: {}, bad: {station.servo.position_gain: 1.0e9}}
+expect:
+  - {target: fine, metric: peak_force_N, variant: good, maximum: 50.0}
+  - {target: hopeless, metric: peak_force_N, variant: bad, maximum: 50.0}
+"""
+
+
+@pytest.fixture
+def files(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.setenv("COLUMNS", "200")
+    (tmp_path / "quick.yaml").write_text(QUICK)
+    (tmp_path / "one_fails.yaml").write_text(ONE_FAILS)
+    return tmp_path
+
+
+def call(arguments, monkeypatch, capfd):
+    monkeypatch.setattr("sys.argv", ["forcectl", "reproduce", *arguments])
+    with pytest.raises(SystemExit) as stopped:
+        cli.main()
+    return stopped.value.code, capfd.readouterr()
+
+
+def test_variants_and_fidelities_run_in_processes_and_are_judged(files, monkeypatch, capfd):
+    code, output = call(["quick.yaml", "one_fails.yaml", "--out", "here", "--workers", "2"], monkeypatch, capfd)
+    assert code == 0
+    summary = json.loads((files / "here" / "summary.json").read_text())
+    assert set(summary) == {"quick", "one_fails"}
+    rows = summary["quick"]
+    for fidelity in ("OneDimensional", "Kinematic"):
+        assert rows[f"peak [{fidelity}]"]["pass"] is True
+        missed = rows[f"published [{fidelity}]"]
+        assert missed["pass"] is False
+        assert missed["deviation"] == pytest.approx(missed["ours"] - 100.0)
+        assert missed["tolerance"] == "± 1"
+        assert (files / "here" / "quick" / fidelity / "log.nc").exists()
+    assert rows["one only [OneDimensional]"]["pass"] is None
+    assert rows["one only [Kinematic]"]["pass"] is True
+    for row in rows.values():
+        assert {"published", "ours", "deviation", "tolerance", "pass"} <= set(row)
+    # The variant that cannot be simulated is a row, and the others are there.
+    failed = summary["one_fails"]
+    assert failed["fine"]["pass"] is True
+    assert failed["hopeless"] == failed["hopeless"] | {"ours": None, "pass": False}
+    assert "t = 0." in failed["run of 'bad'"]["note"]
+    assert (files / "here" / "one_fails" / "OneDimensional.failed" / "manifest.json").exists()
+    for part in ("published", "missed", "pass", "reported", "results in here"):
+        assert part in output.out
+
+
+def test_check_turns_a_missed_target_into_exit_code_1(files, monkeypatch, capfd):
+    arguments = ["quick.yaml", "--check", "--fidelity", "OneDimensional", "--workers", "1"]
+    assert call(arguments, monkeypatch, capfd)[0] == 1
+    rows = json.loads((files / "runs" / "reproduce-1" / "summary.json").read_text())["quick"]
+    assert set(rows) == {"peak", "published", "one only"}
+
+
+def test_results_equal_those_of_a_run_in_this_process(files):
+    report = fc.reproduce(["quick.yaml"], fidelity="OneDimensional", workers=2)
+    here = fc.run("quick.yaml", fidelity="OneDimensional").metrics
+    (part,) = report.parts
+    for variant in ("soft", "stiff"):
+        for name, value in here[variant].items():
+            if name != "realtime_factor":
+                assert part.metrics[variant][name] == value
+    assert report.passed is False
+    assert part.failures == {}
+
+
+def test_nothing_is_run_when_one_experiment_is_wrong_or_the_output_exists(files, monkeypatch, capfd):
+    (files / "wrong.yaml").write_text("duration: -1\n")
+    code, output = call(["quick.yaml", "wrong.yaml", "--out", "here"], monkeypatch, capfd)
+    assert code == 2
+    assert output.err == "error: wrong.yaml: duration = -1.0: must be positive\n"
+    (files / "here").mkdir()
+    assert call(["quick.yaml", "--out", "here"], monkeypatch, capfd)[0] == 2
+
+
+def test_two_experiments_of_one_name_are_refused(files):
+    (files / "other").mkdir()
+    (files / "other" / "quick.yaml").write_text(QUICK)
+    with pytest.raises(fc.BadInputError, match="two are called 'quick'"):
+        fc.reproduce(["quick.yaml", "other/quick.yaml"])
+
+
+def shipped() -> list[Any]:
+    """Every experiment on every fidelity it names; each alone, so that they spread over the processes of a test run."""
+    cases = []
+    for name in fc.list_experiments():
+        file = find_scenario(name)
+        named = file.tree.get("fidelities", ["OneDimensional"]) if loop_of(file) == "force" else [MOTION_STATION]
+        cases += [pytest.param(name, fidelity, marks=pytest.mark.slow) for fidelity in named]
+    return cases
+
+
+@pytest.mark.parametrize(("experiment", "fidelity"), shipped())
+def test_every_shipped_experiment_meets_its_targets(experiment, fidelity):
+    report = fc.reproduce([experiment], fidelity=fidelity)
+    missed = [(v.target, v.ours) for part in report.parts for v in part.verdicts if v.passed is False]
+    assert missed == []
+    assert [part.failures for part in report.parts] == [{}]
+
+
+def test_a_fidelity_that_variants_set_themselves_is_not_overridden(files):
+    (files / "cells.yaml").write_text("variants: {a: {station.fidelity: Kinematic}, b: {}}\n")
+    with pytest.raises(fc.BadInputError, match=r"override of station\.fidelity .* set by 'a': run one"):
+        fc.reproduce(["cells.yaml"], fidelity="OneDimensional")

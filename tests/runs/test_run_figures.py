@@ -1,0 +1,84 @@
+"""Figures: what they show, and that the same log gives the same files."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+import xarray as xr
+from matplotlib.image import imread
+
+from forcectl.figures.force import COLOURS, error_figure, force_figure, run_figures, write_figures
+
+
+def log(variants=("slow", "fast"), model=True):
+    t = np.linspace(0, 5, 501)
+    parts = []
+    for i, name in enumerate(variants, start=1):
+        force = 15 * (1 - np.exp(-i * t))
+        data = {"desired_force": ("time", np.full_like(t, 15.0)), "measured_force": ("time", force)}
+        if model:
+            data["model_force"] = ("time", 0.95 * force)
+        parts.append(xr.Dataset(data, coords={"time": t, "variant": name}))
+    return parts[0] if len(parts) == 1 else xr.concat(parts, dim="variant")
+
+
+def lines(figure):
+    return figure.axes[0].get_lines()
+
+
+@pytest.mark.parametrize("make", [force_figure, error_figure])
+def test_no_two_of_many_variants_look_alike(make):
+    figure = make(log([f"v{i}" for i in range(16)]))
+    shown = [line for line in lines(figure) if len(line.get_xdata()) > 2 and line.get_linewidth() > 1.5]
+    looks = {(line.get_color(), str(line._unscaled_dash_pattern)) for line in shown}
+    assert len(shown) == len(looks) == 16
+
+
+def test_force_shows_every_variant_its_model_dashed_and_the_reference_once():
+    figure = force_figure(log(), "A title")
+    axes = figure.axes[0]
+    assert axes.get_title(loc="left") == "A title"
+    assert (axes.get_xlabel(), axes.get_ylabel()) == ("time [s]", "force [N]")
+    labels = [text.get_text() for text in axes.get_legend().get_texts()]
+    assert labels == ["reference", "slow", "fast", "reference model"]
+    solid = [line for line in lines(figure) if line.get_color() == COLOURS[0]]
+    assert [line.is_dashed() for line in solid] == [False, True]
+    np.testing.assert_allclose(solid[0].get_ydata(), log()["measured_force"].sel(variant="slow"))
+
+
+def test_error_is_force_less_model():
+    (zero, slow, fast) = lines(error_figure(log()))
+    assert zero.get_ydata() == [0.0, 0.0]
+    np.testing.assert_allclose(fast.get_ydata(), 0.05 * log()["measured_force"].sel(variant="fast"))
+    assert slow.get_color() != fast.get_color()
+
+
+def test_a_single_variant_and_a_log_without_model(tmp_path):
+    written = write_figures(run_figures(log(("only",), model=False)), tmp_path)
+    assert {path.name for path in written} == {"force.svg", "force.png"}
+
+
+def test_the_same_log_gives_the_same_files_and_a_readable_picture(tmp_path):
+    first, second = (write_figures(run_figures(log(), "T"), tmp_path / name) for name in ("a", "b"))
+    assert [path.name for path in first] == ["force.svg", "force.png", "model_error.svg", "model_error.png"]
+    for one, other in zip(first, second, strict=True):
+        assert one.read_bytes() == other.read_bytes()
+    picture = imread(tmp_path / "a" / "force.png")
+    assert picture.shape[0] >= 600
+    assert picture.shape[1] >= 1000
+    # The curves are there: pixels in the colour of the first variant.
+    colour = np.array([int(COLOURS[0][i : i + 2], 16) / 255 for i in (1, 3, 5)])
+    assert (np.abs(picture[..., :3] - colour).max(axis=-1) < 0.02).sum() > 500
+
+
+def test_names_are_drawn_as_they_are_written(tmp_path):
+    assert write_figures(run_figures(log(("costs $5", r"$\frac{1}{$", "_x", "")), r"$\nonsense{$"), tmp_path)
+
+
+@pytest.mark.parametrize(("count", "legend"), [(3, "inside"), (7, "beside"), (15, None)])
+def test_many_variants_still_draw(tmp_path, count, legend):
+    """A legend stands beside the curves when it would hide them, and is left out when nobody could follow it."""
+    figure = force_figure(log(tuple(f"v{i}" for i in range(count))))
+    assert len(lines(figure)) >= 2 * count
+    assert (figure.axes[0].get_legend() is not None) == (legend == "inside")
+    assert [len(one.get_texts()) >= count for one in figure.legends] == ([True] if legend == "beside" else [])

@@ -1,0 +1,48 @@
+"""What there is to choose from, read from files alone."""
+
+from __future__ import annotations
+
+import dataclasses
+
+import pytest
+
+from forcectl.errors import BadInputError
+from forcectl.scenario import catalog
+from forcectl.scenario.schema import load_object
+
+
+def test_the_experiments_of_chapter_2_and_the_presets_are_shipped():
+    assert {"fig_2_7", "fig_2_8", "mismatch_2_14"} <= set(catalog.list_experiments())
+    assert {"friction", "ideal", "linear", "delay_only", "second_campaign"} <= set(catalog.list_presets())
+
+
+@pytest.mark.parametrize("path", [*catalog.CONTROLLERS.values(), *catalog.REFERENCES.values()])
+def test_every_tag_leads_to_a_dataclass_that_adds_itself(path):
+    cls = load_object(path)
+    assert dataclasses.is_dataclass(cls)
+    assert hasattr(cls, "add_to")
+
+
+def test_every_block_has_a_line_that_says_what_it_is():
+    blocks = catalog.list_blocks()
+    wanted = {"plant/drives/servo", "plant/sensors/force_sensor", "force/integral", "estimation/environment"}
+    assert wanted <= set(blocks)
+    assert all(blocks.values())
+
+
+def test_models_are_listed_under_the_keys_that_name_them():
+    assert catalog.list_models() == {
+        "station.robot": ["comau_smart_six", "yumi"],
+        "station.tool": ["force_probe", "yumi_gripper"],
+    }
+
+
+def test_a_file_is_found_by_path_and_its_name_is_the_stem(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "mine.yaml").write_text("duration: 1\n")
+    (tmp_path / "bare").write_text("duration: 2\n")
+    assert catalog.find_scenario("mine.yaml").name == "mine"
+    assert catalog.find_scenario("bare").tree == {"duration": 2}
+    assert catalog.find_scenario("fig_2_7").origin == "fig_2_7.yaml"
+    with pytest.raises(BadInputError, match=r"scenario file 'other.yaml' does not exist"):
+        catalog.find_scenario("other.yaml")

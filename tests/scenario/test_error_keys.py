@@ -1,0 +1,103 @@
+"""Errors found while a loop is built name the file and the key of what is wrong."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import pytest
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.runs.run import run
+from forcectl.scenario.error_keys import full_key
+
+BAD = """
+controller: !Governed
+  law: !Integral {integral_gain: 3.0}
+  delay: 0.08
+duration: 0.1
+variants:
+  "late": {controller.delay: 0.0031}
+  "hasty": {controller.inner_bandwidth: 900.0}
+  "excited": {controller.law: !RecursiveVrft {excitation: !ExcitationFile {path: none.csv}}}
+  "as it is": {}
+"""
+
+
+@pytest.mark.parametrize(
+    ("arguments", "start"),
+    [
+        # `delay` is a key of the force sensor, too.
+        (("--variant", "late"), "bad.yaml: variant 'late': controller.delay = 0.0031: must be"),
+        (("--variant", "hasty"), "bad.yaml: variant 'hasty': controller.inner_bandwidth = 900.0: must be"),
+        (("--variant", "as it is", "--set", "reference.force=1e6"), "override: reference.force = 1000000.0: must be"),
+        (
+            ("--variant", "as it is", "--set", "station.force_sensor.delay=0.0003"),
+            "override: station.force_sensor.delay = 0.0003: must be",
+        ),
+        (("--variant", "excited"), "bad.yaml: variant 'excited': controller.law.excitation"),
+    ],
+)
+def test_the_command_line_names_file_and_key(forcectl, tmp_path, arguments, start):
+    (tmp_path / "bad.yaml").write_text(BAD)
+    code, out, err = forcectl("run", "bad.yaml", *arguments)
+    assert (code, out) == (2, "")
+    assert err.startswith(f"error: {start}")
+    assert err.count("\n") == 1
+
+
+def test_a_file_is_found_beside_the_scenario_wherever_it_is_named(tmp_path):
+    rows = "\n".join(f"{0.002 * k:.3f},{-1e-4 * min(k, 50) / 50}" for k in range(100))
+    (tmp_path / "moves.csv").write_text(f"time,displacement\n{rows}\n")
+    (tmp_path / "bad.yaml").write_text(BAD.replace("none.csv", "moves.csv"))
+    result = run(tmp_path / "bad.yaml", variant="excited")
+    assert result.log["controller_output"].values.min() < 0
+
+
+@dataclass
+class Part:
+    gain: float = 1.0
+    limit: float = 2.0
+
+    def use(self):
+        raise invalid("gain", self.gain, "something else")
+
+
+@dataclass
+class Whole:
+    one: Part = field(default_factory=Part)
+    other: Part = field(default_factory=Part)
+    speed: float = 3.0
+
+
+def caught(scenario, action):
+    with pytest.raises(BadInputError) as error:
+        action(scenario)
+    return full_key(scenario, error.value)
+
+
+def raised(text):
+    raise BadInputError(text)
+
+
+def test_the_part_that_was_at_hand_is_named():
+    assert caught(Whole(), lambda w: w.other.use()) == ("other.gain", "other.gain = 1.0: must be something else")
+    assert caught(Whole(), lambda w: w.one.use())[0] == "one.gain"
+
+
+def test_a_key_written_in_full_is_left_as_it_is():
+    assert caught(Whole(), lambda w: raised("one.limit = 2: must be 3")) == ("one.limit", "one.limit = 2: must be 3")
+
+
+def test_what_is_about_no_key_keeps_its_text():
+    assert caught(Whole(), lambda w: raised("the parts do not fit")) == ("", "the parts do not fit")
+    assert caught(Whole(), lambda w: raised("gain = 1: must be 2")) == ("", "gain = 1: must be 2")
+
+
+def test_a_name_that_only_one_part_has_is_enough():
+    @dataclass
+    class Two:
+        one: Part = field(default_factory=Part)
+        other: Whole = field(default_factory=Whole)
+
+    key, text = caught(Two(), lambda w: raised("speed = 3: must be 4"))
+    assert (key, text) == ("other.speed", "other.speed = 3: must be 4")

@@ -1,0 +1,131 @@
+"""Verdicts: tolerances, bounds, differences, ratios, and what is only reported."""
+
+from __future__ import annotations
+
+import json
+
+import pytest
+
+from forcectl.errors import BadInputError
+from forcectl.scenario.expectations import Expectation, Other, Term, Tolerance, judge
+
+METRICS = {
+    "a": {"overshoot_pct": 4.0, "rise_time_s": 1.0, "settling_time_2pct_s": None},
+    "b": {"overshoot_pct": 10.0, "rise_time_s": 0.5, "settling_time_2pct_s": 2.0},
+}
+NAMES = list(METRICS)
+
+
+def verdict(fidelity="OneDimensional", **fields):
+    return judge(Expectation(target="t", **fields), METRICS, NAMES, fidelity)
+
+
+@pytest.mark.parametrize(
+    ("published", "tolerance", "passed"),
+    [
+        (4.3, Tolerance(absolute=0.31), True),
+        (4.3, Tolerance(absolute=0.29), False),
+        (5.0, Tolerance(relative=0.2), True),
+        (5.0, Tolerance(relative=0.19), False),
+        (5.0, Tolerance(absolute=1.0, relative=0.01), True),
+    ],
+)
+def test_published_number_with_tolerance(published, tolerance, passed):
+    v = verdict(metric="overshoot_pct", variant="a", published=published, tolerance=tolerance)
+    assert v.passed is passed
+    assert v.deviation == pytest.approx(4.0 - published)
+    assert v.ours == 4.0
+
+
+@pytest.mark.parametrize(
+    ("bounds", "passed"),
+    [
+        ({"minimum": 4.0}, True),
+        ({"minimum": 4.0, "strict": True}, False),
+        ({"maximum": 4.0}, True),
+        ({"maximum": 4.0, "strict": True}, False),
+        ({"minimum": 3.0, "maximum": 5.0, "strict": True}, True),
+        ({"minimum": 5.0, "maximum": 6.0}, False),
+    ],
+)
+def test_bounds(bounds, passed):
+    assert verdict(metric="overshoot_pct", variant="a", **bounds).passed is passed
+
+
+def test_difference_and_ratio_with_another_variant():
+    falling = verdict(
+        metric="rise_time_s", variant="b", minus=Term(metric="rise_time_s", variant="a"), maximum=0.0, strict=True
+    )
+    assert (falling.ours, falling.passed) == (-0.5, True)
+    ratio = verdict(metric="overshoot_pct", variant="b", ratio=Term(metric="overshoot_pct", variant="a"), minimum=2.0)
+    assert (ratio.ours, ratio.passed) == (2.5, True)
+
+
+def test_the_variant_left_out_is_the_first_and_a_term_takes_the_one_of_the_line():
+    assert verdict(metric="overshoot_pct", minimum=0.0).ours == 4.0
+    both = verdict(metric="overshoot_pct", variant="b", minus=Term(metric="rise_time_s"), minimum=0.0)
+    assert both.ours == 9.5
+
+
+def test_an_undefined_value_misses_and_says_why():
+    v = verdict(metric="settling_time_2pct_s", variant="a", maximum=9.0)
+    assert (v.ours, v.passed) == (None, False)
+    assert "settling_time_2pct_s of 'a' is undefined" in v.note
+    less = verdict(
+        metric="rise_time_s", variant="b", minus=Term(metric="settling_time_2pct_s", variant="a"), maximum=9.0
+    )
+    assert less.passed is False
+
+
+def test_on_other_fidelities_it_is_reported_only():
+    fields = {"metric": "overshoot_pct", "variant": "a", "maximum": 1.0, "fidelities": ["OneDimensional"]}
+    assert verdict("OneDimensional", **fields).passed is False
+    assert verdict("Multibody", **fields).passed is None
+
+
+def test_the_row_of_the_summary_has_the_agreed_keys_and_is_strict_json():
+    row = verdict(metric="settling_time_2pct_s", variant="a", published="fast", maximum=1.0).as_row()
+    assert {"published", "ours", "deviation", "tolerance", "pass"} <= set(row)
+    json.dumps(row, allow_nan=False)
+
+
+@pytest.mark.parametrize(
+    ("fields", "message"),
+    [
+        ({"metric": "overshot_pct", "maximum": 1.0}, "did you mean 'overshoot_pct'?"),
+        ({"metric": "overshoot_pct"}, "missing what to judge by"),
+        (
+            {"metric": "overshoot_pct", "published": "low", "tolerance": Tolerance(absolute=1.0)},
+            "must be a number, because",
+        ),
+    ],
+)
+def test_wrong_expectations(fields, message):
+    with pytest.raises(BadInputError) as caught:
+        Expectation(target="t", **fields)
+    assert message in str(caught.value)
+
+
+def test_distance_from_another_variant():
+    def distance(variant, other, share):
+        return {("a", "b", 0.6): 0.2, ("b", "a", 1.0): None}[variant, other, share]
+
+    near = Expectation(
+        target="t", metric="force_distance_N", variant="a", distance_to=Other(variant="b", until_pct=60), maximum=0.3
+    )
+    assert near.variants(NAMES) == {"variant": "a", "distance_to.variant": "b"}
+    judged = judge(near, METRICS, NAMES, "Kinematic", distance)
+    assert (judged.ours, judged.passed) == (0.2, True)
+    undefined = Expectation(
+        target="t", metric="force_distance_N", variant="b", distance_to=Other(variant="a"), maximum=0.3
+    )
+    assert judge(undefined, METRICS, NAMES, "Kinematic", distance).passed is False
+
+
+def test_distance_needs_the_other_variant_and_the_other_way_round():
+    with pytest.raises(BadInputError, match="distance_to"):
+        Expectation(target="t", metric="force_distance_N", maximum=0.3)
+    with pytest.raises(BadInputError, match="distance_to"):
+        Expectation(target="t", metric="overshoot_pct", distance_to=Other(variant="a"), maximum=0.3)
+    with pytest.raises(BadInputError, match="until_pct"):
+        Other(variant="a", until_pct=101.0)

@@ -1,0 +1,265 @@
+"""Scenarios: where values come from, which wins, and what a resolved scenario says."""
+
+from __future__ import annotations
+
+import sys
+import textwrap
+
+import pytest
+
+from forcectl.diagrams.station import FIDELITIES, INTERFACES
+from forcectl.errors import BadInputError
+from forcectl.force.adaptive_integral import AdaptiveIntegralConfig
+from forcectl.force.integral import IntegralConfig
+from forcectl.motion.references import SequenceConfig, StepConfig
+from forcectl.scenario import catalog
+from forcectl.scenario.scenario import (
+    ONLY_VARIANT,
+    as_file,
+    build,
+    load_scenario,
+    resolve,
+    resolved_tree,
+    select_variants,
+)
+from forcectl.scenario.yaml_tree import dump, parse
+
+
+def write(folder, text, name="own.yaml"):
+    path = folder / name
+    path.write_text(textwrap.dedent(text), encoding="utf-8")
+    return path
+
+
+@pytest.mark.parametrize("name", catalog.list_experiments("force"))
+@pytest.mark.parametrize("fidelity", FIDELITIES)
+def test_every_shipped_experiment_loads_and_builds_on_every_fidelity(name, fidelity):
+    file = as_file(name)
+    for variant in select_variants(file):
+        scenario = resolve(file, variant, {"station.fidelity": fidelity})
+        assert scenario.title
+        assert scenario.source
+        assert scenario.expect
+        assert build(scenario).diagram is not None
+
+
+@pytest.mark.parametrize("preset", catalog.list_presets())
+def test_every_preset_says_what_it_changes_and_builds(preset):
+    assert catalog.find_preset(preset).tree["description"]
+    scenario = load_scenario("fig_2_8", overrides={"preset": preset})
+    assert scenario.description == as_file("fig_2_8").tree["description"]
+    assert build(scenario).diagram is not None
+
+
+def test_names_that_need_no_drake_agree_with_the_code():
+    assert catalog.FIDELITIES == FIDELITIES
+    assert tuple(INTERFACES) == catalog.INTERFACES
+
+
+def test_keys_of_the_acceptance_list_exist_with_these_names():
+    overrides = {
+        "station.environment.stiffness": 1e4,
+        "station.environment.damping": 5.0,
+        "station.force_sensor.bandwidth": 20.0,
+        "station.force_sensor.noise_std": 0.01,
+        "station.force_sensor.delay": 0.004,
+        "controller.integral_gain": 2.0,
+        "controller.compliance_error": 1.1,
+        "reference.force": 12.0,
+        "duration": 3.0,
+        "seed": 9,
+    }
+    scenario = load_scenario("fig_2_8", overrides=overrides)
+    for key, value in overrides.items():
+        found = scenario
+        for part in key.split("."):
+            found = getattr(found, part)
+        assert found == value
+
+
+def test_order_defaults_preset_scenario_variant_overrides(tmp_path):
+    path = write(
+        tmp_path,
+        """
+        preset: linear
+        station: {force_sensor: {quantum: 0.5}}
+        variants:
+          a: {}
+          b: {station.force_sensor.quantum: 0.6, seed: 3}
+        """,
+    )
+    a, b = load_scenario(path, "a"), load_scenario(path, "b")
+    forced = load_scenario(path, "b", {"station.force_sensor.quantum": 0.7})
+    assert a.station.force_sensor.bandwidth == 12.6  # default
+    assert a.station.force_sensor.noise_std == 0.0  # preset
+    assert a.station.force_sensor.quantum == 0.5  # scenario over preset
+    assert (b.station.force_sensor.quantum, b.seed) == (0.6, 3)  # variant over scenario
+    assert forced.station.force_sensor.quantum == 0.7  # override over variant
+    assert load_scenario(path, "a", {"preset": "friction"}).station.force_sensor.noise_std == 0.05
+
+
+def test_slots_take_tags_and_overrides_keep_or_change_them():
+    assert isinstance(load_scenario("fig_2_8").controller, IntegralConfig)
+    adaptive = load_scenario({"controller": parse("!AdaptiveIntegral {integral_gain: 2}", "f")})
+    assert adaptive.controller == AdaptiveIntegralConfig(integral_gain=2.0)
+    changed = load_scenario(
+        "fig_2_8", overrides={"controller": parse("!AdaptiveIntegral", "f"), "controller.dead_zone": 1}
+    )
+    assert changed.controller == AdaptiveIntegralConfig(dead_zone=1.0)
+    assert load_scenario("fig_2_8", overrides={"controller": "AdaptiveIntegral"}).controller == AdaptiveIntegralConfig()
+    sequence = load_scenario(
+        "fig_2_8", overrides={"reference": parse("!Sequence {times: [0, 1], forces: [5, 9]}", "f")}
+    )
+    assert sequence.reference == SequenceConfig(times=[0.0, 1.0], forces=[5.0, 9.0])
+    assert load_scenario({}).reference == StepConfig()
+
+
+def test_a_scenario_with_several_variants_must_be_told_which():
+    with pytest.raises(BadInputError, match=r"fig_2_7.yaml has several variants, name one of: K_I = 1.5 1/s, K_I = 3"):
+        load_scenario("fig_2_7")
+    assert select_variants(as_file("fig_2_8")) == [ONLY_VARIANT]
+
+
+def test_the_resolved_scenario_is_complete_and_means_the_same(tmp_path):
+    file = as_file("fig_2_7")
+    changes = {"preset": "linear", "station.environment.stiffness": 8e3}
+    scenarios = {name: resolve(file, name, changes) for name in select_variants(file)}
+    text = dump(resolved_tree(scenarios))
+    again = as_file(write(tmp_path, text))
+    assert "null" not in text.partition("expect:")[2]
+    assert again.tree["station"]["force_sensor"]["noise_std"] == 0.0
+    for name, scenario in scenarios.items():
+        other = resolve(again, name)
+        for part in ("station", "controller", "reference", "duration", "seed", "expect", "fidelities"):
+            assert getattr(other, part) == getattr(scenario, part), (name, part)
+    assert dump(resolved_tree({name: resolve(again, name) for name in scenarios})) == text
+
+
+def test_a_variant_that_changes_the_preset_or_the_controller_resolves(tmp_path):
+    path = write(
+        tmp_path,
+        """
+        variants:
+          plain: {}
+          ideal: {preset: ideal}
+          adaptive: {controller: !AdaptiveIntegral {integral_gain: 2.0}}
+        """,
+    )
+    file = as_file(path)
+    scenarios = {name: resolve(file, name) for name in select_variants(file)}
+    again = as_file(write(tmp_path, dump(resolved_tree(scenarios)), "again.yaml"))
+    for name, scenario in scenarios.items():
+        other = resolve(again, name)
+        assert (other.station, other.controller) == (scenario.station, scenario.controller)
+
+
+def test_one_variant_resolves_with_only_the_expectations_about_it():
+    file = as_file("fig_2_7")
+    name = "K_I = 3 1/s"
+    tree = resolved_tree({name: resolve(file, name)})
+    assert list(tree["variants"]) == [name]
+    assert [e["target"] for e in tree["expect"]] == ["F2.7 overshoot, K_I = 3"]
+
+
+def test_a_reference_file_beside_the_scenario_is_found_from_anywhere(tmp_path, monkeypatch):
+    folder = tmp_path / "study"
+    folder.mkdir()
+    (folder / "force.csv").write_text("time,force\n0,0\n1,10\n2,10\n")
+    path = write(folder, "reference: !File {path: force.csv}\n")
+    monkeypatch.chdir(tmp_path)
+    assert load_scenario(path).reference.largest_force() == 10.0
+
+
+def test_private_root_keys_hold_anchors(tmp_path):
+    path = write(tmp_path, "_soft: &soft {stiffness: 1.0e3}\nstation: {environment: *soft}\n")
+    assert load_scenario(path).station.environment.stiffness == 1e3
+
+
+OWN_CONTROLLER = """
+from dataclasses import dataclass
+from forcectl.force.integral import IntegralConfig, IntegralForceLaw
+
+@dataclass
+class Proportional:
+    gain: float = 1.0
+
+    def add_to(self, builder, facts):
+        compliance = facts.total_compliance
+        law = IntegralForceLaw(facts.size, integral_gain=self.gain, compliance=compliance, period=facts.period)
+        return builder.AddNamedSystem("own_law", law)
+
+class NotAController:
+    pass
+
+class Raises:
+    def add_to(self, builder, facts):
+        return facts.no_such_fact
+
+class ReturnsNothing:
+    def add_to(self, builder, facts):
+        pass
+"""
+
+
+@pytest.fixture
+def own_module(tmp_path, monkeypatch):
+    (tmp_path / "own_laws.py").write_text(OWN_CONTROLLER)
+    monkeypatch.chdir(tmp_path)
+    yield "own_laws"
+    sys.modules.pop("own_laws", None)
+
+
+def test_a_controller_of_the_users_own_by_import_path(own_module, tmp_path):
+    path = write(tmp_path, "controller: !Import {path: 'own_laws:Proportional', parameters: {gain: 2.5}}\n")
+    loop = build(load_scenario(path))
+    assert loop.diagram.GetSubsystemByName("controller").GetSubsystemByName("own_law") is not None
+    assert loop.reference_model_bandwidth is None
+    assert str(tmp_path) not in sys.path
+
+
+@pytest.mark.parametrize(
+    ("controller", "message"),
+    [
+        ("{path: 'own_laws:Proportionel'}", "did you mean 'Proportional'?"),
+        ("{path: 'own_laws:NotAController'}", "must be a class with a method add_to(builder, facts)"),
+        ("{path: 'own_lows:Proportional'}", "No module named 'own_lows'"),
+        ("{path: own_laws}", 'must be an import path such as "package.module:Name"'),
+        (
+            "{path: 'own_laws:Proportional', parameters: {gian: 2}}",
+            "controller.parameters.gian: unknown key 'gian': did you mean",
+        ),
+        (
+            "{path: 'own_laws:Proportional', parameters: {gain: x}}",
+            "controller.parameters.gain = 'x': must be a number",
+        ),
+    ],
+)
+def test_a_wrong_import_is_one_line(own_module, tmp_path, controller, message):
+    path = write(tmp_path, f"controller: !Import {controller}\n")
+    with pytest.raises(BadInputError) as caught:
+        load_scenario(path)
+    assert message in str(caught.value)
+    assert "own.yaml" in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+@pytest.mark.parametrize(
+    ("name", "message"),
+    [
+        ("Raises", "controller.path = 'own_laws:Raises': its add_to raised AttributeError: "),
+        ("ReturnsNothing", "its add_to must return a Drake system, not NoneType"),
+    ],
+)
+def test_a_controller_that_cannot_be_added_is_one_line(own_module, tmp_path, name, message):
+    path = write(tmp_path, f"controller: !Import {{path: 'own_laws:{name}'}}\n")
+    with pytest.raises(BadInputError) as caught:
+        build(load_scenario(path))
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_an_estimator_that_cannot_be_added_is_told_as_the_estimator(own_module, tmp_path):
+    path = tmp_path / "motion.yaml"
+    path.write_text("loop: motion\ncontroller: !JointExcitation {}\nestimator: !Import {path: 'own_laws:Raises'}\n")
+    with pytest.raises(BadInputError, match=r"estimator\.path = 'own_laws:Raises': its add_to raised AttributeError"):
+        build(load_scenario(path))

@@ -1,0 +1,141 @@
+"""The published statements of Sec. 3.4 and 3.6 on every fidelity: Figs. 3.4 and 3.5."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+import forcectl
+from forcectl.runs.run import RunResult
+from forcectl.scenario.yaml_tree import parse
+
+LIGHT = ("OneDimensional", "Kinematic")
+# Elsewhere the experiments are judged by what they expect, in `test_reproduce.py`: the robots take their time.
+in_one_dimension = pytest.mark.parametrize("fidelity", ["OneDimensional"])
+CORRECTED = ("[56]", "[57]")
+
+
+@lru_cache(maxsize=8)
+def result(experiment: str, fidelity: str) -> RunResult:
+    return forcectl.run(experiment, fidelity=fidelity)
+
+
+def metric(experiment: str, fidelity: str, variant: str, name: str) -> float:
+    value = result(experiment, fidelity).metrics[variant][name]
+    assert value is not None
+    return value
+
+
+@in_one_dimension
+@pytest.mark.parametrize("experiment", ["fig_3_4", "fig_3_5"])
+def test_experiments_meet_what_they_expect(experiment: str, fidelity: str) -> None:
+    missed = [verdict.target for verdict in result(experiment, fidelity).verdicts if verdict.passed is False]
+    assert not missed
+    if fidelity in LIGHT:
+        assert all(verdict.passed for verdict in result(experiment, fidelity).verdicts), "each is judged"
+
+
+# --- Fig. 3.4 --------------------------------------------------------------------------------------------------------
+
+
+@in_one_dimension
+def test_fig_3_4_no_overshoot_where_the_integral_law_has_some(fidelity: str) -> None:
+    assert metric("fig_3_4", fidelity, "K_I = 3 1/s", "overshoot_pct") >= 5.0
+    for law in CORRECTED:
+        assert metric("fig_3_4", fidelity, law, "overshoot_pct") <= 1.0
+
+
+@in_one_dimension
+def test_fig_3_4_order_of_settling(fidelity: str) -> None:
+    times = [
+        metric("fig_3_4", fidelity, law, "settling_time_5pct_s")
+        for law in ("[57]", "[56]", "K_I = 3 1/s", "K_I = 1.5 1/s")
+    ]
+    assert times[0] <= times[1] < times[2]
+    assert times[2] < times[3]
+    assert times[0] <= 0.5 * times[3]
+    if fidelity in LIGHT:
+        # The values of the calibrated plant, to the digits that the targets give.
+        np.testing.assert_allclose(times, [0.61, 0.66, 1.22, 1.51], atol=0.01)
+
+
+@in_one_dimension
+def test_fig_3_4_invariance_control_rises_like_its_nominal_law(fidelity: str) -> None:
+    log = result("fig_3_4", fidelity).log["measured_force"]
+    nominal, corrected = (log.sel(variant=name).values for name in ("K_I = 3 1/s", "[56]"))
+    until = int(np.argmax(nominal >= 0.6 * 15.0))
+    assert until > 0
+    assert np.max(np.abs(corrected - nominal)[:until]) <= 0.3
+
+
+# --- Fig. 3.5 --------------------------------------------------------------------------------------------------------
+
+
+@in_one_dimension
+@pytest.mark.parametrize("law", CORRECTED)
+def test_fig_3_5_no_steady_error_and_no_overshoot_but_slower(law: str, fidelity: str) -> None:
+    settling = metric("fig_3_5", fidelity, law, "step_1.settling_time_5pct_s")
+    integral = metric("fig_3_5", fidelity, "K_I = 1.5 1/s", "step_1.settling_time_5pct_s")
+    assert metric("fig_3_5", fidelity, law, "step_1.steady_state_error_N") == pytest.approx(0.0, abs=0.15)
+    assert metric("fig_3_5", fidelity, law, "step_1.overshoot_pct") <= 2.0
+    assert settling > metric("fig_3_4", fidelity, law, "settling_time_5pct_s")
+    assert 0.65 <= settling / integral <= 1.35
+    if fidelity in LIGHT:
+        assert settling == pytest.approx({"[56]": 1.87, "[57]": 1.91}[law], abs=0.03)
+        assert integral == pytest.approx(1.81, abs=0.01)
+
+
+@in_one_dimension
+@pytest.mark.parametrize("law", CORRECTED)
+def test_fig_3_5_a_second_step_is_as_fast_as_with_the_compliance_known(law: str, fidelity: str) -> None:
+    known = metric("fig_3_5", fidelity, f"{law}, compliance known", "step_2.settling_time_5pct_s")
+    assert metric("fig_3_5", fidelity, law, "step_2.settling_time_5pct_s") == pytest.approx(known, abs=0.15)
+    assert metric("fig_3_5", fidelity, law, "step_2.overshoot_pct") <= 2.0
+
+
+def test_fig_3_5_without_adaptation_the_steady_error_is_that_of_the_wrong_compliance() -> None:
+    """(3.55): F = (C_T_hat/C_T) F_bar, here with the whole compliance believed 20 % too small."""
+    run = forcectl.run("fig_3_4", variant="[57]", overrides={"controller.compliance_error": 0.8, "expect": []})
+    assert run.metrics["[57]"]["steady_state_error_N"] == pytest.approx(0.2 * 15.0, abs=0.02)
+
+
+# --- the law on the ideal station, and references that move ----------------------------------------------------------
+
+
+IDEAL = {"preset": "ideal", "expect": [], "duration": 4.0}
+
+
+def forces(reference: str, law: str = "[57]") -> tuple[np.ndarray, np.ndarray, np.ndarray]:
+    """Desired force, force that belongs to the command, and contact force [N]."""
+    log = forcectl.run("fig_3_4", variant=law, overrides=IDEAL | {"reference": parse(reference, "test")}).log
+    return log["desired_force"].values, -log["displacement_command"].values * 5.9e3, log["contact_force"].values
+
+
+@pytest.mark.parametrize("law", CORRECTED)
+def test_a_ramp_is_never_passed(law: str) -> None:
+    desired, command, contact = forces("!Ramp {force: 15, rate: 10}", law)
+    assert np.max(command - desired) <= 1e-9
+    assert np.max(contact - desired) <= 1e-9
+    assert contact[-1] == pytest.approx(15.0, abs=1e-3 if law == "[57]" else 0.01)
+
+
+@pytest.mark.parametrize("law", CORRECTED)
+def test_a_sine_is_passed_by_less_than_a_thousandth_of_its_amplitude(law: str) -> None:
+    desired, command, contact = forces("!Sine {force: 15, amplitude: 5, frequency: 0.5}", law)
+    assert np.max(command - desired) <= 5e-3
+    assert contact.max() <= 20.0 + 5e-3
+    if law == "[57]":  # behind by the distance to stop, and its filter
+        late = slice(len(desired) // 4, None)
+        assert np.max(np.abs(command - desired)[late]) <= (5 * np.pi) ** 2 / 5.9e3 / 0.2 + 0.05
+
+
+@pytest.mark.parametrize("law", CORRECTED)
+def test_steps_up_and_down_are_not_passed(law: str) -> None:
+    desired, _, contact = forces("!Sequence {times: [0, 1, 2.5], forces: [5, 20, 10]}", law)
+    down = int(np.argmax(desired == 10.0))
+    assert np.max((contact - desired)[:down]) <= 1e-6
+    if law == "[57]":
+        assert np.min(contact[down:]) >= 10.0 - 1e-6
+    assert contact[-1] == pytest.approx(10.0, abs=0.1)

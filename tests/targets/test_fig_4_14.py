@@ -1,0 +1,94 @@
+"""Fig. 4.14 on every fidelity, and that its gains are what VRFT makes of the open-loop experiments."""
+
+from __future__ import annotations
+
+from functools import lru_cache
+
+import numpy as np
+import pytest
+
+import forcectl
+from forcectl.estimation.recursive_vrft import rounded
+from forcectl.runs.run import RunResult
+from forcectl.scenario.scenario import load_scenario
+from forcectl.tuning.controller_basis import discrete_pid
+from forcectl.tuning.reference_model import first_order
+from forcectl.tuning.vrft import fit_vrft
+
+MATERIALS = ("aluminium", "wood", "plastic")
+PERIOD, RESOLUTION = 0.002, 0.0039
+# Elsewhere the experiments are judged by what they expect, in `test_reproduce.py`: the robots take their time.
+in_one_dimension = pytest.mark.parametrize("fidelity", ["OneDimensional"])
+
+
+@lru_cache(maxsize=3)
+def result(fidelity: str) -> RunResult:
+    return forcectl.run("fig_4_14", fidelity=fidelity)
+
+
+@lru_cache(maxsize=1)
+def open_loop() -> RunResult:
+    return forcectl.run("fig_4_8", fidelity="OneDimensional")
+
+
+@pytest.mark.parametrize("material", MATERIALS)
+@pytest.mark.parametrize(("variant", "bandwidth"), [("VRFT", 1.5), ("VRFT for 7.5 rad/s", 7.5), ("governed", 1.5)])
+def test_the_gains_are_those_of_the_open_loop_experiment(material: str, variant: str, bandwidth: float) -> None:
+    controller = load_scenario("fig_4_14", variant=f"{material}, {variant}").controller
+    law = controller.law if variant == "governed" else controller
+    log = open_loop().log.sel(variant=material)
+    u, y = (np.ravel(log[name].values) for name in ("controller_output", "measured_force"))
+    fit = fit_vrft(u, rounded(y, RESOLUTION), first_order(bandwidth, PERIOD), discrete_pid(PERIOD), prefilter=False)
+    assert fit.pid is not None
+    assert law.reference_bandwidth == bandwidth
+    written = (law.proportional_gain, law.integral_gain, law.derivative_gain)
+    np.testing.assert_allclose(written, (fit.pid.proportional, fit.pid.integral, fit.pid.derivative), rtol=5e-4)
+
+
+@in_one_dimension
+def test_the_experiment_meets_what_it_expects(fidelity: str) -> None:
+    verdicts = result(fidelity).verdicts
+    assert len(verdicts) == 12
+    assert [verdict.target for verdict in verdicts if not verdict.passed] == []
+
+
+@in_one_dimension
+def test_the_governor_starts_as_the_thesis_has_it(fidelity: str) -> None:
+    log = result(fidelity).log
+    for material in MATERIALS:
+        reference = np.ravel(log["governed_reference"].sel(variant=f"{material}, governed").values)
+        assert reference[0] == pytest.approx(47.29, abs=0.005)
+        assert np.all(np.ravel(log["governor_status"].sel(variant=f"{material}, governed").values) == 0)
+
+
+def test_numbers_of_the_calibrated_plant() -> None:
+    """What the targets expect of the one-dimensional plant."""
+    for material, overshoot in zip(MATERIALS, (15, 16, 16), strict=True):
+        metrics = result("OneDimensional").metrics
+        governed, fast = metrics[f"{material}, governed"], metrics[f"{material}, VRFT for 7.5 rad/s"]
+        assert governed["overshoot_pct"] <= 0.5
+        assert 0.605 <= governed["settling_time_5pct_s"] <= 0.655
+        assert 0.745 <= governed["settling_time_2pct_s"] <= 0.805
+        assert fast["overshoot_pct"] == pytest.approx(overshoot, abs=0.6)
+
+
+@pytest.mark.parametrize("material", MATERIALS)
+def test_the_bandwidth_of_the_text_is_slower(material: str) -> None:
+    """At = 0.991."""
+    changed = {"controller.reference_bandwidth": 4.5}
+    run = forcectl.run("fig_4_14", variant=f"{material}, governed", overrides=changed, fidelity="OneDimensional")
+    (metrics,) = run.metrics.values()
+    assert metrics["overshoot_pct"] <= 2.0
+    assert 0.785 <= metrics["settling_time_5pct_s"] <= 0.815
+    assert np.ravel(run.log["governed_reference"].values)[0] == pytest.approx(38.24, abs=0.005)
+
+
+def test_on_springs() -> None:
+    """With the gains of Table 4.1: t5 0.76 s, t2 1.03 s. Static friction lets the force creep up for 20 s."""
+    law = load_scenario("table_4_1", variant="VRFT").controller
+    changed = {"station.environment.stiffness": 5.9e3, "controller.law": law, "duration": 20.0}
+    run = forcectl.run("fig_4_14", variant="aluminium, governed", overrides=changed, fidelity="OneDimensional")
+    (metrics,) = run.metrics.values()
+    assert metrics["overshoot_pct"] <= 2.0
+    assert metrics["settling_time_5pct_s"] == pytest.approx(0.76, abs=0.02)
+    assert metrics["settling_time_2pct_s"] == pytest.approx(1.03, abs=0.03)

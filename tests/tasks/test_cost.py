@@ -1,0 +1,85 @@
+"""The cost (5.16): its curvature and slope against the cost itself, what is convex, how errors die out."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from hypothesis import given, settings
+from hypothesis import strategies as st
+
+from forcectl.errors import BadInputError
+from forcectl.tasks.coordinates import TaskState
+from forcectl.tasks.cost import TaskCost, Weights, position_weight
+
+K, TS = 4, 0.004
+
+
+def random_weights(seed: int) -> dict[str, Any]:
+    """A convex block matrix with position weights of the size they need."""
+    rng = np.random.default_rng(seed)
+    root = rng.normal(size=(2 * K, 2 * K)) * np.repeat([1 / TS, 1.0], K)[:, None]
+    Q = root @ root.T
+    return {
+        "position": Q[:K, :K],
+        "cross": Q[:K, K:],
+        "velocity": Q[K:, K:],
+        "position_slope": rng.normal(size=K),
+        "velocity_slope": rng.normal(size=K),
+    }
+
+
+@settings(max_examples=50, deadline=None)
+@given(st.integers(0, 10**6))
+def test_curvature_and_slope_are_those_of_the_cost(seed: int) -> None:
+    rng = np.random.default_rng(seed)
+    cost = TaskCost(K, TS, **random_weights(seed))
+    x, rate, place, speed = rng.normal(size=(4, K)) * np.array([1e-3, 0.1, 1e-3, 0.1])[:, None]
+    state = TaskState(x, rate, np.zeros((K, K)), np.zeros(K))
+
+    def at(a: np.ndarray) -> float:
+        return cost.value(x + TS * rate + 0.5 * TS**2 * a - place, rate + TS * a - speed)
+
+    a, b = rng.normal(size=(2, K)) * 10
+    slope = cost.slope(state, place, speed)
+    model = [0.5 * u @ cost.curvature @ u + slope @ u for u in (a, b)]
+    assert (at(a) - at(b)) / TS**2 == pytest.approx(model[0] - model[1], rel=1e-6, abs=1e-6)
+
+
+@pytest.mark.parametrize("rate", [5.0, 40.0, 100.0])
+def test_an_error_of_the_position_dies_out_at_its_rate(rate: float) -> None:
+    cost = TaskCost(1, TS, position=position_weight(rate, TS))
+    x, v, none, error = np.array([1e-3]), np.zeros(1), np.zeros(1), []
+    for _ in range(200):
+        state = TaskState(x, v, np.eye(1), none)
+        a = -cost.slope(state, none, none) / cost.curvature[0]
+        x, v = x + TS * v + 0.5 * TS**2 * a, v + TS * a
+        error.append(x.item())
+    late = np.array(error[20:60])
+    np.testing.assert_allclose(np.log(late[1:] / late[:-1]) / TS, -rate, rtol=0.25)
+    assert min(error) > -1e-9
+
+
+def test_lengths_and_angles_are_compared_by_their_scale() -> None:
+    cost = Weights().cost(np.array([1 / 0.28, 1.0]), TS)
+    assert cost.curvature[0, 0] * 0.28**2 == pytest.approx(cost.curvature[1, 1])
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"position": -1.0}, "negative eigenvalue"),
+        ({"velocity": -np.eye(K)}, "negative eigenvalue"),
+        ({"cross": 1e5}, "negative eigenvalue"),
+        ({"position": np.triu(np.ones((K, K)))}, "weights.position .*symmetric"),
+        ({"position": 0.0, "velocity": [1.0, 1.0, 1.0, 0.0]}, "costs nothing"),
+        ({"position": np.ones(3)}, r"weights.position has shape \(3,\)"),
+        ({"velocity": [np.nan] * K}, "weights.velocity .*finite"),
+        ({"position": "soft"}, "weights.position .*numbers"),
+        ({"position_slope": np.ones(K + 1)}, "weights.position_slope"),
+    ],
+)
+def test_weights_that_are_not_convex_or_do_not_fit_are_refused(changes: dict[str, Any], said: str) -> None:
+    with pytest.raises(BadInputError, match=said):
+        TaskCost(K, TS, **{"position": 1e3} | changes)

@@ -1,0 +1,149 @@
+"""Scenario part `!ReactiveReaching` and its analysis: a short run on the station, and what is refused."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+import forcectl as fc
+from forcectl.analysis.motion_metrics import REACH_METRICS, is_motion_metric
+from forcectl.analysis.reaching import ReachAnalysis
+from forcectl.diagrams.motion_loop import build_motion_loop, motion_facts
+from forcectl.diagrams.research_cell import ResearchStationConfig, describe_research
+from forcectl.errors import BadInputError
+from forcectl.plant.contact.obstacle import ObstacleConfig
+from forcectl.runs.run import RunResult
+from forcectl.tasks.reaching import ArmWallConfig, PaceConfig, ReachConfig, ReactiveReachingConfig
+from forcectl.testing import assert_memory_released
+
+LEFT = {"arm": "left", "position": [0.20, 0.25, 0.25]}
+SHORT = """
+loop: motion
+station: {tool: null, time_step: 0.002}
+controller: !ReactiveReaching
+  tool: null
+  targets:
+    - {arm: left, position: [0.1, 0.3, 0.3]}
+    - {arm: right, position: [0.20, -0.25, 0.20], turn_deg: [0.0, 0.0, 20.0]}
+    - {arm: left, position: [0.20, 0.25, 0.25], time: 0.2}
+analysis: !Reaching {tool: null}
+duration: 1.6
+"""
+
+
+@pytest.fixture(scope="module")
+def result(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
+    """Both arms reach; the left one is sent elsewhere on its way."""
+    path = tmp_path_factory.mktemp("reaching") / "short.yaml"
+    path.write_text(SHORT, encoding="utf-8")
+    return fc.run(path)
+
+
+def facts() -> Any:
+    return motion_facts(describe_research(ResearchStationConfig(tool=None)))
+
+
+def build(**changes: Any) -> Any:
+    return ReactiveReachingConfig(**{"tool": None} | changes).add_to(DiagramBuilder(), facts())
+
+
+@pytest.mark.slow
+def test_on_the_station_both_arms_get_there_within_all_limits(result: RunResult) -> None:
+    (found,) = result.metrics.values()
+    metrics = {name: value for name, value in found.items() if value is not None}
+    assert metrics["reach_offset_mm"] < 0.5
+    assert metrics["reach_angle_deg"] < 0.1
+    assert metrics["retargets"] == 1
+    assert 0.3 < metrics["reach_time_s"] < 1.4
+    assert metrics["constraint_excess"] == 0
+    assert metrics["holding_share"] == 0
+    assert metrics["acceleration_share"] <= 1 + 1e-6
+    assert metrics["link_distance_mm"] > 9
+    assert metrics["reflected_mass_kg"] > 0.1
+    assert set(REACH_METRICS) <= set(metrics)
+    assert all(is_motion_metric(name) for name in REACH_METRICS)
+
+
+@pytest.mark.slow
+def test_the_targets_are_in_the_log_and_taken_at_their_time(result: RunResult) -> None:
+    log = result.log
+    target, time = log["task_target"].values, log["time"].values
+    np.testing.assert_allclose(target[0, :3], [0.1, 0.3, 0.3])
+    np.testing.assert_allclose(target[time > 0.201][0, :3], LEFT["position"])
+    np.testing.assert_allclose(target[:, 11], np.radians(20.0))
+
+
+@pytest.mark.slow
+def test_a_loop_that_is_dropped_gives_its_memory_back() -> None:
+    def loop() -> Diagram:
+        controller = ReactiveReachingConfig(tool=None, targets=[ReachConfig(**LEFT)])
+        return build_motion_loop(ResearchStationConfig(tool=None, time_step=0.002), controller).diagram
+
+    # Drake 1.51 keeps every Python block of a diagram, 6 MB of them here.
+    assert_memory_released(loop, duration=0.02, builds=3, allowed_kb=8000.0)
+
+
+def test_an_arm_without_a_target_stays() -> None:
+    made = build(targets=[ReachConfig(**LEFT)])
+    context = made.CreateDefaultContext()
+    for name in ("joint_position", "joint_velocity"):
+        made.GetInputPort(name).FixValue(context, facts().start)
+    start = made.GetOutputPort("task_position").Eval(context)
+    target = made.GetOutputPort("task_target").Eval(context)
+    np.testing.assert_array_equal(target[6:], start[6:])
+    np.testing.assert_array_equal(target[:3], LEFT["position"])
+
+
+@pytest.mark.parametrize("null_space", ["joint_limits", "links", "small_mass"])
+def test_every_null_space_criterion_can_be_chosen(null_space: str) -> None:
+    made = build(null_space=null_space, targets=[ReachConfig(**LEFT)])
+    context = made.CreateDefaultContext()
+    for name in ("joint_position", "joint_velocity"):
+        made.GetInputPort(name).FixValue(context, facts().start)
+    assert made.GetOutputPort("status").Eval(context)[0] == 0
+    assert made.GetOutputPort("levels_solved").Eval(context)[0] == 2
+
+
+BOX = ObstacleConfig(position=[0.5, 0.0, 0.1], size=[0.1, 0.1, 0.2])
+
+
+@pytest.mark.parametrize(
+    ("changes", "said"),
+    [
+        ({"targets": [ReachConfig(arm="middle", position=[0, 0, 0])]}, "unknown targets.arm 'middle'"),
+        ({"walls": [ArmWallConfig(arm="middle", point=[0, 0, 0], normal=[0, 0, 1])]}, "unknown arm 'middle'"),
+        ({"walls": [ArmWallConfig(arm="left", point=[0, 0, 2], normal=[0, 0, 1])]}, "violated in the start"),
+        ({"link_distance": 0.5}, "violated in the start"),
+        ({"robot": "comau_smart_six", "tool": "force_probe"}, "the station's, with 14 joints"),
+    ],
+)
+def test_what_does_not_fit_the_robot_is_refused(changes: dict[str, Any], said: str) -> None:
+    with pytest.raises(BadInputError, match=said):
+        build(**changes)
+
+
+@pytest.mark.parametrize(
+    ("kind", "values", "said"),
+    [
+        (ReachConfig, {"arm": "left", "position": [0.0, 0.0]}, "position"),
+        (ReachConfig, {"arm": "left", "position": [0.0, 0.0, np.nan]}, "position"),
+        (ReachConfig, {"arm": "left", "position": [0, 0, 0], "turn_deg": [180.0, 0.0, 0.0]}, "less than 180"),
+        (ReachConfig, {"arm": "left", "position": [0, 0, 0], "time": -1.0}, "time"),
+        (ArmWallConfig, {"arm": "left", "point": [0.0], "normal": [0, 0, 1]}, "point"),
+        (ArmWallConfig, {"arm": "left", "point": [0, 0, 0], "normal": [0, 0, 0]}, "normal"),
+        (PaceConfig, {"speed": 0.0}, "velocity"),
+        (PaceConfig, {"turn_jerk": np.inf}, "jerk"),
+        (ReactiveReachingConfig, {"null_space": "mass"}, "unknown null_space 'mass'"),
+        (ReactiveReachingConfig, {"mass_direction": [0, 0, 0]}, "mass_direction"),
+        (ReactiveReachingConfig, {"link_distance": -0.1}, "link_distance"),
+        (ReactiveReachingConfig, {"link_distance": 0.0, "obstacles": [BOX]}, "above zero with obstacles"),
+        (ReachAnalysis, {"every": 0}, "every"),
+        (ReachAnalysis, {"mass_direction": [0.0]}, "mass_direction"),
+    ],
+)
+def test_bad_values_are_refused_by_name(kind: Any, values: dict[str, Any], said: str) -> None:
+    with pytest.raises(BadInputError, match=said):
+        kind(**values)

@@ -1,0 +1,124 @@
+"""Friction identification: parameters come back from ticks with and without noise, and from a robot that was moved."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+from matplotlib.backends.backend_agg import FigureCanvasAgg
+
+from forcectl.errors import BadInputError
+from forcectl.motion.joint_path import JointExcitationConfig
+from forcectl.plant.drives.joint_friction import JointFriction, mean_features
+from forcectl.robot.momentum_model import MomentumModel
+from forcectl.tuning.friction_identification import friction_figure, friction_samples, identify_friction
+from tests.examples.block_examples_estimation import chain_plant
+from tests.examples.motion_runs import motion_loop, run
+
+TRUE = JointFriction(2, offset=[0.3, -0.8], coulomb=[2.0, 0.5], viscous_forward=[1.0, 0.3], viscous_backward=[1.4, 0.0])
+
+
+def ticks(noise: float = 0.0, seed: int = 0, count: int = 1500):
+    """Speeds at the ends of each tick and the mean friction torque, of a swing of both joints."""
+    t = 0.004 * np.arange(count + 1)[:, None]
+    v = np.array([1.5, 3.0]) * np.sin(np.array([3.0, 5.0]) * t) * (0.6 + 0.4 * np.sin(0.7 * t))
+    sign, ahead, back = mean_features(v[:-1], v[1:])
+    torque = TRUE.offset + TRUE.coulomb * sign + TRUE.viscous_forward * ahead + TRUE.viscous_backward * back
+    return v[:-1], v[1:], torque + noise * np.random.default_rng(seed).normal(size=torque.shape)
+
+
+def coefficients(friction: JointFriction) -> np.ndarray:
+    return np.array([friction.offset, friction.coulomb, friction.viscous_forward, friction.viscous_backward])
+
+
+def test_clean_ticks_give_the_parameters():
+    fit = identify_friction(*ticks())
+    np.testing.assert_allclose(coefficients(fit.friction), coefficients(TRUE), atol=1e-9)
+    assert fit.explained.min() > 1 - 1e-12
+    assert fit.rms.max() < 1e-9
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_noise_is_averaged_out_as_far_as_the_errors_say(seed):
+    """0.2 Nm of noise in every tick; four standard errors, themselves below 0.03."""
+    fit = identify_friction(*ticks(0.2, seed))
+    assert fit.deviation.max() < 0.03
+    error = np.abs(coefficients(fit.friction) - coefficients(TRUE))
+    assert np.all(error <= np.where(fit.deviation > 0, 4 * fit.deviation, 1e-12) + 1e-12)
+    np.testing.assert_allclose(fit.rms, 0.2, rtol=0.1)
+
+
+def test_nothing_comes_out_negative():
+    """The true D- of joint 2 is zero, and noise would drive it below."""
+    backward = [identify_friction(*ticks(0.5, seed)).friction.viscous_backward[1] for seed in range(8)]
+    assert min(backward) == 0.0
+    assert max(backward) < 0.1
+
+
+def test_the_threshold_covers_what_the_model_leaves_over():
+    before, after, torque = ticks(0.2, 3)
+    fit = identify_friction(before, after, torque)
+    assert np.all(fit.move > 0.4)
+    assert np.all(fit.move < 0.8)
+    assert np.all(fit.still >= 0.0)
+
+
+def test_report_and_figure():
+    fit = identify_friction(*ticks(0.2))
+    lines = fit.report().splitlines()
+    assert len(lines) == 3
+    assert "tau_C [Nm]" in lines[0]
+    figure = friction_figure(fit, 1, "axis of test")
+    FigureCanvasAgg(figure).draw()
+    (axes,) = figure.axes
+    assert axes.get_title(loc="left") == "axis of test"
+    recorded, model = axes.lines
+    np.testing.assert_array_equal(recorded.get_ydata(), fit.torque[:, 1])
+    assert model.get_ydata()[-1] == pytest.approx(
+        fit.friction.offset[1] + fit.friction.coulomb[1] + fit.friction.viscous_forward[1] * model.get_xdata()[-1]
+    )
+    with pytest.raises(BadInputError, match="joint = 2"):
+        friction_figure(fit, 2)
+
+
+def test_a_run_that_says_too_little_is_refused_by_joint():
+    before, after, torque = ticks()
+    still = before.copy()
+    still[:, 1] = 0.0
+    with pytest.raises(BadInputError, match="joint 2: has 0 ticks in motion"):
+        identify_friction(still, still, torque)
+    with pytest.raises(BadInputError, match="joint 1: is not excited"):
+        identify_friction(np.abs(before), np.abs(after), torque)
+    steady = np.full_like(before, 0.7) * np.sign(before)
+    with pytest.raises(BadInputError, match="joint 1: is not excited"):
+        identify_friction(steady, steady, torque)
+    with pytest.raises(BadInputError, match="shape"):
+        identify_friction(before[:-1], after, torque)
+    with pytest.raises(BadInputError, match="finite"):
+        identify_friction(before, after, torque * np.nan)
+
+
+def test_records_that_do_not_fit_are_refused():
+    model = MomentumModel(chain_plant())
+    t, rows = 0.004 * np.arange(5), np.zeros((5, 2))
+    with pytest.raises(BadInputError, match="increasing"):
+        friction_samples(model, t[::-1], rows, rows, rows)
+    with pytest.raises(BadInputError, match=r"velocity has shape \(5, 3\): must be \(5, 2\)"):
+        friction_samples(model, t, rows, np.zeros((5, 3)), rows)
+
+
+@pytest.mark.parametrize("noise", [False, True])
+def test_a_robot_that_was_moved_gives_its_friction(noise):
+    """Sticking friction, readings as the interface gives them: 1 %; with noise and a loss of 10 ticks: 3 %."""
+    sensors = {"torque_noise": 0.1, "position_noise": 1e-5} if noise else {}
+    excitation = JointExcitationConfig(speed_shares=[0.2, 0.6], duration=2.0)
+    loop = motion_loop("yumi/left", None, excitation, sensors=sensors)
+    log = run(loop, 4.0)
+    if noise:
+        log["joint_velocity"][100:110] = np.nan
+    readings = (log[name] for name in ("time", "joint_position", "joint_velocity", "motor_torque"))
+    samples = friction_samples(loop.facts.momentum_model(), *readings, velocity_bandwidth=loop.facts.velocity_bandwidth)
+    fit = identify_friction(*samples, slowest=0.05)
+    true = loop.facts.friction
+    scale = np.array([true.coulomb, true.coulomb, true.viscous_forward, true.viscous_backward])
+    error = np.abs(coefficients(fit.friction) - coefficients(true)) / scale
+    assert error.max() < (0.03 if noise else 0.01), error
