@@ -4,7 +4,10 @@ from forcectl.doctor.examine import examine, examine_builder
 from forcectl.doctor.loops import build, explain_build_error
 from forcectl.doctor.measure import measure_delay
 from forcectl.doctor.render import render
-from forcectl.doctor.report import DelayChain, DelayRow, FeedthroughRow, Finding, PeriodicEvent, Report
+from forcectl.doctor.report import Finding, Report
+from forcectl.inspect.delay import DelayChain, DelayRow
+from forcectl.inspect.events import PeriodicEvent
+from forcectl.inspect.feedthrough import FeedthroughRow
 
 __all__ = [
     "examine", "examine_builder", "build", "explain_build_error", "measure_delay", "render",

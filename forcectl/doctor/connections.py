@@ -4,23 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterator
 
-from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.systems.framework import System
 
 from forcectl.doctor.report import Finding, error, info, warning
-from forcectl.doctor.wiring import Port, Wiring, is_vector
-
-
-def is_library_plant(system: System) -> bool:
-    """Whether the block is a plant or scene graph of Drake: many ports, most of them optional by design."""
-    return isinstance(system, MultibodyPlant | SceneGraph)
-
-
-def _optional(wiring: Wiring, port: Port) -> bool:
-    """Whether the block says that this input may stay open (class attribute `optional_inputs`)."""
-    names = getattr(wiring.systems[port.system], "optional_inputs", ())
-    return wiring.input_port(port).get_name() in names
+from forcectl.inspect.start import is_library_plant, optional_inputs
+from forcectl.inspect.wiring import Port, Wiring, is_vector
 
 
 def _shape(wiring: Wiring, port: Port) -> str:
@@ -55,7 +43,7 @@ def unconnected_inputs(wiring: Wiring) -> Iterator[Finding]:
 
 def _unconnected(wiring: Wiring, port: Port) -> Finding:
     name = wiring.input_name(port)
-    if _optional(wiring, port):
+    if wiring.input_port(port).get_name() in optional_inputs(wiring.systems[port.system]):
         return info("optional-input", name, f"optional input ({_shape(wiring, port)}) not connected")
     inner = [wiring.input_name(p) for p in wiring.inner_inputs(port)]
     leads = f", which leads to {', '.join(inner)}" if inner and inner != [name] else ""

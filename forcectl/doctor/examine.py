@@ -2,20 +2,27 @@
 
 from __future__ import annotations
 
+from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, System
 
+from forcectl.doctor.cenic import refused_scheme, scheme_name
 from forcectl.doctor.connections import unconnected_inputs, unused_outputs
-from forcectl.doctor.delay import COMMANDS, SENSOR, chain_findings, default_traces, trace
-from forcectl.doctor.events import periodic_events, timing_findings
-from forcectl.doctor.feedthrough import feedthrough_table, undeclared_prerequisites
+from forcectl.doctor.delays import chain_findings, declared_findings
+from forcectl.doctor.feedthrough import undeclared_prerequisites
 from forcectl.doctor.loops import algebraic_loops
-from forcectl.doctor.paths import Hops, PortName
-from forcectl.doctor.report import DelayChain, Finding, Report, error, sort_findings
-from forcectl.doctor.stages import declared_findings
+from forcectl.doctor.report import Finding, Report, error, sort_findings
+from forcectl.doctor.timing import failed_updates, timing_findings
 from forcectl.doctor.units import mismatches
-from forcectl.doctor.values import StartValues, non_finite_outputs
-from forcectl.doctor.wiring import Wiring
+from forcectl.doctor.values import non_finite_outputs
 from forcectl.errors import BadInputError
+from forcectl.inspect.delay import COMMANDS, SENSOR, DelayChain, trace, way_and_back, ways_around
+from forcectl.inspect.events import read_timing
+from forcectl.inspect.feedthrough import feedthrough_table
+from forcectl.inspect.ports import PortName
+from forcectl.inspect.schedule import clean
+from forcectl.inspect.start import StartValues
+from forcectl.inspect.ways import Hops
+from forcectl.inspect.wiring import Wiring
 
 
 def examine(
@@ -24,34 +31,45 @@ def examine(
     sensor: PortName | None = None,
     command: PortName | None = None,
     expected_delay: float | None = None,
+    scheme: str | Simulator | None = None,
 ) -> Report:
     """Examine a diagram, or a single block, and everything inside it.
 
     Nothing of the given system is changed; contexts are the doctor's own. To see their timing, blocks are run alone
     for some samples from their start values, except Drake's own blocks with abstract inputs (visualizers, drivers).
 
+    The delay tables lead once around the loop, from the command to the contact force, to the sensor and back to the
+    command; `Report.dead_time` is their sum. With `sensor` and `command` they lead from the one to the other and back.
+
     Args:
         system: any Diagram or LeafSystem.
         sensor: where the delay table begins: an output ("station.measured_force", or ("station", "measured_force"))
             or an input of a block (then the block's own delay counts). Default: the output called `measured_force`.
-        command: where the delay table ends. Default: `joint_position_command` or `displacement_command`.
+        command: where the delay table ends. Default: one of `inspect.delay.COMMANDS`.
         expected_delay: the delay that the way from `sensor` to `command` should have [s]; another one is an error.
+        scheme: integration scheme it is to be simulated with, by Drake's name, or a simulator that has one.
 
     Raises:
-        BadInputError: `sensor` or `command` name no port, or several.
+        BadInputError: `sensor` or `command` name no port, or several; `scheme` is none of Drake's.
     """
     if not isinstance(system, System):
         raise BadInputError(f"examine() takes a Drake system, not {type(system).__name__}")
+    chosen = scheme_name(scheme)
     wiring = Wiring(system)
     values = StartValues(wiring)
-    findings = _structure(wiring, values)
-    findings += non_finite_outputs(values)
-    events = periodic_events(values, findings)
-    findings += timing_findings(events)
-    hops = Hops(wiring, events)
-    findings += declared_findings(values, hops)
-    delays = _delays(values, hops, sensor, command, expected_delay, findings)
-    return Report(system.get_name(), sort_findings(findings), feedthrough_table(wiring), events, delays)
+    timing = read_timing(values)
+    hops = Hops(wiring, timing.events)
+    findings = [
+        *_structure(wiring),
+        *refused_scheme(values, chosen),
+        *non_finite_outputs(values),
+        *failed_updates(values, timing),
+        *timing_findings(timing.events),
+        *declared_findings(values, hops),
+    ]
+    delays, dead_time = _delays(values, hops, sensor, command, expected_delay, findings)
+    table = feedthrough_table(wiring)
+    return Report(system.get_name(), sort_findings(findings), table, timing.events, delays, dead_time)
 
 
 def examine_builder(builder: DiagramBuilder) -> Report:
@@ -68,15 +86,14 @@ def examine_builder(builder: DiagramBuilder) -> Report:
     if builder.already_built():
         raise BadInputError("this builder has already built its diagram: use examine(diagram)")
     wiring = Wiring(builder)
-    findings = _structure(wiring, StartValues(wiring))
-    return Report("", sort_findings(findings), feedthrough_table(wiring))
+    return Report("", sort_findings(_structure(wiring)), feedthrough_table(wiring))
 
 
-def _structure(wiring: Wiring, values: StartValues) -> list[Finding]:
+def _structure(wiring: Wiring) -> list[Finding]:
     return [
         *unconnected_inputs(wiring),
         *algebraic_loops(wiring),
-        *undeclared_prerequisites(wiring, values.block_context),
+        *undeclared_prerequisites(wiring),
         *mismatches(wiring),
         *unused_outputs(wiring),
     ]
@@ -89,22 +106,24 @@ def _delays(
     command: PortName | None,
     expected: float | None,
     findings: list[Finding],
-) -> tuple[DelayChain, ...]:
-    defaults = default_traces(values.wiring)
-    wanted = defaults
-    if sensor is not None or command is not None or (expected is not None and not defaults):
-        first = sensor if sensor is not None else (defaults[-1][0] if defaults else SENSOR)
-        last = command if command is not None else (defaults[-1][1] if defaults else COMMANDS[0])
-        wanted = [(first, last)]
-    chains = []
-    for source, target in wanted:
-        chain = trace(values, hops, source, target)
-        main = (source, target) == wanted[-1]
-        if chain is not None:
-            chains.append(chain)
-            if main:  # what happens inside the sensor is the sensor's own matter
-                findings += chain_findings(values, chain, expected)
-        elif main and (wanted is not defaults or expected is not None):
+) -> tuple[tuple[DelayChain, ...], float | None]:
+    """The tables, and their sum where they close a loop; what is wrong with them is added to `findings`."""
+    defaults = ways_around(values.wiring)
+    ways, asked = defaults, False
+    if sensor is not None or command is not None or expected is not None:
+        first, last = defaults[-1] if defaults and defaults[-1][0] == SENSOR else (SENSOR, COMMANDS[0])
+        named = (sensor if sensor is not None else first, command if command is not None else last)
+        asked = True
+        if named not in defaults:
+            ways = way_and_back(values.wiring, *named)
+    chains = {way: chain for way in ways if (chain := trace(values, hops, *way)) is not None}
+    source, target = ways[-1] if ways else ("", "")
+    if (chain := chains.get((source, target))) is None:
+        if asked:
             where = f"{source} -> {target}"
             findings.append(error("no-way", where, "no signal reaches the second port from the first"))
-    return tuple(chains)
+    elif asked or source == SENSOR:  # what happens inside the plant and the sensor is their own matter
+        findings += chain_findings(values, chain, expected)
+    around = len(ways) > 1 and len(chains) == len(ways) and ways[0][0] == target
+    total = clean(sum(chain.total for chain in chains.values())) if around else None
+    return tuple(chains.values()), total

@@ -8,8 +8,8 @@ from collections.abc import Iterator
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from forcectl.doctor.report import Finding, error
-from forcectl.doctor.wiring import Port, Wiring
 from forcectl.errors import BadInputError
+from forcectl.inspect.wiring import Port, Wiring
 
 _ADVICE = (
     "break it with a block that holds its output over a sample (a discrete state, ZeroOrderHold), or declare "

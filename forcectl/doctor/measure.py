@@ -1,42 +1,51 @@
-"""The delay of a whole diagram, measured from outside: step an input and watch an output."""
+"""The delay between two ports of a diagram, measured from outside: step one and watch the other."""
 
 from __future__ import annotations
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import System
+from pydrake.systems.framework import Context, System
 
-from forcectl.doctor.wiring import is_vector
-from forcectl.errors import invalid, unknown
+from forcectl.errors import invalid
+from forcectl.inspect.delay import ends_of_way
+from forcectl.inspect.events import read_timing
+from forcectl.inspect.ports import PortName
+from forcectl.inspect.start import StartValues, fix_open_inputs
+from forcectl.inspect.ways import Hops
+from forcectl.inspect.wiring import Wiring, is_vector
 
 
 def measure_delay(
     system: System,
-    input_port_name: str,
-    output_port_name: str,
+    source: PortName,
+    target: PortName,
     *,
     tick: float,
     amplitude: float = 1.0,
     start: float = 0.0,
     longest: float = 1.0,
     threshold: float = 0.0,
+    context: Context | None = None,
 ) -> float | None:
-    """Time from a step at an input until the output differs from a run without the step.
+    """Time from a step at one port until another port differs from a run without the step.
 
-    The step comes just before the updates at `start`; the output is read every `tick` just before the updates of
-    that instant, as a discrete block of period `tick` would read it. Other vector inputs are held at zero. A
-    feedthrough gives 0, one sampled block its period. A continuous filter on the way answers at the first tick, if
-    only by little: give a `threshold` to ask for a visible answer.
+    The step comes just before the updates at `start`; the target is read every `tick` just before the updates of
+    that instant, as a discrete block of period `tick` would read it. A feedthrough gives 0, one sampled block its
+    period. A continuous filter on the way answers at the first tick, if only by little: give a `threshold` to ask for
+    a visible answer. Where `source` is inside of the system, its readers are held at its value from `start` on, in both
+    runs: a loop that is closed over it is cut open there.
 
     Args:
         system: any diagram or block.
-        input_port_name: a vector input of `system`.
-        output_port_name: a vector output of `system`.
+        source: a vector port by name or path, of the system or of a block inside; where nothing on the way reads this
+            output, what it is computed from is stepped.
+        target: a vector output, likewise.
         tick: resolution [s], usually the control period.
-        amplitude: size of the step, unit of the input.
+        amplitude: size of the step, unit of the source; added to every element.
         start: when the step comes [s], a multiple of `tick`; matters where periods differ.
         longest: when to give up, after `start` [s].
-        threshold: largest difference that still counts as no answer, unit of the output.
+        threshold: largest difference that still counts as no answer, unit of the target.
+        context: where both runs start; default the default context. Open vector inputs are held at zero.
 
     Returns:
         The delay [s], or None when nothing changed.
@@ -48,33 +57,33 @@ def measure_delay(
         raise invalid("tick", tick, "positive [s]")
     if not start >= 0:
         raise invalid("start", start, "zero or positive [s]")
-    inputs = {system.get_input_port(i, False).get_name(): i for i in range(system.num_input_ports())}
-    outputs = {system.get_output_port(i, False).get_name(): i for i in range(system.num_output_ports())}
-    if input_port_name not in inputs:
-        raise unknown("input port", input_port_name, inputs)
-    if output_port_name not in outputs:
-        raise unknown("output port", output_port_name, outputs)
-    stepped = system.get_input_port(inputs[input_port_name], False)
-    watched = system.get_output_port(outputs[output_port_name], False)
-    for port in (stepped, watched):
+    wiring = Wiring(system)
+    begin, end = ends_of_way(Hops(wiring, read_timing(StartValues(wiring)).events), source, target)
+    stepped = begin.readers
+    watched = wiring.output_port(end)
+    for port in (*map(wiring.input_port, stepped), watched):
         if not is_vector(port):
             raise invalid("port", port.get_name(), "a vector port: a step of an abstract value has no meaning")
 
-    runs = [Simulator(system), Simulator(system)]
-    for run in runs:
-        for i in range(system.num_input_ports()):
-            port = system.get_input_port(i, False)
-            if is_vector(port):
-                port.FixValue(run.get_mutable_context(), np.zeros(port.size()))
-        run.Initialize()
+    runs = []
+    for _ in range(2):
+        own = system.CreateDefaultContext() if context is None else context.Clone()
+        fix_open_inputs(wiring, own)
+        runs.append(Simulator(system, own))
+        runs[-1].Initialize()
         if start > 0:
-            run.AdvanceTo(start)
-    stepped.FixValue(runs[1].get_mutable_context(), np.full(stepped.size(), amplitude))
+            runs[-1].AdvanceTo(start)
+    for run, step in zip(runs, (0.0, amplitude), strict=True):
+        for reader in stepped:
+            block, port = wiring.systems[reader.system], wiring.input_port(reader)
+            here = block.GetMyMutableContextFromRoot(run.get_mutable_context())
+            value = port.Eval(here) if port.HasValue(here) else np.zeros(port.size())
+            port.FixValue(here, value + step)
+    contexts = [wiring.systems[end.system].GetMyContextFromRoot(run.get_context()) for run in runs]
     for k in range(round(longest / tick) + 1):
         if k > 0:  # at k = 0 AdvanceTo would already carry out the updates of this instant
             for run in runs:
                 run.AdvanceTo(start + k * tick)
-        difference = watched.Eval(runs[1].get_context()) - watched.Eval(runs[0].get_context())
-        if np.any(np.abs(difference) > threshold):
+        if np.any(np.abs(watched.Eval(contexts[1]) - watched.Eval(contexts[0])) > threshold):
             return float(f"{k * tick:.9g}")
     return None

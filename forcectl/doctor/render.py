@@ -4,7 +4,9 @@ from __future__ import annotations
 
 from typing import TYPE_CHECKING
 
-from forcectl.doctor.report import SEVERITIES, DelayChain, PeriodicEvent, Report
+from forcectl.doctor.report import SEVERITIES, Report
+from forcectl.inspect.delay import DelayChain
+from forcectl.inspect.events import PeriodicEvent
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -27,6 +29,9 @@ def render(report: Report, console: Console, *, verbose: bool = False) -> None:
         console.print(_events(report.events))
     for chain in report.delays:
         console.print(_delays(chain))
+    if report.dead_time is not None:
+        parts = " + ".join(f"{chain.total:g}" for chain in report.delays)
+        console.print(f"Dead time once around the loop: {parts} = {report.dead_time:g} s")
     if verbose and report.feedthrough:
         table = _table("Direct feedthrough", "block", "output", "<- inputs")
         for row in report.feedthrough:

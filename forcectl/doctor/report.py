@@ -5,6 +5,10 @@ from __future__ import annotations
 from dataclasses import asdict, dataclass
 from typing import Any
 
+from forcectl.inspect.delay import DelayChain
+from forcectl.inspect.events import PeriodicEvent
+from forcectl.inspect.feedthrough import FeedthroughRow
+
 SEVERITIES = ("error", "warning", "info")
 
 
@@ -37,58 +41,24 @@ def info(code: str, path: str, message: str) -> Finding:
 
 
 @dataclass(frozen=True)
-class FeedthroughRow:
-    """One output port and the input ports it passes on within the same instant."""
-
-    block: str
-    output: str
-    inputs: tuple[str, ...]  # empty: the output depends on state, time or parameters only
-
-
-@dataclass(frozen=True)
-class PeriodicEvent:
-    """One periodic event of one block; times in [s]."""
-
-    block: str
-    kind: str  # "discrete", "unrestricted" or "publish"
-    period: float
-    offset: float
-
-
-@dataclass(frozen=True)
-class DelayRow:
-    """What one block on the way adds to the delay [s]."""
-
-    block: str
-    input: str
-    output: str
-    kind: str  # "feedthrough", "continuous", "discrete", "unrestricted" or "fixed"
-    samples: int  # samples of the block's own period between input and output
-    delay: float  # [s], as the next reader on the way sees it
-    basis: str  # where `samples` comes from: "structure", "declared", "measured" or "assumed"
-
-
-@dataclass(frozen=True)
-class DelayChain:
-    """Every sample of delay from one port to another; times in [s]."""
-
-    source: str
-    target: str
-    rows: tuple[DelayRow, ...]
-    reader: str  # the block that reads the target port first, "" when a reader at the last block's own rate is meant
-    total: float  # sum of the rows
-    worst: float  # with the longest wait for a slower block to look
-
-
-@dataclass(frozen=True)
 class Report:
-    """All findings and tables of one examination."""
+    """All findings and tables of one examination.
+
+    Attributes:
+        name: of the diagram.
+        findings: errors first, then warnings, then infos.
+        feedthrough: every output and what it passes on within the same instant.
+        events: every periodic event.
+        delays: the ways through the diagram that were looked at, in the order of the signal.
+        dead_time: sum of these delays where they lead once around a loop [s], else None.
+    """
 
     name: str
     findings: tuple[Finding, ...] = ()
     feedthrough: tuple[FeedthroughRow, ...] = ()
     events: tuple[PeriodicEvent, ...] = ()
     delays: tuple[DelayChain, ...] = ()
+    dead_time: float | None = None
 
     @property
     def ok(self) -> bool:

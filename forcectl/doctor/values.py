@@ -1,62 +1,14 @@
-"""Contexts to look at a diagram with, and the check that every output is a finite number at the start."""
+"""The check that every output is a finite number at the start."""
 
 from __future__ import annotations
 
 from collections.abc import Iterator
 
 import numpy as np
-from pydrake.systems.framework import Context
 
-from forcectl.doctor.connections import is_library_plant
 from forcectl.doctor.report import Finding, error, info
-from forcectl.doctor.wiring import Port, Wiring, is_vector
-
-# A failed precondition in C++ can arrive as SystemExit; examining a diagram must not end the process.
-FAILURES = (Exception, SystemExit)
-
-
-class StartValues:
-    """Default contexts of the whole diagram and of single blocks, with open vector inputs fixed to zero."""
-
-    def __init__(self, wiring: Wiring):
-        self.wiring = wiring
-        self.root: Context | None = None
-        if wiring.root is not None:
-            self.root = wiring.root.CreateDefaultContext()
-            self._fix_open_inputs(self.root)
-
-    def _fix_open_inputs(self, root: Context) -> None:
-        wiring = self.wiring
-        if wiring.root is None:
-            return
-        for i in range(wiring.root.num_input_ports()):
-            port = wiring.root.get_input_port(i, False)
-            if is_vector(port):
-                port.FixValue(root, np.zeros(port.size()))
-        for reader in wiring.leaf_inputs():
-            system, port = wiring.systems[reader.system], wiring.input_port(reader)
-            # A plant's open inputs mean "nothing applied"; a zero there could switch something on.
-            left_open = is_library_plant(system) or port.get_name() in getattr(system, "optional_inputs", ())
-            if is_vector(port) and not left_open and wiring.source(reader) is None:
-                port.FixValue(system.GetMyMutableContextFromRoot(root), np.zeros(port.size()))
-
-    def block_context(self, path: str) -> Context:
-        """A context of one block alone, its inputs fixed to what they are at the start of the whole diagram."""
-        system = self.wiring.systems[path]
-        context = system.CreateDefaultContext()
-        here = system.GetMyContextFromRoot(self.root) if self.root is not None else None
-        for i in range(system.num_input_ports()):
-            port = system.get_input_port(i, False)
-            try:
-                if here is not None and port.HasValue(here):
-                    port.FixValue(context, port.EvalAbstract(here).Clone())
-                    continue
-            except FAILURES:
-                pass  # the block that feeds this input fails; it is reported on its own
-            open_by_choice = here is not None or port.get_name() in getattr(system, "optional_inputs", ())
-            if is_vector(port) and not open_by_choice:
-                port.FixValue(context, np.zeros(port.size()))
-        return context
+from forcectl.inspect.start import FAILURES, StartValues
+from forcectl.inspect.wiring import Port, Wiring, is_vector
 
 
 def non_finite_outputs(values: StartValues) -> Iterator[Finding]:

@@ -10,7 +10,7 @@ from dataclasses import dataclass
 from functools import cached_property
 from typing import Literal
 
-from forcectl.graph.events import SampleTime
+from forcectl.inspect.events import PeriodicEvent
 
 Kind = Literal["leaf", "diagram"]
 Category = Literal["continuous", "discrete", "hybrid", "stateless", "multibody", "nested"]
@@ -85,7 +85,7 @@ class Block:
     """A leaf system, or a diagram with its own blocks and wires.
 
     Attributes:
-        path: names from the root, joined by `::`; unique in the graph.
+        path: as `forcectl.inspect` calls it, `station/plant`; unique in the graph. "" is the whole diagram.
         automatic_name: True when nobody named the system.
         samples: periodic events, fastest first.
         every_step: True when it acts at every simulator step.
@@ -102,7 +102,7 @@ class Block:
     inputs: tuple[Port, ...]
     outputs: tuple[Port, ...]
     automatic_name: bool = False
-    samples: tuple[SampleTime, ...] = ()
+    samples: tuple[PeriodicEvent, ...] = ()
     every_step: bool = False
     states: tuple[int, int, int] = (0, 0, 0)
     parameters: tuple[Parameter, ...] = ()

@@ -12,7 +12,7 @@ if TYPE_CHECKING:
     from pydrake.systems.framework import DiagramBuilder, System
 
     from forcectl.doctor import Report
-    from forcectl.doctor.paths import PortName
+    from forcectl.inspect.ports import PortName
     from forcectl.testing.runs import Log
 
 

@@ -1,5 +1,3 @@
-import sys
-
 import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Demultiplexer, FirstOrderLowPassFilter, Gain, LinearSystem
@@ -64,24 +62,6 @@ def test_undeclared_prerequisites_are_told_with_the_inputs_and_the_cure():
 
 def test_without_state_there_is_nothing_to_gain():
     assert not examine(Block("nothing said", state=False)).warnings
-
-
-def test_a_profiler_at_work_is_left_in_place():
-    """The doctor notices calls into Python with the profile hook, which it must not take from others."""
-    calls = []
-
-    def profile(frame, event, argument):
-        calls.append(event)
-
-    sys.setprofile(profile)
-    try:
-        report = examine(Block("nothing said"))
-        assert sys.getprofile() is profile
-    finally:
-        sys.setprofile(None)
-    assert calls
-    assert report.ok
-    assert examine(Block("nothing said")).warnings
 
 
 def test_blocks_of_drake_and_nested_diagrams():

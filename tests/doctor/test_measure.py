@@ -47,13 +47,13 @@ def test_no_answer_is_none():
     [
         ({"tick": 0.0}, "tick = 0.0: must be positive"),
         ({"tick": 0.1, "start": -1.0}, "start = -1.0: must be zero or positive"),
-        ({"tick": 0.1, "input_port_name": "x"}, "unknown input port 'x'"),
-        ({"tick": 0.1, "output_port_name": "x"}, "unknown output port 'x'"),
+        ({"tick": 0.1, "source": "x"}, "unknown port 'x'"),
+        ({"tick": 0.1, "target": "x"}, "unknown port 'x'"),
     ],
 )
 def test_bad_arguments(arguments, message):
     with pytest.raises(BadInputError, match=message):
-        measure_delay(**{"system": Gain(1.0, 1), "input_port_name": "u0", "output_port_name": "y0", **arguments})
+        measure_delay(**{"system": Gain(1.0, 1), "source": "u0", "target": "y0", **arguments})
 
 
 def test_an_abstract_port_is_refused():

@@ -33,14 +33,13 @@ ARM = """<robot name="arm"><link name="base"/><link name="link"><inertial><mass 
 
 
 class ForceLaw(LeafSystem):
-    """Sampled integral action; its callback must never run when it is only drawn.
+    """The ports of a sampled integral action; its update does nothing.
 
     parameters: [integral_gain, compliance]
     """
 
     def __init__(self, period: float = 0.002) -> None:
         super().__init__()
-        self.calls = 0
         self.DeclareVectorInputPort("desired_force", 1)
         self.DeclareVectorInputPort("measured_force", 1)
         self.DeclareNumericParameter(BasicVector([3.0]))
@@ -49,7 +48,7 @@ class ForceLaw(LeafSystem):
         self.DeclarePeriodicUnrestrictedUpdateEvent(period, 0.0, self._update)
 
     def _update(self, *_: object) -> None:
-        self.calls += 1
+        """Changes nothing."""
 
 
 class Station(Diagram):

@@ -1,14 +1,11 @@
 from __future__ import annotations
 
 import gc
-import itertools
-import time
 import weakref
 
-import numpy as np
 import pytest
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
-from pydrake.systems.primitives import ConstantVectorSource, LinearSystem, LogVectorOutput, Multiplexer, ZeroOrderHold
+from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, Multiplexer, VectorLogSink, ZeroOrderHold
 
 from forcectl.errors import BadInputError
 from forcectl.graph.extract import block_graph
@@ -36,9 +33,9 @@ def test_nodes_follow_the_depth():
 
 def test_wires_carry_size_and_unit_even_from_ports_without_a_unit():
     edges = {(edge.source, edge.target): edge for edge in block_graph(force_loop()).edges}
-    reference = edges[Endpoint("closed_loop::reference", "y0"), Endpoint("closed_loop::force_law", "desired_force")]
+    reference = edges[Endpoint("reference", "y0"), Endpoint("force_law", "desired_force")]
     assert (reference.signal, reference.size, reference.unit) == ("1 · N", 1, "N")
-    force = edges[Endpoint("closed_loop::station", "contact_force"), Endpoint("closed_loop", "contact_force")]
+    force = edges[Endpoint("station", "contact_force"), Endpoint("", "contact_force")]
     assert force.unit == "N"
     assert len(edges) == 4
 
@@ -57,17 +54,17 @@ def test_units_of_a_block_override_the_table():
 
 def test_loggers_are_hidden_but_what_they_record_keeps_its_port():
     plain = block_graph(force_loop())
-    assert "closed_loop::log" not in plain.by_path
-    assert "contact_displacement" in names(plain.by_path["closed_loop::station"].outputs)
+    assert "log" not in plain.by_path
+    assert "contact_displacement" in names(plain.by_path["station"].outputs)
     shown = block_graph(force_loop(), loggers=True)
-    assert "closed_loop::log" in shown.by_path
-    assert Endpoint("closed_loop::log", "data") in {edge.target for edge in shown.edges}
+    assert "log" in shown.by_path
+    assert Endpoint("log", "data") in {edge.target for edge in shown.edges}
 
 
 def test_unused_ports_are_hidden_by_default():
-    plant = block_graph(arm_with_controller()).by_path["inverse dynamics::plant"]
+    plant = block_graph(arm_with_controller()).by_path["plant"]
     assert set(names(plant.inputs)) == {"geometry_query", "actuation"}
-    everything = block_graph(arm_with_controller(), hide_unused=False).by_path["inverse dynamics::plant"]
+    everything = block_graph(arm_with_controller(), hide_unused=False).by_path["plant"]
     assert len(everything.outputs) > 10 > len(plant.outputs)
     connected = {port.name for port in everything.outputs if port.connected}
     assert connected == set(names(plant.outputs))
@@ -79,28 +76,28 @@ def test_what_is_unused_outside_is_left_out_inside():
     outer = builder.Build()
     outer.set_name("outer")
     graph = block_graph(outer, depth=None)
-    assert graph.by_path["outer::inner"].outputs == ()
-    assert all(edge.target.block != "outer::inner" for edge in graph.edges)
+    assert graph.by_path["inner"].outputs == ()
+    assert all(edge.target.block != "inner" for edge in graph.edges)
 
 
 def test_states_sample_times_and_kinds():
     graph = block_graph(force_loop(), depth=None)
-    law = graph.by_path["closed_loop::force_law"]
+    law = graph.by_path["force_law"]
     assert (law.kind, law.category, law.type_name) == ("leaf", "discrete", "ForceLaw")
     assert (law.period_text, law.states) == ("2 ms", (0, 1, 0))
-    sensor = graph.by_path["closed_loop::station::force_sensor"]
+    sensor = graph.by_path["station/force_sensor"]
     assert (sensor.category, sensor.states) == ("continuous", (1, 0, 0))
-    assert graph.by_path["closed_loop::station"].category == "nested"
-    assert graph.by_path["closed_loop::station"].type_name == "Station"
-    assert graph.by_path["closed_loop::station::contact_stiffness"].category == "stateless"
+    assert graph.by_path["station"].category == "nested"
+    assert graph.by_path["station"].type_name == "Station"
+    assert graph.by_path["station/contact_stiffness"].category == "stateless"
     arm = block_graph(arm_with_controller())
-    assert arm.by_path["inverse dynamics::plant"].category == "multibody"
-    assert arm.by_path["inverse dynamics::plant"].period_text == "1 ms"
+    assert arm.by_path["plant"].category == "multibody"
+    assert arm.by_path["plant"].period_text == "1 ms"
 
 
 def test_direct_feedthrough_is_told_per_output():
     graph = block_graph(odd_names(), depth=None)
-    block = graph.by_path['Diagram::block "A" <1> & </script>']
+    block = graph.by_path['block "A" <1> & </script>']
     by_name = {port.name: port for port in block.outputs}
     assert by_name["list & dict"].feedthrough == ('in "a" <b>', "x|{y}")
     assert by_name["v"].feedthrough == ()
@@ -111,19 +108,19 @@ def test_parameters_come_from_the_context_with_documented_names():
     context = diagram.CreateDefaultContext()
     law = diagram.GetSubsystemByName("force_law")
     law.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(0).SetAtIndex(0, 4.5)
-    given = block_graph(diagram, context=context).by_path["closed_loop::force_law"].parameters
+    given = block_graph(diagram, context=context).by_path["force_law"].parameters
     assert [(p.name, p.values) for p in given] == [("integral_gain", (4.5,)), ("compliance", (3.2e-5,))]
-    default = block_graph(diagram).by_path["closed_loop::force_law"].parameters
+    default = block_graph(diagram).by_path["force_law"].parameters
     assert default[0].values == (3.0,)
 
 
 def test_gains_and_limits_of_primitives_are_read():
     graph = block_graph(force_loop(), depth=None)
-    gain = graph.by_path["closed_loop::station::contact_stiffness"].parameters
+    gain = graph.by_path["station/contact_stiffness"].parameters
     assert [(p.name, p.values) for p in gain] == [("gain", (-25000.0,))]
-    limits = graph.by_path["closed_loop::station::one_sided"].parameters
+    limits = graph.by_path["station/one_sided"].parameters
     assert [p.values for p in limits] == [(0.0,), (1e4,)]
-    matrices = {p.name: p.values for p in graph.by_path["closed_loop::station::force_sensor"].parameters}
+    matrices = {p.name: p.values for p in graph.by_path["station/force_sensor"].parameters}
     assert matrices["A"] == (-300.0,)
 
 
@@ -150,14 +147,16 @@ def test_two_diagrams_built_alike_give_equal_graphs(make):
 
 
 def test_the_graph_does_not_keep_the_diagram_alive():
-    # C++ blocks only: a Python block that declares its own methods as callbacks is never freed by Drake.
+    # Drake never frees a Python block that declares its own methods as callbacks, nor a diagram of which Python has
+    # seen a port of a block that was added in C++, as LogVectorOutput does.
     builder = DiagramBuilder()
     hold = builder.AddNamedSystem("kept", ZeroOrderHold(0.1, 1))
-    LogVectorOutput(hold.get_output_port(), builder, 0.1)
+    log = builder.AddSystem(VectorLogSink(1, 0.1))
+    builder.Connect(hold.get_output_port(), log.get_input_port())
     diagram = builder.Build()
     watched = weakref.ref(diagram)
     graph = block_graph(diagram)
-    del builder, hold, diagram
+    del builder, hold, log, diagram
     gc.collect()
     assert watched() is None
     assert graph.nodes[1].name == "kept"
@@ -184,15 +183,3 @@ def test_bad_depth_is_refused_by_name(depth):
 def test_something_that_is_no_diagram_is_refused():
     with pytest.raises(BadInputError, match="diagram = 'loop'"):
         block_graph("loop")
-
-
-def test_a_hundred_blocks_are_read_fast():
-    builder = DiagramBuilder()
-    one = np.ones((1, 1))
-    blocks = [builder.AddNamedSystem(f"b{i}", LinearSystem(-one, one, one, 0 * one)) for i in range(100)]
-    for first, second in itertools.pairwise(blocks):
-        builder.Connect(first.get_output_port(), second.get_input_port())
-    diagram = builder.Build()
-    start = time.perf_counter()
-    block_graph(diagram)
-    assert time.perf_counter() - start < 1.0

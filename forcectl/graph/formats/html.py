@@ -28,10 +28,11 @@ def to_html(graph: BlockGraph) -> str:
     start = layouter.picture()
     fragments: dict[str, int] = {}
     paths = {block.path: number for number, block in enumerate(graph.root.walk())}
+    parents = {child: paths[parent] for child, parent in _parents(graph).items()}
     states = [_state(graph, layouter.picture(opened), opened, paths, fragments) for opened in fold_states(graph)]
     data = {
         "title": graph.root.name,
-        "blocks": [_facts(block, paths) for block in graph.root.walk()],
+        "blocks": [_facts(block, parents.get(block.path, -1)) for block in graph.root.walk()],
         "states": states,
         "signals": _signals(graph),
         "fragments": list(fragments),
@@ -62,14 +63,21 @@ def fold_states(graph: BlockGraph) -> list[frozenset[str]]:
     if _number_of_states(graph.root) <= limit:
         return sorted(map(frozenset, _all_states(graph.root)), key=lambda s: (len(s), sorted(s)))
     found = {graph.unfolded(depth) for depth in range(graph.max_depth + 1)} | {graph.unfolded()}
+    parents = _parents(graph)
     for block in graph.root.walk():
         if block.kind == "diagram":
-            parts = block.path.split("::")
-            above = {"::".join(parts[:n]) for n in range(1, len(parts) + 1)} & set(graph.by_path)
+            above = [block.path]
+            while above[-1] in parents:
+                above.append(parents[above[-1]])
             found.add(frozenset(above))
             if len(found) < limit:
-                found.add(graph.unfolded(len(parts)) - {block.path})
+                found.add(graph.unfolded(len(above)) - {block.path})
     return sorted(found, key=lambda s: (len(s), sorted(s)))
+
+
+def _parents(graph: BlockGraph) -> dict[str, str]:
+    """Path of the diagram around each block."""
+    return {child.path: block.path for block in graph.root.walk() for child in block.blocks}
 
 
 def _number_of_states(block: Block) -> int:
@@ -110,17 +118,16 @@ def _state(
     return {"open": _key(opened, paths), "size": size, "boxes": boxes, "nets": nets}
 
 
-def _facts(block: Block, paths: dict[str, int]) -> dict[str, Any]:
+def _facts(block: Block, parent: int) -> dict[str, Any]:
     """What the tooltip and the search know about a block."""
     continuous, discrete, abstract = block.states
-    parent = block.path.rpartition("::")[0]
     return {
         "path": block.path,
         "name": block.name,
         "type": block.type_name,
         "kind": CATEGORY_TEXT[block.category],
         "nested": block.kind == "diagram",
-        "parent": paths.get(parent, -1),
+        "parent": parent,
         "sample": block.period_text,
         "states": [continuous, discrete, abstract],
         "parameters": [_parameter(parameter) for parameter in block.parameters],

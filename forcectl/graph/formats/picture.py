@@ -108,7 +108,7 @@ class Layouter:
         """Picture of one block with its corner at the origin; its own box or frame comes first."""
         if block.path not in opened:
             return _folded(block)
-        key = (block.path, frozenset(path for path in opened if path.startswith(block.path + "::")))
+        key = (block.path, opened.intersection(inner.path for inner in block.walk()))
         if key not in self._done:
             self._done[key] = self._frame(block, opened)
         return self._done[key]
@@ -221,7 +221,7 @@ def _nets(block: Block, signals: bool) -> tuple[list[Net], list[tuple[Endpoint, 
     for edge in block.edges:
         targets[edge.source].append(edge.target)
         # What enters a nested diagram is labelled outside already.
-        repeated = edge.source.block == block.path and "::" in block.path
+        repeated = edge.source.block == block.path != ""
         text[edge.source] = edge.signal if signals and not repeated else ""
 
     def key(end: Endpoint, side: str) -> tuple[str, str]:

@@ -64,7 +64,7 @@ def test_every_block_and_every_net_is_a_group_with_its_name():
 def test_a_folded_diagram_has_a_second_outline():
     root = elements(force_loop(), depth=1)
     doubled = [g.get("data-path") for g in root.iter(f"{SVG}g") if g.find(f"{SVG}rect[@class='more']") is not None]
-    assert doubled == ["closed_loop::station"]
+    assert doubled == ["station"]
 
 
 def test_abstract_signals_are_dashed_and_named():

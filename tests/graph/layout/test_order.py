@@ -8,13 +8,13 @@ from tests.examples.graph_diagrams import arm_with_controller, force_loop, odd_n
 
 
 def ends(edges):
-    return {(edge.source.block.rpartition("::")[2], edge.target.block.rpartition("::")[2]) for edge in edges}
+    return {(edge.source.block.rpartition("/")[2], edge.target.block.rpartition("/")[2]) for edge in edges}
 
 
 def test_the_measurement_closes_the_loop_whatever_was_added_first():
     loop = block_graph(force_loop()).root
     assert ends(feedback_edges(loop)) == {("station", "force_law")}
-    column = {path.rpartition("::")[2]: rank for path, rank in ranks(loop, feedback_edges(loop)).items()}
+    column = {path.rpartition("/")[2]: rank for path, rank in ranks(loop, feedback_edges(loop)).items()}
     assert column["reference"] < column["force_law"] < column["station"]
 
 
@@ -29,7 +29,7 @@ def test_the_state_and_the_geometry_query_return():
 
 
 def test_a_diagram_without_loops_has_no_feedback():
-    station = block_graph(force_loop(), depth=None).by_path["closed_loop::station"]
+    station = block_graph(force_loop(), depth=None).by_path["station"]
     assert feedback_edges(station) == frozenset()
     assert list(ranks(station, frozenset()).values()) == [1, 2, 3, 4]
 

@@ -1,15 +1,15 @@
-"""The wiring of a diagram as plain data: who feeds whom, level by level and between leaf blocks.
+"""The wiring of a diagram: who feeds whom, level by level and between leaf blocks.
 
-A port is addressed by the path of its system and its index. The path of the examined diagram itself is "", so
-`Port("", i)` is one of its own ports; nested systems are called "station/sensor".
+A port is addressed by the path of its system and its index. The path of the whole diagram is "", so `Port("", i)` is
+one of its own ports; nested systems are called "station/sensor". A single block has the path of its name as well.
 """
 
 from __future__ import annotations
 
-import re
+import itertools
 from collections.abc import Iterator
 from dataclasses import dataclass, field
-from typing import Any
+from typing import Any, Literal
 
 from pydrake.systems.framework import (
     Diagram,
@@ -21,6 +21,10 @@ from pydrake.systems.framework import (
     PortDataType,
     System,
 )
+
+from forcectl.inspect.names import block_names, own_name
+
+Side = Literal["input", "output"]
 
 
 @dataclass(frozen=True)
@@ -41,27 +45,36 @@ class Level:
     exported_inputs: dict[Port, int] = field(default_factory=dict)  # inner input -> index at the diagram
     exported_outputs: dict[int, Port] = field(default_factory=dict)  # index at the diagram -> inner output
 
-
-def _label(system: System, position: int) -> str:
-    """The block's name, or `Gain@3` for a block that was never given one."""
-    name = str(system.get_name())
-    if not name or re.search(r"@[0-9a-f]{8,}$", name):
-        return f"{type(system).__name__.split('_')[0]}@{position}"
-    return name
+    def wires(self) -> Iterator[tuple[tuple[Side, Port], tuple[Side, Port]]]:
+        """Every pair of ports that stand for the same signal at this level, the source first."""
+        for reader, source in self.connections.items():
+            yield ("output", source), ("input", reader)
+        for inner, index in self.exported_inputs.items():
+            yield ("input", Port(self.path, index)), ("input", inner)
+        for index, inner in self.exported_outputs.items():
+            yield ("output", inner), ("output", Port(self.path, index))
 
 
 class Wiring:
-    """All systems of a diagram by path, and the ways between their ports."""
+    """All systems of a diagram by path, and the wires between their ports.
+
+    Attributes:
+        systems: by path; "" is the whole diagram (missing for a builder).
+        names: the last part of each path, as a block is called within its diagram.
+        levels: the inside of every diagram, the outermost first.
+        root: the whole diagram, None for a builder.
+    """
 
     def __init__(self, root: System | DiagramBuilder):
         self.systems: dict[str, System] = {}
+        self.names: dict[str, str] = {}
         self.levels: list[Level] = []
         self.root: System | None = None
         if isinstance(root, DiagramBuilder):
             self._add_builder(root)
         else:
             self.root = root
-            self.systems[""] = root
+            self.systems[""], self.names[""] = root, own_name(root)
             if isinstance(root, Diagram):
                 self._add_diagram("", root)
             else:
@@ -73,10 +86,13 @@ class Wiring:
     def _children(self, path: str, systems: list[System]) -> dict[str, str]:
         """Register the systems of one level; returns path by Drake's own name, which is unique within a level."""
         children: dict[str, str] = {}
-        for position, system in enumerate(systems):
-            child = f"{path}/{_label(system, position)}" if path else _label(system, position)
+        for system, name in zip(systems, block_names(systems), strict=True):
+            plain = f"{path}/{name}" if path else name
+            # A block whose name has a slash in it could have the path of a nested one.
+            numbered = (f"{plain} {number}" for number in itertools.count(2))
+            child = next(name for name in itertools.chain([plain], numbered) if name not in self.systems)
             children[system.get_name()] = child
-            self.systems[child] = system
+            self.systems[child], self.names[child] = system, name
         return children
 
     def _descend(self, children: dict[str, str]) -> None:
@@ -121,11 +137,25 @@ class Wiring:
         self._descend(children)
 
     def _add_single(self, system: System) -> None:
-        child = _label(system, 0)
-        self.systems[child] = system
+        (child,) = self._children("", [system]).values()
         inputs = {Port(child, i): i for i in range(system.num_input_ports())}
         outputs = {i: Port(child, i) for i in range(system.num_output_ports())}
         self.levels.append(Level("", (child,), {}, inputs, outputs))
+
+    def inside(self, path: str) -> Level | None:
+        """The inside of a diagram, None for a leaf block."""
+        return self._inside.get(path)
+
+    def parents(self, path: str) -> list[str]:
+        """The nested diagrams around a block, the outermost first."""
+        above: list[str] = []
+        while path and (path := self._parent[path].path):
+            above.insert(0, path)
+        return above
+
+    def depth(self, path: str) -> int:
+        """How deep a system is nested: 0 for the whole diagram, 1 for its blocks."""
+        return len(self.parents(path)) + bool(path)
 
     def leaves(self) -> Iterator[tuple[str, System]]:
         """Every block that is not itself a diagram, with its path."""
@@ -142,16 +172,19 @@ class Wiring:
         """The Drake output port at this address."""
         return self.systems[port.system].get_output_port(port.index, False)
 
+    def port(self, side: Side, port: Port) -> InputPort | OutputPort:
+        """The Drake port at this address."""
+        return self.input_port(port) if side == "input" else self.output_port(port)
+
     def input_name(self, port: Port) -> str:
         """`station/controller.measured_force`."""
-        return self._name(port, self.input_port(port).get_name()) if self._known(port) else f"input {port.index}"
+        if port.system not in self.systems:
+            return f"input {port.index}"  # an exported port of a builder has no name yet
+        return self._name(port, self.input_port(port).get_name())
 
     def output_name(self, port: Port) -> str:
         """`station/sensor.measured_force`."""
         return self._name(port, self.output_port(port).get_name())
-
-    def _known(self, port: Port) -> bool:
-        return port.system in self.systems
 
     @staticmethod
     def _name(port: Port, name: str) -> str:

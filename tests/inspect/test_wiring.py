@@ -2,7 +2,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, Gain
 
 from forcectl.doctor import examine
-from forcectl.doctor.wiring import Port, Wiring
+from forcectl.inspect.wiring import Port, Wiring
 
 
 def nested():
@@ -59,7 +59,7 @@ def test_blocks_without_a_name_get_a_readable_one():
     builder.AddSystem(Gain(1.0, 1))
     builder.AddSystem(Gain(1.0, 1))
     paths = {f.path for f in examine(builder.Build()).errors}
-    assert paths == {"Gain@0.u0", "Gain@1.u0"}
+    assert paths == {"Gain 1.u0", "Gain 2.u0"}
 
 
 def test_an_output_is_shown_by_the_name_of_the_outermost_diagram():

@@ -13,7 +13,7 @@ import math
 from collections.abc import Iterator
 from dataclasses import dataclass
 
-from forcectl.doctor.report import PeriodicEvent
+from forcectl.inspect.events import PeriodicEvent
 
 _RANK = {"unrestricted": 0, "discrete": 1}
 _BEFORE_ALL = -1

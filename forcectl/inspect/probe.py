@@ -6,9 +6,9 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 
-from forcectl.doctor.paths import Hop
-from forcectl.doctor.values import FAILURES, StartValues
-from forcectl.doctor.wiring import is_vector
+from forcectl.inspect.start import FAILURES, StartValues
+from forcectl.inspect.ways import Hop
+from forcectl.inspect.wiring import is_vector
 
 _MOST_SAMPLES = 200
 _STEPS = (1.0, -1.0, 1e-3)  # sizes of the disturbance: one of them should leave a dead zone or a saturation

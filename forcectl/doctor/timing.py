@@ -1,0 +1,61 @@
+"""Sample periods that do not fit each other, and blocks whose updates fail."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+
+from forcectl.doctor.report import Finding, error, info, warning
+from forcectl.doctor.values import one_line
+from forcectl.inspect.events import PeriodicEvent, Timing
+from forcectl.inspect.start import StartValues, optional_inputs
+
+
+def failed_updates(values: StartValues, timing: Timing) -> Iterator[Finding]:
+    """Blocks that could not be run alone, by their own fault or for want of an input."""
+    for path, failure in timing.failures.items():
+        system, context = values.wiring.systems[path], values.block_context(path)
+        ports = (system.get_input_port(i, False) for i in range(system.num_input_ports()))
+        open_ports = [port.get_name() for port in ports if not port.HasValue(context)]
+        missing = [name for name in open_ports if name not in optional_inputs(system)]
+        if missing:
+            names = ", ".join(missing)
+            yield info("timing-unknown", path, f"could not be run to see its events: no value at {names}")
+            continue
+        what = f"{type(failure).__name__}: {one_line(failure)}"
+        text = f"its updates fail when the block runs alone from its start values: {what}"
+        yield error("update-raises", path, text)
+
+
+def timing_findings(events: tuple[PeriodicEvent, ...]) -> Iterator[Finding]:
+    """Periods that do not divide each other, and updates that are out of step; publishing is only noted."""
+    seen: dict[tuple[str, float, float], PeriodicEvent] = {}
+    for event in events:
+        role = "publish" if event.kind == "publish" else "update"
+        seen.setdefault((role, event.period, event.offset), event)
+    unique = list(seen.values())
+    for i, first in enumerate(unique):
+        for second in unique[i + 1 :]:
+            yield from _compare(first, second)
+
+
+def _compare(a: PeriodicEvent, b: PeriodicEvent) -> Iterator[Finding]:
+    finding = info if "publish" in (a.kind, b.kind) else warning
+    where = f"{a.block}, {b.block}"
+    slow, fast = max(a.period, b.period), min(a.period, b.period)
+    ratio = slow / fast
+    if abs(ratio - round(ratio)) > 1e-6 * ratio:
+        yield finding(
+            "periods-do-not-divide",
+            where,
+            f"periods {a.period:g} s and {b.period:g} s: {slow:g}/{fast:g} = {ratio:.6g} is no whole number, so the "
+            f"samples drift against each other; {round(ratio)} x {fast:g} = {round(ratio) * fast:g} s would divide",
+        )
+        return
+    shift = (a.offset - b.offset) / fast
+    if abs(shift - round(shift)) > 1e-6:
+        yield finding(
+            "offsets-differ",
+            where,
+            f"offsets {a.offset:g} s and {b.offset:g} s at periods {a.period:g} s and {b.period:g} s never meet at one "
+            "instant; use the same offset unless the delay in between is meant",
+        )

@@ -1,0 +1,179 @@
+"""Every sample of delay from one port to another, block by block, and once around a force loop."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass
+
+from forcectl.inspect.events import PeriodicEvent
+from forcectl.inspect.ports import PortName, find_inputs, find_outputs, one_output, start_of_way
+from forcectl.inspect.schedule import clean, schedule
+from forcectl.inspect.stages import stages_of
+from forcectl.inspect.start import StartValues
+from forcectl.inspect.ways import Hop, Hops
+from forcectl.inspect.wiring import Port, Wiring
+
+COMMANDS = ("joint_position_command", "joint_position_reference", "displacement_command")
+SENSOR = "measured_force"
+TRUTH = "contact_force"
+LOAD = "external_wrench"
+
+
+@dataclass(frozen=True)
+class DelayRow:
+    """What one block on the way adds to the delay [s]."""
+
+    block: str
+    input: str
+    output: str
+    kind: str  # "feedthrough", "continuous", "discrete", "unrestricted" or "fixed"
+    samples: int  # samples of the block's own period between input and output
+    delay: float  # [s], as the next reader on the way sees it
+    basis: str  # where `samples` comes from: "structure", "declared", "measured" or "assumed"
+
+
+@dataclass(frozen=True)
+class DelayChain:
+    """Every sample of delay from one port to another; times in [s]."""
+
+    source: str
+    target: str
+    rows: tuple[DelayRow, ...]
+    reader: str  # the block that reads the target port first, "" when a reader at the last block's own rate is meant
+    total: float  # sum of the rows
+    worst: float  # with the longest wait for a slower block to look
+
+
+@dataclass(frozen=True)
+class Start:
+    """Where a way begins.
+
+    Attributes:
+        name: the port as the user would write it in full.
+        readers: leaf inputs that are read first.
+        output: the leaf output they read; None: the way begins at these inputs.
+    """
+
+    name: str
+    readers: tuple[Port, ...]
+    output: Port | None
+
+
+def ends_of_way(hops: Hops, source: PortName, target: PortName) -> tuple[Start, Port]:
+    """Where a way begins, behind an output or in front of an input's block, and the leaf output where it ends.
+
+    Often nothing on the way reads an output that is only logged, such as a true contact force beside its sensor. What
+    it is computed from in the same instant, the nearest that leads to `target`, then stands for it.
+
+    Raises:
+        BadInputError: a name that no port has, or that several different ports have.
+    """
+    name, inputs, output = start_of_way(hops.wiring, source)
+    end = one_output(hops.wiring, target)
+    if output is None:
+        return Start(name, tuple(inputs), None), end
+    for origin in _same_instant(hops.wiring, output):
+        readers = hops.readers.get(origin, [])
+        if origin == end or hops.shortest(readers, end) is not None:
+            return Start(name, tuple(readers), origin if origin.system else None), end
+    return Start(name, tuple(hops.readers.get(output, ())), output), end
+
+
+def _same_instant(wiring: Wiring, output: Port) -> Iterator[Port]:
+    """A leaf output and everything it is computed from without a state in between, the nearest first."""
+    found = {output: None}
+    queue = [output]
+    while queue:
+        port = queue.pop(0)
+        yield port
+        passed = sorted(wiring.feedthrough(port.system)) if port.system else []
+        sources = [wiring.source(Port(port.system, i)) for i, o in passed if o == port.index]
+        new = [source for source in sources if source is not None and source not in found]
+        found.update(dict.fromkeys(new))
+        queue += dict.fromkeys(new)
+
+
+def trace(values: StartValues, hops: Hops, source: PortName, target: PortName) -> DelayChain | None:
+    """The way of least delay from `source` to `target`, or None when there is no way.
+
+    Raises:
+        BadInputError: a name that no port has, or that several different ports have.
+    """
+    start, end = ends_of_way(hops, source, target)
+    way: list[Hop] | None = [] if start.output == end else hops.shortest(list(start.readers), end)
+    if way is None:
+        return None
+    stages = stages_of(values, hops, way)
+    consumers = _consumers(hops, end, set())
+    continuous = any(event is None for event in consumers.values())
+    events = [event for event in consumers.values() if event is not None] or _passed_at(hops, way)
+    rhythm = _rhythm_of(hops, start.output) if start.output is not None else None
+    parts, worst = schedule(stages, rhythm, None if continuous else events)
+    rows = tuple(
+        DelayRow(stage.block, stage.input, stage.output, stage.kind, stage.samples, clean(part), stage.basis)
+        for stage, part in zip(stages, parts, strict=True)
+    )
+    reader = ", ".join(consumers)
+    return DelayChain(start.name, values.wiring.shown_name(end), rows, reader, clean(sum(parts)), clean(worst))
+
+
+def ways_around(wiring: Wiring) -> list[tuple[PortName, PortName]]:
+    """The ways that are looked at when the user names none, from the command back to the command.
+
+    Command to contact force, contact force to sensor, sensor to command. Without a force sensor the contact force acts
+    where an external wrench does, and shows itself in the joint readings.
+    """
+    command = next((name for name in COMMANDS if len(find_outputs(wiring, name)) == 1), None)
+    truth = len(find_outputs(wiring, TRUTH)) == 1
+    sensors = find_outputs(wiring, SENSOR)
+    ways: list[tuple[PortName, PortName]] = [(command, TRUTH)] if command is not None and truth else []
+    if len(sensors) > 1:
+        return []
+    if sensors or find_inputs(wiring, SENSOR):
+        ways += [(TRUTH, SENSOR)] if sensors and truth else []
+        ways += [(SENSOR, command)] if command is not None else []
+    elif ways and command is not None:
+        ways.append((LOAD if find_inputs(wiring, LOAD) else TRUTH, command))
+    return ways
+
+
+def way_and_back(wiring: Wiring, source: PortName, target: PortName) -> list[tuple[PortName, PortName]]:
+    """The way from `source` to `target`, and before it the way back, where both ends are outputs of blocks."""
+    back: list[tuple[PortName, PortName]] = [(target, source)] if len(find_outputs(wiring, source)) == 1 else []
+    return [*back, (source, target)]
+
+
+def _consumers(hops: Hops, output: Port, seen: set[Port]) -> dict[str, PeriodicEvent | None]:
+    """The sampled blocks that read an output, directly or through feedthrough, and continuous ones (None)."""
+    found: dict[str, PeriodicEvent | None] = {}
+    for reader in hops.readers.get(output, []):
+        if reader in seen:
+            continue
+        seen.add(reader)
+        update = hops.update_of(reader.system)
+        if update is not None or hops.wiring.systems[reader.system].num_continuous_states():
+            found[reader.system] = update
+        else:
+            for hop in hops.through(reader):
+                found |= _consumers(hops, Port(hop.block, hop.output), seen)
+    return found
+
+
+def _passed_at(hops: Hops, way: list[Hop]) -> list[PeriodicEvent]:
+    """The fastest update of the blocks behind the last hold that only pass the signal on, such as a plant."""
+    held = max((k for k, hop in enumerate(way) if hop.event is not None), default=-1)
+    updates = [hops.update_of(hop.block) for hop in way[held + 1 :]]
+    return sorted((event for event in updates if event is not None), key=lambda event: event.period)[:1]
+
+
+def _rhythm_of(hops: Hops, output: Port) -> PeriodicEvent | None:
+    """The event that changes the value on an output: of the block itself or of one it passes on."""
+    update = hops.update_of(output.system)
+    feeding = [i for i, o in hops.wiring.feedthrough(output.system) if o == output.index]
+    if update is not None and not feeding:
+        return update
+    for i in feeding:
+        source = hops.wiring.source(Port(output.system, i))
+        if source is not None and source.system and (found := _rhythm_of(hops, source)) is not None:
+            return found
+    return None

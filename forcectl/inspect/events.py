@@ -1,0 +1,194 @@
+"""The periodic events of every block, seen by letting each block run alone for a moment.
+
+pydrake does not list declared events. But a simulator that has nothing to integrate walks from event to event, so
+the times at which it stops, and the counters that went up there, give kind, period and offset exactly.
+"""
+
+from __future__ import annotations
+
+import itertools
+import math
+from collections.abc import Iterable
+from dataclasses import dataclass, field
+
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.framework import Context, EventStatus, System
+
+from forcectl.inspect.start import FAILURES, StartValues
+from forcectl.inspect.wiring import is_python_block, is_vector
+
+_STEPS = 48  # events looked at per block
+_HORIZON = 1e4  # [s], slowest event that is found
+_MOMENT = 1e-9  # [s], shorter than any period
+KINDS = ("unrestricted", "discrete", "publish")  # Drake's order at one instant
+
+Counters = tuple[int, int, int]  # events so far, by kind
+
+
+@dataclass(frozen=True)
+class PeriodicEvent:
+    """One periodic event of one block; times in [s]."""
+
+    block: str
+    kind: str  # "discrete", "unrestricted" or "publish"
+    period: float
+    offset: float
+
+
+@dataclass(frozen=True)
+class Timing:
+    """When the blocks of a diagram do something.
+
+    Attributes:
+        events: the periodic events of all blocks.
+        every_step: paths of the blocks with an event at every step of the simulator.
+        failures: why a block cannot be run alone, by path.
+    """
+
+    events: tuple[PeriodicEvent, ...] = ()
+    every_step: frozenset[str] = frozenset()
+    failures: dict[str, BaseException] = field(default_factory=dict)
+
+
+def read_timing(values: StartValues) -> Timing:
+    """The events of all blocks, each run alone from its start values.
+
+    Blocks of Drake with abstract inputs are run only where that has no effect outside (not visualizers and drivers).
+    """
+    events: list[PeriodicEvent] = []
+    every_step: set[str] = set()
+    failures: dict[str, BaseException] = {}
+    for path, system in values.wiring.leaves():
+        if isinstance(system, MultibodyPlant):
+            events += _of_plant(path, system)
+            continue
+        if _acts_outside(system):
+            events += _declared_discrete(path, system)
+            continue
+        try:
+            busy = _kinds_at_every_step(system, values.block_context(path))
+            events += events_of(system, values.block_context(path), path, without=busy)
+            every_step |= {path} if busy else set()
+        except FAILURES as failure:
+            failures[path] = failure
+            events += _declared_discrete(path, system)
+    return Timing(tuple(events), frozenset(every_step), failures)
+
+
+def _of_plant(path: str, plant: MultibodyPlant) -> list[PeriodicEvent]:
+    if not plant.time_step() > 0:
+        return []
+    # With sampled output ports the whole step is one unrestricted update (measured by its delay to a controller).
+    kind = "unrestricted" if plant.has_sampled_output_ports() else "discrete"
+    return [PeriodicEvent(path, kind, float(plant.time_step()), 0.0)]
+
+
+def _acts_outside(system: System) -> bool:
+    if is_python_block(system) or type(system).__module__.startswith("pydrake.systems.primitives"):
+        return False
+    return any(not is_vector(system.get_input_port(i, False)) for i in range(system.num_input_ports()))
+
+
+def _declared_discrete(path: str, system: System) -> list[PeriodicEvent]:
+    timing = system.GetUniquePeriodicDiscreteUpdateAttribute()
+    if timing is None:
+        return []
+    return [PeriodicEvent(path, "discrete", timing.period_sec(), timing.offset_sec())]
+
+
+def _alone(system: System, context: Context) -> Simulator:
+    simulator = Simulator(system, context)
+    # One cheap derivative per event: the continuous states do not matter here, and may diverge.
+    ApplySimulatorConfig(SimulatorConfig(integration_scheme="explicit_euler", max_step_size=_HORIZON), simulator)
+    return simulator
+
+
+def _counters(simulator: Simulator) -> Counters:
+    return (
+        simulator.get_num_unrestricted_updates(),
+        simulator.get_num_discrete_updates(),
+        simulator.get_num_publishes(),
+    )
+
+
+def _kinds_at_every_step(system: System, context: Context) -> frozenset[str]:
+    """The kinds of events that happen in a step during which no period ends."""
+    simulator = _alone(system, context)
+    simulator.Initialize()
+    simulator.AdvanceTo(_MOMENT)  # carries out what is due at time zero
+    before = _counters(simulator)
+    simulator.AdvanceTo(2 * _MOMENT)
+    after = _counters(simulator)
+    return frozenset(kind for kind, old, new in zip(KINDS, before, after, strict=True) if new > old)
+
+
+def events_of(system: System, context: Context, path: str = "", *, without: Iterable[str] = ()) -> list[PeriodicEvent]:
+    """The periodic events of one block.
+
+    Args:
+        system: the block.
+        context: its own, with its inputs fixed; it is changed.
+        path: of the block, for the events.
+        without: kinds that are left out, because they happen at every step anyway.
+    """
+    simulator = _alone(system, context)
+    stops: list[tuple[float, Counters]] = []
+
+    def look(current: Context) -> EventStatus:
+        stops.append((current.get_time(), _counters(simulator)))
+        return (
+            EventStatus.ReachedTermination(system, "seen enough") if len(stops) > _STEPS else EventStatus.DidNothing()
+        )
+
+    simulator.set_monitor(look)
+    try:
+        simulator.Initialize()
+        simulator.AdvanceTo(_HORIZON)
+    finally:
+        simulator.clear_monitor()  # a monitor that refers to the system would keep both alive for ever
+    kinds = [kind for kind in KINDS if kind not in without]
+    return [event for kind in kinds for event in _decompose(_times(stops, kind), stops[-1][0], kind, path)]
+
+
+def _times(stops: list[tuple[float, Counters]], kind: str) -> list[float]:
+    """When events of one kind happened. Updates run at the start of the step after a stop, publishes at its end."""
+    index = KINDS.index(kind)
+    times = []
+    if kind == "publish" and stops[0][1][index]:
+        times.append(stops[0][0])
+    for (earlier, before), (later, after) in itertools.pairwise(stops):
+        if after[index] > before[index]:
+            times.append(later if kind == "publish" else earlier)
+    return times
+
+
+def _decompose(times: list[float], end: float, kind: str, path: str) -> list[PeriodicEvent]:
+    """Split times of events into periodic sequences, the earliest and fastest first."""
+    events = []
+    left = list(times)
+    while len(left) >= 2:
+        offset = left[0]
+        for candidate in left[1:]:
+            period = _rounded(candidate - offset)
+            expected = _lattice(offset, period, left[-1])
+            if all(_contains(left, t) for t in expected):
+                break
+        else:
+            break
+        events.append(PeriodicEvent(path, kind, period, _rounded(offset)))
+        left = [t for t in left if not _contains(expected, t)]
+    return events
+
+
+def _lattice(offset: float, period: float, end: float) -> list[float]:
+    return [offset + k * period for k in range(math.floor((end - offset) / period + 1e-6) + 1)]
+
+
+def _contains(times: list[float], wanted: float) -> bool:
+    return any(math.isclose(t, wanted, rel_tol=1e-9, abs_tol=1e-9) for t in times)
+
+
+def _rounded(seconds: float) -> float:
+    """A period as it was written: 0.004, not 0.0040000000000000036."""
+    return float(f"{seconds:.10g}")

@@ -1,0 +1,135 @@
+"""Ports by the names people write, and what a port carries: size, unit, type."""
+
+from __future__ import annotations
+
+import difflib
+import re
+from collections.abc import Iterator
+
+from pydrake.systems.framework import InputPort, OutputPort, System
+
+from forcectl.conventions import unit_of
+from forcectl.errors import BadInputError
+from forcectl.inspect.wiring import Port, Side, Wiring, is_vector
+
+PortName = str | tuple[str, str]  # "station/sensor.measured_force", "measured_force", or (system path, port name)
+
+
+def find_outputs(wiring: Wiring, name: PortName) -> list[Port]:
+    """The leaf outputs that a name stands for; where no output has it, those that feed the inputs of that name.
+
+    A bare port name means the ports of that name that are nested least: `measured_force` is the station's, not that
+    of a block inside it.
+    """
+    outermost = [wiring.origin(port) for port in _nested_least(wiring, "output", name)]
+    feeding = (_feeding(wiring, port) for port in find_inputs(wiring, name))
+    return _unique(outermost or [port for port in feeding if port is not None])
+
+
+def find_inputs(wiring: Wiring, name: PortName) -> list[Port]:
+    """The input ports, of blocks and of diagrams, that a name stands for: those that are nested least."""
+    return _nested_least(wiring, "input", name)
+
+
+def one_output(wiring: Wiring, name: PortName) -> Port:
+    """The leaf output that a user's name stands for.
+
+    Raises:
+        BadInputError: no port has this name, or several different ones have it.
+    """
+    found = find_outputs(wiring, name)
+    if len(found) == 1:
+        return found[0]
+    if found:
+        options = ", ".join(wiring.output_name(port) for port in found)
+        raise BadInputError(f"port {_text(name)!r} is ambiguous: give the block as well, one of {options}")
+    raise _unknown(wiring, name)
+
+
+def start_of_way(wiring: Wiring, name: PortName) -> tuple[str, list[Port], Port | None]:
+    """What a user's name for the start of a way stands for: its full name, and the leaf inputs or the leaf output.
+
+    Raises:
+        BadInputError: no port has this name, or several different outputs have it.
+    """
+    if _nested_least(wiring, "output", name):
+        output = one_output(wiring, name)
+        return wiring.shown_name(output), [], output
+    inputs = find_inputs(wiring, name)
+    if not inputs:
+        raise _unknown(wiring, name)
+    inner = [reader for port in inputs for reader in wiring.inner_inputs(port)]
+    return wiring.input_name(inputs[0]), _unique(inner), None
+
+
+def unit(wiring: Wiring, side: Side, port: Port) -> str:
+    """Unit of a port by `conventions.unit_of` and its system's `port_units`, "" for an unknown one."""
+    name = wiring.port(side, port).get_name()
+    return unit_of(name, getattr(wiring.systems[port.system], "port_units", None))
+
+
+def value_type(port: InputPort | OutputPort) -> str:
+    """Type held by an abstract port, as short as it can be said; "" for a vector."""
+    if is_vector(port):
+        return ""
+    try:
+        holder = port.Allocate()
+    except RuntimeError:  # C++ types without a Python binding cannot be allocated from here
+        return "abstract"
+    inner = re.search(r"(?:\[|𝓣)(.*?)(?:\]|𝓤)*$", type(holder).__name__)
+    if inner is None:
+        return "abstract"
+    text = re.sub(r"(?:𝓣|\[).*", "", inner.group(1).rpartition(".")[2])
+    return text if text and text != "object" else type(holder.get_value()).__name__
+
+
+def input_names(system: System) -> list[str]:
+    """Names of the input ports, in their order."""
+    # With the extra argument Drake does not print a warning for ports on their way out.
+    return [system.get_input_port(i, False).get_name() for i in range(system.num_input_ports())]
+
+
+def output_names(system: System) -> list[str]:
+    """Names of the output ports, in their order."""
+    return [system.get_output_port(i, False).get_name() for i in range(system.num_output_ports())]
+
+
+def _all_ports(wiring: Wiring, side: Side) -> Iterator[tuple[Port, str]]:
+    for path, system in wiring.systems.items():
+        for i, name in enumerate(input_names(system) if side == "input" else output_names(system)):
+            yield Port(path, i), name
+
+
+def _nested_least(wiring: Wiring, side: Side, name: PortName) -> list[Port]:
+    depths = {
+        port: wiring.depth(port.system)
+        for port, own in _all_ports(wiring, side)
+        if ((port.system, own) == name if isinstance(name, tuple) else name in (own, _text((port.system, own))))
+    }
+    least = min(depths.values(), default=0)
+    return [port for port, depth in depths.items() if depth == least]
+
+
+def _feeding(wiring: Wiring, reader: Port) -> Port | None:
+    inner = next(wiring.inner_inputs(reader), None)
+    source = wiring.source(inner) if inner is not None else None
+    return source if source is not None and source.system else None
+
+
+def _text(name: PortName) -> str:
+    return ".".join(part for part in name if part) if isinstance(name, tuple) else name
+
+
+def _unknown(wiring: Wiring, name: PortName) -> BadInputError:
+    """A plant alone has hundreds of ports: only the nearest names are listed."""
+    known = [_text((port.system, own)) for side in ("input", "output") for port, own in _all_ports(wiring, side)]
+    bare = {full.rpartition(".")[2]: full for full in reversed(known)}
+    wanted = _text(name)
+    near = difflib.get_close_matches(wanted, known, n=3, cutoff=0.5)
+    near += [bare[own] for own in difflib.get_close_matches(wanted.rpartition(".")[2], bare, n=3, cutoff=0.6)]
+    nearest = ", ".join(dict.fromkeys(near)) or "none; `forcectl graph` shows the ports"
+    return BadInputError(f"unknown port {wanted!r}: must be block.port, nearest: {nearest}")
+
+
+def _unique(ports: list[Port]) -> list[Port]:
+    return list(dict.fromkeys(ports))

@@ -1,0 +1,94 @@
+"""How long each block on a way holds the signal: declared by the block, measured by running it alone, or assumed.
+
+`sample_delay`, {(input, output): seconds}, may be given by a block or by a nested diagram. For a block that holds its
+output over a sample that is the whole period; for the exact discretisation of a continuous filter, whose first answer
+one tick later is no delay but physics, and for a block with an unrestricted update, the last sample is not counted.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Iterator
+from dataclasses import replace
+
+from pydrake.systems.framework import System
+
+from forcectl.inspect.ports import input_names, output_names
+from forcectl.inspect.probe import samples_through
+from forcectl.inspect.schedule import Stage, schedule
+from forcectl.inspect.start import StartValues
+from forcectl.inspect.ways import Hop, Hops
+from forcectl.inspect.wiring import Port
+
+
+def stages_of(values: StartValues, hops: Hops, way: list[Hop]) -> list[Stage]:
+    """One stage per block; a nested diagram that declares the delay between its ports may stand for its blocks."""
+    stages: list[Stage] = []
+    i = 0
+    while i < len(way):
+        diagram = _declared_diagram(hops, way, i)
+        if diagram is None:
+            stages.append(_stage(values, hops, way[i]))
+            i += 1
+            continue
+        stage, end = diagram
+        inner = [_stage(values, hops, hop) for hop in way[i:end]]
+        if math.isclose(sum(schedule(inner, None, [])[0]), stage.delay or 0.0, abs_tol=1e-9):
+            stages += [replace(s, basis="declared") for s in inner]
+        else:
+            stages.append(stage)
+        i = end
+    return stages
+
+
+def _stage(values: StartValues, hops: Hops, hop: Hop) -> Stage:
+    wiring = hops.wiring
+    stage = Stage(
+        hop.block,
+        wiring.input_port(Port(hop.block, hop.input)).get_name(),
+        wiring.output_port(Port(hop.block, hop.output)).get_name(),
+        hop.kind,
+        "structure",
+    )
+    declared = hops.declared(hop.block, hop.input, hop.output)
+    if hop.event is None:
+        return stage if declared is None else replace(stage, delay=declared, basis="declared")
+    measured = samples_through(values, hop)
+    if declared is None:
+        basis = "assumed" if measured is None else "measured"
+        return replace(stage, event=hop.event, samples=measured or 1, basis=basis)
+    samples = measured or max(1, round(declared / hop.event.period))
+    stage = replace(stage, event=hop.event, samples=samples, basis="declared")
+    if hop.kind == "unrestricted" or math.isclose(declared, samples * hop.event.period, rel_tol=1e-6):
+        return stage
+    return replace(stage, delay=declared, samples=round(declared / hop.event.period))
+
+
+def _declared_diagram(hops: Hops, way: list[Hop], start: int) -> tuple[Stage, int] | None:
+    """The outermost nested diagram that declares the delay of a part of the way from `start`, and where it ends."""
+    wiring = hops.wiring
+    first = Port(way[start].block, way[start].input)
+    for path in wiring.parents(way[start].block):
+        system = wiring.systems[path]
+        for i, o, delay in declared_delays(system):
+            if first not in wiring.inner_inputs(Port(path, i)):
+                continue
+            last = wiring.origin(Port(path, o))
+            for end in range(start, len(way)):
+                if path not in wiring.parents(way[end].block):
+                    break
+                if Port(way[end].block, way[end].output) == last:
+                    event = next((hop.event for hop in way[start : end + 1] if hop.event is not None), None)
+                    kind = "fixed" if event is None else event.kind
+                    samples = 0 if event is None else round(delay / event.period)
+                    names = input_names(system)[i], output_names(system)[o]
+                    return Stage(path, *names, kind, "declared", event, samples, delay), end + 1
+    return None
+
+
+def declared_delays(system: System) -> Iterator[tuple[int, int, float]]:
+    """The entries of a `sample_delay` by port index, delays in [s]; entries with unknown ports are left out."""
+    inputs, outputs = input_names(system), output_names(system)
+    for (source, target), delay in getattr(system, "sample_delay", {}).items():
+        if source in inputs and target in outputs:
+            yield inputs.index(source), outputs.index(target), float(delay)

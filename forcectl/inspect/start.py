@@ -1,0 +1,70 @@
+"""Contexts to look at a diagram with: default contexts of the whole and of single blocks, their inputs fixed."""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.geometry import SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.framework import Context, System
+
+from forcectl.inspect.wiring import Wiring, is_vector
+
+# A failed precondition in C++ can arrive as SystemExit; looking at a diagram must not end the process.
+FAILURES = (Exception, SystemExit)
+
+
+def is_library_plant(system: System) -> bool:
+    """Whether the block is a plant or scene graph of Drake: many ports, most of them optional by design."""
+    return isinstance(system, MultibodyPlant | SceneGraph)
+
+
+def optional_inputs(system: System) -> tuple[str, ...]:
+    """Inputs that may stay open, by the block's own word (attribute `optional_inputs`)."""
+    return tuple(getattr(system, "optional_inputs", ()))
+
+
+class StartValues:
+    """Default contexts of the whole diagram and of single blocks, with open vector inputs fixed to zero."""
+
+    def __init__(self, wiring: Wiring):
+        self.wiring = wiring
+        self.root: Context | None = None
+        if wiring.root is not None:
+            self.root = wiring.root.CreateDefaultContext()
+            fix_open_inputs(wiring, self.root)
+
+    def block_context(self, path: str) -> Context:
+        """A context of one block alone, its inputs fixed to what they are at the start of the whole diagram."""
+        system = self.wiring.systems[path]
+        context = system.CreateDefaultContext()
+        here = system.GetMyContextFromRoot(self.root) if self.root is not None else None
+        for i in range(system.num_input_ports()):
+            port = system.get_input_port(i, False)
+            try:
+                if here is not None and port.HasValue(here):
+                    port.FixValue(context, port.EvalAbstract(here).Clone())
+                    continue
+            except FAILURES:
+                pass  # the block that feeds this input fails; it is reported on its own
+            open_by_choice = here is not None or port.get_name() in optional_inputs(system)
+            if is_vector(port) and not open_by_choice:
+                port.FixValue(context, np.zeros(port.size()))
+        return context
+
+
+def fix_open_inputs(wiring: Wiring, root: Context) -> None:
+    """Fix the open vector inputs of a diagram and of its blocks to zero; inputs that have a value keep it."""
+    diagram = wiring.systems[""]
+    for i in range(diagram.num_input_ports()):
+        port = diagram.get_input_port(i, False)
+        if is_vector(port) and not port.HasValue(root):
+            port.FixValue(root, np.zeros(port.size()))
+    for reader in wiring.leaf_inputs():
+        system, port = wiring.systems[reader.system], wiring.input_port(reader)
+        if not is_vector(port) or wiring.source(reader) is not None:
+            continue
+        # A plant's open inputs mean "nothing applied"; a zero there could switch something on.
+        context = system.GetMyMutableContextFromRoot(root)
+        left_open = is_library_plant(system) or port.get_name() in optional_inputs(system)
+        if not left_open and not port.HasValue(context):
+            port.FixValue(context, np.zeros(port.size()))
