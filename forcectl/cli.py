@@ -15,11 +15,8 @@ import typer
 from forcectl.errors import BadInputError, ForcectlError, unknown
 
 if TYPE_CHECKING:
-    from pydrake.systems.framework import Diagram
+    from pydrake.systems.framework import System
     from rich.console import Console
-
-FORMATS = ("svg", "html", "dot", "png", "pdf", "mermaid")
-_SUFFIXES = {".mmd": "mermaid", ".gv": "dot", ".htm": "html"}
 
 app = typer.Typer(
     name="forcectl",
@@ -150,7 +147,7 @@ def run(
 def graph(
     scenario: Diagrammed,
     format_: Annotated[
-        str | None, typer.Option("--format", metavar="|".join(FORMATS), help="Default: from --out, else svg.")
+        str | None, typer.Option("--format", metavar="svg|html|dot|png|pdf|mermaid", help="Default: as --out, or svg.")
     ] = None,
     depth: Annotated[
         int, typer.Option(metavar="N", min=0, help="Levels of nesting to unfold; the HTML page starts there.")
@@ -164,10 +161,13 @@ def graph(
 
     Example: forcectl graph fig_2_7 --format html --depth 2 --out loop.html
     """
-    chosen = _format(format_, out)
-    name, diagram = _diagram(scenario, variant, settings, fidelity)
-    from forcectl.graph.export import export
+    from forcectl.graph.export import FORMATS, export
+    from forcectl.graph.formats.render import format_of
 
+    chosen = format_ or (format_of(out) if out is not None and out.suffix else "svg")
+    if chosen not in FORMATS:
+        raise unknown("format", chosen, FORMATS)
+    name, diagram = _diagram(scenario, variant, settings, fidelity)
     target = out or Path(f"{name}.{'mmd' if chosen == 'mermaid' else chosen}")
     partial = target.with_name(f".partial-{target.name}")
     try:
@@ -186,16 +186,25 @@ def check(
     variant: Variant = None,
     settings: Settings = None,
     fidelity: Fidelity = None,
+    source: Annotated[
+        str | None, typer.Option("--from", metavar="PORT", help="Delays from here, such as station.contact_force ...")
+    ] = None,
+    target: Annotated[
+        str | None, typer.Option("--to", metavar="PORT", help="... to here, and back; default once around the loop.")
+    ] = None,
+    scheme: Annotated[
+        str | None, typer.Option(metavar="NAME", help="Integration scheme it is to run with; cenic has a fault.")
+    ] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Also remarks and the feedthrough table.")] = False,
 ) -> None:
     """Examine a diagram: wiring, direct feedthrough, algebraic loops, sample periods and delays.
 
-    Example: forcectl check fig_2_7 --verbose
+    Example: forcectl check fig_2_7 --from station.measured_force --to station/plant.joint_position_command
     """
     _, diagram = _diagram(scenario, variant, settings, fidelity)
     from forcectl.doctor import examine, render
 
-    report = examine(diagram)
+    report = examine(diagram, sensor=source, command=target, scheme=scheme)
     render(report, _console(), verbose=verbose)
     if not report.ok:
         raise typer.Exit(1)
@@ -334,17 +343,8 @@ def parse_settings(settings: list[str]) -> dict[str, Any]:
     return found
 
 
-def _format(wanted: str | None, out: Path | None) -> str:
-    if wanted is None and out is not None and out.suffix:
-        wanted = _SUFFIXES.get(out.suffix.lower(), out.suffix.lower().lstrip("."))
-    chosen = wanted or "svg"
-    if chosen not in FORMATS:
-        raise unknown("format", chosen, FORMATS)
-    return chosen
-
-
-def _diagram(target: str, variant: str | None, settings: list[str] | None, fidelity: str | None) -> tuple[str, Diagram]:
-    """A file name and the diagram behind a scenario or an import path."""
+def _diagram(target: str, variant: str | None, settings: list[str] | None, fidelity: str | None) -> tuple[str, System]:
+    """A file name and the diagram or block behind a scenario or an import path."""
     if ":" in target and not Path(target).exists():
         from forcectl.scenario.imported import call_for_diagram
 

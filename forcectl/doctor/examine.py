@@ -10,7 +10,7 @@ from forcectl.doctor.connections import unconnected_inputs, unused_outputs
 from forcectl.doctor.delays import chain_findings, declared_findings
 from forcectl.doctor.feedthrough import undeclared_prerequisites
 from forcectl.doctor.loops import algebraic_loops
-from forcectl.doctor.report import Finding, Report, error, sort_findings
+from forcectl.doctor.report import Finding, Report, error, info, sort_findings
 from forcectl.doctor.timing import failed_updates, timing_findings
 from forcectl.doctor.units import mismatches
 from forcectl.doctor.values import non_finite_outputs
@@ -118,11 +118,11 @@ def _delays(
             ways = way_and_back(values.wiring, *named)
     chains = {way: chain for way in ways if (chain := trace(values, hops, *way)) is not None}
     source, target = ways[-1] if ways else ("", "")
-    if (chain := chains.get((source, target))) is None:
-        if asked:
-            where = f"{source} -> {target}"
-            findings.append(error("no-way", where, "no signal reaches the second port from the first"))
-    elif asked or source == SENSOR:  # what happens inside the plant and the sensor is their own matter
+    text = "no signal reaches the second port from the first"
+    if (chain := chains.get((source, target))) is None and ways:
+        where = f"{source} -> {target}"
+        findings.append(error("no-way", where, text) if asked else info("open-loop", where, text))
+    elif chain is not None and (asked or source == SENSOR):  # plant and sensor may hold as often as they like
         findings += chain_findings(values, chain, expected)
     around = len(ways) > 1 and len(chains) == len(ways) and ways[0][0] == target
     total = clean(sum(chain.total for chain in chains.values())) if around else None

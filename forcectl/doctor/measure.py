@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import numpy as np
-from pydrake.systems.analysis import Simulator
+from pydrake.systems.analysis import InitializeParams, Simulator
 from pydrake.systems.framework import Context, System
 
 from forcectl.errors import invalid
@@ -42,7 +42,8 @@ def measure_delay(
         target: a vector output, likewise.
         tick: resolution [s], usually the control period.
         amplitude: size of the step, unit of the source; added to every element.
-        start: when the step comes [s], a multiple of `tick`; matters where periods differ.
+        start: when the step comes, after the time of the context [s], a multiple of `tick`; matters where periods
+            differ.
         longest: when to give up, after `start` [s].
         threshold: largest difference that still counts as no answer, unit of the target.
         context: where both runs start; default the default context. Open vector inputs are held at zero.
@@ -58,8 +59,9 @@ def measure_delay(
     if not start >= 0:
         raise invalid("start", start, "zero or positive [s]")
     wiring = Wiring(system)
-    begin, end = ends_of_way(Hops(wiring, read_timing(StartValues(wiring)).events), source, target)
-    stepped = begin.readers
+    hops = Hops(wiring, read_timing(StartValues(wiring)).events)
+    first, end = ends_of_way(hops, source, target)
+    stepped = first.readers
     watched = wiring.output_port(end)
     for port in (*map(wiring.input_port, stepped), watched):
         if not is_vector(port):
@@ -70,9 +72,11 @@ def measure_delay(
         own = system.CreateDefaultContext() if context is None else context.Clone()
         fix_open_inputs(wiring, own)
         runs.append(Simulator(system, own))
-        runs[-1].Initialize()
+        # A context that has already run must not go through the initialisation events once more.
+        runs[-1].Initialize(InitializeParams(suppress_initialization_events=own.get_time() > 0))
+        begin = own.get_time() + start
         if start > 0:
-            runs[-1].AdvanceTo(start)
+            runs[-1].AdvanceTo(begin)
     for run, step in zip(runs, (0.0, amplitude), strict=True):
         for reader in stepped:
             block, port = wiring.systems[reader.system], wiring.input_port(reader)
@@ -83,7 +87,7 @@ def measure_delay(
     for k in range(round(longest / tick) + 1):
         if k > 0:  # at k = 0 AdvanceTo would already carry out the updates of this instant
             for run in runs:
-                run.AdvanceTo(start + k * tick)
+                run.AdvanceTo(begin + k * tick)
         if np.any(np.abs(watched.Eval(contexts[1]) - watched.Eval(contexts[0])) > threshold):
             return float(f"{k * tick:.9g}")
     return None

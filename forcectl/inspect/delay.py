@@ -144,18 +144,25 @@ def way_and_back(wiring: Wiring, source: PortName, target: PortName) -> list[tup
 
 
 def _consumers(hops: Hops, output: Port, seen: set[Port]) -> dict[str, PeriodicEvent | None]:
-    """The sampled blocks that read an output, directly or through feedthrough, and continuous ones (None)."""
+    """The sampled blocks that read an output, directly or through feedthrough, and continuous ones (None).
+
+    A block that samples more slowly than one behind it, to which it passes the signal on, is left out.
+    """
     found: dict[str, PeriodicEvent | None] = {}
     for reader in hops.readers.get(output, []):
         if reader in seen:
             continue
         seen.add(reader)
         update = hops.update_of(reader.system)
-        if update is not None or hops.wiring.systems[reader.system].num_continuous_states():
-            found[reader.system] = update
-        else:
-            for hop in hops.through(reader):
-                found |= _consumers(hops, Port(hop.block, hop.output), seen)
+        if update is None and hops.wiring.systems[reader.system].num_continuous_states():
+            found[reader.system] = None
+            continue
+        behind: dict[str, PeriodicEvent | None] = {}
+        for hop in hops.through(reader):
+            if hop.event is None:
+                behind |= _consumers(hops, Port(hop.block, hop.output), seen)
+        sooner = any(event is None or update is None or event.period < update.period for event in behind.values())
+        found |= behind if sooner or update is None else {reader.system: update}
     return found
 
 

@@ -127,7 +127,7 @@ def _unknown(wiring: Wiring, name: PortName) -> BadInputError:
     wanted = _text(name)
     near = difflib.get_close_matches(wanted, known, n=3, cutoff=0.5)
     near += [bare[own] for own in difflib.get_close_matches(wanted.rpartition(".")[2], bare, n=3, cutoff=0.6)]
-    nearest = ", ".join(dict.fromkeys(near)) or "none; `forcectl graph` shows the ports"
+    nearest = ", ".join(list(dict.fromkeys(near))[:3]) or "none; `forcectl graph` shows the ports"
     return BadInputError(f"unknown port {wanted!r}: must be block.port, nearest: {nearest}")
 
 

@@ -14,7 +14,7 @@ import dataclasses
 from dataclasses import dataclass, field
 from typing import Any
 
-from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.framework import DiagramBuilder, System
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.imports import import_object
@@ -60,8 +60,8 @@ class ImportConfig:
         return system
 
 
-def call_for_diagram(path: str) -> Diagram:
-    """The diagram that the function at "package.module:function" returns when called without arguments.
+def call_for_diagram(path: str) -> System:
+    """The diagram, or single block, that the function at "package.module:function" returns without arguments.
 
     Raises:
         BadInputError: there is no such function, it raises, or it returns something else.
@@ -74,6 +74,6 @@ def call_for_diagram(path: str) -> Diagram:
     except Exception as error:  # whatever the user's function does
         reason = " ".join(f"{type(error).__name__}: {error}".split())
         raise BadInputError(f"diagram = {path!r}: must return a Drake Diagram, but raised {reason}") from error
-    if not isinstance(diagram, Diagram):
+    if not isinstance(diagram, System):
         raise BadInputError(f"diagram = {path!r}: must return a Drake Diagram, not {type(diagram).__name__}")
     return diagram

@@ -1,0 +1,82 @@
+"""`forcectl check` and `forcectl graph` on scenarios, on diagrams of the user's, and on single blocks."""
+
+import re
+
+import pytest
+
+MODULE = """
+from pydrake.systems.framework import DiagramBuilder
+from pydrake.systems.primitives import Gain, ZeroOrderHold
+
+
+def block():
+    return ZeroOrderHold(0.002, 2)
+
+
+def loop():
+    builder = DiagramBuilder()
+    blocks = [builder.AddSystem(block) for block in (Gain(-0.5, 1), ZeroOrderHold(0.01, 1), Gain(2.0, 1))]
+    for one, next_one in zip(blocks, [*blocks[1:], blocks[0]]):
+        builder.Connect(one.get_output_port(), next_one.get_input_port())
+    return builder.Build()
+"""
+
+
+@pytest.fixture
+def module(tmp_path, monkeypatch):
+    (tmp_path / "my_blocks.py").write_text(MODULE)
+    monkeypatch.syspath_prepend(tmp_path)
+    return "my_blocks"
+
+
+def test_the_whole_loop_of_a_scenario_is_shown_with_its_dead_time(forcectl):
+    code, out, _ = forcectl("check", "fig_2_7", "--fidelity", "OneDimensional")
+    assert code == 0
+    ways = re.findall(r"Delay (\S+) -> (\S+)", out)
+    assert [start.rpartition(".")[2] for start, _ in ways] == [
+        "joint_position_command",
+        "contact_force",
+        "measured_force",
+    ]
+    assert "Dead time once around the loop: 0.004 + 0 + 0 = 0.004 s" in out
+
+
+def test_ports_are_given_by_name(forcectl, module):
+    code, out, _ = forcectl("check", f"{module}:loop", "--from", "Gain 1.y0", "--to", "Gain 2.y0")
+    assert code == 0
+    assert "Delay Gain 1.y0 -> Gain 2.y0" in out
+    assert "Dead time once around the loop: 0 + 0.01 = 0.01 s" in out
+
+
+@pytest.mark.parametrize("option", ["--from", "--to"])
+def test_an_unknown_port_is_one_line_with_the_nearest(forcectl, option):
+    other = {"--from": "--to", "--to": "--from"}[option]
+    code, _, err = forcectl("check", "fig_2_7", option, "station.mesured_force", other, "station.contact_force")
+    assert code == 2
+    assert re.fullmatch(r"error: unknown port 'station.mesured_force': .*nearest: station.measured_force, .*\n", err)
+    assert len(err) < 250
+
+
+def test_a_single_block_is_checked_and_drawn(forcectl, module, tmp_path):
+    code, out, _ = forcectl("check", f"{module}:block", "--from", "u", "--to", "y")
+    assert code == 0
+    assert re.search(r"total .* 0\.002 ", out)
+    assert forcectl("graph", f"{module}:block", "--out", tmp_path / "block.svg")[0] == 0
+    assert "ZeroOrderHold" in (tmp_path / "block.svg").read_text()
+
+
+def test_check_and_graph_call_the_blocks_alike(forcectl, module, tmp_path):
+    _, out, _ = forcectl("check", f"{module}:loop", "--verbose")
+    forcectl("graph", f"{module}:loop", "--format", "html", "--out", tmp_path / "loop.html")
+    page = (tmp_path / "loop.html").read_text()
+    for name in ("Gain 1", "ZeroOrderHold", "Gain 2"):
+        assert name in out
+        assert f'"path":"{name}"' in page
+
+
+def test_the_scheme_is_looked_at(forcectl):
+    assert forcectl("check", "fig_2_7", "--fidelity", "Multibody", "--scheme", "runge_kutta3")[0] == 0
+    code, out, _ = forcectl("check", "fig_2_7", "--fidelity", "Multibody", "--scheme", "cenic")
+    assert code == 1
+    assert "cenic-desired-velocity" in out
+    assert "station/plant.comau_smart_six_desired_state" in out

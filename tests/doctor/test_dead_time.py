@@ -1,0 +1,117 @@
+"""The dead time of every shipped loop: what the tables say is what a step around the loop takes, within a sample."""
+
+from __future__ import annotations
+
+import math
+
+import pytest
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import EventStatus
+
+from forcectl.doctor import examine, measure_delay
+from forcectl.inspect import Wiring
+from forcectl.inspect.ports import find_outputs
+from forcectl.scenario.catalog import list_experiments
+from forcectl.scenario.scenario import as_file, build, resolve, select_variants
+
+TICK = 0.0005  # [s] between two reads, divides the steps of all plants
+STEPS = {  # sizes of the step by the name of its port; several where a dead zone must be left at once
+    "contact_force": (5.0,),  # [N]
+    "measured_force": (5.0, 1000.0),  # [N]
+    "external_wrench": (1000.0,),  # [Nm, N]
+    "joint_position_command": (0.1,),  # [rad]
+    "joint_position_reference": (0.1,),  # [rad]
+}
+# Their controllers only ask of the measured force, or of the joint readings, whether it is to be believed.
+SUPERVISED = ("time_varying_reference", "fig_5_3")
+FIDELITIES = ("OneDimensional", "Kinematic", "Multibody")
+FORCE_LOOPS = list_experiments("force")
+MOTION_LOOPS = list_experiments("motion")
+CASES = [
+    pytest.param(name, fidelity, marks=[pytest.mark.slow] if fidelity == "Multibody" and name != "fig_2_7" else [])
+    for name in FORCE_LOOPS
+    for fidelity in FIDELITIES
+]
+
+
+def loop_of(name, fidelity):
+    file = as_file(name)
+    overrides = {"station.fidelity": fidelity} if fidelity else {}
+    return build(resolve(file, select_variants(file)[0], overrides))
+
+
+def in_contact(diagram, latest=3.0):
+    """A context of the diagram at the first time at which its contact force is 1 N, and at `latest` otherwise."""
+    wiring = Wiring(diagram)
+    (port,) = find_outputs(wiring, "contact_force")
+    block, output = wiring.systems[port.system], wiring.output_port(port)
+    simulator = Simulator(diagram)
+
+    def look(context):
+        force = output.Eval(block.GetMyContextFromRoot(context))
+        return EventStatus.ReachedTermination(diagram, "contact") if max(force) > 1.0 else EventStatus.DidNothing()
+
+    simulator.set_monitor(look)
+    simulator.AdvanceTo(latest)
+    simulator.clear_monitor()
+    return simulator.get_context().Clone()
+
+
+def measured(loop, context, source, target):
+    """Shortest time over sizes and directions of the step: a contact may open, a limit may be reached."""
+    start = math.ceil(context.get_time() / loop.period - 1e-9) * loop.period - context.get_time()
+    sizes = [sign * size for size in STEPS[source.rpartition(".")[2]] for sign in (-1.0, 1.0)]
+    options = {"tick": TICK, "start": start, "longest": 0.04, "context": context}
+    found = [measure_delay(loop.diagram, source, target, amplitude=size, **options) for size in sizes]
+    return min((time for time in found if time is not None), default=None)
+
+
+@pytest.mark.parametrize(("name", "fidelity"), CASES)
+def test_a_force_loop_takes_the_dead_time_of_its_tables(name, fidelity):
+    loop = loop_of(name, fidelity)
+    report = examine(loop.diagram)
+    back, inside, outside = report.delays
+    assert [c.source.rpartition(".")[2] for c in report.delays] == [
+        "joint_position_command",
+        "contact_force",
+        "measured_force",
+    ]
+    assert report.dead_time == pytest.approx(back.total + inside.total + outside.total)
+    context = in_contact(loop.diagram)
+    parts = [measured(loop, context, chain.source, chain.target) for chain in report.delays]
+    if name in SUPERVISED:
+        assert parts.pop() is None
+    assert None not in parts
+    assert sum(parts) == pytest.approx(report.dead_time, abs=loop.period + TICK)
+
+
+@pytest.mark.parametrize("name", MOTION_LOOPS)
+def test_a_motion_loop_takes_the_dead_time_of_its_tables(name):
+    """Nothing is touched in these loops, so the links have to show when the contact force would change."""
+    loop = loop_of(name, None)
+    report = examine(loop.diagram)
+    command = report.delays[0].source
+    context = in_contact(loop.diagram, latest=0.2)
+    back = measured(loop, context, command, "station.link_position")
+    assert back == pytest.approx(report.delays[0].total, abs=loop.period + TICK)
+    forth = measured(loop, context, "station.external_wrench", command)
+    if name in SUPERVISED:
+        assert report.delays[1].source == "station.external_wrench"
+        assert report.dead_time == pytest.approx(report.delays[0].total + report.delays[1].total)
+        assert forth >= report.delays[1].total
+    else:
+        assert (forth, report.dead_time) == (None, None)
+        assert [finding.path for finding in report.with_code("open-loop")] == [
+            f"external_wrench -> {command.rpartition('.')[2]}"
+        ]
+
+
+def test_the_tables_of_a_users_diagram_lead_from_port_to_port_and_back():
+    loop = loop_of("fig_2_7", "Multibody")
+    report = examine(loop.diagram, sensor="station/plant.reaction_forces", command="station.joint_position_command")
+    assert [(chain.source, chain.target) for chain in report.delays] == [
+        ("station.joint_position_command", "station/plant.reaction_forces"),
+        ("station/plant.reaction_forces", "controller.joint_position_command"),
+    ]
+    # The sensor filter reads the plant at its own ticks.
+    assert report.dead_time == pytest.approx(examine(loop.diagram).dead_time, abs=loop.period)
