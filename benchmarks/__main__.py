@@ -6,6 +6,7 @@ import argparse
 
 from benchmarks import (
     _measure,
+    block_graph,
     control_tick,
     force_laws,
     governor,
@@ -43,6 +44,7 @@ def run_all() -> None:
         quadratic_program,
         vrft,
         plant_share,
+        block_graph,
         memory,
     ):
         rows += module.benchmark(max(1, arguments.repeats))

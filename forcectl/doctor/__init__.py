@@ -1,7 +1,7 @@
 """The diagram doctor: what is wrong with a Drake diagram, where, and what would be right."""
 
 from forcectl.doctor.examine import examine, examine_builder
-from forcectl.doctor.loops import build, explain_build_error
+from forcectl.doctor.loops import build
 from forcectl.doctor.measure import measure_delay
 from forcectl.doctor.render import render
 from forcectl.doctor.report import Finding, Report
@@ -10,6 +10,6 @@ from forcectl.inspect.events import PeriodicEvent
 from forcectl.inspect.feedthrough import FeedthroughRow
 
 __all__ = [
-    "examine", "examine_builder", "build", "explain_build_error", "measure_delay", "render",
+    "examine", "examine_builder", "build", "measure_delay", "render",
     "Report", "Finding", "FeedthroughRow", "PeriodicEvent", "DelayChain", "DelayRow",
 ]  # fmt: skip

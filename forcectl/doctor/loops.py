@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import re
 from collections.abc import Iterator
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
@@ -55,14 +54,6 @@ def _loops(wiring: Wiring) -> Iterator[list[tuple[Port, Port]]]:
                 stack.append(iter(following(wire[1])))
 
 
-def explain_build_error(error: Exception) -> str:
-    """Drake's message about a loop as one line with the path; any other message unchanged."""
-    ports = re.findall(r"(?:In|Out)putPort\[\d+\] \((.*?)\) of System ::(\S+)", str(error))
-    if "algebraic loop" not in str(error) or not ports:
-        return str(error)
-    return f"algebraic loop: {' -> '.join(f'{path}.{port}' for port, path in ports)}; {_ADVICE}"
-
-
 def build(builder: DiagramBuilder) -> Diagram:
     """`builder.Build()`, where an algebraic loop is told as a path.
 
@@ -73,6 +64,7 @@ def build(builder: DiagramBuilder) -> Diagram:
     try:
         return builder.Build()
     except RuntimeError as error:
-        if "algebraic loop" not in str(error):
+        loop = next(algebraic_loops(Wiring(builder)), None) if "algebraic loop" in str(error) else None
+        if loop is None:
             raise
-        raise BadInputError(explain_build_error(error)) from error
+        raise BadInputError(f"algebraic loop: {loop.path}; {_ADVICE}") from error

@@ -94,6 +94,11 @@ def output_names(system: System) -> list[str]:
     return [system.get_output_port(i, False).get_name() for i in range(system.num_output_ports())]
 
 
+def optional_inputs(system: System) -> tuple[str, ...]:
+    """Inputs that may stay open, by the block's own word (attribute `optional_inputs`)."""
+    return tuple(getattr(system, "optional_inputs", ()))
+
+
 def _all_ports(wiring: Wiring, side: Side) -> Iterator[tuple[Port, str]]:
     for path, system in wiring.systems.items():
         for i, name in enumerate(input_names(system) if side == "input" else output_names(system)):

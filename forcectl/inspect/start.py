@@ -7,6 +7,7 @@ from pydrake.geometry import SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Context, System
 
+from forcectl.inspect.ports import optional_inputs
 from forcectl.inspect.wiring import Wiring, is_vector
 
 # A failed precondition in C++ can arrive as SystemExit; looking at a diagram must not end the process.
@@ -16,11 +17,6 @@ FAILURES = (Exception, SystemExit)
 def is_library_plant(system: System) -> bool:
     """Whether the block is a plant or scene graph of Drake: many ports, most of them optional by design."""
     return isinstance(system, MultibodyPlant | SceneGraph)
-
-
-def optional_inputs(system: System) -> tuple[str, ...]:
-    """Inputs that may stay open, by the block's own word (attribute `optional_inputs`)."""
-    return tuple(getattr(system, "optional_inputs", ()))
 
 
 class StartValues:

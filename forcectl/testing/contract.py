@@ -4,9 +4,11 @@ from __future__ import annotations
 
 from collections.abc import Iterable, Iterator, Mapping
 
-from pydrake.systems.framework import InputPort, OutputPort, PortDataType, System
+from pydrake.systems.framework import InputPort, OutputPort, System
 
-from forcectl.testing.runs import label
+from forcectl.inspect.names import own_name
+from forcectl.inspect.ports import input_names, output_names
+from forcectl.inspect.wiring import is_vector
 
 ABSTRACT = "abstract"  # stands for the size of a port that carries no vector
 
@@ -27,14 +29,11 @@ def assert_ports(system: System, inputs: Mapping[str, int | str], outputs: Mappi
     found_outputs = _sizes(system.get_output_port(i, False) for i in range(system.num_output_ports()))
     lines = [*_differences("input", inputs, found_inputs), *_differences("output", outputs, found_outputs)]
     if lines:
-        raise AssertionError("\n".join([f"ports of {label(system)} differ from the contract:", *lines]))
+        raise AssertionError("\n".join([f"ports of {own_name(system)} differ from the contract:", *lines]))
 
 
 def _sizes(ports: Iterable[InputPort | OutputPort]) -> dict[str, int | str]:
-    return {
-        port.get_name(): port.size() if port.get_data_type() == PortDataType.kVectorValued else ABSTRACT
-        for port in ports
-    }
+    return {port.get_name(): port.size() if is_vector(port) else ABSTRACT for port in ports}
 
 
 def _differences(side: str, wanted: Mapping[str, int | str], found: Mapping[str, int | str]) -> Iterator[str]:
@@ -64,8 +63,7 @@ def assert_feedthrough(system: System, pairs: Iterable[tuple[str, str]]) -> None
     """
     __tracebackhide__ = True
     wanted = set(pairs)
-    outputs = [system.get_output_port(i, False).get_name() for i in range(system.num_output_ports())]
-    inputs = [system.get_input_port(i, False).get_name() for i in range(system.num_input_ports())]
+    outputs, inputs = output_names(system), input_names(system)
     found = {
         (output, source)
         for o, output in enumerate(outputs)
@@ -85,4 +83,4 @@ def assert_feedthrough(system: System, pairs: Iterable[tuple[str, str]]) -> None
             for o, i in sorted(found - wanted)
         ]
     if lines:
-        raise AssertionError("\n".join([f"direct feedthrough of {label(system)} is not as stated:", *lines]))
+        raise AssertionError("\n".join([f"direct feedthrough of {own_name(system)} is not as stated:", *lines]))

@@ -9,6 +9,8 @@ from collections.abc import Sequence
 import yaml
 from pydrake.systems.framework import Diagram, System
 
+from forcectl.inspect.ports import input_names, output_names
+
 _KEYS = {"name", "input_ports", "output_ports", "parameters"}
 _OPTIONAL = re.compile(r"\s*\(optional\)$")
 
@@ -35,10 +37,8 @@ def assert_docstring_matches(block: System) -> None:
     lines = []
     if stated.get("name") != kind.__name__:
         lines.append(f"  name: {stated.get('name')!r} in the docstring, the class is called {kind.__name__!r}")
-    inputs = [block.get_input_port(i, False).get_name() for i in range(block.num_input_ports())]
-    outputs = [block.get_output_port(i, False).get_name() for i in range(block.num_output_ports())]
-    lines += _compare("input_ports", stated.get("input_ports"), inputs)
-    lines += _compare("output_ports", stated.get("output_ports"), outputs)
+    lines += _compare("input_ports", stated.get("input_ports"), input_names(block))
+    lines += _compare("output_ports", stated.get("output_ports"), output_names(block))
     if not isinstance(block, Diagram):
         lines += _compare_parameters(stated.get("parameters"), block)
     lines += [f"  {key}: unknown entry, known are {sorted(_KEYS)}" for key in sorted(set(stated) - _KEYS)]

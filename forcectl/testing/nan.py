@@ -9,7 +9,8 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import System
 
 from forcectl.errors import BadInputError
-from forcectl.testing.runs import Input, Log, label, run_diagram, vector_inputs
+from forcectl.inspect.names import own_name
+from forcectl.testing.runs import Input, Log, run_diagram, vector_inputs
 
 
 def assert_passes_no_nan(
@@ -36,11 +37,13 @@ def assert_passes_no_nan(
     __tracebackhide__ = True
     names = vector_inputs(system)
     if not names:
-        raise BadInputError(f"{label(system)} has no vector input to put a NaN on")
+        raise BadInputError(f"{own_name(system)} has no vector input to put a NaN on")
     normal = dict(inputs or {})
     before = _non_finite(run_diagram(system, duration, period=period, inputs=normal))
     if before:
-        raise AssertionError(f"{label(system)} is not finite even without a NaN: {', '.join(before)}; give it `inputs`")
+        raise AssertionError(
+            f"{own_name(system)} is not finite even without a NaN: {', '.join(before)}; give it `inputs`"
+        )
     lines = []
     for name in names:
         poisoned = {**normal, name: _from(duration / 2, normal.get(name, 0.0))}
@@ -51,7 +54,7 @@ def assert_passes_no_nan(
         if reached := _non_finite(log):
             lines.append(f"  NaN on {name!r} from t = {duration / 2:g} s comes out of {', '.join(reached)}")
     if lines:
-        raise AssertionError("\n".join([f"{label(system)} passes NaN on silently:", *lines]))
+        raise AssertionError("\n".join([f"{own_name(system)} passes NaN on silently:", *lines]))
 
 
 def _from(start: float, value: Input) -> Input:

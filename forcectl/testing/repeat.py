@@ -6,7 +6,8 @@ from collections.abc import Callable, Mapping, Sequence
 
 from pydrake.systems.framework import System
 
-from forcectl.testing.runs import Input, Log, first_difference, fix_inputs, label, run_diagram
+from forcectl.inspect.names import own_name
+from forcectl.testing.runs import Input, Log, first_difference, fix_inputs, run_diagram
 
 
 def assert_deterministic(
@@ -78,7 +79,7 @@ def assert_same_after_reset_and_clone(
     system.SetDefaultContext(context)
     fix_inputs(system, context, inputs or {})
     if difference := first_difference(first, run(duration, context)):
-        raise AssertionError(f"{label(system)} runs differently after a reset, first in {difference}{hint}")
+        raise AssertionError(f"{own_name(system)} runs differently after a reset, first in {difference}{hint}")
 
     context = system.CreateDefaultContext()
     half = period * max(1, round(duration / period / 2))
@@ -86,5 +87,5 @@ def assert_same_after_reset_and_clone(
     clone = context.Clone()
     rest = max(period, duration - half)
     if difference := first_difference(run(rest, context), run(rest, clone)):
-        raise AssertionError(f"{label(system)} and its clone run apart, first in {difference}{hint}")
+        raise AssertionError(f"{own_name(system)} and its clone run apart, first in {difference}{hint}")
     return first

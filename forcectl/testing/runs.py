@@ -8,9 +8,12 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.analysis import ApplySimulatorConfig, InitializeParams, Simulator, SimulatorConfig
-from pydrake.systems.framework import Context, InputPort, OutputPort, PortDataType, System
+from pydrake.systems.framework import Context, InputPort, OutputPort, System
 
 from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.inspect.names import own_name
+from forcectl.inspect.ports import optional_inputs
+from forcectl.inspect.wiring import is_vector
 
 Array = NDArray[np.float64]
 Input = ArrayLike | Callable[[float], ArrayLike]
@@ -99,7 +102,7 @@ def check_times(duration: float, period: float) -> None:
 def vector_inputs(system: System) -> dict[str, InputPort]:
     """All vector inputs by name."""
     ports = (system.get_input_port(i, False) for i in range(system.num_input_ports()))
-    return {port.get_name(): port for port in ports if port.get_data_type() == PortDataType.kVectorValued}
+    return {port.get_name(): port for port in ports if is_vector(port)}
 
 
 def vector_outputs(system: System, names: Sequence[str] | None) -> dict[str, OutputPort]:
@@ -109,9 +112,9 @@ def vector_outputs(system: System, names: Sequence[str] | None) -> dict[str, Out
         BadInputError: no vector output has this name, or there is none at all.
     """
     ports = (system.get_output_port(i, False) for i in range(system.num_output_ports()))
-    known = {port.get_name(): port for port in ports if port.get_data_type() == PortDataType.kVectorValued}
+    known = {port.get_name(): port for port in ports if is_vector(port)}
     if not known:
-        raise BadInputError(f"{label(system)} has no vector output to look at: export one")
+        raise BadInputError(f"{own_name(system)} has no vector output to look at: export one")
     for name in names or ():
         if name not in known:
             raise unknown("vector output", name, known)
@@ -136,7 +139,7 @@ def fix_inputs(
         if callable(value):
             functions.append((port, value))
             port.FixValue(context, _vector(port, value(context.get_time())))
-        elif name in inputs or not (port.HasValue(context) or name in getattr(system, "optional_inputs", ())):
+        elif name in inputs or not (port.HasValue(context) or name in optional_inputs(system)):
             port.FixValue(context, _vector(port, value))
     return functions
 
@@ -161,11 +164,6 @@ def first_difference(a: Log, b: Log) -> str | None:
         return None
     k, name, i = earliest
     return f"{name}[{i}] at t = {a.time[k]:g} s: {a.values[name][k, i]!r} and {b.values[name][k, i]!r}"
-
-
-def label(system: System) -> str:
-    """How messages call a system."""
-    return str(system.get_name()) or type(system).__name__
 
 
 def python_systems(system: System) -> Iterator[System]:

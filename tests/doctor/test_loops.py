@@ -8,8 +8,28 @@ from forcectl.errors import BadInputError
 
 
 def test_build_tells_a_loop_as_a_path():
-    with pytest.raises(BadInputError, match=r"algebraic loop: a\.u0 -> a\.sum -> b\.u0 -> b\.y0 -> a\.u0; break it"):
+    with pytest.raises(BadInputError, match=r"algebraic loop: a\.sum -> b\.u0 -> b\.y0 -> a\.u0 -> a\.sum; break it"):
         build(broken_diagrams.algebraic_loop())
+
+
+def test_build_calls_nested_and_nameless_blocks_as_the_doctor_does():
+    builder = broken_diagrams.algebraic_loop_through_diagram()
+    path = "back.y0 -> cell/gain.u0 -> cell/gain.y0 -> back.u0 -> back.y0"
+    assert [finding.path for finding in examine_builder(builder).errors] == [path]
+    with pytest.raises(BadInputError, match=f"algebraic loop: {path}; "):
+        build(builder)
+    with pytest.raises(
+        BadInputError, match=r"algebraic loop: Gain 1.y0 -> Gain 2.u0 -> Gain 2.y0 -> Gain 1.u0 -> Gain 1.y0"
+    ):
+        build(nameless_ring())
+
+
+def nameless_ring():
+    builder = DiagramBuilder()
+    first, second = builder.AddSystem(Gain(1.0, 1)), builder.AddSystem(Gain(1.0, 1))
+    builder.Connect(first.get_output_port(), second.get_input_port())
+    builder.Connect(second.get_output_port(), first.get_input_port())
+    return builder
 
 
 def test_build_builds_what_is_right():
