@@ -12,9 +12,8 @@ from forcectl.doctor.report import Finding, error, warning
 from forcectl.inspect.delay import DelayChain
 from forcectl.inspect.probe import samples_through
 from forcectl.inspect.schedule import clean
-from forcectl.inspect.stages import declared_delays
 from forcectl.inspect.start import StartValues
-from forcectl.inspect.ways import Hop, Hops
+from forcectl.inspect.ways import Hop, Hops, declared_delays
 from forcectl.inspect.wiring import Port
 
 
@@ -49,10 +48,10 @@ def declared_findings(values: StartValues, hops: Hops) -> Iterator[Finding]:
         if not path and not isinstance(system, Diagram):
             continue  # a single block stands in the list under its own name as well
         table = getattr(system, "sample_delay", {})
-        known = list(declared_delays(system))
+        known = declared_delays(system)
         if len(known) < len(table):
             yield error("sample-delay-ports", path, f"sample_delay names ports that the block has not: {sorted(table)}")
-        for i, o, delay in known:
+        for (i, o), delay in known.items():
             way = _way_inside(hops, path, i, o)
             if way is None:
                 yield warning("delay-differs", path, f"sample_delay between ports that nothing joins: {sorted(table)}")

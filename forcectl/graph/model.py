@@ -167,16 +167,6 @@ class BlockGraph:
         shown = self.unfolded()
         return tuple(edge for block in self.nodes if block.path in shown for edge in block.edges)
 
-    @property
-    def inputs(self) -> tuple[Port, ...]:
-        """Terminals through which signals enter the whole diagram."""
-        return self.root.inputs
-
-    @property
-    def outputs(self) -> tuple[Port, ...]:
-        """Terminals through which signals leave the whole diagram."""
-        return self.root.outputs
-
 
 def _open_paths(block: Block, levels: int) -> Iterator[str]:
     if block.kind == "diagram" and levels > 0:

@@ -8,16 +8,13 @@ one tick later is no delay but physics, and for a block with an unrestricted upd
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import replace
-
-from pydrake.systems.framework import System
 
 from forcectl.inspect.ports import input_names, output_names
 from forcectl.inspect.probe import samples_through
 from forcectl.inspect.schedule import Stage, schedule
 from forcectl.inspect.start import StartValues
-from forcectl.inspect.ways import Hop, Hops
+from forcectl.inspect.ways import Hop, Hops, declared_delays
 from forcectl.inspect.wiring import Port
 
 
@@ -70,7 +67,7 @@ def _declared_diagram(hops: Hops, way: list[Hop], start: int) -> tuple[Stage, in
     first = Port(way[start].block, way[start].input)
     for path in wiring.parents(way[start].block):
         system = wiring.systems[path]
-        for i, o, delay in declared_delays(system):
+        for (i, o), delay in declared_delays(system).items():
             if first not in wiring.inner_inputs(Port(path, i)):
                 continue
             last = wiring.origin(Port(path, o))
@@ -84,11 +81,3 @@ def _declared_diagram(hops: Hops, way: list[Hop], start: int) -> tuple[Stage, in
                     names = input_names(system)[i], output_names(system)[o]
                     return Stage(path, *names, kind, "declared", event, samples, delay), end + 1
     return None
-
-
-def declared_delays(system: System) -> Iterator[tuple[int, int, float]]:
-    """The entries of a `sample_delay` by port index, delays in [s]; entries with unknown ports are left out."""
-    inputs, outputs = input_names(system), output_names(system)
-    for (source, target), delay in getattr(system, "sample_delay", {}).items():
-        if source in inputs and target in outputs:
-            yield inputs.index(source), outputs.index(target), float(delay)

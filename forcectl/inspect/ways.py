@@ -6,7 +6,10 @@ import heapq
 import itertools
 from dataclasses import dataclass
 
+from pydrake.systems.framework import System
+
 from forcectl.inspect.events import PeriodicEvent
+from forcectl.inspect.ports import input_names, output_names
 from forcectl.inspect.wiring import Port, Wiring
 
 
@@ -56,12 +59,7 @@ class Hops:
 
     def declared(self, block: str, input_index: int, output_index: int) -> float | None:
         """What the block's `sample_delay` says about this way [s], None when it says nothing."""
-        names = (
-            self.wiring.input_port(Port(block, input_index)).get_name(),
-            self.wiring.output_port(Port(block, output_index)).get_name(),
-        )
-        table: dict[tuple[str, str], float] = getattr(self.wiring.systems[block], "sample_delay", {})
-        return float(table[names]) if names in table else None
+        return declared_delays(self.wiring.systems[block]).get((input_index, output_index))
 
     def shortest(self, starts: list[Port], target: Port, inside: str = "") -> list[Hop] | None:
         """The way with the least delay from any of the inputs `starts` to the leaf output `target`, or None.
@@ -95,3 +93,13 @@ class Hops:
         if declared is not None:
             return declared
         return hop.event.period if hop.event is not None else 0.0
+
+
+def declared_delays(system: System) -> dict[tuple[int, int], float]:
+    """The entries of a `sample_delay` by input and output index [s]; entries with unknown ports are left out."""
+    table: dict[tuple[str, str], float] = getattr(system, "sample_delay", {})
+    if not table:
+        return {}
+    inputs, outputs = input_names(system), output_names(system)
+    known = {names: delay for names, delay in table.items() if names[0] in inputs and names[1] in outputs}
+    return {(inputs.index(source), outputs.index(target)): float(delay) for (source, target), delay in known.items()}

@@ -9,8 +9,8 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import EventStatus
 
 from forcectl.doctor import examine, measure_delay
-from forcectl.inspect import Wiring
 from forcectl.inspect.ports import find_outputs
+from forcectl.inspect.wiring import Wiring
 from forcectl.scenario.catalog import list_experiments
 from forcectl.scenario.scenario import as_file, build, resolve, select_variants
 

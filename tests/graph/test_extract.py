@@ -49,7 +49,7 @@ def test_units_of_a_block_override_the_table():
             self.DeclareVectorInputPort("current", 3)
 
     graph = block_graph(Motor(), hide_unused=False)
-    assert graph.inputs[0].signal == "3 · A"
+    assert graph.root.inputs[0].signal == "3 · A"
 
 
 def test_loggers_are_hidden_but_what_they_record_keeps_its_port():
@@ -137,8 +137,8 @@ def test_unnamed_systems_are_numbered_by_type_and_abstract_ports_tell_their_type
 def test_a_single_leaf_is_a_graph_of_one_box():
     graph = block_graph(ForceLaw(), depth=None)
     assert [block.name for block in graph.nodes] == ["ForceLaw"]
-    assert names(graph.inputs) == ["desired_force", "measured_force"]
-    assert names(graph.outputs) == ["displacement_command"]
+    assert names(graph.root.inputs) == ["desired_force", "measured_force"]
+    assert names(graph.root.outputs) == ["displacement_command"]
 
 
 @pytest.mark.parametrize("make", ALL.values(), ids=ALL)

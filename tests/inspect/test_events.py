@@ -13,7 +13,9 @@ from pydrake.systems.primitives import (
     ZeroOrderHold,
 )
 
-from forcectl.inspect import StartValues, Wiring, read_timing
+from forcectl.inspect.events import read_timing
+from forcectl.inspect.start import StartValues
+from forcectl.inspect.wiring import Wiring
 from tests.examples.graph_diagrams import force_loop
 
 

@@ -9,9 +9,8 @@ from pydrake.systems.primitives import Adder, Gain, Integrator
 import tests.examples.graph_diagrams as diagrams
 from forcectl.doctor import examine
 from forcectl.graph.extract import block_graph
-from forcectl.inspect import Wiring
 from forcectl.inspect.names import block_names, type_name
-from forcectl.inspect.wiring import Port
+from forcectl.inspect.wiring import Port, Wiring
 
 
 def named(*names):

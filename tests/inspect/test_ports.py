@@ -5,8 +5,8 @@ from pydrake.systems.primitives import PassThrough
 
 import tests.examples.broken_diagrams as broken_diagrams
 from forcectl.errors import BadInputError
-from forcectl.inspect import Port, Wiring
 from forcectl.inspect.ports import find_inputs, find_outputs, input_names, one_output, output_names, unit, value_type
+from forcectl.inspect.wiring import Port, Wiring
 from tests.examples.graph_diagrams import arm_with_controller, force_loop
 
 
