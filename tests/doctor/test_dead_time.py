@@ -28,7 +28,7 @@ FIDELITIES = ("OneDimensional", "Kinematic", "Multibody")
 FORCE_LOOPS = list_experiments("force")
 MOTION_LOOPS = list_experiments("motion")
 CASES = [
-    pytest.param(name, fidelity, marks=[pytest.mark.slow] if fidelity == "Multibody" and name != "fig_2_7" else [])
+    pytest.param(name, fidelity, marks=[pytest.mark.slow] if fidelity != "OneDimensional" and name != "fig_2_7" else [])
     for name in FORCE_LOOPS
     for fidelity in FIDELITIES
 ]

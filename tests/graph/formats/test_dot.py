@@ -81,6 +81,7 @@ def everything_in(dot):
     return nodes, wires, clusters
 
 
+@pytest.mark.filterwarnings("ignore::DeprecationWarning:pydot")  # its parser uses old names of pyparsing
 @pytest.mark.parametrize("make", ALL.values(), ids=ALL)
 @pytest.mark.parametrize("depth", [0, 1, None])
 def test_pydot_reads_back_what_was_written(make, depth):
