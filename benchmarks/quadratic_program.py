@@ -1,4 +1,4 @@
-"""Solving one quadratic program, by solver: what decides which one `forcectl.qp.quadratic_program` takes.
+"""Solving one quadratic program, by solver: what decides which one `forcectl.qp.solvers` takes.
 
 Programs of the size of a robot controller (6 variables) and of a dual arm (14), with other coefficients at every tick,
 through the same layer, checks included.
@@ -25,19 +25,13 @@ def benchmark(repeats: int) -> Iterator[Row]:
     import numpy as np
     from pydrake import solvers
 
-    from forcectl.qp.quadratic_program import (
-        DaqpPackage,
-        QuadraticProgram,
-        SolverFactory,
-        Status,
-        drake_clarabel,
-        drake_daqp,
-        fastest,
-    )
+    from forcectl.qp.quadratic_program import QuadraticProgram, Status
+    from forcectl.qp.solvers import DaqpPackage, Solver, drake_daqp, make_solver
 
-    kinds: dict[str, SolverFactory] = {"daqp package": DaqpPackage, "Drake's Clarabel": drake_clarabel}
+    in_use = "Drake's DAQP" if hasattr(solvers, "DaqpSolver") else "daqp package"
+    kinds: dict[str, Solver] = {"daqp package": DaqpPackage(), "Drake's Clarabel": make_solver("clarabel")}
     if hasattr(solvers, "DaqpSolver"):
-        kinds = {"Drake's DAQP": drake_daqp} | kinds
+        kinds = {"Drake's DAQP": drake_daqp()} | kinds
     for n, m in SIZES:
         rng = np.random.default_rng(1)
         root, rows, cost = rng.normal(size=(n, n)), rng.normal(size=(m, n)), rng.normal(size=n)
@@ -46,7 +40,7 @@ def benchmark(repeats: int) -> Iterator[Row]:
             (root @ root.T + (0.1 + 1e-3 * k) * np.eye(n), cost + 0.05 * rng.normal(size=n), rows, rng.random(m) + 0.1)
             for k in range(PROGRAMS)
         ]
-        exact = _solutions(QuadraticProgram(n, m, solver=fastest), programs)
+        exact = _solutions(QuadraticProgram(n, m), programs)
         for name, kind in kinds.items():
             program = QuadraticProgram(n, m, solver=kind)
             error = float(np.abs(_solutions(program, programs) - exact).max())
@@ -58,10 +52,7 @@ def benchmark(repeats: int) -> Iterator[Row]:
                     row[k] = time.perf_counter() - started
                     assert solution.status is Status.OPTIMAL
             p50, p99 = (float(np.median(np.percentile(spent, share, axis=1))) for share in (50, 99))
-            used = (
-                "; in use with this Drake" if type(kind(n, m)) is type(fastest(n, m)) and kind != drake_clarabel else ""
-            )
-            note = f"differs from the one in use by {error:.0e}" if not used else used[2:]
+            note = "in use with this Drake" if name == in_use else f"differs from the one in use by {error:.0e}"
             yield Row(f"{n} variables, {m} rows, {name}, p50", 1e6 * p50, "us", note=note)
             yield Row(f"{n} variables, {m} rows, {name}, p99", 1e6 * p99, "us")
 

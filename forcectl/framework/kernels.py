@@ -7,12 +7,14 @@ What a control tick computes are hundreds of operations on a dozen numbers, and 
 
 from __future__ import annotations
 
+import math
 from typing import Any, Final
 
 import numpy as np
 from numpy.typing import NDArray
-from scipy.linalg.lapack import dpotrf
+from scipy.linalg.lapack import dposv, dpotrf
 
+_TOUCHES = 1e-9  # a row that is missed by less holds with equality
 HALF: Final[NDArray[np.float64]] = np.array(0.5)
 HALF.flags.writeable = False
 
@@ -31,3 +33,55 @@ def is_definite(matrix: NDArray[np.float64]) -> bool:
     """Whether a symmetric matrix of finite numbers is positive definite, at a fifth of the cost of its eigenvalues."""
     failed: int = dpotrf(matrix, clean=0)[1]
     return failed == 0
+
+
+def all_finite(*arrays: NDArray[np.float64]) -> bool:
+    """Whether all elements are finite; a sum of squares tells it in a fifth of the time, unless it overflows."""
+    total = 0.0
+    for array in arrays:
+        total += float(np.vdot(array, array))
+    return math.isfinite(total) or all(np.isfinite(array).all() for array in arrays)
+
+
+def keeps(
+    u: NDArray[np.float64],
+    reached: NDArray[np.float64],
+    upper: NDArray[np.float64],
+    u_lower: NDArray[np.float64],
+    u_upper: NDArray[np.float64],
+    tolerance: float,
+) -> bool:
+    """Whether u, with E u = `reached`, is beyond no upper row or bound by more than the tolerance."""
+    # NaN fails every comparison.
+    return bool(
+        largest(reached - upper) <= tolerance
+        and largest(u - u_upper) <= tolerance
+        and largest(u_lower - u) <= tolerance
+    )
+
+
+def free_optimum(
+    hessian: NDArray[np.float64],
+    gradient: NDArray[np.float64],
+    matrix: NDArray[np.float64],
+    upper: NDArray[np.float64],
+    u_lower: NDArray[np.float64],
+    u_upper: NDArray[np.float64],
+) -> NDArray[np.float64] | None:
+    """The minimum of u'H u/2 + f'u if it keeps off all rows E u <= upper and bounds of u by 1e-9, else None.
+
+    Where they seldom bind it saves a solver half of its time.
+
+    Args:
+        hessian: H, (n, n), positive definite.
+        gradient: f, (n,).
+        matrix: E, (m, n).
+        upper: (m,).
+        u_lower: (n,).
+        u_upper: (n,).
+    """
+    if not all_finite(hessian, matrix):
+        return None
+    _, free, failed = dposv(hessian, -gradient)
+    apart = failed == 0 and keeps(free, matrix @ free, upper, u_lower, u_upper, -_TOUCHES)
+    return free if apart else None

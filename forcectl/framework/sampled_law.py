@@ -72,6 +72,12 @@ class SampledLaw(LaneBlock):
 
         self.DeclareVectorOutputPort(name, self._size, show, prerequisites_of_calc={now.ticket()})
 
+    def remembered(self, context: Context, name: str) -> Lane:
+        """A remembered value after the tick that the outputs show, by the name it was declared with."""
+        now = self._now
+        values = self._compute(context) if now is None else now.Eval(context)
+        return values[self._place[name]]
+
     @abstractmethod
     def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
         """The values of a new tick, the command first, from the inputs and the values held so far.

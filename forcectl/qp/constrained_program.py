@@ -1,92 +1,210 @@
-"""The quadratic program of a controller in joint accelerations: regulated outputs, constraints, joint torques, braking.
+"""The quadratic programs of controllers in joint accelerations u, under a robot's constraints: the core of them all.
 
-    min  u'H u/2 + f'u    s.t.   R u <= r  (soft),   E u <= f,   lower <= u <= upper,   |M u + h| <= limit
+    level 1         min  u'H_1 u/2 + g_1'u    s.t.  R u <= r,  E u <= f,  lower <= u <= upper,  |M u + h| <= limit
+    level 2, ...    see `PrioritizedProgram`
 
-The rows of the torques are in it only in ticks in which a joint would exceed its torque without them: a quarter of the
-time of a tick otherwise, for rows that seldom bind.
+R u <= r are further rows of the controller, E u <= f those of the constraints, lower and upper the joint limits. Where
+there is no answer the joints brake together.
+
+The rows of the torques are asked for only in ticks in which an answer without them exceeds a limit: a quarter of the
+time of a tick otherwise, for rows that seldom bind. All rows are in the program that is looked at.
 """
 
 from __future__ import annotations
 
-from typing import NamedTuple
+from collections.abc import Iterator, Mapping, Sequence
+from functools import partial
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.solvers import MathematicalProgram
 
-from forcectl.qp.quadratic_program import QuadraticProgram, Solution, SolverFactory
+from forcectl.errors import invalid
+from forcectl.framework.kernels import largest
+from forcectl.qp.prioritized_program import Level, PrioritizedProgram, PrioritizedSolution
+from forcectl.qp.quadratic_program import Status
+from forcectl.qp.solvers import Solver, make_solver
 from forcectl.robot.robot_motion import RobotMotion
 from forcectl.tasks.constraints.base import ConstraintSet, JointTorqueLimit, Rows
 
 Vector = NDArray[np.float64]
 
-_SLACK_WEIGHT = 1e6  # of regulated outputs: what slack costs beside the objective
-_FIRST = 100.0  # times that for the first one: it gives way after the others
 _HOLDS = -1e-9  # a row that is missed by less holds with equality
 
 
-class Outcome(NamedTuple):
-    """solution: its u brakes when there was none. active: rows and bounds that hold with equality.
+class Problem(NamedTuple):
+    """What is asked for at one tick.
 
+    motion: the commanded motion.
+    rows: of the constraints.
+    levels: in order of priority.
+    further: R (k, n) and r (k,), in the order of their names; None where there are none.
+    settled: see `PrioritizedProgram.solve`.
+    """
+
+    motion: RobotMotion
+    rows: Rows
+    levels: Sequence[Level]
+    further: tuple[Vector, Vector] | None = None
+    settled: bool = False
+
+
+class Outcome(NamedTuple):
+    """What the programs of one tick give.
+
+    u: (n,) [rad/s^2]; brakes and holds when `status` says so.
+    status, slack, levels: see `PrioritizedSolution`.
+    active: rows and bounds that hold with equality.
     beyond: the largest violation of a row of relative degree 0 [its unit], a torque included; 0 when none is.
     """
 
-    solution: Solution
+    u: Vector
+    status: Status
+    slack: float
+    levels: int
     active: int
     beyond: float
 
 
 class ConstrainedProgram:
-    """Built once, solved at every tick.
+    """Built once, solved at every tick; a copy has programs of its own.
 
     Args:
-        constraints: the hard rows and bounds. outputs: number of soft rows, the most important one first. torque: limit
-            of the joints, infinite where there is none (n,) [Nm]. solver: of the programs.
+        constraints: hard rows, soft ones where they are given a weight, and bounds.
+        torque: limit of the joints, infinite where there is none (n,) [Nm].
+        solver: its name, or the solver.
+        joints: names of the joints, (n,).
+        further: slack weights of the further rows by name.
+        slack_weights: of the rows of the constraints, infinite for hard ones; all are hard when left out.
+        tasks: names of the rows of the task of each level but the last.
+        costs: what each level minimises.
+        often_free: see `PrioritizedProgram`.
     """
 
-    def __init__(self, constraints: ConstraintSet, outputs: int, torque: Vector, solver: SolverFactory):
-        self._constraints, self._outputs = constraints, outputs
-        weights = np.full(outputs + constraints.size, np.inf)
-        weights[:outputs] = _SLACK_WEIGHT
-        weights[0] *= _FIRST
-        self._program = QuadraticProgram(len(torque), len(weights), slack_weight=weights, solver=solver)
+    def __init__(
+        self,
+        constraints: ConstraintSet,
+        torque: Vector,
+        solver: str | Solver,
+        *,
+        joints: Sequence[str],
+        further: Mapping[str, float] | None = None,
+        slack_weights: Vector | None = None,
+        tasks: Sequence[Sequence[str]] = (),
+        costs: Sequence[str] = ("objective",),
+        often_free: bool = True,
+    ):
+        self._constraints, self._further = constraints, dict(further or {})
         self._torque = JointTorqueLimit(torque) if np.isfinite(torque).any() else None
+        hard = np.full(constraints.size, np.inf)
+        names, weights = [*self._further, *constraints.row_names], [*self._further.values()]
+        weights += (hard if slack_weights is None else slack_weights).tolist()
+        # A program has at least one row.
+        self._nothing = None if names else (np.zeros((1, len(torque))), np.array([np.inf]))
+        if self._nothing is not None:
+            names, weights = ["no constraint"], [np.inf]
         if self._torque is not None:
-            weights = np.append(weights, np.full(self._torque.size, np.inf))
-            self._limited = QuadraticProgram(len(torque), len(weights), slack_weight=weights, solver=solver)
+            names += self._torque.names(joints)
+            weights += [np.inf] * self._torque.size
+        self._make = partial(
+            PrioritizedProgram,
+            len(torque),
+            len(names),
+            [len(rows) for rows in tasks],
+            slack_weight=weights,
+            solver=make_solver(solver) if isinstance(solver, str) else solver,
+            variables=[f"u[{joint}]" for joint in joints],
+            rows=names,
+            costs=costs,
+            task_rows=[name for rows in tasks for name in rows],
+            bounds="position, speed and acceleration limits of the joints",
+            often_free=often_free,
+        )
+        self._programs = self._make()
 
-    def solve(
-        self, motion: RobotMotion, rows: Rows, hessian: Vector, gradient: Vector, soft: tuple[Vector, Vector]
-    ) -> Outcome:
-        """The optimum, the nearest to it, or braking.
+    def __deepcopy__(self, memo: dict[int, Any]) -> ConstrainedProgram:
+        made = object.__new__(ConstrainedProgram)
+        vars(made).update(vars(self), _programs=self._make())
+        return made
+
+    @property
+    def num_rows(self) -> int:
+        """How many rows there are, besides the bounds of the joints and the further rows."""
+        return self._constraints.size + (0 if self._torque is None else self._torque.size)
+
+    def solve(self, problem: Problem) -> Outcome:
+        """The optimum, the nearest to it, or braking."""
+        found, matrix, limit = self._answer(problem)
+        motion, rows, torque = problem.motion, problem.rows, self._torque
+        u, beyond = found.u, 0.0
+        if found.levels == 0:
+            u = self._constraints.brake(motion.v, rows)
+        if torque is not None and (found.levels == 0 or len(limit) > self._asked(problem)):
+            beyond = max(torque.excess(motion, u), 0.0)
+        active = 0
+        if found.touches:
+            missed = matrix @ u - limit
+            binding = (missed > _HOLDS, (u >= rows.upper) | (u <= rows.lower))
+            active = sum(int(np.count_nonzero(part)) for part in binding)
+            if rows.direct:
+                ahead = len(self._further)
+                beyond = max(beyond, largest(missed[ahead : ahead + rows.direct]))
+        return Outcome(u, found.status, found.slack, found.levels, active, beyond)
+
+    def program(self, problem: Problem, level: int | None = None) -> MathematicalProgram:
+        """The program that gives the answer of a level, with all rows.
 
         Args:
-            rows: of the constraints at this tick. hessian, gradient: H (n, n) and f (n,). soft: R (k, n) and r (k,).
-        """
-        k, torque, beyond = self._outputs, self._torque, 0.0
-        matrix, limit = np.concatenate([soft[0], rows.matrix]), np.concatenate([soft[1], rows.limit])
-        solution = self._attempt(self._program, motion, rows, hessian, gradient, matrix, limit)
-        if torque is not None and torque.excess(motion, solution.u) > 0.0:
-            more, allowed = torque.rows(motion)
-            matrix, limit = np.concatenate([matrix, more]), np.concatenate([limit, allowed])
-            solution = self._attempt(self._limited, motion, rows, hessian, gradient, matrix, limit)
-            beyond = torque.excess(motion, solution.u)
-        u = solution.u
-        missed = (matrix @ u - limit).tolist()
-        active = sum(by > _HOLDS for by in missed)
-        active += sum(not low < a < high for low, a, high in zip(rows.lower, u.tolist(), rows.upper, strict=True))
-        return Outcome(solution, active, max(0.0, beyond, *missed[k : k + rows.direct]))
+            problem: as it was solved.
+            level: 1 is the first; the last one that was solved when left out.
 
-    def _attempt(
-        self,
-        program: QuadraticProgram,
-        motion: RobotMotion,
-        rows: Rows,
-        hessian: Vector,
-        gradient: Vector,
-        matrix: Vector,
-        limit: Vector,
-    ) -> Solution:
-        solution = program.solve(
-            hessian, gradient, matrix, limit, u_lower=rows.lower, u_upper=rows.upper, fallback=motion.v
+        Raises:
+            BadInputError: there is no such level, it was not solved, or the problem holds what is no number.
+        """
+        found, matrix, limit = self._answer(problem)
+        if level is not None and (isinstance(level, bool) or level not in range(1, len(problem.levels) + 1)):
+            raise invalid("level", level, f"from 1 to {len(problem.levels)}")
+        if self._torque is not None and len(limit) == self._asked(problem):
+            matrix, limit = self._with_torque(problem.motion, matrix, limit)
+        return self._programs.program(
+            max(found.levels, 1) if level is None else level,
+            found,
+            problem.levels,
+            matrix,
+            limit,
+            u_lower=problem.rows.lower,
+            u_upper=problem.rows.upper,
         )
-        return solution._replace(u=self._constraints.brake(motion.v, rows)) if solution.status.brakes else solution
+
+    def _asked(self, problem: Problem) -> int:
+        """How many rows there are without those of the torques."""
+        return 1 if self._nothing is not None else len(self._further) + len(problem.rows.limit)
+
+    def _answer(self, problem: Problem) -> tuple[PrioritizedSolution, Vector, Vector]:
+        """What the programs give, and the rows that were asked for."""
+        motion, rows, levels, further, settled = problem
+        matrix, limit = (rows.matrix, rows.limit) if self._nothing is None else self._nothing
+        if further is not None:
+            matrix, limit = np.concatenate([further[0], matrix]), np.concatenate([further[1], limit])
+        solve = partial(self._programs.solve, levels, u_lower=rows.lower, u_upper=rows.upper, fallback=motion.v)
+        found = solve(matrix, limit, settled=settled)
+        torque = self._torque
+        if torque is not None and any(torque.excess(motion, answer) > 0.0 for answer in _different(found.answers)):
+            matrix, limit = self._with_torque(motion, matrix, limit)
+            found = solve(matrix, limit)
+        return found, matrix, limit
+
+    def _with_torque(self, motion: RobotMotion, matrix: Vector, limit: Vector) -> tuple[Vector, Vector]:
+        assert self._torque is not None
+        more, allowed = self._torque.rows(motion)
+        return np.concatenate([matrix, more]), np.concatenate([limit, allowed])
+
+
+def _different(answers: Sequence[Vector]) -> Iterator[Vector]:
+    """The answers, without those that the level below leaves as they are."""
+    below = None
+    for answer in reversed(answers):
+        if answer is not below:
+            yield answer
+        below = answer

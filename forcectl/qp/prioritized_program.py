@@ -6,40 +6,35 @@
 The equalities of a level are met by its variables: u = u_above + N z, with N an orthonormal basis of what all J_i leave
 free. So they hold to rounding, also where a J_i loses rank, and z = 0 is feasible at every level: a level that cannot
 be solved leaves the answer of those above. In (5.18) as it is printed, with equality rows, the second program is
-degenerate by construction. Two variables instead of fourteen are solved in half of the time, too.
+degenerate by construction. Two variables instead of fourteen are solved in half of the time, too. What is shown of a
+level is (5.18) in u, as it is printed.
 
 Rows that level 1 could keep only with a slack are kept below it as far as it kept them.
 """
 
 from __future__ import annotations
 
-import math
 from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydrake.solvers import MathematicalProgram
 from scipy.linalg.lapack import dgeqrf, dormqr, dposv
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check_count
-from forcectl.framework.kernels import largest
-from forcectl.qp.quadratic_program import (
-    QuadraticProgram,
-    SolverFactory,
-    Status,
-    fastest,
-    free_optimum,
-    identity,
-    keeps,
-)
+from forcectl.framework.kernels import all_finite, free_optimum, keeps, largest
+from forcectl.qp.named_program import Coefficients, NamedProgram
+from forcectl.qp.quadratic_program import QuadraticProgram, Status
+from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, make_solver
 
 Array = NDArray[np.float64]
 
 # What rows have at least below the first level, in their unit: where they leave none, one more or less of them decides
 # by rounding whether a solver finds a point. A tenth of what they may be missed by.
 _ROOM = 1e-9
-_NOWHERE = 1e-9  # a step by less than that is none
+_STEP_TOLERANCE = 1e-9  # a step by less than that is none
 
 
 class Level(NamedTuple):
@@ -72,11 +67,21 @@ class PrioritizedSolution(NamedTuple):
 class PrioritizedProgram:
     """Programs of n variables and m rows in order of priority; built once, solved anew at every tick.
 
-    Keeps nothing from one `solve` to the next.
+    Keeps nothing from one `solve` to the next but the programs to look at.
 
     Args:
-        n: variables. m: rows. tasks: how many rows the task of each level but the last has.
-        slack_weight, solver, tolerance: see `QuadraticProgram`.
+        n: variables.
+        m: rows.
+        tasks: how many rows the task of each level but the last has.
+        slack_weight: see `QuadraticProgram`.
+        solver: see `QuadraticProgram`.
+        tolerance: see `QuadraticProgram`.
+        variables: names of u, (n,); numbered when left out.
+        rows: names of the rows, (m,); numbered when left out.
+        costs: what each level minimises; numbered when left out.
+        task_rows: names of the rows of the tasks, one after the other; numbered when left out.
+        bounds: what bounds u.
+        often_free: whether the optimum without rows is tried first; it costs where rows bind at most ticks.
 
     Raises:
         BadInputError: as `QuadraticProgram`, or a task of no rows.
@@ -89,21 +94,50 @@ class PrioritizedProgram:
         tasks: Sequence[int] = (),
         *,
         slack_weight: ArrayLike = np.inf,
-        solver: SolverFactory = fastest,
+        solver: str | Solver = DEFAULT_SOLVER,
         tolerance: float = 1e-8,
+        variables: Sequence[str] = (),
+        rows: Sequence[str] = (),
+        costs: Sequence[str] = (),
+        task_rows: Sequence[str] = (),
+        bounds: str = "bounds of the variables",
+        often_free: bool = True,
     ):
         self._n, self._m = check_count("n", n), check_count("m", m)
-        for rows in tasks:
-            if not check_count("tasks", rows) <= n:
-                raise invalid("tasks", rows, f"at most n = {n} rows")
-        self._tasks = tuple(tasks)
-        self._first = QuadraticProgram(n, m, slack_weight=slack_weight, solver=solver, tolerance=tolerance)
-        # Below the first level the bounds of u are rows; what is free of J_1 ... is the columns after theirs.
-        free = [n - sum(tasks[: k + 1]) for k in range(len(tasks))]
-        self._below = [QuadraticProgram(d, m + n, solver=solver, tolerance=tolerance) for d in free if d > 0]
+        for size in tasks:
+            if not check_count("tasks", size) <= n:
+                raise invalid("tasks", size, f"at most n = {n} rows")
+        self._eye = np.eye(self._n)
+        self._tasks, self._often_free = tuple(tasks), often_free
+        of_u = variables or [f"u[{i + 1}]" for i in range(n)]
+        of_rows = rows or [f"row {i + 1}" for i in range(m)]
+        of_cost = costs or [f"objective {k + 1}" for k in range(self.levels)]
+        of_task = task_rows or [f"row {i + 1} of task {k + 1}" for k, size in enumerate(tasks) for i in range(size)]
+        solve = make_solver(solver) if isinstance(solver, str) else solver
+        self._first = QuadraticProgram(
+            n,
+            m,
+            slack_weight=slack_weight,
+            solver=solve,
+            tolerance=tolerance,
+            variables=of_u,
+            rows=of_rows,
+            cost=of_cost[0],
+            bounds=bounds,
+        )
+        # Below the first level the bounds of u are rows, too. What is free of J_1 ... is the columns after theirs.
+        taken = [sum(tasks[: k + 1]) for k in range(len(tasks))]
+        free = [n - k for k in taken]
+        self._below = [QuadraticProgram(d, m + n, solver=solve, tolerance=tolerance) for d in free if d > 0]
         above = [n, *free]
         self._picks = [np.vstack([np.zeros((above[k] - d, d)), np.eye(d)]) for k, d in enumerate(free) if d > 0]
-        self._no_lower = np.full(m, -np.inf)
+        # (5.18) in u, to look at.
+        self._shown = [
+            NamedProgram(
+                of_u, of_rows, cost=name, bounds=bounds, equalities=[f"{each} as above" for each in of_task[:k]]
+            )
+            for k, name in zip(taken, of_cost[1:], strict=True)
+        ]
 
     @property
     def levels(self) -> int:
@@ -124,7 +158,11 @@ class PrioritizedProgram:
         """Solve with these coefficients; never raises for what is in them, and never returns a NaN of its own.
 
         Args:
-            levels: in order of priority. matrix: E, (m, n). upper: f, (m,). u_lower, u_upper: bounds of u, (n,).
+            levels: in order of priority.
+            matrix: E, (m, n); with fewer rows the last ones, hard ones, are not asked for.
+            upper: f, (m,).
+            u_lower: bounds of u, (n,).
+            u_upper: the same.
             fallback: u when level 1 has no solution. (n,), returned as it is.
             settled: whether an optimum of level 1 that no row or bound stops is that of all further levels, too.
 
@@ -133,7 +171,9 @@ class PrioritizedProgram:
         """
         self._check(levels)
         hessian, gradient, _ = levels[0]
-        first, status, slack = free_optimum(hessian, gradient, matrix, upper, u_lower, u_upper), Status.OPTIMAL, 0.0
+        first, status, slack = None, Status.OPTIMAL, 0.0
+        if self._often_free:
+            first = free_optimum(hessian, gradient, matrix, upper, u_lower, u_upper)
         touches = first is None
         if first is not None and settled:
             answers = [first] * (1 + len(self._below))
@@ -156,6 +196,46 @@ class PrioritizedProgram:
         touches = touches or answers[-1] is not first
         return PrioritizedSolution(answers[-1], status, slack, len(answers), answers, touches)
 
+    def program(
+        self,
+        level: int,
+        found: PrioritizedSolution,
+        levels: Sequence[Level],
+        matrix: Array,
+        upper: Array,
+        *,
+        u_lower: Array,
+        u_upper: Array,
+    ) -> MathematicalProgram:
+        """The program of one level in u, behind an answer with these coefficients.
+
+        Args:
+            level: 1 is the first.
+            found: what `solve` gave.
+            levels: as for `solve`, like the others.
+
+        Raises:
+            BadInputError: the level was not solved, or a coefficient is not a number.
+        """
+        hessian, gradient, _ = levels[level - 1]
+        if level == 1:
+            return self._first.program(found.status, hessian, gradient, matrix, upper, u_lower=u_lower, u_upper=u_upper)
+        if level > found.levels:
+            raise BadInputError(f"level = {level}: must be at most {found.levels}: the last tick solved no more levels")
+        above = found.answers[level - 2]
+        rows, far = matrix @ above, np.full(len(matrix), np.inf)
+        tasks = np.concatenate([each.task for each in levels[: level - 1] if each.task is not None])
+        numbers = Coefficients(
+            hessian,
+            gradient,
+            matrix,
+            -far,
+            np.maximum(upper, rows) + _ROOM,
+            np.minimum(u_lower, above) - _ROOM,
+            np.maximum(u_upper, above) + _ROOM,
+        )
+        return self._shown[level - 2].fill(numbers, equal=(tasks, tasks @ above))
+
     def _descend(
         self,
         program: QuadraticProgram,
@@ -169,24 +249,21 @@ class PrioritizedProgram:
     ) -> Array | None:
         """The answer of one level from u, that of those above; None when there is none."""
         hessian, gradient, _ = level
-        plain = hessian is identity(self._n)
-        steepness = ((u if plain else hessian.dot(u)) + gradient).dot(basis)
-        if not math.isfinite(steepness.dot(steepness)):
+        steepness = (hessian @ u + gradient) @ basis
+        if not all_finite(steepness):
             return None
         # The step without rows and bounds, where they leave room for it.
-        if plain:
-            bent, free, failed = identity(len(steepness)), -steepness, 0
-        else:
-            bent = basis.T.dot(hessian).dot(basis)
-            _, free, failed = dposv(bent, -steepness)
+        # In an orthonormal basis the curvature of |u|^2 is that of |z|^2, exactly.
+        bent = np.eye(len(steepness)) if np.array_equal(hessian, self._eye) else basis.T @ hessian @ basis
+        _, free, failed = dposv(bent, -steepness)
         if failed == 0:
-            if largest(np.abs(free)) <= _NOWHERE:
+            if largest(np.abs(free)) <= _STEP_TOLERANCE:
                 return u
-            there: Array = u + basis.dot(free)
-            if keeps(there, matrix.dot(there), upper, u_lower, u_upper, _ROOM):
+            there: Array = u + basis @ free
+            if keeps(there, matrix @ there, upper, u_lower, u_upper, _ROOM):
                 return there
         room = np.concatenate([upper - matrix @ u, u_upper - u])
-        below = np.concatenate([self._no_lower, np.minimum(u_lower - u, 0.0)])
+        below = np.concatenate([np.full(len(matrix), -np.inf), np.minimum(u_lower - u, 0.0)])
         found = program.solve(
             bent,
             steepness,
@@ -195,7 +272,7 @@ class PrioritizedProgram:
             lower=below - _ROOM,
             fallback=steepness,
         )
-        return None if found.status.brakes else u + basis.dot(found.u)
+        return None if found.status.brakes else u + basis @ found.u
 
     def _check(self, levels: Sequence[Level]) -> None:
         if len(levels) != self.levels:
@@ -213,8 +290,8 @@ def _free_of(task: Array | None, basis: Array | None, pick: Array) -> Array | No
         pick: the last columns of the identity, as many as there are after those of the task.
     """
     assert task is not None  # checked by `PrioritizedProgram`
-    rows = task if basis is None else task.dot(basis)
-    if not math.isfinite(np.vdot(rows, rows)):
+    rows = task if basis is None else task @ basis
+    if not all_finite(rows):
         return None
     # The last columns of the orthogonal factor of the transposed rows: Householder, so exact at any rank.
     factor, tau, _, info = dgeqrf(rows.T)
@@ -223,4 +300,4 @@ def _free_of(task: Array | None, basis: Array | None, pick: Array) -> Array | No
     columns, _, info = dormqr("L", "N", factor, tau, pick, 64 * pick.shape[1])
     if info != 0:
         return None
-    return columns if basis is None else basis.dot(columns)
+    return columns if basis is None else basis @ columns

@@ -88,7 +88,7 @@ class TaskCost:
         velocity_slope: ArrayLike = 0.0,
     ):
         Ts = check("period", period, "positive")
-        self._tick = np.array(Ts)
+        self._period = Ts
         Qp, Qv = _matrix("position", position, size), _matrix("velocity", velocity, size)
         Qpv = _matrix("cross", cross, size)
         for name, Q in (("position", Qp), ("velocity", Qv)):
@@ -116,14 +116,14 @@ class TaskCost:
         Args:
             position, velocity: x_gen, x'_gen at the next tick, (k,) [m or rad, per s].
         """
-        error, rate = state.value + self._tick * state.rate - position, state.rate - velocity
-        slope: Vector = self._by_position.dot(error) + self._by_velocity.dot(rate) + self._constant
+        error, rate = state.value + self._period * state.rate - position, state.rate - velocity
+        slope: Vector = self._by_position @ error + self._by_velocity @ rate + self._constant
         return slope
 
     def value(self, error: Vector, rate: Vector) -> float:
         """L of the errors e, e' at the next tick, (k,) each."""
         both = np.concatenate([error, rate])
-        value: float = (self._half.dot(both) + self._slopes).dot(both).item()
+        value: float = ((self._half @ both + self._slopes) @ both).item()
         return value
 
 

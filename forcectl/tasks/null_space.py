@@ -22,7 +22,6 @@ from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.batch import check
-from forcectl.qp.quadratic_program import identity
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import RobotModel, unit_normal
 from forcectl.tasks.constraints.base import Constraint
@@ -204,4 +203,4 @@ class TowardsSmallMass:
 def _towards(motion: ArmsMotion, wanted: Vector | None, time_constant: float | None, period: float) -> QuadraticCost:
     time = period if time_constant is None else max(time_constant, period)
     gradient: Vector = (motion.v if wanted is None else motion.v - wanted) / time
-    return QuadraticCost(identity(len(motion.v)), gradient)
+    return QuadraticCost(np.eye(len(motion.v)), gradient)

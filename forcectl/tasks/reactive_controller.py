@@ -11,48 +11,62 @@ q, q' are the commanded motion. The trajectory generator is led by what became o
 from __future__ import annotations
 
 from collections.abc import Sequence
+from copy import deepcopy
 from dataclasses import dataclass
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydrake.solvers import MathematicalProgram
 from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check, lane_values
 from forcectl.framework.cache import scratch
 from forcectl.framework.kernels import largest
-from forcectl.framework.tick_block import TickBlock
-from forcectl.qp.quadratic_program import SolverFactory, Status, fastest
+from forcectl.framework.tick_block import Start, TickBlock
+from forcectl.qp.constrained_program import Outcome
+from forcectl.qp.quadratic_program import Status
+from forcectl.qp.solvers import DEFAULT_SOLVER, Solver
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import JointLimits, RobotModel
-from forcectl.tasks.constraints.base import Constraint, ConstraintSet, checked_limits
-from forcectl.tasks.coordinates import ArmTask, gathered
+from forcectl.tasks.constraints.base import Constraint, ConstraintSet, Rows, checked_limits
+from forcectl.tasks.coordinates import ArmTask, TaskState, gathered
 from forcectl.tasks.cost import Weights
 from forcectl.tasks.joint_state_monitor import ReadingGuard, Readings
 from forcectl.tasks.null_space import Criterion, JointSpeed
-from forcectl.tasks.program import TaskProgram, task_levels
+from forcectl.tasks.program import Posed, TaskProgram, task_levels
 from forcectl.tasks.progress import Progress, TaskProgress
 from forcectl.tasks.reference_reset import Leash
 
 Vector = NDArray[np.float64]
 
-_PROGRESS = ("nearest", "ticks", "reached", "stalled")
 _ABSURD = 1e6  # [m or rad, per s] a reference beyond is no number
 _ROUNDING = 1e-12  # violations below are none
 
-# What is put out besides the references, one number each, with units; in the order of `step`.
-_DIAGNOSTICS = {
-    "status": "1",
-    "active_constraints": "1",
-    "slack": "",
-    "constraint_violation": "",
-    "tracking_error": "1",
-    "near_singular": "1",
-    "levels_solved": "1",
-    "holding": "1",
-    "reached": "1",
-    "stalled": "1",
-}
+
+class Diagnostics(NamedTuple):
+    """What is put out besides the references, one number each, see `ReactiveController`."""
+
+    status: float
+    active_constraints: float
+    slack: float
+    constraint_violation: float
+    tracking_error: float
+    near_singular: float
+    levels_solved: float
+    holding: float
+    reached: float
+    stalled: float
+
+
+class Tick(NamedTuple):
+    """A tick up to its programs; posed is None where the joints brake without one."""
+
+    rows: Rows
+    state: TaskState
+    readings: Readings
+    posed: Posed | None
 
 
 @dataclass(frozen=True)
@@ -123,17 +137,23 @@ class ReactiveController(TickBlock):
     Sampling: `period` [s]; no delay, see `SampledLaw`: what the tick computes is put out at once and held.
 
     Args:
-        robot: kinematics, inertia, limits. tasks: in any order of priority. start: commanded posture before the first
-            tick (n,) [rad]; None: the robot's default. weights: of every priority level, or one for all of them.
-            criterion: of the null space. constraints: further ones than joint limits. limits: of the joints; None: the
-            robot's. constraint_gamma: of constraints without their own, < 0. supervision: of readings and targets.
-            period: None: the robot's. solver: of the programs.
+        robot: kinematics, inertia, limits.
+        tasks: in any order of priority.
+        start: commanded posture before the first tick (n,) [rad]; None: the robot's default.
+        weights: of every priority level, or one for all of them.
+        criterion: of the null space.
+        constraints: further ones than joint limits.
+        limits: of the joints; None: the robot's.
+        constraint_gamma: of constraints without their own, < 0.
+        supervision: of readings and targets.
+        period: tick [s]; None: the robot's.
+        solver: of the programs: its name, or the solver.
 
     Raises:
         BadInputError: values out of range, or that contradict each other or the start posture.
     """
 
-    port_units = _DIAGNOSTICS | {"reading_ok": "1"}
+    port_units = dict.fromkeys(Diagnostics._fields, "1") | {"slack": "", "constraint_violation": "", "reading_ok": "1"}
     optional_inputs = ("task_acceleration_reference", "task_target", "joint_position", "joint_velocity")
 
     def __init__(
@@ -149,13 +169,12 @@ class ReactiveController(TickBlock):
         constraint_gamma: float = -2.0,
         supervision: Supervision = _DEFAULT_SUPERVISION,
         period: float | None = None,
-        solver: SolverFactory = fastest,
+        solver: str | Solver = DEFAULT_SOLVER,
     ):
         super().__init__()
         self.sample_delay = {("task_position_reference", "joint_position_reference"): 0.0}
         self._robot, self._n = robot, robot.num_joints
         Ts = self._period = check("period", robot.facts.period if period is None else period, "positive")
-        self._tick, self._half = np.array(Ts), np.array(0.5 * Ts)
         if not tasks:
             raise invalid("tasks", list(tasks), "at least one")
         self._tasks = tuple(tasks)
@@ -177,12 +196,12 @@ class ReactiveController(TickBlock):
         if not isinstance(chosen, Criterion):
             raise BadInputError(f"criterion {type(chosen).__name__} lacks cost(motion, period)")
         chosen.cost(origin, Ts)  # a criterion that does not fit the robot fails here
-        self._program = TaskProgram(levels, chosen, self._constraints, limits.torque, Ts, solver)
+        joints = [joint.name() for joint in robot.parts.joints]
+        self._tasks_program = TaskProgram(levels, chosen, self._constraints, limits.torque, Ts, solver, joints)
         self._guard = ReadingGuard(
             self._n, supervision.longest_gap, supervision.frozen_distance, supervision.largest_error, Ts
         )
         self._progress = TaskProgress(self._tolerance, supervision.patience, Ts)
-        self._no_costs = [0.0] * self._program.size
         self._declare(q0, state.value)
 
     @property
@@ -198,7 +217,7 @@ class ReactiveController(TickBlock):
     @property
     def num_rows(self) -> int:
         """How many rows the programs have, besides the bounds of the joints."""
-        return self._program.num_rows
+        return self._tasks_program.num_rows
 
     @property
     def task_start(self) -> Vector:
@@ -209,118 +228,141 @@ class ReactiveController(TickBlock):
         n, k = self._n, self._size
         quantities = ("position", "velocity", "acceleration")
         names = [f"task_{quantity}_reference" for quantity in quantities]
-        *self._references, bend = [self.DeclareVectorInputPort(name, k) for name in names]
-        self._wishes = bend, self.DeclareVectorInputPort("task_target", k)
-        self._measured = [self.DeclareVectorInputPort(name, n) for name in ("joint_position", "joint_velocity")]
-        none, nowhere = np.zeros(1), np.full(1, np.inf)
-        # Single numbers first, in the order of `step`.
+        references = [self.DeclareVectorInputPort(name, k) for name in names]
+        target = self.DeclareVectorInputPort("task_target", k)
+        measured = [self.DeclareVectorInputPort(name, n) for name in ("joint_position", "joint_velocity")]
         memory = {
-            "time": np.full(1, -self._period),
-            "gap": none,
-            "nearest": nowhere,
-            "ticks": none,
-            **dict.fromkeys(_DIAGNOSTICS, none),
-            "stage_costs": np.zeros(self._program.size),
             "joint_position_reference": start,
             "joint_velocity_reference": np.zeros(n),
             "foreseen": np.zeros(self._constraints.foreseen_size),
             "read_position": np.full(n, np.nan),
             "read_command": start,
             "reading_ok": np.ones(n),
+            "reading_gap": np.zeros(1),
             "target": np.full(k, np.nan),
+            "progress": np.array([np.inf, 0.0, 0.0, 0.0]),
+            "diagnostics": np.zeros(len(Diagnostics._fields)),
+            "stage_costs": np.zeros(self._tasks_program.size),
         }
-        ends = np.cumsum([len(part) for part in memory.values()]).tolist()
-        self._place = {
-            name: slice(end - len(part), end) for (name, part), end in zip(memory.items(), ends, strict=True)
-        }
-        self._scratch = scratch(self, "commanded posture", self._robot.create_context)
-        inputs = (*self._references, *self._wishes, *self._measured)
-        self._task_start = task_start
         kept = {"task_position": task_start, "task_velocity": np.zeros(k), "task_acceleration": np.zeros(k)}
-        self.declare_memory(np.concatenate(list(memory.values())), inputs, self._period, kept)
+        program = self._tasks_program
+        self._scratch = scratch(self, "commanded posture", self._robot.create_context)
+        self._program = scratch(self, "quadratic programs", lambda: deepcopy(program))
+        self._task_start = task_start
+        self.declare_memory(memory, [*references, target, *measured], self._period, kept)
         for name in ("joint_position_reference", "joint_velocity_reference"):
-            self.show(name, self._place[name])
+            self.show(name)
         for name in kept:
             self.show_kept(name)
-        for name in (*_DIAGNOSTICS, "reading_ok", "stage_costs"):
-            self.show(name, self._place[name])
+        for i, name in enumerate(Diagnostics._fields):
+            self.show(name, "diagnostics", i)
+        for name in ("reading_ok", "stage_costs"):
+            self.show(name)
 
-    def step(self, context: Context, memory: Vector, time: float) -> Vector:
+    def program(self, context: Context, level: int | None = None) -> MathematicalProgram:
+        """The quadratic program of one level of the last tick, with all its rows; everything in it has a name.
+
+        Its solution is the u [rad/s^2] of that level, followed at level 1 by the slacks of the soft rows when these had
+        to give way; that of the last level is what the joints accelerate with. Levels below the first keep the tasks of
+        those above by rows with equality (5.18). The program belongs to the context, and is filled anew by the next
+        look at it.
+
+        Args:
+            context: of this block.
+            level: 1 is the first, the criterion the last; None: the last one that the tick solved.
+
+        Raises:
+            BadInputError: there was no tick yet, no such level or program in it, or a number was none.
+        """
+        posed = self._tick(context, self.last_tick(context)).posed
+        if posed is None:
+            raise BadInputError("program: the last tick had none: its reference or its readings are bad")
+        program: TaskProgram = self._program.Eval(context)
+        return program.program(posed, level)
+
+    def step(self, context: Context, start: Start) -> dict[str, Vector]:
         """The memory after a tick."""
-        Ts, half, place = self._tick, self._half, self._place
-        q, v = memory[place["joint_position_reference"]], memory[place["joint_velocity_reference"]]
-        readings, stops = self._look(context, memory, q, v)
-        position, velocity = self._references[0].Eval(context), self._references[1].Eval(context)
-        bend, target = (port.Eval(context) if port.HasValue(context) else None for port in self._wishes)
+        Ts, (memory, inputs) = self._period, start
+        q, v = memory["joint_position_reference"], memory["joint_velocity_reference"]
+        position, velocity = inputs["task_position_reference"], inputs["task_velocity_reference"]
+        target = inputs.get("task_target")
+        rows, state, readings, posed = self._tick(context, start)
+        if posed is None:
+            found = Outcome(self._constraints.brake(v, rows), Status.NOT_FINITE, 0.0, 0, 0, 0.0)
+        else:
+            program: TaskProgram = self._program.Eval(context)
+            found = program.solve(posed)
+
+        u = found.u
+        a = state.jacobian @ u + state.bias
+        rate = state.rate + Ts * a
+        x = state.value + 0.5 * Ts * (state.rate + rate)
+        led, missed, costs = (x, rate, a), 0.0, np.zeros(self._tasks_program.size)
+        if posed is not None and found.levels > 0:
+            error = x - position
+            missed = largest(np.abs(error) / self._tolerance)
+            of_tasks = self._tasks_program.costs(error, rate - velocity)
+            costs = np.array([*of_tasks, self._tasks_program.criterion(posed, u)])
+            led = self._leash.start(led, (position, velocity, inputs.get("task_acceleration_reference", a)), target)
+        progress = Progress(memory["target"], *memory["progress"].tolist())
+        if target is not None:
+            progress = self._progress.look(progress, target, x, rate)
+        violation = max(rows.violation, found.beyond)
+        told = Diagnostics(
+            status=found.status,
+            active_constraints=found.active,
+            slack=found.slack,
+            constraint_violation=violation if violation > _ROUNDING else 0.0,
+            tracking_error=missed,
+            near_singular=posed is not None and posed.near_singular,
+            levels_solved=found.levels,
+            holding=found.levels == 0,
+            reached=progress.reached,
+            stalled=progress.stalled,
+        )
+        after = v + Ts * u
+        return {
+            "joint_position_reference": q + 0.5 * Ts * (v + after),
+            "joint_velocity_reference": after,
+            "foreseen": self._constraints.foresee(rows, u),
+            "read_position": readings.position,
+            "read_command": readings.command,
+            "reading_ok": readings.good,
+            "reading_gap": np.array([readings.gap]),
+            "target": progress.target,
+            "progress": np.array(progress[1:]),
+            "diagnostics": np.array(told, dtype=float),
+            "stage_costs": costs,
+            **dict(zip(("task_position", "task_velocity", "task_acceleration"), led, strict=True)),
+        }
+
+    def _tick(self, context: Context, start: Start) -> Tick:
+        """A tick up to its programs."""
+        memory, inputs = start
+        q, v = memory["joint_position_reference"], memory["joint_velocity_reference"]
+        readings, stops = self._look(start)
+        position, velocity = inputs["task_position_reference"], inputs["task_velocity_reference"]
         motion = ArmsMotion(self._robot, self._scratch.Eval(context), q, v)
         state = gathered(self._tasks, motion)
-        rows = self._constraints.rows(motion, memory[place["foreseen"]])
-
-        violation, criterion = rows.violation, 0.0
-        status, slack, active, near, levels = Status.NOT_FINITE, 0.0, 0, False, 0
+        rows = self._constraints.rows(motion, memory["foreseen"])
+        posed = None
         # Of a NaN every comparison is false.
         good = largest(np.abs(position)) < _ABSURD and largest(np.abs(velocity)) < _ABSURD
         if good and not stops:
-            found = self._program.solve(motion, rows, state, position, velocity)
-            u, status, slack, levels, active, direct, near, criterion = found
-            violation = max(violation, direct)
-        else:
-            u = self._constraints.brake(v, rows)
+            posed = self._tasks_program.pose(motion, rows, state, position, velocity)
+        return Tick(rows, state, readings, posed)
 
-        a = state.jacobian.dot(u) + state.bias
-        rate = state.rate + Ts * a
-        x = state.value + half * (state.rate + rate)
-        led, missed, costs = (x, rate, a), 0.0, self._no_costs
-        if levels > 0:
-            error = x - position
-            missed = largest(np.abs(error) / self._tolerance)
-            costs = [*self._program.costs(error, rate - velocity), criterion]
-            led = self._leash.start(led, (position, velocity, a if bend is None else bend), target)
-        nearest, ticks, reached, stalled = (memory.item(place[name].start) for name in _PROGRESS)
-        progress = Progress(memory[place["target"]], nearest, ticks, reached, stalled)
-        if target is not None:
-            progress = self._progress.look(progress, target, x, rate)
-        numbers = (
-            time,
-            readings.gap,
-            progress.nearest,
-            progress.ticks,
-            status,
-            active,
-            slack,
-            violation if violation > _ROUNDING else 0.0,
-            missed,
-            near,
-            levels,
-            levels == 0,
-            progress.reached,
-            progress.stalled,
-            *costs,
-        )
-        after = v + Ts * u
-        return np.concatenate(
-            [
-                np.array(numbers, dtype=float),
-                q + half * (v + after),
-                after,
-                self._constraints.foresee(rows, u),
-                *readings[:3],
-                progress.target,
-                *led,
-            ]
-        )
-
-    def _look(self, context: Context, memory: Vector, q: Vector, v: Vector) -> tuple[Readings, bool]:
+    def _look(self, start: Start) -> tuple[Readings, bool]:
         """The readings of this tick, and whether they stop the motion."""
-        place, (read, speed) = self._place, self._measured
+        memory, inputs = start
         past = Readings(
-            memory[place["read_position"]],
-            memory[place["read_command"]],
-            memory[place["reading_ok"]],
-            memory.item(place["gap"].start),
+            position=memory["read_position"],
+            command=memory["read_command"],
+            good=memory["reading_ok"],
+            gap=memory["reading_gap"].item(),
         )
-        if not read.HasValue(context):
+        if "joint_position" not in inputs:
             return past, False
-        position, velocity = read.Eval(context), speed.Eval(context) if speed.HasValue(context) else v
-        readings = self._guard.look(past, position, velocity, q)
+        q, v = memory["joint_position_reference"], memory["joint_velocity_reference"]
+        readings = self._guard.look(past, inputs["joint_position"], inputs.get("joint_velocity", v), q)
         return readings, self._guard.stops(readings)

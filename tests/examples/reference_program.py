@@ -14,8 +14,9 @@ import numpy as np
 from scipy.linalg import null_space
 from scipy.optimize import nnls
 
+from forcectl.qp.named_program import Coefficients, NamedProgram
 from forcectl.qp.prioritized_program import Level
-from forcectl.qp.quadratic_program import Coefficients, DrakeSolver
+from forcectl.qp.solvers import DrakeSolver
 
 _ACTIVE = 1e-7
 
@@ -43,7 +44,10 @@ def distance_from_optimum(
 def clarabel(level: Level, E: np.ndarray, f: np.ndarray, lower: np.ndarray, upper: np.ndarray) -> np.ndarray:
     """The optimum of a first level."""
     exact = {"tol_gap_abs": 1e-13, "tol_gap_rel": 1e-13, "tol_feas": 1e-13}
-    solver = DrakeSolver(E.shape[1], len(E), "ClarabelSolver", exact)
-    u, _ = solver(Coefficients(level.hessian, level.gradient, E, np.full(len(f), -np.inf), f, lower, upper))
+    m, n = E.shape
+    program = NamedProgram([f"u[{i}]" for i in range(n)], [f"row {i}" for i in range(m)])
+    u, _ = DrakeSolver("ClarabelSolver", exact)(
+        program, Coefficients(level.hessian, level.gradient, E, np.full(len(f), -np.inf), f, lower, upper)
+    )
     assert u is not None
     return u

@@ -7,13 +7,15 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from forcectl.qp.constrained_program import ConstrainedProgram
-from forcectl.qp.quadratic_program import QuadraticProgram, Status, fastest
+from forcectl.qp.constrained_program import ConstrainedProgram, Problem
+from forcectl.qp.prioritized_program import Level
+from forcectl.qp.quadratic_program import QuadraticProgram, Status
 from forcectl.robot.robot_motion import RobotMotion
 from forcectl.tasks.constraints.base import CartesianWall, ConstraintSet, JointTorqueLimit, checked_limits
 from tests.examples.robot_controller_runs import robot_facts
 
 N = 6
+JOINTS = [f"joint {i + 1}" for i in range(N)]
 FREE = np.zeros((1, N)), np.ones(1)  # a soft row that always holds
 
 
@@ -35,21 +37,21 @@ def test_the_answer_is_that_of_one_program_with_all_rows(room: float) -> None:
     torque = np.abs(at.load) + room * np.diag(at.inertia)
     torque[4] = np.inf
     constraints, torque = gathered(torque)
-    program = ConstrainedProgram(constraints, 1, torque, fastest)
-    everything = QuadraticProgram(N, 1 + constraints.size + 2 * (N - 1), solver=fastest)
+    program = ConstrainedProgram(constraints, torque, "daqp", joints=JOINTS, further={"force": 1e8})
+    everything = QuadraticProgram(N, 1 + constraints.size + 2 * (N - 1))
     rows, limit = constraints.rows(at, np.zeros(1)), JointTorqueLimit(torque)
     more, allowed = limit.rows(at)
     matrix, upper = np.concatenate([FREE[0], rows.matrix, more]), np.concatenate([FREE[1], rows.limit, allowed])
     bound = 0
     for _ in range(50):
         gradient = random.normal(size=N) * 3
-        found = program.solve(at, rows, np.eye(N), gradient, FREE)
+        found = program.solve(Problem(at, rows, [Level(np.eye(N), gradient)], FREE))
         expected = everything.solve(
             np.eye(N), gradient, matrix, upper, u_lower=rows.lower, u_upper=rows.upper, fallback=np.zeros(N)
         )
-        assert found.solution.status == expected.status == Status.OPTIMAL
-        np.testing.assert_allclose(found.solution.u, expected.u, atol=1e-8)
-        assert limit.excess(at, found.solution.u) <= 1e-8
+        assert found.status == expected.status == Status.OPTIMAL
+        np.testing.assert_allclose(found.u, expected.u, atol=1e-8)
+        assert limit.excess(at, found.u) <= 1e-8
         assert found.beyond <= 1e-8
         bound += found.active > 0
     assert (bound > 0) == (room < 1e3)
@@ -59,11 +61,11 @@ def test_without_a_solution_it_brakes_and_says_by_how_much_a_torque_is_beyond() 
     v = np.array([0.5, 0.0, 0.0, 0.0, 0.0, 0.0])
     at = motion(v)
     constraints, torque = gathered(np.abs(motion().load) + 1e-3)
-    program = ConstrainedProgram(constraints, 1, torque, fastest)
+    program = ConstrainedProgram(constraints, torque, "daqp", joints=JOINTS, further={"force": 1e8})
     rows = constraints.rows(at, np.zeros(1))
     rows = rows._replace(limit=np.full_like(rows.limit, -1e6), matrix=np.zeros_like(rows.matrix))  # 0 u <= -1e6
-    outcome = program.solve(at, rows, np.eye(N), np.zeros(N), FREE)
-    assert outcome.solution.status == Status.INFEASIBLE
-    np.testing.assert_array_equal(outcome.solution.u, constraints.brake(v, rows))
-    assert outcome.beyond == pytest.approx(JointTorqueLimit(torque).excess(at, outcome.solution.u))
+    outcome = program.solve(Problem(at, rows, [Level(np.eye(N), np.zeros(N))], FREE))
+    assert outcome.status == Status.INFEASIBLE
+    np.testing.assert_array_equal(outcome.u, constraints.brake(v, rows))
+    assert outcome.beyond == pytest.approx(JointTorqueLimit(torque).excess(at, outcome.u))
     assert outcome.beyond > 0

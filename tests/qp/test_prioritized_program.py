@@ -10,8 +10,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forcectl.errors import BadInputError
+from forcectl.qp.named_program import Coefficients, NamedProgram
 from forcectl.qp.prioritized_program import Level, PrioritizedProgram, PrioritizedSolution
-from forcectl.qp.quadratic_program import Coefficients, Status, fastest
+from forcectl.qp.quadratic_program import Status
+from forcectl.qp.solvers import make_solver
 from tests.examples.reference_program import clarabel, distance_from_optimum
 
 N, M = 6, 9
@@ -156,11 +158,13 @@ def test_rows_that_are_no_numbers_end_in_the_fallback(where: str) -> None:
 
 def test_a_solver_that_fails_below_leaves_the_answer_from_above() -> None:
     class Failing:
-        def __call__(self, program: Coefficients) -> Any:
+        def __call__(self, program: NamedProgram, numbers: Coefficients) -> Any:
+            if len(numbers.gradient) == N:
+                return make_solver("daqp")(program, numbers)
             raise RuntimeError("no")
 
     problem = Problem(8)
-    program = PrioritizedProgram(N, M, [2, 2], solver=lambda n, m: fastest(n, m) if n == N else Failing())
+    program = PrioritizedProgram(N, M, [2, 2], solver=Failing())
     found = problem.solve(program)
     assert (found.status, found.levels) == (Status.OPTIMAL, 1)
     first = problem.solve(PrioritizedProgram(N, M), levels=problem.levels[:1])

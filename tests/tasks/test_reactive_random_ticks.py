@@ -8,8 +8,9 @@ from typing import Any, NamedTuple
 import numpy as np
 import pytest
 
+from forcectl.qp.constrained_program import Outcome
 from forcectl.qp.prioritized_program import Level, PrioritizedProgram, PrioritizedSolution
-from forcectl.qp.quadratic_program import Status, fastest
+from forcectl.qp.quadratic_program import Status
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.constraints.base import CartesianWall, Constraint, ConstraintSet, JointTorqueLimit, Rows
 from forcectl.tasks.constraints.of_arm import OfArm
@@ -17,7 +18,7 @@ from forcectl.tasks.constraints.task_limits import TaskRange, TaskSpeedLimit
 from forcectl.tasks.coordinates import TaskState
 from forcectl.tasks.cost import Weights
 from forcectl.tasks.null_space import JointSpeed
-from forcectl.tasks.program import Outcome, TaskProgram, task_levels
+from forcectl.tasks.program import TaskProgram, task_levels
 from tests.examples.reactive_examples import N, arm_tasks, at, two_arms
 from tests.examples.reference_program import clarabel, distance_from_optimum
 
@@ -58,7 +59,7 @@ class Ticks:
         self.constraints = ConstraintSet(constraints(), limits, start, PERIOD, -2.0)
         self.first = PrioritizedProgram(N, self.constraints.size)
         levels = task_levels(arm_tasks(), Weights(), LENGTH, PERIOD)
-        self.program = TaskProgram(levels, JointSpeed(), self.constraints, np.full(N, np.inf), PERIOD, fastest)
+        self.program = TaskProgram(levels, JointSpeed(), self.constraints, np.full(N, np.inf), PERIOD, "daqp")
 
     def random(self, seed: int, fast: float = 1.0) -> Tick:
         rng = np.random.default_rng(seed)
@@ -74,8 +75,8 @@ class Ticks:
         rows = self.constraints.rows(motion, np.zeros(self.constraints.foreseen_size))
         wish = state.rate + rng.normal(size=12) * rng.uniform(0, 0.1)
         place = state.value + PERIOD * 0.5 * (state.rate + wish)
-        outcome = self.program.solve(motion, rows, state, place, wish)
-        levels, *_ = self.program.levels(motion, state, place, wish)
+        posed = self.program.pose(motion, rows, state, place, wish)
+        outcome, levels = self.program.solve(posed), list(posed.problem.levels)
         first = self.first.solve(
             levels[:1], rows.matrix, rows.limit, u_lower=rows.lower, u_upper=rows.upper, fallback=v
         )
@@ -120,15 +121,16 @@ def test_torques_asked_for_only_where_they_bind_give_the_optimum_of_all_rows(sha
     fewer = ConstraintSet(plain, ticks.limits, start, PERIOD, -2.0)
     every = ConstraintSet([JointTorqueLimit(torque), *plain], ticks.limits, start, PERIOD, -2.0)
     levels, criterion = task_levels(arm_tasks(), Weights(), LENGTH, PERIOD), JointSpeed(time_constant=0.1)
-    late = TaskProgram(levels, criterion, fewer, torque, PERIOD, fastest)
-    all_at_once = TaskProgram(levels, criterion, every, np.full(N, np.inf), PERIOD, fastest)
+    late = TaskProgram(levels, criterion, fewer, torque, PERIOD, "daqp")
+    all_at_once = TaskProgram(levels, criterion, every, np.full(N, np.inf), PERIOD, "daqp")
     assert late.num_rows == all_at_once.num_rows
     for seed in range(150):
         tick = ticks.random(seed)
         wish = tick.state.rate + 0.1 * np.random.default_rng(seed).normal(size=12)
         asked = (tick.state, tick.state.value + PERIOD * 0.5 * (tick.state.rate + wish), wish)
         rows, more = (each.rows(tick.motion, np.zeros(each.foreseen_size)) for each in (fewer, every))
-        found, expected = late.solve(tick.motion, rows, *asked), all_at_once.solve(tick.motion, more, *asked)
+        found = late.solve(late.pose(tick.motion, rows, *asked))
+        expected = all_at_once.solve(all_at_once.pose(tick.motion, more, *asked))
         assert found.status == expected.status
         if not found.status.brakes:
             np.testing.assert_allclose(found.u, expected.u, atol=1e-6)

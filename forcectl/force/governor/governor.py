@@ -8,12 +8,14 @@ force is intended: it is how a slow loop becomes fast.
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from copy import deepcopy
 from dataclasses import dataclass, field
 from math import inf
 from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydrake.solvers import MathematicalProgram
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
 from forcectl.errors import BadInputError, invalid
@@ -21,6 +23,7 @@ from forcectl.force.governor.program import (
     GovernorProgram,
     Horizon,
     Limits,
+    Situation,
     check_horizon,
     check_pole,
     check_ticks,
@@ -34,8 +37,13 @@ from forcectl.force.governor.program import (
 from forcectl.force.linear_law import VrftConfig
 from forcectl.force.slot import LoopFacts
 from forcectl.framework.batch import Lane, Parameter, check, check_order, lane_values, whole_multiple
+from forcectl.framework.cache import scratch
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.qp.quadratic_program import Status
+from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, check_solver
+
+# What a tick is solved for, see `Situation`, as it is remembered.
+_POSED = ("posed_wanted_force", "posed_desired_force", "posed_free_force", "posed_last_reference")
 
 
 class CommandGovernor(SampledLaw):
@@ -64,9 +72,22 @@ class CommandGovernor(SampledLaw):
     Sampling: `period` [s]; no delay from measured_force to governed_reference, see `SampledLaw`.
 
     Args:
-        delay: of the inner loop, T_d = N `period` [s]. horizon: h, 1 to 500 [ticks]; 1 is the thesis' and has a closed
-            form with all limits, more is a quadratic program per lane and tick.
+        size: lanes n.
+        inner_pole: A, shape (n,) or a number, like the other parameters.
+        reference_pole: At.
+        delay: of the inner loop, T_d = N `period` [s].
+        output_weight: Q_y.
+        reference_weight: Q_r.
+        horizon: h, 1 to 500 [ticks]; 1 is the thesis' and has a closed form with all limits, more is a quadratic
+            program per lane and tick.
+        lower_limit: of r [N].
+        upper_limit: of r [N].
+        rate_limit: of r [N/s].
+        lower_force: of the predicted force [N].
+        upper_force: of the predicted force [N].
         initial_force: at which the loop rests before the first tick, shape (n,) or a number [N].
+        period: tick [s].
+        solver: of the program: its name, or the solver.
 
     Raises:
         BadInputError: a value that is not allowed.
@@ -89,11 +110,12 @@ class CommandGovernor(SampledLaw):
         upper_force: ArrayLike = inf,
         initial_force: ArrayLike = 0.0,
         period: float = 0.002,
+        solver: str | Solver = DEFAULT_SOLVER,
     ):
         ticks = whole_multiple("delay", check("delay", delay), check("period", period, "positive"), "period")
         self._ticks = check_ticks("delay in ticks", ticks)
         self._horizon = check_horizon(horizon)
-        self._program = GovernorProgram(horizon) if self._horizon > 1 else None
+        program = GovernorProgram(self._horizon, solver=solver)
         parameters = {
             "inner_pole": Parameter(inner_pole, "a number", "1"),
             "reference_pole": Parameter(reference_pole, "a number", "1"),
@@ -112,6 +134,9 @@ class CommandGovernor(SampledLaw):
         start = lane_values("initial_force", initial_force, size)
         memory: dict[str, ArrayLike] = {"wanted_force": start, "status": 0.0}
         memory |= {f"reference_{i}_ticks_ago": start for i in range(1, self._ticks + 1)}
+        # What the last tick was solved for, of which the next one reads nothing.
+        memory |= dict.fromkeys(_POSED, 0.0)
+        self._program = scratch(self, "quadratic program", lambda: deepcopy(program))
         reads = {self._desired.ticket(), self._measured.ticket()}
         self.declare_command("governed_reference", reads, start, memory)
         self.declare_output("status")
@@ -128,41 +153,60 @@ class CommandGovernor(SampledLaw):
         model, (lower, upper, rate, *forces) = values[:4], values[4:]
         limits = Limits(lower, upper, rate * self._period, *forces)
         inner, wanted, output, reference = model
-        lanes: list[tuple[Horizon, Limits]] = []  # of the program; without one the closed form is used
-        if self._program is not None:
-            for (a, at, q_y, q_r), bounds in zip(_by_lane(model), _by_lane(limits), strict=True):
-                lanes.append((over_horizon(a, at, self._ticks, q_y, q_r, horizon=self._horizon), Limits(*bounds)))
+        lanes = [
+            (over_horizon(a, at, self._ticks, q_y, q_r, horizon=self._horizon), Limits(*bounds))
+            for (a, at, q_y, q_r), bounds in zip(_by_lane(model), _by_lane(limits), strict=True)
+        ]
         c = coefficients(inner, wanted, self._ticks, output, reference)
         return c, None if limits.none else limits, lanes
 
     def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
         """One tick of the governor."""
         m = self.math
-        last, wanted, _, *past = held
+        last, wanted, _, *further = held
+        past = further[: self._ticks]
         numbers, limits, lanes = self._values.Eval(context)
         desired, force = self.lane(self._desired.Eval(context)), self.lane(self._measured.Eval(context))
         free = free_force(numbers, force, past)
         reference = closed_form(numbers, wanted, desired, free)
         fine = abs(reference) < inf
         status = m.where(fine, float(Status.OPTIMAL), float(Status.NOT_FINITE))
-        if lanes:
-            reference, status = self._solve(lanes, wanted, desired, free, last)
+        posed = Situation(wanted, desired, free, last)
+        if self._horizon > 1:
+            reference, status = self._solve(context, lanes, posed)
         elif limits is not None:
             reference = limits.nearest(numbers, reference, last, free, m)
         after = model_step(numbers, wanted, desired)
         reference = m.where(fine, reference, last)
-        return reference, m.where(abs(after) < inf, after, wanted), status, *[reference, *past][: self._ticks]
+        sent = [reference, *past][: self._ticks]
+        return reference, m.where(abs(after) < inf, after, wanted), status, *sent, *posed
 
-    def _solve(
-        self, lanes: Sequence[tuple[Horizon, Limits]], wanted: Lane, desired: Lane, free: Lane, last: Lane
-    ) -> tuple[Lane, Lane]:
+    def program(self, context: Context, lane: int = 0) -> MathematicalProgram:
+        """The quadratic program of the last tick of one lane, in r[t], ..., r[t+h-1] [N]; everything in it has a name.
+
+        Its r[t] is the governed reference, also where the closed form gives it. The program belongs to the context, and
+        is filled anew by the next look at it.
+
+        Args:
+            context: of this block.
+            lane: 0 to n-1.
+
+        Raises:
+            BadInputError: there is no such lane, or a force of the last tick is not a number.
+        """
+        if lane not in range(self._size):
+            raise invalid("lane", lane, f"from 0 to {self._size - 1}")
+        posed = Situation(*(np.ravel(self.remembered(context, name))[lane].item() for name in _POSED))
+        _, _, lanes = self._values.Eval(context)
+        program: GovernorProgram = self._program.Eval(context)
+        return program.program(lanes[lane][0], posed, lanes[lane][1])
+
+    def _solve(self, context: Context, lanes: Sequence[tuple[Horizon, Limits]], posed: Situation) -> tuple[Lane, Lane]:
         """The first reference and the status of every lane's program."""
-        program: Any = self._program
+        program: GovernorProgram = self._program.Eval(context)
         found = np.empty((2, self._size))
-        for i, (forces, (numbers, limits)) in enumerate(
-            zip(_by_lane((wanted, desired, free, last)), lanes, strict=True)
-        ):
-            solution = program.solve(numbers, *forces[:3], last=forces[3], limits=limits)
+        for i, (forces, (numbers, limits)) in enumerate(zip(_by_lane(posed), lanes, strict=True)):
+            solution = program.solve(numbers, Situation(*forces), limits)
             found[:, i] = solution.u[0], solution.status
         reference, status = found
         return self.lane(reference), self.lane(status)
@@ -247,6 +291,7 @@ class GovernedConfig:
     rate_limit: float = inf  # [N/s], > 0
     lower_force: float = -inf  # [N], of the predicted force; does not bound the reference nor what the model misses
     upper_force: float = inf  # [N]
+    solver: str = DEFAULT_SOLVER  # of the quadratic program: daqp, clarabel, osqp, ...
 
     def __post_init__(self) -> None:
         if isinstance(self.law, GovernedConfig):
@@ -260,6 +305,7 @@ class GovernedConfig:
         check("delay", self.delay, "not negative")
         check_weights(self.output_weight, check("reference_weight", self.reference_weight, "positive"))
         check_horizon(self.horizon)
+        check_solver(self.solver)
         names = ("lower_limit", "upper_limit", "lower_force", "upper_force")
         _check_limits({name: lane_values(name, getattr(self, name), 1, "a number") for name in names})
 
@@ -299,6 +345,7 @@ class GovernedConfig:
             lower_force=self.lower_force,
             upper_force=self.upper_force,
             period=facts.period,
+            solver=self.solver,
         )
 
     def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> GovernedForceLaw:

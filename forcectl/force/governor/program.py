@@ -26,10 +26,12 @@ from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydrake.solvers import MathematicalProgram
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import Lane, check_count
-from forcectl.qp.quadratic_program import QuadraticProgram, Solution, SolverFactory, Status, fastest
+from forcectl.qp.quadratic_program import QuadraticProgram, Solution, Status
+from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, make_solver
 
 Array = NDArray[np.float64]
 
@@ -40,6 +42,8 @@ _LONGEST_HORIZON = 500
 
 # What one newton of r is worth to keep the predicted force within its limits, against one newton of tracking.
 _FORCE_WEIGHT = 1e4
+# The same for a horizon of one tick: there the closed form gives the limits of the force up only as far as it must.
+_FORCE_WEIGHT_OF_ONE = 1e10
 
 
 class Coefficients(NamedTuple):
@@ -221,57 +225,88 @@ def over_horizon(
     return Horizon(c, response, free_decay, c.wanted_decay * reference_pole**ticks, hessian)
 
 
-class GovernorProgram:
-    """(4.31) over h ticks with limits, as a `QuadraticProgram` in r[t], ..., r[t+h-1].
+class Situation(NamedTuple):
+    """What the program of one tick depends on, of one lane.
 
-    Args:
-        horizon: h >= 1 [ticks]. solver: see `QuadraticProgram`.
-
-    Raises:
-        BadInputError: a horizon that is not a whole number from 1 to 500.
+    wanted, desired, free: see `closed_form` [N]. last: r[t-1] [N].
     """
 
-    def __init__(self, horizon: int, *, solver: SolverFactory = fastest):
+    wanted: float
+    desired: float
+    free: float
+    last: float = 0.0
+
+
+class GovernorProgram:
+    """(4.31) over h ticks with limits, as a `QuadraticProgram` in r[t], ..., r[t+h-1]; a copy has a program of its own.
+
+    Args:
+        horizon: h >= 1 [ticks].
+        solver: see `QuadraticProgram`.
+
+    Raises:
+        BadInputError: a horizon that is not a whole number from 1 to 500, or an unknown solver.
+    """
+
+    def __init__(self, horizon: int, *, solver: str | Solver = DEFAULT_SOLVER):
         h = check_horizon(horizon)
-        self._program = QuadraticProgram(h, 2 * h, slack_weight=np.repeat([np.inf, _FORCE_WEIGHT], h), solver=solver)
+        self._solver = make_solver(solver) if isinstance(solver, str) else solver
+        times = ["t", *(f"t+{j}" for j in range(1, h))]
+        self._program = QuadraticProgram(
+            h,
+            2 * h,
+            slack_weight=np.repeat([np.inf, _FORCE_WEIGHT if h > 1 else _FORCE_WEIGHT_OF_ONE], h),
+            solver=self._solver,
+            variables=[f"r[{time}]" for time in times],
+            rows=[f"change to r[{time}]" for time in times] + [f"force after r[{time}]" for time in times],
+            cost="errors of force and reference",
+            bounds="limits of the reference",
+        )
         self._changes = np.eye(h) - np.eye(h, k=-1)
         self._ahead = 1.0 + np.arange(h)
 
-    def solve(
-        self,
-        numbers: Horizon,
-        wanted: float,
-        desired: float,
-        free: float,
-        *,
-        last: float = 0.0,
-        limits: Limits = _NO_LIMITS,
-    ) -> Solution:
+    def __deepcopy__(self, memo: dict[int, Any]) -> GovernorProgram:
+        return GovernorProgram(len(self._ahead), solver=self._solver)
+
+    def solve(self, numbers: Horizon, at: Situation, limits: Limits = _NO_LIMITS) -> Solution:
         """The references r[t], ..., r[t+h-1] [N], shape (h,); all of them the last one when there is no solution.
 
         Args:
-            numbers: of `over_horizon` with the same h. wanted, desired, free: see `closed_form`.
-            last: r[t-1] [N]. limits: numbers.
+            numbers: of `over_horizon` with the same h.
+            at: this tick.
+            limits: numbers.
         """
-        c, h = numbers.c, len(self._ahead)
-        fallback = np.full(h, last)
-        if not isfinite(wanted + desired + free):
+        fallback = np.full(len(self._ahead), at.last)
+        if not isfinite(at.wanted + at.desired + at.free):
             return Solution(fallback, Status.NOT_FINITE, 0.0)
-        unforced = numbers.free_decay * free
-        later = numbers.wanted_decay * (wanted - desired) + desired
+        return self._program.solve(**self._pose(numbers, at, limits), fallback=fallback)
+
+    def program(self, numbers: Horizon, at: Situation, limits: Limits = _NO_LIMITS) -> MathematicalProgram:
+        """The program of a tick, see `solve`; with slacks of the forces where these cannot be kept within their limits.
+
+        Raises:
+            BadInputError: a number is none: there was nothing to solve.
+        """
+        status = self.solve(numbers, at, limits).status
+        return self._program.program(status, **self._pose(numbers, at, limits))
+
+    def _pose(self, numbers: Horizon, at: Situation, limits: Limits) -> dict[str, Array]:
+        """The coefficients, by the names of `QuadraticProgram.solve`."""
+        c = numbers.c
+        unforced = numbers.free_decay * at.free
+        later = numbers.wanted_decay * (at.wanted - at.desired) + at.desired
         # The change from r[t-1] to r[t] is a row of r[t] alone.
-        before = np.zeros(h)
-        before[0] = last
+        before = np.zeros(len(self._ahead))
+        before[0] = at.last
         # Bounds that the rate cannot reach in time would contradict it.
         reach = self._ahead * limits.rate
-        return self._program.solve(
-            numbers.hessian,
-            -c.gain * numbers.response.T @ (later - unforced) - c.share * desired,
-            np.vstack([self._changes, numbers.response]),
+        return {
+            "hessian": numbers.hessian,
+            "gradient": -c.gain * numbers.response.T @ (later - unforced) - c.share * at.desired,
+            "matrix": np.vstack([self._changes, numbers.response]),
             # The rows of the force are in the unit of r, and so is their slack.
-            np.concatenate([before + limits.rate, (limits.upper_force - unforced) / c.input_gain]),
-            lower=np.concatenate([before - limits.rate, (limits.lower_force - unforced) / c.input_gain]),
-            u_lower=np.minimum(limits.lower, last + reach),
-            u_upper=np.maximum(limits.upper, last - reach),
-            fallback=fallback,
-        )
+            "upper": np.concatenate([before + limits.rate, (limits.upper_force - unforced) / c.input_gain]),
+            "lower": np.concatenate([before - limits.rate, (limits.lower_force - unforced) / c.input_gain]),
+            "u_lower": np.minimum(limits.lower, at.last + reach),
+            "u_upper": np.maximum(limits.upper, at.last - reach),
+        }

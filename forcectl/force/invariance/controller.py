@@ -17,33 +17,35 @@ from __future__ import annotations
 
 import math
 from collections.abc import Sequence
+from copy import deepcopy
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.solvers import MathematicalProgram
 from pydrake.systems.framework import Context
-from scipy.linalg.lapack import dposv, dsyev
 
 from forcectl.errors import BadInputError, invalid
+from forcectl.force.invariance.objective import Along, Objective
 from forcectl.force.invariance.regulated_output import Course, Regulated, RegulatedCoordinate, corrected, regulate_force
 from forcectl.force.invariance.tracking import Tracking
 from forcectl.force.sensor_lag import SensorLag
 from forcectl.force.slot import RobotFacts
 from forcectl.framework.batch import check
 from forcectl.framework.cache import scratch
-from forcectl.framework.kernels import is_definite
-from forcectl.framework.tick_block import TickBlock
-from forcectl.qp.constrained_program import ConstrainedProgram, Outcome
-from forcectl.qp.quadratic_program import Solution, SolverFactory, Status, fastest
+from forcectl.framework.kernels import all_finite
+from forcectl.framework.tick_block import Start, TickBlock
+from forcectl.qp.constrained_program import ConstrainedProgram, Outcome, Problem
+from forcectl.qp.quadratic_program import Status
+from forcectl.qp.solvers import DEFAULT_SOLVER, Solver
 from forcectl.robot.model import JointLimits
 from forcectl.robot.robot_motion import Contact, Place, RobotMotion, StraightMotion, place, straight_place
 from forcectl.tasks.constraints.base import Constraint, ConstraintSet, ForceLimit, Rows, checked_limits
 
 Vector = NDArray[np.float64]
 
-_PRIORITY = 1e3  # weight of regulated outputs beside the unconstrained directions
-_DAMPING = 0.05  # lambda_max of the damped inverse [m], as in the kinematic inversion
-_REDUNDANT = 1e-4  # weight of rest for joints that the task leaves free
+_SLACK_WEIGHT = 1e6  # of regulated outputs: what slack costs beside the objective
+_FORCE_FIRST = 100.0  # times that for the force: it gives way after the others
 _CONTACT_FORCE = 0.5  # [N] contact is there above, and lost below half of it
 _ROUNDING = 1e-12  # violations below are none
 
@@ -60,16 +62,39 @@ _DIAGNOSTICS = {
 }
 
 
-class Along(NamedTuple):
-    """x'' = rows u + bias + missed along the axes of the k regulated outputs at one tick.
+class Diagnostics(NamedTuple):
+    """What is put out besides the command, see `InvarianceController`."""
 
-    missed: what that fell short of in the tick before, because the posture changed within it. Left out, it adds up
-    while a step of the force is braked: 3 um at 1 m/s along the surface.
+    displacement_command: float
+    invariance_function: float
+    status: float
+    active_constraints: float
+    slack: float
+    constraint_violation: float
+    near_singular: float
+    contact_lost: float
+
+
+class Tick(NamedTuple):
+    """A tick up to its program.
+
+    motion: the commanded motion. rows: of the constraints. along: of the regulated outputs. x: their displacements [m].
+    rate: and rates [m/s], (k,). course: of the desired force. in_sensor: what the sensor has in it. force: None when an
+    input is not a number, and so is problem: then there is no program. near: whether J is damped. references: of this
+    tick and the one before.
     """
 
-    rows: Vector
-    bias: Vector
-    missed: Vector
+    motion: RobotMotion
+    rows: Rows
+    along: Along
+    x: list[float]
+    rate: Vector
+    course: Course
+    in_sensor: list[float]
+    force: Regulated | None
+    problem: Problem | None
+    near: bool
+    references: tuple[Vector, Vector]
 
 
 class InvarianceController(TickBlock):
@@ -104,13 +129,21 @@ class InvarianceController(TickBlock):
     Sampling: `period` [s]; no delay, see `SampledLaw`: what the tick computes is put out at once and held.
 
     Args:
-        robot: kinematics, normal and start. compliance: C_T_hat [m/N] > 0, or None for the input port.
-        gamma: of the force [m/s^2], < 0. upper_acceleration: largest away from rest [m/s^2], > 0; None: -gamma.
-        maximum_force: [N], > 0, of the true force, within the bounds of `ForceLimit`. sensor: its filter and delay;
-            None: the measured force does not lag. nominal_gain: K_I [1/s] of the law to be corrected; None: that of
-            (3.53). limits: of the joints; None: the robot's. constraints: further ones. constraint_gamma: of those
-            without their own [m/s^2], < 0. outputs: regulated beside the force. tracking_bandwidth,
-            tracking_acceleration: of the unconstrained directions [1/s, m/s^2], see `Tracking`. solver: of the program.
+        robot: kinematics, normal and start.
+        compliance: C_T_hat [m/N] > 0, or None for the input port.
+        gamma: of the force [m/s^2], < 0.
+        upper_acceleration: largest away from rest [m/s^2], > 0; None: -gamma.
+        maximum_force: [N], > 0, of the true force, within the bounds of `ForceLimit`.
+        nominal_gain: K_I [1/s] of the law to be corrected; None: that of (3.53).
+        limits: of the joints; None: the robot's.
+        constraints: further ones.
+        constraint_gamma: of those without their own [m/s^2], < 0.
+        outputs: regulated beside the force.
+        tracking_bandwidth: of the unconstrained directions [1/s], see `Tracking`.
+        tracking_acceleration: the same [m/s^2].
+        sensor: its filter and delay; None: the measured force does not lag.
+        period: tick [s].
+        solver: of the program: its name, or the solver.
 
     Raises:
         BadInputError: values out of range, or that contradict each other or the start posture.
@@ -135,7 +168,7 @@ class InvarianceController(TickBlock):
         tracking_acceleration: float = 2.0,
         sensor: SensorLag | None = None,
         period: float = 0.002,
-        solver: SolverFactory = fastest,
+        solver: str | Solver = DEFAULT_SOLVER,
     ):
         super().__init__()
         self.sample_delay = {("desired_force", "joint_position_command"): 0.0}
@@ -152,7 +185,6 @@ class InvarianceController(TickBlock):
         self._seen_size = 0 if self._sensor is None else self._sensor.size
         self._nominal_gain = None if nominal_gain is None else check("nominal_gain", nominal_gain, "positive")
         self._known_compliance = math.nan if compliance is None else check("compliance", compliance, "positive")
-        self._tracking = Tracking(tracking_bandwidth, tracking_acceleration, robot.model.facts.characteristic_length)
 
         self._origin = RobotMotion(robot.model, robot.model.create_context(), robot.start, np.zeros(self._n))
         self._origin.contact = Contact(0.0, 0.0, robot.n @ self._origin.jacobian[3:], 0.0, 1.0, 0.0)
@@ -170,14 +202,23 @@ class InvarianceController(TickBlock):
             raise BadInputError("outputs: their axes must be perpendicular to the normal and to each other")
         for output in outputs:
             check_gamma("outputs.gamma", output.gamma)
-        self._across = np.eye(3) - self._axes.T @ self._axes
-        # y'' of the force is -x'' along n, that of a coordinate is x'' along its axis.
-        self._signs = np.array([-1.0] + [1.0] * len(outputs))
-        self._column, self._eye = self._signs[:, None], np.eye(self._n)
-        self._singular = 1.0 / robot.singularity_limit**2  # of the squares of the singular values of J
-        self._singular_eye = self._singular * self._eye
+        length = robot.model.facts.characteristic_length
+        tracking = Tracking(tracking_bandwidth, tracking_acceleration, length)
+        nominal = self._nominal_gain is not None
+        self._objective = Objective(self._axes, tracking, robot.singularity_limit, self._n, nominal)
 
-        self._program = ConstrainedProgram(self._constraints, len(self._axes), limits.torque, solver)
+        further = {"force": _SLACK_WEIGHT * _FORCE_FIRST}
+        further |= {f"regulated output {i + 1}": _SLACK_WEIGHT for i in range(len(outputs))}
+        program = ConstrainedProgram(
+            self._constraints,
+            limits.torque,
+            solver,
+            joints=[joint.name() for joint in robot.model.parts.joints],
+            further=further,
+            costs=["regulated outputs and unconstrained directions"],
+            often_free=False,
+        )
+        self._program = scratch(self, "quadratic program", lambda: deepcopy(program))
         self._declare()
 
     def _declare(self) -> None:
@@ -194,17 +235,44 @@ class InvarianceController(TickBlock):
         if math.isnan(self._known_compliance):
             self._compliance = self.DeclareVectorInputPort("compliance", 1)
             inputs.append(self._compliance)
-        # The time of the tick this belongs to, q, q', the last two references, the course of the force, whether there
-        # was contact, what the sensor has in it, the rates that the tick led to as far as it knew, and the diagnostics.
-        self._foreseen = len(self._axes) + self._constraints.foreseen_size
-        further = 3 * n + len(Course._fields) + 1 + self._seen_size + self._foreseen + len(_DIAGNOSTICS)
-        memory = np.concatenate([[-self._period], self._facts.start, np.zeros(further)])
         model = self._facts.model
         self._scratch = [scratch(self, name, model.create_context) for name in ("commanded posture", "path posture")]
+        memory = {
+            "joint_position_command": self._facts.start,
+            "joint_velocity_command": np.zeros(n),
+            "last_reference": np.zeros(n),
+            "reference_before": np.zeros(n),
+            "course": np.zeros(len(Course._fields)),
+            "touched": np.zeros(1),
+            "in_sensor": np.zeros(self._seen_size),
+            # The rates that the tick led to as far as it knew.
+            "foreseen_outputs": np.zeros(len(self._axes)),
+            "foreseen_rows": np.zeros(self._constraints.foreseen_size),
+            "diagnostics": np.zeros(len(_DIAGNOSTICS)),
+        }
         self.declare_memory(memory, inputs, self._period)
-        self.show("joint_position_command", slice(1, 1 + n))
-        for i, name in enumerate(_DIAGNOSTICS, start=len(memory) - len(_DIAGNOSTICS)):
-            self.show(name, slice(i, i + 1))
+        self.show("joint_position_command")
+        for i, name in enumerate(Diagnostics._fields):
+            self.show(name, "diagnostics", i)
+
+    def program(self, context: Context) -> MathematicalProgram:
+        """The quadratic program of the last tick, with all its rows; variables, rows and costs have names.
+
+        Its solution is what the joints accelerate with, u [rad/s^2], followed by the slacks of the regulated outputs
+        when these had to give way. The program belongs to the context, and is filled anew by the next look at it.
+
+        Args:
+            context: of this block.
+
+        Raises:
+            BadInputError: there was no tick yet, or no program in it, because an input or a coefficient is not a
+                number.
+        """
+        problem = self._tick(context, self.last_tick(context)).problem
+        if problem is None:
+            raise BadInputError("program: the last tick had none: an input is not a number")
+        program: ConstrainedProgram = self._program.Eval(context)
+        return program.program(problem)
 
     def _motion(self, context: Context, q: Vector, v: Vector) -> RobotMotion:
         if self._facts.straight:
@@ -216,121 +284,100 @@ class InvarianceController(TickBlock):
             return straight_place(self._origin, q)
         return place(self._facts.model, self._scratch[1].Eval(context), q)
 
-    def step(self, context: Context, memory: Vector, time: float) -> Vector:
+    def step(self, context: Context, start: Start) -> dict[str, Vector]:
         """The memory after a tick."""
-        n, Ts = self._n, self._period
-        q, v, last, before = memory[1 : 1 + 4 * n].reshape(4, n)
-        *course, touched = memory[1 + 4 * n : 5 + 4 * n].tolist()
-        further = 5 + 4 * n + self._seen_size
-        past, foreseen = Course(*course), memory[further : -len(_DIAGNOSTICS)]
-        desired, measured = self._desired.Eval(context).item(), self._measured.Eval(context).item()
-        compliance = self._known_compliance if self._compliance is None else self._compliance.Eval(context).item()
-        reference = self._reference.Eval(context)
-        if memory.item(0) < 0:
-            last = before = reference
+        Ts, memory = self._period, start.memory
+        q, v = memory["joint_position_command"], memory["joint_velocity_command"]
+        tick = self._tick(context, start)
+        rows, along, x, force = tick.rows, tick.along, tick.x, tick.force
+        touched, lost = memory["touched"].item(), 0.0
+        phi = Diagnostics(*memory["diagnostics"].tolist()).invariance_function
+        if tick.problem is None or force is None:
+            found = Outcome(self._constraints.brake(v, rows), Status.NOT_FINITE, 0.0, 0, 0, 0.0)
+        else:
+            found = self._program.Eval(context).solve(tick.problem)
+            phi = force.y - 0.5 * max(force.rate, 0.0) ** 2 / self._gamma
+            contact = tick.motion.contact
+            pressing = -x[0] > _CONTACT_FORCE * contact.compliance
+            touched = float(pressing and (touched > 0 or contact.measured_force > _CONTACT_FORCE))
+            lost = float(touched > 0 and contact.measured_force < 0.5 * _CONTACT_FORCE)
+
+        u = found.u
+        violation = max(rows.violation, found.beyond)
+        bending = along.rows @ u + along.bias
+        told = Diagnostics(
+            displacement_command=x[0] + Ts * tick.rate.item(0) + 0.5 * Ts**2 * bending.item(0),
+            invariance_function=phi,
+            status=found.status,
+            active_constraints=found.active,
+            slack=found.slack,
+            constraint_violation=violation if violation > _ROUNDING else 0.0,
+            near_singular=tick.near,
+            contact_lost=lost,
+        )
+        return {
+            "joint_position_command": q + Ts * v + 0.5 * Ts**2 * u,
+            "joint_velocity_command": v + Ts * u,
+            "last_reference": tick.references[0],
+            "reference_before": tick.references[1],
+            "course": np.array(tick.course),
+            "touched": np.array([touched]),
+            "in_sensor": np.array(tick.in_sensor),
+            "foreseen_outputs": tick.rate + Ts * bending,
+            "foreseen_rows": self._constraints.foresee(rows, u),
+            "diagnostics": np.array(told, dtype=float),
+        }
+
+    def _tick(self, context: Context, start: Start) -> Tick:
+        """A tick up to its program."""
+        Ts, (memory, inputs) = self._period, start
+        q, v = memory["joint_position_command"], memory["joint_velocity_command"]
+        desired, measured = inputs["desired_force"].item(), inputs["measured_force"].item()
+        compliance = self._known_compliance if self._compliance is None else inputs["compliance"].item()
         good = math.isfinite(desired + measured) and 0.0 < compliance < math.inf
         if not good:  # no number then that depends on it
             measured = compliance = math.nan
-        if not math.isfinite(reference @ reference):  # a sum of squares tells it in a fifth of the time
-            good, reference = False, last
+        first, now, last = memory["time"].item() < 0.0, inputs["unconstrained_reference"], memory["last_reference"]
+        if first:
+            last = now
+        if not all_finite(now):
+            good, now = False, last
 
         motion = self._motion(context, q, v)
         x = (self._axes @ (motion.position - self._origin.position)).tolist()
         rate = self._axes @ motion.velocity[3:]
-        k, rates = len(x), rate.tolist()
-        along = Along(self._axes @ motion.jacobian[3:], self._axes @ motion.bias[3:], (rate - foreseen[:k]) / Ts)
-        in_sensor, unseen = memory[5 + 4 * n : further].tolist(), 0.0
+        rates = rate.tolist()
+        missed = (rate - memory["foreseen_outputs"]) / Ts
+        along = Along(self._axes @ motion.jacobian[3:], self._axes @ motion.bias[3:], missed)
+        in_sensor, unseen = memory["in_sensor"].tolist(), 0.0
         if self._sensor is not None:
-            moved = x[0] + (along.rows[0] @ (self._motor.Eval(context) - q)).item()
+            moved = x[0] + (along.rows[0] @ (inputs["motor_position"] - q)).item()
             unseen, in_sensor = self._sensor.unseen(in_sensor, x[0], moved, compliance * measured)
         motion.contact = Contact(x[0], rates[0], along.rows[0], along.bias.item(0), compliance, measured, unseen)
-        rows = self._constraints.rows(motion, foreseen[k:])
-        violation = rows.violation
-        active, near, lost = 0, 0.0, 0.0
-        phi = memory.item(-len(_DIAGNOSTICS) + 1)
-        if good:
-            desired = min(desired, self._maximum_force)
-            force, past = regulate_force(x[0], rates[0], desired, compliance, past, self._gamma, self._upper, Ts)
-            outputs = [force]
-            for output, xi, vi in zip(self._outputs, x[1:], rates[1:], strict=True):
-                outputs.append(output.regulate(xi, vi, Ts))
-            if self._nominal_gain is not None:
-                outputs[0] = self._nominal(self._nominal_gain, force, compliance * (measured - desired))
-            wanted = self._wanted(context, motion, (reference, last, before), outputs, along.missed)
-            (solution, active, beyond), near = self._solve(motion, rows, along, wanted, outputs)
-            violation = max(violation, beyond)
-            phi = force.y - 0.5 * max(force.rate, 0.0) ** 2 / self._gamma
-            pressing = -x[0] > _CONTACT_FORCE * compliance
-            touched = float(pressing and (touched > 0 or measured > _CONTACT_FORCE))
-            lost = float(touched > 0 and measured < 0.5 * _CONTACT_FORCE)
-        else:
-            past = Course(past.desired, 0.0, 0.0)
-            solution = Solution(self._constraints.brake(v, rows), Status.NOT_FINITE, 0.0)
-
-        u = solution.u
-        violation = violation if violation > _ROUNDING else 0.0
-        bending = along.rows @ u + along.bias
-        command = x[0] + Ts * rates[0] + 0.5 * Ts**2 * bending.item(0)
-        told = [command, phi, float(solution.status), active, solution.slack, violation, near, lost]
-        position, velocity = q + Ts * v + 0.5 * Ts**2 * u, v + Ts * u
-        expected = (rate + Ts * bending, self._constraints.foresee(rows, u))
-        numbers = [*past, touched, *in_sensor]
-        return np.concatenate([[time], position, velocity, reference, last, numbers, *expected, told])
+        rows = self._constraints.rows(motion, memory["foreseen_rows"])
+        course = Course(*memory["course"].tolist())
+        if not good:
+            course = Course(course.desired, 0.0, 0.0)
+            return Tick(motion, rows, along, x, rate, course, in_sensor, None, None, False, (now, last))
+        desired = min(desired, self._maximum_force)
+        force, course = regulate_force(x[0], rates[0], desired, compliance, course, self._gamma, self._upper, Ts)
+        outputs = [force]
+        for output, xi, vi in zip(self._outputs, x[1:], rates[1:], strict=True):
+            outputs.append(output.regulate(xi, vi, Ts))
+        if self._nominal_gain is not None:
+            outputs[0] = self._nominal(self._nominal_gain, force, compliance * (measured - desired))
+        # Where q[k] should be is the reference of one tick ago; with the one of now, differences about it are central.
+        before = now if first else memory["reference_before"]
+        speed, bend = (now - before) / (2 * Ts), (now - 2 * last + before) / Ts**2
+        path = self._place(context, self._facts.start + last)
+        wanted = self._objective.wanted(motion, path, speed, bend, outputs, missed)
+        level, near = self._objective.level(motion, along, wanted)
+        problem = Problem(motion, rows, [level], self._objective.rows(along, outputs))
+        return Tick(motion, rows, along, x, rate, course, in_sensor, force, problem, near, (now, last))
 
     def _nominal(self, gain: float, force: Regulated, force_error: float) -> Regulated:
         """The force with the acceleration of the integral law; `force_error`: C_T_hat (F - F_bar) [m]."""
         return corrected(force, (-gain * force_error - force.rate) / self._period, self._gamma, self._period)
-
-    def _wanted(
-        self,
-        context: Context,
-        motion: RobotMotion,
-        references: tuple[Vector, Vector, Vector],
-        outputs: list[Regulated],
-        missed: Vector,
-    ) -> Vector:
-        """The spatial acceleration x'' that the terms of the objective ask for together (6,)."""
-        now, last, before = references
-        Ts = self._period
-        # Where q[k] should be is the reference of one tick ago; with the one of now, differences about it are central.
-        rate, bend = (now - before) / (2 * Ts), (now - 2 * last + before) / Ts**2
-        path = self._place(context, self._facts.start + last)
-        wanted = self._tracking.acceleration(motion, path, rate, bend, self._across)
-        wanted[3:] += (self._signs * [output.wish for output in outputs] - missed) @ self._axes
-        return wanted
-
-    def _solve(
-        self,
-        motion: RobotMotion,
-        rows: Rows,
-        along: Along,
-        wanted: Vector,
-        outputs: list[Regulated],
-    ) -> tuple[Outcome, float]:
-        """What the program gives, and whether J is damped."""
-        J = motion.jacobian
-        hessian, gradient = J.T @ J, J.T @ (motion.bias - wanted)
-        damping = self._damping(hessian)
-        if damping > 0:  # towards rest
-            hessian += damping * self._eye
-            gradient += damping * 2 * self._tracking.bandwidth * motion.v
-        # The regulated outputs come first: beside limits that leave too little for all, the rest gives way.
-        hessian += _PRIORITY * (along.rows.T @ along.rows)
-        gradient += _PRIORITY * ((along.bias - self._axes @ wanted[3:]) @ along.rows)
-        if self._nominal_gain is not None:
-            gradient = dposv(hessian, gradient)[1]
-            hessian = self._eye
-        bounds = [output.bound for output in outputs] - self._signs * (along.bias + along.missed)
-        soft = self._column * along.rows, bounds
-        return self._program.solve(motion, rows, hessian, gradient, soft), float(damping > _REDUNDANT)
-
-    def _damping(self, hessian: Vector) -> float:
-        """lambda^2 of the damped inverse, from the smallest singular value of J that the task needs."""
-        limit, free = self._singular, max(0, self._n - 6)
-        if free == 0 and is_definite(hessian - self._singular_eye):  # usually far from singular
-            return 0.0
-        smallest = max(dsyev(hessian, compute_v=0)[0].item(free), 0.0)
-        return max(_DAMPING**2 * (1.0 - smallest / limit), _REDUNDANT if free else 0.0)
 
 
 def check_gamma(name: str, gamma: float) -> float:

@@ -23,6 +23,7 @@ from forcectl.framework.batch import check, whole_multiple
 from forcectl.framework.imports import import_object
 from forcectl.plant.sensors.force_sensor import sensor_filter
 from forcectl.plant.tip_kinematics import TipDisplacement
+from forcectl.qp.solvers import DEFAULT_SOLVER, check_solver
 from forcectl.robot.model import JointLimits, unit_normal
 from forcectl.tasks.constraints.base import CartesianWall, Constraint
 
@@ -166,6 +167,7 @@ class InvarianceRobotConfig:
     walls: list[WallConfig] = field(default_factory=list)
     constraints: list[ConstraintConfig] = field(default_factory=list)
     outputs: list[OutputConfig] = field(default_factory=list)
+    solver: str = DEFAULT_SOLVER  # of the quadratic program: daqp, clarabel, osqp, ...
 
     def __post_init__(self) -> None:
         check_gamma("gamma", self.gamma)
@@ -176,6 +178,7 @@ class InvarianceRobotConfig:
             check(name, getattr(self, name), "positive")
         if not self.maximum_force > 0:
             raise invalid("maximum_force", self.maximum_force, "above zero")
+        check_solver(self.solver)
 
     def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> System:
         """Add the controller; without adaptation it believes in `compliance_error` times the true total compliance."""
@@ -201,6 +204,7 @@ class InvarianceRobotConfig:
             tracking_acceleration=self.tracking_acceleration,
             sensor=SensorLag.of(facts),
             period=facts.period,
+            solver=self.solver,
         )
         if self.adaptation is None:
             return builder.AddNamedSystem("invariance_controller", controller)

@@ -21,6 +21,8 @@ to twice.
 from __future__ import annotations
 
 import math
+import re
+from collections import Counter
 from collections.abc import Sequence
 from dataclasses import replace
 from typing import Any, NamedTuple, Protocol, runtime_checkable
@@ -56,7 +58,8 @@ class Constraint(Protocol):
     `QuadraticProgram`) makes the rows soft in controllers of several arms: they give way before the others. `margin`
     (>= 0, in units of y) is kept beside a constraint of relative degree 2, for what a tick misses. `rows_change`, if it
     is true, says that a row may stand for something else at the next tick. `companions` are further constraints that
-    belong to it.
+    belong to it. `label`, and `row_names` of a constraint of several rows, are its names in the program of a
+    controller: "wall 1"; else they are made of the name of its class and numbers.
     """
 
     relative_degree: int
@@ -76,6 +79,7 @@ class CartesianWall:
     """
 
     relative_degree = 2
+    label = "wall"
 
     def __init__(self, point: ArrayLike, normal: ArrayLike, gamma: float | None = None):
         self._point, self._normal = lane_values("point", point, 3), unit_normal(normal)
@@ -108,6 +112,7 @@ class ForceLimit:
     """
 
     relative_degree = 2
+    label = "maximum force"
 
     def __init__(self, maximum: float, gamma: float | None = None):
         self._maximum = check("maximum_force", maximum, "positive")
@@ -130,6 +135,7 @@ class JointTorqueLimit:
     """
 
     relative_degree = 0
+    label = "torque limit"
 
     def __init__(self, limit: Vector):
         self._limit, limited = limit, np.isfinite(limit)
@@ -148,6 +154,11 @@ class JointTorqueLimit:
         if self._some is not None:
             M, h = M[self._some], h[self._some]
         return np.concatenate([M, -M]), self._twice - np.concatenate([h, -h])
+
+    def names(self, joints: Sequence[str]) -> list[str]:
+        """Names of the rows, of the names of all joints."""
+        limited = [joint for joint, limit in zip(joints, self._limit, strict=True) if np.isfinite(limit)]
+        return [f"{self.label} {side} {joint}" for side in ("upper", "lower") for joint in limited]
 
     def excess(self, motion: RobotMotion, u: Vector) -> float:
         """By how much the torque of u is above its limit [Nm]; <= 0 when none is. Half of the cost of the rows."""
@@ -219,7 +230,9 @@ class ConstraintSet:
         self._tick = np.array(self._period)
         every = [part for c in constraints for part in (c, *getattr(c, "companions", ()))]
         found = [(c, *_try(c, start, gamma)) for c in every]
+        names = dict(zip(map(id, every), _row_names([(c, rows) for c, rows, _ in found]), strict=True))
         found.sort(key=lambda item: item[0].relative_degree)
+        self.row_names = [name for c, _, _ in found for name in names[id(c)]]
         self._parts: list[tuple[Constraint, slice]] = []
         row = 0
         for constraint, rows, _ in found:
@@ -290,6 +303,26 @@ class ConstraintSet:
         time = max((np.abs(v) / self._room).max().item() * 2.0, self._period)
         braking: Vector = np.minimum(np.maximum(v / -time, rows.lower), rows.upper)
         return braking
+
+
+def label(constraint: Constraint) -> str:
+    """What a constraint is called, without a number."""
+    words = re.sub(r"(?<=[a-z0-9])(?=[A-Z])", " ", type(constraint).__name__.strip("_")).lower()
+    return str(getattr(constraint, "label", words))
+
+
+def _row_names(constraints: Sequence[tuple[Constraint, int]]) -> list[list[str]]:
+    """Names of the rows of constraints with these numbers of rows: "wall 1", "speed limit 2: upper left x"."""
+    names, met = [], Counter[str]()
+    for constraint, rows in constraints:
+        kind = label(constraint)
+        met[kind] += 1
+        own = getattr(constraint, "row_names", None)
+        if own is None or len(own) != rows:
+            own = [f"row {i + 1}" for i in range(rows)]
+        whole = f"{kind} {met[kind]}"
+        names.append([whole] if rows == 1 else [f"{whole}: {name}" for name in own])
+    return names
 
 
 def _slack_weight(constraint: Constraint) -> float:

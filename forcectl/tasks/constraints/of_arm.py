@@ -5,7 +5,7 @@ from __future__ import annotations
 from forcectl.errors import BadInputError
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.robot_motion import RobotMotion
-from forcectl.tasks.constraints.base import Constraint, Evaluation
+from forcectl.tasks.constraints.base import Constraint, Evaluation, label
 
 
 class OfArm:
@@ -19,8 +19,8 @@ class OfArm:
         if not isinstance(constraint, Constraint):
             raise BadInputError(f"constraint {type(constraint).__name__} lacks relative_degree or evaluate(motion)")
         self.arm, self._constraint = arm, constraint
-        self.relative_degree = constraint.relative_degree
-        for name in ("gamma", "slack_weight", "margin", "rows_change"):
+        self.relative_degree, self.label = constraint.relative_degree, f"{label(constraint)} of {arm}"
+        for name in ("gamma", "slack_weight", "margin", "rows_change", "row_names"):
             if hasattr(constraint, name):
                 setattr(self, name, getattr(constraint, name))
 

@@ -24,6 +24,7 @@ class TaskRange:
     """
 
     relative_degree = 2
+    label = "range"
 
     def __init__(
         self,
@@ -41,6 +42,7 @@ class TaskRange:
         check_order("lower", "upper", limits)
         self._task = task
         self._both = _Sides(limits["upper"], limits["lower"])
+        self.row_names = self._both.names(task)
         _set(self, gamma, slack_weight)
 
     def evaluate(self, motion: RobotMotion) -> Evaluation:
@@ -59,10 +61,12 @@ class TaskSpeedLimit:
     """
 
     relative_degree = 1
+    label = "speed limit"
 
     def __init__(self, task: ArmTask, limit: ArrayLike, *, slack_weight: float | None = None):
         fastest = lane_values("limit", limit, task.size, "positive")
         self._task, self._both = task, _Sides(fastest, -fastest)
+        self.row_names = self._both.names(task)
         _set(self, None, slack_weight)
 
     def evaluate(self, motion: RobotMotion) -> Evaluation:
@@ -80,6 +84,16 @@ class _Sides:
             raise BadInputError("lower, upper: at least one limit must be finite")
         self._pick = np.concatenate([eye[above], -eye[below]])
         self._limit = np.concatenate([upper[above], -lower[below]])
+        self._limited = {"upper": above, "lower": below}
+
+    def names(self, task: ArmTask) -> list[str]:
+        """Names of the rows."""
+        return [
+            f"{side} {task.arm} {coordinate}"
+            for side, limited in self._limited.items()
+            for coordinate, has in zip(task.coordinates, limited, strict=True)
+            if has
+        ]
 
     def of(self, values: Vector) -> Vector:
         """Both sides of values (k, ...)."""

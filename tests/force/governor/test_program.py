@@ -12,13 +12,15 @@ from forcectl.errors import BadInputError
 from forcectl.force.governor.program import (
     GovernorProgram,
     Limits,
+    Situation,
     closed_form,
     coefficients,
     free_force,
     model_step,
     over_horizon,
 )
-from forcectl.qp.quadratic_program import DaqpPackage, Status
+from forcectl.qp.quadratic_program import Status
+from forcectl.qp.solvers import DaqpPackage
 
 THESIS = {"inner_pole": 0.997, "reference_pole": 0.985, "delay_ticks": 40, "output_weight": 1.0}
 THESIS |= {"reference_weight": 1e-3}
@@ -87,8 +89,8 @@ def test_the_quadratic_program_is_the_closed_form(data):
     numbers = over_horizon(**governor)
     free = free_force(numbers.c, force, past)
     ours = closed_form(numbers.c, wanted, desired, free)
-    for program in (GovernorProgram(1), GovernorProgram(1, solver=DaqpPackage)):
-        solution = program.solve(numbers, wanted, desired, free)
+    for program in (GovernorProgram(1), GovernorProgram(1, solver=DaqpPackage())):
+        solution = program.solve(numbers, Situation(wanted, desired, free))
         assert solution.status is Status.OPTIMAL
         assert abs(solution.u[0] - ours) <= 1e-9 * max(1.0, abs(ours))
 
@@ -99,7 +101,7 @@ def test_a_longer_horizon_is_the_brute_force_minimum(data, horizon):
     governor = data.draw(governors(most_ticks=20))
     force, wanted, desired, past = data.draw(situations(governor))
     numbers = over_horizon(**governor, horizon=horizon)
-    solution = GovernorProgram(horizon).solve(numbers, wanted, desired, free_force(numbers.c, force, past))
+    solution = GovernorProgram(horizon).solve(numbers, Situation(wanted, desired, free_force(numbers.c, force, past)))
     best = brute_force(governor, force, wanted, desired, past, horizon)
     np.testing.assert_allclose(solution.u, best, rtol=1e-7, atol=1e-7 * max(1.0, np.abs(best).max()))
 
@@ -145,7 +147,7 @@ def test_limits_with_a_horizon_of_one_are_those_of_the_program(data):
     limits = Limits(lower=last - 20.0, upper=last + 20.0, rate=15.0)
     within = numbers.c.input_gain * last + free
     limits = limits._replace(lower_force=within - data.draw(st.floats(0.0, 30.0)), upper_force=within + 1.0)
-    solution = GovernorProgram(1).solve(numbers, wanted, desired, free, last=last, limits=limits)
+    solution = GovernorProgram(1).solve(numbers, Situation(wanted, desired, free, last), limits)
     ours = limits.nearest(numbers.c, closed_form(numbers.c, wanted, desired, free), last, free)
     assert solution.status is Status.OPTIMAL
     assert abs(solution.u[0] - ours) <= 1e-6 * max(1.0, abs(ours), abs(free) / numbers.c.input_gain)
@@ -158,9 +160,7 @@ def test_bounds_over_a_longer_horizon_are_the_bounded_least_squares(data, horizo
     force, wanted, desired, past = data.draw(situations(governor))
     numbers = over_horizon(**governor, horizon=horizon)
     free = free_force(numbers.c, force, past)
-    solution = GovernorProgram(horizon).solve(
-        numbers, wanted, desired, free, last=0.0, limits=Limits(lower=-5.0, upper=25.0)
-    )
+    solution = GovernorProgram(horizon).solve(numbers, Situation(wanted, desired, free), Limits(lower=-5.0, upper=25.0))
     zero, later = simulated(governor, force, wanted, desired, past, [0.0] * horizon)
     columns = [simulated(governor, 0.0, 0.0, 0.0, [0.0] * len(past), unit)[0] for unit in np.eye(horizon)]
     q_y, q_r = np.sqrt(governor["output_weight"]), np.sqrt(governor["reference_weight"])
@@ -178,7 +178,7 @@ def test_rate_and_predicted_force_are_kept_over_the_horizon(rate, highest, last)
     numbers = over_horizon(**THESIS, horizon=15)
     free = free_force(numbers.c, 0.0, [last] * 40)
     limits = Limits(rate=rate, upper_force=highest)
-    solution = GovernorProgram(15).solve(numbers, 0.0, 100.0, free, last=last, limits=limits)
+    solution = GovernorProgram(15).solve(numbers, Situation(0.0, 100.0, free, last), limits)
     assert solution.status is Status.OPTIMAL
     assert np.abs(np.diff(solution.u, prepend=last)).max() <= rate + 1e-7
     predicted = simulated(THESIS, 0.0, 0.0, 100.0, [last] * 40, solution.u)[0]
@@ -193,14 +193,14 @@ def test_a_predicted_force_out_of_reach_gives_way_to_the_bounds_and_those_to_the
     assert low.nearest(numbers.c, reference, 6.0, free) == 5.0
     assert low.nearest(numbers.c, reference, 30.0, free) == 28.0
     for last, expected in ((6.0, 5.0), (30.0, 28.0)):
-        solution = GovernorProgram(1).solve(numbers, 0.0, 20.0, free, last=last, limits=low)
+        solution = GovernorProgram(1).solve(numbers, Situation(0.0, 20.0, free, last), low)
         assert solution.status is Status.SLACK
         assert solution.u[0] == pytest.approx(expected, abs=1e-6)
 
 
 def test_what_is_not_a_number_holds_the_last_reference():
     numbers = over_horizon(**THESIS, horizon=3)
-    solution = GovernorProgram(3).solve(numbers, 0.0, 20.0, np.nan, last=7.0)
+    solution = GovernorProgram(3).solve(numbers, Situation(0.0, 20.0, np.nan, 7.0))
     assert solution.status is Status.NOT_FINITE
     np.testing.assert_array_equal(solution.u, [7.0, 7.0, 7.0])
 

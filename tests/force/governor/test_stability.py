@@ -10,7 +10,14 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forcectl.errors import BadInputError
-from forcectl.force.governor.program import GovernorProgram, closed_form, coefficients, free_force, over_horizon
+from forcectl.force.governor.program import (
+    GovernorProgram,
+    Situation,
+    closed_form,
+    coefficients,
+    free_force,
+    over_horizon,
+)
 from forcectl.force.governor.stability import (
     alpha_for_every_delay,
     characteristic_polynomial,
@@ -38,7 +45,11 @@ def state_matrix(inner_pole, delay_ticks, true_delay_ticks, output_weight, refer
     for unit in np.eye(2 + memory):
         y, yt, past = unit[0], unit[1], list(unit[2:])
         free = free_force(numbers.c, y, past[:delay_ticks])
-        r = closed_form(numbers.c, yt, 0.0, free) if horizon == 1 else program.solve(numbers, yt, 0.0, free).u[0]
+        r = (
+            closed_form(numbers.c, yt, 0.0, free)
+            if horizon == 1
+            else program.solve(numbers, Situation(yt, 0.0, free)).u[0]
+        )
         past = [r, *past]
         after = [inner_pole * y + (1 - inner_pole) * past[true_delay_ticks], AT * yt, *past[:memory]]
         columns.append(after)

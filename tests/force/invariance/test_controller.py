@@ -13,7 +13,9 @@ from forcectl.errors import BadInputError
 from forcectl.force.invariance.force_law import InvarianceForceLaw
 from forcectl.force.invariance.regulated_output import RegulatedCoordinate
 from forcectl.motion.tangential import TangentialMotionConfig
-from forcectl.qp.quadratic_program import Coefficients, Solver, Status, fastest
+from forcectl.qp.named_program import Coefficients, NamedProgram
+from forcectl.qp.quadratic_program import Status
+from forcectl.qp.solvers import Solver, make_solver
 from forcectl.robot.robot_motion import RobotMotion
 from forcectl.tasks.constraints.base import CartesianWall
 from tests.examples.robot_controller_runs import (
@@ -224,19 +226,19 @@ class Failing:
     def __init__(self, solver: Solver, how: str):
         self._solver, self._how, self._tick = solver, how, 0
 
-    def __call__(self, program: Coefficients) -> tuple[Any, bool]:
+    def __call__(self, program: NamedProgram, numbers: Coefficients) -> tuple[Any, bool]:
         self._tick += 1
         if not 60 < self._tick <= 200:
-            return self._solver(program)
+            return self._solver(program, numbers)
         if self._how == "raises":
             raise RuntimeError("no")
-        n = len(program.gradient)
+        n = len(numbers.gradient)
         return {"gives up": None, "NaN": np.full(n, np.nan), "far off": np.full(n, 1e9)}[self._how], False
 
 
 @pytest.mark.parametrize("how", ["raises", "gives up", "NaN", "far off"])
 def test_a_solver_that_fails_leaves_a_robot_that_stands_still(how: str) -> None:
-    controller = make(solver=lambda n, m: Failing(fastest(n, m), how), maximum_force=20.0)
+    controller = make(solver=Failing(make_solver("daqp"), how), maximum_force=20.0)
     log = drive(controller, 700)
     assert_smooth(log)
     failed = log["status"] == Status.SOLVER_FAILED

@@ -1,0 +1,110 @@
+"""What the quadratic program of the invariance controller minimises, (3.51), and the rows of its regulated outputs.
+
+    min |y'' - ybar''|^2 + |J_uc u + J_uc' q' - (xbar_uc'' + K_D e' + K_P e)|^2    s.t.   y'' <= ybar''
+
+With a nominal law, instead, min |u - u_nom|^2 is corrected by the same rows (3.18).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.linalg.lapack import dposv, dsyev
+
+from forcectl.force.invariance.regulated_output import Regulated
+from forcectl.force.invariance.tracking import Tracking
+from forcectl.framework.kernels import is_definite
+from forcectl.qp.prioritized_program import Level
+from forcectl.robot.robot_motion import Place, RobotMotion
+
+Vector = NDArray[np.float64]
+
+_PRIORITY = 1e3  # weight of regulated outputs beside the unconstrained directions
+_DAMPING = 0.05  # lambda_max of the damped inverse [m], as in the kinematic inversion
+_REDUNDANT = 1e-4  # weight of rest for joints that the task leaves free
+
+
+class Along(NamedTuple):
+    """x'' = rows u + bias + missed along the axes of the k regulated outputs at one tick.
+
+    missed: what that fell short of in the tick before, because the posture changed within it. Left out, it adds up
+    while a step of the force is braked: 3 um at 1 m/s along the surface.
+    """
+
+    rows: Vector
+    bias: Vector
+    missed: Vector
+
+
+class Objective:
+    """The objective of n joints.
+
+    Args:
+        axes: of the k regulated outputs in W, the normal first, (k, 3).
+        tracking: of the unconstrained directions.
+        singularity_limit: smallest singular value of J that is not damped, inverted [1/m].
+        num_joints: n.
+        nominal: whether a nominal law proposes u_nom.
+    """
+
+    def __init__(self, axes: Vector, tracking: Tracking, singularity_limit: float, num_joints: int, nominal: bool):
+        self._axes, self._tracking, self._nominal = axes, tracking, nominal
+        self._across = np.eye(3) - axes.T @ axes
+        # y'' of the force is -x'' along n, that of a coordinate is x'' along its axis.
+        self._signs = np.array([-1.0] + [1.0] * (len(axes) - 1))
+        self._eye, self._free = np.eye(num_joints), max(0, num_joints - 6)
+        self._singular = 1.0 / singularity_limit**2  # of the squares of the singular values of J
+
+    def wanted(
+        self,
+        motion: RobotMotion,
+        path: Place,
+        rate: Vector,
+        bend: Vector,
+        outputs: Sequence[Regulated],
+        missed: Vector,
+    ) -> Vector:
+        """The spatial acceleration x'' that the terms ask for together (6,).
+
+        Args:
+            motion: the commanded motion.
+            path: where it should be.
+            rate: of the joints along the path, (n,) [rad/s].
+            bend: the same [rad/s^2].
+            outputs: the regulated ones.
+            missed: see `Along`.
+        """
+        wanted = self._tracking.acceleration(motion, path, rate, bend, self._across)
+        wanted[3:] += (self._signs * [output.wish for output in outputs] - missed) @ self._axes
+        return wanted
+
+    def level(self, motion: RobotMotion, along: Along, wanted: Vector) -> tuple[Level, bool]:
+        """What is minimised, and whether J is damped."""
+        J = motion.jacobian
+        hessian, gradient = J.T @ J, J.T @ (motion.bias - wanted)
+        damping = self._damping(hessian)
+        if damping > 0:  # towards rest
+            hessian += damping * self._eye
+            gradient += damping * 2 * self._tracking.bandwidth * motion.v
+        # The regulated outputs come first: beside limits that leave too little for all, the rest gives way.
+        hessian += _PRIORITY * (along.rows.T @ along.rows)
+        gradient += _PRIORITY * ((along.bias - self._axes @ wanted[3:]) @ along.rows)
+        if self._nominal:
+            gradient = dposv(hessian, gradient)[1]
+            hessian = self._eye
+        return Level(hessian, gradient), damping > _REDUNDANT
+
+    def rows(self, along: Along, outputs: Sequence[Regulated]) -> tuple[Vector, Vector]:
+        """R (k, n) and r (k,) of the rows y'' <= ybar''."""
+        bounds = [output.bound for output in outputs] - self._signs * (along.bias + along.missed)
+        return self._signs[:, None] * along.rows, bounds
+
+    def _damping(self, hessian: Vector) -> float:
+        """lambda^2 of the damped inverse, from the smallest singular value of J that the task needs."""
+        if self._free == 0 and is_definite(hessian - self._singular * self._eye):  # usually far from singular
+            return 0.0
+        smallest = max(dsyev(hessian, compute_v=0)[0].item(self._free), 0.0)
+        return max(_DAMPING**2 * (1.0 - smallest / self._singular), _REDUNDANT if self._free else 0.0)
