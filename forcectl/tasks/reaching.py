@@ -22,6 +22,7 @@ from forcectl.framework.batch import check
 from forcectl.framework.rotation_vector import RotationVector
 from forcectl.motion.references import held_trajectory
 from forcectl.plant.contact.obstacle import ObstacleConfig
+from forcectl.qp.solvers import DEFAULT_SOLVER, check_solver
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import unit_normal
 from forcectl.tasks.constraints.base import CartesianWall, Constraint
@@ -116,10 +117,12 @@ class ReactiveReachingConfig:
     obstacles: list[ObstacleConfig] = field(default_factory=list)  # kept away from
     walls: list[ArmWallConfig] = field(default_factory=list)
     constraints: list[ConstraintConfig] = field(default_factory=list)  # further ones
+    solver: str = DEFAULT_SOLVER  # of the quadratic programs: daqp, clarabel, osqp, ...
 
     def __post_init__(self) -> None:
         if self.null_space not in NULL_SPACE:
             raise unknown("null_space", self.null_space, NULL_SPACE)
+        check_solver(self.solver)
         unit_normal(self.mass_direction, "mass_direction")
         if check("link_distance", self.link_distance, "not negative") == 0.0 and (
             self.obstacles or self.null_space == "links"
@@ -140,6 +143,7 @@ class ReactiveReachingConfig:
             constraints=[*distances, *self._walls(start), *(each.constraint() for each in self.constraints)],
             limits=self.limits.limits(robot.limits),
             period=facts.period,
+            solver=self.solver,
         )
         made = ReactiveReaching(controller, self._targets(start, controller), *self.pace.paces())
         return builder.AddNamedSystem("reactive_reaching", made)
