@@ -24,10 +24,10 @@ Memory = Mapping[str, Vector]
 
 
 class _Tick(NamedTuple):
-    """values: memory and what is kept after a tick. start: what it started from, packed; None between two ticks."""
+    """values: memory and what is kept after a tick. start: what it started from, part by part; None between ticks."""
 
     values: Memory
-    start: Vector | None
+    start: list[Vector] | None
 
 
 class Start(NamedTuple):
@@ -55,10 +55,6 @@ class _Packed:
         return {name: vector[place] for name, place in self._places.items()}
 
     def pack(self, parts: Memory) -> Vector:
-        """The parts in one vector; not a number where one is missing."""
-        if len(parts) < len(self._places):
-            missing = {name: np.full(place.stop - place.start, np.nan) for name, place in self._places.items()}
-            parts = missing | dict(parts)
         return np.concatenate([parts[name] for name in self._places])
 
 
@@ -148,7 +144,7 @@ class TickBlock(LeafSystem):
         return bool(context.get_time() - memory["time"].item() >= 0.999 * self._period)
 
     def _read(self, context: Context) -> dict[str, Vector]:
-        missing = self._unconnected(context)
+        missing = self._unconnected(context) if self._optional else ()
         return {name: port.Eval(context) for name, port in self._inputs.items() if name not in missing}
 
     def _unconnected(self, context: Context) -> list[str]:
@@ -161,14 +157,17 @@ class TickBlock(LeafSystem):
         if not self._is_due(context, memory):
             return _Tick(memory, None)
         inputs = self._read(context)
-        values = self.step(context, Start(memory, inputs)) | {"time": np.full(1, context.get_time())}
-        return _Tick(values, np.concatenate([before, self._readings.pack(inputs)]))
+        values = self.step(context, Start(memory, inputs))
+        values["time"] = np.array([context.get_time()])
+        for name in self._optional:
+            inputs.setdefault(name, np.full(self._inputs[name].size(), np.nan))
+        return _Tick(values, [before, *(inputs[name] for name in self._inputs)])
 
     def _hold(self, context: Context, next_state: DiscreteValues) -> None:
         values, start = self._now.Eval(context)
         if start is None:  # an event that was forced between two ticks changes nothing
             return
         next_state.set_value(self._memory, self._parts.pack(values))
-        next_state.set_value(self._start, start)
+        next_state.set_value(self._start, np.concatenate(start))
         for name, state in self._kept.items():
             next_state.set_value(state, values[name])

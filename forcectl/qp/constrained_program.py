@@ -12,7 +12,7 @@ time of a tick otherwise, for rows that seldom bind. All rows are in the program
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from functools import partial
 from typing import Any, NamedTuple
 
@@ -145,8 +145,8 @@ class ConstrainedProgram:
         active = 0
         if found.touches:
             missed = matrix @ u - limit
-            binding = (missed > _HOLDS, (u >= rows.upper) | (u <= rows.lower))
-            active = sum(int(np.count_nonzero(part)) for part in binding)
+            bounded = (u >= rows.upper) | (u <= rows.lower)
+            active = int(np.count_nonzero(missed > _HOLDS)) + int(np.count_nonzero(bounded))
             if rows.direct:
                 ahead = len(self._further)
                 beyond = max(beyond, largest(missed[ahead : ahead + rows.direct]))
@@ -187,24 +187,25 @@ class ConstrainedProgram:
         matrix, limit = (rows.matrix, rows.limit) if self._nothing is None else self._nothing
         if further is not None:
             matrix, limit = np.concatenate([further[0], matrix]), np.concatenate([further[1], limit])
-        solve = partial(self._programs.solve, levels, u_lower=rows.lower, u_upper=rows.upper, fallback=motion.v)
-        found = solve(matrix, limit, settled=settled)
-        torque = self._torque
-        if torque is not None and any(torque.excess(motion, answer) > 0.0 for answer in _different(found.answers)):
+        solve, lower, upper = self._programs.solve, rows.lower, rows.upper
+        found = solve(levels, matrix, limit, u_lower=lower, u_upper=upper, fallback=motion.v, settled=settled)
+        if self._torque is not None and self._exceeds_torque(motion, found.answers):
             matrix, limit = self._with_torque(motion, matrix, limit)
-            found = solve(matrix, limit)
+            found = solve(levels, matrix, limit, u_lower=lower, u_upper=upper, fallback=motion.v)
         return found, matrix, limit
+
+    def _exceeds_torque(self, motion: RobotMotion, answers: Sequence[Vector]) -> bool:
+        """Whether the answer of a level exceeds a torque."""
+        assert self._torque is not None
+        below = None
+        for answer in reversed(answers):
+            # A level may leave the answer of the one above as it is.
+            if answer is not below and self._torque.excess(motion, answer) > 0.0:
+                return True
+            below = answer
+        return False
 
     def _with_torque(self, motion: RobotMotion, matrix: Vector, limit: Vector) -> tuple[Vector, Vector]:
         assert self._torque is not None
         more, allowed = self._torque.rows(motion)
         return np.concatenate([matrix, more]), np.concatenate([limit, allowed])
-
-
-def _different(answers: Sequence[Vector]) -> Iterator[Vector]:
-    """The answers, without those that the level below leaves as they are."""
-    below = None
-    for answer in reversed(answers):
-        if answer is not below:
-            yield answer
-        below = answer

@@ -67,7 +67,7 @@ class PrioritizedSolution(NamedTuple):
 class PrioritizedProgram:
     """Programs of n variables and m rows in order of priority; built once, solved anew at every tick.
 
-    Keeps nothing from one `solve` to the next but the programs to look at.
+    Keeps nothing from one `solve` to the next but the programs to look at. `levels` is the number of levels.
 
     Args:
         n: variables.
@@ -107,6 +107,7 @@ class PrioritizedProgram:
         for size in tasks:
             if not check_count("tasks", size) <= n:
                 raise invalid("tasks", size, f"at most n = {n} rows")
+        self.levels = len(tasks) + 1
         self._eye = np.eye(self._n)
         self._tasks, self._often_free = tuple(tasks), often_free
         of_u = variables or [f"u[{i + 1}]" for i in range(n)]
@@ -138,11 +139,6 @@ class PrioritizedProgram:
             )
             for k, name in zip(taken, of_cost[1:], strict=True)
         ]
-
-    @property
-    def levels(self) -> int:
-        """How many levels there are."""
-        return len(self._tasks) + 1
 
     def solve(
         self,

@@ -143,13 +143,13 @@ class QuadraticProgram:
         program = self._coefficients(hessian, gradient, matrix, upper, lower, u_lower, u_upper)
         if not all_finite(hessian, gradient, matrix):
             return Solution(fallback, Status.NOT_FINITE, 0.0)
-        u, infeasible = self._attempt(self._hard, program)
+        u, infeasible = self._attempt(self._hard, program, lower is not None)
         if u is not None:
             return Solution(u, Status.OPTIMAL, 0.0)
         if not _bounded(program):
             return Solution(fallback, Status.NOT_FINITE, 0.0)
         if len(self._soft):
-            u, infeasible = self._attempt(self._softened, self._with_slack(program))
+            u, infeasible = self._attempt(self._softened, self._with_slack(program), lower is not None)
         if u is None:
             return Solution(fallback, Status.INFEASIBLE if infeasible else Status.SOLVER_FAILED, 0.0)
         u = u[: self._n]
@@ -218,8 +218,14 @@ class QuadraticProgram:
             v_upper=np.concatenate([program.v_upper, free]),
         )
 
-    def _attempt(self, named: NamedProgram, program: Coefficients) -> tuple[Array | None, bool]:
-        """The solver's answer if it holds, and whether the program was found infeasible."""
+    def _attempt(self, named: NamedProgram, program: Coefficients, lower: bool) -> tuple[Array | None, bool]:
+        """The solver's answer if it holds, and whether the program was found infeasible.
+
+        Args:
+            named: for the solver.
+            program: its numbers.
+            lower: whether rows have lower bounds.
+        """
         try:
             u, infeasible = self._solver(named, program)
         except Exception:  # a solver of Drake, of a package or of a test: whatever it raises, the tick goes on
@@ -227,15 +233,15 @@ class QuadraticProgram:
         if u is None or u.shape != program.gradient.shape:
             return None, infeasible
         reached = program.matrix @ u
-        if self._plainly(program, u, reached) or self._holds(program, u, reached):
+        if self._plainly(program, u, reached, lower) or self._holds(program, u, reached):
             return u, False
         return None, infeasible
 
-    def _plainly(self, program: Coefficients, u: Array, reached: Array) -> bool:
+    def _plainly(self, program: Coefficients, u: Array, reached: Array, lower: bool) -> bool:
         """Whether u satisfies every row and bound, to the tolerance."""
         tolerance = self._tolerance
         inside = keeps(u, reached, program.upper, program.v_lower, program.v_upper, tolerance)
-        return inside and largest(program.lower - reached) <= tolerance
+        return inside and (not lower or largest(program.lower - reached) <= tolerance)
 
     def _holds(self, program: Coefficients, u: Array, reached: Array) -> bool:
         """Whether u is finite and satisfies every row and bound, to the tolerance relative to its terms."""

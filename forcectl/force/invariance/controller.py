@@ -291,8 +291,8 @@ class InvarianceController(TickBlock):
         tick = self._tick(context, start)
         rows, along, x, force = tick.rows, tick.along, tick.x, tick.force
         touched, lost = memory["touched"].item(), 0.0
-        phi = Diagnostics(*memory["diagnostics"].tolist()).invariance_function
         if tick.problem is None or force is None:
+            phi = Diagnostics(*memory["diagnostics"].tolist()).invariance_function
             found = Outcome(self._constraints.brake(v, rows), Status.NOT_FINITE, 0.0, 0, 0, 0.0)
         else:
             found = self._program.Eval(context).solve(tick.problem)
@@ -308,7 +308,7 @@ class InvarianceController(TickBlock):
         told = Diagnostics(
             displacement_command=x[0] + Ts * tick.rate.item(0) + 0.5 * Ts**2 * bending.item(0),
             invariance_function=phi,
-            status=found.status,
+            status=float(found.status),
             active_constraints=found.active,
             slack=found.slack,
             constraint_violation=violation if violation > _ROUNDING else 0.0,

@@ -55,8 +55,10 @@ class Objective:
         self._across = np.eye(3) - axes.T @ axes
         # y'' of the force is -x'' along n, that of a coordinate is x'' along its axis.
         self._signs = np.array([-1.0] + [1.0] * (len(axes) - 1))
+        self._column = self._signs[:, None]
         self._eye, self._free = np.eye(num_joints), max(0, num_joints - 6)
         self._singular = 1.0 / singularity_limit**2  # of the squares of the singular values of J
+        self._singular_eye = self._singular * self._eye
 
     def wanted(
         self,
@@ -100,11 +102,11 @@ class Objective:
     def rows(self, along: Along, outputs: Sequence[Regulated]) -> tuple[Vector, Vector]:
         """R (k, n) and r (k,) of the rows y'' <= ybar''."""
         bounds = [output.bound for output in outputs] - self._signs * (along.bias + along.missed)
-        return self._signs[:, None] * along.rows, bounds
+        return self._column * along.rows, bounds
 
     def _damping(self, hessian: Vector) -> float:
         """lambda^2 of the damped inverse, from the smallest singular value of J that the task needs."""
-        if self._free == 0 and is_definite(hessian - self._singular * self._eye):  # usually far from singular
+        if self._free == 0 and is_definite(hessian - self._singular_eye):  # usually far from singular
             return 0.0
         smallest = max(dsyev(hessian, compute_v=0)[0].item(self._free), 0.0)
         return max(_DAMPING**2 * (1.0 - smallest / self._singular), _REDUNDANT if self._free else 0.0)
