@@ -31,7 +31,7 @@ from pydrake.systems.framework import Context
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import Lane, Parameter, check, lane_values
 from forcectl.framework.cache import scratch
-from forcectl.framework.kernels import HALF, largest, smallest
+from forcectl.framework.kernels import largest, smallest
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.plant.drives.joint_friction import JointFriction, friction_threshold, mean_features
 from forcectl.robot.momentum_model import MomentumModel
@@ -252,7 +252,7 @@ class MomentumObserver(SampledLaw):
         if going_on:
             sign, ahead, back = mean_features(v_last, v)
             friction = offset + coulomb * sign + forward * ahead + backward * back
-            mean = (momentum - p_last) / elapsed - late_torque - HALF * (force + force_last) + friction
+            mean = (momentum - p_last) / elapsed - late_torque - 0.5 * (force + force_last) + friction
             stepped = residual_step(residual, mean, gain, elapsed)
             # An overflow of absurd readings holds the residual too.
             if not math.isfinite(stepped.dot(stepped)):

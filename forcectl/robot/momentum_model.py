@@ -19,7 +19,7 @@ from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import check_count
-from forcectl.framework.kernels import HALF, largest
+from forcectl.framework.kernels import largest
 from forcectl.robot.model import PlantForces, RobotModel
 
 Array = NDArray[np.float64]
@@ -109,7 +109,7 @@ class MomentumModel:
             step = h * v
             ahead, back = self._mass_times(context, q + step, v), self._mass_times(context, q - step, v)
             # The mean is B(q) v but for the square of that difference.
-            momentum, rate = HALF * (ahead + back), (0.5 / h) * (ahead - back)
+            momentum, rate = 0.5 * (ahead + back), (0.5 / h) * (ahead - back)
         else:
             momentum = rate = np.zeros(self.num_joints)
         if self._rotors is not None:

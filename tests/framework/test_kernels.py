@@ -9,7 +9,7 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forcectl.framework.kernels import is_definite, largest, smallest
+from forcectl.framework.kernels import all_finite, free_optimum, is_definite, keeps, largest, smallest
 
 
 @given(st.lists(st.floats(allow_nan=False), min_size=1, max_size=20))
@@ -38,3 +38,36 @@ def test_of_truth_values_they_are_any_and_all(truth: list[bool]) -> None:
 def test_a_matrix_is_definite_if_its_eigenvalues_are_positive(least: float) -> None:
     Q, _ = np.linalg.qr(np.random.default_rng(2).normal(size=(6, 6)))
     assert is_definite(Q @ np.diag([least, 1.0, 2.0, 3.0, 4.0, 5.0]) @ Q.T) == (least > 0)
+
+
+@given(st.lists(st.floats(), max_size=6), st.lists(st.floats(), max_size=6))
+def test_arrays_are_finite_if_all_their_elements_are(a: list[float], b: list[float]) -> None:
+    assert all_finite(np.array(a), np.array(b)) == bool(np.isfinite(a).all() and np.isfinite(b).all())
+
+
+@given(st.integers(0, 10**6), st.sampled_from([-1e-9, 0.0, 0.3]), st.booleans())
+def test_rows_and_bounds_are_kept_if_none_is_missed_by_more_than_the_tolerance(
+    seed: int, tolerance: float, broken: bool
+) -> None:
+    random = np.random.default_rng(seed)
+    u, matrix, upper = random.normal(size=3), random.normal(size=(4, 3)), random.normal(size=4) + 2.0
+    lower, higher = u - random.uniform(-0.3, 1.0, 3), u + random.uniform(-0.3, 1.0, 3)
+    if broken:
+        upper[2] = np.nan
+    plain = (
+        (matrix @ u <= upper + tolerance).all() and (u <= higher + tolerance).all() and (u >= lower - tolerance).all()
+    )
+    assert keeps(u, matrix @ u, upper, lower, higher, tolerance) == plain
+
+
+@given(st.integers(0, 10**6))
+def test_the_free_optimum_is_the_minimum_where_it_keeps_off_all_rows(seed: int) -> None:
+    random = np.random.default_rng(seed)
+    root, gradient, matrix = random.normal(size=(3, 3)), random.normal(size=3), random.normal(size=(4, 3))
+    hessian, upper, wide = root @ root.T + np.eye(3), random.normal(size=4) + 1.0, np.full(3, 5.0)
+    plain = -np.linalg.solve(hessian, gradient)
+    found = free_optimum(hessian, gradient, matrix, upper, -wide, wide)
+    inside = (matrix @ plain < upper - 1e-9).all() and (np.abs(plain) < wide).all()
+    assert (found is not None) == inside
+    if found is not None:
+        np.testing.assert_allclose(found, plain, atol=1e-12)

@@ -34,17 +34,13 @@ from pydrake.systems.primitives import Adder, AffineSystem, MatrixGain, Saturati
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import lane_values
-from forcectl.framework.kernels import HALF
 from forcectl.robot.facts import ControlFacts
 
 Array = NDArray[np.float64]
 COULOMB_STEEPNESS = 130.0  # [s/rad] of (5.2)
 THRESHOLD_STEEPNESS = 30.0  # [s/rad] of (5.3)
 _STICKING = 1e7  # [Nms/rad] damping that stands for sticking
-_SPREAD = np.array(1e-6)  # [rad/s]
-_STEEP, _QUARTER = np.array(COULOMB_STEEPNESS), np.array(0.25)  # see `forcectl.framework.kernels`
-for _constant in (_SPREAD, _STEEP, _QUARTER):
-    _constant.flags.writeable = False
+_SPREAD = 1e-6  # [rad/s]
 
 
 class JointFriction:
@@ -117,16 +113,16 @@ def mean_features(before: Array, after: Array) -> tuple[Array, Array, Array]:
     Args:
         before, after: joint speeds at the ends of the tick, any one shape [rad/s].
     """
-    middle = HALF * (before + after)
+    middle = 0.5 * (before + after)
     # A speed that hardly changes is spread a little, so that there is something to divide by.
-    half = np.maximum(HALF * np.abs(after - before), _SPREAD)
+    half = np.maximum(0.5 * np.abs(after - before), _SPREAD)
     ends = np.array([middle - half, middle + half])
     # Integrals of tanh, log cosh up to a constant and without its overflow, and of |v|.
-    steep = _STEEP * ends
+    steep = COULOMB_STEEPNESS * ends
     log_cosh, odd = np.logaddexp(steep, -steep), ends * np.abs(ends)
-    over = HALF / half
-    mean_sign = (log_cosh[1] - log_cosh[0]) * over / _STEEP
-    sloped, curved = _QUARTER * over * (odd[1] - odd[0]), HALF * middle
+    over = 0.5 / half
+    mean_sign = (log_cosh[1] - log_cosh[0]) * over / COULOMB_STEEPNESS
+    sloped, curved = 0.25 * over * (odd[1] - odd[0]), 0.5 * middle
     return mean_sign, curved + sloped, curved - sloped
 
 
