@@ -159,9 +159,8 @@ class TickBlock(LeafSystem):
         inputs = self._read(context)
         values = self.step(context, Start(memory, inputs))
         values["time"] = np.array([context.get_time()])
-        for name in self._optional:
-            inputs.setdefault(name, np.full(self._inputs[name].size(), np.nan))
-        return _Tick(values, [before, *(inputs[name] for name in self._inputs)])
+        read = [inputs[name] if name in inputs else np.full(port.size(), np.nan) for name, port in self._inputs.items()]
+        return _Tick(values, [before, *read])
 
     def _hold(self, context: Context, next_state: DiscreteValues) -> None:
         values, start = self._now.Eval(context)

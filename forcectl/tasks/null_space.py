@@ -68,6 +68,10 @@ class JointSpeed:
         """See `Criterion`."""
         return _towards(motion, None, self._time, period)
 
+    def rests_in(self, period: float) -> bool:
+        """Whether it asks for rest after one tick of `period` [s]."""
+        return self._time is None or self._time <= period
+
 
 class EvasiveMotion:
     """Joint speeds at the next tick near those that lead down some potentials (5.20).

@@ -32,7 +32,7 @@ from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.constraints.base import ConstraintSet, Rows
 from forcectl.tasks.coordinates import ArmTask, TaskState
 from forcectl.tasks.cost import TaskCost, Weights
-from forcectl.tasks.null_space import Criterion
+from forcectl.tasks.null_space import Criterion, JointSpeed
 
 Vector = NDArray[np.float64]
 
@@ -114,6 +114,8 @@ class TaskProgram:
     ):
         self._levels, self._criterion, self._period = tuple(levels), criterion, period
         self._eye = np.eye(len(torque))
+        rests = isinstance(criterion, JointSpeed) and criterion.rests_in(period)
+        self._settled = len(self._levels) == 1 and rests
         self._program = ConstrainedProgram(
             constraints,
             torque,
@@ -160,9 +162,7 @@ class TaskProgram:
             found.append(Level(hessian + damping * self._eye, gradient + damping * rest, J))
             damping = _LEAST_DAMPING
         last = Level(*self._criterion.cost(motion, self._period))
-        alike = np.array_equal(last.gradient, rest) and np.array_equal(last.hessian, self._eye)
-        settled = len(found) == 1 and alike
-        return Posed(Problem(motion, rows, [*found, last], settled=settled), near > 0.0)
+        return Posed(Problem(motion, rows, [*found, last], settled=self._settled), near > 0.0)
 
     def solve(self, posed: Posed) -> Outcome:
         """The optimum, the nearest to it, or braking."""
@@ -175,7 +175,7 @@ class TaskProgram:
     def criterion(self, posed: Posed, u: Vector) -> float:
         """u'H u/2 + g'u of the last level."""
         last = posed.problem.levels[-1]
-        cost: float = ((0.5 * last.hessian @ u + last.gradient) @ u).item()
+        cost: float = ((0.5 * (last.hessian @ u) + last.gradient) @ u).item()
         return cost
 
     def costs(self, error: Vector, rate: Vector) -> list[float]:
