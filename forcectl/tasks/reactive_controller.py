@@ -264,8 +264,8 @@ class ReactiveController(TickBlock):
 
         Its solution is the u [rad/s^2] of that level, followed at level 1 by the slacks of the soft rows when these had
         to give way; that of the last level is what the joints accelerate with. Levels below the first keep the tasks of
-        those above by rows with equality (5.18). The program belongs to the context, and is filled anew by the next
-        look at it.
+        those above by rows with equality (5.18); the controller solves them in what these leave free, see
+        `PrioritizedProgram`. The program belongs to the context, and is filled anew by the next look at it.
 
         Args:
             context: of this block.

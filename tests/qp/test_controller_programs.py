@@ -66,6 +66,22 @@ def test_another_solver_gives_the_same_command(case: Case) -> None:
     assert bound >= 1
 
 
+@pytest.mark.parametrize("horizon", [1, 8])
+def test_a_governor_whose_force_is_out_of_reach_is_solved_by_solvers_that_finish_on_a_vertex(horizon: int) -> None:
+    """Clarabel does not solve these: the cost of the slack is out of all proportion, see `CommandGovernor.program`."""
+    block = CommandGovernor(
+        1, horizon=horizon, rate_limit=200.0, upper_limit=30.0, upper_force=10.5, delay=0.02, initial_force=30.0
+    )
+    forces = {"desired_force": lambda t: 20.0, "measured_force": lambda t: 30 - 5 * t}
+    case = CASES["governor, one tick"]._replace(inputs=forces)
+    for context in ticks(block, case, 20):
+        command = case.command(block, context)
+        program = block.program(context)
+        assert program.decision_variables()[-1].get_name().startswith("slack of force")
+        for kind in EXACT.keys() - {"ClarabelSolver"}:
+            np.testing.assert_allclose(solved(program, kind)[:1], command, atol=1e-6)
+
+
 @pytest.mark.parametrize("name", ["reactive, speeds", "reactive, torques"])
 def test_every_level_of_the_reactive_controller_has_its_program(name: str) -> None:
     case = CASES[name]

@@ -184,8 +184,9 @@ class CommandGovernor(SampledLaw):
     def program(self, context: Context, lane: int = 0) -> MathematicalProgram:
         """The quadratic program of the last tick of one lane, in r[t], ..., r[t+h-1] [N]; everything in it has a name.
 
-        Its r[t] is the governed reference, also where the closed form gives it. The program belongs to the context, and
-        is filled anew by the next look at it.
+        Its r[t] is the governed reference, also where the closed form gives it. Where the forces have slack, some
+        solvers cannot cope with its weights: of Drake's, Clarabel. The program belongs to the context, and is filled
+        anew by the next look at it.
 
         Args:
             context: of this block.
