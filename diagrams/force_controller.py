@@ -33,7 +33,10 @@ class ForceController(Diagram):
 
     desired_force, measured_force: shape (1,) [N]. motor_position, motor_velocity, unconstrained_reference: shape (n_q,)
     [rad, rad/s, rad]; the last is the joint motion in the unconstrained directions, from the start posture.
-    joint_position_command: shape (n_q,) [rad]. displacement_command: shape (1,) [m].
+    joint_position_command: shape (n_q,) [rad]. Feedthrough of desired_force, measured_force and unconstrained_reference
+    at the tick. displacement_command: shape (1,) [m]. Feedthrough of desired_force and measured_force at the tick.
+
+    Sampling: every `period` [s] the law, every `posture_period` [s] the inversion; no delay beyond that of the law.
 
     Args:
         builder: holds the law; it is built into this diagram. law: a ForceLaw.
@@ -85,7 +88,10 @@ class JointController(Diagram):
     output_ports: [joint_position_command, (further outputs of the controller)]
     ```
 
-    See `ForceController` for the ports.
+    See `ForceController` for the ports. All outputs are feedthrough of desired_force, measured_force and
+    unconstrained_reference at the tick.
+
+    Sampling: every `period` [s] the controller; no delay.
 
     Args:
         builder: holds the controller; it is built into this diagram. controller: with the ports above.

@@ -28,7 +28,9 @@ class MotorSide(Diagram):
     ```
 
     joint_position_command, motor_position: shape (n_q,) [rad]. motor_velocity: shape (n_q,) [rad/s].
-    displacement: shape (1,), x along n by the constant Jacobian [m].
+    displacement: shape (1,), x along n by the constant Jacobian [m]. All outputs are state, no direct feedthrough.
+
+    Sampling: every `period` [s] of the cell; a command moves the motors one tick later.
     """
 
     def __init__(self, cell: Cell):

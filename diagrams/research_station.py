@@ -61,7 +61,7 @@ RESEARCH_OUTPUTS = (
 
 
 class ResearchStation(Diagram):
-    """A robot behind its research interface; see this module for the ports.
+    """A robot behind its research interface; see this module for what it does.
 
     ```
     name: ResearchStation
@@ -69,6 +69,17 @@ class ResearchStation(Diagram):
     output_ports: [joint_position, joint_velocity, motor_torque, link_position, link_velocity, external_torque,
                    tip_wrench, contact_force]
     ```
+
+    joint_position_reference, joint_velocity_reference, joint_torque_feedforward: shape (n,) [rad, rad/s, Nm]; the last
+    two are zero when they are not connected.
+    external_wrench: shape (6a,), on the robot at each TCP in the world, [torque; force] [Nm, N]; likewise.
+    joint_position, joint_velocity, motor_torque: shape (n,), readings [rad, rad/s, Nm]. State.
+    link_position, link_velocity: shape (n,), truth [rad, rad/s]. State.
+    external_torque: shape (n,), truth [Nm]. Feedthrough of external_wrench.
+    tip_wrench: shape (6a,), truth, at each TCP in the world, [torque; force] [Nm, N]. Feedthrough of external_wrench.
+    contact_force: shape (a,), truth [N]. Feedthrough of external_wrench.
+
+    Sampling: every `period` [s] references and readings, every `time_step` [s] plant and drives.
 
     Attributes:
         plant: for visualisation and tests. scene_graph: None when nothing can touch.

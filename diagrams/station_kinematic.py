@@ -13,7 +13,20 @@ from forcectl.plant.tip_kinematics import TipDisplacement
 
 
 class KinematicStation(Diagram):
-    """Robot of motor positions only; see `forcectl.diagrams.station` for the ports."""
+    """Robot of motor positions only; see `forcectl.diagrams.station` for the slot it fills.
+
+    ```
+    name: KinematicStation
+    input_ports: [joint_position_command]
+    output_ports: [motor_position, motor_velocity, measured_wrench, measured_force, contact_force, contact_displacement,
+      link_position, contact_state, surface_height (optional), surface_stiffness (optional),
+      surface_damping (optional)]
+    ```
+
+    The ports: see `MultibodyStation`. All outputs are state, no direct feedthrough.
+
+    Sampling: every `period` [s] of the cell; every `posture_period` [s] what depends on the posture only.
+    """
 
     def __init__(self, cell: Cell, seed: int):
         super().__init__()

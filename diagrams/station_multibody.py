@@ -96,7 +96,26 @@ def add_plant(builder: DiagramBuilder, cell: Cell) -> tuple[MultibodyPlant, Scen
 
 
 class MultibodyStation(Diagram):
-    """The cell with a full MultibodyPlant; see `forcectl.diagrams.station` for the ports.
+    """The cell with a full MultibodyPlant; see `forcectl.diagrams.station` for the slot it fills.
+
+    ```
+    name: MultibodyStation
+    input_ports: [joint_position_command]
+    output_ports: [motor_position, motor_velocity, measured_wrench, measured_force, contact_force, contact_displacement,
+      link_position, contact_state, surface_height (optional), surface_stiffness (optional),
+      surface_damping (optional)]
+    ```
+
+    joint_position_command, motor_position, link_position: shape (n_q,) [rad]. motor_velocity: shape (n_q,) [rad/s].
+    measured_wrench: shape (6,), of the environment on the tool, at S in S, [torque; force] [Nm, N].
+    measured_force: shape (1,), along n [N]. contact_force: shape (1,), truth along n [N].
+    contact_displacement: shape (1,), truth along n [m]. contact_state: shape (1,), see `ContactMonitor` [1].
+    surface_height, surface_stiffness, surface_damping: shape (1,), under the tool [m, N/m, N s/m]; the ports exist
+    where the surface is uneven, and of several materials.
+    All outputs are state, no direct feedthrough.
+
+    Sampling: every `time_step` [s] of the cell the plant and its drives; every `period` [s] commands and readings;
+    every `posture_period` [s] what depends on the posture only.
 
     Attributes:
         plant, scene_graph: of the cell, for visualisation and tests.

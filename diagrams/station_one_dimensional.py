@@ -11,7 +11,20 @@ from forcectl.diagrams.truth import finish_light_station
 
 
 class OneDimensionalStation(Diagram):
-    """Motor side, one spring, force sensor; see `forcectl.diagrams.station` for the ports."""
+    """Motor side, one spring, force sensor; see `forcectl.diagrams.station` for the slot it fills.
+
+    ```
+    name: OneDimensionalStation
+    input_ports: [joint_position_command]
+    output_ports: [motor_position, motor_velocity, measured_wrench, measured_force, contact_force, contact_displacement,
+      link_position, contact_state, surface_height (optional), surface_stiffness (optional),
+      surface_damping (optional)]
+    ```
+
+    The ports: see `MultibodyStation`. All outputs are state, no direct feedthrough.
+
+    Sampling: every `period` [s] of the cell.
+    """
 
     def __init__(self, cell: Cell, seed: int):
         super().__init__()

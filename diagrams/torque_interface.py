@@ -28,10 +28,12 @@ class TorqueInterface(Diagram):
     output_ports: [motor_state, motor_position, motor_velocity, torque_command, motor_torque]
     ```
 
-    reference: shape (2n,), q_bar and its rate [rad, rad/s]. torque_command: shape (n,), of the impedance control [Nm].
-    The others: see `TorqueDrive`.
+    reference: shape (2n,), q_bar and its rate [rad, rad/s].
+    torque_command: shape (n,), of the impedance control [Nm]. Feedthrough of reference at the tick.
+    motor_torque: shape (n,) [Nm]. Feedthrough of all inputs.
+    The others: see `TorqueDrive`. All outputs are state, no direct feedthrough.
 
-    Sampling: the drives with the plant's step, impedance and gravity compensation every control tick.
+    Sampling: every `time_step` [s] of the cell the drives; every `period` [s] impedance and gravity compensation.
 
     Raises:
         BadInputError: gains that are not stable with this sampling.

@@ -37,7 +37,7 @@ class ExcitedCompliance(LaneBlock):
     desired_force, measured_force: shape (n,) [N].
     displacement: shape (n,), actual motor-side dx [m], passed through the same filter as the force.
     environment_compliance: shape (n,), C_E_hat within range and rate [m/N]. State, no direct feedthrough.
-    learning: shape (n,), 1 while samples count, else 0. State.
+    learning: shape (n,), 1 while samples count, else 0 [1]. State.
 
     Parameters (Context, shape (n,)): bandwidth w_c of M [rad/s] > 0 and drift_bandwidth w_h [rad/s] > 0, both below
     1/period; robot_compliance C_R_hat [m/N] >= 0; surface_deviation [m] > 0, what the surface adds to dx within 1/w_h,

@@ -34,9 +34,9 @@ class ForceEstimator(Diagram):
     estimated_torque: shape (n,), external joint torques beyond the threshold of the friction [Nm].
     estimated_wrench: shape (6a,), of the environment on the robot at each TCP in the world, [torque; force] [Nm, N].
     residual: shape (n,), r [Nm]. reading_ok: shape (n,) [1]. near_singular: shape (a,), 1 where a direction is damped
-        [1]. All are feedthrough of all inputs at the tick.
+        [1]. All outputs are feedthrough of all inputs at the tick.
 
-    Sampling: `period` [s]; no delay. Speeds that are filtered make the estimate as late as they are.
+    Sampling: every `period` [s]; no delay. Speeds that are filtered make the estimate as late as they are.
 
     Args:
         observer: of the n joints. wrenches: by arm, all of the same n joints. tare: their input of that name, or None.

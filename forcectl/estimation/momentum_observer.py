@@ -67,7 +67,7 @@ class MomentumObserver(SampledLaw):
     external_torque: shape (n,), the residual beyond the threshold of the friction [Nm].
     residual: shape (n,), r [Nm].
     reading_ok: shape (n,), 1 for a joint whose readings of this tick were used, else 0 [1].
-        All are feedthrough of all inputs at the tick, and held.
+        All outputs are feedthrough of all inputs at the tick, and held.
 
     Parameters (Context, shape (n,)): gain K_R [1/s] > 0; offset tau_O [Nm], coulomb tau_C [Nm] >= 0, viscous_forward
     and viscous_backward D+, D- [Nms/rad] >= 0 of the friction (5.2); move and still [Nm] >= 0 of the threshold; limit
@@ -84,7 +84,8 @@ class MomentumObserver(SampledLaw):
       all joints. Beyond `longest_gap` such readings are believed, once per gap.
     Of a tick whose torque is lost it is taken to be between those before and after.
 
-    Sampling: `period` [s]; no delay from the inputs to the outputs, see `SampledLaw`. The first tick only starts it.
+    Sampling: every `period` [s]; no delay from motor_torque to residual, see `SampledLaw`. The first tick
+    only starts it.
 
     Args:
         model: momentum terms of the n joints. friction: of (5.2), zero when None.

@@ -142,9 +142,9 @@ class RecursiveVrft(LaneBlock):
     ```
 
     controller_output: shape (n,), u_hat as commanded [m]. measured_force: shape (n,) [N].
-    mode: shape (n,); samples count while it is below 0.5 (`EXCITE`). The port does not exist with `always`; force and
-        displacement are then counted from zero, not from the first sample.
-    proportional_gain, integral_gain, derivative_gain: shape (n,), K_P [m/N], K_I [m/(N s)], K_D [m s/N];
+    mode: shape (n,) [1]; samples count while it is below 0.5 (`EXCITE`). The port does not exist with `always`; force
+        and displacement are then counted from zero, not from the first sample.
+    proportional_gain, integral_gain, derivative_gain: shape (n,), K_P, K_I, K_D [m/N, m/(N s), m s/N];
         `initial_gains` before the first sample. State, no direct feedthrough.
 
     Parameters (Context, shape (n,)): bandwidth w_c [rad/s] > 0 of the reference model, below 1/period; forgetting in

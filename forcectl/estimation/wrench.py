@@ -73,7 +73,8 @@ class WrenchEstimator(LeafSystem):
     tare: shape (1,) [1], may be left unconnected. Above 0.5 the wrench is zero and r_0 becomes the mean torque of the
         ticks since it rose; below -0.5 r_0 is forgotten, zero.
     wrench: shape (6,), of the environment on the robot at the origin of `frame`, [torque; force] in `expressed_in`
-        [Nm, N]. near_singular: shape (1,), 1 while a direction is damped, else 0 [1]. Feedthrough of all inputs.
+        [Nm, N]. near_singular: shape (1,), 1 while a direction is damped, else 0 [1].
+    All outputs are feedthrough of all inputs at the tick.
 
     Torques or positions that are not finite hold the wrench of the last tick.
 

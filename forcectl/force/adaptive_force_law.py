@@ -26,10 +26,11 @@ class AdaptiveForceLaw(Diagram):
 
     desired_force, measured_force: shape (n,) [N].
     motor_displacement: shape (n,), actual motor-side dx along n [m], unfiltered: the block filters it like the force.
-    displacement_command: shape (n,) [m]. invariance_function, status: of laws that have them.
-    environment_compliance: shape (n,), C_E_hat [m/N].
+    displacement_command: shape (n,) [m]. invariance_function, status: shape (n,) [m, 1]; of laws that have them.
+    environment_compliance: shape (n,), C_E_hat [m/N]. State.
+    All outputs are feedthrough of desired_force and measured_force at the tick.
 
-    Sampling: `period` [s]; no delay beyond that of the law, whose compliance is one tick old.
+    Sampling: every `period` [s]; no delay beyond that of the law, whose compliance is one tick old.
 
     Args:
         law: a `SampledLaw` or diagram of one, with the ports of the force law's slot and the input `compliance`.

@@ -57,7 +57,7 @@ class IntegralForceLaw(SampledLaw):
 
     A force that is not a number holds the last command.
 
-    Sampling: `period` [s]; no delay from measured_force to displacement_command, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledLaw`.
     """
 
     def __init__(
@@ -116,10 +116,10 @@ class LinearIntegralForceLaw(Diagram):
     output_ports: [displacement_command]
     ```
 
-    desired_force, measured_force: shape (n,) [N]. displacement_command: shape (n,) [m]. Feedthrough of both.
+    desired_force, measured_force: shape (n,) [N]. displacement_command: shape (n,) [m]. Feedthrough of all inputs.
 
-    Sampling: `period` [s]; no delay. For diagrams in which everything runs at this period: between the events of one
-    tick the output is that of the next.
+    Sampling: every `period` [s]; no delay. For diagrams in which everything runs at this period: between the events of
+    one tick the output is that of the next.
     """
 
     def __init__(self, size: int, *, integral_gain: ArrayLike, compliance: ArrayLike, period: float = 0.002):

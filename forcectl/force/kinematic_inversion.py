@@ -98,7 +98,7 @@ class KinematicInversion(LeafSystem):
     motor_position: shape (n_q,), where the Jacobian is taken [rad].
     unconstrained_reference: shape (n_q,), joint motion dq_uc in the unconstrained directions, from q_0 [rad].
     joint_position_command: shape (n_q,), q_bar [rad]. Feedthrough of displacement_command and unconstrained_reference.
-    near_singular: 1 while the inverse is damped, else 0. State.
+    near_singular: shape (1,), 1 while the inverse is damped, else 0 [1]. State.
 
     Sampling: J^-1 n is state, renewed every `period` [s] if the posture has changed: much slower than the force loop.
 
@@ -167,6 +167,12 @@ class ConstantKinematicInversion(Diagram):
     input_ports: [displacement_command, unconstrained_reference]
     output_ports: [joint_position_command]
     ```
+
+    displacement_command: shape (1,), dx_bar along n [m].
+    unconstrained_reference: shape (n_q,), joint motion dq_uc in the unconstrained directions, from q_0 [rad].
+    joint_position_command: shape (n_q,), q_bar [rad]. Feedthrough of all inputs.
+
+    Sampling: none; evaluated when read.
     """
 
     def __init__(self, direction: Vector, row: Vector, start: Vector):

@@ -44,11 +44,12 @@ class LinearForceLaw(SampledLaw):
     desired_force, measured_force: shape (n,) [N].
     proportional_gain, integral_gain, derivative_gain: shape (n,) [m/N, m/(N s), m s/N], ports when `gains` is None,
         else parameters. When they change, u_hat does not jump.
-    excitation: shape (n,), u_hat of the open-loop experiment [m]; mode: shape (n,), `EXCITE` or `REGULATE`. Both exist
-        with `open_loop`. In `EXCITE` the command follows the excitation, and the controller is kept such that it takes
-        over without a jump, whatever the force error is then.
-    displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1). Feedthrough of all inputs at the tick.
+    excitation: shape (n,), u_hat of the open-loop experiment [m]; mode: shape (n,), `EXCITE` or `REGULATE` [1]. Both
+        exist with `open_loop`. In `EXCITE` the command follows the excitation, and the controller is kept such that it
+        takes over without a jump, whatever the force error is then.
+    displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1).
     controller_output: shape (n,), u_hat = dx_bar + C_R_hat F [m] as commanded, after the limits.
+    All outputs are feedthrough of all inputs at the tick.
 
     Parameters (Context, shape (n,)): robot_compliance C_R_hat [m/N] >= 0, derivative_filter T_D [s] >= 0, lower_limit
     and upper_limit of dx_bar [m], the three gains, and fir_0, fir_1, ... [m/N], as many as are given.
@@ -57,7 +58,7 @@ class LinearForceLaw(SampledLaw):
     A force, gain or excitation that is not a number holds the last command and everything remembered. Lost contact
     reads as F = 0: the command goes after the surface, down to its lower limit.
 
-    Sampling: `period` [s]; no delay from measured_force to displacement_command, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledLaw`.
 
     Args:
         gains: K_P, K_I, K_D, each a number or shape (n,); None: from ports. fir: f_0, f_1, ..., each a number or shape

@@ -80,7 +80,9 @@ class JointPath(LeafSystem):
     ```
 
     joint_position_reference: shape (n,) [rad]. joint_velocity_reference: shape (n,), its derivative [rad/s].
-        Functions of time.
+        All outputs are functions of time.
+
+    Sampling: none; evaluated when read.
 
     Args:
         start: position that the parts are added to, shape (n,) [rad]. parts: what is added to it.

@@ -42,6 +42,10 @@ class Reference(Diagram):
     name: Reference
     output_ports: [<name>]
     ```
+
+    The output has the shape of the trajectory and the unit of its name. All outputs are functions of time.
+
+    Sampling: none; evaluated when read.
     """
 
     def __init__(self, name: str, trajectory: Trajectory | ArrayLike):

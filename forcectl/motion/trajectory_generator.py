@@ -40,7 +40,7 @@ class TrajectoryGenerator(SampledLaw):
         has to reach with the command of this tick.
     arrived: shape (n,), 1 when that is the target [1]. braking: shape (n,), 1 in a component that could not be planned
         and brakes to rest, else 0 [1].
-        All are feedthrough of all inputs at the tick, and held.
+        All outputs are feedthrough of all inputs at the tick, and held.
 
     Parameters (Context, shape (n,)): velocity_limit [u/s], acceleration_limit [u/s^2], jerk_limit [u/s^3], positive and
     finite; the velocity limit is within 100 s of rest. They may change while it moves.
@@ -50,7 +50,7 @@ class TrajectoryGenerator(SampledLaw):
     met but caught up with: at 0.2 u/s it is still 1.7e-3 u ahead after two seconds, and half of that after eight. A
     target further than two hours away cannot be planned.
 
-    Sampling: `period` [s]; no delay from the target to the motion, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from the target to the motion, see `SampledLaw`.
 
     Args:
         initial_position: where it stands at first without a start, shape (n,) [u]. synchronized: see `Planner`.

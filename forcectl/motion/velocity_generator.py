@@ -61,13 +61,13 @@ class VelocityGenerator(SampledLaw):
 
     target_velocity: shape (n,), x'_trg [u/s].
     position, velocity: shape (n,), at the END of the tick, x_gen[k+1], x_gen'[k+1] [u, u/s]. acceleration: shape (n,),
-        during the tick [u/s^2]. All are feedthrough of target_velocity at the tick, and held.
+        during the tick [u/s^2]. All outputs are feedthrough of target_velocity at the tick, and held.
 
     Parameters (Context, shape (n,)): velocity_limit [u/s] and acceleration_limit [u/s^2], positive; infinite for none.
 
     A target velocity that is not a number keeps the last one (zero at first); one beyond the limit is the limit.
 
-    Sampling: `period` [s]; no delay from target_velocity to the outputs, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from target_velocity to position, see `SampledLaw`.
 
     Args:
         initial_position: where it stands at first, shape (n,) [u].

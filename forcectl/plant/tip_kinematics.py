@@ -48,7 +48,7 @@ class TipDisplacement(LeafSystem):
     motor_position: shape (n_q,) [rad].
     displacement: shape (1,), dx of (2.1) as above [m]: exact at the renewals, or without them. Feedthrough.
 
-    Sampling: the tangent is state, renewed every `period` [s] if the posture has changed; None: no state.
+    Sampling: every `period` [s] the tangent, if the posture has changed; None: no state.
 
     Args:
         robot: kinematics. n: unit normal in W, shape (3,). start: q_0, shape (n_q,) [rad].
@@ -112,7 +112,9 @@ class LinkPosition(LeafSystem):
     ```
 
     motor_position: shape (n_q,) [rad]. contact_force: shape (1,), along n [N].
-    link_position: shape (n_q,) [rad]. Feedthrough of both.
+    link_position: shape (n_q,) [rad]. Feedthrough of both inputs.
+
+    Sampling: none; evaluated when read.
 
     Args:
         stiffness: shape (n_q,) [Nm/rad]; infinite for rigid joints.
@@ -149,6 +151,9 @@ class ForceToWrench(LeafSystem):
 
     measured_force: shape (1,), along n [N]. motor_position: shape (n_q,) [rad].
     measured_wrench: shape (6,), [torque; force] at the sensor frame S (the flange without a sensor), in S [Nm, N].
+    All outputs are feedthrough of all inputs.
+
+    Sampling: none; evaluated when read.
     """
 
     def __init__(self, robot: RobotModel, n: ArrayLike):

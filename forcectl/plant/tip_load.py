@@ -51,6 +51,8 @@ class TipLoad(LeafSystem):
         unconnected. A wrench that is not finite is none.
     spatial_forces: abstract, for the plant's `applied_spatial_force` input. Feedthrough.
 
+    Sampling: none; evaluated when read.
+
     Args:
         parts: of the robot in the plant.
     """
@@ -99,8 +101,11 @@ class LoadTruth(LeafSystem):
     external_torque: shape (n,), joint torques of all loads and contacts [Nm]. Feedthrough of all inputs but
         contact_results.
     tip_wrench: shape (6a,), of loads at the TCPs and of contacts of the bodies fixed to them, at each TCP in the world,
-        [torque; force] [Nm, N]. contact_force: shape (a,), sum of the magnitudes of the contact forces on each arm,
+        [torque; force] [Nm, N]. Feedthrough of all inputs but contact_torque.
+    contact_force: shape (a,), sum of the magnitudes of the contact forces on each arm,
         those between two arms included [N]. Feedthrough of all inputs but contact_torque.
+
+    Sampling: none; evaluated when read.
 
     Args:
         robot: kinematics. plant: finalized, with the robot `parts`.

@@ -207,9 +207,13 @@ class ReactiveReaching(Diagram):
       near_singular, levels_solved, holding, reached, stalled, reading_ok, stage_costs, task_target]
     ```
 
-    task_target: shape (k,), of the tasks [m or rad]. The other ports: see `ReactiveMotion`.
+    task_target: shape (k,), of the tasks [m or rad]. A function of time.
+    task_position_reference: shape (k,), of the generator [m or rad]. State.
+    task_position, task_velocity, task_acceleration: shape (k,), of the controller [m or rad, m/s or rad/s, m/s^2 or
+    rad/s^2]. State.
+    The other ports: see `ReactiveMotion`. All outputs are feedthrough of all inputs at the tick.
 
-    Sampling: as the controller; no delay from the readings to the references.
+    Sampling: every `period` [s] of the controller; no delay from the readings to the references.
     """
 
     def __init__(self, controller: ReactiveController, target: TrajectorySource, linear: Pace, angular: Pace):

@@ -105,18 +105,18 @@ class ReactiveController(TickBlock):
     ```
 
     task_position_reference, task_velocity_reference: shape (k,), x_gen and x'_gen at the next tick, of the coordinates
-      of all tasks one after the other [m or rad, per s].
-    task_acceleration_reference: shape (k,), x''_gen at the next tick [m or rad, per s^2]; not followed, but handed back
+      of all tasks one after the other [m or rad, m/s or rad/s].
+    task_acceleration_reference: shape (k,), x''_gen at the next tick [m/s^2 or rad/s^2]; not followed, but handed back
       in task_acceleration while the others are; may be left unconnected.
     task_target: shape (k,), where they are to end [m or rad]; may be left unconnected, then reached and stalled are 0.
     joint_position, joint_velocity: shape (n,), as measured [rad, rad/s]; only supervised, see `ReadingGuard`; may be
       left unconnected.
     joint_position_reference, joint_velocity_reference: shape (n,), q and q' at the next tick [rad, rad/s].
     task_position, task_velocity, task_acceleration: shape (k,), the motion the next reference starts from, see this
-      module [m or rad, per s, per s^2]. From the state only: nothing passes through.
+      module [m or rad, m/s or rad/s, m/s^2 or rad/s^2]. State, no direct feedthrough.
     status: shape (1,), `Status` [1]; from INFEASIBLE on the joints brake and hold, so they do for bad readings.
     active_constraints: shape (1,), rows and bounds that hold with equality [1].
-    slack: shape (1,), by how much soft rows are missed [their unit].
+    slack: shape (1,), by how much soft rows are missed, in the unit of each [u].
     constraint_violation: shape (1,), largest violation of joint limits [rad, rad/s] and constraints [their units]
       before the tick and of torques [Nm] in it; 0 for none.
     tracking_error: shape (1,), largest miss of the reference at the next tick, in tolerances of the target [1].
@@ -125,16 +125,17 @@ class ReactiveController(TickBlock):
     holding: shape (1,), 1 while the joints brake and hold, for whatever reason [1].
     reached, stalled: shape (1,), 1 when the target is reached, and when it has not come nearer for a while [1].
     reading_ok: shape (n,), 1 for a joint whose reading of this tick is good, else 0 [1].
-    stage_costs: shape (levels,), L of every level (5.16), then u'H u/2 + g'u of the criterion.
+    stage_costs: shape (levels,), L of every level (5.16), then u'H u/2 + g'u of the criterion, in squares of
+      task accelerations [m^2/s^4 or rad^2/s^4].
 
-    Every output but those from the state is feedthrough of every input.
+    All outputs are feedthrough of all inputs at the tick.
 
     Bad input. A reference that is not a number, or beyond 1e6: the joints brake together, along their path, and hold
     while it lasts, with status NOT_FINITE. The same after readings that stay bad for longer than `longest_gap`; a few
     lost samples leave the command alone. Constraints that contradict each other at a tick: soft rows give way; then the
     joints brake. Limits that contradict each other or the start posture are an error when it is built.
 
-    Sampling: `period` [s]; no delay, see `SampledLaw`: what the tick computes is put out at once and held.
+    Sampling: every `period` [s]; no delay, see `SampledLaw`: what the tick computes is put out at once and held.
 
     Args:
         robot: kinematics, inertia, limits.

@@ -46,9 +46,12 @@ class ReactiveMotion(Diagram):
     ```
 
     task_target: shape (k,), where the task coordinates are to go [m or rad]; may change at every tick.
-    task_position_reference: shape (k,), of the generator at the next tick. The other ports: see `ReactiveController`.
+    task_position_reference: shape (k,), of the generator at the next tick [m or rad]. Feedthrough of task_target.
+    task_position, task_velocity, task_acceleration: shape (k,), of the controller [m or rad, m/s or rad/s, m/s^2 or
+    rad/s^2]. State.
+    The other ports: see `ReactiveController`. All outputs are feedthrough of all inputs at the tick.
 
-    Sampling: as the controller; no delay from the target or the readings to the references.
+    Sampling: every `period` [s] of the controller; no delay from the target or the readings to the references.
 
     Args:
         controller: is built into this diagram. linear, angular: limits of the references.

@@ -139,7 +139,7 @@ class RelativePose(LeafSystem):
     relative_angles: shape (3,), Euler angles phi, theta, psi of R [rad], see
         `forcectl.framework.euler_angles.angles_of`; continuous but for the singularity.
     relative_velocity: shape (6,), V in the leader's axes, [rotation; translation] [rad/s, m/s].
-        All are feedthrough of both inputs.
+        All outputs are feedthrough of all inputs.
 
     Readings that are not finite hold what was put out at the last tick.
 

@@ -12,12 +12,21 @@ from forcectl.testing.runs import Input
 
 @dataclass(frozen=True)
 class Example:
-    """One way to build a block; `runnable` is what is simulated when the block cannot run alone."""
+    """One way to build a block.
+
+    Attributes:
+        feedthrough: (output, input) of each.
+        inputs: name -> value, or function of time [s].
+        runnable: what is simulated when the block cannot run alone.
+        periods: name -> value [s] of the periods in the docstring that are not the defaults of the class's arguments;
+            None: no updates with this period in this configuration.
+    """
 
     build: Callable[[], System]
     feedthrough: set[tuple[str, str]] = field(default_factory=set)
     inputs: Mapping[str, Input] = field(default_factory=dict)
     runnable: Callable[[], System] | None = None
+    periods: Mapping[str, float | None] = field(default_factory=dict)
 
 
 def each(output: str, *inputs: str) -> set[tuple[str, str]]:

@@ -137,6 +137,7 @@ def wrist_sensor() -> Diagram:
 
 FORCES: dict[str, Input] = {"desired_force": force, "measured_force": force}
 SOFT = FORCES | {"compliance": [1e-4, 2e-4]}
+PERIODS = {"period": 0.002}  # of the station
 NOMINAL = SOFT | {"nominal_command": push}
 
 
@@ -157,6 +158,7 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
             lambda: CompliantContact(2, stiffness=[5900, 1e5]),
             each("contact_force", "displacement"),
             {"displacement": push},
+            periods={"period": None},
         ),
         Example(
             lambda: CompliantContact(2, stiffness=5900, damping=[0, 50], robot_compliance=3e-5),
@@ -178,7 +180,13 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
     ],
     ContactMonitorCore: [Example(lambda: ContactMonitorCore(2), inputs={"contact_force": force})],
     ContactMonitor: [Example(lambda: ContactMonitor(2), inputs={"contact_force": lambda t: force(t) - 8})],
-    Drive: [Example(drive, inputs={"reference": spectral, "spring_torque": lambda t: 4 * push(t) / 1e-3})],
+    Drive: [
+        Example(
+            drive,
+            inputs={"reference": spectral, "spring_torque": lambda t: 4 * push(t) / 1e-3},
+            periods={"period": 0.0005},
+        )
+    ],
     ForceDigitiser: [
         Example(
             lambda: ForceDigitiser(2, noise_std=0.1, quantum=0.05, bias=0.3, range=20, seed=4),
@@ -198,10 +206,10 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
     PositionLoop: [
         Example(lambda: PositionLoop(2), inputs={"command": push}),
         Example(lambda: PositionLoop(2, delay=0.004, initial_command=[0.1, 0.2]), inputs={"command": push}),
-        Example(lambda: PositionLoop(2, period=0.0), inputs={"command": push}),
+        Example(lambda: PositionLoop(2, period=0.0), inputs={"command": push}, periods={"period": None}),
     ],
     ServoCore: [Example(lambda: ServoCore(2, unit="m"), inputs={"reference": spectral})],
-    Servo: [Example(lambda: Servo(ServoCore(2)), inputs={"reference": spectral})],
+    Servo: [Example(lambda: Servo(ServoCore(2)), inputs={"reference": spectral}, periods={"period": 0.002})],
     RobotCompliance: [
         Example(
             lambda: RobotCompliance(robot(), Z),
@@ -224,6 +232,7 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
             lambda: TipContact(robot(), Z, START, np.full(6, np.inf), stiffness=5900, uneven=True),
             each("contact_force", "motor_position", "surface_height"),
             {"motor_position": posture, "surface_height": lambda t: 1e-3 * t},
+            periods={"period": None},
         ),
     ],
     TipDisplacement: [
@@ -231,6 +240,7 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
             lambda: TipDisplacement(robot(), Z, START, period=None),
             each("displacement", "motor_position"),
             {"motor_position": posture},
+            periods={"period": None},
         ),
         Example(
             lambda: TipDisplacement(robot(), Z, START),
@@ -265,6 +275,7 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
             adaptive,
             each("displacement_command", "desired_force", "measured_force"),
             {"desired_force": 15.0, "measured_force": force, "motor_displacement": push},
+            periods={"period": 0.002},
         )
     ],
     IntegralForceLaw: [
@@ -290,7 +301,10 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
     InvarianceCorrection: [Example(partial(InvarianceCorrection, 2), law_feedthrough(*NOMINAL), NOMINAL)],
     InvarianceControl: [
         Example(
-            lambda: InvarianceControl(law(), InvarianceCorrection(2, compliance=1e-4)), law_feedthrough(*SOFT), SOFT
+            lambda: InvarianceControl(law(), InvarianceCorrection(2, compliance=1e-4)),
+            law_feedthrough(*SOFT),
+            SOFT,
+            periods={"period": 0.002},
         )
     ],
     LinearIntegralForceLaw: [
@@ -330,21 +344,35 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
             each("joint_position_command", "desired_force", "measured_force", "unconstrained_reference")
             | each("displacement_command", "desired_force", "measured_force"),
             {"desired_force": 15.0, "motor_position": posture},
+            periods=PERIODS | {"posture_period": 0.04},
         )
     ],
     MotorSide: [
         Example(
             lambda: MotorSide(cell("OneDimensional")),
             inputs={"joint_position_command": posture},
+            periods=PERIODS,
         )
     ],
     OneDimensionalStation: [
-        Example(lambda: OneDimensionalStation(cell("OneDimensional"), 3), inputs={"joint_position_command": posture})
+        Example(
+            lambda: OneDimensionalStation(cell("OneDimensional"), 3),
+            inputs={"joint_position_command": posture},
+            periods=PERIODS,
+        )
     ],
     KinematicStation: [
-        Example(lambda: KinematicStation(cell("Kinematic"), 3), inputs={"joint_position_command": posture})
+        Example(
+            lambda: KinematicStation(cell("Kinematic"), 3),
+            inputs={"joint_position_command": posture},
+            periods=PERIODS | {"posture_period": 0.04},
+        )
     ],
     MultibodyStation: [
-        Example(lambda: MultibodyStation(cell("Multibody"), 3), inputs={"joint_position_command": posture})
+        Example(
+            lambda: MultibodyStation(cell("Multibody"), 3),
+            inputs={"joint_position_command": posture},
+            periods=PERIODS | {"time_step": 0.001, "posture_period": 0.04},
+        )
     ],
 }

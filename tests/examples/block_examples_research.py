@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -91,6 +91,12 @@ def force_estimator() -> ForceEstimator:
     return ForceEstimatorConfig(tare_start=0.01, tare_duration=0.02).add_to(builder, motion_facts(cell()))
 
 
+def research_station(options: dict[str, Any] | None) -> ResearchStation:
+    """Free with these options of the station, or touching a box."""
+    return ResearchStation(touched() if options is None else cell(**options), 3)
+
+
+PERIODS = {"period": 0.004, "time_step": 0.001}  # of the station
 ESTIMATES = ("estimated_torque", "estimated_wrench", "residual", "reading_ok", "near_singular")
 STATION_FEEDTHROUGH = {(name, "external_wrench") for name in ("external_torque", "tip_wrench", "contact_force")}
 SERVO_INPUTS = {
@@ -114,19 +120,24 @@ RESEARCH_EXAMPLES: dict[type[System], list[Example]] = {
         )
     ],
     Loads: [
-        Example(lambda: Loads([LoadConfig(wrenches=[[0, 0, 1, 2, 3, 4]], hold=0.02)], ["left", "right"], period=0.004))
+        Example(
+            lambda: Loads([LoadConfig(wrenches=[[0, 0, 1, 2, 3, 4]], hold=0.02)], ["left", "right"], period=0.004),
+            periods={"period": 0.004},
+        )
     ],
     ForceEstimator: [
         Example(
             force_estimator,
             {(name, reading) for name in ESTIMATES for reading in READINGS},
             {"joint_position": moved, "joint_velocity": lambda t: np.cos(np.arange(1, 8) * 10 * t)},
+            periods={"period": 0.004},
         )
     ],
     ReferenceHold: [
         Example(
             lambda: ReferenceHold(2, period=0.004, time_step=0.001, start=[0.1, 0.2]),
             inputs={"travelled": sway, "joint_position_reference": sway, "joint_velocity_reference": sway_rate},
+            periods={"period": 0.004},
         )
     ],
     JointServo: [
@@ -136,6 +147,7 @@ RESEARCH_EXAMPLES: dict[type[System], list[Example]] = {
             ),
             each("motor_torque", "position", "velocity"),
             SERVO_INPUTS,
+            periods=PERIODS,
         )
     ],
     JointSensors: [
@@ -164,6 +176,7 @@ RESEARCH_EXAMPLES: dict[type[System], list[Example]] = {
                 [0.2, 0.05], JointFriction(2, offset=0.1, coulomb=[1.0, 0.5]), time_step=0.001, start=[0.1, -0.3]
             ),
             inputs={"motor_torque": sway_rate, "spring_torque": sway},
+            periods={"time_step": 0.001},
         )
     ],
     TipLoad: [
@@ -184,8 +197,7 @@ RESEARCH_EXAMPLES: dict[type[System], list[Example]] = {
         )
     ],
     ResearchStation: [
-        Example(lambda: ResearchStation(cell(), 3), STATION_FEEDTHROUGH, STATION_INPUTS),
-        Example(lambda: ResearchStation(cell(elastic_joints=True), 3), STATION_FEEDTHROUGH, STATION_INPUTS),
-        Example(lambda: ResearchStation(touched(), 3), STATION_FEEDTHROUGH, STATION_INPUTS),
+        Example(partial(research_station, options), STATION_FEEDTHROUGH, STATION_INPUTS, periods=PERIODS)
+        for options in ({}, {"elastic_joints": True}, None)
     ],
 }

@@ -35,6 +35,11 @@ GOVERNOR_EXAMPLES: dict[type[System], list[Example]] = {
         for further in ({}, {"upper_limit": 30.0, "rate_limit": 2e3}, {"horizon": 4, "upper_force": 10.0})
     ],
     GovernedForceLaw: [
-        Example(governed, feedthrough("displacement_command", "governed_reference", "governor_status"), FORCES)
+        Example(
+            governed,
+            feedthrough("displacement_command", "governed_reference", "governor_status"),
+            FORCES,
+            periods={"period": 0.002},
+        )
     ],
 }

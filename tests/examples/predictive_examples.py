@@ -62,6 +62,7 @@ PREDICTIVE_EXAMPLES: dict[type[System], list[Example]] = {
                 "motor_displacement": push,
                 "path_displacement": push,
             },
+            periods={"period": 0.002},
         )
     ],
 }

@@ -94,12 +94,15 @@ def every(names: set[str], inputs: Iterable[str]) -> set[tuple[str, str]]:
 
 
 REACTIVE_EXAMPLES: dict[type[System], list[Example]] = {
-    ReactiveController: [Example(reactive_controller, every(outputs(), REACTIVE_INPUTS), REACTIVE_INPUTS)],
+    ReactiveController: [
+        Example(reactive_controller, every(outputs(), REACTIVE_INPUTS), REACTIVE_INPUTS, periods={"period": 0.004})
+    ],
     ReactiveMotion: [
         Example(
             reactive_motion,
             every(outputs(), MOTION_INPUTS) | {("task_position_reference", "task_target")},
             MOTION_INPUTS,
+            periods={"period": 0.004},
         )
     ],
     ReactiveReaching: [
@@ -107,6 +110,7 @@ REACTIVE_EXAMPLES: dict[type[System], list[Example]] = {
             reactive_reaching,
             every(outputs(), READINGS),
             {name: REACTIVE_INPUTS[name] for name in READINGS},
+            periods={"period": 0.004},
         )
     ],
 }

@@ -15,6 +15,7 @@ from forcectl.force.adaptive_force_law import Adaptation
 from forcectl.force.invariance.controller import InvarianceController
 from forcectl.force.invariance.regulated_output import RegulatedCoordinate
 from forcectl.force.invariance.robot import AdaptiveInvarianceController, InvarianceRobotConfig
+from forcectl.force.sensor_lag import SensorLag
 from forcectl.force.slot import LoopFacts, RobotFacts
 from forcectl.tasks.constraints.base import CartesianWall
 from forcectl.testing.runs import Input
@@ -68,7 +69,7 @@ def moving(t: float) -> np.ndarray:
 
 
 ROBOT_EXAMPLES: dict[type[System], list[Example]] = {
-    JointController: [Example(joint_controller, robot_feedthrough(), ROBOT_INPUTS)],
+    JointController: [Example(joint_controller, robot_feedthrough(), ROBOT_INPUTS, periods={"period": 0.002})],
     InvarianceController: [
         Example(robot_controller, robot_feedthrough(), ROBOT_INPUTS),
         Example(
@@ -81,12 +82,18 @@ ROBOT_EXAMPLES: dict[type[System], list[Example]] = {
             robot_feedthrough("compliance"),
             ROBOT_INPUTS | {"compliance": lambda t: 2e-4 + 1e-3 * t},
         ),
+        Example(
+            lambda: robot_controller(sensor=SensorLag.of(facts())),
+            robot_feedthrough("motor_position"),
+            ROBOT_INPUTS | {"motor_position": moving},
+        ),
     ],
     AdaptiveInvarianceController: [
         Example(
             adaptive_robot_controller,
             robot_feedthrough(),
             ROBOT_INPUTS | {"motor_position": moving},
+            periods={"period": 0.002, "posture_period": 0.04},
         )
     ],
 }

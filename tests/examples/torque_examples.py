@@ -60,6 +60,7 @@ TORQUE_EXAMPLES: dict[type[System], list[Example]] = {
             two_lane_drive,
             each("motor_torque", "torque_command", "spring_torque"),
             {"torque_command": swing(20.0, 2), "spring_torque": swing(8.0, 2)},
+            periods={"period": 0.001},
         )
     ],
     TorqueInterface: [
@@ -70,6 +71,7 @@ TORQUE_EXAMPLES: dict[type[System], list[Example]] = {
                 "reference": lambda t: np.concatenate([motors(t), np.zeros(6)]),
                 "spring_torque": swing(20.0, 6),
             },
+            periods={"period": 0.002, "time_step": 0.001},
         )
     ],
 }

@@ -80,6 +80,7 @@ VRFT_EXAMPLES: dict[type[System], list[Example]] = {
                 for pair in each(output, "desired_force", "measured_force")
             },
             {"desired_force": force, "measured_force": force},
+            periods={"period": 0.002},
         )
     ],
     ExcitedCompliance: [
@@ -97,6 +98,7 @@ VRFT_EXAMPLES: dict[type[System], list[Example]] = {
                 for pair in each(output, "desired_force", "measured_force")
             },
             {"desired_force": force, "measured_force": force, "motor_displacement": push},
+            periods={"period": 0.002},
         )
     ],
     ExperimentSequencer: [
@@ -114,6 +116,7 @@ VRFT_EXAMPLES: dict[type[System], list[Example]] = {
                 for pair in each(output, "desired_force", "measured_force")
             },
             {"desired_force": force, "measured_force": force},
+            periods={"period": 0.002},
         )
     ],
 }

@@ -1,27 +1,32 @@
-"""What every block promises: ports as in its docstring, feedthrough, checked parameters, no state outside the Context.
+"""What every block promises: ports, units, sampling and feedthrough as in its docstring, checked parameters, no state
+outside the Context.
 
-A new block is found by walking the packages and has to be added to `EXAMPLES`.
+A new block is found by walking the packages and has to be added to `EXAMPLES`. `tests.examples.block_docs` says how a
+docstring is read.
 """
 
 from __future__ import annotations
 
 import inspect
+import itertools
 import math
 import pkgutil
+from collections.abc import Iterable, Iterator
 from importlib import import_module
 
 import numpy as np
 import pytest
-from pydrake.systems.framework import Diagram, System
+from pydrake.systems.analysis import ApplySimulatorConfig, Simulator, SimulatorConfig
+from pydrake.systems.framework import Context, Diagram, EventStatus, InputPort, OutputPort, PortDataType, System
 
-from forcectl.diagrams.force_controller import ForceController, JointController
+import forcectl
+from forcectl.conventions import unit_of
 from forcectl.diagrams.station import STATION_INPUTS, STATION_OUTPUTS
 from forcectl.diagrams.station_kinematic import KinematicStation
 from forcectl.diagrams.station_multibody import MultibodyStation
 from forcectl.diagrams.station_one_dimensional import OneDimensionalStation
 from forcectl.errors import BadInputError
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
-from forcectl.force.governor.governor import GovernedForceLaw
 from forcectl.force.integral import IntegralForceLaw
 from forcectl.framework.batch import LaneBlock
 from forcectl.framework.sampled_law import SampledLaw
@@ -30,6 +35,9 @@ from forcectl.plant.contact.tip_contact import TipContact
 from forcectl.plant.sensors.force_sensor import SensorElectronics
 from forcectl.plant.sensors.wrist_sensor import WristSensor
 from forcectl.testing import assert_docstring_matches, assert_feedthrough, assert_same_after_reset_and_clone
+from forcectl.testing.runs import fix_inputs
+from tests.examples.block_docs import BlockDoc
+from tests.examples.block_example import Example
 from tests.examples.block_examples import EXAMPLES
 from tests.examples.lane_blocks import LANE_BLOCKS, NEGATIVE, NOT_NEGATIVE, POSITIVE
 
@@ -42,36 +50,156 @@ CASES = [
 STATIONS = (OneDimensionalStation, KinematicStation, MultibodyStation)
 
 
+BASES = {LaneBlock, SampledLaw, SensorElectronics, TickBlock}
+BLOCKS = {kind.__name__: kind for kind in EXAMPLES}
+EVERY_BLOCK = pytest.mark.parametrize(
+    "kind", sorted(EXAMPLES, key=lambda kind: kind.__name__), ids=lambda kind: kind.__name__
+)
+
+
 def declared_blocks() -> set[type[System]]:
-    """Every system class of the packages that hold blocks, base classes apart."""
+    """Every public system class of forcectl, base classes apart."""
     found = set()
-    for package in ("framework", "plant", "force", "tasks", "motion", "estimation", "diagrams"):
-        home = import_module(f"forcectl.{package}")
-        for info in pkgutil.walk_packages(home.__path__, home.__name__ + "."):
-            module = import_module(info.name)
-            for kind in vars(module).values():
-                if inspect.isclass(kind) and kind.__module__ == module.__name__ and issubclass(kind, System):
-                    found.add(kind)
-    return found - {LaneBlock, SampledLaw, SensorElectronics, TickBlock}
+    for info in pkgutil.walk_packages(forcectl.__path__, "forcectl."):
+        module = import_module(info.name)
+        for kind in vars(module).values():
+            if inspect.isclass(kind) and kind.__module__ == module.__name__ and issubclass(kind, System):
+                found.add(kind)
+    return {kind for kind in found - BASES if not kind.__name__.startswith("_")}
 
 
 def test_every_block_has_an_example():
     assert {kind.__name__ for kind in declared_blocks()} == {kind.__name__ for kind in EXAMPLES}
 
 
-@pytest.mark.parametrize(("kind", "example"), [case for case in CASES if case.values[0] not in STATIONS])
-def test_docstring_lists_the_ports(kind, example, monkeypatch):
-    block = example.build()
-    outputs = [block.get_output_port(i).get_name() for i in range(block.num_output_ports())]
-    # A block whose output is named by its user says so in angle brackets.
-    monkeypatch.setattr(kind, "__doc__", kind.__doc__.replace("<name>", ", ".join(outputs)))
-    if kind in (ForceController, GovernedForceLaw):  # `(further outputs of the law)`: this law has none
-        for side in ("inputs", "outputs"):
-            monkeypatch.setattr(kind, "__doc__", kind.__doc__.replace(f", (further {side} of the law)", ""))
-    if kind is JointController:
-        further = ", ".join(outputs[1:])
-        monkeypatch.setattr(kind, "__doc__", kind.__doc__.replace("(further outputs of the controller)", further))
-    assert_docstring_matches(block)
+# --- what the docstring says -----------------------------------------------------------------------------------------
+
+
+def inputs_of(block: System) -> list[InputPort]:
+    return [block.get_input_port(i, False) for i in range(block.num_input_ports())]
+
+
+def outputs_of(block: System) -> list[OutputPort]:
+    return [block.get_output_port(i, False) for i in range(block.num_output_ports())]
+
+
+def names(ports: Iterable[InputPort | OutputPort]) -> list[str]:
+    return [port.get_name() for port in ports]
+
+
+@pytest.mark.parametrize(("kind", "example"), CASES)
+def test_docstring_lists_the_ports(kind, example):
+    block, doc = example.build(), BlockDoc(kind, BLOCKS)
+    if doc.open:
+        assert doc.ports("input_ports", names(inputs_of(block))) == names(inputs_of(block))
+        assert doc.ports("output_ports", names(outputs_of(block))) == names(outputs_of(block))
+    else:
+        assert_docstring_matches(block)
+
+
+@pytest.mark.parametrize(("kind", "example"), CASES)
+def test_docstring_has_the_unit_of_every_port(kind, example):
+    """A unit for each port that is named there, the one that `port_units` or the conventions give it."""
+    block, doc = example.build(), BlockDoc(kind, BLOCKS)
+    for port in [*inputs_of(block), *outputs_of(block)]:
+        name = port.get_name()
+        if port.get_data_type() != PortDataType.kVectorValued or not doc.names(name):
+            continue
+        units, declared = doc.units(name), unit_of(name, getattr(block, "port_units", None))
+        assert units, f"{name} has no unit in the docstring"
+        assert not declared or declared in units, f"{name}: docstring {units}, declared {declared!r}"
+
+
+@EVERY_BLOCK
+def test_docstring_tells_the_feedthrough(kind):
+    """What is said of each output is what Drake finds; what depends on the configuration is there in some example."""
+    doc, seen, possible = BlockDoc(kind, BLOCKS), set(), set()
+    for example in EXAMPLES[kind]:
+        block = example.build()
+        inputs, outputs = names(inputs_of(block)), names(outputs_of(block))
+        for o, (output, statement) in enumerate(doc.feedthrough(inputs, outputs).items()):
+            assert statement is not None, f"the docstring does not say what {output} depends on"
+            found = {name for i, name in enumerate(inputs) if block.HasDirectFeedthrough(i, o)}
+            assert statement.always <= found, f"{output} does not depend on {sorted(statement.always - found)}"
+            more = found - statement.always - statement.sometimes
+            assert not more, f"{output} depends on {sorted(more)}, too"
+            seen |= {(output, name) for name in found & statement.sometimes}
+            possible |= {(output, name) for name in statement.sometimes}
+        pairs = {
+            (o, i) for o, output in enumerate(outputs) for i in range(len(inputs)) if block.HasDirectFeedthrough(i, o)
+        }
+        for output, name in doc.undelayed:
+            assert (outputs.index(output), inputs.index(name)) in pairs, f"{output} is later than {name}"
+    assert seen == possible
+
+
+def leaves(system: System) -> Iterator[System]:
+    if not isinstance(system, Diagram):
+        yield system
+        return
+    for part in system.GetSystems():
+        yield from leaves(part)
+
+
+def declared_periods(block: System) -> set[float]:
+    """The periods of the blocks that have one period [s]."""
+    timings = [leaf.GetUniquePeriodicDiscreteUpdateAttribute() for leaf in leaves(block)]
+    return {timing.period_sec() for timing in timings if timing is not None}
+
+
+def update_times(block: System, example: Example, until: float) -> list[float]:
+    """When the block, run alone, updates discrete or abstract state [s]."""
+    context = block.CreateDefaultContext()
+    fix_inputs(block, context, example.inputs)
+    simulator = Simulator(block, context)
+    # The continuous states do not matter here: as few steps as the events allow.
+    ApplySimulatorConfig(SimulatorConfig(integration_scheme="explicit_euler", max_step_size=1e3), simulator)
+    stops: list[tuple[float, int]] = []
+
+    def look(current: Context) -> EventStatus:
+        count = simulator.get_num_discrete_updates() + simulator.get_num_unrestricted_updates()
+        stops.append((current.get_time(), count))
+        return EventStatus.DidNothing()
+
+    simulator.set_monitor(look)
+    simulator.Initialize()
+    simulator.AdvanceTo(until)
+    # Updates happen at the start of the step after a stop.
+    return [start for (start, before), (_, after) in itertools.pairwise(stops) if after > before]
+
+
+def ticks(periods: Iterable[float], until: float) -> set[int]:
+    """The multiples of the periods before `until`, in nanoseconds."""
+    return {round(k * period * 1e9) for period in periods for k in range(math.ceil(until / period - 1e-9))}
+
+
+@EVERY_BLOCK
+def test_docstring_tells_the_sampling(kind):
+    """The updates of every example are at the multiples of the stated periods, and each period is needed in one."""
+    doc, needed = BlockDoc(kind, BLOCKS), set()
+    assert doc.sampling, "the docstring has no paragraph `Sampling:`"
+    assert bool(doc.periods) != doc.sampling.startswith("none;"), f"neither none nor a period: {doc.sampling!r}"
+    defaults = {name: parameter.default for name, parameter in inspect.signature(kind).parameters.items()}
+    for example in EXAMPLES[kind]:
+        block = example.build()
+        stated = {name: example.periods.get(name, defaults.get(name)) for name in doc.periods}
+        assert set(example.periods) <= set(stated), "the example has a period that the docstring does not name"
+        assert inspect.Parameter.empty not in stated.values(), "the example has to give the period"
+        periods = {name: value for name, value in stated.items() if value}
+        declared = declared_periods(block)
+        assert declared <= set(periods.values())
+        assert block.num_continuous_states() == 0 or "continuous" in doc.sampling
+        if example.runnable is None:
+            until = 2.5 * max(periods.values(), default=0.04)
+            found = {round(time * 1e9) for time in update_times(block, example, until)}
+            assert found == ticks(periods.values(), until)
+        else:
+            assert declared == set(periods.values())
+        for name, value in periods.items():
+            others = {other for key, other in periods.items() if key != name}
+            if value in declared or not ticks({value}, 10 * value) <= ticks(others, 10 * value):
+                needed.add(name)
+    assert needed == set(doc.periods), f"no example shows {sorted(set(doc.periods) - needed)}"
 
 
 @pytest.mark.parametrize("kind", STATIONS, ids=lambda kind: kind.__name__)
@@ -79,15 +207,6 @@ def test_stations_have_the_ports_of_their_slot(kind):
     station = EXAMPLES[kind][0].build()
     assert [station.get_input_port(i).get_name() for i in range(station.num_input_ports())] == list(STATION_INPUTS)
     assert [station.get_output_port(i).get_name() for i in range(station.num_output_ports())] == list(STATION_OUTPUTS)
-
-
-@pytest.mark.parametrize("kind", sorted(EXAMPLES, key=lambda k: k.__name__), ids=lambda kind: kind.__name__)
-def test_docstring_tells_units_and_sampling(kind):
-    """Blocks with ports of their own say a unit in brackets for some port; events are announced under `Sampling:`."""
-    text = inspect.getdoc(kind) or ""
-    leaf = not issubclass(kind, Diagram)
-    if leaf and "input_ports" in text:
-        assert "[" in text.split("```")[2], "no unit after the list of ports"
 
 
 @pytest.mark.parametrize(("kind", "example"), CASES)

@@ -59,9 +59,9 @@ class CommandGovernor(SampledLaw):
 
     desired_force, measured_force: shape (n,) [N].
     governed_reference: shape (n,), r[t] [N], for the `desired_force` of the inner loop. Feedthrough of both inputs.
-    status: shape (n,), see `Status`: OPTIMAL; NOT_FINITE while a force is not a finite number, which holds the last
+    status: shape (n,), see `Status` [1]: OPTIMAL; NOT_FINITE while a force is not a finite number, which holds the last
     reference; with a horizon of more than one tick also SLACK (the predicted force cannot stay within its limits) and
-    SOLVER_FAILED, which holds the last reference as well.
+    SOLVER_FAILED, which holds the last reference as well. Feedthrough of both inputs.
 
     Parameters (Context, shape (n,)): inner_pole A and reference_pole At of the models per tick, in (0, 1);
     output_weight Q_y >= 0, reference_weight Q_r > 0; lower_limit and upper_limit of r [N], rate_limit of r [N/s] > 0,
@@ -69,7 +69,7 @@ class CommandGovernor(SampledLaw):
     inner loop predicts, not the reference, which is beyond them while the force is on its way (lower_limit and
     upper_limit are for that), and not what the true loop does otherwise than its model.
 
-    Sampling: `period` [s]; no delay from measured_force to governed_reference, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from measured_force to governed_reference, see `SampledLaw`.
 
     Args:
         size: lanes n.
@@ -237,9 +237,10 @@ class GovernedForceLaw(Diagram):
     ```
 
     desired_force, measured_force: shape (n,) [N]. displacement_command: shape (n,) [m], of the law.
-    governed_reference, governor_status: of the `CommandGovernor`.
+    governed_reference, governor_status: shape (n,), of the `CommandGovernor` [N, 1].
+    All outputs are feedthrough of all inputs at the tick.
 
-    Sampling: `period` of the two [s]; no delay beyond that of the law.
+    Sampling: every `period` [s] of the two; no delay beyond that of the law.
 
     Args:
         builder: holds the law; it is built into this diagram. law: a ForceLaw or a ForceController.

@@ -123,10 +123,10 @@ class InvarianceController(TickBlock):
     near_singular: shape (1,), 1 while the inverse is damped [1].
     contact_lost: shape (1,), 1 while the force is gone though the command presses; it goes no deeper than before [1].
 
-    Every output is feedthrough of desired_force, measured_force, unconstrained_reference, compliance and, where it is
-    read, motor_position at the tick.
+    All outputs are feedthrough of desired_force, measured_force, unconstrained_reference and compliance at the tick.
+    All outputs are feedthrough of motor_position when it is read.
 
-    Sampling: `period` [s]; no delay, see `SampledLaw`: what the tick computes is put out at once and held.
+    Sampling: every `period` [s]; no delay, see `SampledLaw`: what the tick computes is put out at once and held.
 
     Args:
         robot: kinematics, normal and start.

@@ -44,12 +44,13 @@ class InvarianceCorrection(InvarianceForceLaw):
     ```
 
     nominal_command: shape (n,), displacement command of the nominal law [m]; its changes count, from 0 on.
+    All outputs are feedthrough of all inputs at the tick.
 
     The other ports and parameters are those of `InvarianceForceLaw`, as are moving references and the safe behaviour;
     upper_acceleration [m/s^2] > 0 limits the control in both directions. While the constraint is violated, as after a
     step down, the command returns within gamma or as fast as the nominal law asks for, whichever is faster. (3.57)
 
-    Sampling: `period` [s]; no delay from nominal_command to displacement_command, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from nominal_command to displacement_command, see `SampledLaw`.
     """
 
     own_memory = ("nominal",)
@@ -83,9 +84,10 @@ class InvarianceControl(Diagram):
 
     desired_force, measured_force: shape (n,) [N].
     compliance: shape (n,), C_T_hat [m/N], for whichever of the two laws has this input.
-    displacement_command, invariance_function, status: of `InvarianceCorrection`.
+    displacement_command, invariance_function, status: shape (n,), of `InvarianceCorrection` [m, m, 1].
+    All outputs are feedthrough of all inputs at the tick.
 
-    Sampling: `period` of the laws [s]; no delay from measured_force to displacement_command.
+    Sampling: every `period` [s] of the laws; no delay from measured_force to displacement_command.
 
     Args:
         nominal: any force law with the ports of its slot. Only changes of its command count; a limit of its own that it

@@ -95,10 +95,11 @@ class InvarianceForceLaw(SampledLaw):
 
     desired_force, measured_force: shape (n,) [N]; of the measured one only that it is a number.
     compliance: shape (n,), C_T_hat [m/N], > 0; the port exists when no `compliance` is given, else it is a parameter.
-    displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1). Feedthrough of all inputs at the tick.
+    displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1).
     invariance_function: shape (n,), Phi(y, y') [m] of the state before the tick; above zero while the constraint cannot
     be kept within gamma, as after a step down.
-    status: shape (n,), 0, or `Status.NOT_FINITE` while the command brakes and holds.
+    status: shape (n,), 0, or `Status.NOT_FINITE` while the command brakes and holds [1].
+    All outputs are feedthrough of all inputs at the tick.
 
     Parameters (Context, shape (n,)): gamma [m/s^2] < 0, the deceleration towards the constraint; upper_acceleration
     [m/s^2] > 0, the largest away from rest; speed_limit [m/s] > 0 of the command; lower_limit and upper_limit [m] of
@@ -118,7 +119,7 @@ class InvarianceForceLaw(SampledLaw):
     within gamma and holds it there. Lost contact does not show in what the law knows: the command stays at its set
     point, and so does the force when contact is back.
 
-    Sampling: `period` [s]; no delay from desired_force to displacement_command, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from desired_force to displacement_command, see `SampledLaw`.
     """
 
     port_units = {"invariance_function": "m", "status": "1"}

@@ -87,9 +87,10 @@ class FourthDegreeForceLaw(SampledLaw):
 
     desired_force, measured_force: shape (n,) [N].
     compliance: shape (n,), C_T_hat [m/N], > 0; the port exists when no `compliance` is given, else it is a parameter.
-    displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1). Feedthrough of all inputs at the tick.
+    displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1).
     invariance_function: shape (n,), Phi of the virtual state at the tick [N].
-    status: shape (n,), 0, or `Status.NOT_FINITE` while the command brakes and holds.
+    status: shape (n,), 0, or `Status.NOT_FINITE` while the command brakes and holds [1].
+    All outputs are feedthrough of all inputs at the tick.
 
     Parameters (Context, shape (n,)): gamma [N/s^4] < 0; upper [N/s^4] > 0, the largest y^(4), |gamma| when not given;
     alpha [1] >= 0 of the virtual state; bandwidth w [rad/s] and damping_ratio z [1] of the lag between command and
@@ -108,7 +109,7 @@ class FourthDegreeForceLaw(SampledLaw):
     Far below the |gamma| or above the bandwidth that fit the plant, friction holds: gamma = -1e3 and w = 75.4 rad/s
     behind a filter of 12.6 rad/s never get beyond 1 N at 1e4 N/m. The reference 0 ends up to 0.1 mm off the surface.
 
-    Sampling: `period` [s]; no delay from measured_force to displacement_command, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledLaw`.
 
     Args:
         derivatives: "model" or "difference", see above.

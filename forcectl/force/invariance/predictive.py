@@ -51,10 +51,11 @@ class PredictiveCorrection(SampledLaw):
     ```
 
     measured_force: shape (n,), F_m [N]. motor_displacement, path_displacement: shape (n,), dx_m and h dx_uc [m].
-    felt_displacements: shape (2n,), both through the filter of the force sensor [m].
+    felt_displacements: shape (2n,), both through the filter of the force sensor [m, m].
     planned_displacement: shape (n,), h (u + s) [m]. nominal_command: shape (n,), u [m].
-    displacement_command: shape (n,), dx_bar = u + s - e [m], held over [t_k, t_k+1). Feedthrough of all inputs at the
-    tick, as all outputs. planned_command: shape (n,), u + s [m]. surface_offset, drive_offset: shape (n,), s and e [m].
+    displacement_command: shape (n,), dx_bar = u + s - e [m], held over [t_k, t_k+1).
+    planned_command: shape (n,), u + s [m]. surface_offset, drive_offset: shape (n,), s and e [m].
+    All outputs are feedthrough of all inputs at the tick.
 
     Parameters (Context, shape (n,)): compliance C_T_hat [m/N] > 0; surface_bandwidth w_s and drive_bandwidth w_e [1/s]
     >= 0; search_speed [m/s] >= 0; lead T [s] >= 0; minimum_force [N] >= 0 from which there is contact; offset_limit [m]
@@ -66,7 +67,7 @@ class PredictiveCorrection(SampledLaw):
     While an input is not finite nothing is learnt, and s and e stay; the command follows u, or is held when u is not
     finite.
 
-    Sampling: `period` [s]; no delay from nominal_command to displacement_command, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from nominal_command to displacement_command, see `SampledLaw`.
     """
 
     port_units = {"felt_displacements": "m,m", "planned_command": "m", "surface_offset": "m", "drive_offset": "m"}
@@ -163,9 +164,11 @@ class PredictiveForceLaw(Diagram):
     desired_force, measured_force: shape (n,) [N]. motor_displacement: shape (n,), actual motor-side dx along n [m].
     path_displacement: shape (n,), dx_uc: what the reference in the unconstrained directions asks for along n [m].
     displacement_command: shape (n,) [m]. surface_offset, drive_offset: shape (n,), s and e [m].
-    invariance_function, status: of laws that have them.
+    invariance_function, status: shape (n,) [m, 1]; of laws that have them. Feedthrough of desired_force and
+    measured_force at the tick.
+    All outputs are feedthrough of desired_force, measured_force and motor_displacement at the tick.
 
-    Sampling: `period` [s]; no delay beyond that of the law.
+    Sampling: every `period` [s]; no delay beyond that of the law.
 
     Args:
         law: with the ports of the force law's slot. correction: of the same size n.

@@ -42,9 +42,12 @@ class AdaptiveInvarianceController(Diagram):
     ```
 
     motor_position: shape (n_q,) [rad]: where the tool really is; filtered like the force before it is regressed.
-    environment_compliance: shape (1,), C_E_hat [m/N]. The other ports: see `InvarianceController`.
+    environment_compliance: shape (1,), C_E_hat [m/N]. State.
+    The other ports: see `InvarianceController`. All outputs are feedthrough of desired_force, measured_force and
+    unconstrained_reference at the tick.
 
-    Sampling: as the controller; the compliance it uses is one tick old.
+    Sampling: every `period` [s] of the controller; every `posture_period` [s] what the estimator needs of the posture;
+    the compliance it uses is one tick old.
     """
 
     def __init__(self, controller: InvarianceController, estimator: EnvironmentComplianceEstimator, facts: LoopFacts):

@@ -43,9 +43,11 @@ class AdaptiveVrft(Diagram):
     ```
 
     desired_force, measured_force: shape (n,) [N]. displacement_command: shape (n,) [m].
-    controller_output: shape (n,), u_hat [m]. The gains: shape (n,) [m/N, m/(N s), m s/N].
+    controller_output: shape (n,), u_hat [m].
+    proportional_gain, integral_gain, derivative_gain: shape (n,) [m/N, m/(N s), m s/N]. State.
+    All outputs are feedthrough of all inputs at the tick.
 
-    Sampling: `period` [s]; no delay from measured_force to displacement_command; gains are one tick old.
+    Sampling: every `period` [s]; no delay from measured_force to displacement_command; gains are one tick old.
 
     Args:
         law: with gains from ports. tuner: with `always`.

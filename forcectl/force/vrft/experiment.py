@@ -36,7 +36,7 @@ class ExperimentSequencer(LaneBlock):
     ```
 
     excitation: shape (n,) [m]. proportional_gain, integral_gain: shape (n,), as tuned so far [m/N, m/(N s)].
-    mode: shape (n,), `EXCITE` (0), then `REGULATE` (1) for good. State, no direct feedthrough.
+    mode: shape (n,), `EXCITE` (0), then `REGULATE` (1) for good [1]. State, no direct feedthrough.
 
     Parameters (Context, shape (n,)): hand_over_time [s] >= 0, infinite: not at a time; window [s] > 0 during which both
     gains have changed by less than tolerance [1] >= 0 of their value, infinite: not by convergence.
@@ -101,10 +101,12 @@ class VrftExperiment(Diagram):
     ```
 
     desired_force, measured_force: shape (n,) [N]. displacement_command: shape (n,) [m].
-    controller_output: shape (n,), u_hat [m]. The gains: shape (n,), as tuned so far [m/N, m/(N s), m s/N].
-    mode: shape (n,), `EXCITE` (0) or `REGULATE` (1).
+    controller_output: shape (n,), u_hat [m].
+    proportional_gain, integral_gain, derivative_gain: shape (n,), as tuned so far [m/N, m/(N s), m s/N]. State.
+    mode: shape (n,), `EXCITE` (0) or `REGULATE` (1) [1]. State.
+    All outputs are feedthrough of all inputs at the tick.
 
-    Sampling: `period` [s]; no delay from measured_force to displacement_command.
+    Sampling: every `period` [s]; no delay from measured_force to displacement_command.
 
     Args:
         compliance: C_E [m/N], shape (n,), that the excitation is scaled by. law: with `open_loop` and gains from ports.

@@ -38,10 +38,11 @@ class ScaledVrft(Diagram):
     desired_force, measured_force: shape (n,) [N].
     motor_displacement: shape (n,), actual motor-side dx along n [m], unfiltered: the block filters it like the force.
     displacement_command: shape (n,) [m]. controller_output: shape (n,), u_hat [m].
-    environment_compliance: shape (n,), C_E_hat [m/N]. learning: shape (n,), 1 while samples count.
-    The gains: shape (n,) [m/N, m/(N s), m s/N].
+    environment_compliance: shape (n,), C_E_hat [m/N]. State. learning: shape (n,), 1 while samples count [1]. State.
+    proportional_gain, integral_gain, derivative_gain: shape (n,) [m/N, m/(N s), m s/N]. State.
+    All outputs are feedthrough of desired_force and measured_force at the tick.
 
-    Sampling: `period` [s]; no delay from measured_force to displacement_command, gains are one tick old.
+    Sampling: every `period` [s]; no delay from measured_force to displacement_command, gains are one tick old.
 
     Args:
         law: with gains from ports. estimator: of the compliance. filter_: of the displacement, that of the force.

@@ -155,6 +155,10 @@ class LinearContact(Diagram):
     input_ports: [displacement]
     output_ports: [contact_force]
     ```
+
+    displacement: shape (n,), dx along n, motor side [m]. contact_force: shape (n,) [N]. Feedthrough.
+
+    Sampling: none; evaluated when read.
     """
 
     def __init__(self, size: int, *, stiffness: ArrayLike, robot_compliance: ArrayLike = 0.0):

@@ -42,12 +42,14 @@ class ContactMonitorCore(LaneBlock):
     ```
 
     contact_force: shape (n,), truth [N].
-    state: shape (2n,), mode (`ContactMode`) and number of losses so far. State, no direct feedthrough.
+    state: shape (2n,), mode (`ContactMode`) and number of losses so far [1]. State, no direct feedthrough.
 
     There is contact while the force exceeds `threshold` [N].
 
-    A declared event changes the state every `period` [s]. The mode is a number in discrete state, not an abstract
-    value: abstract Python state is copied deeply at every unrestricted event of the whole diagram (10 us a tick).
+    Sampling: every `period` [s]; the state changes one tick after the force it is from.
+
+    The mode is a number in discrete state, not an abstract value: abstract Python state is copied deeply at every
+    unrestricted event of the whole diagram (10 us a tick).
     """
 
     def __init__(self, size: int, *, period: float = 0.002, threshold: float = 1e-9):
@@ -74,6 +76,12 @@ class ContactMonitor(Diagram):
     input_ports: [contact_force]
     output_ports: [contact_state, contact_losses]
     ```
+
+    contact_force: shape (n,), truth [N].
+    contact_state: shape (n,), see `ContactMode` [1]. contact_losses: shape (n,), how many so far [1].
+    All outputs are state, no direct feedthrough.
+
+    Sampling: every `period` [s]; the outputs change one tick after the force they are from.
     """
 
     def __init__(self, size: int, *, period: float = 0.002, threshold: float = 1e-9):

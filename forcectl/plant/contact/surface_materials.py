@@ -144,7 +144,7 @@ class SurfaceMaterial(LeafSystem):
     ```
 
     path_position: shape (1,), s [m]. surface_stiffness: shape (1,), K_E(s) [N/m]. surface_damping: shape (1,), D_E(s)
-    [N s/m]; with `damped` only. Feedthrough.
+    [N s/m]; with `damped` only. All outputs are feedthrough of path_position.
 
     Sampling: none; evaluated when read.
     """

@@ -27,9 +27,10 @@ class SurfaceSpring(LeafSystem):
     output_ports: [desired_state]
     ```
 
-    carrier_state, desired_state: shape (2,), position along n and velocity [m, m/s]. surface_stiffness,
-    surface_damping, surface_height: shape (1,), K_E [N/m], D_E [N s/m] and h [m] under the tool; without damping and on
-    flat surfaces the ports do not exist. Feedthrough.
+    carrier_state: shape (2,), position along n and velocity [m, m/s].
+    surface_stiffness, surface_damping, surface_height: shape (1,), K_E, D_E and h under the tool [N/m, N s/m, m];
+    without damping and on flat surfaces the ports do not exist.
+    desired_state: shape (2,), position along n and velocity [m, m/s]. Feedthrough of all inputs.
 
     Sampling: none; evaluated when read.
 

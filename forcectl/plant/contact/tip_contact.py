@@ -37,8 +37,8 @@ class TipContact(CompliantContact):
 
     Parameters (Context, shape (1,)): stiffness K_E [N/m] > 0, damping D_E [N s/m] >= 0.
 
-    Sampling: tangent of the path and compliance of the robot are state, renewed every `posture_period` [s] if the
-    posture has changed; the deformation of a damped environment every `period` [s].
+    Sampling: every `posture_period` [s] tangent of the path and compliance of the robot, if the posture has changed;
+    every `period` [s] the deformation of a damped environment.
 
     Args:
         robot: kinematics. n: unit normal in W, shape (3,). start: q_0, shape (n_q,) [rad].

@@ -97,9 +97,9 @@ class Drive(Diagram):
     reference: shape (2n,), joint reference and its rate [rad, rad/s]; moves on with its rate over a step.
     spring_torque: shape (n,), torque of the joint springs on the links [Nm]; the motors feel the opposite.
     motor_state: shape (2n,), q_m and its rate [rad, rad/s]: the desired state of the joint springs.
-    motor_position, motor_velocity: its halves. All are state, no direct feedthrough.
+    motor_position, motor_velocity: its halves [rad, rad/s]. All outputs are state, no direct feedthrough.
 
-    Sampling: `period` [s], divided into `substeps` inner steps; the spring torque is held over the period.
+    Sampling: every `period` [s], divided into `substeps` inner steps; the spring torque is held over the period.
 
     Args:
         inertia: B, shape (n,) [kg m^2]. to_motor: S, shape (n, n).

@@ -159,6 +159,8 @@ class StickingSpeed(Diagram):
 
     free_speed: shape (n,), see `sticking_speed` [rad/s]. speed: shape (n,), v+ [rad/s]. Feedthrough.
 
+    Sampling: none; evaluated when read.
+
     Args:
         rate: dt/B, shape (n,) [rad/(Nms)], > 0.
     """
@@ -282,6 +284,8 @@ class FrictionRest(Diagram):
     velocity: shape (n_v,), of the plant [rad/s]. generalized_force: shape (n_v,) [Nm]. Feedthrough.
 
     Explicit, so it is held over a step: stable while dt |D+ - D-| stays below the inertia of the joint.
+
+    Sampling: none; evaluated when read.
 
     Args:
         plant: finalized. joints: n joints, those of `add_coulomb_friction`.

@@ -60,7 +60,7 @@ class JointImpedance(SampledLaw):
     A joint whose reference is not finite is held where it was last told to be; one whose state or gravity torque is not
     finite keeps its last torque.
 
-    Sampling: `period` [s]; no delay from motor_state to torque_command, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from motor_state to torque_command, see `SampledLaw`.
 
     Args:
         initial_reference: q_bar at rest, shape (n,) or a number [rad]. initial_torque: tau there [Nm].
@@ -123,7 +123,7 @@ class GravityCompensation(LeafSystem):
     motor_position: shape (n,), q_m [rad].
     gravity_torque: shape (n,), g [Nm]. State, no direct feedthrough.
 
-    Sampling: renewed every `period` [s] if the posture of the links has changed. A position that is not finite changes
+    Sampling: every `period` [s] if the posture of the links has changed. A position that is not finite changes
     nothing.
 
     Args:

@@ -79,7 +79,7 @@ class ReferenceHold(LeafSystem):
 
     A joint with a reference that is not a finite number keeps its last position, without speed and feed-forward.
 
-    Sampling: `period` [s]; what is taken at a tick shows after it.
+    Sampling: every `period` [s]; what is taken at a tick shows after it.
 
     Args:
         time_step: dt of the integrator [s]. start: r before the first tick, shape (n,) [rad].
@@ -128,7 +128,7 @@ class JointServo(Diagram):
     motor_torque: shape (n,), tau, joint side [Nm]. Feedthrough of position and velocity.
     torque_integral: shape (n,), integral of motor_torque over time [Nms]. State.
 
-    Sampling: references every `period` [s], felt by the motors one `time_step` [s] later; the rest every `time_step`.
+    Sampling: every `period` [s] the references, felt by the motors one step later; every `time_step` [s] the rest.
 
     Args:
         substeps: m, how often the loops run in a time step.

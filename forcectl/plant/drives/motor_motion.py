@@ -28,9 +28,9 @@ class MotorMotion(Diagram):
 
     motor_torque: shape (n,), of the motors [Nm]. spring_torque: shape (n,), of the joint springs on the links [Nm].
     motor_state: shape (2n,), position and speed: the desired state of the joint springs [rad, rad/s].
-    motor_position: shape (n,) [rad]. motor_velocity: shape (n,) [rad/s]. All are state, no direct feedthrough.
+    motor_position: shape (n,) [rad]. motor_velocity: shape (n,) [rad/s]. All outputs are state, no direct feedthrough.
 
-    Sampling: `time_step` [s]; torques are held over it.
+    Sampling: every `time_step` [s]; torques are held over it.
 
     Args:
         inertia: B of the rotors, shape (n,) [kg m2]. friction: of the n joints. start: positions at rest (n,) [rad].

@@ -67,10 +67,10 @@ class PositionLoop(Diagram):
     ```
 
     command: shape (n,), [rad] or [m], sampled every `period`.
-    reference: shape (2n,), filtered command and its rate, [rad, rad/s] or [m, m/s].
+    reference: shape (2n,), filtered command and its rate, [rad, rad/s] or [m, m/s]. State, no direct feedthrough.
 
-    Sampling: `period` [s]; period = 0 gives continuous states (then delay must be 0). Delay from command to reference:
-    `delay` [s] plus the lag of the filter. Depends on the state only (no direct feedthrough).
+    Sampling: every `period` [s]; continuous with a period of 0 (then `delay` must be 0). Delay from command to
+    reference: `delay` [s] plus the lag of the filter.
 
     Args:
         size: number of joints or lanes n.

@@ -123,13 +123,12 @@ class ServoCore(LaneBlock):
 
     reference: shape (2n,), reference and its rate, [rad, rad/s] or [m, m/s]; extrapolated with its rate inside a tick.
     state: shape (3n,), position, velocity and integral of the velocity error, [rad, rad/s, rad] or [m, m/s, m].
-        State, no
-        direct feedthrough.
+        State, no direct feedthrough.
 
     Parameters (Context, shape (n,)): position_gain K_v [1/s] > 0, velocity_gain w_v [1/s] > 0, integral_gain w_i [1/s]
     >= 0, coulomb_friction a_c [m/s^2 or rad/s^2] >= 0, viscous_friction b [1/s] >= 0.
 
-    Sampling: `period` [s], divided into `substeps` inner steps.
+    Sampling: every `period` [s], divided into `substeps` inner steps.
     """
 
     def __init__(
@@ -192,7 +191,11 @@ class Servo(Diagram):
     output_ports: [position, velocity]
     ```
 
-    reference: shape (2n,), see `ServoCore`. position: shape (n,) [rad] or [m]. velocity: shape (n,) [rad/s] or [m/s].
+    reference: shape (2n,), see `ServoCore` [rad, rad/s] or [m, m/s].
+    position: shape (n,) [rad] or [m]. velocity: shape (n,) [rad/s] or [m/s].
+    All outputs are state, no direct feedthrough.
+
+    Sampling: every `period` [s] of the core.
     """
 
     def __init__(self, core: ServoCore):

@@ -44,10 +44,10 @@ class TorqueDrive(Diagram):
     torque_command: shape (n,), tau_bar at the joints [Nm].
     spring_torque: shape (n,), torque of the joint springs on the links [Nm]; the motors feel the opposite.
     motor_state: shape (2n,), q_m and its rate [rad, rad/s]: the desired state of the joint springs. State.
-    motor_position, motor_velocity: its halves.
+    motor_position, motor_velocity: its halves [rad, rad/s]. State.
     motor_torque: shape (n,), tau_m of the motors, times their gear ratios [Nm]. Feedthrough of both inputs.
 
-    Sampling: `period` [s], torques held over it.
+    Sampling: every `period` [s]; torques held over it.
 
     Args:
         inertia: B, shape (n,) [kg m^2]. to_motor: S, shape (n, n). torque_gain: k, >= 0.

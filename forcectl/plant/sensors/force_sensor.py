@@ -177,7 +177,9 @@ class ForceDigitiser(SensorElectronics):
     ```
 
     force: shape (n,), true force or wrench component [N or Nm].
-    reading: shape (n,), same unit. Feedthrough of force.
+    reading: shape (n,), likewise [N or Nm]. Feedthrough of force.
+
+    Sampling: none; the noise is a function of (seed, channel, tick of `period`).
 
     Parameters and arguments: see `SensorElectronics`.
     """
@@ -252,10 +254,9 @@ class ForceSensor(Diagram):
     output_ports: [measured_force]
     ```
 
-    force, measured_force: shape (n,), [N] (or [Nm] for the torque channels of a wrench).
+    force: shape (n,) [N] or [Nm]. measured_force: shape (n,) [N] or [Nm]. Feedthrough of force when `delay` is 0.
 
-    Sampling: `period` [s]. Delay: `delay` [s] plus the lag of the filter; feedthrough when delay = 0 (first-order
-        hold).
+    Sampling: every `period` [s]. Delay: `delay` [s] plus the lag of the filter, which is a first-order hold.
     """
 
     def __init__(

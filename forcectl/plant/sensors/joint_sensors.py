@@ -69,12 +69,12 @@ class JointSensors(SampledLaw):
     position: shape (n,), of the motors [rad]. torque_integral: shape (n,), of the motor torque over time [Nms].
     joint_position: shape (n,), measured [rad]. joint_velocity: shape (n,), from it [rad/s].
     motor_torque: shape (n,), mean over the tick that ends [Nm].
-        All are feedthrough of both inputs at the tick, and held.
+        All outputs are feedthrough of all inputs at the tick, and held.
 
     Parameters (Context, shape (n,)): quantum [rad] >= 0, 0: not quantised; position_noise [rad] and torque_noise [Nm]
     >= 0, standard deviation per tick.
 
-    Sampling: `period` [s]; no delay of the position. Noise is a pure function of (seed, joint, tick).
+    Sampling: every `period` [s]; no delay of the position. Noise is a pure function of (seed, joint, tick).
 
     Args:
         bandwidth: w_v of the speed [rad/s]. start: positions before the first tick, shape (n,) [rad].

@@ -69,8 +69,8 @@ class WristSensor(SensorElectronics):
 
     Parameters (Context, shape (6,)), taring and noise: see `SensorElectronics`.
 
-    Sampling: noise per `period` [s]; the orientation of the sensor is state, renewed every `posture_period` [s] if the
-    posture has changed.
+    Sampling: every `posture_period` [s] the orientation of the sensor, if the posture has changed; the noise is a
+    function of (seed, channel, tick of `period`).
 
     Args:
         plant: with the reactions. mounting: weld of the environment, which is massless, its surface normal +z.
