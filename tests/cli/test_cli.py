@@ -1,11 +1,10 @@
-"""The command line from outside: help, speed, results, exit codes."""
+"""The command line from outside: help, results, exit codes. How soon the help is there: `benchmarks/start_up.py`."""
 
 from __future__ import annotations
 
 import json
 import subprocess
 import sys
-import time
 
 import pytest
 
@@ -15,15 +14,8 @@ from forcectl.scenario import catalog
 COMMANDS = ("list", "run", "graph", "check", "reproduce")
 
 
-def test_help_names_every_command_and_takes_less_than_half_a_second():
-    best = 1e9
-    for _ in range(3):  # the machine may be busy
-        started = time.perf_counter()
-        done = subprocess.run(
-            [sys.executable, "-m", "forcectl.cli", "--help"], capture_output=True, text=True, check=True
-        )
-        best = min(best, time.perf_counter() - started)
-    assert best < 0.5
+def test_help_names_every_command():
+    done = subprocess.run([sys.executable, "-m", "forcectl.cli", "--help"], capture_output=True, text=True, check=True)
     for command in COMMANDS:
         assert command in done.stdout
 
