@@ -217,7 +217,9 @@ def reproduce(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Directory to write; default runs/reproduce-<n>.")
     ] = None,
-    check_: Annotated[bool, typer.Option("--check", help="Exit with 1 when a target is missed.")] = False,
+    check_: Annotated[
+        bool, typer.Option("--check", help="Exit with 1 when a target is missed or a value has drifted.")
+    ] = False,
     fidelity: Fidelity = None,
     workers: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Processes; default one per processor.")
@@ -246,10 +248,12 @@ def reproduce(
         console.print()
     missed = sum(v.passed is False for part in report.parts for v in part.verdicts)
     judged = sum(v.passed is not None for part in report.parts for v in part.verdicts)
+    drifted = sum(v.drifted is True for part in report.parts for v in part.verdicts)
     typer.echo(
-        f"{judged - missed} of {judged} targets met; results in {directory}: summary.json and one run per folder"
+        f"{judged - missed} of {judged} targets met, drifted: {drifted}; results in {directory}: summary.json and "
+        "one run per folder"
     )
-    if check_ and missed:
+    if check_ and not report.passed:
         raise typer.Exit(1)
 
 

@@ -1,8 +1,9 @@
 """Reproduction: experiments by variants by fidelities in parallel processes, the thesis' numbers beside ours.
 
 Writes, under the output directory, one run directory per experiment and fidelity, and `summary.json`:
-{experiment: {target: {published, ours, deviation, tolerance, pass}}}. Targets of an experiment that runs on several
-fidelities end in the fidelity, in brackets; `pass` is null for a value that is reported but not judged there.
+{experiment: {target: {published, ours, deviation, tolerance, pass, expected, drift}}}. Targets of an experiment that
+runs on several fidelities end in the fidelity, in brackets; `pass` is null for a value that is reported but not judged
+there, `drift` for one without an expected number there.
 """
 
 from __future__ import annotations
@@ -59,8 +60,8 @@ class Reproduction:
 
     @property
     def passed(self) -> bool:
-        """Whether no target was missed."""
-        return all(v.passed is not False for part in self.parts for v in part.verdicts)
+        """Whether no target was missed and no value has drifted from its expected number."""
+        return not any(v.passed is False or v.drifted for part in self.parts for v in part.verdicts)
 
     def summary(self) -> dict[str, dict[str, dict[str, object]]]:
         """The content of `summary.json`."""

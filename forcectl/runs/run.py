@@ -215,6 +215,7 @@ def verdicts_on(file: ScenarioFile, scenarios: Mapping[str, AnyScenario], outcom
     """The verdicts on every expectation whose variants were all run."""
     first = next(iter(scenarios.values()))
     names = select_variants(file)
+    fidelities = first.fidelities if isinstance(first, Scenario) else []
     done = {outcome.variant: outcome for outcome in outcomes if outcome.failure is None}
     metrics = {name: outcome.metrics for name, outcome in done.items()}
 
@@ -228,7 +229,7 @@ def verdicts_on(file: ScenarioFile, scenarios: Mapping[str, AnyScenario], outcom
         return force_distance(time, *forces, steps[-1], share) if steps else None
 
     return [
-        judge(expectation, metrics, names, first.fidelity, distance)
+        judge(expectation, metrics, names, first.fidelity, distance, fidelities)
         for expectation in first.expect
         if set(expectation.variants(names).values()) <= set(scenarios)
     ]

@@ -26,17 +26,23 @@ def metrics_table(metrics: Mapping[str, Mapping[str, float | None]], title: str 
 
 
 def verdict_table(verdicts: Sequence[Verdict], title: str = "") -> Table:
-    """Targets with the published value, ours, the deviation, what is allowed and the verdict."""
+    """Targets with the published value, ours, the deviation, what is allowed, the verdict and the drift."""
     table = new_table(escape(title), "target", "published")
     for column in ("ours", "deviation"):
         table.add_column(column, justify="right")
-    for column in ("allowed", "verdict"):
+    for column in ("allowed", "verdict", "drift"):
         table.add_column(column)
     for v in verdicts:
         published = v.published if isinstance(v.published, str) else number(v.published)
         note = f"\n[dim]{escape(v.note)}[/]" if v.note else ""
         table.add_row(
-            escape(v.target) + note, escape(published), number(v.ours), number(v.deviation), v.tolerance, verdict(v)
+            escape(v.target) + note,
+            escape(published),
+            number(v.ours),
+            number(v.deviation),
+            v.tolerance,
+            verdict(v),
+            drift(v),
         )
     return table
 
@@ -44,6 +50,11 @@ def verdict_table(verdicts: Sequence[Verdict], title: str = "") -> Table:
 def verdict(v: Verdict) -> str:
     """The verdict as a coloured word."""
     return {True: "[green]pass[/]", False: "[bold red]missed[/]", None: "[dim]reported[/]"}[v.passed]
+
+
+def drift(v: Verdict) -> str:
+    """From which number ours has drifted away; "none" when it has not, nothing without such a number."""
+    return {True: f"[bold red]from {number(v.expected)}[/]", False: "[green]none[/]", None: ""}[v.drifted]
 
 
 def number(value: float | None) -> str:

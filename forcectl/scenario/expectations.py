@@ -42,18 +42,21 @@ class Other:
 
 @dataclass(kw_only=True)
 class Tolerance:
-    """Allowed distance from a published number: the larger of the two."""
+    """Allowed distance from a number: the larger of the two."""
 
     absolute: float = 0.0  # in the unit of the metric
-    relative: float = 0.0  # of the published number
+    relative: float = 0.0  # of the number
 
     def __post_init__(self) -> None:
         for name in ("absolute", "relative"):
             check(name, getattr(self, name), "not negative")
 
-    def width(self, published: float) -> float:
-        """Allowed distance from `published`."""
-        return max(self.absolute, self.relative * abs(published))
+    def width(self, number: float) -> float:
+        """Allowed distance from `number`."""
+        return max(self.absolute, self.relative * abs(number))
+
+
+DRIFT = Tolerance(relative=0.05)  # where a line says nothing else
 
 
 @dataclass(kw_only=True)
@@ -63,7 +66,8 @@ class Expectation:
     The value judged is metric(variant), less that of `minus`, or divided by that of `ratio`; the metric
     `force_distance_N` is that of the variant's measured force from the one in `distance_to`. It passes when it lies
     within `tolerance` of `published` (if there is a tolerance) and between `minimum` and `maximum` (`strict`: not on
-    them).
+    them). Apart from that, it has drifted when it is further than `drift` from `expected`: from a thesis one may be
+    away and stay there, but a change of the code that moves a number shows.
     """
 
     target: str  # names the line
@@ -73,7 +77,8 @@ class Expectation:
     ratio: Term | None = None
     distance_to: Other | None = None
     published: float | str | None = None  # the thesis' number, or its statement in words
-    expected: float | None = None  # what the default plant gives; helps to find a fault, is not judged
+    expected: float | None = None  # what the run gave when it was written, on the first of the fidelities
+    drift: Tolerance | None = None  # more than this away from `expected` is drift; null: 5 % of it
     tolerance: Tolerance | None = None
     minimum: float | None = None
     maximum: float | None = None
@@ -89,6 +94,8 @@ class Expectation:
             raise BadInputError(f"target {self.target!r}: force_distance_N and distance_to must go together")
         if self.tolerance is not None and not isinstance(self.published, float):
             raise invalid("published", self.published, "a number, because there is a tolerance")
+        if self.drift is not None and self.expected is None:
+            raise BadInputError(f"target {self.target!r}: drift must go together with expected, from which it counts")
         if self.tolerance is None and self.minimum is None and self.maximum is None:
             raise BadInputError(f"target {self.target!r} is missing what to judge by: tolerance, minimum or maximum")
 
@@ -105,15 +112,26 @@ class Expectation:
 
 @dataclass(frozen=True)
 class Verdict:
-    """One target, judged. `passed` is None for a value that is reported but not judged."""
+    """One target, judged.
+
+    Attributes:
+        ours: what the run gives, in the unit of the metric; None where it is undefined.
+        deviation: ours minus published, where that is a number.
+        tolerance: what is allowed, as text.
+        passed: None for a value that is reported but not judged.
+        expected: what the run once gave; None where nothing is known on this fidelity.
+        drifted: whether ours is too far from expected; None without expected.
+    """
 
     target: str
     published: float | str | None
     ours: float | None
-    deviation: float | None  # ours less published, where that is a number
+    deviation: float | None
     tolerance: str
     passed: bool | None
     note: str = ""
+    expected: float | None = None
+    drifted: bool | None = None
 
     def as_row(self) -> dict[str, object]:
         """The record of `summary.json`."""
@@ -123,6 +141,8 @@ class Verdict:
             "deviation": self.deviation,
             "tolerance": self.tolerance,
             "pass": self.passed,
+            "expected": self.expected,
+            "drift": self.drifted,
         }
         return row | ({"note": self.note} if self.note else {})
 
@@ -133,6 +153,7 @@ def judge(
     names: Sequence[str],
     fidelity: str,
     distance: Distance = lambda variant, other, share: None,
+    fidelities: Sequence[str] = (),
 ) -> Verdict:
     """The verdict on one expectation.
 
@@ -142,10 +163,13 @@ def judge(
         names: all variants of the scenario; one that failed has no metrics.
         fidelity: of the station that was simulated.
         distance: looks `force_distance_N` up.
+        fidelities: of the scenario; `expected` is that of the first one, or of the first of the line's own.
     """
     ours, note = _value(expectation, metrics, names, distance)
     judged = not expectation.fidelities or fidelity in expectation.fidelities
     published = expectation.published
+    known_on = [*expectation.fidelities, *fidelities, fidelity][0]
+    expected = expectation.expected if fidelity == known_on else None
     return Verdict(
         target=expectation.target,
         published=published,
@@ -154,7 +178,13 @@ def judge(
         tolerance=tolerance_text(expectation),
         passed=(ours is not None and _within(expectation, ours)) if judged else None,
         note=note,
+        expected=expected,
+        drifted=None if expected is None else _drifted(expectation.drift or DRIFT, expected, ours),
     )
+
+
+def _drifted(drift: Tolerance, expected: float, ours: float | None) -> bool:
+    return ours is None or abs(ours - expected) > drift.width(expected)
 
 
 def _value(

@@ -21,6 +21,14 @@ expect:
   - {target: published, metric: peak_force_N, variant: stiff, published: 100.0, tolerance: {relative: 0.01}}
   - {target: one only, metric: peak_force_N, maximum: 50.0, fidelities: [Kinematic]}
 """
+DRIFTED = """
+title: Drifted
+duration: 0.4
+fidelities: [OneDimensional, Kinematic]
+expect:
+  - {target: still, metric: peak_force_N, maximum: 50.0, expected: 10.0, drift: {relative: 0.9}}
+  - {target: moved, metric: peak_force_N, maximum: 50.0, expected: 40.0}
+"""
 ONE_FAILS = """
 title: One fails
 duration: 0.4
@@ -81,6 +89,24 @@ def test_check_turns_a_missed_target_into_exit_code_1(files, monkeypatch, capfd)
     assert set(rows) == {"peak", "published", "one only"}
 
 
+def test_a_value_away_from_the_expected_one_is_drift_and_turns_check_into_exit_code_1(files, monkeypatch, capfd):
+    (files / "drifted.yaml").write_text(DRIFTED)
+    code, output = call(["drifted.yaml", "--out", "here", "--workers", "1"], monkeypatch, capfd)
+    assert code == 0
+    rows = json.loads((files / "here" / "summary.json").read_text())["drifted"]
+    assert {target: (row["pass"], row["expected"], row["drift"]) for target, row in rows.items()} == {
+        "still [OneDimensional]": (True, 10.0, False),
+        "moved [OneDimensional]": (True, 40.0, True),
+        # The number is that of the first fidelity.
+        "still [Kinematic]": (True, None, None),
+        "moved [Kinematic]": (True, None, None),
+    }
+    assert "from 40" in output.out
+    assert "drifted: 1" in output.out
+    assert call(["drifted.yaml", "--check", "--workers", "1"], monkeypatch, capfd)[0] == 1
+    assert call(["drifted.yaml", "--check", "--fidelity", "Kinematic", "--workers", "1"], monkeypatch, capfd)[0] == 0
+
+
 def test_results_equal_those_of_a_run_in_this_process(files):
     report = fc.reproduce(["quick.yaml"], fidelity="OneDimensional", workers=2)
     here = fc.run("quick.yaml", fidelity="OneDimensional").metrics
@@ -120,10 +146,11 @@ def shipped() -> list[Any]:
 
 
 @pytest.mark.parametrize(("experiment", "fidelity"), shipped())
-def test_every_shipped_experiment_meets_its_targets(experiment, fidelity):
+def test_every_shipped_experiment_meets_its_targets_and_has_not_drifted(experiment, fidelity):
     report = fc.reproduce([experiment], fidelity=fidelity)
-    missed = [(v.target, v.ours) for part in report.parts for v in part.verdicts if v.passed is False]
-    assert missed == []
+    verdicts = [v for part in report.parts for v in part.verdicts]
+    assert [(v.target, v.ours) for v in verdicts if v.passed is False] == []
+    assert [(v.target, v.ours, v.expected) for v in verdicts if v.drifted] == []
     assert [part.failures for part in report.parts] == [{}]
 
 

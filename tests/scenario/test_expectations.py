@@ -83,9 +83,61 @@ def test_on_other_fidelities_it_is_reported_only():
     assert verdict("Multibody", **fields).passed is None
 
 
+@pytest.mark.parametrize(
+    ("expected", "drift", "drifted"),
+    [
+        (4.2, None, False),  # 5 % of it is 0.21
+        (4.22, None, True),
+        (3.8, None, True),
+        (3.82, None, False),
+        (-4.0, Tolerance(relative=1.9), True),
+        (4.4, Tolerance(relative=0.1), False),
+        (4.5, Tolerance(relative=0.1), True),
+        (0.0, None, True),
+        (0.0, Tolerance(absolute=4.0), False),
+        (0.0, Tolerance(absolute=3.9), True),
+    ],
+)
+def test_a_value_drifts_from_the_expected_one_beyond_its_share(expected, drift, drifted):
+    v = verdict(metric="overshoot_pct", variant="a", maximum=9.0, expected=expected, drift=drift)
+    assert (v.expected, v.drifted, v.passed) == (expected, drifted, True)
+    assert v.as_row()["expected"] == expected
+    assert v.as_row()["drift"] is drifted
+
+
+def test_drift_and_the_verdict_are_two_things():
+    v = verdict(metric="overshoot_pct", variant="a", maximum=3.0, expected=4.0)
+    assert (v.passed, v.drifted) == (False, False)
+
+
+def test_an_undefined_value_has_drifted():
+    v = verdict(metric="settling_time_2pct_s", variant="a", maximum=9.0, expected=1.0)
+    assert v.drifted is True
+
+
+@pytest.mark.parametrize(
+    ("own", "of_scenario", "fidelity", "compared"),
+    [
+        ([], [], "Multibody", True),
+        ([], ["Kinematic", "Multibody"], "Kinematic", True),
+        ([], ["Kinematic", "Multibody"], "Multibody", False),
+        (["Multibody"], ["Kinematic", "Multibody"], "Multibody", True),
+        (["Multibody"], ["Kinematic", "Multibody"], "Kinematic", False),
+    ],
+)
+def test_the_expected_value_is_that_of_the_first_fidelity(own, of_scenario, fidelity, compared):
+    line = Expectation(target="t", metric="overshoot_pct", variant="a", maximum=9.0, expected=1.0, fidelities=own)
+    v = judge(line, METRICS, NAMES, fidelity, fidelities=of_scenario)
+    assert (v.expected, v.drifted) == ((1.0, True) if compared else (None, None))
+
+
+def test_without_an_expected_value_nothing_drifts():
+    assert verdict(metric="overshoot_pct", variant="a", maximum=9.0).drifted is None
+
+
 def test_the_row_of_the_summary_has_the_agreed_keys_and_is_strict_json():
     row = verdict(metric="settling_time_2pct_s", variant="a", published="fast", maximum=1.0).as_row()
-    assert {"published", "ours", "deviation", "tolerance", "pass"} <= set(row)
+    assert {"published", "ours", "deviation", "tolerance", "pass", "expected", "drift"} <= set(row)
     json.dumps(row, allow_nan=False)
 
 
@@ -94,6 +146,10 @@ def test_the_row_of_the_summary_has_the_agreed_keys_and_is_strict_json():
     [
         ({"metric": "overshot_pct", "maximum": 1.0}, "did you mean 'overshoot_pct'?"),
         ({"metric": "overshoot_pct"}, "missing what to judge by"),
+        (
+            {"metric": "overshoot_pct", "maximum": 1.0, "drift": Tolerance(relative=0.1)},
+            "drift must go together with expected",
+        ),
         (
             {"metric": "overshoot_pct", "published": "low", "tolerance": Tolerance(absolute=1.0)},
             "must be a number, because",
