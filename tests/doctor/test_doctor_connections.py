@@ -1,3 +1,5 @@
+"""Connections of a plant that the doctor asks for: desired states, geometry, open inputs."""
+
 import pytest
 from pydrake.geometry import Sphere
 from pydrake.math import RigidTransform

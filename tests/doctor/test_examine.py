@@ -1,3 +1,5 @@
+"""The whole examination: planted faults are found, a healthy loop has none, what can be examined."""
+
 import json
 
 import pytest

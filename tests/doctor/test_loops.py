@@ -1,3 +1,5 @@
+"""Algebraic loops, told as a path."""
+
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, Gain, PassThrough, ZeroOrderHold

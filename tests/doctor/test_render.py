@@ -1,3 +1,5 @@
+"""What the report shows, and what on request."""
+
 import io
 
 from rich.console import Console

@@ -1,3 +1,5 @@
+"""Wires that join two units or two frames."""
+
 import pytest
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import PassThrough

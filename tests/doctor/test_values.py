@@ -1,3 +1,5 @@
+"""Outputs that are no numbers or fail at the start."""
+
 import numpy as np
 import pytest
 from pydrake.common.value import Value

@@ -1,3 +1,5 @@
+"""Ports and feedthrough of a block against its contract; every deviation is told."""
+
 import pytest
 from pydrake.common.value import Value
 from pydrake.systems.framework import LeafSystem

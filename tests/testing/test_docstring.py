@@ -1,3 +1,5 @@
+"""The list of ports in a docstring against the ports that are declared."""
+
 import pytest
 from pydrake.systems.framework import BasicVector, DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import Gain

@@ -1,3 +1,5 @@
+"""Whether systems and memory are released, and by whom they are held."""
+
 import gc
 
 import numpy as np

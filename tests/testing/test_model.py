@@ -1,3 +1,5 @@
+"""Responses against a linear model, of every kind."""
+
 import numpy as np
 import pytest
 from pydrake.systems.primitives import Gain, LinearSystem, ZeroOrderHold

@@ -1,3 +1,5 @@
+"""NaN at an input that comes out: which input, which output, when."""
+
 import numpy as np
 import pytest
 from pydrake.systems.framework import LeafSystem

@@ -1,3 +1,5 @@
+"""Same bits at every build, after reset and in a clone."""
+
 import copy
 import itertools
 

@@ -1,3 +1,5 @@
+"""Step responses and what is asserted of them."""
+
 import numpy as np
 import pytest
 from pydrake.systems.primitives import Adder, Gain, LinearSystem

@@ -1,3 +1,5 @@
+"""Running a system: when samples are read, inputs, accuracy, going on from a context."""
+
 import numpy as np
 import pytest
 from pydrake.common.value import Value

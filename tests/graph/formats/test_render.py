@@ -1,3 +1,5 @@
+"""Every format by its name: what is returned and written, and what is refused."""
+
 from __future__ import annotations
 
 import struct
