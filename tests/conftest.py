@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import os
+import tempfile
 from importlib.metadata import entry_points
 
 import pytest
@@ -22,6 +23,14 @@ pytest_plugins = [] if _announced else [_PLUGIN]
 settings.register_profile("repeatable", derandomize=True, deadline=None)
 settings.register_profile("explore", max_examples=500, deadline=None)
 settings.load_profile(os.environ.get("HYPOTHESIS_PROFILE", "repeatable"))
+
+
+def pytest_configure(config):
+    """One folder for the runs of this session; the processes of xdist have that of their parent."""
+    if not hasattr(config, "workerinput"):
+        folder = tempfile.TemporaryDirectory(prefix="forcectl-test-runs-")
+        os.environ["FORCECTL_TEST_RUNS"] = folder.name  # read by tests.examples.experiment_runs
+        config.add_cleanup(folder.cleanup)
 
 
 @pytest.fixture

@@ -9,7 +9,8 @@ import pytest
 
 import forcectl as fc
 from forcectl import cli
-from forcectl.scenario.catalog import MOTION_STATION, find_scenario, loop_of
+from forcectl.scenario.catalog import find_scenario, loop_of
+from tests.examples.experiment_runs import run_experiment
 
 QUICK = """
 title: Quick
@@ -140,18 +141,16 @@ def shipped() -> list[Any]:
     cases = []
     for name in fc.list_experiments():
         file = find_scenario(name)
-        named = file.tree.get("fidelities", ["OneDimensional"]) if loop_of(file) == "force" else [MOTION_STATION]
+        named = file.tree.get("fidelities", ["OneDimensional"]) if loop_of(file) == "force" else [None]
         cases += [pytest.param(name, fidelity, marks=pytest.mark.slow) for fidelity in named]
     return cases
 
 
 @pytest.mark.parametrize(("experiment", "fidelity"), shipped())
 def test_every_shipped_experiment_meets_its_targets_and_has_not_drifted(experiment, fidelity):
-    report = fc.reproduce([experiment], fidelity=fidelity)
-    verdicts = [v for part in report.parts for v in part.verdicts]
+    verdicts = run_experiment(experiment, fidelity).verdicts
     assert [(v.target, v.ours) for v in verdicts if v.passed is False] == []
     assert [(v.target, v.ours, v.expected) for v in verdicts if v.drifted] == []
-    assert [part.failures for part in report.parts] == [{}]
 
 
 def test_a_fidelity_that_variants_set_themselves_is_not_overridden(files):

@@ -1,69 +1,53 @@
-"""The published statements of Sec. 3.4 and 3.6 on every fidelity: Figs. 3.4 and 3.5."""
+"""The published statements of Sec. 3.4 and 3.6: Figs. 3.4 and 3.5."""
 
 from __future__ import annotations
-
-from functools import lru_cache
 
 import numpy as np
 import pytest
 
 import forcectl
-from forcectl.runs.run import RunResult
 from forcectl.scenario.yaml_tree import parse
+from tests.examples.experiment_runs import ExperimentRun, run_experiment
 
-LIGHT = ("OneDimensional", "Kinematic")
-# Elsewhere the experiments are judged by what they expect, in `test_reproduce.py`: the robots take their time.
-in_one_dimension = pytest.mark.parametrize("fidelity", ["OneDimensional"])
 CORRECTED = ("[56]", "[57]")
 
 
-@lru_cache(maxsize=8)
-def result(experiment: str, fidelity: str) -> RunResult:
-    return forcectl.run(experiment, fidelity=fidelity)
+def result(experiment: str) -> ExperimentRun:
+    """On the fidelity of the calibration; on the others `tests/runs/test_reproduce.py` judges what is expected."""
+    return run_experiment(experiment, "OneDimensional")
 
 
-def metric(experiment: str, fidelity: str, variant: str, name: str) -> float:
-    value = result(experiment, fidelity).metrics[variant][name]
+def metric(experiment: str, variant: str, name: str) -> float:
+    value = result(experiment).metrics[variant][name]
     assert value is not None
-    return value
+    return float(value)
 
 
-@in_one_dimension
 @pytest.mark.parametrize("experiment", ["fig_3_4", "fig_3_5"])
-def test_experiments_meet_what_they_expect(experiment: str, fidelity: str) -> None:
-    missed = [verdict.target for verdict in result(experiment, fidelity).verdicts if verdict.passed is False]
-    assert not missed
-    if fidelity in LIGHT:
-        assert all(verdict.passed for verdict in result(experiment, fidelity).verdicts), "each is judged"
+def test_experiments_meet_what_they_expect(experiment: str) -> None:
+    assert [verdict.target for verdict in result(experiment).verdicts if not verdict.passed] == [], "each is judged"
 
 
 # --- Fig. 3.4 --------------------------------------------------------------------------------------------------------
 
 
-@in_one_dimension
-def test_fig_3_4_no_overshoot_where_the_integral_law_has_some(fidelity: str) -> None:
-    assert metric("fig_3_4", fidelity, "K_I = 3 1/s", "overshoot_pct") >= 5.0
+def test_fig_3_4_no_overshoot_where_the_integral_law_has_some() -> None:
+    assert metric("fig_3_4", "K_I = 3 1/s", "overshoot_pct") >= 5.0
     for law in CORRECTED:
-        assert metric("fig_3_4", fidelity, law, "overshoot_pct") <= 1.0
+        assert metric("fig_3_4", law, "overshoot_pct") <= 1.0
 
 
-@in_one_dimension
-def test_fig_3_4_order_of_settling(fidelity: str) -> None:
-    times = [
-        metric("fig_3_4", fidelity, law, "settling_time_5pct_s")
-        for law in ("[57]", "[56]", "K_I = 3 1/s", "K_I = 1.5 1/s")
-    ]
+def test_fig_3_4_order_of_settling() -> None:
+    times = [metric("fig_3_4", law, "settling_time_5pct_s") for law in ("[57]", "[56]", "K_I = 3 1/s", "K_I = 1.5 1/s")]
     assert times[0] <= times[1] < times[2]
     assert times[2] < times[3]
     assert times[0] <= 0.5 * times[3]
-    if fidelity in LIGHT:
-        # The values of the calibrated plant, to the digits that the targets give.
-        np.testing.assert_allclose(times, [0.61, 0.66, 1.22, 1.51], atol=0.01)
+    # The values of the calibrated plant, to the digits that the targets give.
+    np.testing.assert_allclose(times, [0.61, 0.66, 1.22, 1.51], atol=0.01)
 
 
-@in_one_dimension
-def test_fig_3_4_invariance_control_rises_like_its_nominal_law(fidelity: str) -> None:
-    log = result("fig_3_4", fidelity).log["measured_force"]
+def test_fig_3_4_invariance_control_rises_like_its_nominal_law() -> None:
+    log = result("fig_3_4").log["measured_force"]
     nominal, corrected = (log.sel(variant=name).values for name in ("K_I = 3 1/s", "[56]"))
     until = int(np.argmax(nominal >= 0.6 * 15.0))
     assert until > 0
@@ -73,26 +57,23 @@ def test_fig_3_4_invariance_control_rises_like_its_nominal_law(fidelity: str) ->
 # --- Fig. 3.5 --------------------------------------------------------------------------------------------------------
 
 
-@in_one_dimension
 @pytest.mark.parametrize("law", CORRECTED)
-def test_fig_3_5_no_steady_error_and_no_overshoot_but_slower(law: str, fidelity: str) -> None:
-    settling = metric("fig_3_5", fidelity, law, "step_1.settling_time_5pct_s")
-    integral = metric("fig_3_5", fidelity, "K_I = 1.5 1/s", "step_1.settling_time_5pct_s")
-    assert metric("fig_3_5", fidelity, law, "step_1.steady_state_error_N") == pytest.approx(0.0, abs=0.15)
-    assert metric("fig_3_5", fidelity, law, "step_1.overshoot_pct") <= 2.0
-    assert settling > metric("fig_3_4", fidelity, law, "settling_time_5pct_s")
+def test_fig_3_5_no_steady_error_and_no_overshoot_but_slower(law: str) -> None:
+    settling = metric("fig_3_5", law, "step_1.settling_time_5pct_s")
+    integral = metric("fig_3_5", "K_I = 1.5 1/s", "step_1.settling_time_5pct_s")
+    assert metric("fig_3_5", law, "step_1.steady_state_error_N") == pytest.approx(0.0, abs=0.15)
+    assert metric("fig_3_5", law, "step_1.overshoot_pct") <= 2.0
+    assert settling > metric("fig_3_4", law, "settling_time_5pct_s")
     assert 0.65 <= settling / integral <= 1.35
-    if fidelity in LIGHT:
-        assert settling == pytest.approx({"[56]": 1.87, "[57]": 1.91}[law], abs=0.03)
-        assert integral == pytest.approx(1.81, abs=0.01)
+    assert settling == pytest.approx({"[56]": 1.87, "[57]": 1.91}[law], abs=0.03)
+    assert integral == pytest.approx(1.81, abs=0.01)
 
 
-@in_one_dimension
 @pytest.mark.parametrize("law", CORRECTED)
-def test_fig_3_5_a_second_step_is_as_fast_as_with_the_compliance_known(law: str, fidelity: str) -> None:
-    known = metric("fig_3_5", fidelity, f"{law}, compliance known", "step_2.settling_time_5pct_s")
-    assert metric("fig_3_5", fidelity, law, "step_2.settling_time_5pct_s") == pytest.approx(known, abs=0.15)
-    assert metric("fig_3_5", fidelity, law, "step_2.overshoot_pct") <= 2.0
+def test_fig_3_5_a_second_step_is_as_fast_as_with_the_compliance_known(law: str) -> None:
+    known = metric("fig_3_5", f"{law}, compliance known", "step_2.settling_time_5pct_s")
+    assert metric("fig_3_5", law, "step_2.settling_time_5pct_s") == pytest.approx(known, abs=0.15)
+    assert metric("fig_3_5", law, "step_2.overshoot_pct") <= 2.0
 
 
 def test_fig_3_5_without_adaptation_the_steady_error_is_that_of_the_wrong_compliance() -> None:

@@ -1,4 +1,4 @@
-"""The published numbers of Secs. 4.3 and 4.5: gains, Tables 4.1 and 4.2, Figs. 4.5 to 4.11, on every fidelity."""
+"""The published numbers of Secs. 4.3 and 4.5: gains, Tables 4.1 and 4.2, Figs. 4.5 to 4.11."""
 
 from __future__ import annotations
 
@@ -11,21 +11,21 @@ import pytest
 import forcectl
 from forcectl.analysis.force_metrics import Step, model_response, settling_time
 from forcectl.estimation.recursive_vrft import GAINS, recursive_vrft, rounded
-from forcectl.runs.run import RunResult
 from forcectl.scenario.scenario import load_scenario
 from forcectl.tuning.controller_basis import discrete_pid
 from forcectl.tuning.fit import VrftFit
 from forcectl.tuning.reference_model import first_order
 from forcectl.tuning.vrft import fit_vrft
+from tests.examples.experiment_runs import ExperimentRun, run_experiment
 
 PERIOD, RESOLUTION = 0.002, 0.0039
 EXPERIMENTS = ("fig_4_5", "table_4_1", "fig_4_7", "fig_4_8", "table_4_2", "vrft_two_steps")
 MATERIALS = ("aluminium", "wood", "plastic")
 
 
-@lru_cache(maxsize=32)
-def result(experiment: str, fidelity: str = "OneDimensional", seed: int = 0) -> RunResult:
-    return forcectl.run(experiment, fidelity=fidelity, overrides={"seed": seed})
+def result(experiment: str, seed: int = 0) -> ExperimentRun:
+    """On the fidelity of the calibration; on the others `tests/runs/test_reproduce.py` judges what is expected."""
+    return run_experiment(experiment, "OneDimensional", seed)
 
 
 def recorded(log: Any) -> tuple[np.ndarray, np.ndarray]:
@@ -49,7 +49,6 @@ def continuous(fit: VrftFit) -> np.ndarray:
 
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_experiments_meet_what_they_expect(experiment: str) -> None:
-    """On the lightest fidelity; tests/test_reproduce.py has them all."""
     verdicts = result(experiment).verdicts
     assert not [verdict.target for verdict in verdicts if verdict.passed is False]
     assert sum(verdict.passed is True for verdict in verdicts) >= len(verdicts) - 6

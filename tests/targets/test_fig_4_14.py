@@ -1,34 +1,25 @@
-"""Fig. 4.14 on every fidelity, and that its gains are what VRFT makes of the open-loop experiments."""
+"""Fig. 4.14, and that its gains are what VRFT makes of the open-loop experiments."""
 
 from __future__ import annotations
-
-from functools import lru_cache
 
 import numpy as np
 import pytest
 
 import forcectl
 from forcectl.estimation.recursive_vrft import rounded
-from forcectl.runs.run import RunResult
 from forcectl.scenario.scenario import load_scenario
 from forcectl.tuning.controller_basis import discrete_pid
 from forcectl.tuning.reference_model import first_order
 from forcectl.tuning.vrft import fit_vrft
+from tests.examples.experiment_runs import ExperimentRun, run_experiment
 
 MATERIALS = ("aluminium", "wood", "plastic")
 PERIOD, RESOLUTION = 0.002, 0.0039
-# Elsewhere the experiments are judged by what they expect, in `test_reproduce.py`: the robots take their time.
-in_one_dimension = pytest.mark.parametrize("fidelity", ["OneDimensional"])
 
 
-@lru_cache(maxsize=3)
-def result(fidelity: str) -> RunResult:
-    return forcectl.run("fig_4_14", fidelity=fidelity)
-
-
-@lru_cache(maxsize=1)
-def open_loop() -> RunResult:
-    return forcectl.run("fig_4_8", fidelity="OneDimensional")
+def result(experiment: str = "fig_4_14") -> ExperimentRun:
+    """On the fidelity of the calibration; on the others `tests/runs/test_reproduce.py` judges what is expected."""
+    return run_experiment(experiment, "OneDimensional")
 
 
 @pytest.mark.parametrize("material", MATERIALS)
@@ -36,7 +27,7 @@ def open_loop() -> RunResult:
 def test_the_gains_are_those_of_the_open_loop_experiment(material: str, variant: str, bandwidth: float) -> None:
     controller = load_scenario("fig_4_14", variant=f"{material}, {variant}").controller
     law = controller.law if variant == "governed" else controller
-    log = open_loop().log.sel(variant=material)
+    log = result("fig_4_8").log.sel(variant=material)
     u, y = (np.ravel(log[name].values) for name in ("controller_output", "measured_force"))
     fit = fit_vrft(u, rounded(y, RESOLUTION), first_order(bandwidth, PERIOD), discrete_pid(PERIOD), prefilter=False)
     assert fit.pid is not None
@@ -45,16 +36,14 @@ def test_the_gains_are_those_of_the_open_loop_experiment(material: str, variant:
     np.testing.assert_allclose(written, (fit.pid.proportional, fit.pid.integral, fit.pid.derivative), rtol=5e-4)
 
 
-@in_one_dimension
-def test_the_experiment_meets_what_it_expects(fidelity: str) -> None:
-    verdicts = result(fidelity).verdicts
+def test_the_experiment_meets_what_it_expects() -> None:
+    verdicts = result().verdicts
     assert len(verdicts) == 12
     assert [verdict.target for verdict in verdicts if not verdict.passed] == []
 
 
-@in_one_dimension
-def test_the_governor_starts_as_the_thesis_has_it(fidelity: str) -> None:
-    log = result(fidelity).log
+def test_the_governor_starts_as_the_thesis_has_it() -> None:
+    log = result().log
     for material in MATERIALS:
         reference = np.ravel(log["governed_reference"].sel(variant=f"{material}, governed").values)
         assert reference[0] == pytest.approx(47.29, abs=0.005)
@@ -64,7 +53,7 @@ def test_the_governor_starts_as_the_thesis_has_it(fidelity: str) -> None:
 def test_numbers_of_the_calibrated_plant() -> None:
     """What the targets expect of the one-dimensional plant."""
     for material, overshoot in zip(MATERIALS, (15, 16, 16), strict=True):
-        metrics = result("OneDimensional").metrics
+        metrics = result().metrics
         governed, fast = metrics[f"{material}, governed"], metrics[f"{material}, VRFT for 7.5 rad/s"]
         assert governed["overshoot_pct"] <= 0.5
         assert 0.605 <= governed["settling_time_5pct_s"] <= 0.655

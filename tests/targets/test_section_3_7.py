@@ -1,44 +1,38 @@
-"""The published statements of Sec. 3.7 (Figs. 3.7, 3.8 and 3.10), on every fidelity."""
+"""The published statements of Sec. 3.7 (Figs. 3.7, 3.8 and 3.10)."""
 
 from __future__ import annotations
-
-from functools import lru_cache
 
 import numpy as np
 import pytest
 
 import forcectl
-from forcectl.runs.run import RunResult
+from tests.examples.experiment_runs import ExperimentRun, run_experiment, run_variant
 
 EXPERIMENTS = ("fig_3_7", "fig_3_8", "fig_3_10")
-# Elsewhere the experiments are judged by what they expect, in `test_reproduce.py`: the robots take their time.
-in_one_dimension = pytest.mark.parametrize("fidelity", ["OneDimensional"])
 
 
-@lru_cache(maxsize=16)
-def result(experiment: str, fidelity: str) -> RunResult:
-    return forcectl.run(experiment, fidelity=fidelity)
+def result(experiment: str) -> ExperimentRun:
+    """On the fidelity of the calibration; on the others `tests/runs/test_reproduce.py` judges what is expected."""
+    return run_experiment(experiment, "OneDimensional")
 
 
-def settling(fidelity: str, experiment: str, band: int) -> list[float]:
+def settling(experiment: str, band: int) -> list[float]:
     """Settling times of all variants [s]."""
-    values = [m[f"settling_time_{band}pct_s"] for m in result(experiment, fidelity).metrics.values()]
+    values = [m[f"settling_time_{band}pct_s"] for m in result(experiment).metrics.values()]
     assert None not in values
     return [float(value) for value in values if value is not None]
 
 
-@in_one_dimension
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
-def test_experiments_meet_what_they_expect(experiment: str, fidelity: str) -> None:
-    verdicts = result(experiment, fidelity).verdicts
+def test_experiments_meet_what_they_expect(experiment: str) -> None:
+    verdicts = result(experiment).verdicts
     missed = [verdict.target for verdict in verdicts if verdict.passed is False]
     assert not missed
     assert sum(verdict.passed is True for verdict in verdicts) >= len(verdicts) - 3
 
 
-@in_one_dimension
-def test_fig_3_7_bouncing_without_the_subset_and_none_within_it(fidelity: str) -> None:
-    metrics = result("fig_3_7", fidelity).metrics
+def test_fig_3_7_bouncing_without_the_subset_and_none_within_it() -> None:
+    metrics = result("fig_3_7").metrics
     assert metrics["alpha = 0"]["touches_2pct"] > 1
     assert metrics["alpha = 0.3"]["largest_drop_N"] > 1.0
     assert metrics["alpha = 3"]["touches_2pct"] == 1
@@ -47,20 +41,19 @@ def test_fig_3_7_bouncing_without_the_subset_and_none_within_it(fidelity: str) -
 
 
 def test_fig_3_8_settling_is_that_of_the_calibration() -> None:
-    times = settling("OneDimensional", "fig_3_8", 2)
+    times = settling("fig_3_8", 2)
     np.testing.assert_allclose(times, [0.48, 0.66, 1.35, 2.03], rtol=0.025)
 
 
-@in_one_dimension
-def test_fig_3_10_settles_first_and_is_the_calibrated_one(fidelity: str) -> None:
-    fourth, constraint, integral = settling(fidelity, "fig_3_10", 5)
+def test_fig_3_10_settles_first_and_is_the_calibrated_one() -> None:
+    fourth, constraint, integral = settling("fig_3_10", 5)
     assert fourth + 0.3 <= min(constraint, integral)
     np.testing.assert_allclose([fourth, constraint, integral], [1.38, 2.26, 2.07], rtol=0.03)
 
 
 @pytest.mark.parametrize("seed", [1, 2, 3])
 def test_fig_3_10_does_not_depend_on_the_noise_drawn(seed: int) -> None:
-    (metrics,) = forcectl.run("fig_3_10", variant="relative degree 4", overrides={"seed": seed}).metrics.values()
+    metrics = run_variant("fig_3_10", "relative degree 4", seed=seed).metrics
     assert metrics["overshoot_pct"] <= 1.0
     assert abs(metrics["steady_state_error_N"]) <= 0.3
     assert metrics["largest_drop_N"] <= 0.1

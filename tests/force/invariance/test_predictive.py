@@ -9,7 +9,6 @@ import pytest
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, Demultiplexer, PassThrough
 
-import forcectl
 from forcectl.errors import BadInputError
 from forcectl.force.invariance.force_law import InvarianceConfig
 from forcectl.force.invariance.predictive import PredictiveCorrection, PredictiveInvarianceConfig
@@ -18,6 +17,7 @@ from forcectl.plant.contact.compliant_contact import CompliantContact
 from forcectl.plant.drives.position_loop import PositionLoop
 from forcectl.plant.sensors.force_sensor import ForceSensor
 from forcectl.testing import Log, run_diagram
+from tests.examples.experiment_runs import run_variant
 
 PERIOD, FORCE = 0.002, 15.0
 STIFFNESS, C_R = 1e5, 3.2e-5
@@ -236,7 +236,7 @@ def test_bad_values_are_named(values, told):
 def test_sliding_at_20_mm_s_on_the_multibody_robot(stiffness):
     """At most 2 % of overshoot, measured and true, and settled in 0.65 s; the integral law takes 1.1 s or more."""
     name = f"1e{round(np.log10(stiffness))} N/m slope, predictive"
-    result = forcectl.run("fast_sliding", variant=name, fidelity="Multibody", overrides={"expect": []}).metrics[name]
+    result = run_variant("fast_sliding", name, "Multibody").metrics
     assert result["step_2.overshoot_pct"] <= 2.0
     assert result["peak_force_N"] <= 1.02 * 20.0
     assert result["step_2.settling_time_2pct_s"] <= 0.65
