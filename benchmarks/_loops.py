@@ -8,22 +8,24 @@ from typing import Any
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
-from forcectl.diagrams.closed_loop import ClosedLoop, build_closed_loop
+from forcectl.diagrams.loop import Loop
 from forcectl.diagrams.one_dimensional_loop import (
     OneDimensionalLoop,
     OneDimensionalLoopConfig,
     build_one_dimensional_loop,
 )
-from forcectl.diagrams.station import FIDELITIES, StationConfig
+from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.motion.references import StepConfig
+from forcectl.scenario.scenario import Scenario
 
-__all__ = ["FIDELITIES", "build", "build_scalar", "runner"]
+__all__ = ["SHIPPED_FIDELITIES", "build", "build_scalar", "runner"]
 
 
-def build(fidelity: str, **station: Any) -> ClosedLoop:
+def build(fidelity: str, **station: Any) -> Loop:
     """A closed loop with noise, friction, elastic joints and its log."""
-    return build_closed_loop(StationConfig(fidelity=fidelity, **station), IntegralConfig(), StepConfig(force=15.0))
+    own = StationConfig(fidelity=fidelity, **station)
+    return Scenario(station=own, controller=IntegralConfig(), reference=StepConfig(force=15.0)).build()
 
 
 def build_scalar(size: int = 1, linear: bool = False) -> OneDimensionalLoop:

@@ -28,8 +28,7 @@ def _prepare() -> tuple[list[Callable[[], None]], Callable[[], float]]:
     from pydrake.trajectories import PiecewisePolynomial
 
     from benchmarks._loops import build
-    from forcectl.diagrams.station import describe
-    from forcectl.diagrams.station_multibody import add_plant
+    from forcectl.diagrams.mechanics.world import add_world
 
     loop = build("Multibody")
     simulator = Simulator(loop.diagram)
@@ -45,7 +44,8 @@ def _prepare() -> tuple[list[Callable[[], None]], Callable[[], float]]:
 
     def replay(motion: PiecewisePolynomial) -> tuple[Callable[[], None], Callable[[], float]]:
         builder = DiagramBuilder()
-        plant, _, parts, weld = add_plant(builder, describe(loop.cell.config))
+        site = add_world(builder, loop.cell, 0)
+        plant, parts, (weld,) = site.plant, site.parts, site.mountings
         source = builder.AddSystem(TrajectorySource(motion, output_derivative_order=1))
         builder.Connect(source.get_output_port(), plant.get_desired_state_input_port(parts.instance))
         alone = Simulator(builder.Build())

@@ -106,7 +106,7 @@ def _control(distances: int) -> tuple[Any, Any]:
     for name in ("joint_position", "joint_velocity"):
         index = builder.ExportInput(reactive.GetInputPort(name), name)
         builder.ConnectInput(index, observer.GetInputPort(name))
-        _held(builder, reactive.GetOutputPort(f"{name}_reference"))
+        _held(builder, reactive.GetOutputPort(f"{name}_command"))
     _held(builder, observer.GetOutputPort("external_torque"))
     builder.ExportOutput(reactive.GetOutputPort("active_constraints"), "active_constraints")
     builder.ExportInput(reactive.GetInputPort("task_target"), "task_target")
@@ -153,8 +153,8 @@ def _recorded(distances: int) -> tuple[Any, Any]:
     sources = {
         "task_target": builder.AddSystem(target).get_output_port(),
         "motor_torque": builder.AddSystem(ConstantVectorSource(np.ones(n))).get_output_port(),
-        "joint_position": control.GetOutputPort("joint_position_reference"),
-        "joint_velocity": control.GetOutputPort("joint_velocity_reference"),
+        "joint_position": control.GetOutputPort("joint_position_command"),
+        "joint_velocity": control.GetOutputPort("joint_velocity_command"),
     }
     gathered = builder.AddSystem(Multiplexer([*(sources[name].size() for name in INPUTS), 1]))
     builder.Connect(control.GetOutputPort("active_constraints"), gathered.get_input_port(len(INPUTS)))

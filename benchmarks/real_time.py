@@ -21,7 +21,7 @@ GOAL = {"Multibody": "15"}
 
 
 def benchmark(repeats: int) -> Iterator[Row]:
-    from benchmarks._loops import FIDELITIES, build, build_scalar, runner
+    from benchmarks._loops import SHIPPED_FIDELITIES, build, build_scalar, runner
 
     linear, sticking, lanes, linear_lanes = interleaved_medians(
         [
@@ -37,8 +37,8 @@ def benchmark(repeats: int) -> Iterator[Row]:
     yield Row(f"{LANES} lanes of it, cost of one lane", lanes / sticking, "x", note="one diagram, sticking friction")
     yield Row(f"{LANES} lanes, per lane", LANES * DURATION / lanes, "x real time")
     yield Row(f"{LANES} linear lanes, per lane", LANES * DURATION / linear_lanes, "x real time")
-    times = interleaved_medians([runner(build(fidelity).diagram, DURATION) for fidelity in FIDELITIES], repeats)
-    for fidelity, spent in zip(FIDELITIES, times, strict=True):
+    times = interleaved_medians([runner(build(fidelity).diagram, DURATION) for fidelity in SHIPPED_FIDELITIES], repeats)
+    for fidelity, spent in zip(SHIPPED_FIDELITIES, times, strict=True):
         goal = GOAL.get(fidelity, "")
         yield Row(f"{fidelity} closed loop", DURATION / spent, "x real time", REQUIRED[fidelity], goal)
 

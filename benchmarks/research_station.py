@@ -1,4 +1,4 @@
-"""The research station with two arms in its motion loop: real-time factor, and the share of each part.
+"""Two arms behind their joint interface in a loop: real-time factor, and the share of each part.
 
 Both arms move in free air, friction sticks, everything is logged. They swing; or they reach for poses that change, with
 force estimator and reactive controller. Of each case the time of a run without the estimator and one with it are
@@ -56,11 +56,30 @@ def benchmark(repeats: int) -> Iterator[Row]:
 def _runner(options: dict[str, Any], controller: Any, estimator: Any) -> Callable[[], None]:
     from pydrake.systems.analysis import Simulator
 
-    from forcectl.diagrams.motion_loop import build_motion_loop
-    from forcectl.diagrams.research_cell import ResearchStationConfig
+    from forcectl.scenario.scenario import Scenario
 
-    loop = build_motion_loop(ResearchStationConfig(**options), controller, estimator)
+    estimators = {} if estimator is None else {"force": estimator}
+    loop = Scenario(station=_station(**options), controller=controller, estimators=estimators).build()
     return lambda: Simulator(loop.diagram).AdvanceTo(DURATION)
+
+
+def _station(**options: Any) -> Any:
+    """Both arms in free air, with rigid joints unless said otherwise."""
+    from forcectl.diagrams.drives.joint_interface import JointInterfaceConfig
+    from forcectl.diagrams.sensors import JointReadingsConfig
+    from forcectl.diagrams.station import StationConfig
+    from forcectl.plant.contact.parts import EnvironmentPartsConfig
+
+    usual: dict[str, Any] = {
+        "fidelity": "Multibody",
+        "robot": "yumi",
+        "tool": "yumi_gripper",
+        "elastic_joints": False,
+        "drive": JointInterfaceConfig(),
+        "environment": EnvironmentPartsConfig(parts={}),
+        "sensors": {"joints": JointReadingsConfig()},
+    }
+    return StationConfig(**{**usual, **options})
 
 
 def _plant_runner() -> Callable[[], None]:
@@ -68,12 +87,12 @@ def _plant_runner() -> Callable[[], None]:
     from pydrake.systems.framework import DiagramBuilder
     from pydrake.systems.primitives import ConstantVectorSource
 
-    from forcectl.diagrams.research_cell import ResearchStationConfig, describe_research
-    from forcectl.diagrams.research_plant import add_research_plant
+    from forcectl.diagrams.mechanics.world import add_world
+    from forcectl.diagrams.workcell import describe
 
     builder = DiagramBuilder()
-    model = add_research_plant(builder, describe_research(ResearchStationConfig()))
-    plant, instance = model.plant, model.parts.instance
+    site = add_world(builder, describe(_station()), 0)
+    plant, instance = site.plant, site.parts.instance
     for port in (plant.get_actuation_input_port(instance), plant.get_desired_state_input_port(instance)):
         source = builder.AddSystem(ConstantVectorSource([0.0] * port.size()))
         builder.Connect(source.get_output_port(), port)
@@ -82,4 +101,4 @@ def _plant_runner() -> Callable[[], None]:
 
 
 if __name__ == "__main__":
-    main("The research station", benchmark)
+    main("Two arms behind their joint interface", benchmark)

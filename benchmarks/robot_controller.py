@@ -51,16 +51,18 @@ def _build(config: Any) -> Any:
     from pydrake.systems.framework import DiagramBuilder
     from pydrake.systems.primitives import ConstantVectorSource
 
-    from forcectl.diagrams.force_controller import add_controller
-    from forcectl.diagrams.station import StationConfig, describe
+    from forcectl.diagrams.believed import plant_model
+    from forcectl.diagrams.force_controller import build_controller
+    from forcectl.diagrams.station import StationConfig
+    from forcectl.diagrams.workcell import describe
     from forcectl.motion.references import SequenceConfig
     from forcectl.motion.tangential import TangentialMotionConfig
 
     cell = describe(StationConfig(fidelity="Kinematic"))
     builder = DiagramBuilder()
-    control = add_controller(builder, config, cell)
+    control = builder.AddNamedSystem("controller", build_controller(config, plant_model(cell)))
     steps = SequenceConfig(times=[0.0, 0.7, 1.4], forces=[15.0, 5.0, 20.0]).add_to(builder, 1)
-    motion = TangentialMotionConfig(distance=0.05, speed=0.02).add_to(builder, cell.robot, cell.start, cell.n)
+    motion = TangentialMotionConfig(distance=0.05, speed=0.02).add_to(builder, cell.robot, cell.start, cell.contact.n)
     force = builder.AddSystem(ConstantVectorSource([10.0]))
     posture = builder.AddSystem(ConstantVectorSource(cell.motor_start))
     for source, name in (

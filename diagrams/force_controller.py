@@ -1,29 +1,25 @@
-"""Controllers for a station: a force law with kinematic inversion, or a user's own controller of joints."""
+"""Controllers for a station: force laws with kinematic inversion, or controllers that command joints themselves."""
 
 from __future__ import annotations
 
+from itertools import pairwise
+from typing import Any
+
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
-from pydrake.systems.primitives import PassThrough
+from pydrake.systems.primitives import Demultiplexer, Multiplexer, PassThrough
 
 from forcectl.diagrams.parts import affine, input_names, output_names
-from forcectl.diagrams.station import Cell
 from forcectl.errors import BadInputError
-from forcectl.force.kinematic_inversion import ConstantKinematicInversion, KinematicInversion
-from forcectl.force.slot import ControllerConfig, LoopFacts, RobotFacts
-from forcectl.plant.tip_kinematics import TipDisplacement
+from forcectl.force.kinematic_inversion import ConstantKinematicInversion, KinematicInversion, joint_direction
+from forcectl.framework.enclosed import Enclosed
+from forcectl.plant.plant_model import PlantModel
 
-CONTROLLER_INPUTS = (
-    "desired_force",
-    "measured_force",
-    "motor_position",
-    "motor_velocity",
-    "unconstrained_reference",
-)
+_NO_SURFACE = "station.environment has no surface: must have one for a force law to press on"
 
 
 class ForceController(Diagram):
-    """A force law behind the ports of a robot: law, then kinematic inversion (2.9), (2.12).
+    """Force laws behind the ports of a robot: law of all k loops, then kinematic inversion (2.9), (2.12).
 
     ```
     name: ForceController
@@ -31,132 +27,128 @@ class ForceController(Diagram):
     output_ports: [joint_position_command, displacement_command, (further outputs of the law)]
     ```
 
-    desired_force, measured_force: shape (1,) [N]. motor_position, motor_velocity, unconstrained_reference: shape (n_q,)
+    desired_force, measured_force: shape (k,) [N]. motor_position, motor_velocity, unconstrained_reference: shape (n_q,)
     [rad, rad/s, rad]; the last is the joint motion in the unconstrained directions, from the start posture.
     joint_position_command: shape (n_q,) [rad]. Feedthrough of desired_force, measured_force and unconstrained_reference
-    at the tick. displacement_command: shape (1,) [m]. Feedthrough of desired_force and measured_force at the tick.
+    at the tick. Feedthrough of motor_position when the law predicts.
+    displacement_command: shape (k,) [m]. Feedthrough of desired_force and measured_force at the tick. Feedthrough of
+    motor_position when the law predicts.
+    All outputs are feedthrough of all inputs when those of the law are.
 
     Sampling: every `period` [s] the law, every `posture_period` [s] the inversion; no delay beyond that of the law.
 
     Args:
-        builder: holds the law; it is built into this diagram. law: a ForceLaw.
+        builder: holds the law; it is built into this diagram.
+        law: with the ports of a ForceLaw.
+        model: of the plant.
     """
 
-    def __init__(self, builder: DiagramBuilder, law: System, cell: Cell):
+    def __init__(self, builder: DiagramBuilder, law: System, model: PlantModel):
         super().__init__()
-        n_q, q_0 = cell.robot.num_joints, cell.motor_start
+        n_q, q_0 = model.num_joints, model.start
         add, connect, export = builder.AddNamedSystem, builder.Connect, builder.ExportInput
+        if model.size < 1:
+            raise BadInputError(_NO_SURFACE)
         _require(law, ("desired_force", "measured_force"), ("displacement_command",))
         export(law.GetInputPort("desired_force"), "desired_force")
         export(law.GetInputPort("measured_force"), "measured_force")
         command = law.GetOutputPort("displacement_command")
-        if cell.config.fidelity == "OneDimensional":
-            inversion = add("kinematic_inversion", ConstantKinematicInversion(cell.direction, cell.normal_row, q_0))
-            position = export(add("motor_position", PassThrough(n_q)).get_input_port(), "motor_position")
+        inversions = [
+            add("_".join(("kinematic_inversion", *label)), _inversion(model.loop(i))) for i, label in _loops(model)
+        ]
+        first = inversions[0]
+        if first.HasInputPort("motor_position"):
+            position = export(first.GetInputPort("motor_position"), "motor_position")
+            for other in inversions[1:]:
+                builder.ConnectInput(position, other.GetInputPort("motor_position"))
         else:
-            limit, period = cell.config.singularity_limit, cell.config.posture_period
-            block = KinematicInversion(cell.robot, cell.n, q_0, period=period, limit=limit)
-            inversion = add("kinematic_inversion", block)
-            position = export(inversion.GetInputPort("motor_position"), "motor_position")
+            position = export(add("motor_position", PassThrough(n_q)).get_input_port(), "motor_position")
         # Every input of the slot exists, whatever a law makes of it.
         export(add("motor_velocity", PassThrough(n_q)).get_input_port(), "motor_velocity")
         if "motor_displacement" in input_names(law):
-            tip = add("motor_displacement", _displacement(cell))
-            builder.ConnectInput(position, tip.get_input_port())
-            connect(tip.get_output_port(), law.GetInputPort("motor_displacement"))
-        connect(command, inversion.GetInputPort("displacement_command"))
-        unconstrained = export(inversion.GetInputPort("unconstrained_reference"), "unconstrained_reference")
+            self._displace(builder, "motor_displacement", law, model, lambda port: builder.ConnectInput(position, port))
+        if model.size == 1:
+            connect(command, first.GetInputPort("displacement_command"))
+        else:
+            each = add("displacement_commands", Demultiplexer([1] * model.size))
+            connect(command, each.get_input_port())
+            for i, inversion in enumerate(inversions):
+                connect(each.get_output_port(i), inversion.GetInputPort("displacement_command"))
+        unconstrained = export(first.GetInputPort("unconstrained_reference"), "unconstrained_reference")
+        # Each further loop adds its motion to that of the ones before.
+        for i, (one, other) in enumerate(pairwise(inversions)):
+            so_far = add(f"motion_{i + 1}", affine(np.eye(n_q), -q_0))
+            connect(one.GetOutputPort("joint_position_command"), so_far.get_input_port())
+            connect(so_far.get_output_port(), other.GetInputPort("unconstrained_reference"))
         if "path_displacement" in input_names(law):
             asked = add("asked_position", affine(np.eye(n_q), q_0))
-            along = add("path_displacement", _displacement(cell))
             builder.ConnectInput(unconstrained, asked.get_input_port())
-            connect(asked.get_output_port(), along.get_input_port())
-            connect(along.get_output_port(), law.GetInputPort("path_displacement"))
-        builder.ExportOutput(inversion.GetOutputPort("joint_position_command"), "joint_position_command")
+            wanted = asked.get_output_port()
+            self._displace(builder, "path_displacement", law, model, lambda port: connect(wanted, port))
+        builder.ExportOutput(inversions[-1].GetOutputPort("joint_position_command"), "joint_position_command")
         for i in range(law.num_output_ports()):
             port = law.get_output_port(i)
             builder.ExportOutput(port, port.get_name())
         builder.BuildInto(self)
 
-
-class JointController(Diagram):
-    """A controller of joints as its configuration makes it, whatever blocks that are, with the ports it has.
-
-    ```
-    name: JointController
-    input_ports: [desired_force, measured_force, motor_position, motor_velocity, unconstrained_reference]
-    output_ports: [joint_position_command, (further outputs of the controller)]
-    ```
-
-    See `ForceController` for the ports. All outputs are feedthrough of desired_force, measured_force and
-    unconstrained_reference at the tick.
-
-    Sampling: every `period` [s] the controller; no delay.
-
-    Args:
-        builder: holds the controller; it is built into this diagram. controller: with the ports above.
-    """
-
-    def __init__(self, builder: DiagramBuilder, controller: System):
-        super().__init__()
-        _require(controller, CONTROLLER_INPUTS, ("joint_position_command",))
-        for name in CONTROLLER_INPUTS:
-            builder.ExportInput(controller.GetInputPort(name), name)
-        for i in range(controller.num_output_ports()):
-            port = controller.get_output_port(i)
-            builder.ExportOutput(port, port.get_name())
-        builder.BuildInto(self)
+    @staticmethod
+    def _displace(builder: DiagramBuilder, name: str, law: System, model: PlantModel, feed: Any) -> None:
+        """Feed an input of the law with the displacements along the normals of what `feed` connects to."""
+        blocks = []
+        for i, label in _loops(model):
+            blocks.append(builder.AddNamedSystem("_".join((name, *label)), model.loop(i).tip_displacement()))
+            feed(blocks[-1].get_input_port())
+        if len(blocks) == 1:
+            builder.Connect(blocks[0].get_output_port(), law.GetInputPort(name))
+            return
+        both = builder.AddNamedSystem(f"{name}s", Multiplexer([1] * len(blocks)))
+        for i, block in enumerate(blocks):
+            builder.Connect(block.get_output_port(), both.get_input_port(i))
+        builder.Connect(both.get_output_port(), law.GetInputPort(name))
 
 
-def build_controller(config: ControllerConfig, cell: Cell) -> ForceController | JointController:
-    """The controller of a configuration, with the ports of the ForceController slot.
+def _loops(model: PlantModel) -> list[tuple[int, tuple[str, ...]]]:
+    """Index of each loop, and what tells its blocks from those of the others."""
+    if model.size == 1:
+        return [(0, ())]
+    return [(i, (arm or str(i + 1),)) for i, arm in enumerate(model.arms)]
+
+
+def _inversion(model: PlantModel) -> System:
+    robot = model.known_robot()
+    if model.constant_jacobian:
+        context = robot.create_context()
+        robot.set_positions(context, model.start)
+        jacobian = robot.jacobian(context)
+        return ConstantKinematicInversion(joint_direction(jacobian, model.n), model.n @ jacobian[3:], model.start)
+    return KinematicInversion(robot, model.n, model.start, period=model.posture_period, limit=model.singularity_limit)
+
+
+def build_controller(config: Any, model: PlantModel) -> ForceController | Enclosed:
+    """The controller of a configuration.
 
     A configuration whose system has the output `joint_position_command` is used as it is; a force law, with the output
     `displacement_command`, gets the kinematic inversion.
 
+    Args:
+        config: with `add_to(builder, model)`.
+        model: of the plant.
+
     Raises:
-        BadInputError: the system has neither, or lacks an input of its slot.
+        BadInputError: the system has neither output, or lacks an input of a force law.
     """
     builder = DiagramBuilder()
-    made = config.add_to(builder, loop_facts(cell))
+    try:
+        made = config.add_to(builder, model)
+    except BadInputError as error:
+        if model.size == 0 and str(error).startswith("size = 0"):
+            raise BadInputError(_NO_SURFACE) from None
+        raise
+    if not isinstance(made, System):
+        raise BadInputError(f"controller: its add_to must return a Drake system, not {type(made).__name__}")
     if "joint_position_command" in output_names(made):
-        return JointController(builder, made)
-    return ForceController(builder, made, cell)
-
-
-def add_controller(builder: DiagramBuilder, config: ControllerConfig, cell: Cell) -> System:
-    """Add the controller of a configuration under the name `controller`; see `build_controller`."""
-    return builder.AddNamedSystem("controller", build_controller(config, cell))
-
-
-def loop_facts(cell: Cell) -> LoopFacts:
-    """What a controller may know of the cell's loop."""
-    sensor = cell.config.force_sensor
-    return LoopFacts(
-        size=1,
-        period=cell.config.period,
-        robot_compliance=np.array([cell.robot_compliance]),
-        environment_compliance=np.array([cell.environment_compliance]),
-        sensor_bandwidth=sensor.bandwidth,
-        sensor_damping_ratio=sensor.damping_ratio,
-        sensor_delay=sensor.delay,
-        robot=RobotFacts(
-            model=cell.robot,
-            n=cell.n,
-            start=cell.motor_start,
-            posture_period=cell.config.posture_period,
-            singularity_limit=cell.config.singularity_limit,
-            straight=cell.config.fidelity == "OneDimensional",
-        ),
-        drive_compliance=cell.drive_compliance,
-    )
-
-
-def _displacement(cell: Cell) -> System:
-    if cell.config.fidelity != "OneDimensional":
-        return TipDisplacement(cell.robot, cell.n, cell.motor_start, period=cell.config.posture_period)
-    row = cell.normal_row
-    return affine(row.reshape(1, -1), np.array([-row @ cell.motor_start]))
+        return Enclosed(builder, made)
+    return ForceController(builder, made, model)
 
 
 def _require(system: System, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> None:

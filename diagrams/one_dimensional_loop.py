@@ -21,12 +21,13 @@ from forcectl.diagrams.log import LoggedLoop, add_log
 from forcectl.diagrams.parts import input_names
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.force.integral import IntegralConfig, LinearIntegralForceLaw
-from forcectl.force.slot import ControllerConfig, LoopFacts
+from forcectl.force.slot import ControllerConfig
 from forcectl.framework.batch import LaneBlock, check
 from forcectl.motion.references import ForceReferenceConfig, StepConfig
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.drives.position_loop import PositionLoopConfig
 from forcectl.plant.drives.servo import ServoConfig
+from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 
 
@@ -120,7 +121,7 @@ def build_one_dimensional_loop(
     builder = DiagramBuilder()
     connect = builder.Connect
     sensor_config = config.force_sensor
-    facts = LoopFacts(
+    model = PlantModel(
         size=size,
         period=config.period,
         robot_compliance=np.full(size, config.robot_compliance),
@@ -130,7 +131,7 @@ def build_one_dimensional_loop(
         sensor_delay=sensor_config.delay,
     )
     reference = config.reference.add_to(builder, size)
-    law = _add_law(builder, config, facts)
+    law = _add_law(builder, config, model)
     loop = config.position_loop.add_to(builder, size, config.period, unit="m")
     if config.servo.ideal:
         parts = builder.AddNamedSystem("displacement_and_rate", Demultiplexer([size, size]))
@@ -141,7 +142,7 @@ def build_one_dimensional_loop(
         connect(loop.GetOutputPort("reference"), servo.GetInputPort("reference"))
         displacement = servo.GetOutputPort("position")
     contact = config.environment.add_to(builder, size, config.period, robot_compliance=config.robot_compliance)
-    sensor = sensor_config.add_to(builder, config.period, size=size, seed=seeds)
+    sensor = sensor_config.add_channels(builder, config.period, size=size, seed=seeds)
     connect(reference.GetOutputPort("desired_force"), law.GetInputPort("desired_force"))
     connect(sensor.GetOutputPort("measured_force"), law.GetInputPort("measured_force"))
     connect(law.GetOutputPort("displacement_command"), loop.GetInputPort("command"))
@@ -162,15 +163,15 @@ def build_one_dimensional_loop(
     return OneDimensionalLoop(diagram, log, config.period)
 
 
-def _add_law(builder: DiagramBuilder, config: OneDimensionalLoopConfig, facts: LoopFacts) -> System:
+def _add_law(builder: DiagramBuilder, config: OneDimensionalLoopConfig, model: PlantModel) -> System:
     law, linear = config.controller, not config.environment.one_sided
     if linear and isinstance(law, IntegralConfig) and law.dead_zone == 0:
         # The linear loop has no contact to lose and needs no limits: C++ throughout, and open to linear analysis.
         system = LinearIntegralForceLaw(
-            facts.size,
+            model.size,
             integral_gain=law.integral_gain,
-            compliance=law.compliance_error * facts.total_compliance,
-            period=facts.period,
+            compliance=law.compliance_error * model.total_compliance,
+            period=model.period,
         )
         return builder.AddNamedSystem("force_law", system)
-    return law.add_to(builder, facts)
+    return law.add_to(builder, model)

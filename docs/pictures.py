@@ -22,8 +22,9 @@ from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.systems.sensors import CameraInfo
 
 import forcectl as fc
-from forcectl.diagrams.station import StationConfig, describe
-from forcectl.diagrams.station_multibody import MultibodyStation
+from forcectl.diagrams.fidelities.multibody import MultibodyStation
+from forcectl.diagrams.station import StationConfig
+from forcectl.diagrams.workcell import describe
 from forcectl.figures.force import COLOURS, force_figure, frame
 from forcectl.motion.trajectory import Planner, Target, begin, limits_of
 

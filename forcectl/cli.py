@@ -192,9 +192,7 @@ def check(
     target: Annotated[
         str | None, typer.Option("--to", metavar="PORT", help="... to here, and back; default once around the loop.")
     ] = None,
-    scheme: Annotated[
-        str | None, typer.Option(metavar="NAME", help="Integration scheme it is to run with; cenic has a fault.")
-    ] = None,
+    scheme: Annotated[str | None, typer.Option(metavar="NAME", help="Integration scheme, such as cenic.")] = None,
     verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Also remarks and the feedthrough table.")] = False,
 ) -> None:
     """Examine a diagram: wiring, direct feedthrough, algebraic loops, sample periods and delays.
@@ -217,9 +215,7 @@ def reproduce(
     out: Annotated[
         Path | None, typer.Option(metavar="DIR", help="Directory to write; default runs/reproduce-<n>.")
     ] = None,
-    check_: Annotated[
-        bool, typer.Option("--check", help="Exit with 1 when a target is missed or a value has drifted.")
-    ] = False,
+    check_: Annotated[bool, typer.Option("--check", help="Exit with 1 on a miss or a drifted value.")] = False,
     fidelity: Fidelity = None,
     workers: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Processes; default one per processor.")

@@ -11,42 +11,85 @@ Signs (design equations, section 0)
 
 Units are SI. A port or a logged signal has the unit of its name in `SIGNAL_UNITS`; a block may override or extend
 the table with a class attribute `port_units: dict[str, str]`.
+
+Signals that pass between the parts of a loop stand in `SIGNALS`: ports of these names are connected by name. Shapes are
+in terms of n joints, a arms and k surfaces that are pressed on.
 """
 
 from __future__ import annotations
 
-SIGNAL_UNITS: dict[str, str] = {
-    "desired_force": "N",
-    "measured_force": "N",
-    "contact_force": "N",
+from typing import NamedTuple
+
+
+class Signal(NamedTuple):
+    """A signal that passes between the parts of a loop.
+
+    Attributes:
+        unit: of its elements.
+        shape: of the port.
+        meaning: with frame and sign.
+        truth: only the simulation knows it; no controller or estimator is connected to it.
+    """
+
+    unit: str
+    shape: str
+    meaning: str
+    truth: bool = False
+
+
+SIGNALS: dict[str, Signal] = {
+    # references
+    "desired_force": Signal("N", "k", "force wanted along the normal of each surface, pressing is positive"),
+    "unconstrained_reference": Signal("rad", "n", "joint motion in the unconstrained directions, from the start"),
+    # commands
+    "joint_position_command": Signal("rad", "n", "joint positions that the drives are to reach"),
+    "joint_velocity_command": Signal("rad/s", "n", "speeds of that motion"),
+    "joint_torque_feedforward": Signal("Nm", "n", "torques on top of the drives' own, positive along the joints"),
+    # what is measured
+    "measured_force": Signal("N", "k", "force of each surface on the tool along its normal"),
+    "measured_wrench": Signal("Nm,N", "6", "of the environment on the tool, at the sensor frame S in S"),
+    "motor_position": Signal("rad", "n", "of the motors, joint side"),
+    "motor_velocity": Signal("rad/s", "n", "of the motors, joint side"),
+    "joint_position": Signal("rad", "n", "readings of the robot's interface"),
+    "joint_velocity": Signal("rad/s", "n", "readings of the robot's interface"),
+    "motor_torque": Signal("Nm", "n", "readings of the robot's interface, mean over the last tick"),
+    # what is estimated
+    "estimated_torque": Signal("Nm", "n", "external joint torques"),
+    "estimated_wrench": Signal("Nm,N", "6a", "of the environment on the robot at each TCP in the world"),
+    # what only the simulation knows
+    "contact_force": Signal("N", "k", "force of each surface on the tool along its normal, never negative", True),
+    "contact_state": Signal("1", "k", "1 where the tool touches the surface", True),
+    "contact_displacement": Signal("m", "k", "of the tool along each normal by the motors, from the start", True),
+    "link_position": Signal("rad", "n", "of the links", True),
+    "link_velocity": Signal("rad/s", "n", "of the links", True),
+    "surface_height": Signal("m", "1", "of the surface under the tool", True),
+    "surface_stiffness": Signal("N/m", "1", "of the material under the tool", True),
+    "surface_damping": Signal("N s/m", "1", "of the material under the tool", True),
+    "external_torque": Signal("Nm", "n", "of all loads and contacts on the joints", True),
+    "tip_wrench": Signal("Nm,N", "6a", "of loads and contacts on the tools, at each TCP in the world", True),
+    "applied_wrench": Signal("Nm,N", "6a", "of the loads at each TCP in the world", True),
+    "arm_contact_force": Signal("N", "a", "sum of the magnitudes of the contact forces on each arm", True),
+}
+
+# Names of ports inside of parts.
+_FURTHER = {
     "force": "N",
     "model_force": "N",
-    "measured_wrench": "Nm,N",
     "wrench": "Nm,N",
-    "contact_displacement": "m",
     "displacement": "m",
     "displacement_velocity": "m/s",
     "displacement_command": "m",
     "motor_displacement": "m",
-    "unconstrained_reference": "rad",
-    "joint_position_command": "rad",
-    "joint_position_reference": "rad",
-    "joint_velocity_reference": "rad/s",
-    "motor_position": "rad",
-    "motor_velocity": "rad/s",
     "motor_state": "rad,rad/s",
-    "link_position": "rad",
-    "link_velocity": "rad/s",
     "spring_torque": "Nm",
     "load_torque": "Nm",
-    "motor_torque": "Nm",
-    "applied_wrench": "Nm,N",
-    "contact_state": "1",
     "saturated": "1",
     "compliance": "m/N",
     "robot_compliance": "m/N",
     "environment_compliance": "m/N",
 }
+SIGNAL_UNITS: dict[str, str] = {name: signal.unit for name, signal in SIGNALS.items()} | _FURTHER
+TRUTH = frozenset(name for name, signal in SIGNALS.items() if signal.truth)
 
 
 def unit_of(name: str, overrides: dict[str, str] | None = None) -> str:

@@ -19,9 +19,10 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from forcectl.diagrams.believed import Setting
 from forcectl.errors import invalid
 from forcectl.framework.batch import check
-from forcectl.tasks.slot import MotionFacts
+from forcectl.plant.plant_model import PlantModel
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -48,13 +49,13 @@ class ForceAnalysis:
         if not 0 < check("fast_share", self.fast_share) < 1:
             raise invalid("fast_share", self.fast_share, "above 0 and below 1")
 
-    def metrics(self, log: Any, facts: MotionFacts) -> dict[str, float | None]:
+    def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """The metrics of force estimation in `ANALYSIS_METRICS`, of all arms and of each; none without an estimator."""
         if "estimated_wrench" not in log:
             return {}
         result: dict[str, float | None] = {}
-        arms = facts.robot.parts.arms
-        each = {name: self._arm(log, facts, i, arm.joints) for i, (name, arm) in enumerate(arms.items())}
+        arms = setting.truth.known_robot().parts.arms
+        each = {name: self._arm(log, setting.truth, i, arm.joints) for i, (name, arm) in enumerate(arms.items())}
         for metric in next(iter(each.values())):
             values = [value for one in each.values() if (value := one[metric]) is not None]
             total = sum(values) if metric == "static_loads" else max(values, default=None)
@@ -63,18 +64,18 @@ class ForceAnalysis:
             result |= {f"{name}.{metric}": value for name, one in each.items() for metric, value in one.items()}
         return result
 
-    def figures(self, log: Any, facts: MotionFacts, title: str) -> dict[str, Figure]:
+    def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
         """Those of every run show it."""
-        del log, facts, title
+        del log, setting, title
         return {}
 
-    def _arm(self, log: Any, facts: MotionFacts, i: int, joints: slice) -> dict[str, float | None]:
+    def _arm(self, log: Any, truth: PlantModel, i: int, joints: slice) -> dict[str, float | None]:
         time = log["time"].values
         rows = slice(6 * i, 6 * i + 6)
         true, estimate = log["tip_wrench"].values[:, rows], log["estimated_wrench"].values[:, rows]
         applied = log["applied_wrench"].values[:, rows] if "applied_wrench" in log else np.zeros_like(true)
         tau, tau_hat = (log[name].values[:, joints] for name in ("external_torque", "estimated_torque"))
-        touching = log["contact_force"].values[:, i] > _LEAST
+        touching = log["arm_contact_force"].values[:, i] > _LEAST
         judged = time >= self.begin - 1e-9
         error = np.linalg.norm(estimate[:, 3:] - true[:, 3:], axis=1)
         size, shown = np.linalg.norm(true[:, 3:], axis=1), np.linalg.norm(estimate[:, 3:], axis=1)
@@ -94,7 +95,7 @@ class ForceAnalysis:
         relative = [
             100 * d / float(np.linalg.norm(two)) for d, (_, two) in zip(distance, means, strict=True) if two.any()
         ]
-        coulomb = facts.friction.coulomb[joints]
+        coulomb = truth.friction.coulomb[joints]
         share = [np.abs(tau_hat[s].mean(axis=0) - tau[s].mean(axis=0)) / coulomb for s in static if coulomb.all()]
 
         extended = [slice(s.start, int(np.searchsorted(time, time[s][-1] + self.settle))) for s in pushes]
@@ -113,7 +114,7 @@ class ForceAnalysis:
             if true[s, 3:].any()
         ]
 
-        speed = np.abs(log["joint_velocity"].values[:, joints]) / facts.robot.limits.velocity[joints]
+        speed = np.abs(log["joint_velocity"].values[:, joints]) / truth.known_robot().limits.velocity[joints]
         nothing = ~self._lately(time, loaded | touching | (np.abs(true).max(axis=1) > _LEAST)) & judged
         fast = self._lately(time, speed.max(axis=1) > self.fast_share)
 

@@ -6,12 +6,13 @@ from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
+import yaml
 
+from forcectl.diagrams.believed import FRICTION_KEYS, Setting
 from forcectl.errors import BadInputError
 from forcectl.figures.motion import one_variant
 from forcectl.framework.batch import check
 from forcectl.plant.drives.joint_friction import JointFriction, friction_torque
-from forcectl.tasks.slot import MotionFacts
 from forcectl.tuning.friction_identification import (
     FrictionFit,
     draw_friction,
@@ -40,7 +41,7 @@ class FrictionAnalysis:
         for name in ("slowest", "begin"):
             check(name, getattr(self, name), "not negative")
 
-    def fit(self, log: Any, facts: MotionFacts) -> FrictionFit:
+    def fit(self, log: Any, setting: Setting) -> FrictionFit:
         """What the readings of one variant say.
 
         Raises:
@@ -48,29 +49,50 @@ class FrictionAnalysis:
         """
         late = log.isel(time=log["time"].values >= self.begin)
         readings = (late[name].values for name in ("time", "joint_position", "joint_velocity", "motor_torque"))
-        samples = friction_samples(facts.momentum_model(), *readings, velocity_bandwidth=facts.velocity_bandwidth)
+        samples = friction_samples(
+            setting.model.momentum_model(), *readings, velocity_bandwidth=setting.model.velocity_bandwidth
+        )
         return identify_friction(*samples, slowest=self.slowest)
 
-    def metrics(self, log: Any, facts: MotionFacts) -> dict[str, float | None]:
+    def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """`friction_...` of `ANALYSIS_METRICS`, and of every joint its numbers; none when it cannot be identified."""
         try:
-            fit = self.fit(log, facts)
+            fit = self.fit(log, setting)
         except BadInputError:
             return {}
-        return friction_metrics(fit, facts.friction, [str(name) for name in log["joint"].values])
+        return friction_metrics(
+            fit,
+            setting.truth.friction,
+            [str(name) for name in log["joint"].values],
+        )
 
-    def figures(self, log: Any, facts: MotionFacts, title: str) -> dict[str, Figure]:
+    def files(self, log: Any, setting: Setting) -> dict[str, str]:
+        """`friction.yaml`, for the key `friction` of a scenario's part `model`; none when it cannot be identified.
+
+        Args:
+            log: of one variant.
+            setting: of the run.
+        """
+        try:
+            found = self.fit(log, setting).friction
+        except BadInputError:
+            return {}
+        names = {"joints": [str(name) for name in log["joint"].values]}
+        values = {key: getattr(found, key).tolist() for key in FRICTION_KEYS}
+        return {"friction.yaml": yaml.safe_dump(names | values, sort_keys=False, default_flow_style=None)}
+
+    def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
         """One figure per arm with the joints side by side; of the first variant."""
         # Beside variants of another robot the joints come in another order.
-        one = one_variant(log).sel(joint=facts.robot.facts.arm_joints)
+        one = one_variant(log).sel(joint=setting.cell.robot.facts.arm_joints)
         try:
-            fit = self.fit(one, facts)
+            fit = self.fit(one, setting)
         except BadInputError:
             return {}
         joints = [str(name) for name in one["joint"].values]
         return {
             f"friction_{name}": _figure(fit, joints, range(arm.joints.start, arm.joints.stop), f"{title}: {name}")
-            for name, arm in facts.robot.parts.arms.items()
+            for name, arm in setting.truth.known_robot().parts.arms.items()
         }
 
 

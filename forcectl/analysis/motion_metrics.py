@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 
-from forcectl.tasks.slot import MotionFacts
+from forcectl.plant.plant_model import PlantModel
 
 # Name -> unit and meaning.
 LOOP_METRICS: dict[str, tuple[str, str]] = {
@@ -70,21 +70,21 @@ def is_motion_metric(name: str) -> bool:
     return bool(re.fullmatch(r"(\w+\.)?\w+", name)) and name.rpartition(".")[2] in MOTION_METRICS
 
 
-def motion_loop_metrics(log: Any, facts: MotionFacts, realtime_factor: float | None) -> dict[str, float | None]:
+def joint_metrics(log: Any, truth: PlantModel) -> dict[str, float | None]:
     """`LOOP_METRICS` of one run.
 
     Args:
-        log: dataset over time. facts: of its robot. realtime_factor: measured by the caller.
+        log: dataset over time, with joint readings.
+        truth: model that agrees with the plant.
     """
-    limits = facts.robot.limits
+    limits = truth.known_robot().limits
     q, v, torque = (log[name].values for name in ("link_position", "link_velocity", "motor_torque"))
-    reference = log["joint_position_reference"].values
+    command = log["joint_position_command"].values
     beyond = np.maximum(q - limits.position_upper, limits.position_lower - q)
     return {
-        "tracking_error_rad": float(np.max(np.abs(reference - q))),
+        "tracking_error_rad": float(np.max(np.abs(command - q))),
         "joint_limit_excess_rad": max(0.0, float(beyond.max())),
         "speed_limit_excess_rad_s": max(0.0, float((np.abs(v) - limits.velocity).max())),
         "torque_share": float(np.max(np.abs(torque) / limits.torque)),
-        "peak_contact_force_N": float(log["contact_force"].values.max()),
-        "realtime_factor": realtime_factor,
+        "peak_contact_force_N": float(log["arm_contact_force"].values.max()),
     }

@@ -11,14 +11,14 @@ from pydrake.geometry import Box
 
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
+from forcectl.diagrams.believed import Setting
 from forcectl.errors import invalid
 from forcectl.framework.batch import check
 from forcectl.framework.rotation_vector import RotationVector
-from forcectl.plant.contact.obstacle import ObstacleConfig
+from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import unit_normal
 from forcectl.tasks.null_space import TowardsSmallMass
-from forcectl.tasks.slot import MotionFacts
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -30,9 +30,6 @@ Array = NDArray[np.float64]
 class ReachAnalysis:
     """Scenario part `!Reaching`: of a run of `!ReactiveReaching`."""
 
-    robot: str = "yumi"  # whose collision shapes are measured: the station's
-    tool: str | None = "yumi_gripper"
-    obstacles: list[ObstacleConfig] = field(default_factory=list)  # whose distance counts, too
     mass_direction: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])  # of the reflected mass, in W
     every: int = 4  # ticks between postures whose distances and masses are computed
 
@@ -41,16 +38,16 @@ class ReachAnalysis:
         if check("every", self.every, "positive") != int(self.every):
             raise invalid("every", self.every, "a whole number")
 
-    def metrics(self, log: Any, facts: MotionFacts) -> dict[str, float | None]:
+    def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """Those of `REACH_METRICS`."""
         if "task_target" not in log:
             return {}
-        offset, angle = self._missed(log, facts)
-        reference, speed = log["joint_position_reference"].values, log["joint_velocity_reference"].values
-        limits, time = facts.robot.limits, log["time"].values
+        offset, angle = self._missed(log, setting.truth)
+        reference, speed = log["joint_position_command"].values, log["joint_velocity_command"].values
+        limits, time = setting.truth.known_robot().limits, log["time"].values
         room = np.minimum(limits.position_upper - reference, reference - limits.position_lower)
-        bend = np.diff(speed, axis=0) / facts.period
-        distance, mass = self._along(log, facts)
+        bend = np.diff(speed, axis=0) / setting.truth.period
+        distance, mass = self._along(log, setting.truth)
         target = log["task_target"].values
         changed = np.flatnonzero((np.diff(target, axis=0) != 0).any(axis=1))
         begun = changed[-1] + 1 if len(changed) else 0
@@ -72,7 +69,7 @@ class ReachAnalysis:
             "reflected_mass_kg": float(mass.mean()),
         }
 
-    def figures(self, log: Any, facts: MotionFacts, title: str) -> dict[str, Figure]:
+    def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
         """Tool centre points and distances of the first variant; what the null space does in all of them."""
         from forcectl.figures.reaching import null_space_figure, reach_figure
 
@@ -81,18 +78,20 @@ class ReachAnalysis:
         several = "variant" in log.dims
         names = [str(name) for name in log["variant"].values] if several else [""]
         runs = {name: log.sel(variant=name).dropna("time", how="all") if several else log for name in names}
-        found = {name: self._along(run, facts) for name, run in runs.items()}
+        found = {name: self._along(run, setting.truth) for name, run in runs.items()}
         first = names[0]
         figures = {"reaching": reach_figure(runs[first], found[first][0], self.every, title)}
         if several:
-            figures["null_space"] = null_space_figure(runs, found, facts.robot.limits, self.every, title)
+            figures["null_space"] = null_space_figure(
+                runs, found, setting.truth.known_robot().limits, self.every, title
+            )
         return figures
 
-    def _missed(self, log: Any, facts: MotionFacts) -> tuple[float, float]:
+    def _missed(self, log: Any, truth: PlantModel) -> tuple[float, float]:
         """How far the links are from the target at the end [m, rad], the worse arm."""
-        robot = facts.robot
-        rest = np.zeros(facts.num_joints)
-        start = ArmsMotion(robot, robot.create_context(), facts.start, rest)
+        robot = truth.known_robot()
+        rest = np.zeros(truth.num_joints)
+        start = ArmsMotion(robot, robot.create_context(), truth.start, rest)
         end = ArmsMotion(robot, robot.create_context(), log["link_position"].values[-1], rest)
         offsets, angles = [], []
         for arm, target in zip(start.arm_names, log["task_target"].values[-1].reshape(-1, 6), strict=True):
@@ -102,15 +101,16 @@ class ReachAnalysis:
             angles.append(np.linalg.norm(turned))
         return float(max(offsets)), float(max(angles))
 
-    def _along(self, log: Any, facts: MotionFacts) -> tuple[Array, Array]:
+    def _along(self, log: Any, truth: PlantModel) -> tuple[Array, Array]:
         """Least distance of the links [m] and reflected masses (k, arms) [kg], every so many ticks."""
-        shapes, robot = RobotShapes.load(self.robot, self.tool), facts.robot
+        robot = truth.known_robot()
+        shapes = RobotShapes.load(*robot.source)
         pairs = [LinkDistance(shapes)]
-        if self.obstacles:
-            boxes = [Obstacle(Box(*each.size), each.pose) for each in self.obstacles]
+        if truth.obstacles:
+            boxes = [Obstacle(Box(*each.size), each.pose) for each in truth.obstacles]
             pairs.append(LinkDistance(shapes.against(boxes)))
         masses = [TowardsSmallMass(robot, arm, self.mass_direction) for arm in robot.parts.arms]
-        context, rest = robot.create_context(), np.zeros(facts.num_joints)
+        context, rest = robot.create_context(), np.zeros(truth.num_joints)
         distances, found = [], []
         for q in log["link_position"].values[:: self.every]:
             distances.append(min(pair.distances(q).min() for pair in pairs))

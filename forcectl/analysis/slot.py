@@ -1,34 +1,80 @@
-"""What is asked of the log of a motion loop beyond its own metrics: scenario part `analysis`.
+"""What is asked of the log of a run: metrics and figures.
 
-An analysis is a dataclass with two methods,
+Every run has the metrics and figures that its signals allow; an analysis of the scenario's part `analyses` adds its
+own. It is a dataclass with two methods,
 
-    metrics(log, facts) -> {name: value or None}        names in `motion_metrics.ANALYSIS_METRICS`; log of one variant
-    figures(log, facts, title) -> {file name: Figure}   log of one variant, or of several along `variant`
+    metrics(log, setting) -> {name: value or None}        log of one variant
+    figures(log, setting, title) -> {file name: Figure}   log of one variant, or of several along `variant`
 
-and one line for its tag in `ANALYSES` of `forcectl.scenario.catalog`.
+and may have a third, `files(log, setting) -> {file name: text}`, for what is to stand in the run directory.
 """
 
 from __future__ import annotations
 
-from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
-from forcectl.tasks.slot import MotionFacts
+from forcectl.analysis.force_metrics import metrics_of
+from forcectl.analysis.motion_metrics import joint_metrics
+from forcectl.diagrams.believed import Setting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
+SURFACE = "surface"  # dimension of signals with one element for each surface that is pressed on
 
-@dataclass(kw_only=True)
-class NoAnalysis:
-    """Scenario part `!NoAnalysis`: the metrics of every run are enough."""
 
-    def metrics(self, log: Any, facts: MotionFacts) -> dict[str, float | None]:
-        """None more."""
-        del log, facts
-        return {}
+def run_metrics(
+    log: Any,
+    setting: Setting,
+    *,
+    window: float,
+    motion: tuple[float, float] | None,
+    realtime_factor: float | None,
+) -> dict[str, float | None]:
+    """The metrics of any run, as far as it has the signals.
 
-    def figures(self, log: Any, facts: MotionFacts, title: str) -> dict[str, Figure]:
-        """None more."""
-        del log, facts, title
-        return {}
+    Of several surfaces each has its own force metrics, with its name in front.
+
+    Args:
+        log: over time.
+        setting: of the run.
+        window: of the standard deviation from the reference model [s].
+        motion: begin and end of the motion along the surface [s]; None without one.
+        realtime_factor: simulated time divided by computing time [1].
+    """
+    found: dict[str, float | None] = {}
+    if "desired_force" in log:
+        for label, one in surfaces(log):
+            signals = {str(name): one[name].values for name in one.variables}
+            own = metrics_of(signals, window=window, realtime_factor=realtime_factor, motion=motion)
+            found |= {f"{label}{name}": value for name, value in own.items()}
+    if "motor_torque" in log:
+        found |= joint_metrics(log, setting.truth)
+    return found | {"realtime_factor": realtime_factor}
+
+
+def surfaces(log: Any) -> list[tuple[str, Any]]:
+    """The log of each surface that is pressed on, with what stands in front of its names; of one surface nothing."""
+    if SURFACE not in log.dims:
+        return [("", log)]
+    return [(f"{name}.", log.sel(surface=name)) for name in log[SURFACE].values]
+
+
+def run_figures(log: Any, title: str) -> dict[str, Figure]:
+    """The figures of any run by file name, as far as it has the signals.
+
+    Args:
+        log: over time, or over (variant, time).
+        title: heading.
+    """
+    from forcectl.figures.force import run_figures as force_figures
+    from forcectl.figures.motion import motion_figures
+
+    found: dict[str, Figure] = {}
+    if "desired_force" in log:
+        for label, one in surfaces(log):
+            shown = f"{title}: {label[:-1]}" if label else title
+            found |= {f"{label}{name}".replace(".", "_"): each for name, each in force_figures(one, shown).items()}
+    if "motor_torque" in log:
+        found |= motion_figures(log, title)
+    return found

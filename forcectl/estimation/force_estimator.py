@@ -14,8 +14,9 @@ from forcectl.errors import invalid
 from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.wrench import WrenchEstimator
 from forcectl.framework.batch import check
-from forcectl.tasks.slot import READINGS, MotionFacts
+from forcectl.plant.plant_model import PlantModel
 
+READINGS = ("joint_position", "joint_velocity", "motor_torque")
 _JUMP = 4.0  # a speed that changes so many times faster than joints may accelerate was not read right
 _STOP = 2.0  # nor one that comes to rest so many times faster, at once and to the last bit
 _FROZEN = 0.1  # [rad/s] from which it may where there is no limit of the acceleration
@@ -105,33 +106,40 @@ class ForceEstimatorConfig:
         if not isinstance(self.moment, bool):
             raise invalid("moment", self.moment, "true or false")
 
-    def add_to(self, builder: DiagramBuilder, facts: MotionFacts) -> ForceEstimator:
+    def force_lag(self) -> tuple[float, float, float]:
+        """Lag of the estimated forces as that of a sensor: bandwidth [rad/s], damping ratio [1] and delay [s].
+
+        The observer lags by 1/K_R; this is the critically damped filter of second order with the same lag.
+        """
+        return 2 * self.gain, 1.0, 0.0
+
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> ForceEstimator:
         """Add the estimator."""
-        robot, coulomb = facts.robot, facts.friction.coulomb
-        model = facts.momentum_model()
+        robot, coulomb = model.known_robot(), model.friction.coulomb
+        momentum = model.momentum_model()
         # A joint that sticks stands still from one tick to the next, but only from a speed that it can stop from.
-        fastest_stop = _STOP * robot.limits.acceleration * facts.period
+        fastest_stop = _STOP * robot.limits.acceleration * model.period
         observer = MomentumObserver(
-            model,
-            facts.friction.scaled(self.friction_scale),
+            momentum,
+            model.friction.scaled(self.friction_scale),
             gain=self.gain,
             move=self.threshold_move * coulomb,
             still=self.threshold_still * coulomb,
             limit=self.limit_share * robot.limits.torque,
-            period=facts.period,
-            velocity_bandwidth=facts.velocity_bandwidth,
+            period=model.period,
+            velocity_bandwidth=model.velocity_bandwidth,
             frozen_speed=np.where(np.isfinite(fastest_stop), fastest_stop, _FROZEN),
             largest_acceleration=_JUMP * robot.limits.acceleration,
         )
         wrenches = {
             name: WrenchEstimator(
-                model,
+                momentum,
                 arm.tcp_frame,
                 joints=arm.joints,
                 moment=self.moment,
                 smallest=self.smallest_singular_value,
                 length=robot.facts.characteristic_length,
-                period=facts.period,
+                period=model.period,
             )
             for name, arm in robot.parts.arms.items()
         }

@@ -12,7 +12,7 @@ from forcectl.figures.force import COLOURS, frame
 _AXES = ("x", "y", "z")
 
 
-_OF_COMPONENTS = {"joint": "link_position", "arm": "contact_force", "wrench_component": "tip_wrench"}
+_OF_COMPONENTS = {"joint": "link_position", "arm": "arm_contact_force", "wrench_component": "tip_wrench"}
 
 
 def one_variant(log: Any, index: int = 0) -> Any:

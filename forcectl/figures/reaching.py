@@ -29,7 +29,7 @@ def reach_figure(log: Any, distance: Array, every: int, title: str = "") -> Figu
     rows[-2].plot(time[::every], 1e3 * distance, color=COLOURS[0], lw=1.4)
     rows[-2].set_ylabel("least distance [mm]")
     rows[-2].set_ylim(0.0, 60.0)
-    rows[-1].plot(time, np.linalg.norm(log["joint_velocity_reference"].values, axis=1), color=COLOURS[0], lw=1.4)
+    rows[-1].plot(time, np.linalg.norm(log["joint_velocity_command"].values, axis=1), color=COLOURS[0], lw=1.4)
     rows[-1].set_ylabel("joint speeds [rad/s]")
     binds = log["active_constraints"].values.ravel() > 0
     rows[-1].fill_between(time, 0.0, 1.0, where=binds, transform=rows[-1].get_xaxis_transform(), color="0.9", lw=0)
@@ -44,7 +44,7 @@ def null_space_figure(
     figure, rows = _stack(4, title)
     for k, (name, log) in enumerate(runs.items()):
         time, colour = log["time"].values, COLOURS[k % len(COLOURS)]
-        q, v = (log[f"joint_{kind}_reference"].values for kind in ("position", "velocity"))
+        q, v = (log[f"joint_{kind}_command"].values for kind in ("position", "velocity"))
         room = np.degrees(np.minimum(limits.position_upper - q, q - limits.position_lower).min(axis=1))
         distance, mass = found[name]
         rows[0].plot(time, np.linalg.norm(v, axis=1), color=colour, lw=1.2, label=name)

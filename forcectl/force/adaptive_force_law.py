@@ -9,9 +9,9 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
-from forcectl.force.slot import LoopFacts
 from forcectl.framework.batch import check, whole_multiple
 from forcectl.framework.sampled_law import SampledLaw
+from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import sensor_filter
 
 
@@ -87,27 +87,27 @@ class Adaptation:
         if not 0 < check("forgetting", self.forgetting) <= 1:
             raise invalid("forgetting", self.forgetting, "above 0 and at most 1")
 
-    def estimator(self, facts: LoopFacts) -> EnvironmentComplianceEstimator:
+    def estimator(self, model: PlantModel) -> EnvironmentComplianceEstimator:
         """The estimator, starting from `compliance_error` times the true environment compliance."""
         return EnvironmentComplianceEstimator(
-            facts.size,
-            initial_compliance=self.compliance_error * facts.environment_compliance,
+            model.size,
+            initial_compliance=self.compliance_error * model.environment_compliance,
             initial_covariance=self.initial_covariance,
             forgetting=self.forgetting,
-            robot_compliance=facts.robot_compliance - facts.drive_compliance,
-            drive_compliance=facts.drive_compliance,
+            robot_compliance=model.robot_compliance - model.drive_compliance,
+            drive_compliance=model.drive_compliance,
             minimum_force=self.minimum_force,
-            period=facts.period,
+            period=model.period,
         )
 
-    def adapt(self, builder: DiagramBuilder, facts: LoopFacts, law: SampledLaw | Diagram) -> AdaptiveForceLaw:
+    def adapt(self, builder: DiagramBuilder, model: PlantModel, law: SampledLaw | Diagram) -> AdaptiveForceLaw:
         """Add the law with the estimator."""
         block = AdaptiveForceLaw(
             law,
-            self.estimator(facts),
-            filter_bandwidth=facts.sensor_bandwidth,
-            filter_damping_ratio=facts.sensor_damping_ratio,
-            filter_delay_ticks=whole_multiple("delay", facts.sensor_delay, facts.period, "period"),
-            period=facts.period,
+            self.estimator(model),
+            filter_bandwidth=model.sensor_bandwidth,
+            filter_damping_ratio=model.sensor_damping_ratio,
+            filter_delay_ticks=whole_multiple("delay", model.sensor_delay, model.period, "period"),
+            period=model.period,
         )
         return builder.AddNamedSystem("force_law", block)

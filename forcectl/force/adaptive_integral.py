@@ -8,8 +8,8 @@ from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
 from forcectl.force.integral import IntegralForceLaw, check_limits
-from forcectl.force.slot import LoopFacts
 from forcectl.framework.batch import check
+from forcectl.plant.plant_model import PlantModel
 
 
 @dataclass(kw_only=True)
@@ -31,14 +31,14 @@ class AdaptiveIntegralConfig(Adaptation):
         """Bandwidth K_I [rad/s] of the nominal closed loop."""
         return self.integral_gain
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> AdaptiveForceLaw:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveForceLaw:
         """Add the law with its estimator."""
         law = IntegralForceLaw(
-            facts.size,
+            model.size,
             integral_gain=self.integral_gain,
             dead_zone=self.dead_zone,
             lower_limit=self.lower_limit,
             upper_limit=self.upper_limit,
-            period=facts.period,
+            period=model.period,
         )
-        return self.adapt(builder, facts, law)
+        return self.adapt(builder, model, law)

@@ -18,9 +18,9 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LinearSystem, Multiplexer
 
 from forcectl.errors import invalid
-from forcectl.force.slot import LoopFacts
 from forcectl.framework.batch import Lane, Parameter, check, check_order, lane_values
 from forcectl.framework.sampled_law import SampledLaw
+from forcectl.plant.plant_model import PlantModel
 
 
 def dead_zone(error: Lane, width: Lane, m: Any = np) -> Lane:
@@ -157,21 +157,21 @@ class IntegralConfig:
         """Bandwidth K_I [rad/s] of the nominal closed loop M(s) = K_I/(s + K_I)."""
         return self.integral_gain
 
-    def law(self, facts: LoopFacts, compliance: ArrayLike | None, *, limited: bool = True) -> IntegralForceLaw:
+    def law(self, model: PlantModel, compliance: ArrayLike | None, *, limited: bool = True) -> IntegralForceLaw:
         """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
         return IntegralForceLaw(
-            facts.size,
+            model.size,
             integral_gain=self.integral_gain,
             compliance=compliance,
             dead_zone=self.dead_zone,
             lower_limit=self.lower_limit if limited else -np.inf,
             upper_limit=self.upper_limit if limited else np.inf,
-            period=facts.period,
+            period=model.period,
         )
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> IntegralForceLaw:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> IntegralForceLaw:
         """Add the law; it believes in `compliance_error` times the true total compliance."""
-        return builder.AddNamedSystem("force_law", self.law(facts, self.compliance_error * facts.total_compliance))
+        return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))
 
 
 def check_limits(lower: float, upper: float) -> None:

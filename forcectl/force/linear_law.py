@@ -20,9 +20,9 @@ from pydrake.systems.framework import Context, DiagramBuilder, System
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.force.integral import check_limits
-from forcectl.force.slot import LoopFacts
 from forcectl.framework.batch import Lane, Parameter, check, check_order
 from forcectl.framework.sampled_law import SampledLaw
+from forcectl.plant.plant_model import PlantModel
 
 GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
 GAIN_UNITS = {"proportional_gain": "m/N", "integral_gain": "m/(N s)", "derivative_gain": "m s/N"}
@@ -188,19 +188,19 @@ class VrftConfig:
         """Bandwidth [rad/s] of the reference model M(s) = w/(s + w)."""
         return self.reference_bandwidth
 
-    def law(self, facts: LoopFacts) -> LinearForceLaw:
+    def law(self, model: PlantModel) -> LinearForceLaw:
         """The block; it believes in `robot_compliance_error` times the true compliance of the robot."""
         return LinearForceLaw(
-            facts.size,
+            model.size,
             gains=(self.proportional_gain, self.integral_gain, self.derivative_gain),
             fir=self.fir,
-            derivative_filter=2 * facts.period if self.derivative_filter is None else self.derivative_filter,
-            robot_compliance=self.robot_compliance_error * facts.robot_compliance,
+            derivative_filter=2 * model.period if self.derivative_filter is None else self.derivative_filter,
+            robot_compliance=self.robot_compliance_error * model.robot_compliance,
             lower_limit=self.lower_limit,
             upper_limit=self.upper_limit,
-            period=facts.period,
+            period=model.period,
         )
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> System:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """Add the law."""
-        return builder.AddNamedSystem("force_law", self.law(facts))
+        return builder.AddNamedSystem("force_law", self.law(model))

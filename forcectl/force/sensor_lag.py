@@ -10,8 +10,8 @@ model says. d is what the motion does not explain, a surface that rises: it goes
 
 from __future__ import annotations
 
-from forcectl.force.slot import LoopFacts
 from forcectl.framework.batch import whole_multiple
+from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import sensor_filter
 
 _WAY_BACK = 0.25
@@ -38,10 +38,10 @@ class SensorLag:
         self.size = 3 + delay_ticks
 
     @classmethod
-    def of(cls, facts: LoopFacts) -> SensorLag:
+    def of(cls, model: PlantModel) -> SensorLag:
         """That of a loop."""
-        delay = whole_multiple("delay", facts.sensor_delay, facts.period, "period")
-        return cls(facts.sensor_bandwidth, facts.sensor_damping_ratio, facts.period, delay)
+        delay = whole_multiple("delay", model.sensor_delay, model.period, "period")
+        return cls(model.sensor_bandwidth, model.sensor_damping_ratio, model.period, delay)
 
     def unseen(self, memory: list[float], command: float, moved: float, depth: float) -> tuple[float, list[float]]:
         """What is to be added to C_T_hat F/2 [m], and the memory of the next tick.

@@ -13,9 +13,9 @@ from forcectl.inspect.start import StartValues
 from forcectl.inspect.ways import Hop, Hops
 from forcectl.inspect.wiring import Port, Wiring
 
-COMMANDS = ("joint_position_command", "joint_position_reference", "displacement_command")
+COMMANDS = ("joint_position_command", "displacement_command")
 SENSOR = "measured_force"
-TRUTH = "contact_force"
+TRUTHS = ("contact_force", "arm_contact_force")
 LOAD = "external_wrench"
 
 
@@ -124,16 +124,16 @@ def ways_around(wiring: Wiring) -> list[tuple[PortName, PortName]]:
     where an external wrench does, and shows itself in the joint readings.
     """
     command = next((name for name in COMMANDS if len(find_outputs(wiring, name)) == 1), None)
-    truth = len(find_outputs(wiring, TRUTH)) == 1
+    truth = next((name for name in TRUTHS if len(find_outputs(wiring, name)) == 1), None)
     sensors = find_outputs(wiring, SENSOR)
-    ways: list[tuple[PortName, PortName]] = [(command, TRUTH)] if command is not None and truth else []
+    ways: list[tuple[PortName, PortName]] = [(command, truth)] if command is not None and truth is not None else []
     if len(sensors) > 1:
         return []
     if sensors or find_inputs(wiring, SENSOR):
-        ways += [(TRUTH, SENSOR)] if sensors and truth else []
+        ways += [(truth, SENSOR)] if sensors and truth is not None else []
         ways += [(SENSOR, command)] if command is not None else []
-    elif ways and command is not None:
-        ways.append((LOAD if find_inputs(wiring, LOAD) else TRUTH, command))
+    elif truth is not None and command is not None:
+        ways.append((LOAD if find_inputs(wiring, LOAD) else truth, command))
     return ways
 
 

@@ -153,10 +153,6 @@ class ExcitationFileConfig(_Excitation):
 
 
 ExcitationConfig = TrapezoidalMovesConfig | ExcitationFileConfig
-EXCITATIONS = {
-    "TrapezoidalMoves": "forcectl.motion.excitation:TrapezoidalMovesConfig",
-    "ExcitationFile": "forcectl.motion.excitation:ExcitationFileConfig",
-}
 
 
 def _check_scale(scale: float | None) -> None:

@@ -20,7 +20,7 @@ from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, Leaf
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check
 from forcectl.framework.cache import BlockCache
-from forcectl.tasks.slot import MotionFacts
+from forcectl.plant.plant_model import PlantModel
 
 Array = NDArray[np.float64]
 
@@ -76,10 +76,10 @@ class JointPath(LeafSystem):
     ```
     name: JointPath
     input_ports: []
-    output_ports: [joint_position_reference, joint_velocity_reference]
+    output_ports: [joint_position_command, joint_velocity_command]
     ```
 
-    joint_position_reference: shape (n,) [rad]. joint_velocity_reference: shape (n,), its derivative [rad/s].
+    joint_position_command: shape (n,) [rad]. joint_velocity_command: shape (n,), its derivative [rad/s].
         All outputs are functions of time.
 
     Sampling: none; evaluated when read.
@@ -97,7 +97,7 @@ class JointPath(LeafSystem):
             lambda block, context, value: value.set_value(path_at(context.get_time(), start, parts)),
             {self.time_ticket()},
         )
-        for i, name in enumerate(("joint_position_reference", "joint_velocity_reference")):
+        for i, name in enumerate(("joint_position_command", "joint_velocity_command")):
 
             def show(context: Context, output: BasicVector, i: int = i) -> None:
                 output.SetFromVector(now.Eval(context)[i])
@@ -166,16 +166,16 @@ class JointMovesConfig:
             if after.start < before.start + before.duration:
                 raise invalid("postures", after.start, f"after the move before, {before.start + before.duration:g} s")
 
-    def add_to(self, builder: DiagramBuilder, facts: MotionFacts) -> JointPath:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> JointPath:
         """Add the path.
 
         Raises:
             BadInputError: a posture of the wrong length or beyond the limits, or a move faster than the joints.
         """
-        limits, parts, last = facts.robot.limits, [], facts.start
+        limits, parts, last = model.known_robot().limits, [], model.start
         for i, one in enumerate(self.postures):
-            if len(one.posture_deg) != facts.num_joints:
-                raise BadInputError(f"postures[{i}] has {len(one.posture_deg)} angles: must have {facts.num_joints}")
+            if len(one.posture_deg) != model.num_joints:
+                raise BadInputError(f"postures[{i}] has {len(one.posture_deg)} angles: must have {model.num_joints}")
             there = np.radians(one.posture_deg)
             if np.any((there < limits.position_lower) | (there > limits.position_upper)):
                 raise invalid(f"postures[{i}]", one.posture_deg, "within the joint limits")
@@ -186,7 +186,7 @@ class JointMovesConfig:
             parts.append(move)
             last = there
         return builder.AddNamedSystem(
-            "controller", JointPath(facts.start, [*parts, *self.dither.parts(facts.num_joints)])
+            "controller", JointPath(model.start, [*parts, *self.dither.parts(model.num_joints)])
         )
 
 
@@ -217,11 +217,11 @@ class JointExcitationConfig:
         if not 0 < check("room_share", self.room_share) < 1:
             raise invalid("room_share", self.room_share, "above 0 and below 1")
 
-    def add_to(self, builder: DiagramBuilder, facts: MotionFacts) -> JointPath:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> JointPath:
         """Add the path, around the start."""
-        n, limits = facts.num_joints, facts.robot.limits
+        n, limits = model.num_joints, model.known_robot().limits
         frequency = self.frequency * np.linspace(1.0, self.frequency_spread, n)
-        room = np.minimum(facts.start - limits.position_lower, limits.position_upper - facts.start)
+        room = np.minimum(model.start - limits.position_lower, limits.position_upper - model.start)
         # Limits of acceleration and position allow less than those of speed where a joint turns often, or has no room.
         fastest = np.minimum(
             2 * np.pi * frequency * self.room_share * room, limits.acceleration / (2 * np.pi * frequency)
@@ -234,4 +234,4 @@ class JointExcitationConfig:
             amplitude = speed / (2 * np.pi * frequency)
             ramp = min(1.0, 0.25 * self.duration)
             parts.append(Sines(begin, begin + self.duration, ramp, amplitude, frequency, phase))
-        return builder.AddNamedSystem("controller", JointPath(facts.start, parts))
+        return builder.AddNamedSystem("controller", JointPath(model.start, parts))

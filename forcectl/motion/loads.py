@@ -11,6 +11,7 @@ from dataclasses import dataclass, field
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, OutputPort
 
 from forcectl.errors import invalid, unknown
@@ -23,9 +24,10 @@ _ROUNDING = 1e-9  # [s] of the times of ticks
 
 @dataclass(kw_only=True)
 class LoadConfig:
-    """One entry of scenario part `loads`."""
+    """One entry of the station's part `loads`."""
 
-    arm: str = ""  # which arm; empty: the first
+    arm: str = ""  # at whose TCP; empty: the first one's
+    body: str = ""  # instead: a body or frame of the robot's model, at its origin
     start: float = 0.0  # [s], >= 0
     hold: float = 1.0  # [s] of each wrench, > 0, ramps included
     pause: float = 0.0  # [s] after each wrench, >= 0
@@ -35,6 +37,8 @@ class LoadConfig:
     every: float = 0.0  # [s] from the start of one repeat to the next
 
     def __post_init__(self) -> None:
+        if self.arm and self.body:
+            raise invalid("body", self.body, "left out where there is an arm")
         for name in ("start", "pause", "ramp", "every"):
             check(name, getattr(self, name), "not negative")
         check_count("repeats", self.repeats)
@@ -70,50 +74,89 @@ class LoadConfig:
 
 
 class Loads(LeafSystem):
-    """The sum of the loads on each arm.
+    """The sum of the loads at each of several places.
 
     ```
     name: Loads
     input_ports: []
-    output_ports: [external_wrench]
+    output_ports: [<name>]
     ```
 
-    external_wrench: shape (6a,), on the robot at the TCP of each arm in the world, [torque; force] [Nm, N]. State.
+    <name>: shape (6p,) of p places, on the robot in the world, [torque; force] [Nm, N]. All outputs are state.
 
     Sampling: every `period` [s]; the load of a tick shows after it.
 
     Args:
-        loads: of the arms in `arms`, by name.
+        loads: on the places, with the index of each.
+        count: number p of places.
+        period: [s].
+        name: of the output.
     """
 
-    port_units = {"external_wrench": "Nm,N"}
-
-    def __init__(self, loads: Sequence[LoadConfig], arms: Sequence[str], *, period: float):
+    def __init__(
+        self, loads: Sequence[tuple[int, LoadConfig]], count: int, *, period: float, name: str = "external_wrench"
+    ):
         super().__init__()
-        self._loads = [(list(arms).index(load.arm or arms[0]), load) for load in loads]
-        self._count = len(arms)
-        state = self.DeclareDiscreteState(6 * len(arms))
-        self.DeclareStateOutputPort("external_wrench", state)
+        self.port_units = {name: "Nm,N"}
+        self._loads, self._count = list(loads), count
+        state = self.DeclareDiscreteState(6 * count)
+        self.DeclareStateOutputPort(name, state)
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=check("period", period, "positive"), offset_sec=0.0, update=self._update
         )
 
     def _update(self, context: Context, next_state: DiscreteValues) -> None:
         total = np.zeros((self._count, 6))
-        for arm, load in self._loads:
-            total[arm] += load.wrench(context.get_time() + _ROUNDING)
+        for place, load in self._loads:
+            total[place] += load.wrench(context.get_time() + _ROUNDING)
         next_state.set_value(total.ravel())
 
 
-def add_loads(builder: DiagramBuilder, loads: Sequence[LoadConfig], robot: RobotModel, period: float) -> OutputPort:
-    """Add the loads; returns the port with the wrenches, shape (6a,) [Nm, N].
+def loaded_frames(loads: Sequence[LoadConfig], robot: RobotModel) -> dict[str, Frame]:
+    """Frames of the robot's model that loads with a `body` act on, by name.
 
     Raises:
-        BadInputError: a load on an arm that the robot has not.
+        BadInputError: the model has no frame of that name.
     """
-    arms = list(robot.parts.arms)
+    instance = robot.parts.instance
+    frames = {}
+    for name in dict.fromkeys(load.body for load in loads if load.body):
+        if not robot.plant.HasFrameNamed(name, instance):
+            bodies = [robot.plant.get_body(index).name() for index in robot.plant.GetBodyIndices(instance)]
+            raise unknown("body", name, bodies)
+        frames[name] = robot.plant.GetFrameByName(name, instance)
+    return frames
+
+
+def add_loads(
+    builder: DiagramBuilder, loads: Sequence[LoadConfig], robot: RobotModel, period: float
+) -> dict[str, OutputPort]:
+    """Add the loads.
+
+    Args:
+        builder: of the station.
+        loads: at least one.
+        robot: that they act on.
+        period: [s].
+
+    Returns:
+        `external_wrench`, shape (6a,), at the TCPs, and `body_wrench`, shape (6b,), at the frames of `loaded_frames`,
+        as far as there are such loads [Nm, N].
+
+    Raises:
+        BadInputError: a load on an arm or a body that the robot has not.
+    """
+    arms, bodies = list(robot.parts.arms), list(loaded_frames(loads, robot))
     for load in loads:
         if load.arm and load.arm not in arms:
             raise unknown("arm", load.arm, arms)
-    block = builder.AddNamedSystem("loads", Loads(loads, arms, period=period))
-    return block.GetOutputPort("external_wrench")
+    at_tips = [(arms.index(load.arm or arms[0]), load) for load in loads if not load.body]
+    on_bodies = [(bodies.index(load.body), load) for load in loads if load.body]
+    found = {}
+    if at_tips:
+        block = builder.AddNamedSystem("loads", Loads(at_tips, len(arms), period=period))
+        found["external_wrench"] = block.GetOutputPort("external_wrench")
+    if on_bodies:
+        more = Loads(on_bodies, len(bodies), period=period, name="body_wrench")
+        found["body_wrench"] = builder.AddNamedSystem("body_loads", more).GetOutputPort("body_wrench")
+    return found

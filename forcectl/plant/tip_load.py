@@ -1,4 +1,4 @@
-"""Wrenches on the tool centre points of a robot: as a load on its plant, and what they and contacts do to its joints.
+"""Wrenches on a robot, at its tool centre points and other frames: a load on its plant, and the torques of its joints.
 
     tau_ext = sum J_i' mu_i + tau_contact
 
@@ -7,6 +7,7 @@ Wrenches are [torque; force] on the robot, in the world, at the TCP of each arm 
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 from weakref import ref
 
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ContactResults, ExternallyAppliedSpatialForce, MultibodyPlant
+from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from forcectl.framework.cache import BlockCache
@@ -38,51 +40,86 @@ def bodies_beyond(plant: MultibodyPlant, parts: RobotParts) -> list[tuple[set[in
     return found
 
 
+class _Wrenches:
+    """Inputs of wrenches on a robot: at the TCPs, of contacts there, and at further frames.
+
+    Args:
+        block: declares the ports.
+        arms: number a of arms.
+        bodies: number b of further frames.
+    """
+
+    def __init__(self, block: LeafSystem, arms: int, bodies: int):
+        self.arms, self.bodies = arms, bodies
+        self.tips = [block.DeclareVectorInputPort(name, 6 * arms) for name in ("external_wrench", "contact_wrench")]
+        self.body = block.DeclareVectorInputPort("body_wrench", 6 * bodies) if bodies else None
+        self.tickets = {port.ticket() for port in (*self.tips, self.body) if port is not None}
+
+    def read(self, context: Context) -> tuple[Array, Array]:
+        """Sums at the TCPs, shape (a, 6), and at the further frames, (b, 6); what is not finite counts as zero."""
+        at_tips, on_bodies = np.zeros((self.arms, 6)), np.zeros((self.bodies, 6))
+        for port in self.tips:
+            if port.HasValue(context):
+                at_tips += _finite_rows(port.Eval(context))
+        if self.body is not None and self.body.HasValue(context):
+            on_bodies += _finite_rows(self.body.Eval(context))
+        return at_tips, on_bodies
+
+
+def _finite_rows(values: Array) -> Array:
+    wrenches: Array = values.reshape(-1, 6)
+    wrenches[~np.isfinite(wrenches).all(axis=1)] = 0.0
+    return wrenches
+
+
 class TipLoad(LeafSystem):
-    """Wrenches at the tool centre points as a load on the plant.
+    """Wrenches on a robot as a load on the plant.
 
     ```
     name: TipLoad
-    input_ports: [external_wrench]
+    input_ports: [external_wrench, contact_wrench, body_wrench (optional)]
     output_ports: [spatial_forces]
     ```
 
-    external_wrench: shape (6a,) of a arms, on the robot at each TCP in the world, [torque; force] [Nm, N]; may be left
-        unconnected. A wrench that is not finite is none.
+    external_wrench: shape (6a,) of a arms, on the robot at each TCP in the world, [torque; force] [Nm, N].
+    contact_wrench: shape (6a,), likewise, added to it [Nm, N].
+    body_wrench: shape (6b,), at the origins of the further frames in the world [Nm, N].
     spatial_forces: abstract, for the plant's `applied_spatial_force` input. Feedthrough.
+
+    Each input may be left unconnected. A wrench that is not finite is none.
 
     Sampling: none; evaluated when read.
 
     Args:
         parts: of the robot in the plant.
+        frames: further ones of the plant.
     """
 
-    port_units = {"external_wrench": "Nm,N"}
-    optional_inputs = ("external_wrench",)
+    port_units = {"external_wrench": "Nm,N", "contact_wrench": "Nm,N", "body_wrench": "Nm,N"}
+    optional_inputs = ("external_wrench", "contact_wrench", "body_wrench")
 
-    def __init__(self, parts: RobotParts):
+    def __init__(self, parts: RobotParts, frames: Sequence[Frame] = ()):
         super().__init__()
-        frames = [arm.tcp_frame for arm in parts.arms.values()]
-        self._at = [(frame.body().index(), frame.GetFixedPoseInBodyFrame().translation()) for frame in frames]
-        self._wrench = self.DeclareVectorInputPort("external_wrench", 6 * len(frames))
+        tips = [arm.tcp_frame for arm in parts.arms.values()]
+        places = [*tips, *frames]
+        self._at = [(frame.body().index(), frame.GetFixedPoseInBodyFrame().translation()) for frame in places]
+        self._wrenches = _Wrenches(self, len(tips), len(frames))
         block: Any = ref(self)  # Drake keeps a block whose method it is given here
         self.DeclareAbstractOutputPort(
             "spatial_forces",
             lambda: AbstractValue.Make([ExternallyAppliedSpatialForce()]),
             lambda context, output: block()._apply(context, output),
-            prerequisites_of_calc={self._wrench.ticket()},
+            prerequisites_of_calc=self._wrenches.tickets,
         )
 
     def _apply(self, context: Context, output: AbstractValue) -> None:
         forces = []
-        if self._wrench.HasValue(context):
-            wrenches = self._wrench.Eval(context).reshape(-1, 6)
-            for (body, point), wrench in zip(self._at, wrenches, strict=True):
-                if np.isfinite(wrench).all():
-                    one = ExternallyAppliedSpatialForce()
-                    one.body_index, one.p_BoBq_B = body, point
-                    one.F_Bq_W = SpatialForce(wrench[:3], wrench[3:])
-                    forces.append(one)
+        for (body, point), wrench in zip(self._at, np.vstack(self._wrenches.read(context)), strict=True):
+            if wrench.any():
+                one = ExternallyAppliedSpatialForce()
+                one.body_index, one.p_BoBq_B = body, point
+                one.F_Bq_W = SpatialForce(wrench[:3], wrench[3:])
+                forces.append(one)
         output.set_value(forces)
 
 
@@ -91,44 +128,50 @@ class LoadTruth(LeafSystem):
 
     ```
     name: LoadTruth
-    input_ports: [link_position, external_wrench, contact_results, contact_torque]
-    output_ports: [external_torque, tip_wrench, contact_force]
+    input_ports: [link_position, external_wrench, contact_wrench, body_wrench (optional), contact_results,
+      contact_torque]
+    output_ports: [external_torque, tip_wrench, arm_contact_force]
     ```
 
-    link_position: shape (n,) [rad]. external_wrench: shape (6a,), as that of `TipLoad` [Nm, N].
+    link_position: shape (n,) [rad]. external_wrench, contact_wrench, body_wrench: those of `TipLoad`.
     contact_results: abstract, of the plant. contact_torque: shape (n_v,), its generalized contact forces on the model
         instance of the robot [Nm]. Both may be left unconnected: no contacts.
     external_torque: shape (n,), joint torques of all loads and contacts [Nm]. Feedthrough of all inputs but
         contact_results.
     tip_wrench: shape (6a,), of loads at the TCPs and of contacts of the bodies fixed to them, at each TCP in the world,
         [torque; force] [Nm, N]. Feedthrough of all inputs but contact_torque.
-    contact_force: shape (a,), sum of the magnitudes of the contact forces on each arm,
+    arm_contact_force: shape (a,), sum of the magnitudes of the contact forces on each arm,
         those between two arms included [N]. Feedthrough of all inputs but contact_torque.
 
     Sampling: none; evaluated when read.
 
     Args:
-        robot: kinematics. plant: finalized, with the robot `parts`.
+        robot: kinematics.
+        plant: finalized, with the robot.
+        parts: of the robot in the plant.
+        frames: the further ones of `TipLoad`, of the robot's own plant.
     """
 
     port_units = {
         "external_wrench": "Nm,N",
+        "contact_wrench": "Nm,N",
+        "body_wrench": "Nm,N",
         "contact_torque": "Nm",
         "external_torque": "Nm",
         "tip_wrench": "Nm,N",
-        "contact_force": "N",
+        "arm_contact_force": "N",
     }
-    optional_inputs = ("external_wrench", "contact_results", "contact_torque")
+    optional_inputs = ("external_wrench", "contact_wrench", "body_wrench", "contact_results", "contact_torque")
 
-    def __init__(self, robot: RobotModel, plant: MultibodyPlant, parts: RobotParts):
+    def __init__(self, robot: RobotModel, plant: MultibodyPlant, parts: RobotParts, frames: Sequence[Frame] = ()):
         super().__init__()
         n, count = robot.num_joints, len(parts.arms)
         self._robot, self._bodies = robot, bodies_beyond(plant, parts)
-        self._arms = list(robot.parts.arms.values())
+        self._arms, self._frames = list(robot.parts.arms.values()), list(frames)
         order = plant.GetVelocitiesFromArray(parts.instance, np.arange(plant.num_velocities(), dtype=float)).tolist()
         self._rows = [order.index(joint.velocity_start()) for joint in parts.joints]
         position = self.DeclareVectorInputPort("link_position", n)
-        self._wrench = self.DeclareVectorInputPort("external_wrench", 6 * count)
+        self._wrenches = _Wrenches(self, count, len(frames))
         self._results = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
         self._contact_torque = self.DeclareVectorInputPort("contact_torque", len(order))
         self._posture = posture_cache(self, robot, position)
@@ -138,27 +181,21 @@ class LoadTruth(LeafSystem):
             "wrench at each TCP, then force",
             lambda: AbstractValue.Make(BasicVector(7 * count)),
             lambda block, context, value: value.get_mutable_value().SetFromVector(block._touch(context)),
-            {posture, self._wrench.ticket(), self._results.ticket()},
+            {posture, self._results.ticket()} | self._wrenches.tickets,
         )
         self.DeclareVectorOutputPort(
             "external_torque",
             n,
             self._show_torque,
-            prerequisites_of_calc={posture, self._wrench.ticket(), self._contact_torque.ticket()},
+            prerequisites_of_calc={posture, self._contact_torque.ticket()} | self._wrenches.tickets,
         )
         known = {self._contacts.ticket()}
         self.DeclareVectorOutputPort("tip_wrench", 6 * count, self._show_wrench, prerequisites_of_calc=known)
-        self.DeclareVectorOutputPort("contact_force", count, self._show_force, prerequisites_of_calc=known)
-
-    def _applied(self, context: Context) -> Array:
-        if not self._wrench.HasValue(context):
-            return np.zeros((len(self._arms), 6))
-        wrenches: Array = self._wrench.Eval(context).reshape(-1, 6)
-        wrenches[~np.isfinite(wrenches).all(axis=1)] = 0.0
-        return wrenches
+        self.DeclareVectorOutputPort("arm_contact_force", count, self._show_force, prerequisites_of_calc=known)
 
     def _touch(self, context: Context) -> Array:
-        wrenches, forces = self._applied(context), np.zeros(len(self._arms))
+        wrenches, _ = self._wrenches.read(context)
+        forces = np.zeros(len(self._arms))
         if self._results.HasValue(context):
             results = self._results.Eval(context)
             count = results.num_point_pair_contacts()
@@ -177,9 +214,10 @@ class LoadTruth(LeafSystem):
 
     def _show_torque(self, context: Context, output: BasicVector) -> None:
         torque = np.zeros(self._robot.num_joints)
-        for arm, wrench in zip(self._arms, self._applied(context), strict=True):
+        places = [*(arm.tcp_frame for arm in self._arms), *self._frames]
+        for frame, wrench in zip(places, np.vstack(self._wrenches.read(context)), strict=True):
             if wrench.any():
-                torque += self._robot.jacobian_of(self._posture.Eval(context), arm.tcp_frame).T @ wrench
+                torque += self._robot.jacobian_of(self._posture.Eval(context), frame).T @ wrench
         if self._contact_torque.HasValue(context):
             torque += self._contact_torque.Eval(context)[self._rows]
         output.SetFromVector(torque)

@@ -8,6 +8,7 @@ matrix is B = T' diag(J_m) T with the map T from joint to motor speeds, gear rat
 
 from __future__ import annotations
 
+import copy
 import threading
 from dataclasses import dataclass
 from pathlib import Path
@@ -17,10 +18,18 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, JacobianWrtVariable, MultibodyForces
+from pydrake.multibody.tree import (
+    BodyIndex,
+    Frame,
+    JacobianWrtVariable,
+    MultibodyForces,
+    RigidBody,
+    SpatialInertia,
+    UnitInertia,
+)
 from pydrake.systems.framework import Context, InputPort, LeafSystem
 
-from forcectl.errors import invalid
+from forcectl.errors import invalid, unknown
 from forcectl.framework.cache import BlockCache
 from forcectl.robot.facts import ControlFacts
 from forcectl.robot.parts import ArmParts, RobotParts, add_robot, frame_named
@@ -91,7 +100,11 @@ class RobotModel:
         joint_stiffness: its values [Nm/rad].
         motor_from_joint: T, motor speeds per joint speeds, shape (n, n) [1].
         motor_inertia: T' diag(J_m) T, shape (n, n), joint side [kg m2].
+        source: what `load` was given as robot and tool.
     """
+
+    source: tuple[str | Path, str | Path | None] = ("", None)
+    _inertias: tuple[tuple[RigidBody, SpatialInertia], ...] = ()
 
     def __init__(self, plant: MultibodyPlant, parts: RobotParts, stiffness_set: str | None = None):
         """Use `load`."""
@@ -138,11 +151,55 @@ class RobotModel:
         plant = MultibodyPlant(time_step=0.0)
         parts = add_robot(plant, robot, tool)
         plant.Finalize()
-        return cls(plant, parts, stiffness_set)
+        loaded = cls(plant, parts, stiffness_set)
+        loaded.source = (robot, tool)
+        return loaded
+
+    def for_arm(self, name: str) -> RobotModel:
+        """The same robot, with the TCP of the named arm in the place of the first one's.
+
+        Args:
+            name: of an arm, see `parts.arms`.
+
+        Raises:
+            BadInputError: the robot has no arm of that name.
+        """
+        if name not in self.parts.arms:
+            raise unknown("arm", name, self.parts.arms)
+        other = copy.copy(self)
+        other.tcp_frame = self.parts.arms[name].tcp_frame
+        return other
+
+    def with_inertia_error(self, scale: float, payload: float) -> RobotModel:
+        """The same robot as a model with other masses: what contexts of it hold.
+
+        Args:
+            scale: factor on mass and inertia of every body of robot and tools [1].
+            payload: mass at the TCP of every arm [kg].
+        """
+        other = copy.copy(self)
+        bodies = [self.plant.get_body(BodyIndex(i)) for i in range(1, self.plant.num_bodies())]
+        changed = {}
+        for body in bodies:
+            inertia = body.default_spatial_inertia()
+            if inertia.get_mass() > 0:
+                changed[body] = scaled_inertia(inertia, scale)
+        for arm in self.parts.arms.values():
+            body, place = arm.tcp_frame.body(), arm.tcp_frame.GetFixedPoseInBodyFrame().translation()
+            held = changed.get(body, body.default_spatial_inertia())
+            if payload > 0:
+                loaded = SpatialInertia(held.get_mass(), held.get_com(), held.get_unit_inertia())
+                loaded += SpatialInertia(payload, place, UnitInertia.PointMass(place))
+                changed[body] = loaded
+        other._inertias = tuple(changed.items())
+        return other
 
     def create_context(self) -> Context:
         """A context of `plant` in the default posture at rest."""
-        return self.plant.CreateDefaultContext()
+        context = self.plant.CreateDefaultContext()
+        for body, inertia in self._inertias:
+            body.SetSpatialInertiaInBodyFrame(context, inertia)
+        return context
 
     def positions(self, context: Context) -> Array:
         """Joint positions in `context`, shape (n,) [rad]."""
@@ -249,6 +306,16 @@ class RobotModel:
         J = self.jacobian_of(context, arm.tcp_frame)[:, arm.joints]
         J[3:] /= self.facts.characteristic_length
         return float(np.linalg.svd(J, compute_uv=False)[-1])
+
+
+def scaled_inertia(inertia: SpatialInertia, scale: float) -> SpatialInertia:
+    """A body of the same shape with another density.
+
+    Args:
+        inertia: of the body.
+        scale: factor on mass and inertia, > 0 [1].
+    """
+    return SpatialInertia(scale * inertia.get_mass(), inertia.get_com(), inertia.get_unit_inertia())
 
 
 def posture_cache(block: LeafSystem, robot: RobotModel, position: InputPort) -> BlockCache:

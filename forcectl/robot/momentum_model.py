@@ -9,7 +9,7 @@ C q', which is another vector. The central difference costs two mass matrices, w
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -36,13 +36,18 @@ class MomentumModel:
         plant: finalized; best continuous and without geometry.
         joints: with one velocity each; all that move when None.
         rotor_inertia: of rotors that the plant does not hold, joint side, shape (n,) or (n, n) [kg m2].
+        create_context: makes the contexts to compute in; the plant's default ones when None.
 
     Raises:
         BadInputError: a plant that is not finalized, joints that do not fit, or a wrong inertia.
     """
 
     def __init__(
-        self, plant: MultibodyPlant, joints: Sequence[Joint] | None = None, rotor_inertia: ArrayLike | None = None
+        self,
+        plant: MultibodyPlant,
+        joints: Sequence[Joint] | None = None,
+        rotor_inertia: ArrayLike | None = None,
+        create_context: Callable[[], Context] | None = None,
     ):
         if not plant.is_finalized():
             raise BadInputError("plant: must be finalized")
@@ -53,6 +58,7 @@ class MomentumModel:
             if joint.num_positions() != 1 or joint.num_velocities() != 1:
                 raise BadInputError(f"joint {joint.name()!r}: must have one position and one velocity")
         self.plant = plant
+        self._create_context = create_context or plant.CreateDefaultContext
         self.num_joints = check_count("number of joints", len(joints))
         self._q = np.array([joint.position_start() for joint in joints])
         self._v = np.array([joint.velocity_start() for joint in joints])
@@ -69,7 +75,7 @@ class MomentumModel:
 
     def create_context(self) -> Context:
         """A context of `plant` to compute in."""
-        return self.plant.CreateDefaultContext()
+        return self._create_context()
 
     def _mass_times(self, context: Context, q: Array, v: Array) -> Array:
         """B(q) v without extra rotors, shape (n,) [kg m2/s]."""

@@ -17,14 +17,11 @@ def catalog_tables() -> list[Table]:
     presets = new_table("Plant presets", "preset", "what it changes")
     for name in catalog.list_presets():
         presets.add_row(name, escape(str(catalog.find_preset(name).tree.get("description", ""))))
-    parts = new_table("Stations, and what fills the slots of their loops", "key", "choices")
-    parts.add_row("station.fidelity", ", ".join(catalog.FIDELITIES))
-    parts.add_row("station.interface", ", ".join(f"!{tag}" for tag in catalog.INTERFACES))
+    parts = new_table("Slots of a scenario, and what fills them", "slot", "choices")
     for key, names in catalog.list_models().items():
         parts.add_row(key, ", ".join(names))
-    for loop, slots in catalog.SLOTS.items():
-        for slot, tags in slots.items():
-            parts.add_row(f"{slot} (loop: {loop})", ", ".join(f"!{tag}" for tag in tags))
+    for slot in catalog.SLOTS:
+        parts.add_row(slot, ", ".join(f"!{tag}" for tag in (*catalog.tags_of(slot), catalog.IMPORT)))
     blocks = new_table("Blocks", "block", "what it is")
     for name, text in catalog.list_blocks().items():
         blocks.add_row(name, escape(text))

@@ -78,14 +78,16 @@ def to_dataset(
     for name, (unit, samples) in (derived or {}).items():
         dataset[name] = ("time", samples, {"units": unit, "long_name": name.replace("_", " ")})
     if model_bandwidth is not None:
-        start = float(dataset["contact_force"].values[0]) if times.size else 0.0
-        response = model_response(times, dataset["desired_force"].values, model_bandwidth, start)
+        desired = dataset["desired_force"]
+        columns = desired.values.reshape(len(times), -1).T
+        first = np.broadcast_to(dataset["contact_force"].values[:1].ravel() if times.size else 0.0, len(columns))
+        responses = [model_response(times, d, model_bandwidth, float(f)) for d, f in zip(columns, first, strict=True)]
         attributes = {
             "units": unit_of("model_force"),
             "long_name": "reference model",
             "bandwidth_rad_s": model_bandwidth,
         }
-        dataset["model_force"] = ("time", response, attributes)
+        dataset["model_force"] = (desired.dims, np.array(responses).T.reshape(desired.shape), attributes)
     return dataset
 
 

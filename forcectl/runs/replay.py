@@ -1,7 +1,8 @@
-"""Replay of a run: robot, surface and contact force in three dimensions, as one HTML page without any network access.
+"""Replay of a run: robot, environment and forces in three dimensions, as one HTML page without any network access.
 
 Drawn from the log alone, so it works for every fidelity. Motions are true to scale. An uneven surface moves by its
-height under the tool, as the tool sees it; its grooves are dark lines on the plate.
+height under the tool, as the tool sees it; its grooves are dark lines on the plate. Blue bars are true forces, orange
+ones estimates.
 """
 
 from __future__ import annotations
@@ -29,7 +30,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, PrismaticJoint
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from forcectl.diagrams.station import StationConfig, describe
+from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.models import add_packages
 from forcectl.robot.model import add_robot
 
@@ -37,65 +38,113 @@ FRAMES = 32.0  # pictures per second of simulated time
 ARROW = 0.02  # [m/N] length of the bars that show forces
 _LEAST = 0.05  # [N] of a force that is shown
 _BLUE, _DARK = Rgba(0.0, 0.45, 0.7, 1.0), Rgba(0.15, 0.15, 0.17, 1.0)
+_ORANGE, _WOOD = Rgba(0.84, 0.37, 0.0, 1.0), Rgba(0.75, 0.6, 0.42, 1.0)
+_LOOKS = {"tip_wrench": (0.010, _BLUE), "estimated_wrench": (0.007, _ORANGE)}  # width [m], colour
 _PLATE = np.array([0.3, 0.2])  # [m] length and width of the plate
 
 
-def write_replay(log: xr.Dataset, station: StationConfig, path: Path) -> None:
+def write_replay(log: xr.Dataset, cell: Workcell, path: Path) -> None:
     """Write the replay of one variant.
 
     Args:
-        log: over time, with `motor_position`, `contact_force` and, for an uneven surface, `surface_height`.
-        station: what was simulated.
+        log: over time, with `link_position` or `motor_position`, and forces.
+        cell: what was simulated.
         path: HTML file to write.
     """
-    cell = describe(station)
-    context = cell.robot.create_context()
-    cell.robot.set_positions(context, cell.start)
-    # The surface frame has its z axis along n, and its x axis along the path over an uneven surface.
-    surface = station.environment.surface
-    uneven = None if surface.flat else surface
-    R_WE = RotationMatrix.MakeFromOneVector(cell.n, 2)
-    if uneven:
-        d = uneven.direction_across(cell.n)
-        R_WE = RotationMatrix(np.column_stack([d, np.cross(cell.n, d), cell.n]))
-    X_WE = RigidTransform(R_WE, cell.robot.pose(context).translation())
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-    joints = add_robot(plant, station.robot, station.tool).joints
-    parser = Parser(plant)
-    add_packages(parser.package_map())
-    (plate,) = parser.AddModelsFromUrl("package://spring_plate/spring_plate.sdf")
-    top = plant.GetFrameByName("surface", plate)
-    if uneven:
-        guide = plant.AddFrame(FixedOffsetFrame("surface_guide", plant.world_frame(), X_WE))
-        plant.AddJoint(PrismaticJoint("surface_slide", guide, top, [0.0, 0.0, 1.0]))
-    else:
-        plant.WeldFrames(plant.world_frame(), top, X_WE)
+    parts = add_robot(plant, cell.config.robot, cell.config.tool)
+    plates = [_Plate(plant, contact, i) for i, contact in enumerate(cell.contacts)]
     plant.Finalize()
     scene = Scene(builder, plant, scene_graph)
     meshcat, own = scene.meshcat, scene.plant_context
-    positions, indices = plant.GetPositions(own), [joint.position_start() for joint in joints]
-    # The bar stands beside the tool, where it does not go, and grows along n.
-    bar, foot = ForceBar(meshcat, "force", 0.012, _BLUE), X_WE @ ([-0.12, 0.08, 0.0] if uneven else [0.1, 0.0, 0.0])
-    meshcat.SetTransform("grooves", X_WE)
-    if uneven and uneven.grooves:
-        on_plate = (c for c in uneven.grooves.centres(uneven.length) if abs(c) < _PLATE[0] / 2)
-        for i, centre in enumerate(on_plate):
-            meshcat.SetObject(f"grooves/lines/{i}", Box(uneven.grooves.width, _PLATE[1], 2e-4), _DARK)
-            meshcat.SetTransform(f"grooves/lines/{i}", RigidTransform([centre, 0.0, 0.0]))
-    tip = X_WE.translation()
-    meshcat.SetCameraPose(tip + np.array([0.3, -1.4, 0.3]), 0.85 * tip)
+    for i, obstacle in enumerate(cell.obstacles.values()):
+        meshcat.SetObject(f"obstacles/{i}", Box(*obstacle.size), _WOOD)
+        meshcat.SetTransform(f"obstacles/{i}", obstacle.pose)
+    for plate in plates:
+        plate.draw_grooves(meshcat)
+    if plates:
+        tip = plates[0].X_WE.translation()
+        meshcat.SetCameraPose(tip + np.array([0.3, -1.4, 0.3]), 0.85 * tip)
+    bars = {
+        name: [ForceBar(meshcat, f"{name}/{arm}", *look) for arm in parts.arms]
+        for name, look in _LOOKS.items()
+        if name in log
+    }
+    beside = [ForceBar(meshcat, plate.name("force"), 0.012, _BLUE) for plate in plates]
+    joints = log["link_position" if "link_position" in log else "motor_position"].values
+    positions, indices = plant.GetPositions(own), [joint.position_start() for joint in parts.joints]
 
     def draw(k: int, when: float) -> None:
-        positions[indices] = log["motor_position"].values[k]
-        if uneven:
-            height = float(log["surface_height"].values[k])
-            positions[plant.GetJointByName("surface_slide").position_start()] = height
-            meshcat.SetTransform("grooves/lines", RigidTransform([0.0, 0.0, height]), when)
+        positions[indices] = joints[k]
+        height = float(log["surface_height"].values[k]) if "surface_height" in log else 0.0
+        for plate in plates:
+            plate.move(meshcat, positions, height, when)
         plant.SetPositions(own, positions)
-        bar.draw(foot, float(log["contact_force"].values[k]) * cell.n, when)
+        tips = [part.tcp_frame.CalcPoseInWorld(own).translation() for part in parts.arms.values()]
+        for name, of_arms in bars.items():
+            forces = log[name].values[k].reshape(-1, 6)[:, 3:]
+            for bar, tip, force in zip(of_arms, tips, forces, strict=True):
+                bar.draw(tip - ARROW * force, force, when)  # it ends where the force acts
+        pressed = np.atleast_1d(log["contact_force"].values[k]) if plates else ()
+        for bar, plate, force in zip(beside, plates, pressed, strict=True):
+            bar.draw(plate.foot, float(force) * plate.n, when)
 
     scene.record(log["time"].values, draw, path)
+
+
+class _Plate:
+    """The plate that a surface is drawn as.
+
+    Args:
+        plant: not finalized.
+        contact: of the surface.
+        index: of the contact.
+    """
+
+    def __init__(self, plant: MultibodyPlant, contact: Contact, index: int):
+        self.n, self._index = contact.n, index
+        # The surface frame has its z axis along n, and its x axis along the path over an uneven surface.
+        surface = getattr(contact.environment, "surface", None)
+        self._uneven = None if surface is None or surface.flat else surface
+        R_WE = RotationMatrix.MakeFromOneVector(self.n, 2)
+        if self._uneven:
+            d = self._uneven.direction_across(self.n)
+            R_WE = RotationMatrix(np.column_stack([d, np.cross(self.n, d), self.n]))
+        self.X_WE = RigidTransform(R_WE, contact.robot.pose(contact.start_context()).translation())
+        # A bar stands beside the tool, where it does not go, and grows along n.
+        self.foot = self.X_WE @ ([-0.12, 0.08, 0.0] if self._uneven else [0.1, 0.0, 0.0])
+        parser = Parser(plant)
+        parser.SetAutoRenaming(True)
+        add_packages(parser.package_map())
+        (plate,) = parser.AddModelsFromUrl("package://spring_plate/spring_plate.sdf")
+        top = plant.GetFrameByName("surface", plate)
+        self._slide = None
+        if self._uneven:
+            guide = plant.AddFrame(FixedOffsetFrame("surface_guide", plant.world_frame(), self.X_WE, plate))
+            self._slide = plant.AddJoint(PrismaticJoint("surface_slide", guide, top, [0.0, 0.0, 1.0]))
+        else:
+            plant.WeldFrames(plant.world_frame(), top, self.X_WE)
+
+    def name(self, what: str) -> str:
+        """Path of something of this plate in the page."""
+        return what if self._index == 0 else f"{what}_{self._index + 1}"
+
+    def draw_grooves(self, meshcat: Meshcat) -> None:
+        """Draw the grooves of the surface."""
+        meshcat.SetTransform(self.name("grooves"), self.X_WE)
+        if self._uneven and self._uneven.grooves:
+            on_plate = (c for c in self._uneven.grooves.centres(self._uneven.length) if abs(c) < _PLATE[0] / 2)
+            for i, centre in enumerate(on_plate):
+                line = f"{self.name('grooves')}/lines/{i}"
+                meshcat.SetObject(line, Box(self._uneven.grooves.width, _PLATE[1], 2e-4), _DARK)
+                meshcat.SetTransform(line, RigidTransform([centre, 0.0, 0.0]))
+
+    def move(self, meshcat: Meshcat, positions: NDArray[np.float64], height: float, when: float) -> None:
+        """Raise it to a height [m]."""
+        if self._slide is not None:
+            positions[self._slide.position_start()] = height
+            meshcat.SetTransform(f"{self.name('grooves')}/lines", RigidTransform([0.0, 0.0, height]), when)
 
 
 class ForceBar:

@@ -24,7 +24,7 @@ from forcectl.runs.run import StoppedRunError, check_overrides, finish, verdicts
 from forcectl.runs.simulate import Outcome, simulate
 from forcectl.scenario.catalog import ScenarioFile, find_scenario
 from forcectl.scenario.expectations import Verdict
-from forcectl.scenario.scenario import AnyScenario, Scenario, build, origins, resolve, select_variants
+from forcectl.scenario.scenario import Scenario, build, origins, resolve, select_variants
 
 Progress = Callable[[str, float], None]  # (what, share done)
 
@@ -36,7 +36,7 @@ class _Part:
     file: ScenarioFile
     fidelity: str
     overrides: dict[str, Any]
-    scenarios: dict[str, AnyScenario]
+    scenarios: dict[str, Scenario]
     several: bool  # whether the experiment runs on several fidelities
 
 
@@ -118,10 +118,9 @@ def reproduce(
 
 def _parts(file: ScenarioFile, fidelity: str | None) -> list[_Part]:
     first = resolve(file, select_variants(file)[0])
-    if not isinstance(first, Scenario):  # a motion loop has one station
-        scenarios = {name: resolve(file, name) for name in select_variants(file)}
-        return [_Part(file, first.fidelity, {}, scenarios, False)]
-    fidelities = [fidelity] if fidelity else first.fidelities or [first.fidelity]
+    own = first.fidelities or [first.fidelity]
+    # One that names a single fidelity can be realised in no other.
+    fidelities = [fidelity] if fidelity and len(first.fidelities) != 1 else own
     parts = []
     for one in fidelities:
         overrides = with_shortcuts(None, None, one)

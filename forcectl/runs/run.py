@@ -18,8 +18,6 @@ from forcectl.runs.simulate import Outcome, simulate
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.expectations import Verdict, judge
 from forcectl.scenario.scenario import (
-    TAGS,
-    AnyScenario,
     Scenario,
     as_file,
     build,
@@ -28,7 +26,8 @@ from forcectl.scenario.scenario import (
     resolved_tree,
     select_variants,
 )
-from forcectl.scenario.schema import join, to_tree
+from forcectl.scenario.schema import join
+from forcectl.scenario.trees import part_tree
 from forcectl.scenario.yaml_tree import Tagged, Tree, as_json, dump, nest
 
 Progress = Callable[[str, float], None]  # (variant, share done)
@@ -61,7 +60,7 @@ class StoppedRunError(RunFailedError):
 
 
 def run(
-    scenario: str | Path | Mapping[str, Any] | AnyScenario | ScenarioFile,
+    scenario: str | Path | Mapping[str, Any] | Scenario | ScenarioFile,
     *,
     variant: str | None = None,
     overrides: Mapping[str, Any] | None = None,
@@ -131,7 +130,7 @@ def check_overrides(file: ScenarioFile, names: Sequence[str], overrides: Mapping
     if len(names) < 2:
         return
     set_by = {name: _keys(nest(file.tree["variants"].get(name) or {})) for name in names}
-    for key in _keys(nest({key: to_tree(value, TAGS) for key, value in overrides.items()})):
+    for key in _keys(nest({key: part_tree(value) for key, value in overrides.items()})):
         clashing = [name for name, keys in set_by.items() if any(_overlap(key, other) for other in keys)]
         if clashing:
             raise BadInputError(
@@ -153,7 +152,7 @@ def _overlap(one: str, other: str) -> bool:
 
 def finish(
     file: ScenarioFile,
-    scenarios: Mapping[str, AnyScenario],
+    scenarios: Mapping[str, Scenario],
     outcomes: Sequence[Outcome],
     directory: Path | None,
     *,
@@ -183,11 +182,11 @@ def finish(
         details = {
             "scenario": file.name,
             "title": first.title,
-            **({"preset": first.preset} if hasattr(first, "preset") else {}),
+            "preset": first.preset,
             "fidelity": first.fidelity,
             "seed": first.seed,
             "variants": list(scenarios),
-            "overrides": {key: as_json(to_tree(value, TAGS)) for key, value in overrides.items()},
+            "overrides": {key: as_json(part_tree(value)) for key, value in overrides.items()},
             **status,
             "expectations": {v.target: v.as_row() for v in verdicts},
         }
@@ -196,6 +195,7 @@ def finish(
         write_netcdf(log, folder / "log.nc")
         write_json(folder / "metrics.json", metrics)
         _write_pictures(folder, log, first, diagram, first.title or file.name)
+        _write_files(folder, scenarios, outcomes)
         if replay:
             _write_replays(folder, scenarios, outcomes)
 
@@ -211,7 +211,7 @@ def finish(
     return RunResult(file.name, log, metrics, diagram, directory, verdicts)
 
 
-def verdicts_on(file: ScenarioFile, scenarios: Mapping[str, AnyScenario], outcomes: Sequence[Outcome]) -> list[Verdict]:
+def verdicts_on(file: ScenarioFile, scenarios: Mapping[str, Scenario], outcomes: Sequence[Outcome]) -> list[Verdict]:
     """The verdicts on every expectation whose variants were all run."""
     first = next(iter(scenarios.values()))
     names = select_variants(file)
@@ -235,21 +235,29 @@ def verdicts_on(file: ScenarioFile, scenarios: Mapping[str, AnyScenario], outcom
     ]
 
 
-def _write_replays(folder: Path, scenarios: Mapping[str, AnyScenario], outcomes: Sequence[Outcome]) -> None:
-    from forcectl.runs.motion_replay import write_motion_replay
+def _write_files(folder: Path, scenarios: Mapping[str, Scenario], outcomes: Sequence[Outcome]) -> None:
+    """What analyses have to say in files of their own."""
+    for number, outcome in enumerate(outcomes, start=1):
+        scenario = scenarios[outcome.variant]
+        for analysis in scenario.analyses.values():
+            if not hasattr(analysis, "files") or outcome.failure is not None:
+                continue
+            for name, text in analysis.files(outcome.log, scenario.setting()).items():
+                path = Path(name)
+                stem = path.stem if len(scenarios) == 1 else f"{path.stem}_{number}"
+                (folder / f"{stem}{path.suffix}").write_text(text, encoding="utf-8")
+
+
+def _write_replays(folder: Path, scenarios: Mapping[str, Scenario], outcomes: Sequence[Outcome]) -> None:
     from forcectl.runs.replay import write_replay
 
     for number, outcome in enumerate(outcomes, start=1):
-        scenario = scenarios[outcome.variant]
         if outcome.log.sizes["time"]:
             name = "replay.html" if len(scenarios) == 1 else f"replay_{number}.html"
-            if isinstance(scenario, Scenario):
-                write_replay(outcome.log, scenario.station, folder / name)
-            else:
-                write_motion_replay(outcome.log, scenario.station, folder / name)
+            write_replay(outcome.log, scenarios[outcome.variant].setting().cell, folder / name)
 
 
-def _write_pictures(folder: Path, log: xr.Dataset, scenario: AnyScenario, diagram: Diagram, title: str) -> None:
+def _write_pictures(folder: Path, log: xr.Dataset, scenario: Scenario, diagram: Diagram, title: str) -> None:
     # Matplotlib takes half a second to import, and a run from Python without a directory needs none of it.
     from forcectl.figures.force import write_figures
     from forcectl.graph.export import export

@@ -12,8 +12,9 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
+from forcectl.diagrams.loop import Loop
 from forcectl.runs.logs import ChunkedLog, first_fault, to_dataset
-from forcectl.scenario.scenario import AnyScenario, Loop
+from forcectl.scenario.scenario import Scenario
 
 CHUNK = 0.25  # [s] of simulated time between two looks at the log
 
@@ -32,7 +33,7 @@ class Outcome:
 
 
 def simulate(
-    scenario: AnyScenario,
+    scenario: Scenario,
     loop: Loop,
     variant: str,
     realtime_rate: float = 0.0,
@@ -75,7 +76,7 @@ def simulate(
     if failure is not None:
         return Outcome(variant, dataset, {}, failure, loop.diagram, cause)
     factor = scenario.duration / computing if computing > 0 else None
-    metrics = scenario.metrics(dataset, loop, factor)
+    metrics = scenario.metrics(dataset, loop.setting, factor)
     return Outcome(variant, dataset, metrics, None, loop.diagram)
 
 

@@ -16,58 +16,92 @@ from forcectl.errors import BadInputError, unknown
 from forcectl.models import list_robots, list_tools
 from forcectl.scenario.yaml_tree import Tagged, parse
 
-# Scenario tag -> import path of the dataclass behind it. The first of each table is the default.
-CONTROLLERS = {
-    "Integral": "forcectl.force.integral:IntegralConfig",
-    "AdaptiveIntegral": "forcectl.force.adaptive_integral:AdaptiveIntegralConfig",
-    "FourthDegreeInvariance": "forcectl.force.invariance.fourth_degree:FourthDegreeInvarianceConfig",
-    "AdaptiveFourthDegreeInvariance": "forcectl.force.invariance.fourth_degree:AdaptiveFourthDegreeInvarianceConfig",
-    "AdaptiveInvariance": "forcectl.force.invariance.force_law:AdaptiveInvarianceConfig",
-    "InvarianceControl": "forcectl.force.invariance.correction:InvarianceControlConfig",
-    "AdaptiveInvarianceControl": "forcectl.force.invariance.correction:AdaptiveInvarianceControlConfig",
-    "Invariance": "forcectl.force.invariance.force_law:InvarianceConfig",
-    "PredictiveInvariance": "forcectl.force.invariance.predictive:PredictiveInvarianceConfig",
-    "InvarianceRobot": "forcectl.force.invariance.robot:InvarianceRobotConfig",
-    "Vrft": "forcectl.force.linear_law:VrftConfig",
-    "Governed": "forcectl.force.governor.governor:GovernedConfig",
-    "ScaledVrft": "forcectl.force.vrft.scaled:ScaledVrftConfig",
-    "AdaptiveVrft": "forcectl.force.vrft.adaptive:AdaptiveVrftConfig",
-    "RecursiveVrft": "forcectl.force.vrft.experiment:RecursiveVrftConfig",
-    "Import": "forcectl.scenario.imported:ImportConfig",
+_INVARIANCE = "forcectl.force.invariance"
+# What fills each slot of a scenario: tag -> import path of the configuration; the first of each table is the default.
+# Installed packages add to them by entry points of the group `forcectl.<slot>`.
+SLOTS: dict[str, dict[str, str]] = {
+    "controller": {
+        "Integral": "forcectl.force.integral:IntegralConfig",
+        "AdaptiveIntegral": "forcectl.force.adaptive_integral:AdaptiveIntegralConfig",
+        "FourthDegreeInvariance": "forcectl.force.invariance.fourth_degree:FourthDegreeInvarianceConfig",
+        "AdaptiveFourthDegreeInvariance": f"{_INVARIANCE}.fourth_degree:AdaptiveFourthDegreeInvarianceConfig",
+        "AdaptiveInvariance": "forcectl.force.invariance.force_law:AdaptiveInvarianceConfig",
+        "InvarianceControl": "forcectl.force.invariance.correction:InvarianceControlConfig",
+        "AdaptiveInvarianceControl": "forcectl.force.invariance.correction:AdaptiveInvarianceControlConfig",
+        "Invariance": "forcectl.force.invariance.force_law:InvarianceConfig",
+        "PredictiveInvariance": "forcectl.force.invariance.predictive:PredictiveInvarianceConfig",
+        "InvarianceRobot": "forcectl.force.invariance.robot:InvarianceRobotConfig",
+        "Vrft": "forcectl.force.linear_law:VrftConfig",
+        "Governed": "forcectl.force.governor.governor:GovernedConfig",
+        "ScaledVrft": "forcectl.force.vrft.scaled:ScaledVrftConfig",
+        "AdaptiveVrft": "forcectl.force.vrft.adaptive:AdaptiveVrftConfig",
+        "RecursiveVrft": "forcectl.force.vrft.experiment:RecursiveVrftConfig",
+        "PerArm": "forcectl.force.per_arm:PerArmConfig",
+        "JointMoves": "forcectl.motion.joint_path:JointMovesConfig",
+        "JointExcitation": "forcectl.motion.joint_path:JointExcitationConfig",
+        "ReactiveReaching": "forcectl.tasks.reaching:ReactiveReachingConfig",
+    },
+    "reference": {
+        "Step": "forcectl.motion.references:StepConfig",
+        "Ramp": "forcectl.motion.references:RampConfig",
+        "Sine": "forcectl.motion.references:SineConfig",
+        "Sequence": "forcectl.motion.references:SequenceConfig",
+        "File": "forcectl.motion.references:FileConfig",
+    },
+    "motion": {"AlongSurface": "forcectl.motion.tangential:TangentialMotionConfig"},
+    "estimator": {"ForceEstimator": "forcectl.estimation.force_estimator:ForceEstimatorConfig"},
+    "signal": {
+        "Projection": "forcectl.diagrams.signals:ProjectionConfig",
+        "From": "forcectl.diagrams.signals:FromConfig",
+    },
+    "analysis": {
+        "ForceEstimation": "forcectl.analysis.force_estimation:ForceAnalysis",
+        "FrictionIdentification": "forcectl.analysis.friction_identification:FrictionAnalysis",
+        "Reaching": "forcectl.analysis.reaching:ReachAnalysis",
+    },
+    "fidelity": {
+        "OneDimensional": "forcectl.diagrams.fidelities.one_dimensional:OneDimensionalFidelity",
+        "Kinematic": "forcectl.diagrams.fidelities.kinematic:KinematicFidelity",
+        "Multibody": "forcectl.diagrams.fidelities.multibody:MultibodyFidelity",
+    },
+    "drive": {
+        "PositionLoop": "forcectl.diagrams.drives.position_drive:PositionDriveConfig",
+        "JointImpedance": "forcectl.diagrams.drives.position_drive:JointImpedanceDriveConfig",
+        "JointInterface": "forcectl.diagrams.drives.joint_interface:JointInterfaceConfig",
+    },
+    "sensor": {
+        "WristForce": "forcectl.diagrams.sensors:WristForceConfig",
+        "JointReadings": "forcectl.diagrams.sensors:JointReadingsConfig",
+    },
+    "environment": {
+        "Surface": "forcectl.plant.contact.compliant_contact:EnvironmentConfig",
+        "Box": "forcectl.plant.contact.obstacle:ObstacleConfig",
+        "Parts": "forcectl.plant.contact.parts:EnvironmentPartsConfig",
+    },
+    "load": {"Load": "forcectl.motion.loads:LoadConfig"},
+    "excitation": {
+        "TrapezoidalMoves": "forcectl.motion.excitation:TrapezoidalMovesConfig",
+        "ExcitationFile": "forcectl.motion.excitation:ExcitationFileConfig",
+    },
+    "fault": {"ReadingFault": "forcectl.plant.sensors.reading_fault:ReadingFaultConfig"},
 }
-REFERENCES = {
-    "Step": "forcectl.motion.references:StepConfig",
-    "Ramp": "forcectl.motion.references:RampConfig",
-    "Sine": "forcectl.motion.references:SineConfig",
-    "Sequence": "forcectl.motion.references:SequenceConfig",
-    "File": "forcectl.motion.references:FileConfig",
+# What an object must have to fill a slot.
+CONTRACTS: dict[str, tuple[str, ...]] = {
+    "controller": ("add_to",),
+    "reference": ("add_to", "largest_force"),
+    "motion": ("add_to", "interval"),
+    "estimator": ("add_to",),
+    "signal": ("choose",),
+    "analysis": ("metrics", "figures"),
+    "fidelity": ("build", "check"),
+    "drive": ("add_to",),
+    "sensor": ("add_to",),
+    "environment": (),
+    "load": ("wrench",),
+    "excitation": ("add_to",),
+    "fault": ("fault",),
 }
-# Of the motion loop (Part II); see `forcectl.tasks.slot`.
-MOTION_CONTROLLERS = {
-    "JointMoves": "forcectl.motion.joint_path:JointMovesConfig",
-    "JointExcitation": "forcectl.motion.joint_path:JointExcitationConfig",
-    "ReactiveReaching": "forcectl.tasks.reaching:ReactiveReachingConfig",
-    "Import": "forcectl.scenario.imported:ImportConfig",
-}
-ESTIMATORS = {
-    "NoEstimator": "forcectl.tasks.slot:NoEstimatorConfig",
-    "ForceEstimator": "forcectl.estimation.force_estimator:ForceEstimatorConfig",
-    "Import": "forcectl.scenario.imported:ImportConfig",
-}
-ANALYSES = {
-    "NoAnalysis": "forcectl.analysis.slot:NoAnalysis",
-    "ForceEstimation": "forcectl.analysis.force_estimation:ForceAnalysis",
-    "FrictionIdentification": "forcectl.analysis.friction_identification:FrictionAnalysis",
-    "Reaching": "forcectl.analysis.reaching:ReachAnalysis",
-}
-# Loop of a scenario -> its slots -> their tags.
-SLOTS = {
-    "force": {"controller": CONTROLLERS, "reference": REFERENCES},
-    "motion": {"controller": MOTION_CONTROLLERS, "estimator": ESTIMATORS, "analysis": ANALYSES},
-}
-MOTION_STATION = "Research"  # the one kind of station there is in motion loops
-FIDELITIES = ("OneDimensional", "Kinematic", "Multibody")
-INTERFACES = ("JointPosition", "JointImpedance")
+IMPORT = "Import"  # the tag of a class named by its import path, in every slot
 DEFAULT_PRESET = "friction"
 BLOCK_ROOMS = ("plant", "force", "tasks", "motion", "estimation")
 SYSTEMS = ("LeafSystem", "Diagram", "LinearSystem", "AffineSystem", "MatrixGain")  # of Drake, that blocks derive from
@@ -88,15 +122,21 @@ def experiments_folder() -> Path:
     return Path(str(experiments.__file__)).parent
 
 
-def list_experiments(loop: str | None = None) -> list[str]:
-    """Names of the shipped experiments, sorted; of one kind of loop (a key of `SLOTS`) when it is given."""
-    names = sorted(file.stem for file in experiments_folder().glob("*.yaml"))
-    return [name for name in names if loop is None or loop_of(find_scenario(name)) == loop]
+def list_experiments() -> list[str]:
+    """Names of the shipped experiments, sorted."""
+    return sorted(file.stem for file in experiments_folder().glob("*.yaml"))
 
 
-def loop_of(file: ScenarioFile) -> str:
-    """Which kind of loop a scenario as written is about."""
-    return str(file.tree.get("loop", next(iter(SLOTS))))
+def tags_of(slot: str) -> dict[str, str]:
+    """Tags that may fill a slot and what is behind them: the shipped ones and those of installed packages.
+
+    Args:
+        slot: a key of `SLOTS`.
+    """
+    from importlib.metadata import entry_points
+
+    further = {point.name: point.value for point in entry_points(group=f"forcectl.{slot}")}
+    return SLOTS[slot] | {tag: path for tag, path in sorted(further.items()) if tag not in SLOTS[slot]}
 
 
 def list_presets() -> list[str]:

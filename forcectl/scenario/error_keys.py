@@ -13,6 +13,7 @@ from types import TracebackType
 from typing import Any
 
 from forcectl.scenario.schema import join
+from forcectl.scenario.yaml_tree import is_object
 
 
 def full_key(scenario: Any, error: BaseException) -> tuple[str, str]:
@@ -26,13 +27,13 @@ def full_key(scenario: Any, error: BaseException) -> tuple[str, str]:
     about = re.match(r"unknown (\w+)|[\w.]+", text)
     name = (about.group(1) or about.group()).rstrip(".") if about else ""
     first = name.partition(".")[0]  # "walls.0.point" is within the field `walls`
-    whole = [join(key, f.name) for key, node in nodes.items() for f in dataclasses.fields(node)]
+    whole = [join(key, name) for key, node in nodes.items() for name in _names(node)]
     if "." in name and name in whole:
         return name, text
     last = ""
     for keys in _at_hand(nodes, error.__traceback__):
         last = last or keys[-1]
-        homes = [key for key in keys if any(f.name == first for f in dataclasses.fields(nodes[key]))]
+        homes = [key for key in keys if first in _names(nodes[key])]
         if len(homes) == 1:
             return _written(join(homes[0], name), name, text)
     homes = [key for key in whole if key.rpartition(".")[2] == first]
@@ -45,13 +46,29 @@ def _written(key: str, name: str, text: str) -> tuple[str, str]:
     return key, f"{key}: {text}" if text.startswith("unknown") else text.replace(name, key, 1)
 
 
+def _names(node: Any) -> list[str]:
+    """Fields of a configuration; an object of the user's may have none."""
+    return [f.name for f in dataclasses.fields(node)] if dataclasses.is_dataclass(node) else []
+
+
 def _nodes(node: Any, key: str) -> Iterator[tuple[str, Any]]:
     """Every configuration within one, by its dotted key."""
     for f in dataclasses.fields(node):
-        part = getattr(node, f.name)
-        if dataclasses.is_dataclass(part) and not isinstance(part, type):
-            yield join(key, f.name), part
-            yield from _nodes(part, join(key, f.name))
+        yield from _within(getattr(node, f.name), join(key, f.name))
+
+
+def _within(part: Any, key: str) -> Iterator[tuple[str, Any]]:
+    if dataclasses.is_dataclass(part) and not isinstance(part, type):
+        yield key, part
+        yield from _nodes(part, key)
+    elif isinstance(part, dict):
+        for name, inner in part.items():
+            yield from _within(inner, join(key, name))
+    elif isinstance(part, list):
+        for i, inner in enumerate(part):
+            yield from _within(inner, f"{key}.{i}")
+    elif is_object(part):
+        yield key, part
 
 
 def _at_hand(nodes: dict[str, Any], trace: TracebackType | None) -> Iterator[list[str]]:

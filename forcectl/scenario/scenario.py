@@ -9,47 +9,66 @@ from __future__ import annotations
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
 from pathlib import Path
-from typing import TYPE_CHECKING, Any, get_type_hints
+from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
-from forcectl.analysis.force_metrics import metrics_of
-from forcectl.diagrams.closed_loop import ClosedLoop, build_closed_loop
-from forcectl.diagrams.motion_loop import MotionLoop
-from forcectl.diagrams.station import FIDELITIES, StationConfig
+from forcectl.analysis.slot import run_figures, run_metrics
+from forcectl.diagrams.believed import ModelConfig, Setting
+from forcectl.diagrams.loop import Loop, LoopParts, build_loop
+from forcectl.diagrams.station import StationConfig
 from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.force.integral import IntegralConfig
 from forcectl.framework.batch import check
+from forcectl.framework.slots import named_slots, slot
+from forcectl.motion.references import StepConfig
 from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.scenario import catalog
-from forcectl.scenario.catalog import CONTROLLERS, REFERENCES, SLOTS, ScenarioFile
-from forcectl.scenario.checks import check_run
+from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.error_keys import full_key
 from forcectl.scenario.expectations import Expectation
-from forcectl.scenario.motion_scenario import MotionScenario
-from forcectl.scenario.schema import Reader, first_of, tags_of, to_tree
+from forcectl.scenario.schema import Reader
+from forcectl.scenario.trees import default_tags, to_tree, tree_of_fields
 from forcectl.scenario.yaml_tree import Tagged, Tree, difference, is_object, merge, nest, plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
-TAGS = {tag: path for slots in SLOTS.values() for table in slots.values() for tag, path in table.items()}
 FORCE_LIMIT = 2.0  # a contact force above this many sensor ranges is a diverging run
+LARGEST_CONTACT_FORCE = 2000.0  # [N] above it a run without a force sensor diverges
+LONGEST_DURATION = 86_400.0  # [s]
 ONLY_VARIANT = "default"  # name of the one variant of a scenario without variants
+# Keys of earlier versions, and what to write instead.
+_GONE = {
+    "loop": "delete it: there is one kind of loop",
+    "estimator": "write estimators: {NAME: !Tag {...}}",
+    "analysis": "write analyses: {NAME: !Tag {...}}",
+    "loads": "write station.loads",
+    "station.position_loop": "write station.drive.position_loop",
+    "station.servo": "write station.drive.servo",
+    "station.interface": "write station.drive",
+    "station.force_sensor": "write station.sensors.force",
+    "station.friction": "write station.drive.friction",
+    "station.obstacles": "write station.environment: !Box {...}, or !Parts {parts: {NAME: !Box {...}}}",
+}
 
 
 @dataclass(kw_only=True)
 class Scenario:
-    """One simulation of the force loop (Part I), complete: a scenario file after presets, one variant and overrides."""
+    """One simulation, complete: a scenario file after presets, one variant and overrides."""
 
-    loop: str = "force"
     title: str = ""
     source: str = ""  # figure or table of the thesis
     description: str = ""
     preset: str = catalog.DEFAULT_PRESET  # name of a file in experiments/presets
     station: StationConfig = field(default_factory=StationConfig)
-    controller: Any = field(default_factory=first_of(CONTROLLERS), metadata={"tags": CONTROLLERS})
-    reference: Any = field(default_factory=first_of(REFERENCES), metadata={"tags": REFERENCES})
-    motion: TangentialMotionConfig = field(default_factory=TangentialMotionConfig)  # along the surface
+    model: ModelConfig = field(default_factory=ModelConfig)  # how the model of the plant differs from it
+    estimators: dict[str, Any] = named_slots("estimator")
+    controller: Any = slot("controller", IntegralConfig)
+    reference: Any = slot("reference", StepConfig)  # of the force
+    motion: Any = slot("motion", TangentialMotionConfig)  # in the unconstrained directions
+    signals: dict[str, Any] = named_slots("signal")  # choices and projections, by the name of the signal
+    analyses: dict[str, Any] = named_slots("analysis")
     duration: float = 5.0  # [s], > 0
     seed: int = 0  # of every random number in the run, >= 0
     reference_model: float | None = None  # [rad/s] bandwidth of the model M(s); null: the controller's own
@@ -59,55 +78,89 @@ class Scenario:
     expect: list[Expectation] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        check_run(self.duration, self.seed)
+        if check("duration", self.duration, "positive") > LONGEST_DURATION:
+            raise invalid("duration", self.duration, f"at most {LONGEST_DURATION:g} s")
+        if not 0 <= self.seed < 2**63:
+            raise invalid("seed", self.seed, "a whole number from 0 to 2^63 - 1")
         check("model_error_window", self.model_error_window, "positive")
         if self.reference_model is not None:
             check("reference_model", self.reference_model, "positive")
+        known = catalog.tags_of("fidelity")
         for name in self.fidelities:
-            if name not in FIDELITIES:
-                raise BadInputError(f"fidelities = {self.fidelities}: {unknown('fidelity', name, FIDELITIES)}")
+            if name not in known:
+                raise BadInputError(f"fidelities = {self.fidelities}: {unknown('fidelity', name, known)}")
 
     @property
     def fidelity(self) -> str:
-        """Of its station."""
-        return self.station.fidelity
+        """Tag of the station's fidelity."""
+        tree = to_tree(self.station.fidelity, "fidelity")
+        return tree.tag if tree.tag != catalog.IMPORT else str(tree["path"])
 
-    def build(self) -> ClosedLoop:
+    @property
+    def parts(self) -> LoopParts:
+        """What the loop is made of."""
+        return LoopParts(
+            station=self.station,
+            controller=self.controller,
+            model=self.model,
+            reference=self.reference,
+            motion=self.motion,
+            estimators=self.estimators,
+            signals=self.signals,
+            seed=self.seed,
+        )
+
+    def build(self) -> Loop:
         """The loop as a diagram."""
-        return build_closed_loop(self.station, self.controller, self.reference, motion=self.motion, seed=self.seed)
+        return build_loop(self.parts)
+
+    def setting(self) -> Setting:
+        """What analyses know beside the log."""
+        return self.parts.setting()
 
     def limits(self) -> dict[str, float]:
         """Largest absolute values of a healthy run, by signal."""
-        return {"contact_force": FORCE_LIMIT * self.station.force_sensor.range}
+        ranges = [FORCE_LIMIT * each.range for each in self.station.sensors.values() if hasattr(each, "range")]
+        largest = min(ranges, default=LARGEST_CONTACT_FORCE)
+        return {"contact_force": largest, "arm_contact_force": LARGEST_CONTACT_FORCE}
 
-    def model_bandwidth(self, loop: Any) -> float | None:
-        """Of the reference model [rad/s]; None without one."""
+    def model_bandwidth(self, loop: Loop) -> float | None:
+        """Bandwidth of the reference model [rad/s]; None without one."""
         own = self.reference_model
         bandwidth: float | None = own if own is not None else loop.reference_model_bandwidth
         return bandwidth or None
 
-    def metrics(self, log: xr.Dataset, loop: Any, realtime_factor: float | None) -> dict[str, float | None]:
-        """All metrics of a run."""
-        del loop
-        signals = {str(name): log[name].values for name in log.variables}
+    def metrics(self, log: xr.Dataset, setting: Setting, realtime_factor: float | None) -> dict[str, float | None]:
+        """All metrics of a run.
+
+        Args:
+            log: over time.
+            setting: of the run.
+            realtime_factor: simulated time divided by computing time [1].
+        """
         window, motion = self.model_error_window, self.motion.interval()
-        return metrics_of(signals, window=window, realtime_factor=realtime_factor, motion=motion)
+        own = run_metrics(log, setting, window=window, motion=motion, realtime_factor=realtime_factor)
+        for analysis in self.analyses.values():
+            own |= analysis.metrics(log, setting)
+        return own
 
     def figures(self, log: xr.Dataset, title: str) -> dict[str, Figure]:
-        """Figures of a run, by file name; `log` may be that of several variants."""
-        from forcectl.figures.force import run_figures
+        """Figures of a run, by file name.
 
-        return run_figures(log, title)
-
-
-AnyScenario = Scenario | MotionScenario
-Loop = ClosedLoop | MotionLoop
-LOOPS: dict[str, type[Scenario] | type[MotionScenario]] = {"force": Scenario, "motion": MotionScenario}
+        Args:
+            log: over time, or over (variant, time).
+            title: heading.
+        """
+        figures = run_figures(log, title)
+        setting = self.setting() if self.analyses else None
+        for analysis in self.analyses.values():
+            figures |= analysis.figures(log, setting, title)
+        return figures
 
 
 def load_scenario(
     scenario: str | Path | Mapping[str, Any], variant: str | None = None, overrides: Mapping[str, Any] | None = None
-) -> AnyScenario:
+) -> Scenario:
     """One scenario, complete.
 
     Args:
@@ -125,11 +178,11 @@ def load_scenario(
     return resolve(file, names[0], overrides)
 
 
-def as_file(scenario: str | Path | Mapping[str, Any] | AnyScenario | ScenarioFile) -> ScenarioFile:
+def as_file(scenario: str | Path | Mapping[str, Any] | Scenario | ScenarioFile) -> ScenarioFile:
     """Whatever names or holds a scenario, as the file it would be."""
     if isinstance(scenario, ScenarioFile):
         return scenario
-    if isinstance(scenario, AnyScenario):
+    if isinstance(scenario, Scenario):
         tree = Tagged({f.name: plain(getattr(scenario, f.name)) for f in fields(scenario)})
         return ScenarioFile("scenario", "scenario", tree, Path.cwd())
     if isinstance(scenario, Mapping):
@@ -155,7 +208,7 @@ def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]
     return list(variants) if variant is None else [variant]
 
 
-def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[str, Any] | None = None) -> AnyScenario:
+def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[str, Any] | None = None) -> Scenario:
     """The scenario of one variant, with preset and overrides applied.
 
     Raises:
@@ -164,14 +217,26 @@ def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[
     layers = _Layers(file, variant, overrides or {})
     reader = Reader(layers.origin)
     tree = layers.merged()
+    _refuse_gone(reader, tree)
     _locate_files(tree, file.folder)
-    scenario: AnyScenario = reader.dataclass(LOOPS[layers.loop], tree, "")
+    scenario: Scenario = reader.dataclass(Scenario, tree, "")
     names = select_variants(file)
     for i, expectation in enumerate(scenario.expect):
         for key, name in expectation.variants(names).items():
             if name not in names:
                 raise reader.unknown(f"expect.{i}.{key}", name, names, "variant")
     return scenario
+
+
+def _refuse_gone(reader: Reader, tree: Tagged) -> None:
+    """Keys of earlier versions are told with what to write instead."""
+    for key, instead in _GONE.items():
+        part: Tree = tree
+        for name in key.split(".")[:-1]:
+            part = part.get(name) if isinstance(part, Tagged) else None
+        last = key.rpartition(".")[2]
+        if isinstance(part, Tagged) and last in part:
+            raise reader.gone(key, instead)
 
 
 class _Layers:
@@ -189,15 +254,8 @@ class _Layers:
             (f"{file.origin}: variant {variant!r}", varied),
             ("override", forced),
         ]
-        loop = self.merged().get("loop", next(iter(LOOPS)))
-        if not isinstance(loop, str) or loop not in LOOPS:
-            raise Reader(self.origin).unknown("loop", loop, LOOPS, "loop")
-        self.loop = loop
         # A slot without a tag means its default, and stays that when a later layer changes only some of its keys.
-        defaults = Tagged({slot: Tagged(tag=next(iter(table))) for slot, table in SLOTS[self.loop].items()})
-        self._layers.insert(0, ("defaults", defaults))
-        if self.loop != "force":
-            return
+        self._layers.insert(0, ("defaults", default_tags(Scenario)))
         name = self.merged().get("preset", catalog.DEFAULT_PRESET)
         if name not in catalog.list_presets():
             raise Reader(self.origin).unknown("preset", name, catalog.list_presets(), "preset")
@@ -242,26 +300,30 @@ def _locate_files(tree: Tree, folder: Path) -> None:
             _locate_files(part, folder)
 
 
-def build(scenario: AnyScenario, origin: Callable[[str], str] = lambda key: "") -> Loop:
+def build(scenario: Scenario, origin: Callable[[str], str] = lambda key: "") -> Loop:
     """The loop of a scenario as a diagram.
 
     Args:
-        scenario: complete. origin: says for a dotted key where its value came from, see `origins`.
+        scenario: complete.
+        origin: says for a dotted key where its value came from, see `origins`.
 
     Raises:
-        BadInputError: values that are fine one by one but do not fit together.
+        BadInputError: values that are fine one by one but do not fit together, or a part of the user's that raises.
     """
     try:
         return scenario.build()
     except BadInputError as error:
         key, text = full_key(scenario, error)
-        raise BadInputError(f"{origin(key)}: {text}".removeprefix(": ")) from None
+        raise BadInputError(f"{origin(key)}: {text}".removeprefix(": ")) from error.__cause__
     # What no check of ours foresaw: Drake refuses with a RuntimeError, its failed preconditions arrive as SystemExit,
-    # and a delay line of years does not fit into memory.
-    except (RuntimeError, SystemExit, MemoryError) as error:
+    # a delay line of years does not fit into memory, and a part of the user's may raise anything.
+    except (Exception, SystemExit, MemoryError) as error:
+        key, _ = full_key(scenario, error)
+        kind = "" if isinstance(error, RuntimeError) else f"{type(error).__name__}: "
         reason = " ".join(str(error).split())[:300]
-        name = origin("") or f"scenario {scenario.title!r}"
-        raise BadInputError(f"{name} cannot be built: {reason}") from error
+        name = origin(key) or f"scenario {scenario.title!r}"
+        where = f"{key}: " if key else ""
+        raise BadInputError(f"{name}: {where}cannot be built: {kind}{reason}") from error
 
 
 def origins(
@@ -271,7 +333,7 @@ def origins(
     return _Layers(file, variant, overrides or {}).origin
 
 
-def resolved_tree(scenarios: Mapping[str, AnyScenario]) -> Tagged:
+def resolved_tree(scenarios: Mapping[str, Scenario]) -> Tagged:
     """One tree that holds all variants in full: the first one, and what the others change.
 
     Presets and defaults are written out, so that the tree means the same when they change later.
@@ -279,13 +341,9 @@ def resolved_tree(scenarios: Mapping[str, AnyScenario]) -> Tagged:
     names = list(scenarios)
     trees = {}
     for name, scenario in scenarios.items():
-        hints = get_type_hints(type(scenario))
-        trees[name] = Tagged(
-            {f.name: to_tree(getattr(scenario, f.name), tags_of(f), hints[f.name]) for f in fields(scenario)}
-        )
+        trees[name] = tree_of_fields(scenario)
         trees[name].update(variants=Tagged())
-        if "preset" in trees[name]:
-            trees[name].update(preset=catalog.DEFAULT_PRESET)
+        trees[name].update(preset=catalog.DEFAULT_PRESET)
     base = trees[names[0]]
     base["expect"] = [_without_nulls(part) for part in base["expect"] if _only_about(part, names)]
     for tree in trees.values():

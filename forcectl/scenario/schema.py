@@ -1,4 +1,4 @@
-"""From a tree to dataclasses, with one-line errors, and back.
+"""From a tree to dataclasses, with one-line errors. The way back: `forcectl.scenario.trees`.
 
 Drake's `yaml_load_typed` reads the same format, but its errors name neither the file nor the dotted key, it fills
 objects in after construction (so a config could not check itself) and it does not resolve postponed annotations. A
@@ -20,7 +20,8 @@ from pathlib import Path
 from typing import Any
 
 from forcectl.errors import BadInputError
-from forcectl.scenario.catalog import SLOTS
+from forcectl.framework.imports import import_object
+from forcectl.scenario.catalog import CONTRACTS, IMPORT, SLOTS, tags_of
 from forcectl.scenario.yaml_tree import Tagged, Tree, is_object, tag_of
 
 _MISSING: Any = dataclasses.MISSING
@@ -33,23 +34,9 @@ _PRIMITIVES: dict[Any, str] = {
 }
 
 
-# What a filler of a slot must have, where the slot's default has it.
-SLOT_METHODS = ("add_to", "metrics", "figures")
-
-
-def first_of(table: Mapping[str, str]) -> Callable[[], Any]:
-    """Default factory of a slot: the class of the first tag. The field's metadata hold the table as `tags`."""
-    path = next(iter(table.values()))
-    return lambda: load_object(path)()
-
-
-def tags_of(field: dataclasses.Field[Any]) -> Mapping[str, str] | None:
-    """The tags that may stand at a field: of its own table `tags`, or of a `slot` (loop, name); None where none may."""
-    if "slot" in field.metadata:
-        loop, name = field.metadata["slot"]
-        return SLOTS[loop][name]
-    table: Mapping[str, str] | None = field.metadata.get("tags")
-    return table
+def slot_of(field: dataclasses.Field[Any]) -> str | None:
+    """The slot that a field is, None where it is none."""
+    return field.metadata.get("slot")
 
 
 def load_object(path: str) -> Any:
@@ -100,6 +87,10 @@ class Reader:
         hint = f"did you mean {lower[near[0]]!r}? " if near else ""
         return self._error(key, f"{key}: unknown {kind} {show(name)}: {hint}known: {', '.join(names)}")
 
+    def gone(self, key: str, instead: str) -> BadInputError:
+        """The error for a key of an earlier version."""
+        return self._error(key, f"{key}: is no key any more: {instead}")
+
     def located(self, error: BadInputError, key: str) -> BadInputError:
         """An error raised by a config about one of its own fields, with file and dotted key in front."""
         text = str(error)
@@ -131,7 +122,7 @@ class Reader:
         hints = typing.get_type_hints(cls)
         values: dict[str, Any] = {}
         for name, field in fields.items():
-            start = getattr(default, name) if default is not None else _default_of(field)
+            start = getattr(default, name) if default is not None else default_of(field)
             if name in tree:
                 values[name] = self._field(field, hints[name], tree[name], join(key, name), start)
             elif start is _MISSING:
@@ -146,17 +137,76 @@ class Reader:
             raise self.invalid(key, given, f"a mapping, or an object of class {cls.__name__}")
         return given
 
-    def _filler(self, table: Mapping[str, str], given: Any, key: str) -> Any:
-        """An object given from Python for a slot; the object itself is used.
+    def filler(self, slot: str, tree: Tree, key: str, start: Any = None) -> Any:
+        """What fills a slot.
+
+        Args:
+            slot: a key of the catalog's `SLOTS`.
+            tree: a tagged mapping, a tag as text, an object, or changes of `start`.
+            key: dotted key, for messages.
+            start: what fills the slot where the tree does not say; None: the default of the slot.
 
         Raises:
-            BadInputError: it lacks a method of the slot.
+            BadInputError: an unknown tag, or an object that does not fit.
         """
-        default = load_object(next(iter(table.values())))
-        wanted = [name for name in SLOT_METHODS if callable(getattr(default, name, None))]
+        if is_object(tree):
+            return self._fitting(slot, tree, key)
+        if isinstance(tree, Tagged) and tree.given is not None:
+            given = self._fitting(slot, tree.given, key)
+            if not dataclasses.is_dataclass(given):
+                raise self.invalid(join(key, next(iter(tree))), tree, f"left out: {show(given)} is no dataclass")
+            return self.dataclass(type(given), tree, key)
+        if isinstance(tree, str):  # the tag alone, as text
+            tree = Tagged(tag=tree.removeprefix("!"))
+        tag = tag_of(tree)
+        if tag == IMPORT:
+            return self._imported(slot, tree, key)
+        if tag is None and start is not None:
+            return self.dataclass(type(start), tree, key, start)
+        table = SLOTS[slot]
+        if tag is not None and tag not in table:
+            table = tags_of(slot)
+            if tag not in table:
+                raise self.unknown(key, f"!{tag}", [f"!{name}" for name in (*table, IMPORT)], "tag")
+        cls = self._class(table[tag] if tag else next(iter(table.values())), key)
+        return self.dataclass(cls, tree, key, start if type(start) is cls else None)
+
+    def _class(self, path: str, key: str) -> type:
+        try:
+            found: type = load_object(path)
+        except Exception as error:  # whatever an installed package does
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            raise self._error(key, f"{key}: {path!r} cannot be imported: {reason}") from error
+        return found
+
+    def _imported(self, slot: str, tree: Tagged, key: str) -> Any:
+        """An object of the class that `!Import` names."""
+        for name in tree:
+            if name not in ("path", "parameters"):
+                raise self.unknown(join(key, name), name, ("path", "parameters"))
+        path, parameters = tree.get("path", ""), tree.get("parameters", Tagged())
+        if not isinstance(path, str):
+            raise self.invalid(join(key, "path"), path, "text")
+        if not isinstance(parameters, Tagged) or parameters.tag:
+            raise self.invalid(join(key, "parameters"), parameters, "a mapping")
+        try:
+            cls = import_object(path)
+        except BadInputError as error:
+            raise self.located(error, key) from error.__cause__
+        missing = [name for name in CONTRACTS[slot] if not callable(getattr(cls, name, None))]
+        if not isinstance(cls, type) or missing:
+            wanted = " and ".join(CONTRACTS[slot]) or "fields"
+            raise self.invalid(join(key, "path"), path, f"a class that fills the slot {slot}, with {wanted}")
+        inner = join(key, "parameters")
+        if dataclasses.is_dataclass(cls):
+            return self.dataclass(cls, parameters, inner)
+        return self.construct(cls, parameters, inner)
+
+    def _fitting(self, slot: str, given: Any, key: str) -> Any:
+        """An object given from Python for a slot; the object itself is used."""
         if isinstance(given, type):
             raise self.invalid(key, given, "an object, not a class")
-        for name in wanted:
+        for name in CONTRACTS[slot]:
             if not callable(getattr(given, name, None)):
                 raise self.invalid(key, given, f"a tag, or an object with the method {name}")
         return given
@@ -171,24 +221,31 @@ class Reader:
             raise self._error(key, f"{key or 'scenario'}: {' '.join(str(error).split())}") from error
 
     def _field(self, field: dataclasses.Field[Any], kind: Any, tree: Tree, key: str, start: Any) -> Any:
-        table = tags_of(field)
-        if table is None:
-            return self.value(kind, tree, key, start)
-        if is_object(tree):
-            return self._filler(table, tree, key)
-        if isinstance(tree, Tagged) and tree.given is not None:
-            given = self._filler(table, tree.given, key)
-            if not dataclasses.is_dataclass(given):
-                raise self.invalid(join(key, next(iter(tree))), tree, f"left out: {show(given)} is no dataclass")
-            return self.dataclass(type(given), tree, key)
-        if isinstance(tree, str):  # the tag alone, as text
-            tree = Tagged(tag=tree.removeprefix("!"))
-        tag = tag_of(tree)
-        if tag is not None and tag not in table:
-            raise self.unknown(key, f"!{tag}", [f"!{name}" for name in table], "tag")
-        default = type(start) if dataclasses.is_dataclass(start) else load_object(next(iter(table.values())))
-        cls = load_object(table[tag]) if tag else default
-        return self.dataclass(cls, tree, key, start if type(start) is cls else None)
+        slots = field.metadata.get("slots")
+        listed = field.metadata.get("slot_list")
+        if slots is not None:
+            return self._named(slots, tree, key, start)
+        if listed is not None:
+            if not isinstance(tree, list):
+                raise self.invalid(key, tree, "a list")
+            return [self.filler(listed, part, f"{key}.{i}") for i, part in enumerate(tree)]
+        slot = slot_of(field)
+        return self.value(kind, tree, key, start) if slot is None else self.filler(slot, tree, key, start)
+
+    def _named(self, slot: str, tree: Tree, key: str, start: Any) -> dict[str, Any]:
+        """Parts with names; without a tag one is that of the same name in `start`."""
+        if not isinstance(tree, Tagged) or tree.tag:
+            raise self.invalid(key, tree, "a mapping of names to parts")
+        known = start if isinstance(start, dict) else {}
+        found = {}
+        for name, part in tree.items():
+            if not isinstance(name, str):
+                raise self.invalid(join(key, name), name, "text (quote it to use it as a name)")
+            if tag_of(part) is None and isinstance(part, Tagged) and part.given is None and name not in known:
+                tags = ", ".join(f"!{tag}" for tag in tags_of(slot))
+                raise self._error(join(key, name), f"{join(key, name)}: must have a tag: one of {tags}, !{IMPORT}")
+            found[name] = self.filler(slot, part, join(key, name), known.get(name))
+        return found
 
     def value(self, kind: Any, tree: Tree, key: str, start: Any = None) -> Any:
         """`tree` as a value of type `kind` (the annotation of a field)."""
@@ -278,7 +335,8 @@ class Reader:
         raise self.invalid(key, tree, describe(kind))
 
 
-def _default_of(field: dataclasses.Field[Any]) -> Any:
+def default_of(field: dataclasses.Field[Any]) -> Any:
+    """The default of a field of a dataclass."""
     return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
 
 
@@ -298,35 +356,3 @@ def describe(kind: Any) -> str:
     if dataclasses.is_dataclass(kind):
         return f"a mapping with keys out of: {', '.join(f.name for f in dataclasses.fields(kind))}"
     return "a mapping" if (base or kind) is dict else getattr(kind, "__name__", str(kind))
-
-
-def to_tree(value: Any, table: Mapping[str, str] | None = None, kind: Any = None) -> Tree:
-    """The tree that a `Reader` turns back into `value`: every field written out, tags where there is a choice.
-
-    Args:
-        value: of a field.
-        table: the tags of a slot and what is behind them; None where there is no choice.
-        kind: the class of the field, when that is a dataclass. An object of another class gets the tag `!Import`.
-    """
-    if is_object(value) and not dataclasses.is_dataclass(value):
-        return Tagged({"path": path_of(type(value)), "repr": show(value)}, "Import")
-    if is_object(value):
-        cls = type(value)
-        tag = next((tag for tag, path in (table or {}).items() if load_object(path) is cls), None)
-        hints = typing.get_type_hints(cls)
-        own = (f for f in dataclasses.fields(cls) if f.init)
-        parts = Tagged({f.name: to_tree(getattr(value, f.name), tags_of(f), hints[f.name]) for f in own}, tag)
-        foreign = tag is None if table else dataclasses.is_dataclass(kind) and cls is not kind
-        return Tagged({"path": path_of(cls), "parameters": parts}, "Import") if foreign else parts
-    if isinstance(value, enum.Enum):
-        return value.name
-    if isinstance(value, Mapping):
-        return Tagged({k: to_tree(v) for k, v in value.items()}, tag_of(value))
-    if isinstance(value, list | tuple):
-        return [to_tree(v) for v in value]
-    return str(value) if isinstance(value, Path) else value
-
-
-def path_of(cls: type) -> str:
-    """Import path of a class, "package.module:Name"."""
-    return f"{cls.__module__}:{cls.__qualname__}"

@@ -21,7 +21,7 @@ from forcectl.force.invariance.robot import ConstraintConfig, JointLimitConfig
 from forcectl.framework.batch import check
 from forcectl.framework.rotation_vector import RotationVector
 from forcectl.motion.references import held_trajectory
-from forcectl.plant.contact.obstacle import ObstacleConfig
+from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.solvers import DEFAULT_SOLVER, check_solver
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import unit_normal
@@ -39,7 +39,6 @@ from forcectl.tasks.null_space import (
 )
 from forcectl.tasks.reactive_controller import ReactiveController
 from forcectl.tasks.reactive_motion import Pace, ReactiveMotion
-from forcectl.tasks.slot import MotionFacts
 
 Array = NDArray[np.float64]
 
@@ -111,10 +110,7 @@ class ReactiveReachingConfig:
     # and obstacles, or to where the reflected mass of every arm is small.
     null_space: str = "joint_speed"
     mass_direction: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])  # of small_mass, in W
-    link_distance: float = 0.01  # [m] of the links from each other and from obstacles, >= 0; 0: not kept
-    robot: str = "yumi"  # whose collision shapes these are: the station's robot
-    tool: str | None = "yumi_gripper"  # and its tool
-    obstacles: list[ObstacleConfig] = field(default_factory=list)  # kept away from
+    link_distance: float = 0.01  # [m] of the links from each other and from boxes, >= 0; 0: not kept, without boxes
     walls: list[ArmWallConfig] = field(default_factory=list)
     constraints: list[ConstraintConfig] = field(default_factory=list)  # further ones
     solver: str = DEFAULT_SOLVER  # of the quadratic programs: daqp, clarabel, osqp, ...
@@ -124,38 +120,38 @@ class ReactiveReachingConfig:
             raise unknown("null_space", self.null_space, NULL_SPACE)
         check_solver(self.solver)
         unit_normal(self.mass_direction, "mass_direction")
-        if check("link_distance", self.link_distance, "not negative") == 0.0 and (
-            self.obstacles or self.null_space == "links"
-        ):
-            raise invalid("link_distance", self.link_distance, "above zero with obstacles, or to keep away from links")
+        if check("link_distance", self.link_distance, "not negative") == 0.0 and self.null_space == "links":
+            raise invalid("link_distance", self.link_distance, "above zero to keep away from links")
 
-    def add_to(self, builder: DiagramBuilder, facts: MotionFacts) -> System:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """A `ReactiveReaching`."""
-        robot = facts.robot
-        start = ArmsMotion(robot, robot.create_context(), facts.start, np.zeros(facts.num_joints))
+        robot = model.known_robot()
+        if model.obstacles and not self.link_distance > 0:
+            raise invalid("link_distance", self.link_distance, "above zero to keep away from the station's boxes")
+        start = ArmsMotion(robot, robot.create_context(), model.start, np.zeros(model.num_joints))
         tasks = [ArmTask(arm, orientation=RotationVector(start.arm(arm).rotation)) for arm in start.arm_names]
-        distances = self._distances(facts) if self.link_distance > 0 else []
+        distances = self._distances(model) if self.link_distance > 0 else []
         controller = ReactiveController(
             robot,
             tasks,
-            start=facts.start,
-            criterion=self._criterion(facts, distances),
+            start=model.start,
+            criterion=self._criterion(model, distances),
             constraints=[*distances, *self._walls(start), *(each.constraint() for each in self.constraints)],
             limits=self.limits.limits(robot.limits),
-            period=facts.period,
+            period=model.period,
             solver=self.solver,
         )
         made = ReactiveReaching(controller, self._targets(start, controller), *self.pace.paces())
         return builder.AddNamedSystem("reactive_reaching", made)
 
-    def _distances(self, facts: MotionFacts) -> list[LinkDistance]:
-        shapes = RobotShapes.load(self.robot, self.tool)
-        if shapes.tree.num_joints != facts.num_joints:
-            raise invalid("robot", self.robot, f"the station's, with {facts.num_joints} joints")
-        found = [LinkDistance(shapes, self.link_distance, period=facts.period)]
-        if self.obstacles:
-            boxes = [Obstacle(Box(*each.size), each.pose, f"obstacle {i + 1}") for i, each in enumerate(self.obstacles)]
-            found.append(LinkDistance(shapes.against(boxes), self.link_distance, period=facts.period))
+    def _distances(self, model: PlantModel) -> list[LinkDistance]:
+        shapes = RobotShapes.load(*model.known_robot().source)
+        found = [LinkDistance(shapes, self.link_distance, period=model.period)]
+        if model.obstacles:
+            boxes = [
+                Obstacle(Box(*each.size), each.pose, f"obstacle {i + 1}") for i, each in enumerate(model.obstacles)
+            ]
+            found.append(LinkDistance(shapes.against(boxes), self.link_distance, period=model.period))
         return found
 
     def _walls(self, start: ArmsMotion) -> list[Constraint]:
@@ -163,15 +159,15 @@ class ReactiveReachingConfig:
             start.arm(wall.arm)  # refused by name
         return [OfArm(wall.arm, CartesianWall(wall.point, wall.normal)) for wall in self.walls]
 
-    def _criterion(self, facts: MotionFacts, distances: list[LinkDistance]) -> Criterion:
-        limits = self.limits.limits(facts.robot.limits)
+    def _criterion(self, model: PlantModel, distances: list[LinkDistance]) -> Criterion:
+        limits = self.limits.limits(model.known_robot().limits)
         if self.null_space == "joint_limits":
             return _evasive([AwayFromJointLimits(limits.position_lower, limits.position_upper, speed=1.0)])
         if self.null_space == "links":
             return _evasive([AwayFrom(each, speed=3.0) for each in distances])
         if self.null_space == "small_mass":
-            arms = facts.robot.parts.arms
-            return _evasive([TowardsSmallMass(facts.robot, arm, self.mass_direction, gain=5.0) for arm in arms])
+            arms = model.known_robot().parts.arms
+            return _evasive([TowardsSmallMass(model.known_robot(), arm, self.mass_direction, gain=5.0) for arm in arms])
         return JointSpeed()
 
     def _targets(self, start: ArmsMotion, controller: ReactiveController) -> TrajectorySource:
@@ -202,7 +198,7 @@ class ReactiveReaching(Diagram):
     ```
     name: ReactiveReaching
     input_ports: [joint_position, joint_velocity]
-    output_ports: [joint_position_reference, joint_velocity_reference, task_position_reference, task_position,
+    output_ports: [joint_position_command, joint_velocity_command, task_position_reference, task_position,
       task_velocity, task_acceleration, status, active_constraints, slack, constraint_violation, tracking_error,
       near_singular, levels_solved, holding, reached, stalled, reading_ok, stage_costs, task_target]
     ```

@@ -99,7 +99,7 @@ class ReactiveController(TickBlock):
     name: ReactiveController
     input_ports: [task_position_reference, task_velocity_reference, task_acceleration_reference, task_target,
       joint_position, joint_velocity]
-    output_ports: [joint_position_reference, joint_velocity_reference, task_position, task_velocity, task_acceleration,
+    output_ports: [joint_position_command, joint_velocity_command, task_position, task_velocity, task_acceleration,
       status, active_constraints, slack, constraint_violation, tracking_error, near_singular, levels_solved, holding,
       reached, stalled, reading_ok, stage_costs]
     ```
@@ -111,7 +111,7 @@ class ReactiveController(TickBlock):
     task_target: shape (k,), where they are to end [m or rad]; may be left unconnected, then reached and stalled are 0.
     joint_position, joint_velocity: shape (n,), as measured [rad, rad/s]; only supervised, see `ReadingGuard`; may be
       left unconnected.
-    joint_position_reference, joint_velocity_reference: shape (n,), q and q' at the next tick [rad, rad/s].
+    joint_position_command, joint_velocity_command: shape (n,), q and q' at the next tick [rad, rad/s].
     task_position, task_velocity, task_acceleration: shape (k,), the motion the next reference starts from, see this
       module [m or rad, m/s or rad/s, m/s^2 or rad/s^2]. State, no direct feedthrough.
     status: shape (1,), `Status` [1]; from INFEASIBLE on the joints brake and hold, so they do for bad readings.
@@ -173,7 +173,7 @@ class ReactiveController(TickBlock):
         solver: str | Solver = DEFAULT_SOLVER,
     ):
         super().__init__()
-        self.sample_delay = {("task_position_reference", "joint_position_reference"): 0.0}
+        self.sample_delay = {("task_position_reference", "joint_position_command"): 0.0}
         self._robot, self._n = robot, robot.num_joints
         Ts = self._period = check("period", robot.facts.period if period is None else period, "positive")
         if not tasks:
@@ -233,8 +233,8 @@ class ReactiveController(TickBlock):
         target = self.DeclareVectorInputPort("task_target", k)
         measured = [self.DeclareVectorInputPort(name, n) for name in ("joint_position", "joint_velocity")]
         memory = {
-            "joint_position_reference": start,
-            "joint_velocity_reference": np.zeros(n),
+            "joint_position_command": start,
+            "joint_velocity_command": np.zeros(n),
             "foreseen": np.zeros(self._constraints.foreseen_size),
             "read_position": np.full(n, np.nan),
             "read_command": start,
@@ -251,7 +251,7 @@ class ReactiveController(TickBlock):
         self._program = scratch(self, "quadratic programs", lambda: deepcopy(program))
         self._task_start = task_start
         self.declare_memory(memory, [*references, target, *measured], self._period, kept)
-        for name in ("joint_position_reference", "joint_velocity_reference"):
+        for name in ("joint_position_command", "joint_velocity_command"):
             self.show(name)
         for name in kept:
             self.show_kept(name)
@@ -284,7 +284,7 @@ class ReactiveController(TickBlock):
     def step(self, context: Context, start: Start) -> dict[str, Vector]:
         """The memory after a tick."""
         Ts, (memory, inputs) = self._period, start
-        q, v = memory["joint_position_reference"], memory["joint_velocity_reference"]
+        q, v = memory["joint_position_command"], memory["joint_velocity_command"]
         position, velocity = inputs["task_position_reference"], inputs["task_velocity_reference"]
         target = inputs.get("task_target")
         rows, state, readings, posed = self._tick(context, start)
@@ -323,8 +323,8 @@ class ReactiveController(TickBlock):
         )
         after = v + Ts * u
         return {
-            "joint_position_reference": q + 0.5 * Ts * (v + after),
-            "joint_velocity_reference": after,
+            "joint_position_command": q + 0.5 * Ts * (v + after),
+            "joint_velocity_command": after,
             "foreseen": self._constraints.foresee(rows, u),
             "read_position": readings.position,
             "read_command": readings.command,
@@ -340,7 +340,7 @@ class ReactiveController(TickBlock):
     def _tick(self, context: Context, start: Start) -> Tick:
         """A tick up to its programs."""
         memory, inputs = start
-        q, v = memory["joint_position_reference"], memory["joint_velocity_reference"]
+        q, v = memory["joint_position_command"], memory["joint_velocity_command"]
         readings, stops = self._look(start)
         position, velocity = inputs["task_position_reference"], inputs["task_velocity_reference"]
         motion = ArmsMotion(self._robot, self._scratch.Eval(context), q, v)
@@ -364,6 +364,6 @@ class ReactiveController(TickBlock):
         )
         if "joint_position" not in inputs:
             return past, False
-        q, v = memory["joint_position_reference"], memory["joint_velocity_reference"]
+        q, v = memory["joint_position_command"], memory["joint_velocity_command"]
         readings = self._guard.look(past, inputs["joint_position"], inputs.get("joint_velocity", v), q)
         return readings, self._guard.stops(readings)

@@ -40,7 +40,7 @@ class ReactiveMotion(Diagram):
     ```
     name: ReactiveMotion
     input_ports: [task_target, joint_position, joint_velocity]
-    output_ports: [joint_position_reference, joint_velocity_reference, task_position_reference, task_position,
+    output_ports: [joint_position_command, joint_velocity_command, task_position_reference, task_position,
       task_velocity, task_acceleration, status, active_constraints, slack, constraint_violation, tracking_error,
       near_singular, levels_solved, holding, reached, stalled, reading_ok, stage_costs]
     ```
@@ -83,7 +83,7 @@ class ReactiveMotion(Diagram):
         builder.ConnectInput(target, controller.GetInputPort("task_target"))
         for name in ("joint_position", "joint_velocity"):
             builder.ExportInput(controller.GetInputPort(name), name)
-        first = ("joint_position_reference", "joint_velocity_reference")
+        first = ("joint_position_command", "joint_velocity_command")
         for name in first:
             builder.ExportOutput(controller.GetOutputPort(name), name)
         builder.ExportOutput(generator.GetOutputPort("position"), "task_position_reference")

@@ -1,7 +1,8 @@
-"""Analyses of motion loops on logs that were made up: what each metric says of a case whose answer is known."""
+"""Analyses of motion and estimated forces on made-up logs: what each metric says of a case whose answer is known."""
 
 from __future__ import annotations
 
+from dataclasses import replace
 from functools import cache
 from typing import Any
 
@@ -11,34 +12,39 @@ import xarray as xr
 
 from forcectl.analysis.force_estimation import ForceAnalysis, stretches
 from forcectl.analysis.friction_identification import FrictionAnalysis, friction_metrics
-from forcectl.analysis.motion_metrics import FORCE_METRICS, FRICTION_METRICS, is_motion_metric, motion_loop_metrics
-from forcectl.diagrams.motion_loop import motion_facts
+from forcectl.analysis.motion_metrics import FORCE_METRICS, FRICTION_METRICS, is_motion_metric, joint_metrics
+from forcectl.diagrams.believed import Setting
 from forcectl.errors import BadInputError
 from forcectl.figures.motion import motion_figures, one_variant
 from forcectl.plant.drives.joint_friction import JointFriction, mean_features
+from forcectl.plant.plant_model import PlantModel
 from forcectl.runs.logs import stack
-from forcectl.tasks.slot import MotionFacts
-from tests.examples.block_examples_research import cell
+from tests.examples import stations
+from tests.examples.research_runs import describe
 
 TICK = 0.004
 COUNT = 1001  # four seconds
 
 
 @cache
-def facts() -> MotionFacts:
-    return motion_facts(cell())
+def setting() -> Setting:
+    return stations.setting(describe(sensors={}))
+
+
+def model() -> PlantModel:
+    return setting().model
 
 
 def made_up(**signals: Any) -> xr.Dataset:
     """A log of one arm at rest in which nothing happens, but for the signals given."""
-    n, joints = 7, list(facts().robot.facts.arm_joints)
+    n, joints = 7, list(model().robot.facts.arm_joints)
     parts = [f"left_{kind}_{axis}" for kind in ("torque", "force") for axis in "xyz"]
     rows = {
         **dict.fromkeys(("joint_velocity", "link_velocity", "motor_torque"), np.zeros((COUNT, n))),
         **dict.fromkeys(("external_torque", "estimated_torque"), np.zeros((COUNT, n))),
-        **dict.fromkeys(("link_position", "joint_position_reference"), np.tile(facts().start, (COUNT, 1))),
+        **dict.fromkeys(("link_position", "joint_position_command"), np.tile(model().start, (COUNT, 1))),
         **dict.fromkeys(("tip_wrench", "estimated_wrench", "applied_wrench"), np.zeros((COUNT, 6))),
-        "contact_force": np.zeros((COUNT, 1)),
+        "arm_contact_force": np.zeros((COUNT, 1)),
     }
     sizes = {n: ("joint", joints), 6: ("wrench_component", parts), 1: ("arm", ["left"])}
     log = xr.Dataset(coords={"time": TICK * np.arange(COUNT), **dict(sizes.values())})
@@ -55,7 +61,7 @@ def wrench(force: Any, begin: float, end: float) -> np.ndarray:
 
 
 def judged(**signals: Any) -> dict[str, float | None]:
-    return ForceAnalysis().metrics(made_up(**signals), facts())
+    return ForceAnalysis().metrics(made_up(**signals), setting())
 
 
 def test_a_static_load_is_judged_by_the_mean_of_its_end():
@@ -82,14 +88,14 @@ def test_contact_is_judged_from_a_fifth_of_a_second_on():
     true = wrench([0, 20.0, 0], 1.0, 2.0)
     estimate = wrench([0, 19.0, 0], 1.1, 2.0)
     touching = np.abs(true).max(axis=1, keepdims=True)
-    found = judged(tip_wrench=true, estimated_wrench=estimate, contact_force=touching)
+    found = judged(tip_wrench=true, estimated_wrench=estimate, arm_contact_force=touching)
     assert found["contact_force_error_N"] == pytest.approx(1.0)
     assert found["contact_mean_error_pct"] == pytest.approx(5.0)
 
 
 def test_what_is_felt_while_nothing_acts_counts_as_quiet_or_fast():
     speed = np.zeros((COUNT, 7))
-    speed[500:600, 2] = 0.5 * facts().robot.limits.velocity[2]
+    speed[500:600, 2] = 0.5 * model().robot.limits.velocity[2]
     estimate = wrench([0.2, 0, 0], 0.0, 4.0) + wrench([1.0, 0, 0], 2.0, 2.4)
     torque = np.zeros((COUNT, 7))
     torque[550, 3] = -0.7
@@ -108,14 +114,14 @@ def test_the_start_and_the_time_after_a_load_are_left_out():
 
 def test_an_estimate_of_torque_is_measured_by_coulombs_friction():
     true, torque = wrench([0, 0, 5.0], 1.0, 2.0), np.zeros((COUNT, 7))
-    torque[:, 4] = 0.5 * facts().friction.coulomb[4]
+    torque[:, 4] = 0.5 * model().friction.coulomb[4]
     found = judged(applied_wrench=true, tip_wrench=true, estimated_torque=torque)
     assert found["static_torque_error_share"] == pytest.approx(0.5)
 
 
 def test_without_an_estimator_there_is_nothing_to_judge():
-    assert ForceAnalysis().metrics(made_up().drop_vars("estimated_wrench"), facts()) == {}
-    assert ForceAnalysis().figures(made_up(), facts(), "") == {}
+    assert ForceAnalysis().metrics(made_up().drop_vars("estimated_wrench"), setting()) == {}
+    assert ForceAnalysis().figures(made_up(), setting(), "") == {}
 
 
 @pytest.mark.parametrize(
@@ -135,13 +141,13 @@ def test_stretches_are_found_at_the_ends_too():
 
 def swinging() -> xr.Dataset:
     """Every joint swings; the torque is what the dynamics and the true friction ask for, the speed is exact."""
-    one = facts()
+    one = model()
     t = TICK * np.arange(COUNT)[:, None]
     w = np.linspace(3.0, 6.0, 7)
     q, v = one.start + 0.25 * np.sin(w * t), 0.25 * w * np.cos(w * t)
-    model = one.momentum_model()
-    context, f = model.create_context(), one.friction
-    rows = [model.terms(context, a, b) for a, b in zip(q, v, strict=True)]
+    momentum = one.momentum_model()
+    context, f = momentum.create_context(), one.friction
+    rows = [momentum.terms(context, a, b) for a, b in zip(q, v, strict=True)]
     p, force = np.array([row[0] for row in rows]), np.array([row[1] for row in rows])
     sign, ahead, back = mean_features(v[:-1], v[1:])
     drag = f.offset + f.coulomb * sign + f.viscous_forward * ahead + f.viscous_backward * back
@@ -154,8 +160,8 @@ def swinging() -> xr.Dataset:
 
 def test_friction_is_found_where_the_log_holds_it(monkeypatch):
     """With exact speeds: what is left is rounding. The filter of the speeds is taken for none."""
-    log, one = swinging(), facts()
-    exact = MotionFacts(one.robot, one.start, one.period, one.friction, one.rotor_inertia, velocity_bandwidth=1e9)
+    log, one = swinging(), setting()
+    exact = replace(one, model=replace(one.model, velocity_bandwidth=1e9))
     monkeypatch.setattr("forcectl.tuning.friction_identification._late", lambda time, values, good, w: values)
     found = FrictionAnalysis(slowest=0.02).metrics(log, exact)
     assert found["friction_error_pct"] < 1e-3
@@ -168,8 +174,8 @@ def test_friction_is_found_where_the_log_holds_it(monkeypatch):
 
 def test_a_run_that_excites_nothing_has_no_friction_metrics():
     log = made_up().assign(joint_position=made_up()["link_position"])
-    assert FrictionAnalysis().metrics(log, facts()) == {}
-    assert FrictionAnalysis().figures(log, facts(), "") == {}
+    assert FrictionAnalysis().metrics(log, setting()) == {}
+    assert FrictionAnalysis().figures(log, setting(), "") == {}
 
 
 def test_friction_errors_are_those_of_the_curves():
@@ -187,19 +193,18 @@ def test_friction_errors_are_those_of_the_curves():
 
 
 def test_metrics_of_every_run():
-    limits = facts().robot.limits
-    q, v = np.tile(facts().start, (COUNT, 1)), np.zeros((COUNT, 7))
+    limits = model().robot.limits
+    q, v = np.tile(model().start, (COUNT, 1)), np.zeros((COUNT, 7))
     q[10, 3] = limits.position_upper[3] + 0.01
     v[20, 5] = -limits.velocity[5] - 0.2
     torque = np.zeros((COUNT, 7))
     torque[5, 0] = -0.5 * limits.torque[0]
     log = made_up(link_position=q, link_velocity=v, motor_torque=torque)
-    found = motion_loop_metrics(log, facts(), 4.0)
+    found = joint_metrics(log, model())
     assert found["joint_limit_excess_rad"] == pytest.approx(0.01)
     assert found["speed_limit_excess_rad_s"] == pytest.approx(0.2)
     assert found["torque_share"] == pytest.approx(0.5)
-    assert found["tracking_error_rad"] == pytest.approx(abs(q[10, 3] - facts().start[3]))
-    assert found["realtime_factor"] == 4.0
+    assert found["tracking_error_rad"] == pytest.approx(abs(q[10, 3] - model().start[3]))
 
 
 def test_figures_of_every_run_show_arms_and_forces():

@@ -46,7 +46,10 @@ CASES = [
     ),
     (["run", "fig_2_7", "--set", "station.period=0"], ["station.period = 0", "must be positive"]),
     (["run", "fig_2_7", "--set", "station.period=0.0015"], ["station.period = 0.0015", "whole multiple of time_step"]),
-    (["run", "fig_2_7", "--set", "station.force_sensor.delay=0.003"], ["force_sensor.delay = 0.003", "whole multiple"]),
+    (
+        ["run", "fig_2_7", "--set", "station.sensors.force.delay=0.003"],
+        ["sensors.force.delay = 0.003", "whole multiple"],
+    ),
     (["run", "fig_2_7", "--set", "duration=0"], ["duration = 0", "must be positive"]),
     (["run", "fig_2_7", "--set", "duration=1e9"], ["duration = 1000000000", "at most 86400"]),
     (["run", "fig_2_7", "--set", "seed=-1"], ["seed = -1", "from 0"]),
@@ -66,7 +69,7 @@ CASES = [
     (["run", "fig_2_7", "--variant", "K_I = 2 1/s"], ["unknown variant", "'K_I = 2 1/s'", "did you mean 'K_I = "]),
     (
         ["run", "fig_2_7", "--fidelity", "Multybody"],
-        ["station: unknown fidelity 'Multybody'", "did you mean 'Multibody'"],
+        ["station.fidelity: unknown tag '!Multybody'", "did you mean '!Multibody'"],
     ),
     (["run", "fig_2_7", "--set", "controller=!Integrall"], ["unknown tag '!Integrall'", "did you mean '!Integral'"]),
     (["run", "fig_2_7", "--set", "duration"], ["--set 'duration'", "must be key=value"]),
@@ -93,7 +96,7 @@ CASES = [
     (["reproduce"], ["either names or --all"]),
     (["reproduce", "fig_2_8", "--all"], ["either names or --all"]),
     (["reproduce", "fig_2_9"], ["unknown scenario 'fig_2_9'"]),
-    (["reproduce", "fig_2_8", "--fidelity", "2D"], ["unknown fidelity '2D'"]),
+    (["reproduce", "fig_2_8", "--fidelity", "2D"], ["station.fidelity: unknown tag '!2D'"]),
 ]
 
 FILES = [
@@ -170,7 +173,7 @@ PARAMETERS = "parameters: {command: 'touch written'}"
             "controller.constraints.0",
         ),
         ("controller: !Import {{path: '{path}', {parameters}}}", "controller"),
-        ("loop: motion\nestimator: !Import {{path: '{path}', {parameters}}}", "estimator"),
+        ("estimators: {{a: !Import {{path: '{path}', {parameters}}}}}", "estimators.a"),
     ],
 )
 def test_a_scenario_is_no_program(text, key, path, monkeypatch, capfd, tmp_path):
@@ -204,8 +207,8 @@ class Command:
         ("system", "not of Python's standard library"),
         ("Popen", "not of Python's standard library"),
         ("random", "not of Python's standard library"),
-        ("command", "a class with "),
-        ("Command", "a class with "),
+        ("command", "must be a class"),
+        ("Command", "must be a class"),
     ],
 )
 def test_what_is_named_is_looked_at_before_it_is_called(name, allowed, monkeypatch, capfd, tmp_path):

@@ -54,7 +54,7 @@ NONSENSE = (
     1e-9,
     2**63,
 )
-PARTS = ("station", "controller", "reference", "estimator", "analysis")
+PARTS = ("station", "model", "controller", "reference", "motion", "estimators", "signals", "analyses")
 BREAKS = (
     "{",
     "}",

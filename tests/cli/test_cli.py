@@ -52,7 +52,7 @@ def test_list_shows_everything_there_is_to_choose(forcectl):
     for name in (
         *catalog.list_experiments(),
         *catalog.list_presets(),
-        *catalog.FIDELITIES,
+        *catalog.SLOTS["fidelity"],
         "!AdaptiveIntegral",
         "!Sequence",
     ):
@@ -115,7 +115,7 @@ def test_a_missed_expectation_is_exit_code_1_with_the_results_kept(forcectl, tmp
 
 
 def test_a_run_that_has_to_stop_is_exit_code_1_with_one_line_and_the_log_kept(forcectl, tmp_path):
-    code, out, err = forcectl("run", "fig_2_8", "--set", "station.servo.position_gain=1e9", "--out", "here")
+    code, out, err = forcectl("run", "fig_2_8", "--set", "station.drive.servo.position_gain=1e9", "--out", "here")
     assert (code, out) == (1, "")
     assert err.startswith("error: variant 'default': ")
     assert " at t = 0." in err
@@ -188,7 +188,7 @@ def test_graph_and_check_take_a_diagram_of_the_users_own(forcectl, tmp_path):
     sys.modules.pop("own_diagrams", None)
 
 
-@pytest.mark.parametrize("fidelity", catalog.FIDELITIES)
+@pytest.mark.parametrize("fidelity", catalog.SLOTS["fidelity"])
 def test_check_finds_no_error_in_the_shipped_loop(forcectl, fidelity):
     code, out, err = forcectl("check", "fig_2_7", "--fidelity", fidelity)
     assert (code, err) == (0, "")

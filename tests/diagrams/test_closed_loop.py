@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-from dataclasses import replace
 from typing import Any
 
 import numpy as np
@@ -13,18 +12,18 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource, LogVectorOutput, TrajectorySource
 
 import forcectl
-from forcectl.diagrams.closed_loop import build_closed_loop
-from forcectl.diagrams.force_controller import add_controller
-from forcectl.diagrams.station import FIDELITIES, StationConfig, build_station, describe
-from forcectl.errors import BadInputError
+from forcectl.diagrams.believed import plant_model
+from forcectl.diagrams.force_controller import build_controller
+from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig, build_station
+from forcectl.diagrams.workcell import describe
 from forcectl.force.adaptive_integral import AdaptiveIntegralConfig
 from forcectl.force.integral import IntegralConfig
-from forcectl.motion.references import SequenceConfig, StepConfig, held_trajectory
+from forcectl.motion.references import SequenceConfig, held_trajectory
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
-from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 from tests.examples.station_runs import FORCE, SPRINGS, quiet_sensor
+from tests.examples.stations import pressing
 
-every_fidelity = pytest.mark.parametrize("fidelity", FIDELITIES)
+every_fidelity = pytest.mark.parametrize("fidelity", SHIPPED_FIDELITIES)
 
 
 def simulate(fidelity: str, duration: float, scenario: dict[str, Any] | None = None, **changes: Any) -> xr.Dataset:
@@ -45,15 +44,16 @@ def values(log: xr.Dataset, name: str, start: float = 0.0, end: float = np.inf) 
 def pulled_away(fidelity: str, damping: float, duration: float) -> dict[str, np.ndarray]:
     """Signals of a loop whose robot is sent 8 mm off the surface from 2 s to 3 s, behind the controller's back."""
     environment = EnvironmentConfig(stiffness=SPRINGS, damping=damping)
-    cell = describe(StationConfig(fidelity=fidelity, environment=environment, force_sensor=quiet_sensor()))
-    away = 8e-3 * cell.direction
+    cell = describe(pressing(fidelity=fidelity, environment=environment, force_sensor=quiet_sensor()))
+    away = 8e-3 * cell.contact.direction
     path = held_trajectory([0.0, 2.0, 3.0], np.array([0 * away, away, 0 * away]).T)
     builder = DiagramBuilder()
     force = builder.AddNamedSystem("desired", ConstantVectorSource([FORCE]))
     rest = builder.AddNamedSystem("motion", ConstantVectorSource(np.zeros(len(away))))
     pull = builder.AddNamedSystem("pull", TrajectorySource(path))
     command = builder.AddNamedSystem("command", Adder(2, len(away)))
-    control = add_controller(builder, IntegralConfig(integral_gain=1.5), cell)
+    law = build_controller(IntegralConfig(integral_gain=1.5), plant_model(cell))
+    control = builder.AddNamedSystem("controller", law)
     station = builder.AddNamedSystem("station", build_station(cell))
     for source, name in (
         (force.get_output_port(), "desired_force"),
@@ -130,7 +130,7 @@ def test_the_tool_goes_where_the_motion_sends_it(fidelity: str, normal: list[flo
     moved = cell.robot.pose(context)
     travel = moved.translation() - start.translation()
     assert travel @ along == pytest.approx(0.02, rel=0.03)
-    assert abs(travel @ np.cross(along, cell.n)) < 0.03 * 0.02
+    assert abs(travel @ np.cross(along, cell.contact.n)) < 0.03 * 0.02
     turned = (start.rotation().inverse() @ moved.rotation()).ToAngleAxis().angle()
     assert turned < np.radians(0.5)
 
@@ -158,7 +158,7 @@ def test_adaptive_controller_learns_the_compliance_of_the_environment(
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic"])
 def test_after_learning_a_second_step_is_that_of_the_known_compliance(fidelity: str) -> None:
     reference = SequenceConfig(times=[0.0, 5.0], forces=[FORCE, 25.0])
-    changes = {"reference": reference, "station__servo__ideal": True, "station__force_sensor": quiet_sensor()}
+    changes = {"reference": reference, "station__drive__servo__ideal": True, "station__sensors__force": quiet_sensor()}
     known = simulate(fidelity, 8.0, controller=IntegralConfig(integral_gain=3.0), **changes)
     for error in (0.8, 1.25):
         controller = AdaptiveIntegralConfig(integral_gain=3.0, compliance_error=error)
@@ -183,26 +183,9 @@ def test_limited_command_holds_and_does_not_wind_up(fidelity: str) -> None:
     log = simulate(fidelity, 6.0, reference=reference, controller=controller, preset="linear")
     command, force = values(log, "displacement_command"), values(log, "measured_force")
     assert command.min() == pytest.approx(-limit)
-    stiffness = 1 / (
-        1 / SPRINGS
-        + build_closed_loop(StationConfig(fidelity=fidelity), controller, StepConfig()).cell.robot_compliance
-    )
+    stiffness = 1 / (1 / SPRINGS + describe(StationConfig(fidelity=fidelity)).contact.robot_compliance)
     assert values(log, "measured_force", 3.9, 4.0) == pytest.approx(limit * stiffness, rel=0.02)
     # A wound-up integral would keep pressing; this one leaves the limit in the first tick after the step.
     after = values(log, "displacement_command", 4.0, 4.01)
     assert after[2] > -limit
     assert force[-1] == pytest.approx(4.0, rel=0.03)
-
-
-def test_reference_beyond_the_sensor_is_refused() -> None:
-    station = StationConfig(force_sensor=replace(ForceSensorConfig(), range=10.0))
-    with pytest.raises(BadInputError, match=r"reference\.force = 15.*10 N"):
-        build_closed_loop(station, IntegralConfig(), StepConfig(force=FORCE))
-
-
-@every_fidelity
-def test_believed_compliance_in_the_loop_is_the_true_one(fidelity: str) -> None:
-    loop = build_closed_loop(StationConfig(fidelity=fidelity), IntegralConfig(), StepConfig())
-    assert loop.true_compliance == pytest.approx(loop.cell.robot_compliance + 1 / SPRINGS)
-    assert loop.cell.robot_compliance == pytest.approx(3.2e-5, rel=1e-3)
-    assert loop.reference_model_bandwidth == 1.5

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 from scipy.integrate import solve_ivp
 
-from forcectl.diagrams.station import StationConfig, describe
+from forcectl.diagrams.station import StationConfig
+from forcectl.diagrams.workcell import describe
 from tests.examples.station_runs import (
     FILTER,
     FORCE,
@@ -114,14 +115,14 @@ def test_kinematic_station_follows_the_curved_kinematics_of_the_robot(gain: floa
     """Reference: all six joint filters in continuous time, forward kinematics, spring and force filter."""
     cell = describe(StationConfig(fidelity="Kinematic", normal=list(normal), elastic_joints=False))
     robot, q_0, context = cell.robot, cell.start, cell.start_context()
-    start = float(cell.n @ robot.pose(context).translation())
+    start = float(cell.contact.n @ robot.pose(context).translation())
     count, displacement = 500, 0.0
     z = np.concatenate([q_0, np.zeros(6), np.zeros(2)])  # joints, their rates, measured force and its rate
 
     def rates(_: float, z: np.ndarray, command: np.ndarray) -> np.ndarray:
         q, rate, f, df = z[:6], z[6:12], z[12], z[13]
         robot.set_positions(context, q)
-        force = max(0.0, -SPRINGS * (float(cell.n @ robot.pose(context).translation()) - start))
+        force = max(0.0, -SPRINGS * (float(cell.contact.n @ robot.pose(context).translation()) - start))
         bend = FILTER**2 * (command - q) - 2 * FILTER * rate
         return np.concatenate([rate, bend, [df, SENSOR**2 * (force - f) - 2 * SENSOR * df]])
 
@@ -130,7 +131,7 @@ def test_kinematic_station_follows_the_curved_kinematics_of_the_robot(gain: floa
         found.append(z[12])
         displacement -= gain * PERIOD * (FORCE - z[12]) / SPRINGS
         robot.set_positions(context, z[:6])
-        direction = np.linalg.solve(robot.jacobian(context), np.concatenate([np.zeros(3), cell.n]))
+        direction = np.linalg.solve(robot.jacobian(context), np.concatenate([np.zeros(3), cell.contact.n]))
         command = q_0 + direction * displacement
         z = solve_ivp(rates, (0.0, PERIOD), z, rtol=1e-7, atol=1e-9, args=(command,)).y[:, -1]
     force = measured("Kinematic", gain, SPRINGS, normal)[: count + 1]

@@ -13,20 +13,22 @@ import xarray as xr
 from pydrake.systems.analysis import Simulator
 
 import forcectl
+from forcectl.diagrams.fidelities.multibody import MultibodyStation
+from forcectl.diagrams.mechanics.station_surface import surface_profile
 from forcectl.diagrams.one_dimensional_loop import OneDimensionalLoopConfig
-from forcectl.diagrams.station import FIDELITIES, Cell, StationConfig, build_station, describe
-from forcectl.diagrams.station_multibody import MultibodyStation
-from forcectl.diagrams.station_surface import surface_profile
+from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig, build_station
+from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.errors import BadInputError
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.contact.surface import GrooveConfig, RoughnessConfig, SurfaceConfig
 from forcectl.plant.drives.servo import ServoConfig
-from forcectl.scenario.schema import to_tree
+from forcectl.scenario.trees import to_tree
 from forcectl.testing import run_diagram
 from tests.examples.station_runs import closed_loop, command_for, compliance_of, quiet_sensor, signal
+from tests.examples.stations import pressing
 
 LIGHT = ("OneDimensional", "Kinematic")
-every_fidelity = pytest.mark.parametrize("fidelity", FIDELITIES)
+every_fidelity = pytest.mark.parametrize("fidelity", SHIPPED_FIDELITIES)
 
 
 def ideal(fidelity: str, stiffness: float = 1e4, speed: float = 0.02, **surface: Any) -> xr.Dataset:
@@ -53,7 +55,7 @@ GROOVES = {"grooves__positions": (0.007, 0.014), "grooves__width": 5e-3, "roughn
 
 
 def assert_all_agree(**case: Any) -> None:
-    logs = {fidelity: ideal(fidelity, **case) for fidelity in FIDELITIES}
+    logs = {fidelity: ideal(fidelity, **case) for fidelity in SHIPPED_FIDELITIES}
     reference = logs["Kinematic"]
     moving = signal(reference, "time") > 1.5
     felt = np.ptp(signal(reference, "contact_force")[moving])
@@ -113,7 +115,7 @@ def test_the_height_is_the_profile_where_the_tool_is(fidelity: str) -> None:
 # --- truth -----------------------------------------------------------------------------------------------------------
 
 
-def sliding(cell: Cell, force: float, speed: float, duration: float) -> Any:
+def sliding(cell: Workcell, force: float, speed: float, duration: float) -> Any:
     """Joint command that presses with `force` [N] on the flat part and then moves along x, as a function of time."""
     row = cell.robot.jacobian(cell.start_context())
     along = np.linalg.solve(row, [0, 0, 0, 1, 0, 0])
@@ -125,9 +127,9 @@ def sliding(cell: Cell, force: float, speed: float, duration: float) -> Any:
     return command
 
 
-def multibody_cell(**surface: Any) -> Cell:
+def multibody_cell(**surface: Any) -> Workcell:
     return describe(
-        StationConfig(
+        pressing(
             fidelity="Multibody",
             force_sensor=quiet_sensor(),
             servo=ServoConfig(ideal=True),
@@ -154,7 +156,7 @@ def test_truth_of_a_moving_plate_is_the_force_of_the_contact_without_the_plates_
         own = plant.GetMyContextFromRoot(context)
         results = plant.get_contact_results_output_port().Eval(own)
         contact = sum(
-            abs(results.point_pair_contact_info(i).contact_force() @ cell.n)
+            abs(results.point_pair_contact_info(i).contact_force() @ cell.contact.n)
             for i in range(results.num_point_pair_contacts())
         )
         truth = station.GetOutputPort("contact_force").Eval(context).item()
@@ -180,7 +182,7 @@ def test_the_plate_of_an_uneven_surface_takes_nothing_from_the_stiffness() -> No
 
 @every_fidelity
 def test_no_contact_gives_zero_above_any_surface(fidelity: str) -> None:
-    config = StationConfig(
+    config = pressing(
         fidelity=fidelity,
         force_sensor=quiet_sensor(),
         environment=EnvironmentConfig(surface=SurfaceConfig(slope=-0.05, grooves=GrooveConfig())),
@@ -243,7 +245,7 @@ def test_a_profile_beside_the_scenario_is_found_from_anywhere(tmp_path: Path, mo
     (folder / "study.yaml").write_text("station: {environment: {surface: {path: board.csv}}}\nduration: 0.01\n")
     monkeypatch.chdir(tmp_path)
     scenario = forcectl.load_scenario(folder / "study.yaml")
-    profile = surface_profile(describe(scenario.station))
+    profile = surface_profile(describe(scenario.station).contact)
     assert float(profile.height(0.05)) == pytest.approx(5e-5, rel=0.01)
     # What a run writes down starts the same run again.
     assert to_tree(scenario)["station"]["environment"]["surface"]["path"] == str(folder / "board.csv")

@@ -10,14 +10,15 @@ import xarray as xr
 
 import forcectl
 from forcectl.diagrams.one_dimensional_loop import OneDimensionalLoopConfig
-from forcectl.diagrams.station import FIDELITIES, StationConfig, build_station, describe
+from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig, build_station
+from forcectl.diagrams.workcell import describe
 from forcectl.errors import BadInputError
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.plant.contact.surface_materials import MATERIALS, MaterialsConfig, SegmentConfig
 from tests.examples.station_runs import FORCE, signal
 
-every_fidelity = pytest.mark.parametrize("fidelity", FIDELITIES)
+every_fidelity = pytest.mark.parametrize("fidelity", SHIPPED_FIDELITIES)
 
 
 def materials(*, blend: float = 0.004, damping: float = 0.0, height: float = 0.0) -> MaterialsConfig:
@@ -59,7 +60,7 @@ def slide(fidelity: str, **surface: Any) -> xr.Dataset:
 
 @pytest.mark.parametrize("surface", [{}, {"damping": 300.0, "height": 5e-5}], ids=["flat", "damped and stepped"])
 def test_fidelities_agree_on_several_materials(surface: dict[str, float]) -> None:
-    logs = {fidelity: slide(fidelity, **surface) for fidelity in FIDELITIES}
+    logs = {fidelity: slide(fidelity, **surface) for fidelity in SHIPPED_FIDELITIES}
     expected = signal(logs["Kinematic"], "contact_force")
     # Where the speed is constant: the inertia of the robot acts in one fidelity only.
     time = signal(logs["Kinematic"], "time")
@@ -98,7 +99,7 @@ def test_one_material_everywhere_is_the_same_as_its_stiffness(fidelity: str) -> 
 
 def test_controllers_are_told_the_material_at_the_start() -> None:
     environment = EnvironmentConfig(surface=SurfaceConfig(materials=materials()))
-    assert describe(StationConfig(environment=environment)).environment_compliance == 1 / MATERIALS["plastic"]
+    assert describe(StationConfig(environment=environment)).contact.environment_compliance == 1 / MATERIALS["plastic"]
 
 
 @every_fidelity

@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 import xarray as xr
 
-from forcectl.diagrams.station import build_station, describe
+from forcectl.diagrams.station import build_station
+from forcectl.diagrams.workcell import describe
 from forcectl.errors import BadInputError
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from tests.examples.station_runs import FORCE, closed_loop, multibody, signal
@@ -74,7 +75,7 @@ def test_other_directions_are_stable_too(stiffness: float, normal: tuple[float, 
 @pytest.mark.parametrize(("stiffness", "friction"), [pytest.param(5.9e3, 1.0, marks=pytest.mark.slow), (1e5, 0.0)])
 def test_rigid_joints_run_with_real_drives(stiffness: float, friction: float) -> None:
     # On stiff contacts without the elasticity of the robot the friction makes the loop hunt.
-    assert_settled(press(stiffness, 0.0, station__elastic_joints=False, station__servo__friction_scale=friction))
+    assert_settled(press(stiffness, 0.0, station__elastic_joints=False, station__drive__servo__friction_scale=friction))
 
 
 def test_stiffness_that_the_contact_cannot_have_is_refused() -> None:

@@ -9,21 +9,16 @@ import pytest
 from pydrake.systems.analysis import InitializeParams, Simulator
 from pydrake.systems.framework import Context, Diagram
 
-from forcectl.diagrams.closed_loop import ClosedLoop, build_closed_loop
-from forcectl.diagrams.force_controller import CONTROLLER_INPUTS
-from forcectl.diagrams.station import (
-    FIDELITIES,
-    STATION_INPUTS,
-    STATION_OUTPUTS,
-    StationConfig,
-    build_station,
-    describe,
-)
+from forcectl.conventions import SIGNALS
+from forcectl.diagrams.loop import Loop
+from forcectl.diagrams.mechanics.assembly import STATION_INPUTS
+from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig, build_station
+from forcectl.diagrams.workcell import describe
 from forcectl.errors import BadInputError
 from forcectl.force.adaptive_integral import AdaptiveIntegralConfig
 from forcectl.force.integral import IntegralConfig
-from forcectl.motion.references import StepConfig
 from forcectl.plant.drives.servo import ServoConfig
+from forcectl.scenario.scenario import Scenario
 from forcectl.testing import (
     assert_deterministic,
     assert_feedthrough,
@@ -35,6 +30,7 @@ from forcectl.testing import (
 from forcectl.testing.plugin import CheckDiagram
 from tests.examples.robot_folders import CONTROL, write_planar_robot
 from tests.examples.station_runs import PERIOD, SENSOR, quiet_sensor
+from tests.examples.stations import pressing
 
 JOINTS = 6
 INPUTS = {"joint_position_command": JOINTS}
@@ -48,18 +44,26 @@ OUTPUTS = {
     "link_position": JOINTS,
     "contact_state": 1,
 }
+
+
+def outputs(fidelity: str, joints: int = JOINTS) -> dict[str, int]:
+    """Outputs of a station of this fidelity with their sizes; only links with dynamics have a speed."""
+    sizes = {name: joints if size == JOINTS and name != "measured_wrench" else size for name, size in OUTPUTS.items()}
+    return sizes | ({"link_velocity": joints} if fidelity == "Multibody" else {})
+
+
 CONTROLLERS = [IntegralConfig(), AdaptiveIntegralConfig()]
 
-every_fidelity = pytest.mark.parametrize("fidelity", FIDELITIES)
+every_fidelity = pytest.mark.parametrize("fidelity", SHIPPED_FIDELITIES)
 
 
-def build_loop(fidelity: str, controller: object = None, seed: int = 3) -> ClosedLoop:
-    return build_closed_loop(
-        StationConfig(fidelity=fidelity), controller or IntegralConfig(integral_gain=3.0), StepConfig(), seed=seed
-    )
+def build_loop(fidelity: str, controller: object = None, seed: int = 3) -> Loop:
+    return Scenario(
+        station=StationConfig(fidelity=fidelity), controller=controller or IntegralConfig(integral_gain=3.0), seed=seed
+    ).build()
 
 
-def run_loop(loop: ClosedLoop, context: Context | None = None, duration: float = 0.3) -> np.ndarray:
+def run_loop(loop: Loop, context: Context | None = None, duration: float = 0.3) -> np.ndarray:
     simulator = Simulator(loop.diagram, context) if context is not None else Simulator(loop.diagram)
     simulator.AdvanceTo(simulator.get_context().get_time() + duration)
     log: np.ndarray = loop.find_log(simulator.get_context()).data().copy()
@@ -69,10 +73,10 @@ def run_loop(loop: ClosedLoop, context: Context | None = None, duration: float =
 @every_fidelity
 @pytest.mark.parametrize("ideal", [False, True])
 def test_every_fidelity_has_exactly_the_ports_of_the_slot(fidelity: str, ideal: bool) -> None:
-    config = StationConfig(fidelity=fidelity, servo=ServoConfig(ideal=ideal), elastic_joints=not ideal)
-    assert_ports(build_station(describe(config)), INPUTS, OUTPUTS)
-    assert set(STATION_INPUTS) == set(INPUTS)
-    assert set(STATION_OUTPUTS) == set(OUTPUTS)
+    config = pressing(fidelity=fidelity, servo=ServoConfig(ideal=ideal), elastic_joints=not ideal)
+    assert_ports(build_station(describe(config)), INPUTS, outputs(fidelity))
+    assert set(INPUTS) <= set(STATION_INPUTS)
+    assert set(outputs(fidelity)) <= set(SIGNALS)
 
 
 @every_fidelity
@@ -87,13 +91,13 @@ def test_controller_has_exactly_the_ports_of_its_slot(fidelity: str) -> None:
     }
     outputs = {"joint_position_command": JOINTS, "displacement_command": 1}
     assert_ports(diagram.GetSubsystemByName("controller"), inputs, outputs)
-    assert set(CONTROLLER_INPUTS) == set(inputs)
+    assert set(inputs) <= set(SIGNALS)
 
 
 @every_fidelity
 @pytest.mark.parametrize("ideal", [False, True])
 def test_no_output_of_a_station_depends_on_the_command_of_the_same_instant(fidelity: str, ideal: bool) -> None:
-    config = StationConfig(fidelity=fidelity, servo=ServoConfig(ideal=ideal))
+    config = pressing(fidelity=fidelity, servo=ServoConfig(ideal=ideal))
     assert_feedthrough(build_station(describe(config)), [])
 
 
@@ -124,7 +128,7 @@ def test_doctor_finds_nothing_wrong_with_a_closed_loop(
 @every_fidelity
 def test_station_runs_the_same_after_reset_and_clone(fidelity: str) -> None:
     cell = describe(StationConfig(fidelity=fidelity))
-    command = cell.motor_start - 5e-4 * cell.direction
+    command = cell.motor_start - 5e-4 * cell.contact.direction
     log = assert_same_after_reset_and_clone(
         build_station(cell, seed=5), duration=0.2, period=0.01, inputs={"joint_position_command": command}
     )
@@ -134,7 +138,7 @@ def test_station_runs_the_same_after_reset_and_clone(fidelity: str) -> None:
 @every_fidelity
 def test_station_is_deterministic_and_its_noise_follows_the_seed(fidelity: str) -> None:
     cell = describe(StationConfig(fidelity=fidelity))
-    inputs = {"joint_position_command": cell.motor_start - 5e-4 * cell.direction}
+    inputs = {"joint_position_command": cell.motor_start - 5e-4 * cell.contact.direction}
     first = assert_deterministic(lambda: build_station(cell, seed=5), duration=0.1, period=0.01, inputs=inputs)
     other = run_diagram(build_station(cell, seed=6), 0.1, period=0.01, inputs=inputs)
     assert not np.array_equal(first["measured_force"], other["measured_force"])
@@ -167,7 +171,7 @@ def test_closed_loop_repeats_bit_by_bit_also_from_a_reset_and_a_cloned_context(
 
 @every_fidelity
 def test_noise_of_the_sensor_stays_out_of_the_truth(fidelity: str) -> None:
-    cell = describe(StationConfig(fidelity=fidelity, force_sensor=quiet_sensor(noise_std=0.5)))
+    cell = describe(pressing(fidelity=fidelity, force_sensor=quiet_sensor(noise_std=0.5)))
     log = run_diagram(build_station(cell), 2.0, period=0.01, inputs={"joint_position_command": cell.motor_start})
     settled = log["measured_force"][50:, 0]
     # White noise at 500 Hz behind a critically damped filter of bandwidth w: the variance falls by w T/4.
@@ -180,13 +184,9 @@ def test_a_robot_with_another_number_of_joints_has_ports_of_that_size(fidelity: 
     control = CONTROL.replace("[0, 0, 0]", "[0.1, 0.1, 0.1]")
     folder = write_planar_robot(tmp_path / "planar", control=control, finger=False)
     # Three joints about z move the tool in the plane; a force in the plane is what such a robot can control.
-    config = StationConfig(fidelity=fidelity, robot=str(folder), normal=[1.0, 0.0, 0.0])
+    config = StationConfig(fidelity=fidelity, robot=str(folder), normal=[1.0, 0.0, 0.0], period=PERIOD)
     station = build_station(describe(config))
-    assert_ports(
-        station,
-        {"joint_position_command": 3},
-        {**OUTPUTS, "motor_position": 3, "motor_velocity": 3, "link_position": 3},
-    )
+    assert_ports(station, {"joint_position_command": 3}, outputs(fidelity, 3))
 
 
 def test_singular_postures_and_unknown_fidelities_are_refused_by_name() -> None:

@@ -13,8 +13,9 @@ from pydrake.multibody.math import SpatialForce
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce
 from pydrake.systems.framework import Context
 
-from forcectl.diagrams.station import FIDELITIES, Cell, StationConfig, build_station, describe
-from forcectl.diagrams.station_multibody import MultibodyStation
+from forcectl.diagrams.fidelities.multibody import MultibodyStation
+from forcectl.diagrams.station import SHIPPED_FIDELITIES, build_station
+from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.models import robot_folder
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.drives.servo import ServoConfig
@@ -22,6 +23,7 @@ from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 from forcectl.plant.sensors.wrist_sensor import sensor_frame
 from forcectl.testing import Log, run_diagram
 from tests.examples.station_runs import NORMALS, POSTURES, SPRINGS, command_for, compliance_of, multibody, quiet_sensor
+from tests.examples.stations import pressing
 
 FRICTIONLESS = ServoConfig(friction_scale=0.0, coulomb_friction=0.0)
 STIFF = 2e5  # [N/m]
@@ -29,7 +31,7 @@ STEP = 0.01  # distance of the samples [s]
 TOOL_WEIGHT = 9.8  # beyond the sensor [N]
 
 
-def press(cell: Cell, force: float, duration: float) -> Log:
+def press(cell: Workcell, force: float, duration: float) -> Log:
     """Command the displacement that should give `force` [N], smoothly over the first half of the time."""
 
     def command(t: float) -> np.ndarray:
@@ -44,7 +46,7 @@ def last(log: Log, name: str) -> float:
     return float(log[name][-1, 0])
 
 
-def sensed_in_world(cell: Cell, log: Log) -> tuple[np.ndarray, np.ndarray]:
+def sensed_in_world(cell: Workcell, log: Log) -> tuple[np.ndarray, np.ndarray]:
     """Force [N] on the tool and its torque about the TCP [Nm], in the world, from the wrench in the sensor's frame."""
     context = cell.robot.create_context()
     cell.robot.set_positions(context, log["link_position"][-1])
@@ -57,10 +59,10 @@ def sensed_in_world(cell: Cell, log: Log) -> tuple[np.ndarray, np.ndarray]:
 # --- compliance ------------------------------------------------------------------------------------------------------
 
 
-def assert_compliance(cell: Cell, duration: float) -> Log:
+def assert_compliance(cell: Workcell, duration: float) -> Log:
     """The station is as compliant as the robot's Jacobian and joint stiffness and the environment say, within 2 %."""
     expected = compliance_of(cell)
-    assert cell.robot_compliance + cell.environment_compliance == pytest.approx(expected, rel=1e-9)
+    assert cell.contact.robot_compliance + cell.contact.environment_compliance == pytest.approx(expected, rel=1e-9)
     log = press(cell, 15.0, duration)
     found = -last(log, "contact_displacement") / last(log, "contact_force")
     assert found == pytest.approx(expected, rel=0.02)
@@ -104,7 +106,7 @@ def test_compliance_is_the_same_behind_real_drives(
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic"])
 def test_light_stations_have_the_same_compliance(fidelity: str) -> None:
     for normal in NORMALS:
-        cell = describe(StationConfig(fidelity=fidelity, normal=list(normal), servo=FRICTIONLESS))
+        cell = describe(pressing(fidelity=fidelity, normal=list(normal), servo=FRICTIONLESS))
         log = press(cell, 15.0, 1.5)
         found = -last(log, "contact_displacement") / last(log, "contact_force")
         # C_T(q) is that of the motor posture, a millimetre further on.
@@ -151,7 +153,7 @@ def test_bending_links_of_a_users_robot_are_realised(bending_robot: Path, normal
 # --- no contact ------------------------------------------------------------------------------------------------------
 
 
-def turning_retreat(cell: Cell, t: float) -> np.ndarray:
+def turning_retreat(cell: Workcell, t: float) -> np.ndarray:
     """Back off by 5 mm within 0.4 s, then turn the wrist smoothly for a second, then rest."""
     away = command_for(cell, 5e-3 * min(1.0, t / 0.4))
     s = float(np.clip((t - 0.4) / 1.0, 0.0, 1.0))
@@ -182,17 +184,17 @@ def test_no_contact_is_no_force_on_any_path_also_after_turning_the_tool(posture:
     if not tare:
         # The weight is compensated for the orientation of the motor side; the joints sag under it.
         context = cell.start_context()
-        sag = cell.robot.jacobian(context)[:3] @ cell.gravity_deflection
+        sag = cell.robot.jacobian(context)[:3] @ (cell.gravity_torque / cell.spring_stiffness)
         allowed += TOOL_WEIGHT * float(np.linalg.norm(sag))
     assert abs(last(log, "measured_force")) < allowed
     assert np.abs(log["measured_wrench"][-1, 3:]).max() < allowed
     assert np.abs(log["measured_wrench"][-1, :3]).max() < allowed * ForceSensorConfig().torque_ratio
 
 
-@pytest.mark.parametrize("fidelity", FIDELITIES)
+@pytest.mark.parametrize("fidelity", SHIPPED_FIDELITIES)
 def test_at_rest_before_any_command_there_is_no_force(fidelity: str) -> None:
     for posture in POSTURES:
-        cell = describe(StationConfig(fidelity=fidelity, posture_deg=list(posture), force_sensor=quiet_sensor()))
+        cell = describe(pressing(fidelity=fidelity, posture_deg=list(posture), force_sensor=quiet_sensor()))
         log = run_diagram(build_station(cell), 0.1, period=0.01, inputs={"joint_position_command": cell.motor_start})
         for name in ("measured_force", "measured_wrench", "contact_force"):
             np.testing.assert_allclose(log[name], 0.0, atol=1e-6, err_msg=name)
@@ -200,9 +202,9 @@ def test_at_rest_before_any_command_there_is_no_force(fidelity: str) -> None:
         np.testing.assert_allclose(log["link_position"][-1], cell.start, atol=1e-7)
 
 
-@pytest.mark.parametrize("fidelity", FIDELITIES)
+@pytest.mark.parametrize("fidelity", SHIPPED_FIDELITIES)
 def test_retreating_robot_feels_nothing(fidelity: str) -> None:
-    cell = describe(StationConfig(fidelity=fidelity, force_sensor=quiet_sensor()))
+    cell = describe(pressing(fidelity=fidelity, force_sensor=quiet_sensor()))
     log = run_diagram(build_station(cell), 2.0, period=0.01, inputs={"joint_position_command": command_for(cell, 2e-3)})
     assert last(log, "contact_displacement") == pytest.approx(2e-3, rel=0.02)
     assert not log["contact_force"][-50:].any()
@@ -213,7 +215,7 @@ def test_retreating_robot_feels_nothing(fidelity: str) -> None:
 # --- known loads -----------------------------------------------------------------------------------------------------
 
 
-def hang_on_tool(station: MultibodyStation, context: Context, cell: Cell, force_W: np.ndarray) -> None:
+def hang_on_tool(station: MultibodyStation, context: Context, cell: Workcell, force_W: np.ndarray) -> None:
     """Pull the TCP with a constant force [N], in the world: a load that no part of the station knows of."""
     load = ExternallyAppliedSpatialForce()
     tcp = station.plant.GetFrameByName(cell.robot.tcp_frame.name())
@@ -239,7 +241,7 @@ def test_known_load_on_the_tool_is_measured_in_any_orientation_of_the_sensor(pos
     log = run_diagram(station, 2.0, period=STEP, inputs={"joint_position_command": command}, context=context)
     assert not log["contact_force"][-5:].any()
     size = float(np.linalg.norm(load))
-    assert last(log, "measured_force") == pytest.approx(cell.n @ load, abs=0.01 * size)
+    assert last(log, "measured_force") == pytest.approx(cell.contact.n @ load, abs=0.01 * size)
     force, torque = sensed_in_world(cell, log)
     np.testing.assert_allclose(force, load, atol=0.01 * size)
     # The load acts at the TCP: no torque about it, beside what 0.15 m of tool make of 1 % of the force.
@@ -254,15 +256,15 @@ def test_contact_force_is_hookes_law_and_is_what_the_wrist_measures(
     cell = describe(multibody(posture_deg=list(posture), normal=list(normal), servo=ServoConfig(ideal=True)))
     log = press(cell, 20.0, 1.0)
     context = cell.start_context()
-    undeformed = cell.n @ cell.robot.pose(context).translation()
+    undeformed = cell.contact.n @ cell.robot.pose(context).translation()
     cell.robot.set_positions(context, log["link_position"][-1])
-    penetration = undeformed - cell.n @ cell.robot.pose(context).translation()
+    penetration = undeformed - cell.contact.n @ cell.robot.pose(context).translation()
     hooke = SPRINGS * penetration
     assert hooke == pytest.approx(20.0, rel=0.02)
     assert last(log, "contact_force") == pytest.approx(hooke, rel=1e-3)
     assert last(log, "measured_force") == pytest.approx(hooke, rel=0.01)
     force, torque = sensed_in_world(cell, log)
-    np.testing.assert_allclose(force, hooke * cell.n, atol=0.01 * hooke)
+    np.testing.assert_allclose(force, hooke * cell.contact.n, atol=0.01 * hooke)
     np.testing.assert_allclose(torque, 0.0, atol=0.01 * hooke * 0.15)
 
 
@@ -270,7 +272,7 @@ def test_contact_force_is_hookes_law_and_is_what_the_wrist_measures(
 def test_wrench_of_the_light_stations_is_that_of_the_force_at_the_tcp(fidelity: str) -> None:
     for posture, normal in zip(POSTURES, (*NORMALS, *NORMALS[1:]), strict=True):
         cell = describe(
-            StationConfig(
+            pressing(
                 fidelity=fidelity,
                 posture_deg=list(posture),
                 normal=list(normal),
@@ -285,7 +287,7 @@ def test_wrench_of_the_light_stations_is_that_of_the_force_at_the_tcp(fidelity: 
         X_WS = sensor_frame(cell.robot).CalcPoseInWorld(context)
         torque, force = (X_WS.rotation().matrix() @ part for part in log["measured_wrench"][-1].reshape(2, 3))
         lever = X_WS.translation() - cell.robot.pose(context).translation()
-        np.testing.assert_allclose(force, last(log, "measured_force") * cell.n, atol=1e-9)
+        np.testing.assert_allclose(force, last(log, "measured_force") * cell.contact.n, atol=1e-9)
         np.testing.assert_allclose(torque + np.cross(lever, force), 0.0, atol=1e-9)
         assert last(log, "measured_force") == pytest.approx(last(log, "contact_force"), rel=1e-3)
 
@@ -293,7 +295,7 @@ def test_wrench_of_the_light_stations_is_that_of_the_force_at_the_tcp(fidelity: 
 def test_tare_takes_out_a_bias_and_without_it_the_bias_stays() -> None:
     for tare, expected in ((True, 0.0), (False, 3.0)):
         sensor = quiet_sensor(bias=3.0, tare=tare)
-        for fidelity in FIDELITIES:
-            cell = describe(StationConfig(fidelity=fidelity, force_sensor=sensor, normal=[0.0, 0.0, 1.0]))
+        for fidelity in SHIPPED_FIDELITIES:
+            cell = describe(pressing(fidelity=fidelity, force_sensor=sensor, normal=[0.0, 0.0, 1.0]))
             log = run_diagram(build_station(cell), 1.0, period=0.1, inputs={"joint_position_command": cell.motor_start})
             assert abs(last(log, "measured_force")) == pytest.approx(expected, abs=0.02), fidelity

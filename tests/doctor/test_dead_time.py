@@ -11,7 +11,7 @@ from pydrake.systems.framework import EventStatus
 from forcectl.doctor import examine, measure_delay
 from forcectl.inspect.ports import find_outputs
 from forcectl.inspect.wiring import Wiring
-from forcectl.scenario.catalog import list_experiments
+from forcectl.scenario.catalog import find_scenario, list_experiments
 from forcectl.scenario.scenario import as_file, build, resolve, select_variants
 
 TICK = 0.0005  # [s] between two reads, divides the steps of all plants
@@ -20,13 +20,12 @@ STEPS = {  # sizes of the step by the name of its port; several where a dead zon
     "measured_force": (5.0, 1000.0),  # [N]
     "external_wrench": (1000.0,),  # [Nm, N]
     "joint_position_command": (0.1,),  # [rad]
-    "joint_position_reference": (0.1,),  # [rad]
 }
 # Their controllers only ask of the measured force, or of the joint readings, whether it is to be believed.
 SUPERVISED = ("time_varying_reference", "fig_5_3")
 FIDELITIES = ("OneDimensional", "Kinematic", "Multibody")
-FORCE_LOOPS = list_experiments("force")
-MOTION_LOOPS = list_experiments("motion")
+MOTION_LOOPS = [name for name in list_experiments() if "reference" not in find_scenario(name).tree]
+FORCE_LOOPS = [name for name in list_experiments() if name not in MOTION_LOOPS]
 CASES = [
     pytest.param(name, fidelity, marks=[pytest.mark.slow] if fidelity != "OneDimensional" and name != "fig_2_7" else [])
     for name in FORCE_LOOPS
@@ -40,10 +39,10 @@ def loop_of(name, fidelity):
     return build(resolve(file, select_variants(file)[0], overrides))
 
 
-def in_contact(diagram, latest=3.0):
+def in_contact(diagram, latest=3.0, force="contact_force"):
     """A context of the diagram at the first time at which its contact force is 1 N, and at `latest` otherwise."""
     wiring = Wiring(diagram)
-    (port,) = find_outputs(wiring, "contact_force")
+    (port,) = find_outputs(wiring, force)
     block, output = wiring.systems[port.system], wiring.output_port(port)
     simulator = Simulator(diagram)
 
@@ -91,10 +90,12 @@ def test_a_motion_loop_takes_the_dead_time_of_its_tables(name):
     loop = loop_of(name, None)
     report = examine(loop.diagram)
     command = report.delays[0].source
-    context = in_contact(loop.diagram, latest=0.2)
+    context = in_contact(loop.diagram, latest=0.2, force="arm_contact_force")
     back = measured(loop, context, command, "station.link_position")
     assert back == pytest.approx(report.delays[0].total, abs=loop.period + TICK)
-    forth = measured(loop, context, "station.external_wrench", command)
+    inside = not loop.station.HasInputPort("external_wrench")  # where the loads are
+    load = "station/loads.external_wrench" if inside else "station.external_wrench"
+    forth = measured(loop, context, load, command)
     if name in SUPERVISED:
         assert report.delays[1].source == "station.external_wrench"
         assert report.dead_time == pytest.approx(report.delays[0].total + report.delays[1].total)

@@ -14,7 +14,8 @@ those of the parts of a vector. "[rad] or [m]" and "[rad or m]" are alternatives
 
 "All outputs are feedthrough of ..." and "All outputs are state ..." speak for every output without a statement of its
 own. A port without an entry is looked up in the blocks that the text names in single backticks. In the list of ports,
-`<name>` stands for one port that the user names, "(further ...)" for any number of ports of a part the user chooses.
+`<name>` stands for one port that the user names, "(further ...)" for any number of ports of a part the user chooses;
+with "(further ...; in any order)" the optional ports of the list come where their parts are, too.
 
 The paragraph `Sampling:` says when the block updates its state:
 
@@ -45,7 +46,7 @@ _STATEMENT = re.compile(
     r"|(?P<none>[Ss]tate|(?:A f|F|f)unctions? of time)(?:,.*?)?)(?:\.(?= |$)|;)"
 )
 _NAMES = r"[a-z_0-9]+(?:, [a-z_0-9]+)*"
-_ANY = "(further"
+_ANY, _ANYWHERE, _OPTIONAL = "(further", "; in any order)", " (optional)"
 
 
 @dataclass(frozen=True)
@@ -83,12 +84,16 @@ class BlockDoc:
         listed, declared = self._listed[side], list(declared)
         names = {_bare(name) for name in listed}
         further = [name for name in declared if name not in names]
+        if any(name.startswith(_ANY) and name.endswith(_ANYWHERE) for name in listed):
+            fixed = [name for name in listed if not name.startswith(_ANY) and not name.endswith(_OPTIONAL)]
+            rest = iter(fixed)
+            return [next(rest, "") if name in fixed else name for name in declared] + list(rest)
         result: list[str] = []
         for name in listed:
             if name.startswith(("<", _ANY)):
                 taken, further = (further[:1], further[1:]) if name.startswith("<") else (further, [])
                 result += taken
-            elif not name.endswith("(optional)") or _bare(name) in declared:
+            elif not name.endswith(_OPTIONAL) or _bare(name) in declared:
                 result.append(_bare(name))
         return result
 
@@ -184,7 +189,7 @@ class BlockDoc:
 
 
 def _bare(name: str) -> str:
-    return name.removesuffix(" (optional)")
+    return name.removesuffix(_OPTIONAL)
 
 
 def _words(text: str) -> frozenset[str]:

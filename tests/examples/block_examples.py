@@ -9,15 +9,11 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from forcectl.diagrams.force_controller import ForceController, build_controller
-from forcectl.diagrams.motor_side import MotorSide
-from forcectl.diagrams.station import Cell, StationConfig, describe
-from forcectl.diagrams.station_kinematic import KinematicStation
-from forcectl.diagrams.station_multibody import MultibodyStation
-from forcectl.diagrams.station_one_dimensional import OneDimensionalStation
+from forcectl.diagrams.station import StationConfig
+from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.force.adaptive_force_law import AdaptiveForceLaw
-from forcectl.force.integral import IntegralConfig, IntegralForceLaw, LinearIntegralForceLaw
+from forcectl.force.integral import IntegralForceLaw, LinearIntegralForceLaw
 from forcectl.force.invariance.correction import InvarianceControl, InvarianceCorrection
 from forcectl.force.invariance.force_law import InvarianceForceLaw
 from forcectl.force.invariance.fourth_degree import FourthDegreeForceLaw
@@ -38,6 +34,8 @@ from forcectl.testing.runs import Input
 from tests.examples.block_example import Example, each
 from tests.examples.block_examples_estimation import ESTIMATION_EXAMPLES
 from tests.examples.block_examples_research import RESEARCH_EXAMPLES
+from tests.examples.block_examples_stations import STATION_EXAMPLES
+from tests.examples.controller_examples import CONTROLLER_EXAMPLES
 from tests.examples.governor_examples import GOVERNOR_EXAMPLES
 from tests.examples.motion_examples import MOTION_EXAMPLES
 from tests.examples.predictive_examples import PREDICTIVE_EXAMPLES
@@ -57,7 +55,7 @@ def robot() -> RobotModel:
 
 
 @cache
-def cell(fidelity: str) -> Cell:
+def cell(fidelity: str) -> Workcell:
     return describe(StationConfig(fidelity=fidelity))
 
 
@@ -152,6 +150,8 @@ ELSEWHERE |= REACTIVE_EXAMPLES
 ELSEWHERE |= RESEARCH_EXAMPLES
 ELSEWHERE |= TORQUE_EXAMPLES
 ELSEWHERE |= SURFACE_EXAMPLES
+ELSEWHERE |= STATION_EXAMPLES
+ELSEWHERE |= CONTROLLER_EXAMPLES
 EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
     CompliantContact: [
         Example(
@@ -337,42 +337,5 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
     Reference: [
         Example(lambda: Reference("desired_force", held_trajectory([0, 0.02], [[0, 15], [1, 9]]))),
         Example(lambda: Reference("desired_force", [15.0, 3.0])),
-    ],
-    ForceController: [
-        Example(
-            lambda: build_controller(IntegralConfig(), cell("Kinematic")),
-            each("joint_position_command", "desired_force", "measured_force", "unconstrained_reference")
-            | each("displacement_command", "desired_force", "measured_force"),
-            {"desired_force": 15.0, "motor_position": posture},
-            periods=PERIODS | {"posture_period": 0.04},
-        )
-    ],
-    MotorSide: [
-        Example(
-            lambda: MotorSide(cell("OneDimensional")),
-            inputs={"joint_position_command": posture},
-            periods=PERIODS,
-        )
-    ],
-    OneDimensionalStation: [
-        Example(
-            lambda: OneDimensionalStation(cell("OneDimensional"), 3),
-            inputs={"joint_position_command": posture},
-            periods=PERIODS,
-        )
-    ],
-    KinematicStation: [
-        Example(
-            lambda: KinematicStation(cell("Kinematic"), 3),
-            inputs={"joint_position_command": posture},
-            periods=PERIODS | {"posture_period": 0.04},
-        )
-    ],
-    MultibodyStation: [
-        Example(
-            lambda: MultibodyStation(cell("Multibody"), 3),
-            inputs={"joint_position_command": posture},
-            periods=PERIODS | {"time_step": 0.001, "posture_period": 0.04},
-        )
     ],
 }

@@ -2,30 +2,28 @@
 
 from __future__ import annotations
 
-from functools import cache, partial
+from functools import partial
 from typing import Any
 
 import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from forcectl.diagrams.motion_loop import motion_facts
-from forcectl.diagrams.research_cell import ResearchCell, ResearchStationConfig, describe_research
-from forcectl.diagrams.research_station import ResearchStation
-from forcectl.estimation.force_estimator import ForceEstimator, ForceEstimatorConfig
+from forcectl.diagrams.believed import plant_model
+from forcectl.diagrams.workcell import Workcell
+from forcectl.estimation.force_estimator import READINGS, ForceEstimator, ForceEstimatorConfig
 from forcectl.motion.joint_path import JointPath, Move, Sines
 from forcectl.motion.loads import LoadConfig, Loads
-from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.drives.joint_friction import JointFriction
 from forcectl.plant.drives.joint_servo import JointServo, ReferenceHold, servo_gains
 from forcectl.plant.drives.motor_motion import MotorMotion
 from forcectl.plant.sensors.joint_sensors import JointSensors
 from forcectl.plant.tip_load import LoadTruth, TipLoad
 from forcectl.robot.model import RobotModel, RobotParts, add_robot
-from forcectl.tasks.slot import READINGS
 from tests.examples.block_example import Example, each
+from tests.examples.block_examples_stations import ARM, arm_cell
 
-ARM = "yumi/left"
+ELBOW = "left_link_4"  # a body that loads may act on
 
 
 def sway(t: float) -> np.ndarray:
@@ -41,19 +39,8 @@ def joint_sensors(size: int = 2, **changed: Any) -> JointSensors:
     return JointSensors(size, **{**known, **changed})
 
 
-@cache
-def cell(**options: Any) -> ResearchCell:
-    return describe_research(ResearchStationConfig(robot=ARM, tool=None, time_step=0.001, **options))
-
-
-def touched() -> ResearchCell:
-    """The arm with its tip 2 mm inside a box, and friction that sticks."""
-    robot = cell().robot
-    context = robot.create_context()
-    robot.set_positions(context, cell().start)
-    p = robot.pose(context).translation()
-    box = ObstacleConfig(size=[0.2, 0.2, 0.2], position=[p[0], p[1], p[2] - 0.1])
-    return describe_research(ResearchStationConfig(robot=ARM, tool=None, time_step=0.001, obstacles=[box]))
+def cell() -> Workcell:
+    return arm_cell()
 
 
 def moved(t: float) -> np.ndarray:
@@ -71,40 +58,55 @@ def arm_in_a_plant() -> tuple[RobotModel, MultibodyPlant, RobotParts]:
     return RobotModel.load(ARM, None), plant, parts
 
 
-def loaded_arm() -> Diagram:
+def loaded_arm(*wrenches: str) -> Diagram:
     """The plant that feels the load, because the load itself is no vector."""
     builder = DiagramBuilder()
     plant = builder.AddSystem(MultibodyPlant(0.001))
     plant.SetUseSampledOutputPorts(False)  # Drake 1.51 does not reset sampled outputs with the rest of its state
     parts = add_robot(plant, ARM, None)
     plant.Finalize()
-    load = builder.AddSystem(TipLoad(parts))
+    load = builder.AddSystem(TipLoad(parts, [plant.GetFrameByName(ELBOW)] if "body_wrench" in wrenches else []))
     builder.Connect(load.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port())
-    builder.ExportInput(load.GetInputPort("external_wrench"), "external_wrench")
+    for name in wrenches:
+        builder.ExportInput(load.GetInputPort(name), name)
     builder.ExportOutput(plant.get_state_output_port(), "state")
     return builder.Build()
+
+
+def load_on_a_body() -> TipLoad:
+    _, plant, parts = arm_in_a_plant()
+    return TipLoad(parts, [plant.GetFrameByName(ELBOW)])
+
+
+def truth_of_a_body() -> LoadTruth:
+    robot, plant, parts = arm_in_a_plant()
+    return LoadTruth(robot, plant, parts, [robot.plant.GetFrameByName(ELBOW, robot.parts.instance)])
+
+
+def truth_of(*inputs: str) -> set[tuple[str, str]]:
+    """Feedthrough of the truth of loads and contacts."""
+    touching = (*inputs, "contact_results")
+    return (
+        each("external_torque", *inputs, "contact_torque")
+        | each("tip_wrench", *touching)
+        | each("arm_contact_force", *touching)
+    )
 
 
 def force_estimator() -> ForceEstimator:
     """Of the arm, with taring."""
     builder = DiagramBuilder()
-    return ForceEstimatorConfig(tare_start=0.01, tare_duration=0.02).add_to(builder, motion_facts(cell()))
+    return ForceEstimatorConfig(tare_start=0.01, tare_duration=0.02).add_to(builder, plant_model(cell()))
 
 
-def research_station(options: dict[str, Any] | None) -> ResearchStation:
-    """Free with these options of the station, or touching a box."""
-    return ResearchStation(touched() if options is None else cell(**options), 3)
-
-
-PERIODS = {"period": 0.004, "time_step": 0.001}  # of the station
+PERIODS = {"period": 0.004, "time_step": 0.001}
 ESTIMATES = ("estimated_torque", "estimated_wrench", "residual", "reading_ok", "near_singular")
-STATION_FEEDTHROUGH = {(name, "external_wrench") for name in ("external_torque", "tip_wrench", "contact_force")}
 SERVO_INPUTS = {
-    "joint_position_reference": sway,
-    "joint_velocity_reference": sway_rate,
+    "joint_position_command": sway,
+    "joint_velocity_command": sway_rate,
     "position": lambda t: 0.5 * sway(t),
 }
-STATION_INPUTS = {"joint_position_reference": moved, "external_wrench": wrench}
+LOAD = LoadConfig(wrenches=[[0, 0, 1, 2, 3, 4]], hold=0.02)
 LIMIT = np.array([50.0, np.inf])
 
 RESEARCH_EXAMPLES: dict[type[System], list[Example]] = {
@@ -120,10 +122,8 @@ RESEARCH_EXAMPLES: dict[type[System], list[Example]] = {
         )
     ],
     Loads: [
-        Example(
-            lambda: Loads([LoadConfig(wrenches=[[0, 0, 1, 2, 3, 4]], hold=0.02)], ["left", "right"], period=0.004),
-            periods={"period": 0.004},
-        )
+        Example(lambda: Loads([(0, LOAD), (1, LOAD)], 2, period=0.004), periods={"period": 0.004}),
+        Example(lambda: Loads([(0, LOAD)], 1, period=0.004, name="body_wrench"), periods={"period": 0.004}),
     ],
     ForceEstimator: [
         Example(
@@ -136,7 +136,7 @@ RESEARCH_EXAMPLES: dict[type[System], list[Example]] = {
     ReferenceHold: [
         Example(
             lambda: ReferenceHold(2, period=0.004, time_step=0.001, start=[0.1, 0.2]),
-            inputs={"travelled": sway, "joint_position_reference": sway, "joint_velocity_reference": sway_rate},
+            inputs={"travelled": sway, "joint_position_command": sway, "joint_velocity_command": sway_rate},
             periods={"period": 0.004},
         )
     ],
@@ -156,18 +156,18 @@ RESEARCH_EXAMPLES: dict[type[System], list[Example]] = {
             {
                 (output, name)
                 for output in ("joint_position", "joint_velocity", "motor_torque")
-                for name in ("position", "torque_integral")
+                for name in ("motor_position", "torque_integral")
             },
-            {"position": sway, "torque_integral": sway_rate},
+            {"motor_position": sway, "torque_integral": sway_rate},
         ),
         Example(
             lambda: joint_sensors(1),
             {
                 (output, name)
                 for output in ("joint_position", "joint_velocity", "motor_torque")
-                for name in ("position", "torque_integral")
+                for name in ("motor_position", "torque_integral")
             },
-            {"position": lambda t: 3 * t, "torque_integral": lambda t: t * t},
+            {"motor_position": lambda t: 3 * t, "torque_integral": lambda t: t * t},
         ),
     ],
     MotorMotion: [
@@ -182,22 +182,27 @@ RESEARCH_EXAMPLES: dict[type[System], list[Example]] = {
     TipLoad: [
         Example(
             lambda: TipLoad(arm_in_a_plant()[2]),
-            each("spatial_forces", "external_wrench"),
-            {"external_wrench": wrench},
-            runnable=loaded_arm,
-        )
+            each("spatial_forces", "external_wrench", "contact_wrench"),
+            {"external_wrench": wrench, "contact_wrench": wrench},
+            runnable=partial(loaded_arm, "external_wrench", "contact_wrench"),
+        ),
+        Example(
+            load_on_a_body,
+            each("spatial_forces", "external_wrench", "contact_wrench", "body_wrench"),
+            {"external_wrench": wrench, "body_wrench": wrench},
+            runnable=partial(loaded_arm, "external_wrench", "body_wrench"),
+        ),
     ],
     LoadTruth: [
         Example(
             lambda: LoadTruth(*arm_in_a_plant()),
-            each("external_torque", "link_position", "external_wrench", "contact_torque")
-            | each("tip_wrench", "link_position", "external_wrench", "contact_results")
-            | each("contact_force", "link_position", "external_wrench", "contact_results"),
+            truth_of("link_position", "external_wrench", "contact_wrench"),
             {"link_position": moved, "external_wrench": wrench},
-        )
-    ],
-    ResearchStation: [
-        Example(partial(research_station, options), STATION_FEEDTHROUGH, STATION_INPUTS, periods=PERIODS)
-        for options in ({}, {"elastic_joints": True}, None)
+        ),
+        Example(
+            truth_of_a_body,
+            truth_of("link_position", "external_wrench", "contact_wrench", "body_wrench"),
+            {"link_position": moved, "contact_wrench": wrench, "body_wrench": wrench},
+        ),
     ],
 }

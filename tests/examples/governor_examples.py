@@ -10,7 +10,7 @@ from pydrake.systems.framework import DiagramBuilder, System
 
 from forcectl.force.governor.governor import CommandGovernor, GovernedConfig, GovernedForceLaw
 from forcectl.force.integral import IntegralConfig
-from forcectl.force.slot import LoopFacts
+from forcectl.plant.plant_model import PlantModel
 from forcectl.testing.runs import Input
 from tests.examples.block_example import Example, each
 
@@ -20,7 +20,7 @@ def force(t: float) -> np.ndarray:
 
 
 def governed() -> GovernedForceLaw:
-    facts = LoopFacts(2, 0.002, np.full(2, 3e-5), np.full(2, 2e-4), 12.6, 1.0, 0.0)
+    facts = PlantModel(2, 0.002, np.full(2, 3e-5), np.full(2, 2e-4), 12.6, 1.0, 0.0)
     return GovernedConfig(law=IntegralConfig()).add_to(DiagramBuilder(), facts)
 
 

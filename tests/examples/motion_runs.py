@@ -1,4 +1,4 @@
-"""Running motion loops: a log of arrays by signal, postures, friction that is nobody's."""
+"""Running loops of joint motion: a log of arrays by signal, postures, friction that is nobody's."""
 
 from __future__ import annotations
 
@@ -8,19 +8,20 @@ from typing import Any
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from forcectl.diagrams.motion_loop import MotionLoop, build_motion_loop
+from forcectl.diagrams.loop import Loop
 from forcectl.estimation.force_estimator import ForceEstimatorConfig
 from forcectl.motion.joint_path import JointMovesConfig
 from forcectl.motion.loads import LoadConfig
 from forcectl.robot.model import RobotModel
-from tests.examples.research_runs import config
+from forcectl.scenario.scenario import Scenario
+from tests.examples.stations import free
 
 Array = np.ndarray
 LOAD = 5.0  # [N]
 DIRECTIONS = np.vstack([np.eye(3), -np.eye(3)])
 
 
-def run(loop: MotionLoop, duration: float) -> dict[str, Array]:
+def run(loop: Loop, duration: float) -> dict[str, Array]:
     """Every logged signal, shape (k, size), and `time`."""
     simulator = Simulator(loop.diagram)
     simulator.AdvanceTo(duration)
@@ -35,10 +36,11 @@ def motion_loop(
     estimator: ForceEstimatorConfig | None = None,
     loads: Sequence[LoadConfig] = (),
     **station: Any,
-) -> MotionLoop:
+) -> Loop:
     """A loop of one robot at 1 ms; without a controller it stays where it is."""
-    options = config(**{"robot": robot, "tool": tool, "time_step": 0.001, **station})
-    return build_motion_loop(options, controller or JointMovesConfig(), estimator, loads=loads)
+    options = free(**{"robot": robot, "tool": tool, "time_step": 0.001, "loads": list(loads), **station})
+    estimators = {} if estimator is None else {"force": estimator}
+    return Scenario(station=options, controller=controller or JointMovesConfig(), estimators=estimators).build()
 
 
 def six_loads(start: float, hold: float, size: float = LOAD) -> LoadConfig:

@@ -12,7 +12,7 @@ from forcectl.force.invariance.predictive import (
     PredictiveForceLaw,
     PredictiveInvarianceConfig,
 )
-from forcectl.force.slot import LoopFacts
+from forcectl.plant.plant_model import PlantModel
 from tests.examples.block_example import Example, each
 
 
@@ -25,7 +25,7 @@ def force(t: float) -> np.ndarray:
 
 
 def law() -> PredictiveForceLaw:
-    facts = LoopFacts(2, 0.002, np.array([3e-5, 4e-5]), np.array([1e-5, 1e-4]), 12.6, 1.0, 0.004)
+    facts = PlantModel(2, 0.002, np.array([3e-5, 4e-5]), np.array([1e-5, 1e-4]), 12.6, 1.0, 0.004)
     return PredictiveInvarianceConfig().add_to(DiagramBuilder(), facts)
 
 

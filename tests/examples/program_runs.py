@@ -77,8 +77,8 @@ def _acceleration_of_the_force_controller(block: Any, context: Context) -> np.nd
 
 
 def _acceleration_of_the_reactive_controller(block: Any, context: Context) -> np.ndarray:
-    before = block.last_tick(context).memory["joint_velocity_reference"]
-    after: np.ndarray = block.GetOutputPort("joint_velocity_reference").Eval(context)
+    before = block.last_tick(context).memory["joint_velocity_command"]
+    after: np.ndarray = block.GetOutputPort("joint_velocity_command").Eval(context)
     return (after - before) / 0.004
 
 

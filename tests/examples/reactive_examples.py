@@ -10,8 +10,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, System
 
-from forcectl.diagrams.motion_loop import motion_facts
-from forcectl.diagrams.research_cell import ResearchStationConfig, describe_research
+from forcectl.diagrams.believed import plant_model
+from forcectl.diagrams.workcell import describe
 from forcectl.framework.rotation_vector import RotationVector
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import RobotModel
@@ -21,6 +21,7 @@ from forcectl.tasks.reactive_controller import ReactiveController
 from forcectl.tasks.reactive_motion import ReactiveMotion
 from forcectl.testing.runs import Input
 from tests.examples.block_example import Example
+from tests.examples.stations import free
 
 N, K = 14, 12
 
@@ -77,9 +78,9 @@ def reactive_motion() -> ReactiveMotion:
 
 
 def reactive_reaching() -> ReactiveReaching:
-    facts = motion_facts(describe_research(ResearchStationConfig(tool=None)))
+    facts = plant_model(describe(free(tool=None)))
     goal = ReachConfig(arm="right", position=[0.1, -0.2, 0.3], time=0.02)
-    made = ReactiveReachingConfig(targets=[goal], tool=None).add_to(DiagramBuilder(), facts)
+    made = ReactiveReachingConfig(targets=[goal]).add_to(DiagramBuilder(), facts)
     assert isinstance(made, ReactiveReaching)
     return made
 

@@ -55,15 +55,15 @@ class Reacher:
         simulator.Initialize()
         read = {
             name: self.diagram.GetOutputPort(name)
-            for name in ("joint_position_reference", "joint_velocity_reference", "reached", "stalled")
+            for name in ("joint_position_command", "joint_velocity_command", "reached", "stalled")
         }
         positions, velocities, step = [], [], 0
         reached = stalled = False
         while not (reached or stalled) and step * PERIOD < longest:
             simulator.AdvanceTo(step * PERIOD + 0.5 * PERIOD)
             step += 1
-            positions.append(read["joint_position_reference"].Eval(context))
-            velocities.append(read["joint_velocity_reference"].Eval(context))
+            positions.append(read["joint_position_command"].Eval(context))
+            velocities.append(read["joint_velocity_command"].Eval(context))
             reached, stalled = (bool(read[name].Eval(context)[0]) for name in ("reached", "stalled"))
         q, v = np.array(positions), np.array(velocities)
         limits = two_arms().limits

@@ -1,19 +1,31 @@
-"""Running a research station by itself: constant or timed inputs, and its outputs at every tick."""
+"""Running a station behind its joint interface by itself: constant or timed inputs, and its outputs at every tick."""
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable
 from typing import Any
 
 import numpy as np
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder, LeafSystem
 
-from forcectl.diagrams.research_cell import ResearchCell, ResearchStationConfig, describe_research
-from forcectl.diagrams.research_station import RESEARCH_OUTPUTS, ResearchStation
+from forcectl.diagrams import workcell
+from forcectl.diagrams.fidelities.multibody import MultibodyStation
+from forcectl.diagrams.workcell import Workcell
+from tests.examples.stations import free
 
 Array = np.ndarray
 TICK = 0.004
+INTERFACE_OUTPUTS = (
+    "joint_position",
+    "joint_velocity",
+    "motor_torque",
+    "link_position",
+    "link_velocity",
+    "external_torque",
+    "tip_wrench",
+    "arm_contact_force",
+)
 
 
 class Timed(LeafSystem):
@@ -26,26 +38,22 @@ class Timed(LeafSystem):
         )
 
 
-def describe(**options: Any) -> ResearchCell:
-    """A cell of one arm without tool and with perfect sensors, unless said otherwise."""
+def describe(**options: Any) -> Workcell:
+    """A workcell of one arm without tool and with perfect sensors, unless said otherwise."""
     known = {"robot": "yumi/left", "tool": None, "time_step": 0.001, "sensors": {"quantum": 0.0}}
-    return describe_research(config(**{**known, **options}))
+    return workcell.describe(free(**{**known, **options}))
 
 
-def config(**options: Any) -> ResearchStationConfig:
-    """With parts given as mappings."""
-    kinds = {f.name: f.default_factory for f in ResearchStationConfig.__dataclass_fields__.values()}
-    for name in ("servo", "friction", "sensors"):
-        if isinstance(options.get(name), Mapping):
-            options[name] = type(kinds[name]())(**options[name])  # type: ignore[misc]
-    return ResearchStationConfig(**options)
+def whole_robot(**options: Any) -> Workcell:
+    """A workcell of both arms with their grippers, unless said otherwise."""
+    return workcell.describe(free(**options))
 
 
-def run(cell: ResearchCell, duration: float, *, seed: int = 0, every: float = TICK, **inputs: Any) -> dict[str, Array]:
+def run(cell: Workcell, duration: float, *, seed: int = 0, every: float = TICK, **inputs: Any) -> dict[str, Array]:
     """All outputs over time, and `time`; inputs are arrays or functions of time, the reference stays at the start."""
     builder = DiagramBuilder()
-    station = builder.AddSystem(ResearchStation(cell, seed))
-    inputs = {"joint_position_reference": cell.motor_start, **inputs}
+    station = builder.AddSystem(MultibodyStation(cell, seed))
+    inputs = {"joint_position_command": cell.motor_start, **inputs}
     for name, value in inputs.items():
         port = station.GetInputPort(name)
         function = value if callable(value) else (lambda t, value=value: np.asarray(value))
@@ -56,11 +64,11 @@ def run(cell: ResearchCell, duration: float, *, seed: int = 0, every: float = TI
     context = simulator.get_mutable_context()
     own = station.GetMyContextFromRoot(context)
     simulator.Initialize()
-    ports = [station.GetOutputPort(name) for name in RESEARCH_OUTPUTS]
+    ports = [station.GetOutputPort(name) for name in INTERFACE_OUTPUTS]
     rows: list[list[Array]] = []
     times = every * np.arange(round(duration / every) + 1)
     for t in times:
         simulator.AdvanceTo(t)
         rows.append([port.Eval(own) for port in ports])
-    log = {name: np.array([row[i] for row in rows]) for i, name in enumerate(RESEARCH_OUTPUTS)}
+    log = {name: np.array([row[i] for row in rows]) for i, name in enumerate(INTERFACE_OUTPUTS)}
     return log | {"time": times}

@@ -9,28 +9,29 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import System
 
-from forcectl.diagrams.force_controller import JointController, build_controller, loop_facts
-from forcectl.diagrams.station import StationConfig, describe
+from forcectl.diagrams.believed import plant_model
+from forcectl.diagrams.force_controller import build_controller
+from forcectl.diagrams.station import StationConfig
+from forcectl.diagrams.workcell import describe
 from forcectl.force.adaptive_force_law import Adaptation
 from forcectl.force.invariance.controller import InvarianceController
 from forcectl.force.invariance.regulated_output import RegulatedCoordinate
 from forcectl.force.invariance.robot import AdaptiveInvarianceController, InvarianceRobotConfig
 from forcectl.force.sensor_lag import SensorLag
-from forcectl.force.slot import LoopFacts, RobotFacts
+from forcectl.framework.enclosed import Enclosed
+from forcectl.plant.plant_model import PlantModel
 from forcectl.tasks.constraints.base import CartesianWall
 from forcectl.testing.runs import Input
 from tests.examples.block_example import Example
 
 
 @cache
-def facts() -> LoopFacts:
-    return loop_facts(describe(StationConfig(fidelity="Kinematic")))
+def facts() -> PlantModel:
+    return plant_model(describe(StationConfig(fidelity="Kinematic")))
 
 
-def robot() -> RobotFacts:
-    found = facts().robot
-    assert found is not None
-    return found
+def robot() -> PlantModel:
+    return facts()
 
 
 def robot_controller(**changes: Any) -> InvarianceController:
@@ -41,9 +42,9 @@ def robot_controller(**changes: Any) -> InvarianceController:
     return InvarianceController(robot(), **arguments | changes)
 
 
-def joint_controller() -> JointController:
-    made = build_controller(InvarianceRobotConfig(), describe(StationConfig(fidelity="Kinematic")))
-    assert isinstance(made, JointController)
+def joint_controller() -> Enclosed:
+    made = build_controller(InvarianceRobotConfig(), facts())
+    assert isinstance(made, Enclosed)
     return made
 
 
@@ -69,7 +70,7 @@ def moving(t: float) -> np.ndarray:
 
 
 ROBOT_EXAMPLES: dict[type[System], list[Example]] = {
-    JointController: [Example(joint_controller, robot_feedthrough(), ROBOT_INPUTS, periods={"period": 0.002})],
+    Enclosed: [Example(joint_controller, robot_feedthrough(), ROBOT_INPUTS, periods={"period": 0.002})],
     InvarianceController: [
         Example(robot_controller, robot_feedthrough(), ROBOT_INPUTS),
         Example(

@@ -9,10 +9,11 @@ from typing import Any
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from forcectl.diagrams.force_controller import loop_facts
-from forcectl.diagrams.station import StationConfig, describe
+from forcectl.diagrams.believed import plant_model
+from forcectl.diagrams.station import StationConfig
+from forcectl.diagrams.workcell import describe
 from forcectl.force.invariance.controller import InvarianceController
-from forcectl.force.slot import RobotFacts
+from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.model import JointLimits
 
 PERIOD, COMPLIANCE = 0.002, 2e-4
@@ -20,10 +21,8 @@ N = 6
 
 
 @cache
-def robot_facts(fidelity: str = "Kinematic", **station: Any) -> RobotFacts:
-    facts = loop_facts(describe(StationConfig(fidelity=fidelity, **station))).robot
-    assert facts is not None
-    return facts
+def robot_facts(fidelity: str = "Kinematic", **station: Any) -> PlantModel:
+    return plant_model(describe(StationConfig(fidelity=fidelity, **station)))
 
 
 def make(fidelity: str = "Kinematic", **changes: Any) -> InvarianceController:
@@ -90,7 +89,7 @@ def accelerations(log: dict[str, np.ndarray], start: np.ndarray) -> tuple[np.nda
 
 
 def limits(**changes: Any) -> JointLimits:
-    own = robot_facts().model.limits
+    own = robot_facts().robot.limits
     names = ("position_lower", "position_upper", "velocity", "acceleration", "torque")
     return JointLimits(**{name: changes.get(name, getattr(own, name)) for name in names})
 
@@ -98,11 +97,11 @@ def limits(**changes: Any) -> JointLimits:
 def tips(log: dict[str, np.ndarray]) -> np.ndarray:
     """Displacement of the tool from the start (ticks, 3) [m]."""
     facts = robot_facts()
-    context = facts.model.create_context()
+    context = facts.robot.create_context()
     places = []
     for q in [facts.start, *log["joint_position_command"]]:
-        facts.model.set_positions(context, q)
-        places.append(facts.model.tip_position(context))
+        facts.robot.set_positions(context, q)
+        places.append(facts.robot.tip_position(context))
     return np.array(places[1:]) - places[0]
 
 

@@ -11,8 +11,10 @@ from numpy.typing import NDArray
 from scipy.linalg import expm
 
 import forcectl
-from forcectl.diagrams.station import Cell, StationConfig, describe
-from forcectl.plant.sensors.force_sensor import ForceSensorConfig
+from forcectl.diagrams.sensors import WristForceConfig
+from forcectl.diagrams.station import StationConfig
+from forcectl.diagrams.workcell import Workcell, describe
+from tests.examples.stations import pressing
 
 Vector = NDArray[np.float64]
 
@@ -32,14 +34,14 @@ POSTURES = (
 NORMALS = ((0.0, 0.0, 1.0), (1.0, 0.0, 0.0), (0.3, -0.8, 0.5))
 
 
-def quiet_sensor(**changes: Any) -> ForceSensorConfig:
+def quiet_sensor(**changes: Any) -> WristForceConfig:
     """A force sensor without noise and quantisation."""
-    return ForceSensorConfig(**({"noise_std": 0.0, "quantum": 0.0} | changes))
+    return WristForceConfig(**({"noise_std": 0.0, "quantum": 0.0} | changes))
 
 
 def multibody(**changes: Any) -> StationConfig:
     """A multibody station without sensor noise."""
-    return StationConfig(**({"fidelity": "Multibody", "force_sensor": quiet_sensor()} | changes))
+    return pressing(**({"fidelity": "Multibody", "force_sensor": quiet_sensor()} | changes))
 
 
 @lru_cache(maxsize=64)
@@ -62,22 +64,22 @@ def signal(log: xr.Dataset, name: str) -> Vector:
     return values
 
 
-def command_for(cell: Cell, displacement: float) -> Vector:
+def command_for(cell: Workcell, displacement: float) -> Vector:
     """Joint positions that move the motor side by `displacement` [m] along n, shape (n_q,) [rad]."""
-    return cell.motor_start + cell.direction * displacement
+    return cell.motor_start + cell.contact.direction * displacement
 
 
-def compliance_of(cell: Cell) -> float:
+def compliance_of(cell: Workcell) -> float:
     """n'(J K^-1 J' + C_L) n + C_E [m/N], from the robot's Jacobian and the stiffness in its facts."""
     robot, context = cell.robot, cell.start_context()
-    row = cell.n @ robot.jacobian(context)[3:]
+    row = cell.contact.n @ robot.jacobian(context)[3:]
     links = 0.0
     p_WT = robot.pose(context).translation()
     for name, X_WD in robot.link_poses(context).items():
         # A force along n at T, and the moments it has about the distal frame, in that frame's axes.
         to_frame = X_WD.rotation().matrix().T
-        moment = to_frame @ np.cross(p_WT - X_WD.translation(), cell.n)
-        links += np.concatenate([moment, to_frame @ cell.n]) ** 2 @ robot.facts.link_compliance[name]
+        moment = to_frame @ np.cross(p_WT - X_WD.translation(), cell.contact.n)
+        links += np.concatenate([moment, to_frame @ cell.contact.n]) ** 2 @ robot.facts.link_compliance[name]
     return float(row**2 @ (1 / robot.joint_stiffness) + links + 1 / cell.config.environment.stiffness)
 
 
@@ -116,6 +118,6 @@ def continuous_reference(times: Vector, gain: float, force: float = FORCE) -> Ve
     return np.array([(expm(a * t) @ start)[2] for t in times])
 
 
-def cell_of(**changes: Any) -> Cell:
+def cell_of(**changes: Any) -> Workcell:
     """The cell of a multibody station, see `multibody`."""
     return describe(multibody(**changes))

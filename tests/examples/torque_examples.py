@@ -7,16 +7,18 @@ from functools import cache
 import numpy as np
 from pydrake.systems.framework import System
 
-from forcectl.diagrams.station import Cell, StationConfig, describe
-from forcectl.diagrams.torque_interface import TorqueInterface
-from forcectl.plant.drives.joint_impedance import GravityCompensation, JointImpedance, JointImpedanceConfig
+from forcectl.diagrams.drives.position_drive import JointImpedanceDriveConfig
+from forcectl.diagrams.drives.torque_interface import TorqueInterface
+from forcectl.diagrams.station import StationConfig
+from forcectl.diagrams.workcell import Workcell, describe
+from forcectl.plant.drives.joint_impedance import GravityCompensation, JointImpedance
 from forcectl.plant.drives.torque_drive import TorqueDrive
 from tests.examples.block_example import Example, each
 
 
 @cache
-def torque_cell() -> Cell:
-    return describe(StationConfig(fidelity="Multibody", interface=JointImpedanceConfig()))
+def torque_cell() -> Workcell:
+    return describe(StationConfig(fidelity="Multibody", drive=JointImpedanceDriveConfig()))
 
 
 def two_lane_drive() -> TorqueDrive:
@@ -65,7 +67,7 @@ TORQUE_EXAMPLES: dict[type[System], list[Example]] = {
     ],
     TorqueInterface: [
         Example(
-            lambda: TorqueInterface(torque_cell()),
+            lambda: TorqueInterface(torque_cell(), JointImpedanceDriveConfig(), 1.0),
             each("torque_command", "reference") | each("motor_torque", "reference", "spring_torque"),
             {
                 "reference": lambda t: np.concatenate([motors(t), np.zeros(6)]),

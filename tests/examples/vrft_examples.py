@@ -11,10 +11,10 @@ from pydrake.systems.framework import DiagramBuilder, System
 from forcectl.estimation.excited_compliance import ExcitedCompliance
 from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 from forcectl.force.linear_law import LinearForceLaw
-from forcectl.force.slot import LoopFacts
 from forcectl.force.vrft.adaptive import AdaptiveVrft
 from forcectl.force.vrft.experiment import ExperimentSequencer, RecursiveVrftConfig, VrftExperiment
 from forcectl.force.vrft.scaled import ScaledVrft, ScaledVrftConfig
+from forcectl.plant.plant_model import PlantModel
 from tests.examples.block_example import Example, each
 
 VALUES = (-5e-5, -2.5e-4, [0.0, 1e-8])
@@ -28,7 +28,7 @@ def force(t: float) -> np.ndarray:
     return np.array([12.0, 7.0]) * (1 + math.sin(50 * t))
 
 
-FACTS = LoopFacts(2, 0.002, np.full(2, 3e-5), np.array([1e-4, 2e-5]), 12.6, 1.0, 0.0)
+FACTS = PlantModel(2, 0.002, np.full(2, 3e-5), np.array([1e-4, 2e-5]), 12.6, 1.0, 0.0)
 
 
 def experiment() -> VrftExperiment:

@@ -18,8 +18,8 @@ from forcectl.force.adaptive_integral import AdaptiveIntegralConfig
 from forcectl.force.integral import IntegralForceLaw
 from forcectl.force.invariance.correction import AdaptiveInvarianceControlConfig
 from forcectl.force.invariance.force_law import AdaptiveInvarianceConfig, InvarianceForceLaw
-from forcectl.force.slot import LoopFacts
 from forcectl.motion.references import SequenceConfig
+from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
 from forcectl.testing import run_diagram
 
@@ -97,6 +97,6 @@ def test_lost_force_brakes_holds_and_keeps_the_estimate():
 
 
 def test_a_delay_between_the_ticks_is_refused():
-    facts = LoopFacts(1, PERIOD, np.array([3e-5]), np.array([1.7e-4]), 12.6, 1.0, 0.001)
+    facts = PlantModel(1, PERIOD, np.array([3e-5]), np.array([1.7e-4]), 12.6, 1.0, 0.001)
     with pytest.raises(BadInputError, match="delay"):
         AdaptiveInvarianceConfig().add_to(DiagramBuilder(), facts)

@@ -12,10 +12,10 @@ from pydrake.systems.primitives import Demultiplexer
 from forcectl.errors import BadInputError
 from forcectl.force.adaptive_force_law import AdaptiveForceLaw
 from forcectl.force.adaptive_integral import AdaptiveIntegralConfig
-from forcectl.force.slot import LoopFacts
 from forcectl.motion.references import Reference
 from forcectl.plant.contact.compliant_contact import CompliantContact
 from forcectl.plant.drives.position_loop import PositionLoop
+from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import ForceSensor
 from forcectl.testing import Log, assert_passes_no_nan, assert_ports, run_diagram
 
@@ -23,8 +23,8 @@ PERIOD = 0.002
 STIFFNESS, C_R = 5900.0, 3.2e-5
 
 
-def facts(n: int = 1, delay: float = 0.0) -> LoopFacts:
-    return LoopFacts(
+def facts(n: int = 1, delay: float = 0.0) -> PlantModel:
+    return PlantModel(
         size=n,
         period=PERIOD,
         robot_compliance=np.full(n, C_R),

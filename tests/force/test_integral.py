@@ -15,7 +15,7 @@ from scipy.signal import dlsim
 
 from forcectl.errors import BadInputError
 from forcectl.force.integral import IntegralConfig, IntegralForceLaw, LinearIntegralForceLaw, dead_zone, integral_step
-from forcectl.force.slot import LoopFacts
+from forcectl.plant.plant_model import PlantModel
 from forcectl.testing import assert_feedthrough, assert_passes_no_nan, assert_ports, run_diagram
 
 PERIOD = 0.002
@@ -241,7 +241,7 @@ def test_ports():
     assert_feedthrough(block, {("displacement_command", n) for n in ("desired_force", "measured_force", "compliance")})
 
 
-FACTS = LoopFacts(
+FACTS = PlantModel(
     size=2,
     period=PERIOD,
     robot_compliance=np.array([3e-5, 2e-5]),

@@ -14,7 +14,7 @@ from scipy.signal import lfilter
 from forcectl.errors import BadInputError
 from forcectl.estimation.recursive_vrft import GAINS
 from forcectl.force.linear_law import EXCITE, REGULATE, LinearForceLaw, VrftConfig
-from forcectl.force.slot import LoopFacts
+from forcectl.plant.plant_model import PlantModel
 from forcectl.testing import assert_passes_no_nan, run_diagram
 
 PERIOD = 0.002
@@ -170,8 +170,8 @@ def test_lanes_are_loops_of_their_own():
         np.testing.assert_array_equal(both[:, i], commands(one, force[:251, i]))
 
 
-def facts() -> LoopFacts:
-    return LoopFacts(1, PERIOD, np.array([C_R]), np.array([1.7e-4]), 12.6, 1.0, 0.0)
+def facts() -> PlantModel:
+    return PlantModel(1, PERIOD, np.array([C_R]), np.array([1.7e-4]), 12.6, 1.0, 0.0)
 
 
 def test_the_configuration_gives_the_block_its_gains_and_the_robots_compliance():

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.systems.framework import DiagramBuilder
 
-from forcectl.diagrams.motion_loop import motion_facts
+from forcectl.diagrams.believed import plant_model
 from forcectl.errors import BadInputError
 from forcectl.motion.joint_path import DitherConfig, JointExcitationConfig, Move, Sines, path_at
 from tests.examples.block_examples_research import cell
@@ -48,7 +48,7 @@ def test_sines_are_at_rest_outside_of_their_time():
 
 
 def test_an_excitation_keeps_the_limits_of_the_joints():
-    facts = motion_facts(cell())
+    facts = plant_model(cell())
     limits = facts.robot.limits
     config = JointExcitationConfig(speed_shares=[0.2, 1.0], duration=3.0, frequency=0.8)
     path = config.add_to(DiagramBuilder(), facts)
@@ -56,8 +56,8 @@ def test_an_excitation_keeps_the_limits_of_the_joints():
     q, v = [], []
     for time in np.arange(0.0, 6.0, 0.004):
         context.SetTime(time)
-        q.append(path.GetOutputPort("joint_position_reference").Eval(context))
-        v.append(path.GetOutputPort("joint_velocity_reference").Eval(context))
+        q.append(path.GetOutputPort("joint_position_command").Eval(context))
+        v.append(path.GetOutputPort("joint_velocity_command").Eval(context))
     q, v = np.array(q), np.array(v)
     assert (q > limits.position_lower).all()
     assert (q < limits.position_upper).all()

@@ -12,7 +12,8 @@ from hypothesis import strategies as st
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
-from forcectl.diagrams.station import Cell, StationConfig, describe
+from forcectl.diagrams.station import StationConfig
+from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.errors import BadInputError
 from forcectl.motion.tangential import TangentialMotionConfig, move_duration, trapezoidal_profile
 from forcectl.testing import assert_ports
@@ -21,12 +22,12 @@ positive = st.floats(1e-3, 10.0)
 
 
 @cache
-def cell(normal: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Cell:
+def cell(normal: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Workcell:
     return describe(StationConfig(normal=list(normal)))
 
 
-def trajectory(config: TangentialMotionConfig, cell: Cell) -> PiecewisePolynomial:
-    path = config.trajectory(cell.robot, cell.start, cell.n)
+def trajectory(config: TangentialMotionConfig, cell: Workcell) -> PiecewisePolynomial:
+    path = config.trajectory(cell.robot, cell.start, cell.contact.n)
     assert isinstance(path, PiecewisePolynomial)
     return path
 
@@ -74,7 +75,7 @@ def test_the_tool_moves_straight_keeps_its_orientation_and_its_height(
         X = here.robot.pose(context)
         moved = X.translation() - X_0.translation()
         np.testing.assert_allclose(moved, distance * along, atol=2e-6)
-        assert abs(moved @ here.n) < 1e-7
+        assert abs(moved @ here.contact.n) < 1e-7
         assert (X.rotation() @ X_0.rotation().inverse()).ToAngleAxis().angle() < 1e-5
 
 
@@ -92,7 +93,7 @@ def test_the_tool_keeps_the_speed_limit(speed: float) -> None:
 def test_the_block_waits_moves_and_stays() -> None:
     builder = DiagramBuilder()
     config = TangentialMotionConfig(distance=0.05, speed=0.05, start_time=2.0)
-    block = config.add_to(builder, cell().robot, cell().start, cell().n)
+    block = config.add_to(builder, cell().robot, cell().start, cell().contact.n)
     assert_ports(block, {}, {"unconstrained_reference": 6})
     context, values = block.CreateDefaultContext(), []
     interval = config.interval()
@@ -120,7 +121,7 @@ def test_the_path_climbs_with_a_known_slope(slope: float) -> None:
 
 def test_without_a_distance_nothing_moves() -> None:
     np.testing.assert_array_equal(
-        TangentialMotionConfig().trajectory(cell().robot, cell().start, cell().n), np.zeros(6)
+        TangentialMotionConfig().trajectory(cell().robot, cell().start, cell().contact.n), np.zeros(6)
     )
 
 
@@ -154,4 +155,4 @@ def test_bad_values_are_named(values: dict[str, Any], told: str) -> None:
 )
 def test_paths_that_cannot_be_moved_along_are_refused(values: dict[str, Any], told: str) -> None:
     with pytest.raises(BadInputError, match=told):
-        TangentialMotionConfig(**values).trajectory(cell().robot, cell().start, cell().n)
+        TangentialMotionConfig(**values).trajectory(cell().robot, cell().start, cell().contact.n)

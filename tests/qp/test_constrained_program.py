@@ -21,12 +21,12 @@ FREE = np.zeros((1, N)), np.ones(1)  # a soft row that always holds
 
 def motion(v: np.ndarray | None = None) -> RobotMotion:
     facts = robot_facts()
-    return RobotMotion(facts.model, facts.model.create_context(), facts.start, np.zeros(N) if v is None else v)
+    return RobotMotion(facts.robot, facts.robot.create_context(), facts.start, np.zeros(N) if v is None else v)
 
 
 def gathered(torque: np.ndarray) -> tuple[ConstraintSet, np.ndarray]:
     at = motion()
-    limits = checked_limits(replace(robot_facts().model.limits, torque=torque), at)
+    limits = checked_limits(replace(robot_facts().robot.limits, torque=torque), at)
     return ConstraintSet([CartesianWall([2.0, 0.0, 0.0], [-1.0, 0.0, 0.0])], limits, at, 0.002, -1.0), limits.torque
 
 

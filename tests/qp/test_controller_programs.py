@@ -104,7 +104,7 @@ def closed_loop(case: Case, solver: str | Solver, number: int = 250) -> tuple[np
     """Commanded joint positions or references of a run, and its statuses."""
     block = case.block(solver)
     ports = [block.get_output_port(i).get_name() for i in range(block.num_output_ports())]
-    held = {"joint_position_command", "joint_position_reference", "governed_reference"}
+    held = {"joint_position_command", "governed_reference"}
     command = block.GetOutputPort(next(name for name in ports if name in held))
     status = block.GetOutputPort("status")
     found = [(command.Eval(each), status.Eval(each).item()) for each in ticks(block, case, number)]
@@ -218,7 +218,7 @@ def test_it_is_built_once_and_filled_anew(name: str) -> None:
 def test_everything_in_the_program_of_the_force_controller_has_a_name() -> None:
     block, _, context = advanced("invariance, wall and maximum force", 0.0211)
     program = block.program(context)
-    joints = [joint.name() for joint in robot_facts().model.parts.joints]
+    joints = [joint.name() for joint in robot_facts().robot.parts.joints]
     assert [v.get_name() for v in program.decision_variables()] == [f"u[{joint}]" for joint in joints]
     rows = names(program.linear_constraints())
     assert rows[:3] == ["force", "maximum force 1", "wall 1"]

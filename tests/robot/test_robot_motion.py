@@ -14,8 +14,8 @@ V, U = RNG.normal(size=N), RNG.normal(size=N)
 
 
 def at(q: np.ndarray, v: np.ndarray) -> RobotMotion:
-    model = robot_facts().model
-    return RobotMotion(model, model.create_context(), q, v)
+    robot = robot_facts().robot
+    return RobotMotion(robot, robot.create_context(), q, v)
 
 
 def test_velocity_and_bias_are_the_derivatives_of_the_pose() -> None:
@@ -27,9 +27,9 @@ def test_velocity_and_bias_are_the_derivatives_of_the_pose() -> None:
 
 
 def test_torque_of_a_motion_is_that_of_the_inverse_dynamics() -> None:
-    model, q = robot_facts().model, robot_facts().start + 0.1
+    robot, q = robot_facts().robot, robot_facts().start + 0.1
     motion = at(q, V)
-    expected = model.inverse_dynamics(model.create_context(), q, V, U)
+    expected = robot.inverse_dynamics(robot.create_context(), q, V, U)
     np.testing.assert_allclose(motion.inertia @ U + motion.load, expected, rtol=1e-12)
 
 

@@ -9,12 +9,12 @@ import pytest
 import xarray as xr
 from pydrake.multibody.plant import MultibodyPlant
 
-from forcectl.diagrams.research_cell import ResearchStationConfig
-from forcectl.diagrams.station import StationConfig, describe
+from forcectl.diagrams.station import StationConfig
+from forcectl.diagrams.workcell import describe
 from forcectl.robot.model import add_robot
-from forcectl.runs.motion_replay import write_motion_replay
 from forcectl.runs.replay import ARROW, write_replay
 from tests.examples.replay_page import drawn
+from tests.examples.stations import free
 
 TIMES = [0.0, 0.5, 1.0]
 
@@ -23,7 +23,7 @@ TIMES = [0.0, 0.5, 1.0]
 def test_the_bars_of_a_motion_loop_end_at_the_tool_and_are_as_long_as_the_force(
     tmp_path: Path, force: list[float]
 ) -> None:
-    station = ResearchStationConfig(robot="yumi/left", tool=None)
+    station = free(robot="yumi/left", tool=None)
     plant = MultibodyPlant(0.0)
     parts = add_robot(plant, station.robot, station.tool)
     plant.Finalize()
@@ -43,7 +43,7 @@ def test_the_bars_of_a_motion_loop_end_at_the_tool_and_are_as_long_as_the_force(
         coords={"time": TIMES},
     )
     page = tmp_path / "replay.html"
-    write_motion_replay(log, station, page)
+    write_replay(log, describe(station), page)
     for name, share in (("tip_wrench", 1.0), ("estimated_wrench", 0.5)):
         bar = drawn(page, f"{name}/{arm}", 0.5)
         assert bar is not None
@@ -64,9 +64,9 @@ def test_the_bar_of_a_force_loop_is_as_long_as_the_contact_force(tmp_path: Path)
         coords={"time": TIMES},
     )
     page = tmp_path / "replay.html"
-    write_replay(log, station, page)
+    write_replay(log, cell, page)
     bar = drawn(page, "force", 0.5)
     assert bar is not None
-    np.testing.assert_allclose(bar.end - bar.start, 15.0 * ARROW * cell.n, atol=1e-9)
+    np.testing.assert_allclose(bar.end - bar.start, 15.0 * ARROW * cell.contact.n, atol=1e-9)
     assert drawn(page, "force", 0.0) is None
     assert drawn(page, "force", 1.0) is None

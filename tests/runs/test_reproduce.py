@@ -9,7 +9,7 @@ import pytest
 
 import forcectl as fc
 from forcectl import cli
-from forcectl.scenario.catalog import find_scenario, loop_of
+from forcectl.scenario.catalog import find_scenario
 from tests.examples.experiment_runs import run_experiment
 
 QUICK = """
@@ -33,7 +33,7 @@ expect:
 ONE_FAILS = """
 title: One fails
 duration: 0.4
-variants: {good: {}, bad: {station.servo.position_gain: 1.0e9}}
+variants: {good: {}, bad: {station.drive.servo.position_gain: 1.0e9}}
 expect:
   - {target: fine, metric: peak_force_N, variant: good, maximum: 50.0}
   - {target: hopeless, metric: peak_force_N, variant: bad, maximum: 50.0}
@@ -141,7 +141,7 @@ def shipped() -> list[Any]:
     cases = []
     for name in fc.list_experiments():
         file = find_scenario(name)
-        named = file.tree.get("fidelities", ["OneDimensional"]) if loop_of(file) == "force" else [None]
+        named = file.tree.get("fidelities", ["OneDimensional"])
         cases += [pytest.param(name, fidelity, marks=pytest.mark.slow) for fidelity in named]
     return cases
 

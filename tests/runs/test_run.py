@@ -18,7 +18,6 @@ from forcectl.force.integral import IntegralConfig
 from forcectl.motion.references import SequenceConfig
 from forcectl.runs.logs import read_netcdf
 from forcectl.runs.run import StoppedRunError
-from forcectl.scenario.imported import ImportConfig
 from forcectl.scenario.yaml_tree import Tagged
 
 SHORT = {"duration": 0.6}
@@ -66,7 +65,7 @@ def laws(tmp_path, monkeypatch):
 
     def overrides(kind):
         return {
-            "controller": ImportConfig(path="strange_laws:LawConfig", parameters={"kind": kind}),
+            "controller": Tagged({"path": "strange_laws:LawConfig", "parameters": {"kind": kind}}, "Import"),
             "duration": 1.0,
             "expect": [],
         }
@@ -83,7 +82,7 @@ def test_a_run_without_a_directory_writes_nothing(tmp_path, monkeypatch):
     assert list(result.metrics) == ["K_I = 3 1/s"]
     assert result.log["measured_force"].dims == ("time",)
     assert result.log.sizes["time"] == 301
-    assert result.diagram.get_name() == "closed_loop"
+    assert result.diagram.get_name() == "loop"
 
 
 VARIED = {
@@ -246,7 +245,7 @@ def test_a_run_that_goes_wrong_stops_with_signal_and_time_and_keeps_the_log(laws
 
 
 def test_a_solver_that_gives_up_is_a_failed_run(tmp_path):
-    overrides = {"station.servo.position_gain": 1e9, "duration": 1.0}
+    overrides = {"station.drive.servo.position_gain": 1e9, "duration": 1.0}
     with pytest.raises(StoppedRunError, match=r"at t = 0\.\d{4} s"):
         fc.run("fig_2_8", overrides=overrides, fidelity="Multibody", out=tmp_path / "run")
     assert (tmp_path / "run.failed" / "log.nc").exists()

@@ -16,11 +16,18 @@ def test_the_experiments_of_chapter_2_and_the_presets_are_shipped():
     assert {"friction", "ideal", "linear", "delay_only", "second_campaign"} <= set(catalog.list_presets())
 
 
-@pytest.mark.parametrize("path", [*catalog.CONTROLLERS.values(), *catalog.REFERENCES.values()])
-def test_every_tag_leads_to_a_dataclass_that_adds_itself(path):
+@pytest.mark.parametrize(
+    ("slot", "path"), [(slot, path) for slot, table in catalog.SLOTS.items() for path in table.values()]
+)
+def test_every_tag_leads_to_a_dataclass_that_fills_its_slot(slot, path):
     cls = load_object(path)
     assert dataclasses.is_dataclass(cls)
-    assert hasattr(cls, "add_to")
+    for name in catalog.CONTRACTS[slot]:
+        assert callable(getattr(cls, name))
+
+
+def test_every_slot_has_a_contract():
+    assert set(catalog.SLOTS) == set(catalog.CONTRACTS)
 
 
 def test_every_block_has_a_line_that_says_what_it_is():

@@ -31,8 +31,8 @@ variants:
         (("--variant", "hasty"), "bad.yaml: variant 'hasty': controller.inner_bandwidth = 900.0: must be"),
         (("--variant", "as it is", "--set", "reference.force=1e6"), "override: reference.force = 1000000.0: must be"),
         (
-            ("--variant", "as it is", "--set", "station.force_sensor.delay=0.0003"),
-            "override: station.force_sensor.delay = 0.0003: must be",
+            ("--variant", "as it is", "--set", "station.sensors.force.delay=0.0003"),
+            "override: station.sensors.force.delay = 0.0003: must be",
         ),
         (("--variant", "excited"), "bad.yaml: variant 'excited': controller.law.excitation"),
     ],

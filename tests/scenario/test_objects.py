@@ -5,9 +5,12 @@ from __future__ import annotations
 from dataclasses import dataclass, field
 
 import pytest
-from pydrake.systems.framework import Diagram
+from pydrake.systems.framework import Diagram, LeafSystem
 
 import forcectl as fc
+from forcectl.diagrams.drives.position_drive import PositionDriveConfig
+from forcectl.diagrams.fidelities.kinematic import KinematicFidelity, KinematicStation
+from forcectl.diagrams.sensors import WristForceConfig
 from forcectl.diagrams.station import StationConfig
 from forcectl.estimation.force_estimator import ForceEstimatorConfig
 from forcectl.force.integral import IntegralConfig
@@ -15,8 +18,8 @@ from forcectl.motion.joint_path import JointMovesConfig
 from forcectl.motion.references import StepConfig
 from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
-from forcectl.scenario.motion_scenario import MotionScenario
 from forcectl.scenario.scenario import Scenario, load_scenario
+from tests.examples.stations import free
 
 
 @dataclass(kw_only=True)
@@ -25,9 +28,9 @@ class MyConfig(IntegralConfig):
 
     added = 0
 
-    def add_to(self, builder, facts):
+    def add_to(self, builder, model):
         type(self).added += 1
-        law = super().add_to(builder, facts)
+        law = super().add_to(builder, model)
         law.set_name("mine")
         return law
 
@@ -53,8 +56,8 @@ class MyStep(StepConfig):
 class MyEstimator(ForceEstimatorConfig):
     """An estimator of the user's."""
 
-    def add_to(self, builder, facts):
-        block = super().add_to(builder, facts)
+    def add_to(self, builder, model):
+        block = super().add_to(builder, model)
         block.set_name("my_estimator")
         return block
 
@@ -63,8 +66,8 @@ class MyEstimator(ForceEstimatorConfig):
 class MyMoves(JointMovesConfig):
     """A motion controller of the user's."""
 
-    def add_to(self, builder, facts):
-        block = super().add_to(builder, facts)
+    def add_to(self, builder, model):
+        block = super().add_to(builder, model)
         block.set_name("my_moves")
         return block
 
@@ -77,6 +80,29 @@ class MyTangential(TangentialMotionConfig):
         block = super().add_to(builder, *rest)
         block.set_name("my_motion")
         return block
+
+
+class Spring(LeafSystem):
+    """A linear spring that pulls, too."""
+
+    def __init__(self):
+        super().__init__()
+        depth = self.DeclareVectorInputPort("displacement", 1)
+        self.DeclareVectorOutputPort(
+            "contact_force",
+            1,
+            lambda context, output: output.SetAtIndex(0, -4e3 * depth.Eval(context).item()),
+            prerequisites_of_calc={depth.ticket()},
+        )
+
+
+class MySurface:
+    """A surface of the user's, from nothing of ours."""
+
+    first_stiffness = 4e3
+
+    def add_to(self, builder, size, period, *, robot_compliance):
+        return builder.AddNamedSystem("my_surface", Spring())
 
 
 @dataclass
@@ -102,25 +128,69 @@ def names(system: Diagram, path: str = "") -> list[str]:
     return found
 
 
-FORCE = {
-    "controller": (MyConfig, "mine"),
-    "reference": (MyStep, "my_step"),
-    "motion": (MyTangential, "my_motion"),
+@dataclass(kw_only=True)
+class MyDrive(PositionDriveConfig):
+    """A drive of the user's."""
+
+    def add_to(self, builder, site):
+        block = super().add_to(builder, site)
+        block.set_name("my_drive")
+        return block
+
+
+@dataclass(kw_only=True)
+class MySensor(WristForceConfig):
+    """A sensor of the user's."""
+
+    def add_to(self, builder, site):
+        block = super().add_to(builder, site)
+        block.set_name("my_sensor")
+        return block
+
+
+@dataclass(kw_only=True)
+class MyFidelity(KinematicFidelity):
+    """A fidelity of the user's."""
+
+    def build(self, cell, seed):
+        return MyStation(cell, seed)
+
+
+class MyStation(KinematicStation):
+    """What it builds."""
+
+
+def free_robot(**changes):
+    station = free(robot="yumi/left", tool=None)
+    return {"station": station, "controller": JointMovesConfig(), "duration": 0.02} | changes
+
+
+def pressing(**station):
+    return {"station": StationConfig(**station), "duration": 0.02}
+
+
+# Each slot: a scenario with an object of the user's, and a name that only its blocks have.
+CASES = {
+    "controller": ({"controller": MyConfig(), "duration": 0.02}, "mine"),
+    "joint controller": (free_robot(controller=MyMoves()), "my_moves"),
+    "reference": ({"reference": MyStep(), "duration": 0.02}, "my_step"),
+    "motion": ({"motion": MyTangential(), "duration": 0.02}, "my_motion"),
+    "estimator": (free_robot(estimators={"mine": MyEstimator()}), "my_estimator"),
+    "drive": (pressing(drive=MyDrive()), "my_drive"),
+    "sensor": (pressing(sensors={"mine": MySensor()}), "my_sensor"),
+    "fidelity": (pressing(fidelity=MyFidelity()), "MyStation"),
+    "environment": (pressing(environment=MySurface()), "my_surface"),
 }
-MOTION = {"controller": (MyMoves, "my_moves"), "estimator": (MyEstimator, "my_estimator")}
-CASES = [(Scenario, *item) for item in FORCE.items()] + [(MotionScenario, *item) for item in MOTION.items()]
 
 
-@pytest.mark.parametrize(("kind", "slot", "filler"), CASES)
-def test_run_and_build_make_the_same_blocks_of_a_users_object(kind, slot, filler):
-    cls, block = filler
-    scenario = kind(duration=0.02, **{slot: cls()})
-    built = names(fc.build(scenario).diagram)
-    assert any(name.split("/")[-1].startswith(f"{block}:") for name in built)
-    assert names(fc.run(scenario).diagram) == built
-    base = {"duration": 0.02} if kind is Scenario else {"duration": 0.02, "loop": "motion"}
-    assert names(fc.run(base, overrides={slot: cls()}).diagram) == built
-    assert names(fc.build(load_scenario(base | {slot: cls()})).diagram) == built
+@pytest.mark.parametrize("slot", CASES)
+def test_every_way_to_build_makes_the_same_blocks_of_a_users_object(slot):
+    parts, block = CASES[slot]
+    built = names(fc.build(Scenario(**parts)).diagram)
+    assert any(block in name.split("/")[-1].split(":") for name in built)
+    assert names(fc.run(Scenario(**parts)).diagram) == built
+    assert names(fc.run({"duration": 0.02}, overrides=parts).diagram) == built
+    assert names(fc.build(load_scenario(parts)).diagram) == built
 
 
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", "Multibody"])
@@ -149,16 +219,16 @@ def test_a_change_inside_of_a_given_station_keeps_its_parts():
 
 def test_an_override_within_a_part_given_as_a_tag_in_text_keeps_the_tag():
     for text in ("!ForceEstimator", "ForceEstimator"):
-        scenario = load_scenario({"loop": "motion", "estimator": text}, overrides={"estimator.gain": 40.0})
-        assert type(scenario.estimator) is ForceEstimatorConfig
-        assert scenario.estimator.gain == 40.0
+        scenario = load_scenario({"estimators": {"a": text}}, overrides={"estimators.a.gain": 40.0})
+        assert type(scenario.estimators["a"]) is ForceEstimatorConfig
+        assert scenario.estimators["a"].gain == 40.0
 
 
 def test_an_analysis_of_the_users_is_called(tmp_path):
     mine = MyAnalysis()
-    result = fc.run(MotionScenario(duration=0.02, analysis=mine))
-    assert mine.seen == [6]
-    assert result.metrics["default"]["samples"] == 6.0
+    result = fc.run(Scenario(duration=0.02, analyses={"mine": mine}))
+    assert mine.seen == [11]
+    assert result.metrics["default"]["samples"] == 11.0
 
 
 @pytest.mark.parametrize(

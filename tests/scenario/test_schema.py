@@ -11,7 +11,10 @@ from typing import Literal
 import pytest
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.scenario.schema import Reader, describe, first_of, to_tree
+from forcectl.framework.slots import slot
+from forcectl.scenario import catalog
+from forcectl.scenario.schema import Reader, describe
+from forcectl.scenario.trees import to_tree
 from forcectl.scenario.yaml_tree import Tagged, parse
 
 
@@ -52,8 +55,14 @@ class Outer:
     colour: Colour = Colour.RED
     path: Path = Path("a")
     inner: Inner = field(default_factory=lambda: Inner(gain=5.0))
-    part: object = field(default_factory=first_of(TABLE), metadata={"tags": TABLE})
+    part: object = slot("part", Inner)
     inners: list[Inner] = field(default_factory=list)
+
+
+@pytest.fixture(autouse=True)
+def part_is_a_slot(monkeypatch):
+    monkeypatch.setitem(catalog.SLOTS, "part", TABLE)
+    monkeypatch.setitem(catalog.CONTRACTS, "part", ())
 
 
 READER = Reader(lambda key: "f.yaml")
@@ -123,7 +132,7 @@ def test_reading_what_was_written_gives_the_same():
         ("{needed: 1, inner: null}", "f.yaml: inner = None: must be a mapping with keys out of: gain, limit"),
         (
             "{needed: 1, part: !Otter {}}",
-            "f.yaml: part: unknown tag '!Otter': did you mean '!Other'? known: !Inner, !Other",
+            "f.yaml: part: unknown tag '!Otter': did you mean '!Other'? known: !Inner, !Other, !Import",
         ),
         ("{needed: 1, part: !Other {gain: 1}}", "f.yaml: part.gain: unknown key 'gain': known: width"),
         ("{needed: 1, inners: [{gain: 1}, {gain: x}]}", "f.yaml: inners.1.gain = 'x': must be a number"),

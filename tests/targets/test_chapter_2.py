@@ -79,7 +79,7 @@ def test_2_14_believing_the_contact_softer_raises_the_effective_gain(fidelity: s
 
 @light_fidelities
 def test_2_14_only_the_product_of_gain_and_believed_compliance_matters(fidelity: str) -> None:
-    changes = {"station.servo.ideal": True, "duration": 2.0, "station.fidelity": fidelity}
+    changes = {"station.drive.servo.ideal": True, "duration": 2.0, "station.fidelity": fidelity}
     forces = [
         forcectl.run(
             "fig_2_8",
@@ -101,7 +101,7 @@ def test_experiments_meet_what_they_expect(experiment: str, fidelity: str) -> No
 def test_2_6_the_ideal_bound_is_far_beyond_what_the_real_loop_takes() -> None:
     """K_I = 0.5 w_n = 37.7 1/s is stable with the joint filter alone, and nowhere near stable with the force filter."""
     bound = 0.5 * 75.4
-    alone = {"station.force_sensor.bandwidth": 1e4, "controller.integral_gain": bound, "duration": 1.0}
+    alone = {"station.sensors.force.bandwidth": 1e4, "controller.integral_gain": bound, "duration": 1.0}
     ideal = forcectl.run("fig_2_8", overrides={"preset": "ideal", **alone}).metrics["default"]
     assert ideal["settling_time_5pct_s"] is not None
     # Of a loop w_n^3/2 / (s (s + w_n)^2 + w_n^3/2): a quarter, says its step response.

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -11,25 +12,34 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 import forcectl as fc
 from forcectl.analysis.motion_metrics import REACH_METRICS, is_motion_metric
 from forcectl.analysis.reaching import ReachAnalysis
-from forcectl.diagrams.motion_loop import build_motion_loop, motion_facts
-from forcectl.diagrams.research_cell import ResearchStationConfig, describe_research
+from forcectl.diagrams.believed import plant_model
+from forcectl.diagrams.workcell import describe
 from forcectl.errors import BadInputError
 from forcectl.plant.contact.obstacle import ObstacleConfig
+from forcectl.plant.plant_model import PlantModel
 from forcectl.runs.run import RunResult
+from forcectl.scenario.scenario import Scenario
 from forcectl.tasks.reaching import ArmWallConfig, PaceConfig, ReachConfig, ReactiveReachingConfig
 from forcectl.testing import assert_memory_released
+from tests.examples.stations import free
 
 LEFT = {"arm": "left", "position": [0.20, 0.25, 0.25]}
 SHORT = """
-loop: motion
-station: {tool: null, time_step: 0.002}
-controller: !ReactiveReaching
+station:
+  fidelity: Multibody
+  robot: yumi
   tool: null
+  time_step: 0.002
+  elastic_joints: false
+  drive: !JointInterface {}
+  sensors: {joints: !JointReadings {}}
+  environment: !Parts {}
+controller: !ReactiveReaching
   targets:
     - {arm: left, position: [0.1, 0.3, 0.3]}
     - {arm: right, position: [0.20, -0.25, 0.20], turn_deg: [0.0, 0.0, 20.0]}
     - {arm: left, position: [0.20, 0.25, 0.25], time: 0.2}
-analysis: !Reaching {tool: null}
+analyses: {reaching: !Reaching {}}
 duration: 1.6
 """
 
@@ -42,12 +52,12 @@ def result(tmp_path_factory: pytest.TempPathFactory) -> RunResult:
     return fc.run(path)
 
 
-def facts() -> Any:
-    return motion_facts(describe_research(ResearchStationConfig(tool=None)))
+def model(**station: Any) -> PlantModel:
+    return plant_model(describe(free(tool=None, **station)))
 
 
-def build(**changes: Any) -> Any:
-    return ReactiveReachingConfig(**{"tool": None} | changes).add_to(DiagramBuilder(), facts())
+def build(obstacles: Sequence[ObstacleConfig] = (), **changes: Any) -> Any:
+    return ReactiveReachingConfig(**changes).add_to(DiagramBuilder(), model(obstacles=obstacles))
 
 
 @pytest.mark.slow
@@ -79,8 +89,8 @@ def test_the_targets_are_in_the_log_and_taken_at_their_time(result: RunResult) -
 @pytest.mark.slow
 def test_a_loop_that_is_dropped_gives_its_memory_back() -> None:
     def loop() -> Diagram:
-        controller = ReactiveReachingConfig(tool=None, targets=[ReachConfig(**LEFT)])
-        return build_motion_loop(ResearchStationConfig(tool=None, time_step=0.002), controller).diagram
+        controller = ReactiveReachingConfig(targets=[ReachConfig(**LEFT)])
+        return Scenario(station=free(tool=None, time_step=0.002), controller=controller).build().diagram
 
     # Drake 1.51 keeps every Python block of a diagram, 6 MB of them here.
     assert_memory_released(loop, duration=0.02, builds=3, allowed_kb=8000.0)
@@ -90,7 +100,7 @@ def test_an_arm_without_a_target_stays() -> None:
     made = build(targets=[ReachConfig(**LEFT)])
     context = made.CreateDefaultContext()
     for name in ("joint_position", "joint_velocity"):
-        made.GetInputPort(name).FixValue(context, facts().start)
+        made.GetInputPort(name).FixValue(context, model().start)
     start = made.GetOutputPort("task_position").Eval(context)
     target = made.GetOutputPort("task_target").Eval(context)
     np.testing.assert_array_equal(target[6:], start[6:])
@@ -102,12 +112,9 @@ def test_every_null_space_criterion_can_be_chosen(null_space: str) -> None:
     made = build(null_space=null_space, targets=[ReachConfig(**LEFT)])
     context = made.CreateDefaultContext()
     for name in ("joint_position", "joint_velocity"):
-        made.GetInputPort(name).FixValue(context, facts().start)
+        made.GetInputPort(name).FixValue(context, model().start)
     assert made.GetOutputPort("status").Eval(context)[0] == 0
     assert made.GetOutputPort("levels_solved").Eval(context)[0] == 2
-
-
-BOX = ObstacleConfig(position=[0.5, 0.0, 0.1], size=[0.1, 0.1, 0.2])
 
 
 @pytest.mark.parametrize(
@@ -117,12 +124,21 @@ BOX = ObstacleConfig(position=[0.5, 0.0, 0.1], size=[0.1, 0.1, 0.2])
         ({"walls": [ArmWallConfig(arm="middle", point=[0, 0, 0], normal=[0, 0, 1])]}, "unknown arm 'middle'"),
         ({"walls": [ArmWallConfig(arm="left", point=[0, 0, 2], normal=[0, 0, 1])]}, "violated in the start"),
         ({"link_distance": 0.5}, "violated in the start"),
-        ({"robot": "comau_smart_six", "tool": "force_probe"}, "the station's, with 14 joints"),
     ],
 )
 def test_what_does_not_fit_the_robot_is_refused(changes: dict[str, Any], said: str) -> None:
     with pytest.raises(BadInputError, match=said):
         build(**changes)
+
+
+def test_the_links_keep_away_from_the_boxes_of_the_station() -> None:
+    """A box around the tip of an arm at the start is one that it is too near to."""
+    robot = model().known_robot()
+    context = robot.create_context()
+    robot.set_positions(context, model().start)
+    box = ObstacleConfig(position=robot.tip_position(context).tolist(), size=[0.05, 0.05, 0.05])
+    with pytest.raises(BadInputError, match="violated in the start"):
+        build(obstacles=[box])
 
 
 @pytest.mark.parametrize(
@@ -139,7 +155,7 @@ def test_what_does_not_fit_the_robot_is_refused(changes: dict[str, Any], said: s
         (ReactiveReachingConfig, {"null_space": "mass"}, "unknown null_space 'mass'"),
         (ReactiveReachingConfig, {"mass_direction": [0, 0, 0]}, "mass_direction"),
         (ReactiveReachingConfig, {"link_distance": -0.1}, "link_distance"),
-        (ReactiveReachingConfig, {"link_distance": 0.0, "obstacles": [BOX]}, "above zero with obstacles"),
+        (ReactiveReachingConfig, {"link_distance": 0.0, "null_space": "links"}, "above zero to keep away from links"),
         (ReachAnalysis, {"every": 0}, "every"),
         (ReachAnalysis, {"mass_direction": [0.0]}, "mass_direction"),
     ],

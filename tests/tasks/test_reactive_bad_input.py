@@ -46,13 +46,13 @@ FREE = moving(1.6)
 
 def readings(t: float, late: int = 1) -> np.ndarray:
     """Joint positions of the undisturbed run some ticks ago."""
-    past: np.ndarray = FREE["joint_position_reference"][max(0, round(t / PERIOD) - late)]
+    past: np.ndarray = FREE["joint_position_command"][max(0, round(t / PERIOD) - late)]
     return past
 
 
 def assert_smooth(log: Log) -> None:
     """Positions and speeds fit each other, accelerations stay within their limits, nothing is no number."""
-    q, v = log["joint_position_reference"], log["joint_velocity_reference"]
+    q, v = log["joint_position_command"], log["joint_velocity_command"]
     assert all(np.isfinite(values).all() for name, values in log.values.items())
     assert (np.abs(np.diff(v, axis=0)) <= LIMITS.acceleration * PERIOD + 1e-9).all()
     np.testing.assert_allclose(np.diff(q, axis=0), 0.5 * PERIOD * (v[1:] + v[:-1]), atol=1e-9)
@@ -60,7 +60,7 @@ def assert_smooth(log: Log) -> None:
 
 def holds_at(log: Log, time: float) -> bool:
     k = round(time / PERIOD)
-    return bool(log["holding"][k, 0] == 1 and (log["joint_velocity_reference"][k] == 0).all())
+    return bool(log["holding"][k, 0] == 1 and (log["joint_velocity_command"][k] == 0).all())
 
 
 def test_undisturbed_it_reaches_the_target() -> None:
@@ -71,7 +71,7 @@ def test_undisturbed_it_reaches_the_target() -> None:
 
 def test_good_readings_change_nothing() -> None:
     log = moving(1.6, joint_position=readings, joint_velocity=np.zeros(N))
-    np.testing.assert_array_equal(log["joint_position_reference"], FREE["joint_position_reference"])
+    np.testing.assert_array_equal(log["joint_position_command"], FREE["joint_position_command"])
     assert log["reading_ok"].min() == 1
 
 
@@ -112,7 +112,7 @@ def test_a_few_lost_samples_leave_the_command_alone() -> None:
         return readings(0.3) if 0.3 <= t < 0.315 else readings(t)
 
     log = moving(1.6, joint_position=reading, joint_velocity=np.zeros(N))
-    np.testing.assert_array_equal(log["joint_position_reference"], FREE["joint_position_reference"])
+    np.testing.assert_array_equal(log["joint_position_command"], FREE["joint_position_command"])
     assert log["reading_ok"].min() == 0
 
 
@@ -140,7 +140,7 @@ def test_a_robot_that_does_not_follow_is_not_led_on() -> None:
     log = moving(1.5, reactive_controller(supervision=Supervision(largest_error=0.1)), joint_position=reading)
     assert_smooth(log)
     assert holds_at(log, 1.4)
-    assert np.abs(log["joint_position_reference"][-1] - START).max() < 0.5
+    assert np.abs(log["joint_position_command"][-1] - START).max() < 0.5
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
@@ -151,7 +151,7 @@ def test_a_target_that_is_no_number_keeps_the_last_one(bad: float) -> None:
     log = moving(1.6, task_target=target)
     assert_smooth(log)
     assert log["reached"][-1] == 1
-    np.testing.assert_allclose(log["joint_position_reference"], FREE["joint_position_reference"], atol=1e-9)
+    np.testing.assert_allclose(log["joint_position_command"], FREE["joint_position_command"], atol=1e-9)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, 1e300])
@@ -194,7 +194,7 @@ def test_an_unreachable_target_is_reported_and_the_robot_stands() -> None:
     assert_smooth(log)
     assert log["stalled"][-1] == 1
     assert log["reached"].max() == 0
-    assert np.abs(log["joint_velocity_reference"][-250:]).max() < 0.2
+    assert np.abs(log["joint_velocity_command"][-250:]).max() < 0.2
     # The other arm is where it was.
     np.testing.assert_allclose(log["task_position"][-1, 6:], far[6:], atol=1e-3)
 

@@ -43,7 +43,7 @@ def follow(controller: ReactiveController, duration: float = 0.8, amplitude: np.
 def reached(log: Log) -> np.ndarray:
     """Task coordinates of the commanded postures."""
     found = []
-    for q in log["joint_position_reference"]:
+    for q in log["joint_position_command"]:
         motion = at(q)
         found.append(np.concatenate([task.state(motion).value for task in arm_tasks()]))
     return np.array(found)
@@ -66,7 +66,7 @@ def test_references_are_reached_at_the_next_tick_without_delay() -> None:
 
 def test_commanded_positions_and_speeds_are_one_motion() -> None:
     log = follow(reactive_controller())
-    q, v = log["joint_position_reference"], log["joint_velocity_reference"]
+    q, v = log["joint_position_command"], log["joint_velocity_command"]
     np.testing.assert_allclose(np.diff(q, axis=0), 0.5 * PERIOD * (v[1:] + v[:-1]), atol=1e-12)
 
 
@@ -76,7 +76,7 @@ def test_the_null_space_obeys_its_criterion_and_the_tasks_do_not_notice() -> Non
             return QuadraticCost(np.eye(N), (motion.v - 0.8) / period)
 
     calm, restless = (follow(reactive_controller(criterion=each)) for each in (JointSpeed(), Restless()))
-    speeds = [float(np.mean(log["joint_velocity_reference"] ** 2)) for log in (calm, restless)]
+    speeds = [float(np.mean(log["joint_velocity_command"] ** 2)) for log in (calm, restless)]
     assert speeds[0] < 0.95 * speeds[1]
     np.testing.assert_allclose(reached(restless), reached(calm), atol=3e-4)
 
@@ -85,7 +85,7 @@ def test_standing_arms_turn_to_where_their_mass_is_small() -> None:
     small = TowardsSmallMass(two_arms(), "right", [0.0, 1.0, 0.0], gain=50.0)
     controller = reactive_controller(criterion=EvasiveMotion([small], speed=20.0))
     log = follow(controller, 1.0, 0.0 * AMPLITUDE)
-    masses = [small.mass(at(q)) for q in log["joint_position_reference"][::50]]
+    masses = [small.mass(at(q)) for q in log["joint_position_command"][::50]]
     assert masses[-1] < 0.985 * masses[0]
     assert (np.diff(masses) < 1e-3).all()
     assert np.abs(reached(log) - controller.task_start).max() < 3e-4
@@ -163,12 +163,12 @@ def test_a_users_constraint_and_one_that_raises_later() -> None:
 
     log = follow(reactive_controller(constraints=[Elbow()]))
     free = follow(reactive_controller())
-    assert free["joint_position_reference"][:, 3].max() > START[3] + 0.03
-    assert log["joint_position_reference"][:, 3].max() <= START[3] + 0.02 + 1e-9
+    assert free["joint_position_command"][:, 3].max() > START[3] + 0.03
+    assert log["joint_position_command"][:, 3].max() <= START[3] + 0.02 + 1e-9
     broken = follow(reactive_controller(constraints=[Elbow(START[3] + 0.01)]))
     assert all(np.isfinite(values).all() for values in broken.values.values())
     assert broken["holding"][-1] == 1
-    np.testing.assert_array_equal(broken["joint_velocity_reference"][-1], np.zeros(N))
+    np.testing.assert_array_equal(broken["joint_velocity_command"][-1], np.zeros(N))
 
 
 @pytest.mark.parametrize("name", ["x", "y"])
@@ -204,7 +204,7 @@ def test_a_tick_of_another_length_is_used() -> None:
     assert controller.period == 0.002
     start = controller.task_start
     log = run_diagram(controller, 0.1, period=0.002, inputs={"task_position_reference": start})
-    np.testing.assert_allclose(log["joint_position_reference"][-1], START, atol=1e-9)
+    np.testing.assert_allclose(log["joint_position_command"][-1], START, atol=1e-9)
 
 
 def test_a_criterion_that_does_not_fit_fails_when_it_is_built() -> None:
@@ -226,7 +226,7 @@ def test_leader_and_follower_in_euler_angles() -> None:
     start = controller.task_start
     log = follow(controller, 0.8, AMPLITUDE)
     assert log["status"].max() == 0
-    end = at(log["joint_position_reference"][-1])
+    end = at(log["joint_position_command"][-1])
     value = np.concatenate([task.state(end).value for task in (leader, follower)])
     expected = start + AMPLITUDE * (1 - np.cos(4 * (log.time[-1] + PERIOD)))
     np.testing.assert_allclose(value, expected, atol=5e-4)

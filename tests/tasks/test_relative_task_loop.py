@@ -44,8 +44,8 @@ class Arms:
         q, v, here, reference = (
             self._motion.GetOutputPort(name).Eval(self._context)
             for name in (
-                "joint_position_reference",
-                "joint_velocity_reference",
+                "joint_position_command",
+                "joint_velocity_command",
                 "task_position",
                 "task_position_reference",
             )
@@ -100,7 +100,7 @@ def test_euler_angles_through_their_singularity(near, reached):
     last = np.zeros(robot.num_joints)
     for tick in range(1, 400):
         simulator.AdvanceTo(tick * controller.period)
-        v = motion.GetOutputPort("joint_velocity_reference").Eval(context)
+        v = motion.GetOutputPort("joint_velocity_command").Eval(context)
         assert (np.abs(v) <= robot.limits.velocity + 1e-9).all()
         assert (np.abs(v - last) <= (robot.limits.acceleration + 1e-6) * controller.period).all()
         last = v

@@ -35,10 +35,10 @@ from forcectl.force.governor.program import (
     over_horizon,
 )
 from forcectl.force.linear_law import VrftConfig
-from forcectl.force.slot import LoopFacts
 from forcectl.framework.batch import Lane, Parameter, check, check_order, lane_values, whole_multiple
 from forcectl.framework.cache import scratch
 from forcectl.framework.sampled_law import SampledLaw
+from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, check_solver
 
@@ -281,7 +281,7 @@ class GovernedConfig:
     In front of any controller of the force; one that does not tell the bandwidth of its loop needs `inner_bandwidth`.
     """
 
-    law: Any = field(default_factory=VrftConfig, metadata={"slot": ("force", "controller")})
+    law: Any = field(default_factory=VrftConfig, metadata={"slot": "controller"})
     inner_bandwidth: float | None = None  # (1-A)/Ts [rad/s], > 0; null: what the law was tuned for
     reference_bandwidth: float = 7.5  # (1-At)/Ts [rad/s], > 0: At = 0.985 at 2 ms; 4.5 is the 0.991 of the text
     delay: float = 0.08  # T_d [s], >= 0, whole control ticks
@@ -319,7 +319,7 @@ class GovernedConfig:
         """Bandwidth [rad/s] of the wanted response."""
         return self.reference_bandwidth
 
-    def governor(self, facts: LoopFacts) -> CommandGovernor:
+    def governor(self, model: PlantModel) -> CommandGovernor:
         """The governor alone.
 
         Raises:
@@ -330,11 +330,11 @@ class GovernedConfig:
             ("inner_bandwidth", self._inner_bandwidth()),
             ("reference_bandwidth", self.reference_bandwidth),
         ):
-            if bandwidth is None or not bandwidth * facts.period < 1:
-                raise invalid(name, bandwidth, f"below 1/period = {1 / facts.period:g}")
-            poles[name] = 1 - bandwidth * facts.period
+            if bandwidth is None or not bandwidth * model.period < 1:
+                raise invalid(name, bandwidth, f"below 1/period = {1 / model.period:g}")
+            poles[name] = 1 - bandwidth * model.period
         return CommandGovernor(
-            facts.size,
+            model.size,
             inner_pole=poles["inner_bandwidth"],
             reference_pole=poles["reference_bandwidth"],
             delay=self.delay,
@@ -346,12 +346,12 @@ class GovernedConfig:
             rate_limit=self.rate_limit,
             lower_force=self.lower_force,
             upper_force=self.upper_force,
-            period=facts.period,
+            period=model.period,
             solver=self.solver,
         )
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> GovernedForceLaw:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> GovernedForceLaw:
         """Add the governor and its law."""
         inner = DiagramBuilder()
-        law = self.law.add_to(inner, facts)
-        return builder.AddNamedSystem("force_law", GovernedForceLaw(inner, law, self.governor(facts)))
+        law = self.law.add_to(inner, model)
+        return builder.AddNamedSystem("force_law", GovernedForceLaw(inner, law, self.governor(model)))

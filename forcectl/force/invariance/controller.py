@@ -30,11 +30,11 @@ from forcectl.force.invariance.objective import Along, Objective
 from forcectl.force.invariance.regulated_output import Course, Regulated, RegulatedCoordinate, corrected, regulate_force
 from forcectl.force.invariance.tracking import Tracking
 from forcectl.force.sensor_lag import SensorLag
-from forcectl.force.slot import RobotFacts
 from forcectl.framework.batch import check
 from forcectl.framework.cache import scratch
 from forcectl.framework.kernels import all_finite
 from forcectl.framework.tick_block import Start, TickBlock
+from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.constrained_program import ConstrainedProgram, Outcome, Problem
 from forcectl.qp.quadratic_program import Status
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver
@@ -129,7 +129,7 @@ class InvarianceController(TickBlock):
     Sampling: every `period` [s]; no delay, see `SampledLaw`: what the tick computes is put out at once and held.
 
     Args:
-        robot: kinematics, normal and start.
+        model: of the plant, with a robot.
         compliance: C_T_hat [m/N] > 0, or None for the input port.
         gamma: of the force [m/s^2], < 0.
         upper_acceleration: largest away from rest [m/s^2], > 0; None: -gamma.
@@ -153,7 +153,7 @@ class InvarianceController(TickBlock):
 
     def __init__(
         self,
-        robot: RobotFacts,
+        model: PlantModel,
         *,
         compliance: float | None,
         gamma: float = -0.1,
@@ -172,7 +172,7 @@ class InvarianceController(TickBlock):
     ):
         super().__init__()
         self.sample_delay = {("desired_force", "joint_position_command"): 0.0}
-        self._facts, self._n = robot, robot.model.num_joints
+        self._model, self._n = model, model.known_robot().num_joints
         self._period = check("period", period, "positive")
         self._gamma = check_gamma("gamma", gamma)
         self._upper = (
@@ -186,9 +186,11 @@ class InvarianceController(TickBlock):
         self._nominal_gain = None if nominal_gain is None else check("nominal_gain", nominal_gain, "positive")
         self._known_compliance = math.nan if compliance is None else check("compliance", compliance, "positive")
 
-        self._origin = RobotMotion(robot.model, robot.model.create_context(), robot.start, np.zeros(self._n))
-        self._origin.contact = Contact(0.0, 0.0, robot.n @ self._origin.jacobian[3:], 0.0, 1.0, 0.0)
-        limits = checked_limits(robot.model.limits if limits is None else limits, self._origin)
+        self._origin = RobotMotion(
+            model.known_robot(), model.known_robot().create_context(), model.start, np.zeros(self._n)
+        )
+        self._origin.contact = Contact(0.0, 0.0, model.n @ self._origin.jacobian[3:], 0.0, 1.0, 0.0)
+        limits = checked_limits(model.known_robot().limits if limits is None else limits, self._origin)
         everything: list[Constraint] = []
         if maximum_force < math.inf:
             everything.append(ForceLimit(maximum_force, self._gamma))
@@ -197,15 +199,15 @@ class InvarianceController(TickBlock):
         self._constraints = ConstraintSet(everything, limits, self._origin, self._period, constraint_gamma)
 
         self._outputs = tuple(outputs)
-        self._axes = np.vstack([robot.n, *(output.axis for output in outputs)])
+        self._axes = np.vstack([model.n, *(output.axis for output in outputs)])
         if not np.allclose(self._axes @ self._axes.T, np.eye(len(self._axes)), atol=1e-6):
             raise BadInputError("outputs: their axes must be perpendicular to the normal and to each other")
         for output in outputs:
             check_gamma("outputs.gamma", output.gamma)
-        length = robot.model.facts.characteristic_length
+        length = model.known_robot().facts.characteristic_length
         tracking = Tracking(tracking_bandwidth, tracking_acceleration, length)
         nominal = self._nominal_gain is not None
-        self._objective = Objective(self._axes, tracking, robot.singularity_limit, self._n, nominal)
+        self._objective = Objective(self._axes, tracking, model.singularity_limit, self._n, nominal)
 
         further = {"force": _SLACK_WEIGHT * _FORCE_FIRST}
         further |= {f"regulated output {i + 1}": _SLACK_WEIGHT for i in range(len(outputs))}
@@ -213,7 +215,7 @@ class InvarianceController(TickBlock):
             self._constraints,
             limits.torque,
             solver,
-            joints=[joint.name() for joint in robot.model.parts.joints],
+            joints=[joint.name() for joint in model.known_robot().parts.joints],
             further=further,
             costs=["regulated outputs and unconstrained directions"],
             often_free=False,
@@ -235,10 +237,10 @@ class InvarianceController(TickBlock):
         if math.isnan(self._known_compliance):
             self._compliance = self.DeclareVectorInputPort("compliance", 1)
             inputs.append(self._compliance)
-        model = self._facts.model
+        model = self._model.known_robot()
         self._scratch = [scratch(self, name, model.create_context) for name in ("commanded posture", "path posture")]
         memory = {
-            "joint_position_command": self._facts.start,
+            "joint_position_command": self._model.start,
             "joint_velocity_command": np.zeros(n),
             "last_reference": np.zeros(n),
             "reference_before": np.zeros(n),
@@ -276,14 +278,14 @@ class InvarianceController(TickBlock):
         return program.program(problem)
 
     def _motion(self, context: Context, q: Vector, v: Vector) -> RobotMotion:
-        if self._facts.straight:
+        if self._model.constant_jacobian:
             return StraightMotion(self._origin, q, v)
-        return RobotMotion(self._facts.model, self._scratch[0].Eval(context), q, v)
+        return RobotMotion(self._model.known_robot(), self._scratch[0].Eval(context), q, v)
 
     def _place(self, context: Context, q: Vector) -> Place:
-        if self._facts.straight:
+        if self._model.constant_jacobian:
             return straight_place(self._origin, q)
-        return place(self._facts.model, self._scratch[1].Eval(context), q)
+        return place(self._model.known_robot(), self._scratch[1].Eval(context), q)
 
     def step(self, context: Context, start: Start) -> dict[str, Vector]:
         """The memory after a tick."""
@@ -370,7 +372,7 @@ class InvarianceController(TickBlock):
         # Where q[k] should be is the reference of one tick ago; with the one of now, differences about it are central.
         before = now if first else memory["reference_before"]
         speed, bend = (now - before) / (2 * Ts), (now - 2 * last + before) / Ts**2
-        path = self._place(context, self._facts.start + last)
+        path = self._place(context, self._model.start + last)
         wanted = self._objective.wanted(motion, path, speed, bend, outputs, missed)
         level, near = self._objective.level(motion, along, wanted)
         problem = Problem(motion, rows, [level], self._objective.rows(along, outputs))

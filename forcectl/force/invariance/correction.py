@@ -13,7 +13,7 @@ so only the changes of the nominal command count: where the correction has left 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import inf
 from typing import Any
 
@@ -23,14 +23,10 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.invariance.force_law import InvarianceForceLaw, InvarianceLimits, one_step_acceleration
-from forcectl.force.slot import ControllerConfig, LoopFacts
 from forcectl.framework.batch import Lane
-
-# Scenario tag of a nominal law -> import path of its configuration; the first is the default.
-NOMINAL_LAWS = {
-    "Integral": "forcectl.force.integral:IntegralConfig",
-    "Import": "forcectl.scenario.imported:ImportConfig",
-}
+from forcectl.framework.enclosed import Enclosed
+from forcectl.framework.slots import slot
+from forcectl.plant.plant_model import PlantModel
 
 
 class InvarianceCorrection(InvarianceForceLaw):
@@ -119,7 +115,7 @@ class InvarianceControlConfig(InvarianceLimits):
     """Scenario part `!InvarianceControl`."""
 
     # Of an integral law the limits of the command are not used: the ones below are.
-    nominal: Any = field(default_factory=lambda: IntegralConfig(integral_gain=3.0), metadata={"tags": NOMINAL_LAWS})
+    nominal: Any = slot("controller", lambda: IntegralConfig(integral_gain=3.0))
     upper_acceleration: float | None = 10.0  # [m/s^2], > 0: of the control; null: -gamma
 
     def reference_model_bandwidth(self) -> float | None:
@@ -127,17 +123,19 @@ class InvarianceControlConfig(InvarianceLimits):
         bandwidth = getattr(self.nominal, "reference_model_bandwidth", None)
         return bandwidth() if bandwidth else None
 
-    def law(self, facts: LoopFacts, compliance: ArrayLike | None) -> InvarianceControl:
+    def law(self, model: PlantModel, compliance: ArrayLike | None) -> InvarianceControl:
         """The nominal law and its correction, which believes in this total compliance [m/N] or has a port for it."""
-        correction = self.block(InvarianceCorrection, facts, compliance)
+        correction = self.block(InvarianceCorrection, model, compliance)
         if not isinstance(self.nominal, IntegralConfig):
-            return InvarianceControl(_built(self.nominal, facts), correction)
-        believed = None if compliance is None else self.nominal.compliance_error * facts.total_compliance
-        return InvarianceControl(self.nominal.law(facts, believed, limited=False), correction)
+            builder = DiagramBuilder()
+            nominal = self.nominal.add_to(builder, model)
+            return InvarianceControl(Enclosed(builder, nominal), correction)
+        believed = None if compliance is None else self.nominal.compliance_error * model.total_compliance
+        return InvarianceControl(self.nominal.law(model, believed, limited=False), correction)
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> InvarianceControl | AdaptiveForceLaw:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> InvarianceControl | AdaptiveForceLaw:
         """Add the law; its constraint believes in `compliance_error` times the true total compliance."""
-        return builder.AddNamedSystem("force_law", self.law(facts, self.compliance_error * facts.total_compliance))
+        return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))
 
 
 @dataclass(kw_only=True)
@@ -150,17 +148,6 @@ class AdaptiveInvarianceControlConfig(Adaptation, InvarianceControlConfig):
         Adaptation.__post_init__(self)
         InvarianceControlConfig.__post_init__(self)
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> AdaptiveForceLaw:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveForceLaw:
         """Add the law with its estimator."""
-        return self.adapt(builder, facts, self.law(facts, None))
-
-
-def _built(config: ControllerConfig, facts: LoopFacts) -> Diagram:
-    """The system of a configuration in a diagram of its own, with all its ports."""
-    builder = DiagramBuilder()
-    law = config.add_to(builder, facts)
-    for i in range(law.num_input_ports()):
-        builder.ExportInput(law.get_input_port(i), law.get_input_port(i).get_name())
-    for i in range(law.num_output_ports()):
-        builder.ExportOutput(law.get_output_port(i), law.get_output_port(i).get_name())
-    return builder.Build()
+        return self.adapt(builder, model, self.law(model, None))

@@ -23,9 +23,9 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from forcectl.errors import invalid
 from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
 from forcectl.force.integral import check_limits
-from forcectl.force.slot import LoopFacts
 from forcectl.framework.batch import Lane, Parameter, check, check_order, lane_values
 from forcectl.framework.sampled_law import SampledLaw
+from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
 
 _NOT_FINITE = float(Status.NOT_FINITE)
@@ -242,17 +242,17 @@ class InvarianceLimits:
         check("compliance_error", self.compliance_error, "positive")
         check_limits(self.lower_limit, self.upper_limit)
 
-    def block(self, kind: type[_Law], facts: LoopFacts, compliance: ArrayLike | None) -> _Law:
+    def block(self, kind: type[_Law], model: PlantModel, compliance: ArrayLike | None) -> _Law:
         """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
         return kind(
-            facts.size,
+            model.size,
             gamma=self.gamma,
             upper_acceleration=self.upper_acceleration,
             compliance=compliance,
             speed_limit=self.speed_limit,
             lower_limit=self.lower_limit,
             upper_limit=self.upper_limit,
-            period=facts.period,
+            period=model.period,
         )
 
 
@@ -260,13 +260,13 @@ class InvarianceLimits:
 class InvarianceConfig(InvarianceLimits):
     """Scenario part `!Invariance`."""
 
-    def law(self, facts: LoopFacts, compliance: ArrayLike | None) -> InvarianceForceLaw:
+    def law(self, model: PlantModel, compliance: ArrayLike | None) -> InvarianceForceLaw:
         """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
-        return self.block(InvarianceForceLaw, facts, compliance)
+        return self.block(InvarianceForceLaw, model, compliance)
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> InvarianceForceLaw | AdaptiveForceLaw:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> InvarianceForceLaw | AdaptiveForceLaw:
         """Add the law; it believes in `compliance_error` times the true total compliance."""
-        return builder.AddNamedSystem("force_law", self.law(facts, self.compliance_error * facts.total_compliance))
+        return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))
 
 
 @dataclass(kw_only=True)
@@ -279,6 +279,6 @@ class AdaptiveInvarianceConfig(Adaptation, InvarianceConfig):
         Adaptation.__post_init__(self)
         InvarianceConfig.__post_init__(self)
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> AdaptiveForceLaw:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveForceLaw:
         """Add the law with its estimator."""
-        return self.adapt(builder, facts, self.law(facts, None))
+        return self.adapt(builder, model, self.law(model, None))

@@ -26,10 +26,10 @@ from forcectl.errors import invalid, unknown
 from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
 from forcectl.force.integral import check_limits
 from forcectl.force.invariance.functions import FLOAT_MATH, invariance_4
-from forcectl.force.slot import LoopFacts
 from forcectl.framework.batch import Lane, Parameter, check, check_order, lane_values
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.plant.drives.position_loop import first_order_hold, second_order
+from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
 
 DERIVATIVES = ("model", "difference")
@@ -259,14 +259,14 @@ class FourthDegreeInvarianceConfig:
             raise unknown("derivatives", str(self.derivatives), DERIVATIVES)
         check_limits(self.lower_limit, self.upper_limit)
 
-    def law(self, facts: LoopFacts, compliance: ArrayLike | None) -> FourthDegreeForceLaw:
+    def law(self, model: PlantModel, compliance: ArrayLike | None) -> FourthDegreeForceLaw:
         """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
         return FourthDegreeForceLaw(
-            facts.size,
+            model.size,
             gamma=self.gamma,
             upper=self.upper,
             alpha=self.alpha,
-            bandwidth=facts.sensor_bandwidth if self.bandwidth is None else self.bandwidth,
+            bandwidth=model.sensor_bandwidth if self.bandwidth is None else self.bandwidth,
             damping_ratio=self.damping_ratio,
             compliance=compliance,
             acceleration_limit=self.acceleration_limit,
@@ -275,12 +275,12 @@ class FourthDegreeInvarianceConfig:
             lower_limit=self.lower_limit,
             upper_limit=self.upper_limit,
             derivatives=self.derivatives,
-            period=facts.period,
+            period=model.period,
         )
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> FourthDegreeForceLaw | AdaptiveForceLaw:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> FourthDegreeForceLaw | AdaptiveForceLaw:
         """Add the law; it believes in `compliance_error` times the true total compliance."""
-        return builder.AddNamedSystem("force_law", self.law(facts, self.compliance_error * facts.total_compliance))
+        return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))
 
 
 @dataclass(kw_only=True)
@@ -293,6 +293,6 @@ class AdaptiveFourthDegreeInvarianceConfig(Adaptation, FourthDegreeInvarianceCon
         Adaptation.__post_init__(self)
         FourthDegreeInvarianceConfig.__post_init__(self)
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> AdaptiveForceLaw:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveForceLaw:
         """Add the law with its estimator."""
-        return self.adapt(builder, facts, self.law(facts, None))
+        return self.adapt(builder, model, self.law(model, None))

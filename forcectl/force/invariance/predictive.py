@@ -31,10 +31,10 @@ from pydrake.systems.primitives import Demultiplexer, LinearSystem, Multiplexer
 
 from forcectl.errors import invalid
 from forcectl.force.invariance.force_law import InvarianceConfig
-from forcectl.force.slot import LoopFacts
 from forcectl.framework.batch import Lane, Parameter, check, check_order, whole_multiple
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.plant.drives.position_loop import LONGEST_DELAY, PositionLoop
+from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import sensor_filter
 
 
@@ -236,41 +236,41 @@ class PredictiveInvarianceConfig(InvarianceConfig):
         if check("filter_delay", self.filter_delay, "not negative") > LONGEST_DELAY:
             raise invalid("filter_delay", self.filter_delay, f"at most {LONGEST_DELAY:g} s")
 
-    def position_loop(self, facts: LoopFacts) -> PositionLoop:
+    def position_loop(self, model: PlantModel) -> PositionLoop:
         """The model of the joint-reference filter and its delay."""
         return PositionLoop(
-            facts.size,
+            model.size,
             bandwidth=self.filter_bandwidth,
             damping_ratio=self.filter_damping_ratio,
-            period=facts.period,
+            period=model.period,
             delay=self.filter_delay,
             unit="m",
         )
 
-    def lead(self, facts: LoopFacts) -> float:
+    def lead(self, model: PlantModel) -> float:
         """T = T_S + T_h [s]: the lag of sensor and drive on a ramp."""
-        sensor = 2 * facts.sensor_damping_ratio / facts.sensor_bandwidth + facts.sensor_delay
+        sensor = 2 * model.sensor_damping_ratio / model.sensor_bandwidth + model.sensor_delay
         return sensor + 2 * self.filter_damping_ratio / self.filter_bandwidth + self.filter_delay
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> PredictiveForceLaw:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> PredictiveForceLaw:
         """Add the law; it and its correction believe in `compliance_error` times the true total compliance."""
-        compliance = self.compliance_error * facts.total_compliance
-        ticks = whole_multiple("delay", facts.sensor_delay, facts.period, "period")
+        compliance = self.compliance_error * model.total_compliance
+        ticks = whole_multiple("delay", model.sensor_delay, model.period, "period")
         correction = PredictiveCorrection(
-            facts.size,
+            model.size,
             compliance=compliance,
             surface_bandwidth=self.surface_bandwidth,
             drive_bandwidth=self.drive_bandwidth,
             search_speed=self.search_speed,
-            lead=self.lead(facts),
+            lead=self.lead(model),
             minimum_force=self.minimum_force,
             offset_limit=self.offset_limit,
             lower_limit=self.lower_limit,
             upper_limit=self.upper_limit,
-            drive_compliance=facts.drive_compliance,
-            period=facts.period,
+            drive_compliance=model.drive_compliance,
+            period=model.period,
         )
-        sensor = sensor_filter(2 * facts.size, facts.sensor_bandwidth, facts.sensor_damping_ratio, facts.period, ticks)
-        filters = self.position_loop(facts), self.position_loop(facts), sensor
-        law = PredictiveForceLaw(self.law(facts, compliance), correction, filters)
+        sensor = sensor_filter(2 * model.size, model.sensor_bandwidth, model.sensor_damping_ratio, model.period, ticks)
+        filters = self.position_loop(model), self.position_loop(model), sensor
+        law = PredictiveForceLaw(self.law(model, compliance), correction, filters)
         return builder.AddNamedSystem("force_law", law)

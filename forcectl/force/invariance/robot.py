@@ -10,7 +10,6 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
-from pydrake.systems.primitives import AffineSystem
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
@@ -18,11 +17,10 @@ from forcectl.force.adaptive_force_law import Adaptation
 from forcectl.force.invariance.controller import InvarianceController, check_gamma
 from forcectl.force.invariance.regulated_output import RegulatedCoordinate
 from forcectl.force.sensor_lag import SensorLag
-from forcectl.force.slot import LoopFacts, RobotFacts
 from forcectl.framework.batch import check, whole_multiple
 from forcectl.framework.imports import import_object
+from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import sensor_filter
-from forcectl.plant.tip_kinematics import TipDisplacement
 from forcectl.qp.solvers import DEFAULT_SOLVER, check_solver
 from forcectl.robot.model import JointLimits, unit_normal
 from forcectl.tasks.constraints.base import CartesianWall, Constraint
@@ -50,17 +48,16 @@ class AdaptiveInvarianceController(Diagram):
     the compliance it uses is one tick old.
     """
 
-    def __init__(self, controller: InvarianceController, estimator: EnvironmentComplianceEstimator, facts: LoopFacts):
+    def __init__(self, controller: InvarianceController, estimator: EnvironmentComplianceEstimator, model: PlantModel):
         super().__init__()
-        robot = _robot(facts)
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
         add("law", controller)
         add("estimator", estimator)
-        delay = whole_multiple("delay", facts.sensor_delay, facts.period, "period")
-        filter_ = sensor_filter(1, facts.sensor_bandwidth, facts.sensor_damping_ratio, facts.period, delay)
+        delay = whole_multiple("delay", model.sensor_delay, model.period, "period")
+        filter_ = sensor_filter(1, model.sensor_bandwidth, model.sensor_damping_ratio, model.period, delay)
         add("displacement_filter", filter_)
-        tip = add("motor_displacement", _displacement(robot))
+        tip = add("motor_displacement", model.tip_displacement())
         ports = {}
         for name in ("desired_force", "measured_force", "motor_position", "motor_velocity", "unconstrained_reference"):
             ports[name] = builder.ExportInput(controller.GetInputPort(name), name)
@@ -183,35 +180,34 @@ class InvarianceRobotConfig:
             raise invalid("maximum_force", self.maximum_force, "above zero")
         check_solver(self.solver)
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> System:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """Add the controller; without adaptation it believes in `compliance_error` times the true total compliance."""
-        robot = _robot(facts)
-        tip = _tip(robot)
+        tip = _tip(_checked(model))
         for i, wall in enumerate(self.walls):
             if unit_normal(wall.normal) @ (tip - wall.point) < 0:
                 behind = f"so that the tool is in front of the wall where it starts, {np.round(tip, 4).tolist()} m"
                 raise invalid(f"walls.{i}.point", wall.point, behind)
         constraints = [CartesianWall(wall.point, wall.normal, wall.gamma) for wall in self.walls]
-        known = self.compliance_error * facts.total_compliance.item()
+        known = self.compliance_error * model.total_compliance.item()
         controller = InvarianceController(
-            robot,
+            model,
             compliance=known if self.adaptation is None else None,
             gamma=self.gamma,
             upper_acceleration=self.upper_acceleration,
             maximum_force=self.maximum_force,
             nominal_gain=self.nominal_gain,
-            limits=self.limits.limits(robot.model.limits),
+            limits=self.limits.limits(model.known_robot().limits),
             constraints=[*constraints, *(part.constraint() for part in self.constraints)],
             outputs=[RegulatedCoordinate(unit_normal(o.axis), o.displacement, o.gamma) for o in self.outputs],
             tracking_bandwidth=self.tracking_bandwidth,
             tracking_acceleration=self.tracking_acceleration,
-            sensor=SensorLag.of(facts),
-            period=facts.period,
+            sensor=SensorLag.of(model),
+            period=model.period,
             solver=self.solver,
         )
         if self.adaptation is None:
             return builder.AddNamedSystem("invariance_controller", controller)
-        block = AdaptiveInvarianceController(controller, self.adaptation.estimator(facts), facts)
+        block = AdaptiveInvarianceController(controller, self.adaptation.estimator(model), model)
         return builder.AddNamedSystem("invariance_controller", block)
 
 
@@ -221,26 +217,15 @@ def _has_interface(kind: type) -> bool:
     return callable(getattr(kind, "evaluate", None)) and (annotated or hasattr(kind, "relative_degree"))
 
 
-def _robot(facts: LoopFacts) -> RobotFacts:
-    if facts.robot is None:
+def _checked(model: PlantModel) -> PlantModel:
+    if model.robot is None:
         raise BadInputError("controller !InvarianceRobot commands joints: there must be a robot in the loop")
-    return facts.robot
+    return model
 
 
-def _tip(robot: RobotFacts) -> Array:
+def _tip(model: PlantModel) -> Array:
     """Where the tool centre point is at the start, in W (3,) [m]."""
-    context = robot.model.create_context()
-    robot.model.set_positions(context, robot.start)
-    return robot.model.tip_position(context)
-
-
-def _displacement(robot: RobotFacts) -> System:
-    """Motor-side displacement of the tool along n, from motor positions."""
-    if not robot.straight:
-        return TipDisplacement(robot.model, robot.n, robot.start, period=robot.posture_period)
-    context = robot.model.create_context()
-    robot.model.set_positions(context, robot.start)
-    row = (robot.n @ robot.model.jacobian(context)[3:]).reshape(1, -1)
-    none = np.zeros((0, 0))
-    n = row.shape[1]
-    return AffineSystem(none, np.zeros((0, n)), np.zeros(0), np.zeros((1, 0)), row, -row @ robot.start, 0.0)
+    robot = model.known_robot()
+    context = robot.create_context()
+    robot.set_positions(context, model.start)
+    return robot.tip_position(context)

@@ -14,8 +14,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 from forcectl.force.linear_law import LinearForceLaw, VrftConfig
-from forcectl.force.slot import LoopFacts
 from forcectl.framework.batch import check
+from forcectl.plant.plant_model import PlantModel
 
 
 def add_tuned_law(builder: DiagramBuilder, law: LinearForceLaw, tuner: RecursiveVrft) -> None:
@@ -87,18 +87,18 @@ class AdaptiveVrftConfig(VrftConfig):
         if self.fir:
             raise invalid("fir", self.fir, "empty: the PID gains are tuned")
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> AdaptiveVrft:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveVrft:
         """Add the law with its tuner."""
         law = LinearForceLaw(
-            facts.size,
-            derivative_filter=2 * facts.period if self.derivative_filter is None else self.derivative_filter,
-            robot_compliance=self.robot_compliance_error * facts.robot_compliance,
+            model.size,
+            derivative_filter=2 * model.period if self.derivative_filter is None else self.derivative_filter,
+            robot_compliance=self.robot_compliance_error * model.robot_compliance,
             lower_limit=self.lower_limit,
             upper_limit=self.upper_limit,
-            period=facts.period,
+            period=model.period,
         )
         tuner = RecursiveVrft(
-            facts.size,
+            model.size,
             bandwidth=self.reference_bandwidth,
             forgetting=self.forgetting,
             resolution=self.data_resolution,
@@ -109,6 +109,6 @@ class AdaptiveVrftConfig(VrftConfig):
             initial_covariance=self.initial_covariance,
             prefilter=False,
             always=True,
-            period=facts.period,
+            period=model.period,
         )
         return builder.AddNamedSystem("force_law", AdaptiveVrft(law, tuner))

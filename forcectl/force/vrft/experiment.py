@@ -6,7 +6,7 @@ Step 2, `REGULATE`   u_hat = C_rho (F_bar - F) with the gains found, without a j
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -17,10 +17,11 @@ from forcectl.errors import invalid
 from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 from forcectl.force.integral import check_limits
 from forcectl.force.linear_law import REGULATE, LinearForceLaw
-from forcectl.force.slot import LoopFacts
 from forcectl.force.vrft.adaptive import add_tuned_law
 from forcectl.framework.batch import LaneBlock, Parameter, check
-from forcectl.motion.excitation import EXCITATIONS, ExcitationConfig, TrapezoidalMovesConfig
+from forcectl.framework.slots import slot
+from forcectl.motion.excitation import ExcitationConfig, TrapezoidalMovesConfig
+from forcectl.plant.plant_model import PlantModel
 
 _MEMORY = ("mode", "excitation", "since", *(f"{name}_then" for name in GAINS[:2]))
 
@@ -145,7 +146,7 @@ class RecursiveVrftConfig:
     reference that waits there is approached by the integral only.
     """
 
-    excitation: Any = field(default_factory=TrapezoidalMovesConfig, metadata={"tags": EXCITATIONS})
+    excitation: Any = slot("excitation", TrapezoidalMovesConfig)
     reference_bandwidth: float = 1.5  # w_c of the reference model [rad/s], > 0
     prefilter: bool = True  # false: as in Sec. 4.5
     initial_covariance: float = 100.0  # P_0, > 0
@@ -178,32 +179,32 @@ class RecursiveVrftConfig:
         """Bandwidth w_c [rad/s] of the reference model."""
         return self.reference_bandwidth
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> VrftExperiment:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> VrftExperiment:
         """Add the law; it knows `robot_compliance_error` times the true compliance of the robot."""
         law = LinearForceLaw(
-            facts.size,
-            robot_compliance=self.robot_compliance_error * facts.robot_compliance,
+            model.size,
+            robot_compliance=self.robot_compliance_error * model.robot_compliance,
             derivative_filter=self.derivative_filter,
             lower_limit=self.lower_limit,
             upper_limit=self.upper_limit,
             open_loop=True,
-            period=facts.period,
+            period=model.period,
         )
         tuner = RecursiveVrft(
-            facts.size,
+            model.size,
             bandwidth=self.reference_bandwidth,
             forgetting=self.forgetting,
             resolution=self.data_resolution,
             initial_covariance=self.initial_covariance,
             prefilter=self.prefilter,
-            period=facts.period,
+            period=model.period,
         )
         sequencer = ExperimentSequencer(
-            facts.size,
+            model.size,
             hand_over_time=self.excitation.end_time() if self.hand_over_time is None else self.hand_over_time,
             window=np.inf if self.convergence_window is None else self.convergence_window,
             tolerance=self.convergence_tolerance,
-            period=facts.period,
+            period=model.period,
         )
-        experiment = VrftExperiment(self.excitation, facts.environment_compliance, law, tuner, sequencer)
+        experiment = VrftExperiment(self.excitation, model.environment_compliance, law, tuner, sequencer)
         return builder.AddNamedSystem("force_law", experiment)

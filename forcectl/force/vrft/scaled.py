@@ -20,8 +20,8 @@ from pydrake.systems.primitives import AffineSystem, Demultiplexer, LinearSystem
 from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.excited_compliance import ExcitedCompliance
 from forcectl.force.linear_law import GAINS, LinearForceLaw, VrftConfig
-from forcectl.force.slot import LoopFacts
 from forcectl.framework.batch import check, whole_multiple
+from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import sensor_filter
 
 
@@ -116,23 +116,23 @@ class ScaledVrftConfig(VrftConfig):
         if self.fir:
             raise invalid("fir", self.fir, "empty: the PID gains are scaled")
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts) -> ScaledVrft:
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> ScaledVrft:
         """Add the law with its estimator."""
-        robot, w = self.robot_compliance_error * facts.robot_compliance, self.reference_bandwidth
+        robot, w = self.robot_compliance_error * model.robot_compliance, self.reference_bandwidth
         first = -self.integral_gain / w
         # Slopes with C_E for the K_P and K_D that are given where C_E is the first.
         lag = self.proportional_gain / (robot + first)
         damping = self.derivative_gain / (robot + first)
         law = LinearForceLaw(
-            facts.size,
-            derivative_filter=2 * facts.period if self.derivative_filter is None else self.derivative_filter,
+            model.size,
+            derivative_filter=2 * model.period if self.derivative_filter is None else self.derivative_filter,
             robot_compliance=robot,
             lower_limit=self.lower_limit,
             upper_limit=self.upper_limit,
-            period=facts.period,
+            period=model.period,
         )
         estimator = ExcitedCompliance(
-            facts.size,
+            model.size,
             initial_compliance=first,
             bandwidth=w,
             drift_bandwidth=self.drift_bandwidth,
@@ -143,15 +143,15 @@ class ScaledVrftConfig(VrftConfig):
             minimum_force=self.minimum_force,
             range=self.gain_range,
             rate=self.gain_rate,
-            period=facts.period,
+            period=model.period,
         )
         filter_ = sensor_filter(
-            facts.size,
-            facts.sensor_bandwidth,
-            facts.sensor_damping_ratio,
-            facts.period,
-            whole_multiple("delay", facts.sensor_delay, facts.period, "period"),
+            model.size,
+            model.sensor_bandwidth,
+            model.sensor_damping_ratio,
+            model.period,
+            whole_multiple("delay", model.sensor_delay, model.period, "period"),
         )
-        slopes = np.array([lag, np.full(facts.size, -w), damping])
-        offsets = np.array([lag * robot, np.zeros(facts.size), damping * robot])
+        slopes = np.array([lag, np.full(model.size, -w), damping])
+        offsets = np.array([lag * robot, np.zeros(model.size), damping * robot])
         return builder.AddNamedSystem("force_law", ScaledVrft(law, estimator, filter_, slopes, offsets))

@@ -24,6 +24,7 @@ from pydrake.systems.primitives import Gain
 from forcectl.errors import invalid
 from forcectl.framework.batch import Lane, LaneBlock, Parameter, check, lane_values
 from forcectl.plant.contact.surface import SurfaceConfig
+from forcectl.robot.model import unit_normal
 
 
 def elastic_force(dx: Lane, stiffness: Lane, m: Any = np) -> Lane:
@@ -62,7 +63,7 @@ class CompliantContact(LaneBlock):
 
     displacement: shape (n,), dx along n from the undeformed surface, motor side [m]; pressing is negative.
     robot_compliance: shape (n,), C_R(q) [m/N]; the port exists when `compliance_port`, else the parameter is used.
-    surface_stiffness, surface_damping: shape (n,), K_E [N/m] > 0 and D_E [N s/m] >= 0 of the place; the ports exist
+    surface_stiffness, surface_damping: shape (n,), K_E > 0 and D_E >= 0 of the place [N/m, N s/m]; the ports exist
         when `stiffness` or `damping` is None.
     contact_force: shape (n,), >= 0 [N]. Feedthrough of all inputs.
 
@@ -174,14 +175,18 @@ class LinearContact(Diagram):
 
 @dataclass(kw_only=True)
 class EnvironmentConfig:
-    """Scenario part `environment`."""
+    """Scenario part `environment: !Surface`: what the tool of an arm presses on, touching it at the start."""
 
+    arm: str = ""  # which arm presses; empty: the first
+    normal: list[float] = field(default_factory=list)  # outward, in W; empty: the station's
     stiffness: float = 5.9e3  # K_E [N/m], > 0; where surface.materials does not say otherwise
     damping: float = 0.0  # D_E [N s/m], >= 0; the same
     one_sided: bool = True  # false: the linear two-sided spring (OneDimensional only)
     surface: SurfaceConfig = field(default_factory=SurfaceConfig)  # flat by default
 
     def __post_init__(self) -> None:
+        if self.normal:
+            unit_normal(self.normal)
         check("stiffness", self.stiffness, "positive")
         check("damping", self.damping, "not negative")
         if not isinstance(self.one_sided, bool):

@@ -174,7 +174,7 @@ class GravityCompensation(LeafSystem):
 
 @dataclass(kw_only=True)
 class JointImpedanceConfig:
-    """Scenario part `interface: !JointImpedance`: the drives are told torques, and impedance control holds the joints.
+    """Scenario part `drive: !JointImpedance`: the drives are told torques, and impedance control holds the joints.
 
     Empty lists stand for gains that suit the inertias. D_q = 2 z sqrt(K_q I), with the inertia I of motor and link in
     the start posture.

@@ -68,11 +68,11 @@ class ReferenceHold(LeafSystem):
 
     ```
     name: ReferenceHold
-    input_ports: [joint_position_reference, joint_velocity_reference, joint_torque_feedforward, travelled]
+    input_ports: [joint_position_command, joint_velocity_command, joint_torque_feedforward, travelled]
     output_ports: [reference]
     ```
 
-    joint_position_reference: shape (n,), r [rad]. joint_velocity_reference: shape (n,), v_r [rad/s].
+    joint_position_command: shape (n,), r [rad]. joint_velocity_command: shape (n,), v_r [rad/s].
     joint_torque_feedforward: shape (n,) [Nm]. It and v_r are zero when they are not connected.
     travelled: shape (n,), I [rad].
     reference: shape (3n,), o, v_r and the feed-forward [rad, rad/s, Nm]. State.
@@ -85,14 +85,14 @@ class ReferenceHold(LeafSystem):
         time_step: dt of the integrator [s]. start: r before the first tick, shape (n,) [rad].
     """
 
-    optional_inputs = ("joint_torque_feedforward", "joint_velocity_reference")
+    optional_inputs = ("joint_torque_feedforward", "joint_velocity_command")
 
     def __init__(self, size: int, *, period: float, time_step: float, start: ArrayLike):
         super().__init__()
         n = self._n = check_count("size", size)
         self._step = check("time_step", time_step, "positive")
         self.port_units = {"joint_torque_feedforward": "Nm", "travelled": "rad", "reference": "rad,rad/s,Nm"}
-        names = ("joint_position_reference", "joint_velocity_reference", "joint_torque_feedforward")
+        names = ("joint_position_command", "joint_velocity_command", "joint_torque_feedforward")
         self._inputs = [self.DeclareVectorInputPort(name, n) for name in names]
         self._travelled = self.DeclareVectorInputPort("travelled", n)
         state = self.DeclareDiscreteState(np.concatenate([lane_values("start", start, n), np.zeros(2 * n)]))
@@ -119,11 +119,11 @@ class JointServo(Diagram):
 
     ```
     name: JointServo
-    input_ports: [joint_position_reference, joint_velocity_reference, joint_torque_feedforward, position, velocity]
+    input_ports: [joint_position_command, joint_velocity_command, joint_torque_feedforward, position, velocity]
     output_ports: [motor_torque, torque_integral]
     ```
 
-    joint_position_reference, joint_velocity_reference, joint_torque_feedforward: shape (n,), see `ReferenceHold`.
+    joint_position_command, joint_velocity_command, joint_torque_feedforward: shape (n,), see `ReferenceHold`.
     position, velocity: shape (n,), of the motors [rad, rad/s].
     motor_torque: shape (n,), tau, joint side [Nm]. Feedthrough of position and velocity.
     torque_integral: shape (n,), integral of motor_torque over time [Nms]. State.

@@ -305,7 +305,7 @@ class ForceSensor(Diagram):
 
 @dataclass(kw_only=True)
 class ForceSensorConfig:
-    """Scenario part `force_sensor`. Force values; torque channels use the same numbers times `torque_ratio`."""
+    """Parameters of a force sensor. Force values; torque channels use the same numbers times `torque_ratio`."""
 
     bandwidth: float = 12.6  # [rad/s], > 0
     damping_ratio: float = 1.0  # [-], > 0
@@ -329,6 +329,10 @@ class ForceSensorConfig:
         if not isinstance(self.tare, bool):
             raise invalid("tare", self.tare, "true or false")
 
+    def force_lag(self) -> tuple[float, float, float]:
+        """Lag of the measured force: bandwidth [rad/s], damping ratio [1] and delay [s]."""
+        return self.bandwidth, self.damping_ratio, self.delay
+
     def channel_scale(self) -> NDArray[np.float64]:
         """Factors on noise, quantum, bias and range of the six channels of a wrench [torque; force], shape (6,)."""
         return np.repeat([self.torque_ratio, 1.0], 3)
@@ -338,7 +342,7 @@ class ForceSensorConfig:
         ticks = whole_multiple("delay", self.delay, period, "period")
         return sensor_filter(size, self.bandwidth, self.damping_ratio, period, ticks)
 
-    def add_to(
+    def add_channels(
         self, builder: DiagramBuilder, period: float, *, size: int = 1, seed: int | list[int] = 0
     ) -> ForceSensor:
         """Add a sensor of n force channels."""

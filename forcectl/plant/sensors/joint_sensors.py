@@ -61,12 +61,12 @@ class JointSensors(SampledLaw):
 
     ```
     name: JointSensors
-    input_ports: [position, torque_integral]
+    input_ports: [motor_position, torque_integral]
     output_ports: [joint_position, joint_velocity, motor_torque]
     parameters: [quantum, position_noise, torque_noise]
     ```
 
-    position: shape (n,), of the motors [rad]. torque_integral: shape (n,), of the motor torque over time [Nms].
+    motor_position: shape (n,) [rad]. torque_integral: shape (n,), of the motor torque over time [Nms].
     joint_position: shape (n,), measured [rad]. joint_velocity: shape (n,), from it [rad/s].
     motor_torque: shape (n,), mean over the tick that ends [Nm].
         All outputs are feedthrough of all inputs at the tick, and held.
@@ -115,10 +115,10 @@ class JointSensors(SampledLaw):
                 raise invalid("joint", fault.joint, f"from 0 to {n - 1}")
         self._faults = tuple(faults)
         self._sources = tuple((seed, channel) for channel in range(2 * n))
-        self.sample_delay = {("position", "joint_position"): 0.0}
-        self.port_units = {"position": "rad", "torque_integral": "Nms"}
+        self.sample_delay = {("motor_position", "joint_position"): 0.0}
+        self.port_units = {"motor_position": "rad", "torque_integral": "Nms"}
         self.port_units |= {"joint_position": "rad", "joint_velocity": "rad/s", "motor_torque": "Nm"}
-        self._inputs = [self.DeclareVectorInputPort(name, n) for name in ("position", "torque_integral")]
+        self._inputs = [self.DeclareVectorInputPort(name, n) for name in ("motor_position", "torque_integral")]
         at_rest = quantised(lane_values("start", start, n), lane_values("quantum", quantum, n, "not negative"))
         load = lane_values("torque", torque, n)
         self.declare_command(

@@ -16,11 +16,10 @@ from forcectl.force.governor.program import closed_form, coefficients, free_forc
 from forcectl.force.governor.stability import feedback_weight, stability_report
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.linear_law import VrftConfig
-from forcectl.force.slot import LoopFacts
+from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
 from forcectl.runs.run import run
-from forcectl.scenario.catalog import CONTROLLERS
-from forcectl.scenario.imported import ImportConfig
+from forcectl.scenario.catalog import SLOTS
 from forcectl.scenario.scenario import load_scenario
 from forcectl.scenario.yaml_tree import Tagged
 from forcectl.testing import assert_passes_no_nan, assert_ports, run_diagram
@@ -220,8 +219,8 @@ def test_limits_in_the_wrong_order_are_refused():
 # --- in front of a law -----------------------------------------------------------------------------------------------
 
 
-def facts(period: float = PERIOD, size: int = 1) -> LoopFacts:
-    return LoopFacts(size, period, np.full(size, 3e-5), np.full(size, 2e-4), 12.6, 1.0, 0.0)
+def facts(period: float = PERIOD, size: int = 1) -> PlantModel:
+    return PlantModel(size, period, np.full(size, 3e-5), np.full(size, 2e-4), 12.6, 1.0, 0.0)
 
 
 def governed(**changed) -> GovernedForceLaw:
@@ -289,18 +288,21 @@ def test_what_does_not_fit_the_period_is_refused_by_name_when_built(name, value)
 class Silent:
     """A user's law that does not tell its bandwidth."""
 
-    def add_to(self, builder: DiagramBuilder, facts: LoopFacts):
+    def add_to(self, builder: DiagramBuilder, facts: PlantModel):
         return IntegralConfig().add_to(builder, facts)
 
 
 def test_a_law_that_does_not_tell_its_bandwidth_needs_one():
-    law = ImportConfig(path=f"{__name__}:Silent")
+    law = Silent()
     with pytest.raises(BadInputError, match="inner_bandwidth is missing"):
         GovernedConfig(law=law)
     assert isinstance(governed(law=law, inner_bandwidth=1.5), GovernedForceLaw)
 
 
-@pytest.mark.parametrize("tag", sorted(CONTROLLERS.keys() - {"Import", "Governed"}))
+MOTION = ("JointMoves", "JointExcitation", "ReactiveReaching")  # no force laws
+
+
+@pytest.mark.parametrize("tag", sorted(SLOTS["controller"].keys() - {"Governed", "PerArm", *MOTION}))
 def test_every_controller_of_the_slot_can_be_governed(tag):
     """On the station, by its tag; what a law does not tell is asked for."""
     law = {"proportional_gain": -5e-5, "integral_gain": -2.5e-4} if tag == "AdaptiveVrft" else {}

@@ -84,7 +84,7 @@ def test_the_force_is_reached_without_overshoot_while_the_tool_moves_along_the_s
 
 def test_the_path_in_the_unconstrained_directions_is_followed() -> None:
     facts = robot_facts()
-    path = TangentialMotionConfig(distance=0.03, speed=0.02).trajectory(facts.model, facts.start, facts.n)
+    path = TangentialMotionConfig(distance=0.03, speed=0.02).trajectory(facts.robot, facts.start, facts.n)
 
     def reference(k: int) -> np.ndarray:
         course: np.ndarray = path.value(min(k * PERIOD, path.end_time())).ravel()
@@ -93,7 +93,7 @@ def test_the_path_in_the_unconstrained_directions_is_followed() -> None:
     log = drive(make(), 1100, reference=reference)
     for tick in (200, 500, 900, 1099):
         place, wanted = (
-            RobotMotion(facts.model, facts.model.create_context(), q, np.zeros(N))
+            RobotMotion(facts.robot, facts.robot.create_context(), q, np.zeros(N))
             for q in (log["joint_position_command"][tick], facts.start + reference(tick))
         )
         np.testing.assert_allclose(place.position[:2], wanted.position[:2], atol=2e-6)
@@ -177,8 +177,8 @@ def test_torques_stay_within_limits_by_the_model() -> None:
     v, u = accelerations(log, facts.start)
     q = np.vstack([facts.start, log["joint_position_command"]])[:-1]
     before = np.vstack([np.zeros(N), v])[:-1]
-    context = facts.model.create_context()
-    torque = np.array([facts.model.inverse_dynamics(context, *row) for row in zip(q, before, u, strict=True)])
+    context = facts.robot.create_context()
+    torque = np.array([facts.robot.inverse_dynamics(context, *row) for row in zip(q, before, u, strict=True)])
     assert np.abs(torque[:, 0]).max() == pytest.approx(40.0, rel=1e-3)
     assert (np.abs(torque) <= weak.torque * (1 + 1e-6) + 1e-4).all()
     assert log["constraint_violation"].max() < 1e-6
@@ -296,9 +296,9 @@ def test_a_users_constraint_that_breaks_brakes_and_holds(how: str) -> None:
 def test_regulated_outputs_give_way_before_limits_do() -> None:
     # A wall of the force: no deeper than 2 mm, where 3 mm are asked for. Then one that pushes back.
     facts = robot_facts()
-    context = facts.model.create_context()
-    facts.model.set_positions(context, facts.start)
-    floor = CartesianWall(facts.model.tip_position(context) - [0.0, 0.0, 2e-3], [0.0, 0.0, 1.0], -0.1)
+    context = facts.robot.create_context()
+    facts.robot.set_positions(context, facts.start)
+    floor = CartesianWall(facts.robot.tip_position(context) - [0.0, 0.0, 2e-3], [0.0, 0.0, 1.0], -0.1)
     log = drive(make(constraints=[floor]), 400)
     assert_smooth(log)
     assert log["displacement_command"].min() == pytest.approx(-2e-3, abs=1e-8)

@@ -18,9 +18,8 @@ from forcectl.force.invariance.correction import (
     InvarianceCorrection,
 )
 from forcectl.force.invariance.force_law import AdaptiveInvarianceConfig
-from forcectl.force.slot import LoopFacts
+from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
-from forcectl.scenario.imported import ImportConfig
 from forcectl.scenario.scenario import load_scenario
 from forcectl.scenario.yaml_tree import parse
 from forcectl.testing import assert_passes_no_nan, assert_ports, run_diagram
@@ -29,8 +28,8 @@ PERIOD, C_R, C_E = 0.002, 3e-5, 1.7e-4
 C_T = C_R + C_E
 
 
-def facts(size: int = 1) -> LoopFacts:
-    return LoopFacts(size, PERIOD, np.full(size, C_R), np.full(size, C_E), 12.6, 1.0, 0.0)
+def facts(size: int = 1) -> PlantModel:
+    return PlantModel(size, PERIOD, np.full(size, C_R), np.full(size, C_E), 12.6, 1.0, 0.0)
 
 
 def correction(**changed) -> InvarianceCorrection:
@@ -170,12 +169,17 @@ def test_ports():
     assert_ports(control(3), {"desired_force": 3, "measured_force": 3}, outputs)
 
 
+class Theirs:
+    """A law of somebody else's, which happens to be the integral one."""
+
+    def add_to(self, builder, model):
+        return IntegralConfig(integral_gain=3.0).add_to(builder, model)
+
+
 def test_a_nominal_law_of_the_users_own():
-    """Any force law will do; here the integral one, named by its import path."""
-    path = "forcectl.force.integral:IntegralConfig"
-    imported = ImportConfig(path=path, parameters={"integral_gain": 3.0})
+    """Any force law will do."""
     inputs = {"desired_force": 15.0}
-    theirs = run_diagram(spring_loop(control(nominal=imported)), 1.0, period=PERIOD, inputs=inputs)["force"]
+    theirs = run_diagram(spring_loop(control(nominal=Theirs())), 1.0, period=PERIOD, inputs=inputs)["force"]
     ours = run_diagram(spring_loop(control()), 1.0, period=PERIOD, inputs=inputs)["force"]
     np.testing.assert_array_equal(theirs, ours)
 

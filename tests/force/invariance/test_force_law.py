@@ -14,8 +14,8 @@ from pydrake.systems.framework import DiagramBuilder
 from forcectl.errors import BadInputError
 from forcectl.force.invariance.force_law import InvarianceConfig, InvarianceForceLaw, one_step_acceleration
 from forcectl.force.invariance.functions import invariance_function
-from forcectl.force.slot import LoopFacts
 from forcectl.framework.batch import SCALAR_MATH
+from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
 from forcectl.testing import assert_passes_no_nan, assert_ports, run_diagram
 
@@ -336,7 +336,7 @@ def test_limits_in_the_wrong_order_are_refused():
 
 
 def test_config_builds_the_law_with_the_compliance_of_the_loop():
-    facts = LoopFacts(2, PERIOD, np.array([3e-5, 3e-5]), np.array([1e-4, 2e-4]), 12.6, 1.0, 0.0)
+    facts = PlantModel(2, PERIOD, np.array([3e-5, 3e-5]), np.array([1e-4, 2e-4]), 12.6, 1.0, 0.0)
     block = InvarianceConfig(gamma=-0.2, compliance_error=1.1).add_to(DiagramBuilder(), facts)
     context = block.CreateDefaultContext()
     np.testing.assert_allclose(block.parameter(context, "compliance"), [1.1 * 1.3e-4, 1.1 * 2.3e-4])

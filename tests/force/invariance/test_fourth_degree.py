@@ -17,7 +17,7 @@ from forcectl.force.invariance.fourth_degree import (
     fourth_derivative,
 )
 from forcectl.force.invariance.functions import invariance_function
-from forcectl.force.slot import LoopFacts
+from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
 from forcectl.testing import assert_docstring_matches, assert_passes_no_nan, assert_ports, run_diagram
 from tests.examples.fourth_degree_runs import (
@@ -255,7 +255,7 @@ def test_ports() -> None:
     assert_docstring_matches(with_port)
 
 
-FACTS = LoopFacts(
+FACTS = PlantModel(
     size=2,
     period=PERIOD,
     robot_compliance=np.array([3e-5, 2e-5]),

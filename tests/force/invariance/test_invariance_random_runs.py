@@ -28,16 +28,16 @@ def random_run(seed: int, ticks: int = 250) -> float:
     """A run with random limits, wall, reference and forces: the largest violation by the bound of one sample."""
     rng = np.random.default_rng(seed)
     facts = robot_facts()
-    context = facts.model.create_context()
-    facts.model.set_positions(context, facts.start)
-    place, away = facts.model.tip_position(context), rng.normal(size=3) * [1, 1, 0.2]
+    context = facts.robot.create_context()
+    facts.robot.set_positions(context, facts.start)
+    place, away = facts.robot.tip_position(context), rng.normal(size=3) * [1, 1, 0.2]
     away /= np.linalg.norm(away)
     wall = CartesianWall(place + rng.uniform(0.01, 0.05) * away, -away, -(10 ** rng.uniform(-1, 0.5)))
     room = rng.uniform(0.05, 0.4, N)
     used = limits(
-        position_lower=np.maximum(facts.model.limits.position_lower, facts.start - room),
-        position_upper=np.minimum(facts.model.limits.position_upper, facts.start + room),
-        velocity=facts.model.limits.velocity * rng.uniform(0.1, 1.0, N),
+        position_lower=np.maximum(facts.robot.limits.position_lower, facts.start - room),
+        position_upper=np.minimum(facts.robot.limits.position_upper, facts.start + room),
+        velocity=facts.robot.limits.velocity * rng.uniform(0.1, 1.0, N),
     )
     stiffness, desired = 10 ** rng.uniform(3, 6), rng.uniform(1, 30, 4)
     most = rng.uniform(0.7, 1.5) * desired.max()

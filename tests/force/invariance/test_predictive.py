@@ -12,9 +12,9 @@ from pydrake.systems.primitives import Adder, Demultiplexer, PassThrough
 from forcectl.errors import BadInputError
 from forcectl.force.invariance.force_law import InvarianceConfig
 from forcectl.force.invariance.predictive import PredictiveCorrection, PredictiveInvarianceConfig
-from forcectl.force.slot import LoopFacts
 from forcectl.plant.contact.compliant_contact import CompliantContact
 from forcectl.plant.drives.position_loop import PositionLoop
+from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import ForceSensor
 from forcectl.testing import Log, run_diagram
 from tests.examples.experiment_runs import run_variant
@@ -25,8 +25,8 @@ C_T = C_R + 1 / STIFFNESS
 INPUTS = ("desired_force", "surface", "slip", "path_displacement")
 
 
-def facts(n: int = 1, delay: float = 0.0) -> LoopFacts:
-    return LoopFacts(
+def facts(n: int = 1, delay: float = 0.0) -> PlantModel:
+    return PlantModel(
         size=n,
         period=PERIOD,
         robot_compliance=np.full(n, C_R),

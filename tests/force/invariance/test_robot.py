@@ -14,8 +14,9 @@ import xarray as xr
 from pydrake.systems.framework import DiagramBuilder
 
 import forcectl
-from forcectl.diagrams.force_controller import loop_facts
-from forcectl.diagrams.station import FIDELITIES, StationConfig, describe
+from forcectl.diagrams.believed import plant_model
+from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig
+from forcectl.diagrams.workcell import describe
 from forcectl.errors import BadInputError
 from forcectl.force.adaptive_force_law import Adaptation
 from forcectl.force.invariance.robot import (
@@ -25,14 +26,14 @@ from forcectl.force.invariance.robot import (
     OutputConfig,
     WallConfig,
 )
-from forcectl.force.slot import LoopFacts
+from forcectl.plant.plant_model import PlantModel
 from forcectl.scenario.scenario import build, load_scenario
 from forcectl.testing import assert_memory_released, assert_ports
 from forcectl.testing.plugin import CheckDiagram
 from tests.diagrams.test_station_ports import build_loop, run_loop
 
 JOINTS = 6
-every_fidelity = pytest.mark.parametrize("fidelity", FIDELITIES)
+every_fidelity = pytest.mark.parametrize("fidelity", SHIPPED_FIDELITIES)
 FORMS = [
     pytest.param(InvarianceRobotConfig(maximum_force=30.0), id="invariance"),
     pytest.param(InvarianceRobotConfig(adaptation=Adaptation()), id="adaptive"),
@@ -238,8 +239,8 @@ def test_values_that_contradict_the_robot_are_refused_when_it_is_built(
 
 
 def test_a_loop_without_a_robot_is_refused() -> None:
-    facts = loop_facts(describe(StationConfig()))
-    alone = LoopFacts(1, facts.period, facts.robot_compliance, facts.environment_compliance, 12.6, 1.0, 0.0)
+    facts = plant_model(describe(StationConfig()))
+    alone = PlantModel(1, facts.period, facts.robot_compliance, facts.environment_compliance, 12.6, 1.0, 0.0)
     with pytest.raises(BadInputError, match="there must be a robot in the loop"):
         InvarianceRobotConfig().add_to(DiagramBuilder(), alone)
 

@@ -9,8 +9,9 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
+from forcectl.diagrams.drives.position_drive import JointImpedanceDriveConfig
 from forcectl.errors import BadInputError
-from forcectl.plant.drives.joint_impedance import GravityCompensation, JointImpedance, JointImpedanceConfig
+from forcectl.plant.drives.joint_impedance import GravityCompensation, JointImpedance
 from forcectl.robot.model import RobotModel
 from forcectl.testing import run_diagram
 
@@ -130,12 +131,12 @@ def test_gravity_is_kept_while_a_position_is_not_a_number(robot):
 
 
 def test_default_stiffness_and_damping_follow_the_inertias():
-    config = JointImpedanceConfig(bandwidth=50.0, damping_ratio=0.5)
+    config = JointImpedanceDriveConfig(bandwidth=50.0, damping_ratio=0.5)
     inertia = np.array([10.0, 0.1])
     stiffness = config.joint_stiffness(inertia)
     np.testing.assert_allclose(np.sqrt(stiffness / inertia), 50.0)
     np.testing.assert_allclose(config.joint_damping(stiffness, 4 * inertia), 2 * 0.5 * 50.0 * 2 * inertia)
-    np.testing.assert_array_equal(JointImpedanceConfig(stiffness=[3e4, 2.0]).joint_stiffness(inertia), [3e4, 2.0])
+    np.testing.assert_array_equal(JointImpedanceDriveConfig(stiffness=[3e4, 2.0]).joint_stiffness(inertia), [3e4, 2.0])
 
 
 @pytest.mark.parametrize(
@@ -154,9 +155,9 @@ def test_default_stiffness_and_damping_follow_the_inertias():
 )
 def test_a_configuration_that_cannot_be_is_refused_by_name(changed, told):
     with pytest.raises(BadInputError, match=told):
-        JointImpedanceConfig(**changed)
+        JointImpedanceDriveConfig(**changed)
 
 
 def test_as_many_stiffnesses_as_joints():
     with pytest.raises(BadInputError, match="stiffness has 5 values: must have 6"):
-        JointImpedanceConfig(stiffness=[1e4] * 5).joint_stiffness(np.ones(6))
+        JointImpedanceDriveConfig(stiffness=[1e4] * 5).joint_stiffness(np.ones(6))

@@ -13,7 +13,7 @@ from forcectl.plant.drives.motor_motion import MotorMotion
 
 TICK, STEP = 0.004, 0.0005
 GAINS = servo_gains([0.3, 0.1], 100.0, 0.8, 12.0)
-INPUTS = ("joint_position_reference", "joint_velocity_reference", "joint_torque_feedforward", "position", "velocity")
+INPUTS = ("joint_position_command", "joint_velocity_command", "joint_torque_feedforward", "position", "velocity")
 
 
 def servo(limit=np.inf, **options):
@@ -37,7 +37,7 @@ def test_references_go_on_with_their_speed_between_ticks():
     held, taken_at = (np.array([0.1, -0.2]), np.zeros(2)), 0.0
     for tick in range(6):
         r, rate = rng.uniform(-1, 1, (2, 2))
-        fix(block, context, joint_position_reference=r, joint_velocity_reference=rate)
+        fix(block, context, joint_position_command=r, joint_velocity_command=rate)
         if tick == 0:
             simulator.Initialize()
         for step in range(8):
@@ -61,7 +61,7 @@ def test_loops_within_a_step_act_by_their_mean():
         simulator = Simulator(block)
         context = simulator.get_mutable_context()
         fix(block, context, position=q, velocity=v, joint_torque_feedforward=np.zeros(2))
-        fix(block, context, joint_position_reference=r, joint_velocity_reference=rate)
+        fix(block, context, joint_position_command=r, joint_velocity_command=rate)
         simulator.AdvanceTo(STEP)
         torques.append(block.GetOutputPort("motor_torque").Eval(context))
     h = 0.25 * STEP  # the speed has not changed since the last step
@@ -73,11 +73,11 @@ def test_the_torque_stops_at_its_limit_and_the_integral_gives_way():
     simulator = Simulator(block)
     context = simulator.get_mutable_context()
     fix(block, context, **dict.fromkeys(INPUTS, np.zeros(2)))
-    fix(block, context, joint_position_reference=np.array([1.0, -1.0]))
+    fix(block, context, joint_position_command=np.array([1.0, -1.0]))
     simulator.AdvanceTo(1.0)
     np.testing.assert_allclose(block.GetOutputPort("motor_torque").Eval(context), [5.0, -5.0])
     # As soon as the error is gone, so is the torque: nothing was wound up beyond the limit.
-    fix(block, context, joint_position_reference=np.zeros(2))
+    fix(block, context, joint_position_command=np.zeros(2))
     simulator.AdvanceTo(1.1)
     assert np.abs(block.GetOutputPort("motor_torque").Eval(context)).max() <= 5.0
     torques = []

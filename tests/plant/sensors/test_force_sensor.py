@@ -296,7 +296,7 @@ def steady(sensor: ForceSensor, force: object) -> np.ndarray:
 
 def test_config_adds_a_sensor_of_n_channels():
     config = ForceSensorConfig(noise_std=0.0, quantum=0.0, tare=False, range=100.0)
-    assert steady(config.add_to(DiagramBuilder(), PERIOD, size=2), [500.0, 20.0]) == pytest.approx([100.0, 20.0])
+    assert steady(config.add_channels(DiagramBuilder(), PERIOD, size=2), [500.0, 20.0]) == pytest.approx([100.0, 20.0])
 
 
 def test_torque_channels_of_a_wrench_are_scaled():
@@ -305,7 +305,7 @@ def test_torque_channels_of_a_wrench_are_scaled():
     config = ForceSensorConfig(noise_std=0.0, quantum=0.0, tare=False, range=math.inf, delay=0.004)
     inputs = [lambda t: np.array([10 * t, 3.0])] * 2
     whole = run_diagram(
-        config.add_to(DiagramBuilder(), PERIOD, size=2), 0.2, period=PERIOD, inputs={"force": inputs[0]}
+        config.add_channels(DiagramBuilder(), PERIOD, size=2), 0.2, period=PERIOD, inputs={"force": inputs[0]}
     )
     alone = run_diagram(config.filter(2, PERIOD), 0.2, period=PERIOD, inputs={"u0": inputs[1]})
     np.testing.assert_array_equal(whole["measured_force"], alone["y0"])

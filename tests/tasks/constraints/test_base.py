@@ -30,13 +30,13 @@ NAMES = ("position_lower", "position_upper", "velocity", "acceleration", "torque
 def at(q: np.ndarray | None = None, v: np.ndarray | None = None, *, force: float = 0.0, dx: float = 0.0) -> RobotMotion:
     facts = robot_facts()
     q = facts.start if q is None else q
-    motion = RobotMotion(facts.model, facts.model.create_context(), q, np.zeros(N) if v is None else v)
+    motion = RobotMotion(facts.robot, facts.robot.create_context(), q, np.zeros(N) if v is None else v)
     motion.contact = Contact(dx, 0.01, motion.jacobian[5], 0.3, 2e-4, force)
     return motion
 
 
 def own_limits(**changes: Any) -> JointLimits:
-    limits = robot_facts().model.limits
+    limits = robot_facts().robot.limits
     return JointLimits(**{name: np.asarray(changes.get(name, getattr(limits, name))) for name in NAMES})
 
 

@@ -1,0 +1,175 @@
+"""The model of the plant that controllers and estimators are given: scenario part `model`.
+
+Made from the station's configuration, it agrees with the plant; what the scenario says of it makes it wrong on purpose,
+as models are.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+import yaml
+
+from forcectl.diagrams.workcell import Workcell
+from forcectl.errors import BadInputError, invalid
+from forcectl.framework.batch import check
+from forcectl.plant.drives.joint_friction import JointFriction
+from forcectl.plant.plant_model import PlantModel
+
+FRICTION_KEYS = ("offset", "coulomb", "viscous_forward", "viscous_backward")
+# Lag of a measured force that does not tell its own: [rad/s], [1], [s].
+NO_LAG = (1e4, 1.0, 0.0)
+
+
+@dataclass(kw_only=True)
+class ModelConfig:
+    """Scenario part `model`: how the model differs from the plant."""
+
+    robot_compliance: float = 1.0  # C_R of the model / C_R, > 0
+    environment_compliance: float = 1.0  # C_E of the model / C_E, > 0
+    friction: str = ""  # file of identified joint friction, see `FrictionIdentification`; empty: the plant's
+    friction_scale: float = 1.0  # factor on that friction, >= 0
+    inertia_scale: float = 1.0  # masses and inertias of the model / those of the robot, > 0
+    payload: float = 0.0  # mass at every TCP that only the model has [kg], >= 0
+
+    def __post_init__(self) -> None:
+        for name in ("robot_compliance", "environment_compliance", "inertia_scale"):
+            check(name, getattr(self, name), "positive")
+        for name in ("friction_scale", "payload"):
+            check(name, getattr(self, name), "not negative")
+        if self.friction:
+            read_friction(self.friction)
+
+    def applied(self, model: PlantModel) -> PlantModel:
+        """The model with these errors.
+
+        Args:
+            model: that agrees with the plant.
+
+        Raises:
+            BadInputError: friction of another number of joints.
+        """
+        friction = model.friction
+        if self.friction and model.robot is not None:
+            friction = friction_of(self.friction, model.robot.facts.arm_joints)
+        robot = model.robot
+        if robot is not None and (self.inertia_scale != 1.0 or self.payload > 0):
+            robot = robot.with_inertia_error(self.inertia_scale, self.payload)
+        return replace(
+            model,
+            robot_compliance=self.robot_compliance * model.robot_compliance,
+            environment_compliance=self.environment_compliance * model.environment_compliance,
+            friction=friction.scaled(self.friction_scale),
+            robot=robot,
+        )
+
+
+@dataclass(frozen=True)
+class Setting:
+    """What an analysis knows of a run beside its log.
+
+    Attributes:
+        cell: the workcell.
+        model: what controllers and estimators were given.
+        truth: the model without the errors of the scenario's part `model`.
+    """
+
+    cell: Workcell
+    model: PlantModel
+    truth: PlantModel = field(repr=False)
+
+
+def plant_model(cell: Workcell, lag: tuple[float, float, float] | None = None) -> PlantModel:
+    """The model that agrees with a workcell.
+
+    Args:
+        cell: the workcell.
+        lag: of the measured force: bandwidth [rad/s], damping ratio [1] and delay [s]; that of the first sensor which
+            tells one when None.
+    """
+    contacts, config = cell.contacts, cell.config
+    friction = getattr(config.drive, "true_friction", None)
+    rotors = cell.rotor_inertia if friction else np.zeros(cell.num_joints)
+    bandwidth, damping_ratio, delay = force_lag(config.sensors) if lag is None else lag
+    speeds = [getattr(sensor, "velocity_bandwidth", None) for sensor in config.sensors.values()]
+    return PlantModel(
+        size=len(contacts),
+        period=cell.period,
+        robot_compliance=np.array([contact.robot_compliance for contact in contacts]),
+        environment_compliance=np.array([contact.environment_compliance for contact in contacts]),
+        sensor_bandwidth=bandwidth,
+        sensor_damping_ratio=damping_ratio,
+        sensor_delay=delay,
+        drive_compliance=cell.drive_compliance,
+        robot=contacts[0].robot if contacts else cell.robot,
+        start=cell.motor_start.copy(),
+        normals=np.array([contact.n for contact in contacts]).reshape(-1, 3),
+        arms=tuple(contact.arm for contact in contacts),
+        posture_period=cell.posture_period,
+        singularity_limit=config.singularity_limit,
+        constant_jacobian=bool(config.fidelity.constant_jacobian),
+        has_gravity=cell.has_gravity,
+        friction=friction(cell.robot) if friction else JointFriction(cell.num_joints),
+        rotor_inertia=rotors,
+        velocity_bandwidth=next((speed for speed in speeds if speed is not None), np.inf),
+        obstacles=tuple(cell.obstacles.values()),
+    )
+
+
+def force_lag(parts: Mapping[str, Any]) -> tuple[float, float, float]:
+    """Lag of the measured force, of the first part that tells one: bandwidth [rad/s], damping ratio [1], delay [s].
+
+    Args:
+        parts: sensors or estimators by name.
+    """
+    for part in parts.values():
+        if hasattr(part, "force_lag"):
+            found: tuple[float, float, float] = part.force_lag()
+            return found
+    return NO_LAG
+
+
+def read_friction(path: str) -> dict[str, Any]:
+    """Identified joint friction from a file.
+
+    Args:
+        path: of a YAML file with `joints` and, of each, `offset` [Nm], `coulomb` [Nm], `viscous_forward` and
+            `viscous_backward` [Nms/rad].
+
+    Raises:
+        BadInputError: the file cannot be read, or is not of this form.
+    """
+    try:
+        with open(path, encoding="utf-8") as file:
+            data = yaml.safe_load(file)
+    except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
+        reason = getattr(error, "strerror", None) or "it is not YAML text"
+        raise BadInputError(f"friction = {path!r}: cannot be read: {reason}") from None
+    wanted = ("joints", *FRICTION_KEYS)
+    if not isinstance(data, dict) or set(data) != set(wanted):
+        raise invalid("friction", path, f"a file with the keys {', '.join(wanted)}")
+    counts = {len(value) if isinstance(value, list) else -1 for value in data.values()}
+    if len(counts) != 1 or -1 in counts:
+        raise invalid("friction", path, "a file whose values are lists of equal length")
+    return data
+
+
+def friction_of(path: str, joints: list[str]) -> JointFriction:
+    """Identified friction of the named joints.
+
+    Args:
+        path: see `read_friction`.
+        joints: names, in order.
+
+    Raises:
+        BadInputError: the file has other joints.
+    """
+    data = read_friction(path)
+    if sorted(data["joints"]) != sorted(joints):
+        raise invalid("friction", path, f"a file about the joints {', '.join(joints)}")
+    order = [data["joints"].index(name) for name in joints]
+    values = {key: np.array([float(data[key][i]) for i in order]) for key in FRICTION_KEYS}
+    return JointFriction(len(joints), **values)

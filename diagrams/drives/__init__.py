@@ -1,0 +1,1 @@
+"""The drives of a station: what stands between a command and the motors."""

@@ -1,0 +1,184 @@
+"""The drives of a robot behind a research interface: `drive: !JointInterface`.
+
+References of position, speed and torque are taken every control tick, by servo loops of 2 kHz of which the plant, at
+1 kHz, feels the mean: see `forcectl.plant.drives.joint_servo`. Friction (5.2) sticks.
+
+Rigid joints    servo torque -> links with their rotors; friction is part of the plant's implicit step.
+Elastic joints  servo torque -> rotors with friction -> springs -> links.
+
+A command moves the motors one `time_step` after its tick, then with the lag of the servo: with a speed command that
+fits, 1/w^2 times the acceleration; without one, 2 zeta/w.
+
+Simplifications: motors are torque sources, limited with `servo.torque_limits`; couplings between the rotors of
+different joints are left out; friction does not depend on load or temperature.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from forcectl.diagrams.mechanics.site import Site
+from forcectl.diagrams.workcell import Workcell
+from forcectl.errors import BadInputError, invalid
+from forcectl.framework.batch import check
+from forcectl.plant.drives.joint_friction import JointFriction
+from forcectl.plant.drives.joint_servo import JointServo, servo_gains
+from forcectl.plant.drives.motor_motion import MotorMotion
+from forcectl.robot.model import RobotModel
+
+Array = NDArray[np.float64]
+LARGEST_STEP = 0.002  # [s] of the plant, for the servo loops
+COMMANDS = ("joint_position_command", "joint_velocity_command", "joint_torque_feedforward")
+
+
+def _switch(name: str, value: object) -> None:
+    if not isinstance(value, bool):
+        raise invalid(name, value, "true or false")
+
+
+@dataclass(kw_only=True)
+class JointServoConfig:
+    """Scenario part `servo`: the position loops of the joints, see `forcectl.plant.drives.joint_servo`."""
+
+    bandwidth: float | None = None  # w [rad/s]; null: that of the control facts' reference filter
+    damping_ratio: float | None = None  # zeta [1]; null: that of the control facts' reference filter
+    integral_gain: float = 15.0  # w_i [1/s], >= 0
+    rate: float = 2000.0  # of the loops [1/s]: as often as goes into a time step of the plant, at least once
+    torque_limits: bool = True  # false: motors without limit
+
+    def __post_init__(self) -> None:
+        for name in ("bandwidth", "damping_ratio"):
+            if getattr(self, name) is not None:
+                check(name, getattr(self, name), "positive")
+        check("integral_gain", self.integral_gain, "not negative")
+        check("rate", self.rate, "positive")
+        _switch("torque_limits", self.torque_limits)
+
+
+@dataclass(kw_only=True)
+class JointFrictionConfig:
+    """Scenario part `friction`: (5.2) with the numbers of the control facts."""
+
+    scale: float = 1.0  # of all its numbers, >= 0
+    sticks: bool = True  # false: sat(130 q') for the sign of q', which creeps at rest as (5.2) does
+
+    def __post_init__(self) -> None:
+        check("scale", self.scale, "not negative")
+        _switch("sticks", self.sticks)
+
+
+@dataclass(kw_only=True)
+class JointInterfaceConfig:
+    """Scenario part `drive: !JointInterface`."""
+
+    servo: JointServoConfig = field(default_factory=JointServoConfig)
+    friction: JointFrictionConfig = field(default_factory=JointFrictionConfig)
+
+    moves_links = True  # rigid joints get their torque directly
+
+    def true_friction(self, robot: RobotModel) -> JointFriction:
+        """Friction of the joints."""
+        return JointFriction.of_facts(robot.facts).scaled(self.friction.scale)
+
+    def resting_torque(self, cell: Workcell) -> Array:
+        """Motor torque at the start, shape (n,) [Nm]."""
+        torque: Array = cell.gravity_torque + self.true_friction(cell.robot).offset
+        return torque
+
+    def add_to(self, builder: DiagramBuilder, site: Site) -> JointInterface:
+        """Add the block `drive`.
+
+        Raises:
+            BadInputError: a fidelity without dynamics, a step too long for the servo loops, or elastic joints whose
+                friction does not stick.
+        """
+        config = site.cell.config
+        if not site.cell.has_dynamics:
+            raise BadInputError("drive = !JointInterface: must have a fidelity with dynamics, such as Multibody")
+        if config.time_step > LARGEST_STEP:
+            raise invalid("time_step", config.time_step, f"at most {LARGEST_STEP:g} s, for the servo loops")
+        if config.elastic_joints and not self.friction.sticks:
+            raise invalid("drive.friction.sticks", False, "true with elastic joints, whose motors stick exactly")
+        return builder.AddNamedSystem("drive", JointInterface(site.cell, self))
+
+
+class JointInterface(Diagram):
+    """Servo loops of all joints and, with elastic joints, their rotors.
+
+    ```
+    name: JointInterface
+    input_ports: [joint_position_command, joint_velocity_command, joint_torque_feedforward, link_position (optional),
+      link_velocity (optional), spring_torque (optional)]
+    output_ports: [joint_torque (optional), motor_state (optional), motor_position (optional),
+      motor_velocity (optional), torque_integral]
+    ```
+
+    joint_position_command, joint_velocity_command, joint_torque_feedforward: shape (n,) [rad, rad/s, Nm], see
+    `ReferenceHold`; the last two may be left unconnected.
+    link_position, link_velocity: shape (n,) [rad, rad/s]; of rigid joints.
+    spring_torque: shape (n,), of the springs on the links [Nm]; of elastic joints.
+    torque_integral: shape (n,), integral of the motor torque over time [Nms]. State.
+    joint_torque: shape (n,), motor torque on the links of rigid joints [Nm]. Feedthrough of link_position and
+    link_velocity.
+    motor_state: shape (2n,), position and speed of the motors of elastic joints [rad, rad/s]. State.
+    motor_position, motor_velocity: shape (n,), its halves [rad, rad/s]. State.
+
+    Sampling: every `period` [s] of the cell the commands, felt by the motors one step later; every `time_step` [s] of
+    the cell the rest.
+
+    Args:
+        cell: the workcell.
+        config: of the drives.
+    """
+
+    optional_inputs = COMMANDS[1:]
+
+    def __init__(self, cell: Workcell, config: JointInterfaceConfig):
+        super().__init__()
+        builder = DiagramBuilder()
+        servo = builder.AddNamedSystem("servo", _servo(cell, config))
+        for name in COMMANDS:
+            builder.ExportInput(servo.GetInputPort(name), name)
+        if cell.config.elastic_joints:
+            motors = builder.AddNamedSystem(
+                "motors",
+                MotorMotion(
+                    cell.rotor_inertia,
+                    config.true_friction(cell.robot),
+                    time_step=cell.config.time_step,
+                    start=cell.motor_start,
+                ),
+            )
+            builder.Connect(servo.GetOutputPort("motor_torque"), motors.GetInputPort("motor_torque"))
+            builder.Connect(motors.GetOutputPort("motor_position"), servo.GetInputPort("position"))
+            builder.Connect(motors.GetOutputPort("motor_velocity"), servo.GetInputPort("velocity"))
+            builder.ExportInput(motors.GetInputPort("spring_torque"), "spring_torque")
+            for name in ("motor_state", "motor_position", "motor_velocity"):
+                builder.ExportOutput(motors.GetOutputPort(name), name)
+        else:
+            builder.ExportInput(servo.GetInputPort("position"), "link_position")
+            builder.ExportInput(servo.GetInputPort("velocity"), "link_velocity")
+            builder.ExportOutput(servo.GetOutputPort("motor_torque"), "joint_torque")
+        builder.ExportOutput(servo.GetOutputPort("torque_integral"), "torque_integral")
+        builder.BuildInto(self)
+
+
+def _servo(cell: Workcell, config: JointInterfaceConfig) -> JointServo:
+    own, filter_ = config.servo, cell.robot.facts.reference_filter
+    bandwidth = filter_.natural_frequency if own.bandwidth is None else own.bandwidth
+    damping_ratio = filter_.damping_ratio if own.damping_ratio is None else own.damping_ratio
+    limit = cell.robot.limits.torque if own.torque_limits else np.full(cell.num_joints, np.inf)
+    inertia = cell.rotor_inertia + np.diag(cell.robot.mass_matrix(cell.start_context()))
+    return JointServo(
+        servo_gains(inertia, bandwidth, damping_ratio, own.integral_gain),
+        limit,
+        period=cell.period,
+        time_step=cell.config.time_step,
+        start=cell.motor_start,
+        torque=config.resting_torque(cell),
+        substeps=max(1, round(own.rate * cell.config.time_step)),
+    )

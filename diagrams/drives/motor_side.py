@@ -1,0 +1,80 @@
+"""The motor side of a robot without dynamics: joint filters, and the servo with friction along the constrained
+direction.
+
+Joint motion along J^-1 n goes through the scalar servo, everything else follows the filtered joint reference:
+
+    q_m = q_f + J^-1 n (x - n'J (q_f - q_0)),    x = servo(n'J (q_f - q_0))           with J of the start posture
+
+The calibrated friction is known along n only, so this is all that is known of it.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import Demultiplexer, MatrixGain, Multiplexer
+
+from forcectl.diagrams.parts import affine, export_outputs
+from forcectl.diagrams.workcell import Workcell
+from forcectl.plant.drives.position_loop import PositionLoopConfig
+from forcectl.plant.drives.servo import ServoConfig
+
+
+class MotorSide(Diagram):
+    """Position loop and servo along n.
+
+    ```
+    name: MotorSide
+    input_ports: [joint_position_command]
+    output_ports: [motor_position, motor_velocity, displacement]
+    ```
+
+    joint_position_command, motor_position: shape (n_q,) [rad]. motor_velocity: shape (n_q,) [rad/s].
+    displacement: shape (1,), x along n by the constant Jacobian [m]. All outputs are state, no direct feedthrough.
+
+    Sampling: every `period` [s] of the cell; a command moves the motors one tick later.
+
+    Args:
+        cell: the workcell, with one surface.
+        loop: its position loops.
+        servo: along the normal.
+    """
+
+    def __init__(self, cell: Workcell, loop: PositionLoopConfig, servo: ServoConfig):
+        super().__init__()
+        contact, n_q, q_0 = cell.contact, cell.num_joints, cell.motor_start
+        builder = DiagramBuilder()
+        add, connect = builder.AddNamedSystem, builder.Connect
+        filter_ = loop.add_to(builder, n_q, cell.period, initial_command=q_0)
+        builder.ExportInput(filter_.GetInputPort("command"), "joint_position_command")
+        reference = filter_.GetOutputPort("reference")
+
+        row, column, nothing = contact.row, contact.direction.reshape(-1, 1), np.zeros(n_q)
+        along = add("along_normal", affine(np.block([[row, nothing], [nothing, row]]), np.array([-row @ q_0, 0.0])))
+        connect(reference, along.get_input_port())
+        if servo.ideal:
+            parts = add("displacement_and_rate", Demultiplexer([1, 1]))
+            connect(along.get_output_port(), parts.get_input_port())
+            x, rate = parts.get_output_port(0), parts.get_output_port(1)
+        else:
+            axis = servo.add_to(builder, 1, cell.period, unit="m")
+            connect(along.get_output_port(), axis.GetInputPort("reference"))
+            x, rate = axis.GetOutputPort("position"), axis.GetOutputPort("velocity")
+
+        across, zero = np.eye(n_q) - column @ row.reshape(1, -1), np.zeros((n_q, n_q))
+        position = add("motor_position", affine(np.hstack([across, zero, column]), column[:, 0] * (row @ q_0)))
+        velocity = add("motor_velocity", MatrixGain(np.hstack([zero, across, column])))
+        for block, scalar in ((position, x), (velocity, rate)):
+            both = add(f"{block.get_name()}_inputs", Multiplexer([2 * n_q, 1]))
+            connect(reference, both.get_input_port(0))
+            connect(scalar, both.get_input_port(1))
+            connect(both.get_output_port(), block.get_input_port())
+        export_outputs(
+            builder,
+            {
+                "motor_position": position.get_output_port(),
+                "motor_velocity": velocity.get_output_port(),
+                "displacement": x,
+            },
+        )
+        builder.BuildInto(self)

@@ -1,0 +1,174 @@
+"""The drives of a position-controlled robot: `drive: !PositionLoop`.
+
+Without dynamics the joint filters and a servo with friction along the normal, see
+`forcectl.diagrams.drives.motor_side`; in a multibody station, per joint,
+
+    joint_position_command -> hold -> position loop -> servo with motor inertia and friction -> motor side
+
+Delays beside the configured one: the command delay is at least one plant step, and the motor state reaches the springs
+one plant step late, because simultaneous events read the state before them.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.primitives import Demultiplexer, LinearSystem
+
+from forcectl.diagrams.drives.motor_side import MotorSide
+from forcectl.diagrams.drives.torque_interface import TorqueInterface
+from forcectl.diagrams.mechanics.site import Site
+from forcectl.diagrams.workcell import Workcell
+from forcectl.errors import invalid
+from forcectl.plant.drives.drive import Drive, joint_to_motor
+from forcectl.plant.drives.joint_impedance import JointImpedanceConfig
+from forcectl.plant.drives.position_loop import PositionLoop, PositionLoopConfig
+from forcectl.plant.drives.servo import ServoConfig
+from forcectl.robot.model import RobotModel
+
+Vector = NDArray[np.float64]
+MOTOR_PORTS = ("motor_state", "motor_position", "motor_velocity")
+_LARGEST_DRIVE_STEP = 0.5e-3  # [s] friction sticks and slips with a time of its own
+
+
+@dataclass(kw_only=True)
+class PositionDriveConfig:
+    """Scenario part `drive: !PositionLoop`: the drives are told positions, which their servos follow."""
+
+    position_loop: PositionLoopConfig = field(default_factory=PositionLoopConfig)
+    servo: ServoConfig = field(default_factory=ServoConfig)
+
+    def delays(self) -> dict[str, float]:
+        """Delays [s] by key of the station."""
+        return {"drive.position_loop.delay": self.position_loop.delay}
+
+    def add_to(self, builder: DiagramBuilder, site: Site) -> System:
+        """Add the block `drive`."""
+        if not site.cell.has_dynamics:
+            return builder.AddNamedSystem("drive", MotorSide(site.cell, self.position_loop, self.servo))
+        servo = None if self.servo.ideal else self._servo(site.cell)
+        return builder.AddNamedSystem("drive", PositionDrive(site.cell, self.position_loop, servo))
+
+    def _servo(self, cell: Workcell) -> System:
+        robot, gains, step = cell.robot, self.servo, cell.config.time_step
+        facts = robot.facts
+        rotors = facts.rotor_inertia * facts.gear_ratio**2
+        return Drive(
+            rotors,
+            joint_to_motor(robot),
+            period=step,
+            substeps=max(1, math.ceil(step / _LARGEST_DRIVE_STEP - 1e-9)),
+            position_gain=gains.position_gain,
+            velocity_gain=gains.rotor_velocity_gain(rotors, facts.velocity_loop_inertia),
+            integral_gain=gains.integral_gain,
+            coulomb_friction=gains.friction_scale * facts.coulomb_friction,
+            viscous_friction=gains.friction_scale * facts.viscous_friction,
+            initial_position=cell.motor_start,
+            initial_torque=cell.gravity_torque * cell.config.elastic_joints,
+        )
+
+
+@dataclass(kw_only=True)
+class JointImpedanceDriveConfig(JointImpedanceConfig, PositionDriveConfig):
+    """Scenario part `drive: !JointImpedance`: the drives are told torques, and impedance control holds the joints.
+
+    Torques with dynamics; without, impedance control is part of the joint springs, which are softer by it.
+    """
+
+    def holding_stiffness(self, robot: RobotModel) -> Vector:
+        """K_q, shape (n,) [Nm/rad]."""
+        facts = robot.facts
+        return self.joint_stiffness(facts.rotor_inertia * facts.gear_ratio**2)
+
+    def _servo(self, cell: Workcell) -> System:
+        return TorqueInterface(cell, self, self.servo.friction_scale)
+
+    def add_to(self, builder: DiagramBuilder, site: Site) -> System:
+        """Add the block `drive`.
+
+        Raises:
+            BadInputError: rigid joints or an ideal servo, where torques are controlled.
+        """
+        if site.cell.has_dynamics:
+            because = "with drive = !JointImpedance"
+            if not site.cell.config.elastic_joints:
+                raise invalid("elastic_joints", False, f"true {because}: the torques in the joints are controlled")
+            if self.servo.ideal:
+                raise invalid("drive.servo.ideal", True, f"false {because}")
+        return super().add_to(builder, site)
+
+
+class PositionDrive(Diagram):
+    """Command hold, position loops and servos of a robot with dynamics.
+
+    ```
+    name: PositionDrive
+    input_ports: [joint_position_command, spring_torque (optional)]
+    output_ports: [motor_state, motor_position, motor_velocity]
+    ```
+
+    joint_position_command: shape (n,) [rad]. spring_torque: shape (n,), of the joint springs on the links [Nm]; not
+    with an ideal servo.
+    motor_state: shape (2n,), position and speed of the motors, joint side [rad, rad/s].
+    motor_position, motor_velocity: shape (n,), its halves [rad, rad/s]. All outputs are state, no direct feedthrough.
+
+    Sampling: every `period` [s] of the cell the command; every `time_step` [s] of the cell the rest.
+
+    Args:
+        cell: the workcell.
+        loop: its position loops.
+        servo: with the ports of `Drive`; None: the motors follow the filtered command exactly.
+    """
+
+    def __init__(self, cell: Workcell, loop: PositionLoopConfig, servo: System | None):
+        super().__init__()
+        n, q_0, step = cell.num_joints, cell.motor_start, cell.config.time_step
+        builder = DiagramBuilder()
+        add, connect = builder.AddNamedSystem, builder.Connect
+        # The command is held for a tick, then everything runs on at the plant's rate. Reading the hold takes one plant
+        # step, which counts towards the command delay.
+        hold = add("command_hold", hold_line(cell.period, q_0))
+        builder.ExportInput(hold.get_input_port(), "joint_position_command")
+        filter_ = add(
+            "position_loop",
+            PositionLoop(
+                n,
+                bandwidth=loop.bandwidth,
+                damping_ratio=loop.damping_ratio,
+                delay=max(0.0, loop.delay - step),
+                period=step,
+                initial_command=q_0,
+            ),
+        )
+        connect(hold.get_output_port(), filter_.GetInputPort("command"))
+        reference = filter_.GetOutputPort("reference")
+        if servo is None:
+            halves = add("position_and_velocity", Demultiplexer([n, n]))
+            connect(reference, halves.get_input_port())
+            ports = {"motor_state": reference}
+            ports |= {"motor_position": halves.get_output_port(0), "motor_velocity": halves.get_output_port(1)}
+        else:
+            add("servo", servo)
+            connect(reference, servo.GetInputPort("reference"))
+            builder.ExportInput(servo.GetInputPort("spring_torque"), "spring_torque")
+            ports = {name: servo.GetOutputPort(name) for name in MOTOR_PORTS}
+        for name in MOTOR_PORTS:
+            builder.ExportOutput(ports[name], name)
+        builder.BuildInto(self)
+
+
+def hold_line(period: float, initial: Vector) -> LinearSystem:
+    """Samples a signal and holds it, with a value to begin with; a ZeroOrderHold begins with zero.
+
+    Args:
+        period: of the samples [s].
+        initial: value before the first one, shape (n,).
+    """
+    n = len(initial)
+    hold = LinearSystem(np.zeros((n, n)), np.eye(n), np.eye(n), np.zeros((n, n)), period)
+    hold.configure_default_state(initial)
+    return hold

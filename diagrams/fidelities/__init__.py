@@ -1,0 +1,1 @@
+"""Fidelities: ways to realise the parts of a station."""

@@ -1,0 +1,373 @@
+"""Fidelity `Multibody`: the robot as a MultibodyPlant, with drives, contact and sensors.
+
+    joint_position_command -> drives (motor side) -> joint springs -> links -> tool -> contact
+                                  ^ spring torque        wrist sensor <-'
+
+The joint springs are actuator PD laws whose desired state is the motor side, and the contact is Drake's compliant point
+contact with linear (Kelvin-Voigt) dissipation; the discrete SAP solver integrates both implicitly, so an environment
+from 1e3 to 1e6 N/m and the joints stay stable at the default 1 ms. The step is an implicit Euler step: it damps a mode
+of angular frequency w by an extra damping ratio of about w dt/2. A surface of a class of one's own acts by its force at
+the TCP, one step old.
+
+Links pass through each other unless `self_collision`; all arms share one plant.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.multibody.math import SpatialForce
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Joint
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem, OutputPort, System
+from pydrake.systems.primitives import (
+    ConstantVectorSource,
+    DiscreteTimeIntegrator,
+    MatrixGain,
+    Multiplexer,
+    PassThrough,
+    Selector,
+    SelectorParams,
+)
+
+from forcectl.diagrams.fidelities.kinematic import check_one_sided
+from forcectl.diagrams.fidelities.light import add_sensors
+from forcectl.diagrams.mechanics.assembly import Assembly
+from forcectl.diagrams.mechanics.environment_body import drive_surface
+from forcectl.diagrams.mechanics.site import Site
+from forcectl.diagrams.mechanics.station_surface import add_surface, is_uniform
+from forcectl.diagrams.mechanics.truth import add_contact_state
+from forcectl.diagrams.mechanics.world import add_world
+from forcectl.diagrams.workcell import Contact, Workcell
+from forcectl.errors import BadInputError
+from forcectl.framework.enclosed import Enclosed
+from forcectl.motion.loads import add_loads, loaded_frames
+from forcectl.plant.drives.joint_friction import FrictionRest, actuation_gain, desired_state_gain
+from forcectl.plant.tip_kinematics import TipDisplacement
+from forcectl.plant.tip_load import LoadTruth, TipLoad
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(kw_only=True)
+class MultibodyFidelity:
+    """Scenario part `fidelity: Multibody`."""
+
+    has_dynamics = True
+    constant_jacobian = False
+
+    def check(self, cell: Workcell) -> None:
+        """Whether the workcell can be realised.
+
+        Raises:
+            BadInputError: it has a two-sided spring.
+        """
+        check_one_sided(cell)
+
+    def build(self, cell: Workcell, seed: int) -> Diagram:
+        """The station."""
+        return MultibodyStation(cell, seed)
+
+
+class MultibodyStation(Diagram):
+    """The station with a full MultibodyPlant; see `forcectl.diagrams.station` for the slot it fills.
+
+    ```
+    name: MultibodyStation
+    input_ports: [joint_position_command, joint_velocity_command (optional), joint_torque_feedforward (optional),
+      external_wrench (optional)]
+    output_ports: [link_position, link_velocity, motor_position, motor_velocity,
+      (further outputs of drive and sensors; in any order), measured_wrench (optional), measured_force (optional),
+      joint_position (optional), joint_velocity (optional), motor_torque (optional), contact_force (optional),
+      surface_height (optional), surface_damping (optional), surface_stiffness (optional),
+      contact_displacement (optional), contact_state (optional), applied_wrench (optional), external_torque (optional),
+      tip_wrench (optional), arm_contact_force (optional)]
+    ```
+
+    joint_position_command, joint_velocity_command, joint_torque_feedforward: shape (n,) [rad, rad/s, Nm]; the last two
+    of drives that take them, and zero when they are not connected.
+    external_wrench: shape (6a,), on the robot at each TCP in the world, [torque; force] [Nm, N]; of stations with
+    external_torque and without loads of their own, and zero when it is not connected.
+    link_position, link_velocity: shape (n,), truth [rad, rad/s]. State.
+    motor_position, motor_velocity: shape (n,), joint side [rad, rad/s]. State.
+    measured_wrench: shape (6,), of the environment on the tool, at S in S, [torque; force] [Nm, N]. State.
+    measured_force: shape (1,), along n [N]. State.
+    joint_position, joint_velocity, motor_torque: shape (n,), readings [rad, rad/s, Nm]. State.
+    contact_force: shape (k,), truth along each normal [N]. Feedthrough of external_wrench when a surface is a body.
+    contact_state: shape (k,), see `ContactMonitor` [1]. Feedthrough of external_wrench when a surface is a body.
+    contact_displacement: shape (k,), truth along each normal, of the motors [m]. State.
+    surface_height, surface_damping, surface_stiffness: shape (1,), under the tool [m, N s/m, N/m]; the ports exist
+    where the surface is uneven, and of several materials. State.
+    applied_wrench: shape (6a,), of the station's loads, as external_wrench [Nm, N]. State.
+    external_torque: shape (n,), truth [Nm]. Feedthrough of external_wrench.
+    tip_wrench: shape (6a,), truth, at each TCP in the world, [torque; force] [Nm, N]. Feedthrough of external_wrench.
+    arm_contact_force: shape (a,), truth, sum of magnitudes [N]. Feedthrough of external_wrench.
+    All outputs are state, as far as those of further sensors are.
+
+    Sampling: every `time_step` [s] of the cell the plant and its drives; every `period` [s] commands and readings;
+    every `posture_period` [s] what depends on the posture only.
+
+    Args:
+        cell: the workcell.
+        seed: of every random number of the station.
+
+    Attributes:
+        plant: of the station, for visualisation and tests.
+        scene_graph: None where nothing can touch.
+    """
+
+    optional_inputs = ("joint_velocity_command", "joint_torque_feedforward", "external_wrench")
+
+    def __init__(self, cell: Workcell, seed: int):
+        super().__init__()
+        builder = DiagramBuilder()
+        assembly = Assembly(builder)
+        site = add_world(builder, cell, seed)
+        plant, parts = site.plant, site.parts
+        self.plant, self.scene_graph = plant, site.scene_graph
+        size, n_q = plant.num_multibody_states(), plant.num_positions()
+        for name, rows in (
+            ("link_position", [joint.position_start() for joint in parts.joints]),
+            ("link_velocity", [n_q + joint.velocity_start() for joint in parts.joints]),
+        ):
+            block = builder.AddNamedSystem(name, selector(size, rows, name))
+            builder.Connect(plant.get_state_output_port(), block.get_input_port())
+            assembly.add_output(block, name)
+        _add_drive(assembly, site)
+        assembly.offer("reaction_forces", plant.get_reaction_forces_output_port())
+        add_sensors(assembly, site)
+        own = _add_surfaces(assembly, site)
+        if "motor_torque" in assembly.signals or cell.config.loads or own is not None:
+            _add_loads(assembly, site, own)
+        assembly.finish(self)
+
+
+def selector(size: int, rows: list[int], name: str) -> Selector:
+    """A block that puts out some elements of a vector.
+
+    Args:
+        size: of the vector.
+        rows: which elements, in order.
+        name: of the output port.
+    """
+    one = SelectorParams.OutputSelection
+    output = SelectorParams.OutputPortParams(
+        name=name, selections=[one(input_port_index=0, input_offset=row) for row in rows]
+    )
+    return Selector(SelectorParams(inputs=[SelectorParams.InputPortParams(name="state", size=size)], outputs=[output]))
+
+
+def _add_drive(assembly: Assembly, site: Site) -> None:
+    """The drive, and its coupling to the plant."""
+    builder, cell, plant, parts = assembly.builder, site.cell, site.plant, site.parts
+    drive = cell.config.drive.add_to(builder, site)
+    assembly.add(drive)
+    signals, instance = assembly.signals, parts.instance
+    n, elastic = cell.num_joints, cell.config.elastic_joints
+    if elastic:
+        torque = _through(builder, "spring_torque", actuation_gain(plant, instance, parts.actuators).D().T)
+        builder.Connect(plant.get_net_actuation_output_port(instance), torque.get_input_port())
+        assembly.offer("spring_torque", torque.get_output_port())
+    elif drive.HasInputPort("spring_torque"):
+        # Springs that stand for rigid joints are too stiff for the explicit step of the drives: no load, as in the
+        # stations without dynamics.
+        rest = builder.AddNamedSystem("no_load", ConstantVectorSource(np.zeros(n)))
+        assembly.offer("spring_torque", rest.get_output_port())
+    if "joint_torque" in signals:
+        _connect_rigid(assembly, site)
+    elif "motor_position" in signals and "motor_velocity" in signals:
+        if "motor_state" not in signals:
+            both = builder.AddNamedSystem("motor_state", Multiplexer([n, n]))
+            for i, name in enumerate(("motor_position", "motor_velocity")):
+                builder.Connect(signals[name], both.get_input_port(i))
+            assembly.offer("motor_state", both.get_output_port())
+        springs = _through(builder, "motor_side", desired_state_gain(plant, instance, parts.actuators).D())
+        builder.Connect(signals["motor_state"], springs.get_input_port())
+        builder.Connect(springs.get_output_port(), plant.get_desired_state_input_port(instance))
+    else:
+        raise BadInputError(f"drive {drive.get_name()!r}: must have the outputs motor_position and motor_velocity")
+    for name, link in (("motor_position", "link_position"), ("motor_velocity", "link_velocity")):
+        if name not in signals:
+            assembly.offer(name, signals[link])
+    if "torque_integral" not in signals and elastic:
+        # Torque sensors in the joints; a block that nothing reads costs nothing.
+        mean = builder.AddNamedSystem("torque_integral", DiscreteTimeIntegrator(n, cell.config.time_step))
+        builder.Connect(signals["spring_torque"], mean.get_input_port())
+        assembly.offer("torque_integral", mean.get_output_port())
+
+
+def _through(builder: DiagramBuilder, name: str, matrix: Vector) -> System:
+    """A block with this gain, which names the order of a robot's actuators."""
+    same = matrix.shape[0] == matrix.shape[1] and np.array_equal(matrix, np.eye(len(matrix)))
+    block = PassThrough(len(matrix)) if same else MatrixGain(matrix)
+    return builder.AddNamedSystem(name, block)
+
+
+def _connect_rigid(assembly: Assembly, site: Site) -> None:
+    """Motor torque and friction of joints without springs."""
+    builder, cell, plant, parts = assembly.builder, site.cell, site.plant, site.parts
+    connect, instance = builder.Connect, parts.instance
+    motors = builder.AddNamedSystem("motors", actuation_gain(plant, instance, parts.actuators))
+    connect(assembly.signals["joint_torque"], motors.get_input_port())
+    connect(motors.get_output_port(), plant.get_actuation_input_port(instance))
+    rest = builder.AddNamedSystem("at_rest", ConstantVectorSource(np.zeros(2 * cell.num_joints)))
+    sticking = builder.AddNamedSystem("sticking", desired_state_gain(plant, instance, site.friction))
+    connect(rest.get_output_port(), sticking.get_input_port())
+    connect(sticking.get_output_port(), plant.get_desired_state_input_port(instance))
+    n_q, n_v = plant.num_positions(), plant.num_velocities()
+    speeds = builder.AddNamedSystem("speeds", selector(n_q + n_v, list(range(n_q, n_q + n_v)), "velocity"))
+    true = cell.config.drive.true_friction(cell.robot)
+    drag = builder.AddNamedSystem("friction", FrictionRest(plant, parts.joints, true))
+    connect(plant.get_state_output_port(), speeds.get_input_port())
+    connect(speeds.get_output_port(), drag.GetInputPort("velocity"))
+    connect(drag.GetOutputPort("generalized_force"), plant.get_applied_generalized_force_input_port())
+
+
+def _add_surfaces(assembly: Assembly, site: Site) -> OutputPort | None:
+    """Uneven surfaces, surfaces that act by their force, and the truth of all contacts.
+
+    Returns:
+        the wrenches of the latter at the TCPs, shape (6a,) [Nm, N]; None without.
+    """
+    builder, cell, signals = assembly.builder, site.cell, assembly.signals
+    forces: dict[int, OutputPort] = {}
+    displacements = []
+    for i, (contact, mounting) in enumerate(zip(cell.contacts, site.mountings, strict=True)):
+        label = contact.name if len(cell.contacts) > 1 else ""
+        if mounting is not None:
+            # An uneven surface is raised to its height at the place of the links.
+            if len(cell.contacts) > 1 and not is_uniform(contact):
+                raise BadInputError(
+                    f"environment {contact.name!r}: must be flat and of one material beside other surfaces"
+                )
+            surface = add_surface(builder, cell, contact, signals["link_position"], cell.start)
+            drive_surface(builder, cell, contact, site.plant, mounting, surface)
+            for name, port in surface.items():
+                assembly.offer(name, port)
+        else:
+            forces[i] = _add_own_surface(assembly, cell, contact)
+        tip = TipDisplacement(contact.robot, contact.n, cell.motor_start, period=None)
+        tip = builder.AddNamedSystem("_".join(filter(None, ("tip_displacement", label))), tip)
+        builder.Connect(signals["motor_position"], tip.GetInputPort("motor_position"))
+        displacements.append(tip.GetOutputPort("displacement"))
+    if not cell.contacts:
+        return None
+    assembly.offer("contact_displacement", _stacked(builder, "contact_displacements", displacements))
+    if "contact_force" not in signals:
+        mounted = [mounting for mounting in site.mountings if mounting is not None]
+        if mounted:
+            truth = builder.AddNamedSystem("contact_truth", MountingForces(site.plant, mounted))
+            builder.Connect(signals["reaction_forces"], truth.get_input_port())
+            rows = iter(range(len(mounted)))
+            for i, mounting in enumerate(site.mountings):
+                if mounting is not None:
+                    forces[i] = truth.get_output_port(next(rows))
+        ordered = [forces[i] for i in range(len(cell.contacts))]
+        assembly.offer("contact_force", _stacked(builder, "contact_forces", ordered))
+    assembly.offer("contact_state", add_contact_state(builder, signals["contact_force"]))
+    return _own_wrenches(builder, cell, {i: port for i, port in forces.items() if site.mountings[i] is None})
+
+
+def _stacked(builder: DiagramBuilder, name: str, ports: list[OutputPort]) -> OutputPort:
+    if len(ports) == 1:
+        return ports[0]
+    both = builder.AddNamedSystem(name, Multiplexer([1] * len(ports)))
+    for i, port in enumerate(ports):
+        builder.Connect(port, both.get_input_port(i))
+    return both.get_output_port()
+
+
+def _add_own_surface(assembly: Assembly, cell: Workcell, contact: Contact) -> OutputPort:
+    """A surface of a class of one's own: its force from the displacement of the links."""
+    builder = assembly.builder
+    place = TipDisplacement(contact.robot, contact.n, cell.start, period=None)
+    place = builder.AddNamedSystem(f"place_on_{contact.name}", place)
+    builder.Connect(assembly.signals["link_position"], place.GetInputPort("motor_position"))
+    inner = DiagramBuilder()
+    own = contact.environment.add_to(inner, 1, cell.config.time_step, robot_compliance=0.0)
+    surface = builder.AddNamedSystem(f"surface_{contact.name}", Enclosed(inner, own))
+    builder.Connect(place.GetOutputPort("displacement"), surface.GetInputPort("displacement"))
+    return surface.GetOutputPort("contact_force")
+
+
+def _own_wrenches(builder: DiagramBuilder, cell: Workcell, forces: dict[int, OutputPort]) -> OutputPort | None:
+    if not forces:
+        return None
+    arms = list(cell.robot.parts.arms)
+    gain = np.zeros((6 * len(arms), len(forces)))
+    for column, i in enumerate(forces):
+        row = 6 * arms.index(cell.contacts[i].arm) + 3
+        gain[row : row + 3, column] = cell.contacts[i].n
+    block = builder.AddNamedSystem("contact_wrench", MatrixGain(gain))
+    builder.Connect(_stacked(builder, "own_forces", list(forces.values())), block.get_input_port())
+    return block.get_output_port()
+
+
+def _add_loads(assembly: Assembly, site: Site, own: OutputPort | None) -> None:
+    """Loads on the robot, and what they and contacts do to its joints."""
+    builder, cell, plant, parts = assembly.builder, site.cell, site.plant, site.parts
+    loads, signals = cell.config.loads, assembly.signals
+    frames = loaded_frames(loads, cell.robot)
+    in_plant = [plant.GetFrameByName(name, parts.instance) for name in frames]
+    load = builder.AddNamedSystem("load", TipLoad(parts, in_plant))
+    truth = builder.AddNamedSystem("truth", LoadTruth(cell.robot, plant, parts, list(frames.values())))
+    if loads:
+        for name, port in add_loads(builder, loads, cell.robot, cell.period).items():
+            for block in (load, truth):
+                builder.Connect(port, block.GetInputPort(name))
+            if name == "external_wrench":
+                assembly.offer("applied_wrench", port)
+    else:
+        assembly.want("external_wrench", load.GetInputPort("external_wrench"))
+        assembly.want("external_wrench", truth.GetInputPort("external_wrench"))
+    if own is not None:
+        for block in (load, truth):
+            builder.Connect(own, block.GetInputPort("contact_wrench"))
+    builder.Connect(load.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port())
+    builder.Connect(signals["link_position"], truth.GetInputPort("link_position"))
+    if site.scene_graph is not None:
+        builder.Connect(plant.get_contact_results_output_port(), truth.GetInputPort("contact_results"))
+        torque = plant.get_generalized_contact_forces_output_port(parts.instance)
+        builder.Connect(torque, truth.GetInputPort("contact_torque"))
+    for name in ("external_torque", "tip_wrench", "arm_contact_force"):
+        assembly.offer(name, truth.GetOutputPort(name))
+
+
+class MountingForces(LeafSystem):
+    """True contact forces along the normals, which the mountings of the surfaces carry.
+
+    ```
+    name: MountingForces
+    input_ports: [reaction_forces]
+    output_ports: [contact_force_1, (further ones of the same kind)]
+    ```
+
+    reaction_forces: abstract, list of SpatialForce of the plant's joints.
+    contact_force_1: shape (1,), of the first surface [N]; contact_force_2 of the second, and so on. All outputs are
+    feedthrough of reaction_forces.
+
+    Sampling: none; evaluated when read.
+
+    Args:
+        plant: finalized.
+        mountings: welds of the surfaces, which are massless, their normals +z.
+    """
+
+    def __init__(self, plant: MultibodyPlant, mountings: list[Joint]):
+        super().__init__()
+        joints = list(plant.GetJointIndices())
+        self._reactions = self.DeclareAbstractInputPort("reaction_forces", AbstractValue.Make([SpatialForce.Zero()]))
+        self.port_units = {f"contact_force_{i + 1}": "N" for i in range(len(mountings))}
+        for i, mounting in enumerate(mountings):
+            self._declare(f"contact_force_{i + 1}", joints.index(mounting.index()))
+
+    def _declare(self, name: str, row: int) -> None:
+        reactions = self._reactions
+
+        def show(context: Context, output: BasicVector) -> None:
+            output.SetAtIndex(0, reactions.Eval(context)[row].translational()[2])
+
+        self.DeclareVectorOutputPort(name, 1, show, prerequisites_of_calc={reactions.ticket()})

@@ -1,0 +1,270 @@
+"""The loop of a scenario: references, estimators, controller and station, connected by the names of their signals.
+
+    references --> controller --> station --> log
+                      ^   ^          |
+                      |   estimators <
+                      +--------------+
+
+`forcectl.conventions` lists the signals. From a reading to the motion it causes:
+
+    station to controller    none: readings are those of the tick
+    estimators, controller   none, when their outputs are feedthrough at the tick and held
+    controller to motors     the delays of the drive
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType, System
+
+from forcectl.conventions import TRUTH, unit_of
+from forcectl.diagrams.believed import ModelConfig, Setting, force_lag, plant_model
+from forcectl.diagrams.force_controller import build_controller
+from forcectl.diagrams.log import LoggedLoop, add_log
+from forcectl.diagrams.mechanics.truth import CONTACT_FORCE
+from forcectl.diagrams.signals import ProjectionConfig, SignalChoice, Signals
+from forcectl.diagrams.station import StationConfig, build_station
+from forcectl.diagrams.workcell import Workcell, describe
+from forcectl.errors import BadInputError, invalid
+from forcectl.framework.enclosed import Enclosed
+from forcectl.plant.plant_model import PlantModel
+from forcectl.plant.tip_kinematics import tip_displacements
+
+WRENCH_PARTS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
+# Of a station with a force sensor only, the signals that are looked at; the others cost more to log than to have.
+_FORCE_SIGNALS = (
+    "measured_force",
+    "contact_force",
+    "contact_displacement",
+    "motor_position",
+    "surface_height",
+    "surface_stiffness",
+)
+
+
+@dataclass(kw_only=True)
+class LoopParts:
+    """What a loop is made of.
+
+    Attributes:
+        station: its configuration.
+        controller: a force law, or a controller of joints.
+        model: errors of the plant model.
+        reference: of the force; used where something wants `desired_force`.
+        motion: in the unconstrained directions; used where something wants `unconstrained_reference`.
+        estimators: by name.
+        signals: choices and projections, by the name of the signal.
+        seed: of every random number.
+    """
+
+    station: StationConfig
+    controller: Any
+    reference: Any
+    motion: Any
+    model: ModelConfig = field(default_factory=ModelConfig)
+    estimators: Mapping[str, Any] = field(default_factory=dict)
+    signals: Mapping[str, SignalChoice] = field(default_factory=dict)
+    seed: int = 0
+
+    def setting(self) -> Setting:
+        """Workcell and models.
+
+        Raises:
+            BadInputError: a station that cannot be built.
+        """
+        cell = describe(self.station)
+        chosen = self.signals.get("measured_force")
+        lag = force_lag(self.estimators) if isinstance(chosen, ProjectionConfig) else None
+        return Setting(cell, self.model.applied(plant_model(cell, lag)), plant_model(cell, lag))
+
+
+@dataclass(frozen=True)
+class Loop(LoggedLoop):
+    """A loop ready to simulate.
+
+    Attributes:
+        setting: workcell and models.
+        reference_model_bandwidth: of the controller's nominal loop [rad/s]; None without one.
+        station: the station in `diagram`.
+    """
+
+    setting: Setting
+    reference_model_bandwidth: float | None
+    station: Diagram
+
+    @property
+    def cell(self) -> Workcell:
+        """The workcell."""
+        return self.setting.cell
+
+    @property
+    def model(self) -> PlantModel:
+        """What controllers and estimators were given."""
+        return self.setting.model
+
+    @property
+    def true_compliance(self) -> float:
+        """C_T of the one surface at the start [m/N]."""
+        contact = self.cell.contact
+        return contact.robot_compliance + contact.environment_compliance
+
+    def derived(self, values: NDArray[np.float64]) -> dict[str, tuple[str, NDArray[np.float64]]]:
+        """Signals that follow from logged ones, by name: unit and samples (k,).
+
+        The contact state, and the displacement of the tool of a robot, are not needed tick by tick.
+
+        Args:
+            values: the log, shape (n, k).
+        """
+        further: dict[str, tuple[str, NDArray[np.float64]]] = {}
+        if len(self.cell.contacts) != 1 or "contact_state" in self.signals:
+            return further
+        touching = np.clip(values[self.signals["contact_force"].rows][0] / CONTACT_FORCE, 0.0, 1.0)
+        further["contact_state"] = (unit_of("contact_state"), touching)
+        if "contact_displacement" not in self.signals:
+            contact = self.cell.contact
+            motors = values[self.signals["motor_position"].rows].T
+            displacement = tip_displacements(contact.robot, contact.n, self.cell.motor_start, motors)
+            further["contact_displacement"] = (unit_of("contact_displacement"), displacement)
+        return further
+
+
+def build_loop(parts: LoopParts) -> Loop:
+    """The loop as a diagram.
+
+    Args:
+        parts: of the loop.
+
+    Raises:
+        BadInputError: parts that do not fit each other.
+    """
+    setting = parts.setting()
+    cell, model = setting.cell, setting.model
+    builder = DiagramBuilder()
+    signals = Signals(builder, TRUTH)
+    controller = build_controller(parts.controller, model)
+    wanted = {controller.get_input_port(i).get_name() for i in range(controller.num_input_ports())}
+    sources = _add_sources(builder, parts, setting, wanted)
+    for name, system in sources.items():
+        signals.add(name, system)
+    builder.AddNamedSystem("controller", controller)
+    station = builder.AddNamedSystem("station", build_station(cell, parts.seed))
+    signals.add("station", station)
+    estimators = _add_estimators(builder, parts, model)
+    for name, system in estimators.items():
+        signals.add(name, system)
+    for name, choice in parts.signals.items():
+        signals.choose(name, choice.choose(name, builder, signals, model))
+    for name, system in estimators.items():
+        signals.connect(f"estimators.{name}", system)
+    signals.connect("controller", controller, getattr(controller, "optional_inputs", ()))
+    _command(builder, controller, station)
+    ports = _logged(parts, sources, station, controller, estimators) | signals.chosen
+    log = add_log(builder, ports, cell.period, _labels(ports, cell))
+    diagram = builder.Build()
+    diagram.set_name("loop")
+    bandwidth = getattr(parts.controller, "reference_model_bandwidth", lambda: None)()
+    return Loop(diagram, log, cell.period, setting, bandwidth, station)
+
+
+def _add_sources(builder: DiagramBuilder, parts: LoopParts, setting: Setting, wanted: set[str]) -> dict[str, System]:
+    """References, as far as the controller wants them."""
+    cell, sources = setting.cell, {}
+    if "desired_force" in wanted:
+        largest = parts.reference.largest_force()
+        limits = [sensor.range for sensor in parts.station.sensors.values() if hasattr(sensor, "range")]
+        if limits and not largest <= min(limits):
+            raise invalid("reference.force", largest, f"at most the sensor's range, {min(limits):g} N")
+        sources["reference"] = parts.reference.add_to(builder, setting.model.size)
+    if "unconstrained_reference" in wanted:
+        contact = cell.contacts[0]
+        sources["motion"] = parts.motion.add_to(builder, contact.robot, cell.start, contact.n)
+    return sources
+
+
+def _add_estimators(builder: DiagramBuilder, parts: LoopParts, model: PlantModel) -> dict[str, System]:
+    added: dict[str, System] = {}
+    for name, config in parts.estimators.items():
+        inner = DiagramBuilder()
+        system = config.add_to(inner, model)
+        if not isinstance(system, System):
+            raise BadInputError(f"estimators.{name}: add_to must return a Drake system, not {type(system).__name__}")
+        added[name] = builder.AddNamedSystem(f"{name}_estimator", Enclosed(inner, system))
+    return added
+
+
+def _command(builder: DiagramBuilder, controller: Diagram, station: Diagram) -> None:
+    """Connect the commands.
+
+    Raises:
+        BadInputError: a command of another size than the station takes.
+    """
+    for i in range(controller.num_output_ports()):
+        port = controller.get_output_port(i)
+        name = port.get_name()
+        if not station.HasInputPort(name):
+            continue
+        wanted = station.GetInputPort(name).size()
+        if port.size() != wanted:
+            raise BadInputError(f"controller: {name} has size {port.size()}: must be {wanted}, as the station takes it")
+        builder.Connect(port, station.GetInputPort(name))
+
+
+def _logged(
+    parts: LoopParts,
+    sources: Mapping[str, System],
+    station: Diagram,
+    controller: Diagram,
+    estimators: Mapping[str, System],
+) -> dict[str, OutputPort]:
+    """The ports to log by signal name.
+
+    Everything where joint readings are taken; of other stations what is looked at, and of the controller its command
+    and scalars.
+    """
+    ports: dict[str, OutputPort] = {}
+    if "reference" in sources:
+        ports["desired_force"] = sources["reference"].GetOutputPort("desired_force")
+    everything = station.HasOutputPort("motor_torque")
+    constant = parts.station.fidelity.constant_jacobian
+    for port in map(station.get_output_port, range(station.num_output_ports())):
+        name = port.get_name()
+        # See `Loop.derived`.
+        skipped = name == "contact_displacement" and not constant
+        if everything or (name in _FORCE_SIGNALS and not skipped):
+            ports[name] = port
+    for system in (controller, *estimators.values()):
+        for port in map(system.get_output_port, range(system.num_output_ports())):
+            vector = port.get_data_type() == PortDataType.kVectorValued
+            small = port.size() == 1 or port.get_name() == "displacement_command"
+            if vector and (everything or small or system is not controller):
+                ports[port.get_name()] = port
+    return ports
+
+
+def _labels(ports: Mapping[str, OutputPort], cell: Workcell) -> dict[str, tuple[str, tuple[str, ...]]]:
+    """Dimension and names of the components of every port with more than one."""
+    joints = ("joint", tuple(cell.robot.facts.arm_joints))
+    arms = list(cell.robot.parts.arms)
+    wrenches = ("wrench_component", tuple(f"{arm}_{part}" for arm in arms for part in WRENCH_PARTS))
+    surfaces = ("surface", tuple(contact.name for contact in cell.contacts))
+    by_loop = ("desired_force", "measured_force", "contact_force", "contact_state", "contact_displacement")
+    found = {}
+    for name, port in ports.items():
+        size = port.size()
+        if name.endswith("_wrench") and size == len(wrenches[1]):
+            found[name] = wrenches
+        elif name == "arm_contact_force":
+            found[name] = ("arm", tuple(arms))
+        elif size == len(surfaces[1]) > 1 and name in (*by_loop, "displacement_command"):
+            found[name] = surfaces
+        elif size == len(joints[1]):
+            found[name] = joints
+        elif size > 1:
+            found[name] = (f"{name}_component", tuple(str(i) for i in range(1, size + 1)))
+    return found

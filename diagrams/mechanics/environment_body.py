@@ -1,0 +1,175 @@
+"""The compliant environment of the multibody station: a body that the ball of the tool touches.
+
+A surface that is the same everywhere is welded to the world, and its compliance is that of the contact. Otherwise the
+contact acts on a massless skin welded to something that slides along n, so that the contact normal stays n and the
+reaction of that weld is the force of the contact, free of inertia. For an uneven surface of one material that is a
+plate driven to the height under the tool; for several materials it is a carrier on the spring of the place, see
+`forcectl.plant.contact.surface_spring`.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from pydrake.geometry import AddContactMaterial, Box, GeometryId, ProximityProperties
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import CoulombFriction, MultibodyPlant
+from pydrake.multibody.tree import (
+    FixedOffsetFrame,
+    Frame,
+    Joint,
+    ModelInstanceIndex,
+    PdControllerGains,
+    PrismaticJoint,
+    SpatialInertia,
+)
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.primitives import MatrixGain
+
+from forcectl.diagrams.workcell import Contact, Workcell
+from forcectl.errors import BadInputError
+from forcectl.models import add_packages
+from forcectl.plant.contact.surface_spring import SurfaceSpring
+
+# Compliance of the ball of the tool [m/N]: small beside any environment, and in series with it (taken out again below).
+BALL_COMPLIANCE = 1e-7
+_SKIN_COMPLIANCE = 1e-7  # of the contact on a surface of several materials [m/N], taken out again as well
+_CARRIER_MASS = 0.1  # of such a surface [kg]
+
+
+def add_environment(plant: MultibodyPlant, cell: Workcell, contact: Contact) -> tuple[Joint, GeometryId]:
+    """Add the body that a contact's surface is, its top face through the TCP at the start.
+
+    Args:
+        plant: not finalized, with the robot.
+        cell: the workcell.
+        contact: one of its contacts.
+
+    Returns:
+        the weld that carries the contact, its child's z axis is the normal; and the surface.
+
+    Raises:
+        BadInputError: stiffer than the compliance that the model of contact has of its own.
+    """
+    config, n = contact.environment, contact.n
+    tip = contact.robot.pose(contact.start_context()).translation()
+    parser = Parser(plant)
+    parser.SetAutoRenaming(True)  # one for each surface
+    add_packages(parser.package_map())
+    (instance,) = parser.AddModelsFromUrl("package://spring_plate/spring_plate.sdf")
+    side = np.eye(3)[int(np.argmin(np.abs(n)))]
+    y = np.cross(n, side) / np.linalg.norm(np.cross(n, side))
+    R_WE = RotationMatrix(np.column_stack([np.cross(y, n), y, n]))
+    surface = plant.GetFrameByName("surface", instance)
+    X_WE = RigidTransform(R_WE, tip)
+    skin, X_BS = surface.body(), surface.GetFixedPoseInBodyFrame()
+    compliance, damping = 1 / config.stiffness + _missing_compliance(cell, contact), config.damping
+    if config.surface.materials is not None:
+        compliance, damping = _SKIN_COMPLIANCE, 0.0
+        p, d = max(_springs(cell, contact)), max(config.surface.materials.path().damping)
+        inertia = SpatialInertia.SolidSphereWithMass(_CARRIER_MASS, 0.05)
+        carrier = plant.AddRigidBody("surface_carrier", instance, inertia).body_frame()
+        plant.WeldFrames(plant.world_frame(), surface, X_WE)
+        weld = _add_slide(plant, instance, X_WE, carrier, PdControllerGains(p=p, d=d))
+    elif config.surface.flat:
+        weld = plant.WeldFrames(plant.world_frame(), surface, X_WE)
+    else:
+        p = 10.0 * surface.body().default_mass() / cell.config.time_step**2
+        # Without damping: the implicit step damps so stiff a drive by itself, and the plate is there a step later.
+        weld = _add_slide(plant, instance, X_WE, surface, PdControllerGains(p=p, d=0.0))
+        compliance -= 1 / p
+    if not config.surface.uniform:
+        skin, X_BS = weld.child_body(), RigidTransform()
+    plant.set_gravity_enabled(instance, False)
+    if not compliance > 0:
+        largest = 1 / (1 / config.stiffness - compliance)
+        raise BadInputError(f"stiffness = {config.stiffness:g}: must be below {largest:.4g} N/m in Multibody")
+    # Drake puts ball and surface in series and adds their relaxation times: their damping is to be D_E.
+    material = contact_material(1 / compliance, damping * (compliance + BALL_COMPLIANCE))
+    # Thick, so that the ball never comes out of the other side of a soft surface.
+    depth = 0.5
+    block = RigidTransform([0.0, 0.0, -depth / 2])
+    return weld, plant.RegisterCollisionGeometry(skin, X_BS @ block, Box(1.0, 1.0, depth), "contact_surface", material)
+
+
+def _add_slide(
+    plant: MultibodyPlant, instance: ModelInstanceIndex, X_WE: RigidTransform, frame: Frame, gains: PdControllerGains
+) -> Joint:
+    """Let a frame slide along n, driven with these gains; returns the weld of a massless skin to it."""
+    guide = plant.AddFrame(FixedOffsetFrame("surface_guide", plant.world_frame(), X_WE, instance))
+    slide = plant.AddJoint(PrismaticJoint("surface_slide", guide, frame, [0.0, 0.0, 1.0]))
+    plant.AddJointActuator("surface_drive", slide).set_controller_gains(gains)
+    skin = plant.AddRigidBody("surface_skin", instance, SpatialInertia.Zero())
+    return plant.WeldFrames(frame, skin.body_frame())
+
+
+def _springs(cell: Workcell, contact: Contact) -> list[float]:
+    """Stiffness of the springs below the skin that stand for the materials [N/m]."""
+    materials = contact.environment.surface.materials
+    given = materials.path().stiffness if materials is not None else []
+    rest = _missing_compliance(cell, contact) - _SKIN_COMPLIANCE
+    for stiffness in given:
+        if not 1 / stiffness + rest > 0:
+            raise BadInputError(f"stiffness = {stiffness:g}: must be below {-1 / rest:.4g} N/m in Multibody")
+    return [1 / (1 / stiffness + rest) for stiffness in given]
+
+
+def drive_surface(
+    builder: DiagramBuilder,
+    cell: Workcell,
+    contact: Contact,
+    plant: MultibodyPlant,
+    weld: Joint,
+    surface: Mapping[str, OutputPort],
+) -> None:
+    """Move a surface with the tool's place on it.
+
+    Args:
+        builder: of the station.
+        cell: the workcell.
+        contact: the surface's.
+        plant: finalized.
+        weld: of `add_environment`.
+        surface: height, stiffness and damping at the place, by name.
+    """
+    instance, materials = weld.parent_body().model_instance(), contact.environment.surface.materials
+    if materials is not None:
+        spring = builder.AddNamedSystem(
+            "surface_spring",
+            SurfaceSpring(
+                max(_springs(cell, contact)),
+                max(materials.path().damping),
+                further_compliance=_missing_compliance(cell, contact) - _SKIN_COMPLIANCE,
+                uneven="surface_height" in surface,
+                period=cell.config.time_step,
+            ),
+        )
+        builder.Connect(plant.get_state_output_port(instance), spring.GetInputPort("carrier_state"))
+        for name, port in surface.items():
+            builder.Connect(port, spring.GetInputPort(name))
+        builder.Connect(spring.GetOutputPort("desired_state"), plant.get_desired_state_input_port(instance))
+    elif surface:
+        at_rest = builder.AddNamedSystem("surface_reference", MatrixGain(np.array([[1.0], [0.0]])))
+        builder.Connect(surface["surface_height"], at_rest.get_input_port())
+        builder.Connect(at_rest.get_output_port(), plant.get_desired_state_input_port(instance))
+
+
+def _missing_compliance(cell: Workcell, contact: Contact) -> float:
+    """What the contact has to carry beside C_E so that the cell's compliance along n is C_R + C_E [m/N].
+
+    Links are rigid bodies here, so their bending n'C_L n is added; what is only as stiff as the step can resolve, the
+    ball and the springs of rigid joints, is taken out.
+    """
+    joints = float(np.sum(contact.row**2 / cell.spring_stiffness))
+    drive = float(np.sum(contact.row**2 / cell.drive_stiffness))
+    return contact.robot_compliance - drive - joints - BALL_COMPLIANCE
+
+
+def contact_material(stiffness: float, relaxation_time: float) -> ProximityProperties:
+    """Compliant point contact without friction, stiffness [N/m] and relaxation time [s]."""
+    properties = ProximityProperties()
+    AddContactMaterial(friction=CoulombFriction(0.0, 0.0), point_stiffness=float(stiffness), properties=properties)
+    properties.AddProperty("material", "relaxation_time", float(relaxation_time))
+    return properties

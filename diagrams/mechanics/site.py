@@ -1,0 +1,68 @@
+"""What the parts of a station are given when they add themselves to it.
+
+A drive, a sensor or a surface is a configuration with `add_to(builder, site)` that returns a system. The station
+connects the inputs of that system by name to what the other parts put out, see `STATION_SIGNALS`.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pydrake.multibody.tree import Joint, JointActuator
+
+from forcectl.diagrams.workcell import Workcell
+
+# What an input of a station's part may be called, and what is connected to it.
+STATION_SIGNALS = {
+    "joint_position_command": "of the controller, shape (n,) [rad]",
+    "joint_velocity_command": "of the controller, shape (n,) [rad/s]; zero without one",
+    "joint_torque_feedforward": "of the controller, shape (n,) [Nm]; zero without one",
+    "motor_position": "of the drives, shape (n,) [rad]",
+    "motor_velocity": "of the drives, shape (n,) [rad/s]",
+    "link_position": "true, shape (n,) [rad]",
+    "link_velocity": "true, shape (n,) [rad/s]; in fidelities with dynamics",
+    "spring_torque": "of the joint springs on the links, shape (n,) [Nm]; zero for rigid joints",
+    "torque_integral": "of the motor torque over time, shape (n,) [Nms]; of drives that have it",
+    "contact_force": "true, along the normal of each surface, shape (k,) [N]",
+    "contact_displacement": "of the tool along the normal by the motors, shape (1,) [m]",
+    "reaction_forces": "of the plant's joints, abstract; in fidelities with dynamics",
+}
+
+_SEED_STEP = 1_000_003  # between the seeds of two sensors
+
+
+@dataclass(frozen=True)
+class Site:
+    """The place of a part in a station that is being built.
+
+    Attributes:
+        cell: the workcell.
+        seed: of the part's random numbers.
+        plant: finalized MultibodyPlant with robot and environment; None in fidelities without dynamics.
+        scene_graph: of the plant; None where nothing can touch.
+        parts: `RobotParts` in the plant, or None.
+        friction: actuators that stand for the sticking friction of rigid joints.
+        mountings: welds that carry the contact of each surface.
+    """
+
+    cell: Workcell
+    seed: int
+    plant: Any = None
+    scene_graph: Any = None
+    parts: Any = None
+    friction: tuple[JointActuator, ...] = ()
+    mountings: tuple[Joint | None, ...] = ()
+
+    @property
+    def period(self) -> float:
+        """Control tick [s]."""
+        return self.cell.period
+
+    def with_seed(self, index: int) -> Site:
+        """The site of a further part, whose random numbers are its own.
+
+        Args:
+            index: of the part; 0 has the seed as it is.
+        """
+        return replace(self, seed=self.seed + index * _SEED_STEP)

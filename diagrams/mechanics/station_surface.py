@@ -1,0 +1,90 @@
+"""The surface of a station: path coordinate of the tool, height and material of the surface there.
+
+    s = d'(p(q) - p(q_0)),    what the contact gets is dx - h(s)
+
+A surface that is flat and of one material adds no block.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import Adder, Gain
+
+from forcectl.diagrams.parts import affine, output_names
+from forcectl.diagrams.workcell import Contact, Vector, Workcell
+from forcectl.plant.contact.surface import SurfaceHeight, SurfaceProfile
+from forcectl.plant.contact.surface_materials import SurfaceMaterial
+from forcectl.plant.tip_kinematics import TipDisplacement
+
+
+def surface_profile(contact: Contact) -> SurfaceProfile:
+    """The surface as the ball of the tool meets it."""
+    tool = contact.robot.tool_facts
+    profile: SurfaceProfile = contact.environment.surface.profile(tool.contact_ball_radius if tool else 0.0)
+    return profile
+
+
+def is_uniform(contact: Contact) -> bool:
+    """Whether the surface is the same everywhere along the path."""
+    surface = getattr(contact.environment, "surface", None)
+    return surface is None or bool(surface.uniform)
+
+
+def add_surface(
+    builder: DiagramBuilder, cell: Workcell, contact: Contact, joint_position: OutputPort, start: Vector
+) -> dict[str, OutputPort]:
+    """Add the path coordinate and what the surface is there; nothing when it is flat and of one material.
+
+    Args:
+        builder: of the station.
+        cell: the workcell.
+        contact: the surface's.
+        joint_position: of the side that counts as the tool's, shape (n_q,) [rad].
+        start: where it starts, s = 0, shape (n_q,) [rad].
+
+    Returns:
+        surface_height [m] unless flat, surface_stiffness [N/m] of several materials and surface_damping [N s/m] if
+        they have any; each of shape (1,).
+    """
+    if is_uniform(contact):
+        return {}
+    surface = contact.environment.surface
+    d = surface.direction_across(contact.n)
+    if cell.config.fidelity.constant_jacobian:
+        row = (d @ contact.robot.jacobian(contact.start_context())[3:]).reshape(1, -1)
+        path = builder.AddNamedSystem("path_position", affine(row, -row @ start))
+    else:
+        tangent = TipDisplacement(contact.robot, d, start, period=cell.posture_period)
+        path = builder.AddNamedSystem("path_position", tangent)
+    builder.Connect(joint_position, path.get_input_port(0))
+    blocks: list[System] = []
+    if not surface.flat:
+        blocks.append(builder.AddNamedSystem("surface_height", SurfaceHeight(surface_profile(contact))))
+    if surface.materials is not None:
+        material = SurfaceMaterial(surface.materials.path(), surface.materials.damped)
+        blocks.append(builder.AddNamedSystem("surface_material", material))
+    found = {}
+    for block in blocks:
+        builder.Connect(path.get_output_port(0), block.GetInputPort("path_position"))
+        for name in sorted(output_names(block)):
+            found[name] = block.GetOutputPort(name)
+    return found
+
+
+def connect_material(builder: DiagramBuilder, surface: Mapping[str, OutputPort], contact: System) -> None:
+    """Tell a contact the stiffness and damping of the place, as far as the surface has several."""
+    for name in ("surface_stiffness", "surface_damping"):
+        if name in surface:
+            builder.Connect(surface[name], contact.GetInputPort(name))
+
+
+def add_depth(builder: DiagramBuilder, displacement: OutputPort, height: OutputPort) -> OutputPort:
+    """dx - h, shape (1,) [m]."""
+    negative = builder.AddNamedSystem("negative_height", Gain(-1.0, 1))
+    depth = builder.AddNamedSystem("depth", Adder(2, 1))
+    builder.Connect(height, negative.get_input_port())
+    builder.Connect(displacement, depth.get_input_port(0))
+    builder.Connect(negative.get_output_port(), depth.get_input_port(1))
+    return depth.get_output_port()

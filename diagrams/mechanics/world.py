@@ -1,0 +1,181 @@
+"""The multibody world of a station: robot, joint springs or friction, surfaces and boxes."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.geometry import (
+    AddContactMaterial,
+    Box,
+    CollisionFilterDeclaration,
+    DefaultProximityProperties,
+    GeometryId,
+    GeometrySet,
+    ProximityProperties,
+    Rgba,
+    Role,
+    SceneGraph,
+    SceneGraphConfig,
+    Sphere,
+)
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import (
+    AddMultibodyPlantSceneGraph,
+    CoulombFriction,
+    DiscreteContactApproximation,
+    MultibodyPlant,
+)
+from pydrake.multibody.tree import Joint, JointActuator, ModelInstanceIndex, PdControllerGains
+from pydrake.systems.framework import DiagramBuilder
+
+from forcectl.diagrams.mechanics.environment_body import BALL_COMPLIANCE, add_environment, contact_material
+from forcectl.diagrams.mechanics.site import Site
+from forcectl.diagrams.workcell import Contact, Workcell
+from forcectl.plant.contact.compliant_contact import EnvironmentConfig
+from forcectl.plant.contact.obstacle import LARGEST_STIFFNESS, ObstacleConfig
+from forcectl.plant.drives.joint_friction import COULOMB_STEEPNESS, add_coulomb_friction
+from forcectl.robot.model import RobotParts, add_robot
+
+Vector = NDArray[np.float64]
+_OBSTACLE = Rgba(0.75, 0.6, 0.42, 1.0)
+_LINK_FRICTION = 0.5
+_SHARPEST = 1e-3  # [m] radius of a ball that stands for a point
+
+
+def add_world(builder: DiagramBuilder, cell: Workcell, seed: int) -> Site:
+    """Robot and environment in a discrete plant.
+
+    Rigid joints that a drive moves by torques get these at the `actuation` input of the robot's model instance, whose
+    `desired_state` is then zero motion for friction that sticks; otherwise the `desired_state` is the motor side.
+
+    Args:
+        builder: of the station.
+        cell: the workcell.
+        seed: of the station.
+    """
+    config = cell.config
+    solid = bool(cell.obstacles) or config.self_collision
+    scene_graph: SceneGraph | None = None
+    if solid or _touched(cell):
+        plant, scene_graph = AddMultibodyPlantSceneGraph(builder, config.time_step)
+    else:
+        # Without geometry there is nothing to look for.
+        plant = builder.AddNamedSystem("plant", MultibodyPlant(config.time_step))
+    if solid and scene_graph is not None:
+        links = DefaultProximityProperties(
+            point_stiffness=LARGEST_STIFFNESS,
+            relaxation_time=1e-3,
+            dynamic_friction=_LINK_FRICTION,
+            static_friction=_LINK_FRICTION,
+        )
+        scene_graph.set_config(SceneGraphConfig(default_proximity_properties=links))
+    # Sampled outputs are abstract state, which would be copied at every event of the diagram.
+    plant.SetUseSampledOutputPorts(False)
+    plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
+    parts = add_robot(plant, config.robot, config.tool)
+    if not config.gravity:
+        plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+    mountings: list[Joint | None] = []
+    pressing: list[tuple[GeometryId, GeometryId]] = []
+    for contact in cell.contacts:
+        weld = None
+        if isinstance(contact.environment, EnvironmentConfig):
+            weld, surface = add_environment(plant, cell, contact)
+            pressing.append((_add_ball(plant, parts, contact), surface))
+        mountings.append(weld)
+    friction = _add_joints(plant, parts, cell)
+    for joint, position in zip(parts.joints, cell.start, strict=True):
+        joint.set_default_positions(np.array([position]))
+    for i, obstacle in enumerate(cell.obstacles.values()):
+        _add_obstacle(plant, obstacle, f"obstacle_{i + 1}")
+    plant.Finalize()
+    if scene_graph is not None:
+        _filter(plant, scene_graph, pressing, solid, config.self_collision)
+    return Site(cell, seed, plant, scene_graph, parts, friction, tuple(mountings))
+
+
+def _touched(cell: Workcell) -> bool:
+    return any(isinstance(contact.environment, EnvironmentConfig) for contact in cell.contacts)
+
+
+def _add_ball(plant: MultibodyPlant, parts: RobotParts, contact: Contact) -> GeometryId:
+    """The ball of the tool as what touches a surface, with the TCP as its outermost point.
+
+    Inclined tools would touch with another point of the ball than the one whose kinematics the controllers know; the
+    ball sits one radius along n from the TCP in the start posture, so that force and displacement are those of the TCP.
+    """
+    facts = parts.tool_facts
+    radius = max(facts.contact_ball_radius if facts else 0.0, _SHARPEST)
+    tcp = parts.arms[contact.arm].tcp_frame
+    R_TW = contact.robot.pose(contact.start_context()).rotation().inverse()
+    return plant.RegisterCollisionGeometry(
+        tcp.body(),
+        tcp.GetFixedPoseInBodyFrame() @ RigidTransform(radius * (R_TW @ contact.n)),
+        Sphere(radius),
+        "contact_ball",
+        contact_material(1 / BALL_COMPLIANCE, 0.0),
+    )
+
+
+def _add_joints(plant: MultibodyPlant, parts: RobotParts, cell: Workcell) -> tuple[JointActuator, ...]:
+    """Springs between motors and links, or rotors and friction of rigid joints; returns the actuators of friction."""
+    config, drive = cell.config, cell.config.drive
+    for actuator in parts.actuators:
+        # Drake would clamp the spring torque at the motor's limit otherwise; that is the drive's.
+        actuator.set_effort_limit(np.inf)
+    if config.elastic_joints or not getattr(drive, "moves_links", False):
+        stiffness = cell.spring_stiffness
+        damping = cell.robot.facts.transmission_damping if config.elastic_joints else stiffness * config.time_step
+        for actuator, k, d in zip(parts.actuators, stiffness, damping, strict=True):
+            actuator.set_controller_gains(PdControllerGains(p=float(k), d=float(d)))
+        return ()
+    for actuator, rotor in zip(parts.actuators, cell.rotor_inertia, strict=True):
+        actuator.set_default_rotor_inertia(float(rotor))
+        actuator.set_default_gear_ratio(1.0)
+    steepness = np.inf if drive.friction.sticks else COULOMB_STEEPNESS
+    return add_coulomb_friction(plant, parts.joints, drive.true_friction(cell.robot), steepness)
+
+
+def _add_obstacle(plant: MultibodyPlant, obstacle: ObstacleConfig, name: str) -> None:
+    # Drake puts the two bodies in series and adds their relaxation times.
+    stiffness = 1 / (1 / obstacle.stiffness - 1 / LARGEST_STIFFNESS)
+    properties = ProximityProperties()
+    # Of two coefficients a, b Drake takes 2 a b/(a + b).
+    own = _LINK_FRICTION * obstacle.friction / (2 * _LINK_FRICTION - obstacle.friction)
+    friction = CoulombFriction(float(own), float(own))
+    AddContactMaterial(friction=friction, point_stiffness=float(stiffness), properties=properties)
+    properties.AddProperty("material", "relaxation_time", float(obstacle.damping / obstacle.stiffness))
+    box, world = Box(*[float(edge) for edge in obstacle.size]), plant.world_body()
+    plant.RegisterCollisionGeometry(world, obstacle.pose, box, name, properties)
+    plant.RegisterVisualGeometry(world, obstacle.pose, box, name, np.array(_OBSTACLE.rgba))
+
+
+def _filter(
+    plant: MultibodyPlant,
+    scene_graph: SceneGraph,
+    pressing: list[tuple[GeometryId, GeometryId]],
+    solid: bool,
+    self_collision: bool,
+) -> None:
+    """Leave only what is to touch: each ball and its surface, and links where they are solid."""
+    everything = set(scene_graph.model_inspector().GetAllGeometryIds(Role.kProximity))
+    alone = {geometry for pair in pressing for geometry in pair}
+    filters = scene_graph.collision_filter_manager()
+    if not solid:
+        for geometry in everything - alone:
+            scene_graph.RemoveRole(plant.get_source_id(), geometry, Role.kProximity)
+    elif not self_collision:
+        links = [
+            geometry
+            for instance in map(ModelInstanceIndex, range(2, plant.num_model_instances()))
+            for index in plant.GetBodyIndices(instance)
+            for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index))
+            if geometry not in alone
+        ]
+        filters.Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet(links)))
+    for ball, surface in pressing:
+        others = alone - {ball, surface} | (everything - alone if solid else set())
+        if others:
+            filters.Apply(
+                CollisionFilterDeclaration().ExcludeBetween(GeometrySet([ball, surface]), GeometrySet(list(others)))
+            )

@@ -1,0 +1,168 @@
+"""The sensors of a station: `!WristForce` and `!JointReadings`."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import Demultiplexer
+
+from forcectl.diagrams.mechanics.site import Site
+from forcectl.errors import BadInputError
+from forcectl.framework.batch import check
+from forcectl.plant.sensors.force_sensor import ForceSensorConfig
+from forcectl.plant.sensors.joint_sensors import JointSensors
+from forcectl.plant.sensors.wrist_sensor import WristSensor
+from forcectl.plant.tip_kinematics import ForceToWrench
+
+
+@dataclass(kw_only=True)
+class WristForceConfig(ForceSensorConfig):
+    """Scenario part `!WristForce`: six-axis force sensor between flange and tool of the arm that presses."""
+
+    def add_to(self, builder: DiagramBuilder, site: Site) -> Diagram:
+        """Add the block `force_sensor`."""
+        made = WristForce(self, site) if site.cell.has_dynamics else NormalForce(self, site)
+        return builder.AddNamedSystem("force_sensor", made)
+
+
+class NormalForce(Diagram):
+    """Force sensor of a station without dynamics: it feels the contact force along the normal and no weight.
+
+    ```
+    name: NormalForce
+    input_ports: [contact_force, motor_position]
+    output_ports: [measured_wrench, measured_force]
+    ```
+
+    contact_force: shape (1,), true, along n [N]. motor_position: shape (n,) [rad].
+    measured_force: shape (1,) [N]. Feedthrough of contact_force when `delay` is 0.
+    measured_wrench: shape (6,), the same as a wrench, [torque; force] at the sensor frame S in S [Nm, N]. Feedthrough
+    of motor_position. Feedthrough of contact_force when `delay` is 0.
+
+    Sampling: every `period` [s] of the cell. Delay: `delay` [s] plus the lag of the filter, see `ForceSensor`.
+
+    Args:
+        config: of the sensor.
+        site: in a workcell with one surface.
+    """
+
+    def __init__(self, config: ForceSensorConfig, site: Site):
+        super().__init__()
+        contact, builder = site.cell.contact, DiagramBuilder()
+        sensor = config.add_channels(builder, site.period, seed=site.seed)
+        wrench = builder.AddNamedSystem("wrench", ForceToWrench(contact.robot, contact.n))
+        builder.Connect(sensor.GetOutputPort("measured_force"), wrench.GetInputPort("measured_force"))
+        builder.ExportInput(sensor.GetInputPort("force"), "contact_force")
+        builder.ExportInput(wrench.GetInputPort("motor_position"), "motor_position")
+        builder.ExportOutput(wrench.GetOutputPort("measured_wrench"), "measured_wrench")
+        builder.ExportOutput(sensor.GetOutputPort("measured_force"), "measured_force")
+        builder.BuildInto(self)
+
+
+class WristForce(Diagram):
+    """Wrist sensor of a multibody station: the wrench at the weld between sensor and tool, tool weight included.
+
+    ```
+    name: WristForce
+    input_ports: [reaction_forces, motor_position]
+    output_ports: [measured_wrench, measured_force, contact_force]
+    ```
+
+    reaction_forces: abstract, of the plant's joints. motor_position: shape (n,) [rad].
+    measured_wrench: shape (6,), of the environment on the tool at S in S, [torque; force] [Nm, N]. Feedthrough of
+    reaction_forces when `delay` is 0.
+    measured_force: shape (1,), along n [N]. Feedthrough of reaction_forces when `delay` is 0.
+    contact_force: shape (1,), true, along n [N]. Feedthrough of reaction_forces.
+
+    Sampling: every `period` [s] of the cell the filter; every `posture_period` [s] of the cell the orientation of the
+    sensor. Delay: `delay` [s] plus the lag of the filter, see `WristSensor`.
+
+    Args:
+        config: of the sensor.
+        site: with a plant, in a workcell with one surface.
+
+    Raises:
+        BadInputError: the tool has no wrist sensor.
+    """
+
+    def __init__(self, config: ForceSensorConfig, site: Site):
+        super().__init__()
+        cell, contact, plant, parts = site.cell, site.cell.contact, site.plant, site.parts
+        weld = None if parts is None else parts.arms[contact.arm].sensor_weld
+        if plant is None or weld is None:
+            raise BadInputError(
+                "tool: has no sensor_weld: must name one for a wrist sensor in station.fidelity = Multibody"
+            )
+        mounting = site.mountings[0]
+        if mounting is None:
+            raise BadInputError(f"environment {contact.name!r}: has no body for a wrist sensor to tell its force by")
+        scale = config.channel_scale()
+        builder = DiagramBuilder()
+        add, connect = builder.AddNamedSystem, builder.Connect
+        sensor = add(
+            "wrist_sensor",
+            WristSensor(
+                plant,
+                weld,
+                mounting,
+                contact.robot,
+                contact.n,
+                cell.motor_start,
+                posture_period=cell.posture_period,
+                electronics={
+                    "bias": config.bias * scale,
+                    "noise_std": config.noise_std * scale,
+                    "quantum": config.quantum * scale,
+                    "range": config.range * scale,
+                    "tare": config.tare,
+                    "seed": site.seed,
+                    "period": site.period,
+                },
+            ),
+        )
+        readings_and_truth = add("readings_and_truth", Demultiplexer([7, 1]))
+        filter_ = add("sensor_filter", config.filter(7, site.period))
+        wrench_and_force = add("wrench_and_force", Demultiplexer([6, 1]))
+        builder.ExportInput(sensor.GetInputPort("reaction_forces"), "reaction_forces")
+        builder.ExportInput(sensor.GetInputPort("motor_position"), "motor_position")
+        connect(sensor.GetOutputPort("readings"), readings_and_truth.get_input_port())
+        connect(readings_and_truth.get_output_port(0), filter_.get_input_port())
+        connect(filter_.get_output_port(), wrench_and_force.get_input_port())
+        builder.ExportOutput(wrench_and_force.get_output_port(0), "measured_wrench")
+        builder.ExportOutput(wrench_and_force.get_output_port(1), "measured_force")
+        builder.ExportOutput(readings_and_truth.get_output_port(1), "contact_force")
+        builder.BuildInto(self)
+
+
+@dataclass(kw_only=True)
+class JointReadingsConfig:
+    """Scenario part `!JointReadings`: joint positions, speeds and motor torques as a robot's interface tells them."""
+
+    quantum: float = 1e-6  # [rad], >= 0; assumed: 16 bits per turn of a motor with a gear of 100
+    position_noise: float = 0.0  # [rad] standard deviation per tick, >= 0
+    torque_noise: float = 0.0  # [Nm] standard deviation per tick, >= 0
+    velocity_bandwidth: float = 250.0  # [rad/s] of the filter behind the differences of positions, > 0
+
+    def __post_init__(self) -> None:
+        for name in ("quantum", "position_noise", "torque_noise"):
+            check(name, getattr(self, name), "not negative")
+        check("velocity_bandwidth", self.velocity_bandwidth, "positive")
+
+    def add_to(self, builder: DiagramBuilder, site: Site) -> JointSensors:
+        """Add the block `joint_sensors`."""
+        cell = site.cell
+        names = cell.robot.facts.arm_joints
+        block = JointSensors(
+            cell.num_joints,
+            start=cell.motor_start,
+            period=site.period,
+            bandwidth=self.velocity_bandwidth,
+            torque=getattr(cell.config.drive, "resting_torque", lambda cell: cell.gravity_torque)(cell),
+            quantum=self.quantum,
+            position_noise=self.position_noise,
+            torque_noise=self.torque_noise,
+            seed=site.seed,
+            faults=[fault.fault(names) for fault in cell.config.faults],
+        )
+        return builder.AddNamedSystem("joint_sensors", block)

@@ -1,0 +1,188 @@
+"""Signals of a loop connect by name; where several parts put one out, the scenario chooses.
+
+signals:
+  measured_force: !Projection {of: estimated_wrench, along: normal}     # made of another signal
+  joint_position: !From {part: joint_sensors}                           # of the part of that name
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Protocol, runtime_checkable
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, PortDataType, System
+from pydrake.systems.primitives import MatrixGain
+
+from forcectl.conventions import SIGNALS
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.plant.plant_model import PlantModel
+from forcectl.robot.model import unit_normal
+
+
+@dataclass(frozen=True)
+class Offer:
+    """A signal that a part puts out."""
+
+    part: str
+    port: OutputPort
+
+
+@runtime_checkable
+class SignalChoice(Protocol):
+    """What stands at a key of the scenario's part `signals`."""
+
+    def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
+        """The port that is the signal of this name."""
+        ...
+
+
+@dataclass(kw_only=True)
+class FromConfig:
+    """Scenario part `!From`: the signal that the named part puts out."""
+
+    part: str  # station, reference, motion, or the name of an estimator
+
+    def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
+        """The port of that part.
+
+        Raises:
+            BadInputError: it puts out no signal of this name.
+        """
+        offers = {offer.part: offer.port for offer in signals.offers(name)}
+        if self.part not in offers:
+            raise unknown("part", self.part, offers)
+        return offers[self.part]
+
+
+@dataclass(kw_only=True)
+class ProjectionConfig:
+    """Scenario part `!Projection`: the force along a direction, of wrenches at the TCPs.
+
+    One force for each surface that is pressed on, of the arm that presses; (6a,) [Nm, N] becomes (k,) [N].
+    """
+
+    of: str = "estimated_wrench"  # a signal of shape (6a,): wrenches at the TCPs in the world
+    arm: str = ""  # of this arm only; empty: of the arms that press
+    along: str | list[float] = "normal"  # of the surface, or a vector in W
+    factor: float = 1.0  # on the force
+
+    def __post_init__(self) -> None:
+        if isinstance(self.along, str):
+            if self.along != "normal":
+                raise invalid("along", self.along, "normal, or three numbers")
+        else:
+            unit_normal(self.along, "along")
+
+    def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
+        """A gain on the wrenches.
+
+        Raises:
+            BadInputError: there is no such signal, arm or surface.
+        """
+        source = signals.find(self.of, f"signals.{name}")
+        arms = list(model.known_robot().parts.arms)
+        pressing = [self.arm] if self.arm else list(model.arms)
+        if not pressing:
+            raise invalid("arm", self.arm, f"given, one of {', '.join(arms)}: no surface is pressed on")
+        if source.size() != 6 * len(arms):
+            raise invalid("of", self.of, f"a signal of shape ({6 * len(arms)},): wrenches at the TCPs")
+        gain = np.zeros((len(pressing), 6 * len(arms)))
+        for row, arm in enumerate(pressing):
+            if arm not in arms:
+                raise unknown("arm", arm, arms)
+            column = 6 * arms.index(arm) + 3
+            gain[row, column : column + 3] = self.factor * self._direction(arm, model)
+        block = builder.AddNamedSystem(f"{name}_projection", MatrixGain(gain))
+        builder.Connect(source, block.get_input_port())
+        return block.get_output_port()
+
+    def _direction(self, arm: str, model: PlantModel) -> np.ndarray:
+        if not isinstance(self.along, str):
+            return unit_normal(self.along, "along")
+        if arm not in model.arms:
+            raise invalid("arm", arm, f"one that presses on a surface: {', '.join(model.arms)}")
+        normal: np.ndarray = model.normals[model.arms.index(arm)]
+        return normal
+
+
+class Signals:
+    """The signals of a loop in the making.
+
+    Args:
+        builder: of the loop.
+        truth: names of signals that no controller or estimator is connected to.
+
+    Attributes:
+        chosen: what the scenario chose, by the name of the signal.
+    """
+
+    def __init__(self, builder: DiagramBuilder, truth: frozenset[str]):
+        self._builder, self._truth = builder, truth
+        self._offers: dict[str, list[Offer]] = {}
+        self.chosen: dict[str, OutputPort] = {}
+
+    def offers(self, name: str) -> list[Offer]:
+        """Who puts out a signal of this name."""
+        return self._offers.get(name, [])
+
+    def add(self, part: str, system: System) -> None:
+        """Offer the vector outputs of a part.
+
+        Args:
+            part: its name in the scenario.
+            system: in the builder.
+        """
+        for port in map(system.get_output_port, range(system.num_output_ports())):
+            if port.get_data_type() == PortDataType.kVectorValued:
+                self._offers.setdefault(port.get_name(), []).append(Offer(part, port))
+
+    def choose(self, name: str, port: OutputPort) -> None:
+        """Make a port the signal of this name."""
+        self.chosen[name] = port
+
+    def find(self, name: str, wanted_by: str) -> OutputPort:
+        """The port that is the signal of this name.
+
+        Raises:
+            BadInputError: nobody puts it out, or several do and the scenario does not choose; or it is a truth.
+        """
+        if name in self.chosen:
+            return self.chosen[name]
+        offers = [offer for offer in self.offers(name) if name not in self._truth]
+        if len(offers) == 1:
+            return offers[0].port
+        if offers:
+            parts = ", ".join(repr(offer.part) for offer in offers)
+            raise BadInputError(f"{wanted_by} wants {name}, which {parts} put out: must have signals.{name} to choose")
+        meaning = f" ({SIGNALS[name].meaning})" if name in SIGNALS else ""
+        known = sorted(set(self._offers) - self._truth | set(self.chosen))
+        raise BadInputError(
+            f"{wanted_by} wants {name}{meaning}, which nothing puts out: must be one of {', '.join(known)}, "
+            "or have a part that puts it out"
+        )
+
+    def connect(self, part: str, system: System, optional: tuple[str, ...] = ()) -> None:
+        """Connect the inputs of a part.
+
+        Args:
+            part: its name in the scenario.
+            system: in the builder.
+            optional: inputs that may stay open.
+
+        Raises:
+            BadInputError: an input whose signal is not there, or of another size.
+        """
+        for port in map(system.get_input_port, range(system.num_input_ports())):
+            name = port.get_name()
+            if name in optional and name not in self.chosen and not self.offers(name):
+                continue
+            self._connect(part, self.find(name, part), port)
+
+    def _connect(self, part: str, source: OutputPort, port: InputPort) -> None:
+        if source.size() != port.size():
+            giver = source.get_system().get_name()
+            raise BadInputError(
+                f"{part}: port {port.get_name()} has size {port.size()}: must be {source.size()}, as {giver!r} puts out"
+            )
+        self._builder.Connect(source, port)

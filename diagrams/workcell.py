@@ -1,0 +1,253 @@
+"""The workcell: what can be said of a station before it is built."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.force.kinematic_inversion import check_start_posture
+from forcectl.framework.batch import whole_multiple
+from forcectl.plant.compliance import robot_compliance, total_compliance
+from forcectl.plant.contact.obstacle import ObstacleConfig
+from forcectl.robot.model import RobotModel, unit_normal
+
+if TYPE_CHECKING:
+    from forcectl.diagrams.station import StationConfig
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Contact:
+    """A surface that the tool of one arm presses on, touched with zero force at the start.
+
+    Attributes:
+        name: of the environment's part.
+        environment: its configuration.
+        arm: name of the arm that presses.
+        n: outward unit normal in the world, shape (3,).
+        robot: the workcell's, with the TCP of this arm.
+        start: link positions at the start, shape (n_q,) [rad].
+        direction: J^-1 n at the start, shape (n_q,) [rad/m].
+        row: n'J at the start, displacement along n per joint motion, shape (n_q,) [m/rad].
+        robot_compliance: C_R at the start, from the position command to the tool [m/N]; 0 for rigid joints.
+        environment_compliance: C_E at the start [m/N].
+    """
+
+    name: str
+    environment: Any
+    arm: str
+    n: Vector
+    robot: RobotModel
+    start: Vector
+    direction: Vector
+    row: Vector
+    robot_compliance: float
+    environment_compliance: float
+
+    def start_context(self) -> Context:
+        """A context of `robot.plant` in the start posture."""
+        context = self.robot.create_context()
+        self.robot.set_positions(context, self.start)
+        return context
+
+
+@dataclass(frozen=True)
+class Workcell:
+    """A station's configuration with its robot loaded and looked at in the start posture.
+
+    Attributes:
+        config: of the station.
+        robot: kinematics, dynamics and facts.
+        start: link positions at the start, shape (n_q,) [rad].
+        period: control tick [s].
+        posture_period: how often what depends on the posture only is renewed [s].
+        contacts: the surfaces that are pressed on, in the order of the environment's parts.
+        obstacles: boxes around the robot, by name.
+    """
+
+    config: StationConfig
+    robot: RobotModel
+    start: Vector
+    period: float
+    posture_period: float
+    contacts: tuple[Contact, ...]
+    obstacles: dict[str, ObstacleConfig]
+
+    @property
+    def num_joints(self) -> int:
+        """Number of joints n_q."""
+        return self.robot.num_joints
+
+    @property
+    def contact(self) -> Contact:
+        """The one surface that is pressed on.
+
+        Raises:
+            BadInputError: there is another number of them.
+        """
+        if len(self.contacts) != 1:
+            raise BadInputError(f"environment: has {len(self.contacts)} surfaces: must have one here")
+        return self.contacts[0]
+
+    @property
+    def has_dynamics(self) -> bool:
+        """Whether the bodies of the robot have inertia in this fidelity."""
+        return bool(self.config.fidelity.has_dynamics)
+
+    @property
+    def has_gravity(self) -> bool:
+        """Whether the robot feels its weight."""
+        return self.has_dynamics and self.config.gravity
+
+    @property
+    def rotor_inertia(self) -> Vector:
+        """Inertia of the rotors at the joints, without couplings between motors, shape (n_q,) [kg m2]."""
+        inertia: Vector = np.diag(self.robot.motor_inertia).copy()
+        return inertia
+
+    @property
+    def drive_compliance(self) -> Vector:
+        """Part of each C_R between the position command and the motors, shape (k,) [m/N].
+
+        In stations without dynamics an elastic drive is part of the joint springs, and the motors do not show it.
+        """
+        if not self.has_dynamics:
+            return np.zeros(len(self.contacts))
+        return np.array([float(np.sum(each.row**2 / self.drive_stiffness)) for each in self.contacts])
+
+    @property
+    def drive_stiffness(self) -> Vector:
+        """Stiffness at which the drives hold their command, shape (n_q,) [Nm/rad]; infinite for position loops."""
+        return holding_stiffness(self.config.drive, self.robot)
+
+    @property
+    def spring_stiffness(self) -> Vector:
+        """Stiffness of the joint springs, shape (n_q,) [Nm/rad]; in stations without dynamics together with the drives.
+
+        Infinite for rigid joints, but for drives that move a multibody plant by springs: these are then as stiff as its
+        step can resolve, well above every other stiffness, and below the bound where the contact solver would soften
+        them by itself.
+        """
+        rigid = np.full(self.num_joints, np.inf)
+        joints: Vector = self.robot.joint_stiffness if self.config.elastic_joints else rigid
+        if not self.has_dynamics:
+            drive = self.drive_stiffness
+            return 1 / (1 / joints + 1 / drive) if np.isfinite(drive).all() else joints
+        if self.config.elastic_joints or getattr(self.config.drive, "moves_links", False):
+            return joints
+        inertia = np.diag(self.robot.mass_matrix(self.start_context()))
+        return 10.0 * inertia / self.config.time_step**2
+
+    @property
+    def gravity_torque(self) -> Vector:
+        """Torque that holds the robot at the start, shape (n_q,) [Nm]."""
+        if not self.has_gravity:
+            return np.zeros(self.num_joints)
+        return self.robot.gravity_torque(self.start_context())
+
+    @property
+    def motor_start(self) -> Vector:
+        """Motor positions at the start, q_0 of (2.12), shape (n_q,) [rad]."""
+        if not self.has_dynamics:
+            return self.start + np.zeros(self.num_joints)
+        return self.start + self.gravity_torque / self.spring_stiffness
+
+    def start_context(self) -> Context:
+        """A context of `robot.plant` in the start posture."""
+        context = self.robot.create_context()
+        self.robot.set_positions(context, self.start)
+        return context
+
+
+def describe(config: StationConfig) -> Workcell:
+    """Load the robot and look at the start posture.
+
+    Args:
+        config: of the station.
+
+    Raises:
+        BadInputError: unknown robot, arm or tool, a posture of the wrong length, beyond the joint limits or singular
+            along a normal, periods that do not divide, or a part that this fidelity cannot realise.
+    """
+    robot = RobotModel.load(config.robot, config.tool, config.stiffness_set or None)
+    robot.joint_stiffness = config.stiffness_scale * robot.joint_stiffness
+    if not config.gravity:
+        robot.plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
+    period = robot.facts.period if config.period is None else config.period
+    _check_times(config, period)
+    start = _start_posture(config, robot)
+    parts = config.environment_parts()
+    contacts = tuple(
+        _contact(config, robot, start, name, part)
+        for name, part in parts.items()
+        if not isinstance(part, ObstacleConfig)
+    )
+    pressed = [each.arm for each in contacts]
+    if len(set(pressed)) < len(pressed):
+        raise invalid("environment", sorted(parts), "at most one surface for each arm")
+    obstacles = {name: part for name, part in parts.items() if isinstance(part, ObstacleConfig)}
+    cell = Workcell(config, robot, start, period, _posture_period(config, period), contacts, obstacles)
+    config.fidelity.check(cell)
+    return cell
+
+
+def _check_times(config: StationConfig, period: float) -> None:
+    if whole_multiple("period", period, config.time_step, "time_step") < 1:
+        raise invalid("time_step", config.time_step, f"at most the period, {period:g} s")
+    for name, delay in config.delays().items():
+        whole_multiple(name, delay, period, "the control period")
+
+
+def _posture_period(config: StationConfig, period: float) -> float:
+    if whole_multiple("posture_period", config.posture_period, period, "the control period") < 1:
+        raise invalid("posture_period", config.posture_period, f"at least the period, {period:g} s")
+    return config.posture_period
+
+
+def _start_posture(config: StationConfig, robot: RobotModel) -> Vector:
+    posture = robot.facts.default_posture
+    if config.posture_deg:
+        if len(config.posture_deg) != robot.num_joints:
+            raise BadInputError(f"posture_deg has {len(config.posture_deg)} angles: must have {robot.num_joints}")
+        posture = np.radians(config.posture_deg)
+    outside = (posture < robot.limits.position_lower) | (posture > robot.limits.position_upper)
+    if outside.any():
+        joint = int(np.argmax(outside))
+        low, high = np.degrees([robot.limits.position_lower[joint], robot.limits.position_upper[joint]])
+        raise invalid(f"posture_deg[{joint}]", float(np.degrees(posture[joint])), f"from {low:.4g} to {high:.4g}")
+    return posture
+
+
+def holding_stiffness(drive: Any, robot: RobotModel) -> Vector:
+    """Stiffness at which a drive holds its command at rest, shape (n_q,) [Nm/rad]; infinite where it does not tell."""
+    told = getattr(drive, "holding_stiffness", None)
+    stiffness: Vector = np.full(robot.num_joints, np.inf) if told is None else told(robot)
+    return stiffness
+
+
+def _contact(config: StationConfig, robot: RobotModel, start: Vector, name: str, part: Any) -> Contact:
+    if not callable(getattr(part, "add_to", None)) or not hasattr(part, "first_stiffness"):
+        kind = type(part).__name__
+        raise BadInputError(f"{kind}: must be a part that fills the slot environment, with add_to and first_stiffness")
+    arm = getattr(part, "arm", "") or next(iter(robot.parts.arms))
+    own = robot.for_arm(arm)
+    n = unit_normal(getattr(part, "normal", None) or config.normal)
+    surface = getattr(part, "surface", None)
+    if surface is not None and not surface.uniform:
+        surface.direction_across(n)
+    direction = check_start_posture(own, start, n, config.singularity_limit)
+    context = own.create_context()
+    own.set_positions(context, start)
+    row: Vector = n @ own.jacobian(context)[3:]
+    compliance = 0.0
+    if config.elastic_joints:
+        matrix = robot_compliance(own, context, own.joint_stiffness)
+        compliance = total_compliance(n, matrix, np.zeros((6, 6)), 0.0)
+    compliance += float(np.sum(row**2 / holding_stiffness(config.drive, own)))
+    return Contact(name, part, arm, n, own, start, direction, row, compliance, 1 / part.first_stiffness)

@@ -1,0 +1,81 @@
+"""Scenario part `!PerArm`: a force law of its own for each surface that is pressed on."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.primitives import Demultiplexer, Multiplexer
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.framework.enclosed import Enclosed
+from forcectl.framework.slots import named_slots
+from forcectl.plant.plant_model import PlantModel
+
+_INPUTS = ("desired_force", "measured_force", "motor_displacement", "path_displacement")
+
+
+@dataclass(kw_only=True)
+class PerArmConfig:
+    """Scenario part `!PerArm`: force laws by the name of the arm that presses."""
+
+    laws: dict[str, Any] = named_slots("controller")
+
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> PerArm:
+        """Add the laws.
+
+        Raises:
+            BadInputError: not one law for each arm that presses.
+        """
+        if sorted(self.laws) != sorted(model.arms):
+            raise invalid("laws", sorted(self.laws), f"one for each arm that presses: {', '.join(model.arms)}")
+        return builder.AddNamedSystem("force_laws", PerArm(self.laws, model))
+
+
+class PerArm(Diagram):
+    """Force laws side by side.
+
+    ```
+    name: PerArm
+    input_ports: [desired_force, measured_force, motor_displacement (optional), path_displacement (optional)]
+    output_ports: [displacement_command]
+    ```
+
+    desired_force, measured_force: shape (k,) [N]. motor_displacement, path_displacement: shape (k,) [m]; where a law
+    has them.
+    displacement_command: shape (k,) [m]. Feedthrough of desired_force and measured_force at the tick. Feedthrough of
+    motor_displacement when a law predicts.
+
+    Sampling: every `period` [s] the laws; no delay beyond that of the laws.
+
+    Args:
+        laws: by arm.
+        model: of the plant, with k loops.
+    """
+
+    def __init__(self, laws: dict[str, Any], model: PlantModel):
+        super().__init__()
+        builder = DiagramBuilder()
+        k = model.size
+        added: list[System] = []
+        for i, arm in enumerate(model.arms):
+            inner = DiagramBuilder()
+            law = laws[arm].add_to(inner, model.loop(i))
+            if not law.HasOutputPort("displacement_command"):
+                raise BadInputError(
+                    f"laws.{arm}: {type(law).__name__} has no displacement_command: must be a force law"
+                )
+            added.append(builder.AddNamedSystem(arm, Enclosed(inner, law)))
+        for name in _INPUTS:
+            users = [(i, law) for i, law in enumerate(added) if law.HasInputPort(name)]
+            if users:
+                each = builder.AddNamedSystem(name, Demultiplexer([1] * k))
+                builder.ExportInput(each.get_input_port(), name)
+                for i, law in users:
+                    builder.Connect(each.get_output_port(i), law.GetInputPort(name))
+        both = builder.AddNamedSystem("displacement_commands", Multiplexer([1] * k))
+        for i, law in enumerate(added):
+            builder.Connect(law.GetOutputPort("displacement_command"), both.get_input_port(i))
+        builder.ExportOutput(both.get_output_port(), "displacement_command")
+        builder.BuildInto(self)

@@ -1,0 +1,15 @@
+"""Scenario part `environment: !Parts`: several surfaces and boxes, each with a name; or none."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import Any
+
+from forcectl.framework.slots import named_slots
+
+
+@dataclass(kw_only=True)
+class EnvironmentPartsConfig:
+    """Scenario part `!Parts`: named parts, each of the kinds that fill `environment`. Empty: free space."""
+
+    parts: dict[str, Any] = named_slots("environment")

@@ -1,0 +1,145 @@
+"""What controllers and estimators may use of the plant: the model they are designed with.
+
+The model is made from the station's configuration and then changed by the scenario's part `model`. It shares no object
+with the simulated plant whose change could be seen on the other side.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass, field, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import System
+from pydrake.systems.primitives import AffineSystem
+
+from forcectl.errors import BadInputError
+from forcectl.plant.drives.joint_friction import JointFriction
+from forcectl.plant.tip_kinematics import TipDisplacement
+from forcectl.robot.model import RobotModel
+from forcectl.robot.momentum_model import MomentumModel
+
+Array = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class PlantModel:
+    """Model of the plant for controllers and estimators, of k force loops around a robot with n joints.
+
+    Attributes:
+        size: number k of force loops.
+        period: control tick [s].
+        robot_compliance: C_R, shape (k,) [m/N].
+        environment_compliance: C_E, shape (k,) [m/N].
+        sensor_bandwidth: of the lag of the measured force [rad/s].
+        sensor_damping_ratio: of that lag [1].
+        sensor_delay: before that lag [s].
+        drive_compliance: part of C_R between command and motors, shape (k,) or a number [m/N]; the positions of the
+            motors show it.
+        robot: kinematics, dynamics and limits; its TCP is that of the first loop's arm. None without a robot.
+        start: measured joint positions at the start, shape (n,) [rad].
+        normals: outward unit normal of the surface of each loop in the world, shape (k, 3).
+        arms: name of the arm of each loop.
+        posture_period: how often what depends on the posture only is renewed [s].
+        singularity_limit: joint motion per metre of tool motion that is used undamped [rad/m].
+        constant_jacobian: the plant has the constant Jacobian of the start posture.
+        has_gravity: the plant feels gravity.
+        friction: of the joints.
+        rotor_inertia: at the joints, shape (n,) [kg m2].
+        velocity_bandwidth: of the filter behind the measured speeds [rad/s].
+        obstacles: configurations of the boxes around the robot.
+    """
+
+    size: int
+    period: float
+    robot_compliance: Array
+    environment_compliance: Array
+    sensor_bandwidth: float
+    sensor_damping_ratio: float
+    sensor_delay: float
+    drive_compliance: Array | float = 0.0
+    robot: RobotModel | None = None
+    start: Array = field(default_factory=lambda: np.zeros(0))
+    normals: Array = field(default_factory=lambda: np.zeros((0, 3)))
+    arms: tuple[str, ...] = ()
+    posture_period: float = 0.04
+    singularity_limit: float = 20.0
+    constant_jacobian: bool = False
+    has_gravity: bool = False
+    friction: JointFriction = field(default_factory=lambda: JointFriction(1))
+    rotor_inertia: Array = field(default_factory=lambda: np.zeros(0))
+    velocity_bandwidth: float = np.inf
+    obstacles: tuple[Any, ...] = ()
+
+    @property
+    def total_compliance(self) -> Array:
+        """C_T = C_R + C_E, shape (k,) [m/N]. (2.7)"""
+        return self.robot_compliance + self.environment_compliance
+
+    @property
+    def n(self) -> Array:
+        """Unit normal of the one force loop, shape (3,).
+
+        Raises:
+            BadInputError: there is another number of loops.
+        """
+        if len(self.normals) != 1:
+            raise BadInputError(f"the station has {len(self.normals)} surfaces: must have one for this controller")
+        normal: Array = self.normals[0]
+        return normal
+
+    @property
+    def num_joints(self) -> int:
+        """Number of joints n."""
+        return len(self.start)
+
+    def known_robot(self) -> RobotModel:
+        """The robot.
+
+        Raises:
+            BadInputError: the loop has none.
+        """
+        if self.robot is None:
+            raise BadInputError("the loop has no robot: must have one for this part")
+        return self.robot
+
+    def momentum_model(self) -> MomentumModel:
+        """Momentum terms of links and rotors."""
+        robot = self.known_robot()
+        return MomentumModel(robot.plant, robot.parts.joints, self.rotor_inertia, robot.create_context)
+
+    def tip_displacement(self) -> System:
+        """A block from the positions of the joints, shape (n,) [rad], to the displacement of the tool along the normal.
+
+        Its output has shape (1,) [m]. It is the tangent of the start posture where the Jacobian is constant.
+        """
+        robot = self.known_robot()
+        if not self.constant_jacobian:
+            return TipDisplacement(robot, self.n, self.start, period=self.posture_period)
+        context = robot.create_context()
+        robot.set_positions(context, self.start)
+        row = (self.n @ robot.jacobian(context)[3:]).reshape(1, -1)
+        return AffineSystem(D=row, y0=-row @ self.start)
+
+    def loop(self, index: int) -> PlantModel:
+        """The model of one force loop alone.
+
+        Args:
+            index: of the loop, from 0 to k - 1.
+        """
+        one = slice(index, index + 1)
+        drive = np.broadcast_to(self.drive_compliance, self.size)[one]
+        robot = self.robot
+        if robot is not None and self.arms:
+            robot = robot.for_arm(self.arms[index])
+        return replace(
+            self,
+            size=1,
+            robot_compliance=self.robot_compliance[one],
+            environment_compliance=self.environment_compliance[one],
+            drive_compliance=drive,
+            robot=robot,
+            normals=self.normals[one],
+            arms=self.arms[one],
+        )

@@ -1,0 +1,267 @@
+"""The loop: its slots from outside, what does not fit them, delays, determinism, loads, logs, what it knows."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import DiagramBuilder, LeafSystem
+from pydrake.systems.primitives import ConstantVectorSource
+
+from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig
+from forcectl.errors import BadInputError
+from forcectl.estimation.force_estimator import ForceEstimatorConfig
+from forcectl.force.integral import IntegralConfig
+from forcectl.framework.sampled_law import SampledLaw
+from forcectl.motion.joint_path import DitherConfig, JointMovesConfig, PostureConfig
+from forcectl.motion.loads import LoadConfig
+from forcectl.motion.references import StepConfig
+from forcectl.plant.sensors.force_sensor import ForceSensorConfig
+from forcectl.scenario.scenario import Scenario
+from forcectl.testing import assert_memory_released
+from tests.examples.motion_runs import motion_loop, run
+from tests.examples.research_runs import TICK
+from tests.examples.station_runs import FORCE, SPRINGS
+from tests.examples.stations import free, pressing
+
+ARM = ("yumi/left", None)
+COMMANDS = ("joint_position_command", "joint_velocity_command")
+FREE = {"friction": {"scale": 0.0}, "sensors": {"quantum": 0.0}}
+
+
+class Echo(SampledLaw):
+    """The position it reads plus 1 mrad, from 20 ms on; its command of a tick."""
+
+    def __init__(self, size: int, start: np.ndarray):
+        super().__init__(size, {}, TICK)
+        self._position = self.DeclareVectorInputPort("joint_position", size)
+        self.declare_command(COMMANDS[0], {self._position.ticket()}, initial=start)
+
+    def step(self, context, held):
+        return [self._position.Eval(context) + 1e-3 * (context.get_time() > 0.018)]
+
+
+class Filler:
+    """A filler of the controller's slot, or one with a fault."""
+
+    def __init__(self, **changed):
+        self.changed = changed
+
+    def add_to(self, builder, model):
+        inner = DiagramBuilder()
+        n = model.num_joints
+        echo = inner.AddNamedSystem("echo", Echo(n, model.start))
+        rest = inner.AddNamedSystem("rest", ConstantVectorSource(np.zeros(self.changed.get("size", n))))
+        inner.ExportInput(echo.GetInputPort("joint_position"), self.changed.get("input", "joint_position"))
+        inner.ExportOutput(echo.GetOutputPort(COMMANDS[0]), COMMANDS[0])
+        inner.ExportOutput(rest.get_output_port(), self.changed.get("output", COMMANDS[1]))
+        return builder.AddNamedSystem("controller", inner.Build())
+
+
+def test_a_command_moves_the_robot_in_the_tick_it_is_computed_in():
+    """From a reading to the motion it causes: no tick of the loop, one plant step, then the servo."""
+    loop = motion_loop(*ARM, Filler(), **FREE)
+    log = run(loop, 0.04)
+    moved = np.abs(log["link_position"] - log["link_position"][0]).max(axis=1) > 1e-7
+    assert log["time"][np.argmax(moved)] == pytest.approx(0.024)
+    asked = np.abs(log[COMMANDS[0]] - log["joint_position"]).max(axis=1) > 5e-4
+    assert log["time"][np.argmax(asked)] == pytest.approx(0.020)
+
+
+@pytest.mark.parametrize(
+    ("changed", "message"),
+    [
+        ({"input": "joint_angle"}, "wants joint_angle, which nothing puts out: must be one of joint_position"),
+        ({"size": 3}, "joint_velocity_command has size 3: must be 7"),
+        ({"input": "estimated_torque"}, "wants estimated_torque (external joint torques), which nothing puts out"),
+        ({"input": "link_position"}, "wants link_position (of the links), which nothing puts out"),
+    ],
+)
+def test_what_does_not_fit_the_slot_is_refused_by_port(changed, message):
+    with pytest.raises(BadInputError) as caught:
+        motion_loop(*ARM, Filler(**changed))
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_estimates_reach_a_controller_that_wants_them():
+    loop = motion_loop(*ARM, Filler(input="estimated_torque"), ForceEstimatorConfig())
+    assert np.isfinite(run(loop, 0.02)["estimated_torque"]).all()
+
+
+def test_drives_that_are_told_no_speed_follow_the_positions():
+    loop = motion_loop(*ARM, Filler(output="speed"), **FREE)
+    log = run(loop, 0.04)
+    assert np.abs(log["link_position"][-1] - log["link_position"][0]).max() > 1e-7
+
+
+class Odd:
+    """An estimator whose block has this input, or none at all."""
+
+    def __init__(self, wanted=None):
+        self.wanted = wanted
+
+    def add_to(self, builder, model):
+        if self.wanted is None:
+            return None
+
+        class Half(LeafSystem):
+            def __init__(self, name):
+                super().__init__()
+                self.DeclareVectorInputPort(name, model.num_joints)
+
+        return builder.AddNamedSystem("half", Half(self.wanted))
+
+
+@pytest.mark.parametrize(
+    ("wanted", "message"),
+    [
+        (None, "estimators.force: add_to must return a Drake system, not NoneType"),
+        ("joint_angle", "estimators.force wants joint_angle, which nothing puts out"),
+        ("external_torque", "estimators.force wants external_torque"),
+    ],
+)
+def test_an_estimator_that_does_not_fit_is_refused(wanted, message):
+    with pytest.raises(BadInputError) as caught:
+        motion_loop(*ARM, JointMovesConfig(), Odd(wanted))
+    assert message in str(caught.value)
+
+
+def test_every_signal_is_logged_with_its_unit_and_its_components():
+    loads = [LoadConfig(arm="right", wrenches=[[0, 0, 0, 0, 0, 1]])]
+    loop = Scenario(
+        station=free(loads=loads), controller=JointMovesConfig(), estimators={"force": ForceEstimatorConfig()}
+    ).build()
+    units = {name: signal.unit for name, signal in loop.signals.items()}
+    assert units == {
+        "joint_position": "rad",
+        "joint_velocity": "rad/s",
+        "motor_torque": "Nm",
+        "motor_position": "rad",
+        "motor_velocity": "rad/s",
+        "link_position": "rad",
+        "link_velocity": "rad/s",
+        "external_torque": "Nm",
+        "tip_wrench": "Nm,N",
+        "arm_contact_force": "N",
+        "applied_wrench": "Nm,N",
+        "joint_position_command": "rad",
+        "joint_velocity_command": "rad/s",
+        "estimated_torque": "Nm",
+        "estimated_wrench": "Nm,N",
+        "residual": "Nm",
+        "reading_ok": "1",
+        "near_singular": "1",
+    }
+    assert loop.signals["estimated_wrench"].labels[-1] == "right_force_z"
+    assert loop.signals["arm_contact_force"].labels == ("left", "right")
+    assert loop.signals["residual"].labels[7] == "right_joint_1"
+
+
+def test_the_same_seed_gives_the_same_bits():
+    logs = []
+    for seed in (1, 1, 2):
+        station = free(robot=ARM[0], tool=None, time_step=0.001, sensors={"torque_noise": 0.1})
+        moves = JointMovesConfig(dither=DitherConfig(amplitude_deg=0.5))
+        estimators = {"force": ForceEstimatorConfig()}
+        logs.append(run(Scenario(station=station, controller=moves, estimators=estimators, seed=seed).build(), 0.3))
+    for name, values in logs[0].items():
+        np.testing.assert_array_equal(values, logs[1][name])
+    assert (logs[0]["estimated_torque"] != logs[2]["estimated_torque"]).any()
+
+
+def test_moves_reach_their_postures():
+    there = [10.0, -120.0, 120.0, 40.0, 10.0, 50.0, -20.0]
+    moves = JointMovesConfig(postures=[PostureConfig(posture_deg=there, start=0.1, duration=0.8)])
+    log = run(motion_loop(*ARM, moves), 1.4)
+    np.testing.assert_allclose(np.degrees(log["link_position"][-1]), there, atol=0.05)
+    for name in COMMANDS:
+        assert np.isfinite(log[name]).all()
+    rate = np.gradient(log[COMMANDS[0]], TICK, axis=0)[2:-2]
+    np.testing.assert_allclose(log[COMMANDS[1]][2:-2], rate, atol=2e-3)
+
+
+@pytest.mark.parametrize(
+    ("postures", "message"),
+    [
+        ([PostureConfig(posture_deg=[1.0])], "postures[0] has 1 angles: must have 7"),
+        ([PostureConfig(posture_deg=[999.0] * 7)], "within the joint limits"),
+        ([PostureConfig(posture_deg=[0.0] * 7, duration=0.1)], "duration = 0.1: must be at least"),
+    ],
+)
+def test_a_posture_that_cannot_be_is_refused_by_name(postures, message):
+    with pytest.raises(BadInputError) as caught:
+        motion_loop(*ARM, JointMovesConfig(postures=postures))
+    assert message in str(caught.value)
+
+
+def test_moves_that_overlap_are_refused():
+    with pytest.raises(BadInputError, match=r"after the move before, 1\.5 s"):
+        JointMovesConfig(postures=[PostureConfig(start=0.5), PostureConfig(start=1.0)])
+
+
+def test_loads_act_when_they_are_said_to():
+    load = LoadConfig(start=0.02, hold=0.04, pause=0.02, ramp=0.01, wrenches=[[0, 0, 0, 8, 0, 0]], repeats=2, every=0.1)
+    log = run(motion_loop(*ARM, None, None, [load]), 0.26)
+    force, time = log["applied_wrench"][:, 3], log["time"]
+    # The load of a tick shows in the next one of the log.
+    expected = np.array([load.wrench(t - TICK + 1e-9)[3] if t >= TICK else 0.0 for t in time])
+    np.testing.assert_allclose(force, expected, atol=1e-9)
+    assert force.max() == 8.0
+    assert np.count_nonzero(np.diff((force > 0).astype(int)) == 1) == 2
+    np.testing.assert_allclose(log["tip_wrench"][:, 3], force)
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"wrenches": []}, "at least one wrench"),
+        ({"wrenches": [[1.0, 2.0]]}, "six numbers each"),
+        ({"hold": 0.1, "ramp": 0.2}, "ramp = 0.2: must be at most half of hold"),
+        ({"repeats": 2, "every": 0.5}, "every = 0.5: must be at least"),
+        ({"start": -1.0}, "start = -1"),
+    ],
+)
+def test_a_load_that_cannot_be_is_refused_by_name(options, message):
+    with pytest.raises(BadInputError) as caught:
+        LoadConfig(**{"wrenches": [[0.0] * 6], **options})
+    assert message in str(caught.value)
+
+
+def test_a_load_on_an_arm_that_is_not_there_is_refused():
+    with pytest.raises(BadInputError, match="unknown arm 'middle'"):
+        motion_loop(*ARM, None, None, [LoadConfig(arm="middle", wrenches=[[0.0] * 6])])
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"gain": 0.0}, "gain = 0"),
+        ({"friction_scale": -1.0}, "friction_scale = -1"),
+        ({"moment": 1}, "moment = 1: must be true or false"),
+        ({"tare_duration": float("nan")}, "tare_duration = nan"),
+    ],
+)
+def test_an_estimator_that_cannot_be_is_refused_by_name(options, message):
+    with pytest.raises(BadInputError) as caught:
+        ForceEstimatorConfig(**options)
+    assert message in str(caught.value)
+
+
+def test_nothing_keeps_a_loop_alive():
+    assert_memory_released(lambda: motion_loop(*ARM, None, ForceEstimatorConfig()).diagram, builds=3, allowed_kb=6144)
+
+
+def test_reference_beyond_the_sensor_is_refused() -> None:
+    station = pressing(force_sensor=replace(ForceSensorConfig(), range=10.0))
+    with pytest.raises(BadInputError, match=r"reference\.force = 15.*10 N"):
+        Scenario(station=station, reference=StepConfig(force=FORCE)).build()
+
+
+@pytest.mark.parametrize("fidelity", SHIPPED_FIDELITIES)
+def test_believed_compliance_in_the_loop_is_the_true_one(fidelity: str) -> None:
+    loop = Scenario(station=StationConfig(fidelity=fidelity), controller=IntegralConfig()).build()
+    assert loop.true_compliance == pytest.approx(loop.cell.contact.robot_compliance + 1 / SPRINGS)
+    assert loop.cell.contact.robot_compliance == pytest.approx(3.2e-5, rel=1e-3)
+    assert loop.reference_model_bandwidth == 1.5

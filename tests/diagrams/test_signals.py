@@ -1,0 +1,127 @@
+"""Signals connect by name; what stands for one is chosen in the scenario, and what nothing puts out is refused."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import forcectl as fc
+from forcectl.conventions import SIGNALS, TRUTH
+from forcectl.scenario.yaml_tree import parse
+
+ARM = """
+station:
+  fidelity: Multibody
+  robot: yumi
+  tool: yumi_gripper
+  elastic_joints: false
+  drive: !JointInterface {friction: {scale: 0.0}}
+  sensors: {joints: !JointReadings {}}
+  environment: !Parts
+    parts:
+      table: !Surface {arm: left, stiffness: 5.0e3}
+      wall: !Surface {arm: right, stiffness: 2.0e4}
+estimators: {force: !ForceEstimator {}}
+controller: !PerArm {laws: {left: !Integral {}, right: !Integral {integral_gain: 2.0}}}
+reference: !Step {force: 10.0}
+signals: {measured_force: !Projection {}}
+duration: 2.0
+"""
+
+
+def scenario(text: str = ARM, **changes):
+    return parse(text, "own.yaml") | changes
+
+
+def test_two_laws_press_with_two_arms_on_two_surfaces():
+    result = fc.run(scenario())
+    log = result.log
+    assert list(log["surface"].values) == ["table", "wall"]
+    np.testing.assert_allclose(log["contact_force"].values[-1], 10.0, atol=1.0)
+    np.testing.assert_allclose(log["measured_force"].values[-1], log["contact_force"].values[-1], atol=0.2)
+    # Neither arm feels the surface of the other.
+    depth = -log["contact_displacement"].values[-1]
+    np.testing.assert_allclose(log["contact_force"].values[-1] / depth, [5e3, 2e4], rtol=0.1)
+    assert {"table.steady_state_error_N", "wall.steady_state_error_N"} <= set(result.metrics["default"])
+
+
+def test_one_law_presses_with_both():
+    log = fc.run(scenario(controller="!Integral")).log
+    np.testing.assert_allclose(log["measured_force"].values[-1], 10.0, atol=1.0)
+
+
+def test_a_projection_is_the_force_along_the_normal():
+    loop = fc.build(fc.load_scenario(scenario()))
+    projection = loop.diagram.GetSubsystemByName("measured_force_projection")
+    gain = projection.D()
+    assert gain.shape == (2, 12)
+    np.testing.assert_allclose(gain[0, 3:6], loop.model.normals[0])
+    np.testing.assert_allclose(gain[1, 9:12], loop.model.normals[1])
+    assert np.count_nonzero(gain) == 2
+
+
+def test_a_momentum_observer_watches_a_loop_with_a_force_sensor():
+    text = """
+    station:
+      fidelity: Multibody
+      sensors: {force: !WristForce {}, joints: !JointReadings {}}
+    estimators: {watch: !ForceEstimator {}}
+    duration: 3.0
+    """
+    log = fc.run(parse(text, "own.yaml")).log
+    estimated = log["estimated_wrench"].isel(wrench_component=-1)
+    assert float(estimated[-1]) == pytest.approx(float(log["contact_force"][-1]), abs=0.5)
+
+
+def test_a_load_on_the_elbow_is_no_load_on_the_tool():
+    load = {"body": "left_link_3", "start": 0.1, "hold": 0.3, "wrenches": [[0, 0, 0, 0, 10, 0]]}
+    base = scenario(controller="!JointMoves", signals={}, duration=0.35)
+    log = fc.run(base, overrides={"station.loads": [load], "station.environment": "!Parts"}).log
+    assert float(abs(log["external_torque"]).max()) > 0.5
+    assert not log["tip_wrench"].values.any()
+
+
+@pytest.mark.parametrize(
+    ("changes", "text"),
+    [
+        ({"signals": {}}, "controller wants measured_force (force of each surface on the tool along its normal)"),
+        ({"estimators": {}}, "signals.measured_force wants estimated_wrench"),
+        (
+            {"signals": {"measured_force": parse("!Projection {of: motor_torque}", "f")}},
+            "must be a signal of shape (12,)",
+        ),
+        ({"signals": {"measured_force": parse("!Projection {arm: middle}", "f")}}, "unknown arm 'middle'"),
+        (
+            {"signals": {"measured_force": parse("!Projection {along: up}", "f")}},
+            "along = 'up': must be normal, or three",
+        ),
+        ({"signals": {"measured_force": parse("!Projection {of: tip_wrench}", "f")}}, "wants tip_wrench"),
+        ({"signals": {"measured_force": parse("!Projection {arm: left}", "f")}}, "has size 2: must be 1"),
+        ({"controller": parse("!PerArm {laws: {left: !Integral {}}}", "f")}, "must be one for each arm that presses"),
+    ],
+)
+def test_what_does_not_connect_is_one_line(changes, text):
+    with pytest.raises(fc.BadInputError) as caught:
+        fc.build(fc.load_scenario(scenario(**changes)))
+    assert text in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_two_providers_are_an_error_until_the_scenario_chooses():
+    several = {"force": parse("!ForceEstimator {gain: 10}", "f"), "other": parse("!ForceEstimator {}", "f")}
+    with pytest.raises(fc.BadInputError, match=r"'force', 'other' put out: must have signals\.estimated_wrench to"):
+        fc.build(fc.load_scenario(scenario(estimators=several)))
+    chosen = {
+        "estimated_wrench": parse("!From {part: other}", "f"),
+        "measured_force": parse("!Projection {}", "f"),
+    }
+    fc.build(fc.load_scenario(scenario(estimators=several, signals=chosen)))
+
+
+def test_every_signal_says_unit_shape_and_meaning():
+    for name, signal in SIGNALS.items():
+        assert signal.shape in ("1", "6", "n", "a", "k", "6a"), name
+        assert signal.unit
+        assert signal.meaning
+    assert "contact_force" in TRUTH
+    assert "measured_force" not in TRUTH

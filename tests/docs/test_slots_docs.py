@@ -1,0 +1,118 @@
+"""docs/slots.md: the parts of one's own run, from YAML, as objects and by a tag that a package announces."""
+
+from __future__ import annotations
+
+import importlib
+import re
+import sys
+from importlib.metadata import EntryPoint
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import forcectl as fc
+from forcectl.scenario import catalog
+
+PAGE = (Path(__file__).parents[2] / "docs" / "slots.md").read_text(encoding="utf-8")
+SLOTS = ("fidelity", "environment", "drive", "sensor", "controller", "reference", "analysis", "estimator")
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    code = "\n\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
+    (scenario,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+    (tmp_path / "my_parts.py").write_text(code)
+    (tmp_path / "my_cell.yaml").write_text(scenario)
+    monkeypatch.chdir(tmp_path)
+    monkeypatch.syspath_prepend(str(tmp_path))
+    yield tmp_path
+    sys.modules.pop("my_parts", None)
+
+
+def test_every_part_of_the_page_runs_from_yaml(folder):
+    result = fc.run("my_cell.yaml", out="result")
+    log, metrics = result.log, result.metrics["default"]
+    assert float(log["measured_force"][-1]) == pytest.approx(float(log["contact_force"][-1]) + 0.2 * 2.0)
+    assert float(log["desired_force"][0]) == 8.0
+    assert metrics["my_peak_N"] == float(log["contact_force"].max()) > 1.0
+    assert (folder / "result" / "figures" / "my_figure.png").exists()
+    assert result.diagram.GetSubsystemByName("station").HasSubsystemNamed("lagging")
+
+
+def test_objects_and_import_paths_give_the_same_run(folder):
+    parts = importlib.import_module("my_parts")
+    objects = {
+        "station": {
+            "fidelity": parts.Sketch(),
+            "environment": parts.HertzSurface(),
+            "drive": parts.LaggingDrive(),
+            "sensors": {"force": parts.DriftingSensor(drift=0.2)},
+        },
+        "controller": parts.Creep(),
+        "reference": parts.Constant(),
+        "analyses": {"peak": parts.Peak()},
+        "duration": 2.0,
+    }
+    ours, theirs = fc.run(objects).log, fc.run("my_cell.yaml").log
+    for name in theirs.data_vars:
+        np.testing.assert_array_equal(ours[name].values, theirs[name].values)
+
+
+@pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", "Multibody"])
+def test_a_surface_of_ones_own_is_pressed_on_in_every_fidelity(folder, fidelity):
+    """F = k d^1.5 with the true depth of the links, or the force law would not come to rest at 8 N."""
+    surface = importlib.import_module("my_parts").HertzSurface()
+    station = {"environment": surface, "fidelity": fidelity}
+    if fidelity == "Multibody":  # its wrist sensor tells the force by the body of a surface
+        station["sensors"] = {"force": importlib.import_module("my_parts").DriftingSensor(drift=0.0)}
+    log = fc.run(
+        {"station": station, "reference": {"force": 8.0}, "controller": {"integral_gain": 0.5}, "duration": 8.0}
+    ).log
+    assert float(log["contact_force"][-1]) == pytest.approx(8.0, abs=0.4)
+
+
+def test_an_estimator_of_ones_own_is_logged(folder):
+    mine = importlib.import_module("my_parts").TorqueImpulse()
+    base = fc.run("fig_5_2", variant="readings as they are", overrides={"duration": 0.1, "estimators": {"mine": mine}})
+    torque = base.log["motor_torque"].values.sum(axis=1)
+    np.testing.assert_allclose(base.log["torque_impulse"].values[1:], 0.004 * np.cumsum(torque)[:-1], atol=1e-9)
+
+
+def test_a_package_announces_a_tag(folder, monkeypatch):
+    def announced(group):
+        name = {"forcectl.reference": "Constant", "forcectl.environment": "Hertz"}.get(group)
+        path = {"Constant": "my_parts:Constant", "Hertz": "my_parts:HertzSurface"}.get(name, "")
+        return [EntryPoint(name, path, group)] if name else []
+
+    monkeypatch.setattr("importlib.metadata.entry_points", announced)
+    assert "Hertz" in catalog.tags_of("environment")
+    (folder / "short.yaml").write_text("reference: !Constant {force: 3.0}\nduration: 0.02\n")
+    result = fc.run("short.yaml", out="result")
+    assert float(result.log["desired_force"][0]) == 3.0
+    assert "reference: !Constant" in (folder / "result" / "scenario.yaml").read_text()
+    assert fc.load_scenario("result/scenario.yaml").reference.force == 3.0
+
+
+@pytest.mark.parametrize("slot", SLOTS)
+def test_what_does_not_fit_a_slot_is_told_in_one_line(folder, slot):
+    places = {
+        "controller": "controller",
+        "reference": "reference",
+        "analysis": "analyses.a",
+        "estimator": "estimators.a",
+        "sensor": "station.sensors.force",
+        "environment": "station.environment",
+        "drive": "station.drive",
+        "fidelity": "station.fidelity",
+    }
+    (folder / "not_a_part.py").write_text("class Thing:\n    pass\n")
+    part = {"path": "not_a_part:Thing"}
+    from forcectl.scenario.yaml_tree import Tagged
+
+    with pytest.raises(fc.BadInputError) as caught:
+        fc.run({"duration": 0.1}, overrides={places[slot]: Tagged(part, "Import")}, out="result")
+    text = str(caught.value)
+    assert text.startswith(f"override: {places[slot]}")
+    assert f"fills the slot {slot}" in text
+    assert "\n" not in text

@@ -1,0 +1,283 @@
+"""Examples of the stations and of their parts: drives, sensors, the truth of contacts."""
+
+from __future__ import annotations
+
+from collections.abc import Callable
+from dataclasses import dataclass
+from functools import cache, partial
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import DiagramBuilder, System
+
+from forcectl.diagrams.drives.joint_interface import JointInterface
+from forcectl.diagrams.drives.motor_side import MotorSide
+from forcectl.diagrams.drives.position_drive import JointImpedanceDriveConfig, PositionDrive, PositionDriveConfig
+from forcectl.diagrams.fidelities.kinematic import KinematicStation
+from forcectl.diagrams.fidelities.multibody import MountingForces, MultibodyStation
+from forcectl.diagrams.fidelities.one_dimensional import OneDimensionalStation
+from forcectl.diagrams.mechanics.site import Site
+from forcectl.diagrams.mechanics.world import add_world
+from forcectl.diagrams.sensors import NormalForce, WristForce
+from forcectl.diagrams.station import build_station
+from forcectl.diagrams.workcell import Workcell, describe
+from forcectl.plant.contact.compliant_contact import CompliantContact, EnvironmentConfig
+from forcectl.plant.contact.obstacle import ObstacleConfig
+from forcectl.plant.contact.parts import EnvironmentPartsConfig
+from forcectl.plant.contact.surface import SurfaceConfig
+from forcectl.plant.contact.surface_materials import MaterialsConfig, SegmentConfig
+from forcectl.plant.drives.position_loop import PositionLoopConfig
+from forcectl.plant.drives.servo import ServoConfig
+from forcectl.plant.sensors.force_sensor import ForceSensorConfig
+from forcectl.testing.runs import Input
+from tests.examples.block_example import Example, each
+from tests.examples.stations import free, pressing
+
+ARM = "yumi/left"
+PERIOD = {"period": 0.002}  # of the stations that press
+POSTURE = PERIOD | {"posture_period": 0.04}
+STEP = {"time_step": 0.001}
+TICKS = PERIOD | STEP
+INTERFACE = {"period": 0.004} | STEP  # of the stations behind the joint interface
+
+
+@dataclass(kw_only=True)
+class Foam:
+    """A surface of a user's own: no body, no sides, nothing but its force."""
+
+    softness: float = 2e-4  # [m/N]
+    arm: str = ""
+
+    @property
+    def first_stiffness(self) -> float:
+        return 1 / self.softness
+
+    def add_to(
+        self, builder: DiagramBuilder, size: int, period: float, *, robot_compliance: ArrayLike = 0.0
+    ) -> CompliantContact:
+        block = CompliantContact(
+            size, stiffness=self.first_stiffness, damping=10.0, robot_compliance=robot_compliance, period=period
+        )
+        return builder.AddNamedSystem("foam", block)
+
+
+@cache
+def pressing_cell(fidelity: str, **options: Any) -> Workcell:
+    return describe(pressing(fidelity=fidelity, **options))
+
+
+@cache
+def arm_cell(**options: Any) -> Workcell:
+    return describe(free(robot=ARM, tool=None, **options))
+
+
+@cache
+def touching_cell(elastic_joints: bool) -> Workcell:
+    """The arm with its tip 2 mm inside a box, and friction that sticks."""
+    robot = arm_cell().robot
+    p = robot.pose(arm_cell().start_context()).translation()
+    box = ObstacleConfig(size=[0.2, 0.2, 0.2], position=[p[0], p[1], p[2] - 0.1])
+    return describe(free(robot=ARM, tool=None, elastic_joints=elastic_joints, obstacles=[box]))
+
+
+def both_arms_on(second: Any) -> Workcell:
+    parts = {"table": EnvironmentConfig(arm="left"), "second": second}
+    return describe(free(environment=EnvironmentPartsConfig(parts=parts)))
+
+
+@cache
+def two_tables() -> Workcell:
+    return both_arms_on(EnvironmentConfig(arm="right", stiffness=1e4))
+
+
+@cache
+def table_and_foam() -> Workcell:
+    return both_arms_on(Foam(arm="right"))
+
+
+def uneven() -> EnvironmentConfig:
+    """A slope of two damped materials."""
+    segments = [
+        SegmentConfig(material="plastic", start=-0.1, end=0.02, damping=10.0),
+        SegmentConfig(material="wood", start=0.02, end=0.1, damping=20.0),
+    ]
+    return EnvironmentConfig(surface=SurfaceConfig(slope=0.01, materials=MaterialsConfig(segments=segments)))
+
+
+def in_plant(cell: Workcell) -> Site:
+    """The site of a part in the station's plant; its builder is kept alive by the plant."""
+    return add_world(DiagramBuilder(), cell, 3)
+
+
+def moved(cell: Workcell):
+    """A swing of all joints around the start."""
+    n = cell.num_joints
+    return lambda t: cell.start + 0.05 * np.sin(np.arange(1, n + 1) * 10 * t)
+
+
+def speeds(cell: Workcell):
+    n = cell.num_joints
+    return lambda t: 0.5 * np.arange(1, n + 1) * np.cos(np.arange(1, n + 1) * 10 * t)
+
+
+def wrench(arms: int):
+    return lambda t: np.tile([0.1, 0.0, 0.2, 5.0, -3.0, 4.0], arms) * min(1.0, 50 * t)
+
+
+def swing(size: float):
+    return lambda t: size * np.sin(40 * t + np.arange(6))
+
+
+def motor_side(ideal: bool) -> MotorSide:
+    return MotorSide(pressing_cell("OneDimensional"), PositionLoopConfig(), ServoConfig(ideal=ideal))
+
+
+def position_drive(**servo: Any) -> PositionDrive:
+    cell = pressing_cell("Multibody")
+    made = PositionDriveConfig(servo=ServoConfig(**servo)).add_to(DiagramBuilder(), Site(cell, 3))
+    assert isinstance(made, PositionDrive)
+    return made
+
+
+def impedance_drive() -> PositionDrive:
+    cell = describe(pressing(fidelity="Multibody", drive=JointImpedanceDriveConfig()))
+    made = cell.config.drive.add_to(DiagramBuilder(), Site(cell, 3))
+    assert isinstance(made, PositionDrive)
+    return made
+
+
+def joint_interface(elastic_joints: bool) -> JointInterface:
+    cell = arm_cell(elastic_joints=elastic_joints)
+    return JointInterface(cell, cell.config.drive)
+
+
+def mounting_forces() -> MountingForces:
+    site = in_plant(two_tables())
+    return MountingForces(site.plant, list(site.mountings))
+
+
+def example(cell: Callable[[], Workcell], periods: dict[str, float], *truth: str) -> Example:
+    """Of the station of a cell; the truth feels the wrench from outside, where there is one."""
+    cell = cache(cell)
+    inputs: dict[str, Input] = {"joint_position_command": lambda t: moved(cell())(t)}
+    if truth:
+        inputs["external_wrench"] = lambda t: wrench(len(cell().robot.parts.arms))(t)
+    return Example(
+        lambda: build_station(cell(), 3), {(name, "external_wrench") for name in truth}, inputs, periods=periods
+    )
+
+
+LOADED = ("external_torque", "tip_wrench", "arm_contact_force")
+ONE_DIMENSIONAL, KINEMATIC, MULTIBODY = (
+    partial(pressing_cell, fidelity) for fidelity in ("OneDimensional", "Kinematic", "Multibody")
+)
+
+STATION_EXAMPLES: dict[type[System], list[Example]] = {
+    OneDimensionalStation: [
+        example(ONE_DIMENSIONAL, PERIOD),
+        example(lambda: describe(pressing(fidelity="OneDimensional", environment=uneven())), PERIOD),
+        example(lambda: describe(pressing(fidelity="OneDimensional", environment=Foam())), PERIOD),
+    ],
+    KinematicStation: [
+        example(KINEMATIC, POSTURE),
+        example(lambda: describe(pressing(fidelity="Kinematic", environment=uneven())), POSTURE),
+        example(lambda: describe(pressing(fidelity="Kinematic", environment=Foam())), PERIOD),
+    ],
+    MultibodyStation: [
+        example(MULTIBODY, POSTURE | STEP),
+        example(lambda: describe(pressing(fidelity="Multibody", environment=uneven())), POSTURE | STEP),
+        example(lambda: describe(pressing(fidelity="Multibody", environment=Foam(), sensors={})), TICKS, *LOADED),
+        example(lambda: describe(pressing(fidelity="Multibody", drive=JointImpedanceDriveConfig())), POSTURE | STEP),
+        *(
+            example(partial(cell, elastic_joints=elastic), INTERFACE, *LOADED)
+            for elastic in (False, True)
+            for cell in (arm_cell, touching_cell)
+        ),
+        example(two_tables, INTERFACE, "contact_force", "contact_state", *LOADED),
+        example(table_and_foam, INTERFACE, "contact_force", "contact_state", *LOADED),
+    ],
+    MotorSide: [
+        Example(
+            partial(motor_side, ideal),
+            inputs={"joint_position_command": lambda t: moved(ONE_DIMENSIONAL())(t)},
+            periods=PERIOD,
+        )
+        for ideal in (False, True)
+    ],
+    PositionDrive: [
+        Example(
+            build,
+            inputs={"joint_position_command": lambda t: moved(MULTIBODY())(t), "spring_torque": swing(20.0)},
+            periods=TICKS,
+        )
+        for build in (position_drive, impedance_drive)
+    ]
+    + [
+        Example(
+            partial(position_drive, ideal=True),
+            inputs={"joint_position_command": lambda t: moved(MULTIBODY())(t)},
+            periods=TICKS,
+        )
+    ],
+    JointInterface: [
+        Example(
+            partial(joint_interface, False),
+            each("joint_torque", "link_position", "link_velocity"),
+            {
+                "joint_position_command": lambda t: moved(arm_cell())(t),
+                "joint_velocity_command": lambda t: speeds(arm_cell())(t),
+                "link_position": lambda t: 0.9 * moved(arm_cell())(t),
+                "link_velocity": lambda t: 0.8 * speeds(arm_cell())(t),
+            },
+            periods=INTERFACE,
+        ),
+        Example(
+            partial(joint_interface, True),
+            inputs={
+                "joint_position_command": lambda t: moved(arm_cell())(t),
+                "joint_torque_feedforward": lambda t: speeds(arm_cell())(t),
+                "spring_torque": lambda t: speeds(arm_cell())(t),
+            },
+            periods=INTERFACE,
+        ),
+    ],
+    NormalForce: [
+        Example(
+            lambda: NormalForce(ForceSensorConfig(noise_std=0.1), Site(KINEMATIC(), 3)),
+            each("measured_force", "contact_force") | each("measured_wrench", "contact_force", "motor_position"),
+            {"contact_force": lambda t: 15 * t, "motor_position": lambda t: moved(KINEMATIC())(t)},
+            periods=PERIOD,
+        ),
+        Example(
+            lambda: NormalForce(ForceSensorConfig(delay=0.004), Site(KINEMATIC(), 3)),
+            each("measured_wrench", "motor_position"),
+            {"contact_force": lambda t: 15 * t, "motor_position": lambda t: moved(KINEMATIC())(t)},
+            periods=PERIOD,
+        ),
+    ],
+    WristForce: [
+        Example(
+            lambda: WristForce(ForceSensorConfig(noise_std=0.1), in_plant(MULTIBODY())),
+            {(name, "reaction_forces") for name in ("measured_wrench", "measured_force", "contact_force")},
+            {"joint_position_command": lambda t: moved(MULTIBODY())(t)},
+            runnable=lambda: build_station(MULTIBODY(), 3),
+            periods=POSTURE,
+        ),
+        Example(
+            lambda: WristForce(ForceSensorConfig(delay=0.004), in_plant(MULTIBODY())),
+            each("contact_force", "reaction_forces"),
+            {"joint_position_command": lambda t: moved(MULTIBODY())(t)},
+            runnable=lambda: build_station(MULTIBODY(), 3),
+            periods=POSTURE,
+        ),
+    ],
+    MountingForces: [
+        Example(
+            mounting_forces,
+            each("contact_force_1", "reaction_forces") | each("contact_force_2", "reaction_forces"),
+            {"joint_position_command": lambda t: moved(two_tables())(t)},
+            runnable=lambda: build_station(two_tables(), 3),
+        )
+    ],
+}

@@ -1,0 +1,63 @@
+"""Station configurations for tests, written short."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from typing import Any
+
+from forcectl.diagrams.believed import Setting, plant_model
+from forcectl.diagrams.drives.joint_interface import JointFrictionConfig, JointInterfaceConfig, JointServoConfig
+from forcectl.diagrams.drives.position_drive import PositionDriveConfig
+from forcectl.diagrams.sensors import JointReadingsConfig
+from forcectl.diagrams.station import StationConfig
+from forcectl.diagrams.workcell import Workcell
+from forcectl.plant.contact.parts import EnvironmentPartsConfig
+
+
+def pressing(**options: Any) -> StationConfig:
+    """A station whose tool presses on a surface.
+
+    Args:
+        options: keys of the station; `servo` and `position_loop` are those of its drive, `force_sensor` is its sensor.
+    """
+    drive = {name: options.pop(name) for name in ("servo", "position_loop") if name in options}
+    if drive:
+        options["drive"] = PositionDriveConfig(**drive)
+    if "force_sensor" in options:
+        options["sensors"] = {"force": options.pop("force_sensor")}
+    return StationConfig(**options)
+
+
+def free(**options: Any) -> StationConfig:
+    """A robot behind its joint interface, with rigid joints, in free space or among boxes.
+
+    Args:
+        options: keys of the station; `servo` and `friction` are those of its drive, `sensors` are its joint readings,
+            each as a mapping or a configuration, and `obstacles` is a list of boxes.
+    """
+    parts = {
+        "servo": JointServoConfig,
+        "friction": JointFrictionConfig,
+        "sensors": JointReadingsConfig,
+    }
+    made = {name: _made(kind, options.pop(name, {})) for name, kind in parts.items()}
+    boxes = {f"box_{i + 1}": box for i, box in enumerate(options.pop("obstacles", []))}
+    known = {"robot": "yumi", "tool": "yumi_gripper", "elastic_joints": False, "fidelity": "Multibody"}
+    return StationConfig(
+        **{
+            **known,
+            "drive": JointInterfaceConfig(servo=made["servo"], friction=made["friction"]),
+            "sensors": {"joints": made["sensors"]},
+            "environment": EnvironmentPartsConfig(parts=boxes),
+            **options,
+        }
+    )
+
+
+def _made(kind: type, given: Any) -> Any:
+    return kind(**given) if isinstance(given, Mapping) else given
+
+
+def setting(cell: Workcell) -> Setting:
+    """Of a run whose model agrees with the plant."""
+    return Setting(cell, plant_model(cell), plant_model(cell))
