@@ -14,7 +14,7 @@ from pydrake.systems.primitives import ConstantVectorSource
 from forcectl.doctor.report import Finding, error
 from forcectl.errors import unknown
 from forcectl.inspect.start import FAILURES, StartValues
-from forcectl.inspect.wiring import Port, Wiring
+from forcectl.inspect.wiring import PortAddress, Wiring
 
 CENIC = "cenic"
 
@@ -61,7 +61,7 @@ def _damped_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
 
 def _may_carry_velocity(values: StartValues, path: str, port: InputPort) -> bool:
     """Whether the velocities of a desired state (positions, then velocities) could differ from zero at some time."""
-    reader = Port(path, int(port.get_index()))
+    reader = PortAddress(path, int(port.get_index()))
     if values.wiring.source(reader) is None:
         return False  # an open desired state switches the gains off
     if not _is_constant(values.wiring, reader):
@@ -73,7 +73,7 @@ def _may_carry_velocity(values: StartValues, path: str, port: InputPort) -> bool
     return bool(np.any(state[len(state) // 2 :] != 0))
 
 
-def _is_constant(wiring: Wiring, reader: Port) -> bool:
+def _is_constant(wiring: Wiring, reader: PortAddress) -> bool:
     """Whether an input comes from constant sources alone, through blocks without state and time."""
     source = wiring.source(reader)
     if source is None or not source.system:
@@ -85,4 +85,4 @@ def _is_constant(wiring: Wiring, reader: Port) -> bool:
     plain = (
         type(block).__module__.startswith("pydrake.systems.primitives") and block.CreateDefaultContext().is_stateless()
     )
-    return plain and bool(passed) and all(_is_constant(wiring, Port(source.system, i)) for i in passed)
+    return plain and bool(passed) and all(_is_constant(wiring, PortAddress(source.system, i)) for i in passed)

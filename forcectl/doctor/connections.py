@@ -9,10 +9,10 @@ from pydrake.multibody.plant import MultibodyPlant
 from forcectl.doctor.report import Finding, error, info, warning
 from forcectl.inspect.ports import optional_inputs
 from forcectl.inspect.start import is_library_plant
-from forcectl.inspect.wiring import Port, Wiring, is_vector
+from forcectl.inspect.wiring import PortAddress, Wiring, is_vector
 
 
-def _shape(wiring: Wiring, port: Port) -> str:
+def _shape(wiring: Wiring, port: PortAddress) -> str:
     drake_port = wiring.input_port(port)
     return f"size {drake_port.size()}" if is_vector(drake_port) else "abstract"
 
@@ -24,7 +24,7 @@ def unconnected_inputs(wiring: Wiring) -> Iterator[Finding]:
             system = wiring.systems[child]
             free = [
                 port
-                for port in (Port(child, i) for i in range(system.num_input_ports()))
+                for port in (PortAddress(child, i) for i in range(system.num_input_ports()))
                 if port not in level.connections and port not in level.exported_inputs
             ]
             if is_library_plant(system):
@@ -34,7 +34,7 @@ def unconnected_inputs(wiring: Wiring) -> Iterator[Finding]:
                 yield _unconnected(wiring, port)
     if wiring.root is not None:
         for i in range(wiring.root.num_input_ports()):
-            port = Port("", i)
+            port = PortAddress("", i)
             yield info(
                 "open-diagram-input",
                 wiring.input_name(port),
@@ -42,7 +42,7 @@ def unconnected_inputs(wiring: Wiring) -> Iterator[Finding]:
             )
 
 
-def _unconnected(wiring: Wiring, port: Port) -> Finding:
+def _unconnected(wiring: Wiring, port: PortAddress) -> Finding:
     name = wiring.input_name(port)
     if wiring.input_port(port).get_name() in optional_inputs(wiring.systems[port.system]):
         return info("optional-input", name, f"optional input ({_shape(wiring, port)}) not connected")
@@ -56,7 +56,7 @@ def _unconnected(wiring: Wiring, port: Port) -> Finding:
     )
 
 
-def _plant_inputs(wiring: Wiring, path: str, free: list[Port]) -> Iterator[Finding]:
+def _plant_inputs(wiring: Wiring, path: str, free: list[PortAddress]) -> Iterator[Finding]:
     """A plant's inputs are optional, but for two that change the physics silently when left open."""
     system = wiring.systems[path]
     names = {wiring.input_port(port).get_name() for port in free}
@@ -90,7 +90,7 @@ def unused_outputs(wiring: Wiring) -> Iterator[Finding]:
         for child in level.children:
             unused = [
                 wiring.output_name(port)
-                for port in (Port(child, i) for i in range(wiring.systems[child].num_output_ports()))
+                for port in (PortAddress(child, i) for i in range(wiring.systems[child].num_output_ports()))
                 if port not in used
             ]
             if unused and is_library_plant(wiring.systems[child]):

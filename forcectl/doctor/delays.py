@@ -14,7 +14,7 @@ from forcectl.inspect.probe import samples_through
 from forcectl.inspect.schedule import clean
 from forcectl.inspect.start import StartValues
 from forcectl.inspect.ways import Hop, Hops, declared_delays
-from forcectl.inspect.wiring import Port
+from forcectl.inspect.wiring import PortAddress
 
 
 def chain_findings(values: StartValues, chain: DelayChain, expected: float | None) -> Iterator[Finding]:
@@ -74,10 +74,10 @@ def declared_findings(values: StartValues, hops: Hops) -> Iterator[Finding]:
 
 def _way_inside(hops: Hops, path: str, input_index: int, output_index: int) -> list[Hop] | None:
     wiring = hops.wiring
-    starts = list(wiring.inner_inputs(Port(path, input_index)))
-    if starts == [Port(path, input_index)]:  # a block, where only the one hop is meant
+    starts = list(wiring.inner_inputs(PortAddress(path, input_index)))
+    if starts == [PortAddress(path, input_index)]:  # a block, where only the one hop is meant
         return next(([hop] for hop in hops.through(starts[0]) if hop.output == output_index), None)
-    return hops.shortest(starts, wiring.origin(Port(path, output_index)), inside=path)
+    return hops.shortest(starts, wiring.origin(PortAddress(path, output_index)), inside=path)
 
 
 def _measured(values: StartValues, hops: Hops, hop: Hop) -> float | None:

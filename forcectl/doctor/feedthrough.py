@@ -9,7 +9,7 @@ from pydrake.systems.framework import System
 from forcectl.doctor.report import Finding, warning
 from forcectl.inspect.feedthrough import outputs_that_depend_on_everything
 from forcectl.inspect.ports import input_names
-from forcectl.inspect.wiring import Port, Wiring, is_python_block
+from forcectl.inspect.wiring import PortAddress, Wiring, is_python_block
 
 
 def undeclared_prerequisites(wiring: Wiring) -> Iterator[Finding]:
@@ -26,7 +26,7 @@ def undeclared_prerequisites(wiring: Wiring) -> Iterator[Finding]:
             if sum(output == o for _, output in wiring.feedthrough(path)) == system.num_input_ports():
                 yield warning(
                     "undeclared-prerequisites",
-                    wiring.output_name(Port(path, o)),
+                    wiring.output_name(PortAddress(path, o)),
                     f"declares no prerequisites, so every input ({names}) counts as feedthrough; pass "
                     "prerequisites_of_calc={...} or use DeclareStateOutputPort",
                 )

@@ -8,7 +8,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from forcectl.doctor.report import Finding, error
 from forcectl.errors import BadInputError
-from forcectl.inspect.wiring import Port, Wiring
+from forcectl.inspect.wiring import PortAddress, Wiring
 
 _ADVICE = (
     "break it with a block that holds its output over a sample (a discrete state, ZeroOrderHold), or declare "
@@ -24,19 +24,21 @@ def algebraic_loops(wiring: Wiring) -> Iterator[Finding]:
         yield error("algebraic-loop", path, f"each of these needs the next within one instant; {_ADVICE}")
 
 
-def _loops(wiring: Wiring) -> Iterator[list[tuple[Port, Port]]]:
+def _loops(wiring: Wiring) -> Iterator[list[tuple[PortAddress, PortAddress]]]:
     """Loops as lists of wires (output, input), found by depth-first search over the wires."""
     readers = wiring.readers()
 
-    def following(reader: Port) -> list[tuple[Port, Port]]:
-        outputs = [Port(reader.system, o) for i, o in sorted(wiring.feedthrough(reader.system)) if i == reader.index]
+    def following(reader: PortAddress) -> list[tuple[PortAddress, PortAddress]]:
+        outputs = [
+            PortAddress(reader.system, o) for i, o in sorted(wiring.feedthrough(reader.system)) if i == reader.index
+        ]
         return [(output, other) for output in outputs for other in readers.get(output, ())]
 
-    done: set[Port] = set()
+    done: set[PortAddress] = set()
     for start in wiring.leaf_inputs():
         if start in done:
             continue
-        trail: list[tuple[Port, Port]] = []  # wires walked so far
+        trail: list[tuple[PortAddress, PortAddress]] = []  # wires walked so far
         position = {start: 0}
         stack = [iter(following(start))]
         while stack:

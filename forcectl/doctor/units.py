@@ -6,7 +6,7 @@ from collections.abc import Iterator
 
 from forcectl.doctor.report import Finding, warning
 from forcectl.inspect.ports import unit
-from forcectl.inspect.wiring import Port, Side, Wiring
+from forcectl.inspect.wiring import PortAddress, Side, Wiring
 
 
 def mismatches(wiring: Wiring) -> Iterator[Finding]:
@@ -15,7 +15,7 @@ def mismatches(wiring: Wiring) -> Iterator[Finding]:
     Frames are compared where both blocks name them in a `port_frames` attribute, {port name: frame}.
     """
 
-    def look(side: Side, port: Port) -> tuple[str, str, str]:
+    def look(side: Side, port: PortAddress) -> tuple[str, str, str]:
         """Full name, unit and frame of one end of a wire; "" for what is not known."""
         full = wiring.input_name(port) if side == "input" else wiring.output_name(port)
         frames = getattr(wiring.systems[port.system], "port_frames", {})

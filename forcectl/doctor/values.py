@@ -8,7 +8,7 @@ import numpy as np
 
 from forcectl.doctor.report import Finding, error, info
 from forcectl.inspect.start import FAILURES, StartValues
-from forcectl.inspect.wiring import Port, Wiring, is_vector
+from forcectl.inspect.wiring import PortAddress, Wiring, is_vector
 
 
 def non_finite_outputs(values: StartValues) -> Iterator[Finding]:
@@ -19,11 +19,11 @@ def non_finite_outputs(values: StartValues) -> Iterator[Finding]:
     wiring, root = values.wiring, values.root
     if root is None:
         return
-    bad: dict[Port, str] = {}
+    bad: dict[PortAddress, str] = {}
     for path, system in wiring.leaves():
         context = system.GetMyContextFromRoot(root)
         for o in range(system.num_output_ports()):
-            output = Port(path, o)
+            output = PortAddress(path, o)
             port = wiring.output_port(output)
             if not is_vector(port):
                 continue
@@ -38,8 +38,8 @@ def non_finite_outputs(values: StartValues) -> Iterator[Finding]:
         yield _judge(wiring, bad, output, what)
 
 
-def _judge(wiring: Wiring, bad: dict[Port, str], output: Port, what: str) -> Finding:
-    feeding = [Port(output.system, i) for i, o in wiring.feedthrough(output.system) if o == output.index]
+def _judge(wiring: Wiring, bad: dict[PortAddress, str], output: PortAddress, what: str) -> Finding:
+    feeding = [PortAddress(output.system, i) for i, o in wiring.feedthrough(output.system) if o == output.index]
     sources = {reader: wiring.source(reader) for reader in feeding}
     name = wiring.output_name(output)
     for source in sources.values():

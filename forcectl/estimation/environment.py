@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from forcectl.framework.batch import Lane, LaneBlock, Parameter, check, check_order, lane_values
+from forcectl.framework.batch import BatchParameter, Lane, LaneBlock, check, check_order, lane_values
 
 
 def ewrls_step(estimate: Lane, covariance: Lane, target: Lane, regressor: Lane, forgetting: Lane) -> tuple[Lane, Lane]:
@@ -79,12 +79,12 @@ class EnvironmentComplianceEstimator(LaneBlock):
         super().__init__(
             size,
             {
-                "forgetting": Parameter(forgetting, "above 0 and at most 1", "1"),
-                "robot_compliance": Parameter(robot_compliance, "not negative", "m/N"),
-                "drive_compliance": Parameter(drive_compliance, "not negative", "m/N"),
-                "minimum_force": Parameter(minimum_force, "not negative", "N"),
-                "lower_bound": Parameter(lower_bound, "positive", "m/N"),
-                "upper_bound": Parameter(upper_bound, "positive", "m/N"),
+                "forgetting": BatchParameter(forgetting, "above 0 and at most 1", "1"),
+                "robot_compliance": BatchParameter(robot_compliance, "not negative", "m/N"),
+                "drive_compliance": BatchParameter(drive_compliance, "not negative", "m/N"),
+                "minimum_force": BatchParameter(minimum_force, "not negative", "N"),
+                "lower_bound": BatchParameter(lower_bound, "positive", "m/N"),
+                "upper_bound": BatchParameter(upper_bound, "positive", "m/N"),
             },
         )
         check("period", period, "positive")

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from forcectl.errors import invalid
-from forcectl.framework.batch import Lane, LaneBlock, Parameter, check, lane_values
+from forcectl.framework.batch import BatchParameter, Lane, LaneBlock, check, lane_values
 
 
 class ExcitedCompliance(LaneBlock):
@@ -78,16 +78,16 @@ class ExcitedCompliance(LaneBlock):
         super().__init__(
             size,
             {
-                "bandwidth": Parameter(bandwidth, "positive and finite", "rad/s"),
-                "drift_bandwidth": Parameter(drift_bandwidth, "positive and finite", "rad/s"),
-                "robot_compliance": Parameter(robot_compliance, "not negative", "m/N"),
-                "surface_deviation": Parameter(surface_deviation, "positive and finite", "m"),
-                "memory": Parameter(memory, "positive", "s"),
-                "minimum_excitation": Parameter(minimum_excitation, "not negative", "N"),
-                "minimum_force": Parameter(minimum_force, "not negative", "N"),
-                "largest_change": Parameter(largest_change, "positive", "1"),
-                "range": Parameter(range, "positive", "1"),
-                "rate": Parameter(rate, "positive", "1/s"),
+                "bandwidth": BatchParameter(bandwidth, "positive and finite", "rad/s"),
+                "drift_bandwidth": BatchParameter(drift_bandwidth, "positive and finite", "rad/s"),
+                "robot_compliance": BatchParameter(robot_compliance, "not negative", "m/N"),
+                "surface_deviation": BatchParameter(surface_deviation, "positive and finite", "m"),
+                "memory": BatchParameter(memory, "positive", "s"),
+                "minimum_excitation": BatchParameter(minimum_excitation, "not negative", "N"),
+                "minimum_force": BatchParameter(minimum_force, "not negative", "N"),
+                "largest_change": BatchParameter(largest_change, "positive", "1"),
+                "range": BatchParameter(range, "positive", "1"),
+                "rate": BatchParameter(rate, "positive", "1/s"),
             },
         )
         self._inputs = [

@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError
-from forcectl.framework.batch import Lane, Parameter, check, lane_values
+from forcectl.framework.batch import BatchParameter, Lane, check, lane_values
 from forcectl.framework.cache import scratch
 from forcectl.framework.kernels import largest, smallest
 from forcectl.framework.sampled_law import SampledLaw
@@ -117,14 +117,14 @@ class MomentumObserver(SampledLaw):
         super().__init__(
             n,
             {
-                "gain": Parameter(gain, "positive and finite", "1/s"),
-                "offset": Parameter(friction.offset, "finite", "Nm"),
-                "coulomb": Parameter(friction.coulomb, "not negative", "Nm"),
-                "viscous_forward": Parameter(friction.viscous_forward, "not negative", "Nms/rad"),
-                "viscous_backward": Parameter(friction.viscous_backward, "not negative", "Nms/rad"),
-                "move": Parameter(move, "not negative", "Nm"),
-                "still": Parameter(still, "not negative", "Nm"),
-                "limit": Parameter(limit, "positive", "Nm"),
+                "gain": BatchParameter(gain, "positive and finite", "1/s"),
+                "offset": BatchParameter(friction.offset, "finite", "Nm"),
+                "coulomb": BatchParameter(friction.coulomb, "not negative", "Nm"),
+                "viscous_forward": BatchParameter(friction.viscous_forward, "not negative", "Nms/rad"),
+                "viscous_backward": BatchParameter(friction.viscous_backward, "not negative", "Nms/rad"),
+                "move": BatchParameter(move, "not negative", "Nm"),
+                "still": BatchParameter(still, "not negative", "Nm"),
+                "limit": BatchParameter(limit, "positive", "Nm"),
             },
             period,
         )

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from forcectl.errors import invalid
-from forcectl.framework.batch import SCALAR_MATH, Lane, LaneBlock, Parameter, check, lane_values
+from forcectl.framework.batch import SCALAR_MATH, BatchParameter, Lane, LaneBlock, check, lane_values
 
 GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
 _WAIT = 3.0  # samples after a gap until the differences no longer reach across it
@@ -189,12 +189,12 @@ class RecursiveVrft(LaneBlock):
         super().__init__(
             size,
             {
-                "bandwidth": Parameter(bandwidth, "positive and finite", "rad/s"),
-                "forgetting": Parameter(forgetting, "above 0 and at most 1", "1"),
-                "resolution": Parameter(resolution, "not negative", "N"),
-                "minimum_force": Parameter(minimum_force, "not negative", "N"),
-                "minimum_rate": Parameter(minimum_rate, "not negative", "N/s"),
-                "gain_range": Parameter(gain_range, "positive", "1"),
+                "bandwidth": BatchParameter(bandwidth, "positive and finite", "rad/s"),
+                "forgetting": BatchParameter(forgetting, "above 0 and at most 1", "1"),
+                "resolution": BatchParameter(resolution, "not negative", "N"),
+                "minimum_force": BatchParameter(minimum_force, "not negative", "N"),
+                "minimum_rate": BatchParameter(minimum_rate, "not negative", "N/s"),
+                "gain_range": BatchParameter(gain_range, "positive", "1"),
             },
         )
         self._prefilter = prefilter

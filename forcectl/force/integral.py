@@ -18,7 +18,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LinearSystem, Multiplexer
 
 from forcectl.errors import invalid
-from forcectl.framework.batch import Lane, Parameter, check, check_order, lane_values
+from forcectl.framework.batch import BatchParameter, Lane, check, check_order, lane_values
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.plant.plant_model import PlantModel
 
@@ -72,13 +72,13 @@ class IntegralForceLaw(SampledLaw):
         period: float = 0.002,
     ):
         parameters = {
-            "integral_gain": Parameter(integral_gain, "not negative", "1/s"),
-            "dead_zone": Parameter(dead_zone, "not negative", "N"),
-            "lower_limit": Parameter(lower_limit, "a number", "m"),
-            "upper_limit": Parameter(upper_limit, "a number", "m"),
+            "integral_gain": BatchParameter(integral_gain, "not negative", "1/s"),
+            "dead_zone": BatchParameter(dead_zone, "not negative", "N"),
+            "lower_limit": BatchParameter(lower_limit, "a number", "m"),
+            "upper_limit": BatchParameter(upper_limit, "a number", "m"),
         }
         if compliance is not None:
-            parameters["compliance"] = Parameter(compliance, "positive and finite", "m/N")
+            parameters["compliance"] = BatchParameter(compliance, "positive and finite", "m/N")
         super().__init__(size, parameters, period)
         self.sample_delay = {("measured_force", "displacement_command"): 0.0}
         self._desired = self.DeclareVectorInputPort("desired_force", size)

@@ -20,7 +20,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, System
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.force.integral import check_limits
-from forcectl.framework.batch import Lane, Parameter, check, check_order
+from forcectl.framework.batch import BatchParameter, Lane, check, check_order
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.plant.plant_model import PlantModel
 
@@ -84,16 +84,16 @@ class LinearForceLaw(SampledLaw):
         period: float = 0.002,
     ):
         parameters = {
-            "robot_compliance": Parameter(robot_compliance, "not negative", "m/N"),
-            "derivative_filter": Parameter(derivative_filter, "not negative", "s"),
-            "lower_limit": Parameter(lower_limit, "a number", "m"),
-            "upper_limit": Parameter(upper_limit, "a number", "m"),
+            "robot_compliance": BatchParameter(robot_compliance, "not negative", "m/N"),
+            "derivative_filter": BatchParameter(derivative_filter, "not negative", "s"),
+            "lower_limit": BatchParameter(lower_limit, "a number", "m"),
+            "upper_limit": BatchParameter(upper_limit, "a number", "m"),
         }
         if gains is not None:
             if len(gains) != len(GAINS):
                 raise BadInputError(f"gains has {len(gains)} values: must have {len(GAINS)}, {', '.join(GAINS)}")
-            parameters |= {n: Parameter(v, "finite", GAIN_UNITS[n]) for n, v in zip(GAINS, gains, strict=True)}
-        parameters |= {f"fir_{i}": Parameter(value, "finite", "m/N") for i, value in enumerate(fir)}
+            parameters |= {n: BatchParameter(v, "finite", GAIN_UNITS[n]) for n, v in zip(GAINS, gains, strict=True)}
+        parameters |= {f"fir_{i}": BatchParameter(value, "finite", "m/N") for i, value in enumerate(fir)}
         super().__init__(size, parameters, period)
         self.sample_delay = {("measured_force", "displacement_command"): 0.0}
         self._desired = self.DeclareVectorInputPort("desired_force", size)

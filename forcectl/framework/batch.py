@@ -51,7 +51,7 @@ _CHECKS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.bool_]]] = {
 
 
 @dataclass(frozen=True)
-class Parameter:
+class BatchParameter:
     """A value per lane that lives in the Context.
 
     value: number or shape (n,). allowed: "positive", "not negative" or "a number" (each may be
@@ -124,7 +124,7 @@ class LaneBlock(LeafSystem):
     parameter_names: Sequence[str] = ()
     parameter_units: Mapping[str, str] = {}
 
-    def __init__(self, size: int, parameters: Mapping[str, Parameter]):
+    def __init__(self, size: int, parameters: Mapping[str, BatchParameter]):
         super().__init__()
         if size < 1:
             raise invalid("size", size, "at least 1")

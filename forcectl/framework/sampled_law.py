@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from forcectl.framework.batch import Lane, LaneBlock, Parameter, check, lane_values
+from forcectl.framework.batch import BatchParameter, Lane, LaneBlock, check, lane_values
 from forcectl.framework.cache import BlockCache, values_of_tick
 
 
@@ -31,7 +31,7 @@ class SampledLaw(LaneBlock):
         size: lanes n. parameters: see `LaneBlock`. period: control tick [s].
     """
 
-    def __init__(self, size: int, parameters: Mapping[str, Parameter], period: float):
+    def __init__(self, size: int, parameters: Mapping[str, BatchParameter], period: float):
         self._period = check("period", period, "positive")
         super().__init__(size, parameters)
 

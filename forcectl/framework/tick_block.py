@@ -30,7 +30,7 @@ class _Tick(NamedTuple):
     start: list[Vector] | None
 
 
-class Start(NamedTuple):
+class TickStart(NamedTuple):
     """What a tick starts from.
 
     memory: of the tick before, with its time [s].
@@ -114,7 +114,7 @@ class TickBlock(LeafSystem):
         self.DeclareStateOutputPort(name, self._kept[name])
 
     @abstractmethod
-    def step(self, context: Context, start: Start) -> dict[str, Vector]:
+    def step(self, context: Context, start: TickStart) -> dict[str, Vector]:
         """The memory after a tick, and what is kept, by name.
 
         Args:
@@ -122,7 +122,7 @@ class TickBlock(LeafSystem):
             start: memory and inputs.
         """
 
-    def last_tick(self, context: Context) -> Start:
+    def last_tick(self, context: Context) -> TickStart:
         """What the tick started from whose values the outputs show.
 
         Raises:
@@ -130,14 +130,14 @@ class TickBlock(LeafSystem):
         """
         memory = self._parts.unpack(context.get_discrete_state(self._memory).CopyToVector())
         if self._is_due(context, memory):
-            return Start(memory, self._read(context))
+            return TickStart(memory, self._read(context))
         if memory["time"].item() < 0.0:
             raise BadInputError(f"{self.get_name()}: there was no tick yet at t = {context.get_time():g} s")
         start = context.get_discrete_state(self._start).CopyToVector()
         inputs = self._readings.unpack(start[self._parts.size :])
         for name in self._unconnected(context):
             del inputs[name]
-        return Start(self._parts.unpack(start), inputs)
+        return TickStart(self._parts.unpack(start), inputs)
 
     def _is_due(self, context: Context, memory: Memory) -> bool:
         # Rounding of the times of the ticks is far below the margin.
@@ -157,7 +157,7 @@ class TickBlock(LeafSystem):
         if not self._is_due(context, memory):
             return _Tick(memory, None)
         inputs = self._read(context)
-        values = self.step(context, Start(memory, inputs))
+        values = self.step(context, TickStart(memory, inputs))
         values["time"] = np.array([context.get_time()])
         read = [inputs[name] if name in inputs else np.full(port.size(), np.nan) for name, port in self._inputs.items()]
         return _Tick(values, [before, *read])

@@ -17,12 +17,11 @@ from forcectl.inspect.events import PeriodicEvent, read_timing
 from forcectl.inspect.names import is_automatic, type_name
 from forcectl.inspect.ports import input_names, unit, value_type
 from forcectl.inspect.start import StartValues, is_library_plant
-from forcectl.inspect.wiring import Level, Side, Wiring
-from forcectl.inspect.wiring import Port as Address
+from forcectl.inspect.wiring import DiagramLevel, PortAddress, Side, Wiring
 
 _MOST_MATRIX_ELEMENTS = 64
 
-_End: TypeAlias = tuple[Side, Address]
+_End: TypeAlias = tuple[Side, PortAddress]
 
 
 def block_graph(
@@ -143,11 +142,11 @@ class _Reader:
 def _ends(wiring: Wiring, path: str) -> list[_End]:
     """All ports of a system, inputs first."""
     system = wiring.systems[path]
-    inputs: list[_End] = [("input", Address(path, i)) for i in range(system.num_input_ports())]
-    return [*inputs, *(("output", Address(path, i)) for i in range(system.num_output_ports()))]
+    inputs: list[_End] = [("input", PortAddress(path, i)) for i in range(system.num_input_ports())]
+    return [*inputs, *(("output", PortAddress(path, i)) for i in range(system.num_output_ports()))]
 
 
-def _recorders(wiring: Wiring, level: Level) -> set[str]:
+def _recorders(wiring: Wiring, level: DiagramLevel) -> set[str]:
     """Paths of the loggers in a diagram, and of the multiplexers that only gather signals for them."""
     found = {child for child in level.children if isinstance(wiring.systems[child], VectorLogSink)}
     fed: dict[str, set[str]] = defaultdict(set)

@@ -11,7 +11,7 @@ from forcectl.inspect.schedule import clean, schedule
 from forcectl.inspect.stages import stages_of
 from forcectl.inspect.start import StartValues
 from forcectl.inspect.ways import Hop, Hops
-from forcectl.inspect.wiring import Port, Wiring
+from forcectl.inspect.wiring import PortAddress, Wiring
 
 COMMANDS = ("joint_position_command", "displacement_command")
 SENSOR = "measured_force"
@@ -55,11 +55,11 @@ class Start:
     """
 
     name: str
-    readers: tuple[Port, ...]
-    output: Port | None
+    readers: tuple[PortAddress, ...]
+    output: PortAddress | None
 
 
-def ends_of_way(hops: Hops, source: PortName, target: PortName) -> tuple[Start, Port]:
+def ends_of_way(hops: Hops, source: PortName, target: PortName) -> tuple[Start, PortAddress]:
     """Where a way begins, behind an output or in front of an input's block, and the leaf output where it ends.
 
     Often nothing on the way reads an output that is only logged, such as a true contact force beside its sensor. What
@@ -79,7 +79,7 @@ def ends_of_way(hops: Hops, source: PortName, target: PortName) -> tuple[Start, 
     return Start(name, tuple(hops.readers.get(output, ())), output), end
 
 
-def _same_instant(wiring: Wiring, output: Port) -> Iterator[Port]:
+def _same_instant(wiring: Wiring, output: PortAddress) -> Iterator[PortAddress]:
     """A leaf output and everything it is computed from without a state in between, the nearest first."""
     found = {output: None}
     queue = [output]
@@ -87,7 +87,7 @@ def _same_instant(wiring: Wiring, output: Port) -> Iterator[Port]:
         port = queue.pop(0)
         yield port
         passed = sorted(wiring.feedthrough(port.system)) if port.system else []
-        sources = [wiring.source(Port(port.system, i)) for i, o in passed if o == port.index]
+        sources = [wiring.source(PortAddress(port.system, i)) for i, o in passed if o == port.index]
         new = [source for source in sources if source is not None and source not in found]
         found.update(dict.fromkeys(new))
         queue += dict.fromkeys(new)
@@ -143,7 +143,7 @@ def way_and_back(wiring: Wiring, source: PortName, target: PortName) -> list[tup
     return [*back, (source, target)]
 
 
-def _consumers(hops: Hops, output: Port, seen: set[Port]) -> dict[str, PeriodicEvent | None]:
+def _consumers(hops: Hops, output: PortAddress, seen: set[PortAddress]) -> dict[str, PeriodicEvent | None]:
     """The sampled blocks that read an output, directly or through feedthrough, and continuous ones (None).
 
     A block that samples more slowly than one behind it, to which it passes the signal on, is left out.
@@ -160,7 +160,7 @@ def _consumers(hops: Hops, output: Port, seen: set[Port]) -> dict[str, PeriodicE
         behind: dict[str, PeriodicEvent | None] = {}
         for hop in hops.through(reader):
             if hop.event is None:
-                behind |= _consumers(hops, Port(hop.block, hop.output), seen)
+                behind |= _consumers(hops, PortAddress(hop.block, hop.output), seen)
         sooner = any(event is None or update is None or event.period < update.period for event in behind.values())
         found |= behind if sooner or update is None else {reader.system: update}
     return found
@@ -173,14 +173,14 @@ def _passed_at(hops: Hops, way: list[Hop]) -> list[PeriodicEvent]:
     return sorted((event for event in updates if event is not None), key=lambda event: event.period)[:1]
 
 
-def _rhythm_of(hops: Hops, output: Port) -> PeriodicEvent | None:
+def _rhythm_of(hops: Hops, output: PortAddress) -> PeriodicEvent | None:
     """The event that changes the value on an output: of the block itself or of one it passes on."""
     update = hops.update_of(output.system)
     feeding = [i for i, o in hops.wiring.feedthrough(output.system) if o == output.index]
     if update is not None and not feeding:
         return update
     for i in feeding:
-        source = hops.wiring.source(Port(output.system, i))
+        source = hops.wiring.source(PortAddress(output.system, i))
         if source is not None and source.system and (found := _rhythm_of(hops, source)) is not None:
             return found
     return None

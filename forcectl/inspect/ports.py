@@ -10,12 +10,12 @@ from pydrake.systems.framework import InputPort, OutputPort, System
 
 from forcectl.conventions import unit_of
 from forcectl.errors import BadInputError
-from forcectl.inspect.wiring import Port, Side, Wiring, is_vector
+from forcectl.inspect.wiring import PortAddress, Side, Wiring, is_vector
 
 PortName = str | tuple[str, str]  # "station/sensor.measured_force", "measured_force", or (system path, port name)
 
 
-def find_outputs(wiring: Wiring, name: PortName) -> list[Port]:
+def find_outputs(wiring: Wiring, name: PortName) -> list[PortAddress]:
     """The leaf outputs that a name stands for; where no output has it, those that feed the inputs of that name.
 
     A bare port name means the ports of that name that are nested least: `measured_force` is the station's, not that
@@ -26,12 +26,12 @@ def find_outputs(wiring: Wiring, name: PortName) -> list[Port]:
     return _unique(outermost or [port for port in feeding if port is not None])
 
 
-def find_inputs(wiring: Wiring, name: PortName) -> list[Port]:
+def find_inputs(wiring: Wiring, name: PortName) -> list[PortAddress]:
     """The input ports, of blocks and of diagrams, that a name stands for: those that are nested least."""
     return _nested_least(wiring, "input", name)
 
 
-def one_output(wiring: Wiring, name: PortName) -> Port:
+def one_output(wiring: Wiring, name: PortName) -> PortAddress:
     """The leaf output that a user's name stands for.
 
     Raises:
@@ -46,7 +46,7 @@ def one_output(wiring: Wiring, name: PortName) -> Port:
     raise _unknown(wiring, name)
 
 
-def start_of_way(wiring: Wiring, name: PortName) -> tuple[str, list[Port], Port | None]:
+def start_of_way(wiring: Wiring, name: PortName) -> tuple[str, list[PortAddress], PortAddress | None]:
     """What a user's name for the start of a way stands for: its full name, and the leaf inputs or the leaf output.
 
     Raises:
@@ -62,7 +62,7 @@ def start_of_way(wiring: Wiring, name: PortName) -> tuple[str, list[Port], Port 
     return wiring.input_name(inputs[0]), _unique(inner), None
 
 
-def unit(wiring: Wiring, side: Side, port: Port) -> str:
+def unit(wiring: Wiring, side: Side, port: PortAddress) -> str:
     """Unit of a port by `conventions.unit_of` and its system's `port_units`, "" for an unknown one."""
     name = wiring.port(side, port).get_name()
     return unit_of(name, getattr(wiring.systems[port.system], "port_units", None))
@@ -99,13 +99,13 @@ def optional_inputs(system: System) -> tuple[str, ...]:
     return tuple(getattr(system, "optional_inputs", ()))
 
 
-def _all_ports(wiring: Wiring, side: Side) -> Iterator[tuple[Port, str]]:
+def _all_ports(wiring: Wiring, side: Side) -> Iterator[tuple[PortAddress, str]]:
     for path, system in wiring.systems.items():
         for i, name in enumerate(input_names(system) if side == "input" else output_names(system)):
-            yield Port(path, i), name
+            yield PortAddress(path, i), name
 
 
-def _nested_least(wiring: Wiring, side: Side, name: PortName) -> list[Port]:
+def _nested_least(wiring: Wiring, side: Side, name: PortName) -> list[PortAddress]:
     depths = {
         port: wiring.depth(port.system)
         for port, own in _all_ports(wiring, side)
@@ -115,7 +115,7 @@ def _nested_least(wiring: Wiring, side: Side, name: PortName) -> list[Port]:
     return [port for port, depth in depths.items() if depth == least]
 
 
-def _feeding(wiring: Wiring, reader: Port) -> Port | None:
+def _feeding(wiring: Wiring, reader: PortAddress) -> PortAddress | None:
     inner = next(wiring.inner_inputs(reader), None)
     source = wiring.source(inner) if inner is not None else None
     return source if source is not None and source.system else None
@@ -136,5 +136,5 @@ def _unknown(wiring: Wiring, name: PortName) -> BadInputError:
     return BadInputError(f"unknown port {wanted!r}: must be block.port, nearest: {nearest}")
 
 
-def _unique(ports: list[Port]) -> list[Port]:
+def _unique(ports: list[PortAddress]) -> list[PortAddress]:
     return list(dict.fromkeys(ports))

@@ -15,7 +15,7 @@ from forcectl.inspect.probe import samples_through
 from forcectl.inspect.schedule import Stage, schedule
 from forcectl.inspect.start import StartValues
 from forcectl.inspect.ways import Hop, Hops, declared_delays
-from forcectl.inspect.wiring import Port
+from forcectl.inspect.wiring import PortAddress
 
 
 def stages_of(values: StartValues, hops: Hops, way: list[Hop]) -> list[Stage]:
@@ -42,8 +42,8 @@ def _stage(values: StartValues, hops: Hops, hop: Hop) -> Stage:
     wiring = hops.wiring
     stage = Stage(
         hop.block,
-        wiring.input_port(Port(hop.block, hop.input)).get_name(),
-        wiring.output_port(Port(hop.block, hop.output)).get_name(),
+        wiring.input_port(PortAddress(hop.block, hop.input)).get_name(),
+        wiring.output_port(PortAddress(hop.block, hop.output)).get_name(),
         hop.kind,
         "structure",
     )
@@ -64,17 +64,17 @@ def _stage(values: StartValues, hops: Hops, hop: Hop) -> Stage:
 def _declared_diagram(hops: Hops, way: list[Hop], start: int) -> tuple[Stage, int] | None:
     """The outermost nested diagram that declares the delay of a part of the way from `start`, and where it ends."""
     wiring = hops.wiring
-    first = Port(way[start].block, way[start].input)
+    first = PortAddress(way[start].block, way[start].input)
     for path in wiring.parents(way[start].block):
         system = wiring.systems[path]
         for (i, o), delay in declared_delays(system).items():
-            if first not in wiring.inner_inputs(Port(path, i)):
+            if first not in wiring.inner_inputs(PortAddress(path, i)):
                 continue
-            last = wiring.origin(Port(path, o))
+            last = wiring.origin(PortAddress(path, o))
             for end in range(start, len(way)):
                 if path not in wiring.parents(way[end].block):
                     break
-                if Port(way[end].block, way[end].output) == last:
+                if PortAddress(way[end].block, way[end].output) == last:
                     event = next((hop.event for hop in way[start : end + 1] if hop.event is not None), None)
                     kind = "fixed" if event is None else event.kind
                     samples = 0 if event is None else round(delay / event.period)

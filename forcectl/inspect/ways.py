@@ -10,7 +10,7 @@ from pydrake.systems.framework import System
 
 from forcectl.inspect.events import PeriodicEvent
 from forcectl.inspect.ports import input_names, output_names
-from forcectl.inspect.wiring import Port, Wiring
+from forcectl.inspect.wiring import PortAddress, Wiring
 
 
 @dataclass(frozen=True)
@@ -40,7 +40,7 @@ class Hops:
         """The fastest periodic update of a block."""
         return self._updates.get(block)
 
-    def through(self, reader: Port) -> list[Hop]:
+    def through(self, reader: PortAddress) -> list[Hop]:
         """Every way from an input of a block to its outputs. An input of a block with state may reach all of them."""
         wiring, system = self.wiring, self.wiring.systems[reader.system]
         pairs = wiring.feedthrough(reader.system)
@@ -61,16 +61,16 @@ class Hops:
         """What the block's `sample_delay` says about this way [s], None when it says nothing."""
         return declared_delays(self.wiring.systems[block]).get((input_index, output_index))
 
-    def shortest(self, starts: list[Port], target: Port, inside: str = "") -> list[Hop] | None:
+    def shortest(self, starts: list[PortAddress], target: PortAddress, inside: str = "") -> list[Hop] | None:
         """The way with the least delay from any of the inputs `starts` to the leaf output `target`, or None.
 
         With `inside`, only blocks within that nested diagram are passed.
         """
         heap: list[tuple[float, int, int, tuple[Hop, ...]]] = []
         order = itertools.count()  # entries of equal cost are never compared further
-        done: set[Port] = set()
+        done: set[PortAddress] = set()
 
-        def push(readers: list[Port], delay: float, trail: tuple[Hop, ...]) -> None:
+        def push(readers: list[PortAddress], delay: float, trail: tuple[Hop, ...]) -> None:
             for reader in readers:
                 if inside and inside not in self.wiring.parents(reader.system):
                     continue
@@ -80,7 +80,7 @@ class Hops:
         push(starts, 0.0, ())
         while heap:
             delay, _, _, trail = heapq.heappop(heap)
-            output = Port(trail[-1].block, trail[-1].output)
+            output = PortAddress(trail[-1].block, trail[-1].output)
             if output == target:
                 return list(trail)
             if output not in done:

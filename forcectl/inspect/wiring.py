@@ -28,7 +28,7 @@ Side = Literal["input", "output"]
 
 
 @dataclass(frozen=True)
-class Port:
+class PortAddress:
     """An input or output port; which of the two follows from where it stands."""
 
     system: str
@@ -36,23 +36,23 @@ class Port:
 
 
 @dataclass(frozen=True)
-class Level:
+class DiagramLevel:
     """The inside of one diagram: its blocks and the wires between them."""
 
     path: str
     children: tuple[str, ...]
-    connections: dict[Port, Port] = field(default_factory=dict)  # input -> output
-    exported_inputs: dict[Port, int] = field(default_factory=dict)  # inner input -> index at the diagram
-    exported_outputs: dict[int, Port] = field(default_factory=dict)  # index at the diagram -> inner output
+    connections: dict[PortAddress, PortAddress] = field(default_factory=dict)  # input -> output
+    exported_inputs: dict[PortAddress, int] = field(default_factory=dict)  # inner input -> index at the diagram
+    exported_outputs: dict[int, PortAddress] = field(default_factory=dict)  # index at the diagram -> inner output
 
-    def wires(self) -> Iterator[tuple[tuple[Side, Port], tuple[Side, Port]]]:
+    def wires(self) -> Iterator[tuple[tuple[Side, PortAddress], tuple[Side, PortAddress]]]:
         """Every pair of ports that stand for the same signal at this level, the source first."""
         for reader, source in self.connections.items():
             yield ("output", source), ("input", reader)
         for inner, index in self.exported_inputs.items():
-            yield ("input", Port(self.path, index)), ("input", inner)
+            yield ("input", PortAddress(self.path, index)), ("input", inner)
         for index, inner in self.exported_outputs.items():
-            yield ("output", inner), ("output", Port(self.path, index))
+            yield ("output", inner), ("output", PortAddress(self.path, index))
 
 
 class Wiring:
@@ -68,7 +68,7 @@ class Wiring:
     def __init__(self, root: System | DiagramBuilder):
         self.systems: dict[str, System] = {}
         self.names: dict[str, str] = {}
-        self.levels: list[Level] = []
+        self.levels: list[DiagramLevel] = []
         self.root: System | None = None
         if isinstance(root, DiagramBuilder):
             self._add_builder(root)
@@ -102,47 +102,47 @@ class Wiring:
                 self._add_diagram(child, system)
 
     @staticmethod
-    def _connections(of: Diagram | DiagramBuilder, children: dict[str, str]) -> dict[Port, Port]:
-        def port(locator: tuple[System, Any]) -> Port:
-            return Port(children[locator[0].get_name()], int(locator[1]))
+    def _connections(of: Diagram | DiagramBuilder, children: dict[str, str]) -> dict[PortAddress, PortAddress]:
+        def port(locator: tuple[System, Any]) -> PortAddress:
+            return PortAddress(children[locator[0].get_name()], int(locator[1]))
 
         return {port(reader): port(source) for reader, source in of.connection_map().items()}
 
     def _add_diagram(self, path: str, diagram: Diagram) -> None:
         children = self._children(path, diagram.GetSystems())
         inputs = {
-            Port(children[inner.get_name()], int(index)): i
+            PortAddress(children[inner.get_name()], int(index)): i
             for i in range(diagram.num_input_ports())
             for inner, index in diagram.GetInputPortLocators(InputPortIndex(i))
         }
-        outputs: dict[int, Port] = {}
+        outputs: dict[int, PortAddress] = {}
         for i in range(diagram.num_output_ports()):
             inner, index = diagram.get_output_port_locator(OutputPortIndex(i))
-            outputs[i] = Port(children[inner.get_name()], int(index))
+            outputs[i] = PortAddress(children[inner.get_name()], int(index))
         connections = self._connections(diagram, children)
-        self.levels.append(Level(path, tuple(children.values()), connections, inputs, outputs))
+        self.levels.append(DiagramLevel(path, tuple(children.values()), connections, inputs, outputs))
         self._descend(children)
 
     def _add_builder(self, builder: DiagramBuilder) -> None:
         children = self._children("", builder.GetSystems())
         connections = self._connections(builder, children)
         # A builder does not tell which of its inputs an exported port became, only that it was exported.
-        exported: dict[Port, int] = {}
+        exported: dict[PortAddress, int] = {}
         for child in children.values():
             for i in range(self.systems[child].num_input_ports()):
-                inner = Port(child, i)
+                inner = PortAddress(child, i)
                 if inner not in connections and builder.IsConnectedOrExported(self.input_port(inner)):
                     exported[inner] = len(exported)
-        self.levels.append(Level("", tuple(children.values()), connections, exported))
+        self.levels.append(DiagramLevel("", tuple(children.values()), connections, exported))
         self._descend(children)
 
     def _add_single(self, system: System) -> None:
         (child,) = self._children("", [system]).values()
-        inputs = {Port(child, i): i for i in range(system.num_input_ports())}
-        outputs = {i: Port(child, i) for i in range(system.num_output_ports())}
-        self.levels.append(Level("", (child,), {}, inputs, outputs))
+        inputs = {PortAddress(child, i): i for i in range(system.num_input_ports())}
+        outputs = {i: PortAddress(child, i) for i in range(system.num_output_ports())}
+        self.levels.append(DiagramLevel("", (child,), {}, inputs, outputs))
 
-    def inside(self, path: str) -> Level | None:
+    def inside(self, path: str) -> DiagramLevel | None:
         """The inside of a diagram, None for a leaf block."""
         return self._inside.get(path)
 
@@ -163,50 +163,50 @@ class Wiring:
             if path and path not in self._inside:
                 yield path, system
 
-    def input_port(self, port: Port) -> InputPort:
+    def input_port(self, port: PortAddress) -> InputPort:
         """The Drake input port at this address."""
         # With the extra argument Drake does not print a warning for ports on their way out.
         return self.systems[port.system].get_input_port(port.index, False)
 
-    def output_port(self, port: Port) -> OutputPort:
+    def output_port(self, port: PortAddress) -> OutputPort:
         """The Drake output port at this address."""
         return self.systems[port.system].get_output_port(port.index, False)
 
-    def port(self, side: Side, port: Port) -> InputPort | OutputPort:
+    def port(self, side: Side, port: PortAddress) -> InputPort | OutputPort:
         """The Drake port at this address."""
         return self.input_port(port) if side == "input" else self.output_port(port)
 
-    def input_name(self, port: Port) -> str:
+    def input_name(self, port: PortAddress) -> str:
         """`station/controller.measured_force`."""
         if port.system not in self.systems:
             return f"input {port.index}"  # an exported port of a builder has no name yet
         return self._name(port, self.input_port(port).get_name())
 
-    def output_name(self, port: Port) -> str:
+    def output_name(self, port: PortAddress) -> str:
         """`station/sensor.measured_force`."""
         return self._name(port, self.output_port(port).get_name())
 
     @staticmethod
-    def _name(port: Port, name: str) -> str:
+    def _name(port: PortAddress, name: str) -> str:
         return f"{port.system}.{name}" if port.system else name
 
-    def origin(self, output: Port) -> Port:
+    def origin(self, output: PortAddress) -> PortAddress:
         """The leaf output that a (possibly nested and exported) output port shows."""
         while output.system in self._inside:
             output = self._inside[output.system].exported_outputs[output.index]
         return output
 
-    def shown_name(self, output: Port) -> str:
+    def shown_name(self, output: PortAddress) -> str:
         """The name under which a leaf output leaves the outermost nested diagram: `station.measured_force`."""
         while True:
             level = self._parent[output.system]
             exported = [i for i, inner in level.exported_outputs.items() if inner == output]
             if not exported or not level.path:
                 break
-            output = Port(level.path, exported[0])
+            output = PortAddress(level.path, exported[0])
         return self.output_name(output)
 
-    def source(self, reader: Port) -> Port | None:
+    def source(self, reader: PortAddress) -> PortAddress | None:
         """The leaf output that feeds an input, `Port("", i)` for an input of the whole diagram, None for nothing."""
         while reader.system:
             level = self._parent[reader.system]
@@ -214,10 +214,10 @@ class Wiring:
                 return self.origin(level.connections[reader])
             if reader not in level.exported_inputs:
                 return None
-            reader = Port(level.path, level.exported_inputs[reader])
+            reader = PortAddress(level.path, level.exported_inputs[reader])
         return reader
 
-    def inner_inputs(self, reader: Port) -> Iterator[Port]:
+    def inner_inputs(self, reader: PortAddress) -> Iterator[PortAddress]:
         """The leaf inputs that an input port of a diagram leads to; a leaf input leads to itself."""
         if reader.system not in self._inside:
             yield reader
@@ -226,15 +226,15 @@ class Wiring:
             if index == reader.index:
                 yield from self.inner_inputs(inner)
 
-    def leaf_inputs(self) -> Iterator[Port]:
+    def leaf_inputs(self) -> Iterator[PortAddress]:
         """Every input port of every leaf block."""
         for path, system in self.leaves():
             for i in range(system.num_input_ports()):
-                yield Port(path, i)
+                yield PortAddress(path, i)
 
-    def readers(self) -> dict[Port, list[Port]]:
+    def readers(self) -> dict[PortAddress, list[PortAddress]]:
         """The leaf inputs fed by each leaf output and by each input of the whole diagram."""
-        readers: dict[Port, list[Port]] = {}
+        readers: dict[PortAddress, list[PortAddress]] = {}
         for reader in self.leaf_inputs():
             source = self.source(reader)
             if source is not None:

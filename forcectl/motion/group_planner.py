@@ -11,7 +11,7 @@ from numpy.typing import NDArray
 from forcectl.errors import invalid
 from forcectl.framework.batch import check_count
 from forcectl.framework.kernels import largest
-from forcectl.motion.trajectory import Course, Limits, Motion, Plan, Planner, Target, begin_again
+from forcectl.motion.trajectory import Limits, Motion, Plan, Planner, Target, TrajectoryState, begin_again
 
 Array = NDArray[np.float64]
 
@@ -43,9 +43,11 @@ class GroupPlanner:
         """The courses one `period` [s] later.
 
         Args:
-            course: rows as the fields of `Course`, (16, n). start: the motion to go on from, rows as the fields of
-                `Motion`; that of the course when None, or in groups where it is not finite. target, limits: rows as the
-                fields of `Target` and `Limits`, (3, n).
+            course: rows as the fields of `TrajectoryState`, (16, n).
+            start: the motion to go on from, rows as the fields of `Motion`, (3, n); that of the course when None, or in
+                groups where it is not finite.
+            target: rows as the fields of `Target`, (3, n).
+            limits: rows as the fields of `Limits`, (3, n).
         """
         # Nearly always everything is as it was, and then this comparison is a third of what there is to do.
         if (
@@ -58,7 +60,7 @@ class GroupPlanner:
         given = None if start is None else np.array(start)
         parts = []
         for place, planner in zip(self._groups, self._planners, strict=True):
-            own = Course(*course[:, place])
+            own = TrajectoryState(*course[:, place])
             if given is not None and np.isfinite(given[:, place]).all():
                 own = begin_again(own, Motion(*given[:, place]))
             parts.append(planner.follow(own, Target(*target[:, place]), Limits(*limits[:, place]), period))

@@ -2,8 +2,8 @@
 
 A course is a plan from a state of motion (its origin) to a target, and how far along it the motion is. It goes on
 until the target or a limit changes; then the motion of this tick is the origin of a new plan. Everything a generator
-remembers are the numbers of its `Course`: the plan is computed from them, and `Planner` keeps the last one only to save
-time.
+remembers are the numbers of its `TrajectoryState`: the plan is computed from them, and `Planner` keeps the last one
+only to save time.
 
 What Ruckig alone does not do, by measurement (0.19):
 
@@ -67,7 +67,7 @@ class Target(NamedTuple):
     velocity_mode: Array
 
 
-class Course(NamedTuple):
+class TrajectoryState(NamedTuple):
     """A motion and the plan it follows, as arrays of shape (n,); from `begin` and `Planner.follow`.
 
     arrived: 1 in components that have reached their target. braking: 1 in components that could not be planned.
@@ -139,7 +139,7 @@ def limits_of(size: int, velocity: ArrayLike, acceleration: ArrayLike, jerk: Arr
     return limits
 
 
-def begin(position: ArrayLike, velocity: ArrayLike = 0.0, acceleration: ArrayLike = 0.0) -> Course:
+def begin(position: ArrayLike, velocity: ArrayLike = 0.0, acceleration: ArrayLike = 0.0) -> TrajectoryState:
     """A course at this motion, each one number or shape (n,) [u, u/s, u/s^2], whose target is its position.
 
     It has no plan yet: the first `Planner.follow` makes one.
@@ -153,10 +153,10 @@ def begin(position: ArrayLike, velocity: ArrayLike = 0.0, acceleration: ArrayLik
         for name, value in (("position", position), ("velocity", velocity), ("acceleration", acceleration))
     )
     none = np.zeros(size)
-    return Course(p, v, a, none, none, none, none, p, none, none, none, none, none, p, v, a)
+    return TrajectoryState(p, v, a, none, none, none, none, p, none, none, none, none, none, p, v, a)
 
 
-def begin_again(course: Course, motion: Motion) -> Course:
+def begin_again(course: TrajectoryState, motion: Motion) -> TrajectoryState:
     """The course if `motion` (finite) is its own but for rounding, else one that starts from `motion`.
 
     The target is kept, if there was a plan to one. So a generator can be led by what became of its last command, and
@@ -171,7 +171,7 @@ def begin_again(course: Course, motion: Motion) -> Course:
         return course
     none = np.zeros(len(p))
     # Limits of zero are those of no plan.
-    return Course(p, v, a, none, none, none, none, *course.target, none, none, none, p, v, a)
+    return TrajectoryState(p, v, a, none, none, none, none, *course.target, none, none, none, p, v, a)
 
 
 class Plan:
@@ -273,7 +273,7 @@ class Planner:
                 return Plan(together, arrival, brakes, self._unit)
         return Plan(fastest, arrival, brakes, self._unit)
 
-    def follow(self, course: Course, target: Target, limits: Limits, period: float) -> Course:
+    def follow(self, course: TrajectoryState, target: Target, limits: Limits, period: float) -> TrajectoryState:
         """The course one `period` [s] later.
 
         Args:
@@ -289,14 +289,14 @@ class Planner:
         anew = (*course.motion, unknown, unknown, unknown, coasting, *target, *limits, *course.motion)
         return self._go_on(np.array(anew), period)
 
-    def _go_on(self, course: Array, period: float) -> Course:
+    def _go_on(self, course: Array, period: float) -> TrajectoryState:
         plan, elapsed = self.plan_of(course[6:]), course.item(5, 0) + period
         course[:3], course[3] = plan.at(elapsed), plan.arrival <= elapsed
         course[4], course[5] = plan.braking, elapsed
-        return Course(*course)
+        return TrajectoryState(*course)
 
     def plan_of(self, rows: Array) -> Plan:
-        """The plan that a course is on, from the fields of `Course` that determine it, (10, n)."""
+        """The plan that a course is on, from the fields of `TrajectoryState` that determine it, (10, n)."""
         key = rows.tobytes()
         if self._known is None or self._known[0] != key:
             coasting, *others = rows.copy()
@@ -381,7 +381,7 @@ def _equal(one: tuple[Array, Array, Array], other: tuple[Array, Array, Array]) -
     return a.tobytes() == d.tobytes() and b.tobytes() == e.tobytes() and c.tobytes() == f.tobytes()
 
 
-def _next_target(course: Course, target: Target) -> tuple[Target, NDArray[np.bool_] | None]:
+def _next_target(course: TrajectoryState, target: Target) -> tuple[Target, NDArray[np.bool_] | None]:
     """The target that counts, and in which components it is not that of the course; None for nowhere."""
     last = course.target
     if _equal(target, last):

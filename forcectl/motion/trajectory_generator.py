@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
-from forcectl.framework.batch import Lane, Parameter, lane_values
+from forcectl.framework.batch import BatchParameter, Lane, lane_values
 from forcectl.framework.cache import scratch
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.motion.group_planner import GroupPlanner, check_groups
@@ -78,9 +78,9 @@ class TrajectoryGenerator(SampledLaw):
         super().__init__(
             size,
             {
-                "velocity_limit": Parameter(velocity_limit, "positive and finite", "u/s"),
-                "acceleration_limit": Parameter(acceleration_limit, "positive and finite", "u/s^2"),
-                "jerk_limit": Parameter(jerk_limit, "positive and finite", "u/s^3"),
+                "velocity_limit": BatchParameter(velocity_limit, "positive and finite", "u/s"),
+                "acceleration_limit": BatchParameter(acceleration_limit, "positive and finite", "u/s^2"),
+                "jerk_limit": BatchParameter(jerk_limit, "positive and finite", "u/s^3"),
             },
             period,
         )

@@ -17,7 +17,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context
 
-from forcectl.framework.batch import Lane, Parameter
+from forcectl.framework.batch import BatchParameter, Lane
 from forcectl.framework.sampled_law import SampledLaw
 
 
@@ -85,8 +85,8 @@ class VelocityGenerator(SampledLaw):
         super().__init__(
             size,
             {
-                "velocity_limit": Parameter(velocity_limit, "positive", "u/s"),
-                "acceleration_limit": Parameter(acceleration_limit, "positive", "u/s^2"),
+                "velocity_limit": BatchParameter(velocity_limit, "positive", "u/s"),
+                "acceleration_limit": BatchParameter(acceleration_limit, "positive", "u/s^2"),
             },
             period,
         )

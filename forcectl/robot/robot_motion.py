@@ -20,7 +20,7 @@ from forcectl.robot.model import RobotModel
 Vector = NDArray[np.float64]
 
 
-class Contact(NamedTuple):
+class ContactMotion(NamedTuple):
     """What is known of the contact at one tick.
 
     displacement: dx_bar along n [m], into the surface when negative. rate: its rate [m/s]; its second derivative is
@@ -47,7 +47,7 @@ class RobotMotion:
         contact: filled in by the controller.
     """
 
-    contact: Contact
+    contact: ContactMotion
 
     def __init__(self, robot: RobotModel, context: Context, q: Vector, v: Vector):
         """`context`: of `robot.plant`, overwritten; must stay in this posture while the motion is in use."""

@@ -21,7 +21,7 @@ from typing import Any
 from forcectl.errors import BadInputError, ForcectlError
 from forcectl.runs.directory import SUMMARY, check_free, write_json, write_whole
 from forcectl.runs.run import StoppedRunError, check_overrides, finish, verdicts_on, with_shortcuts
-from forcectl.runs.simulate import Outcome, simulate
+from forcectl.runs.simulate import VariantOutcome, simulate
 from forcectl.scenario.catalog import ScenarioFile, find_scenario
 from forcectl.scenario.expectations import Verdict
 from forcectl.scenario.scenario import Scenario, build, origins, resolve, select_variants
@@ -130,7 +130,7 @@ def _parts(file: ScenarioFile, fidelity: str | None) -> list[_Part]:
     return parts
 
 
-def _job(file: ScenarioFile, variant: str, overrides: Mapping[str, Any]) -> Outcome | str:
+def _job(file: ScenarioFile, variant: str, overrides: Mapping[str, Any]) -> VariantOutcome | str:
     """One simulation in a worker process; a text when there is not even a log."""
     try:
         scenario = resolve(file, variant, overrides)
@@ -153,18 +153,20 @@ def _pool(workers: int) -> ProcessPoolExecutor:
     return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_one_thread)
 
 
-def _simulate_all(parts: Sequence[_Part], workers: int, progress: Progress | None) -> list[dict[str, Outcome | str]]:
+def _simulate_all(
+    parts: Sequence[_Part], workers: int, progress: Progress | None
+) -> list[dict[str, VariantOutcome | str]]:
     """Variant -> outcome for every part."""
-    results: list[dict[str, Outcome | str]] = [{} for _ in parts]
+    results: list[dict[str, VariantOutcome | str]] = [{} for _ in parts]
     jobs = [(i, variant) for i, part in enumerate(parts) for variant in part.scenarios]
 
-    def take(i: int, variant: str, future: Future[Outcome | str]) -> None:
+    def take(i: int, variant: str, future: Future[VariantOutcome | str]) -> None:
         results[i][variant] = future.result()
         if progress:
             label = f"{parts[i].file.name} [{parts[i].fidelity}]"
             progress(label, len(results[i]) / len(parts[i].scenarios))
 
-    def submit(pool: ProcessPoolExecutor, i: int, variant: str) -> Future[Outcome | str]:
+    def submit(pool: ProcessPoolExecutor, i: int, variant: str) -> Future[VariantOutcome | str]:
         return pool.submit(_job, parts[i].file, variant, parts[i].overrides)
 
     lost = []
@@ -185,12 +187,12 @@ def _simulate_all(parts: Sequence[_Part], workers: int, progress: Progress | Non
     return results
 
 
-def _report(part: _Part, outcomes: Mapping[str, Outcome | str]) -> PartReport:
-    done: list[Outcome] = []
+def _report(part: _Part, outcomes: Mapping[str, VariantOutcome | str]) -> PartReport:
+    done: list[VariantOutcome] = []
     failures = {}
     for name in part.scenarios:
         outcome = outcomes[name]
-        if isinstance(outcome, Outcome) and outcome.failure is None:
+        if isinstance(outcome, VariantOutcome) and outcome.failure is None:
             done.append(outcome)
         else:
             failures[name] = outcome if isinstance(outcome, str) else str(outcome.failure)
@@ -205,9 +207,9 @@ def _report(part: _Part, outcomes: Mapping[str, Outcome | str]) -> PartReport:
     return PartReport(part.file.name, title, part.fidelity, rows, metrics, failures)
 
 
-def _write(part: _Part, outcomes: Mapping[str, Outcome | str], directory: Path) -> None:
+def _write(part: _Part, outcomes: Mapping[str, VariantOutcome | str], directory: Path) -> None:
     done = [outcomes[name] for name in part.scenarios]
-    with_log = [outcome for outcome in done if isinstance(outcome, Outcome)]
+    with_log = [outcome for outcome in done if isinstance(outcome, VariantOutcome)]
     if not with_log:
         return
     # A run that had to stop is written beside, and is a row of the table already.

@@ -14,7 +14,7 @@ from forcectl.analysis.force_metrics import find_steps, force_distance
 from forcectl.errors import BadInputError, RunFailedError
 from forcectl.runs.directory import FAILED, check_free, manifest, write_json, write_whole
 from forcectl.runs.logs import stack, write_netcdf
-from forcectl.runs.simulate import Outcome, simulate
+from forcectl.runs.simulate import VariantOutcome, simulate
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.expectations import Verdict, judge
 from forcectl.scenario.scenario import (
@@ -102,7 +102,7 @@ def run(
     if directory is not None:
         check_free(directory, force)
     loops = {name: build(one, origins(file, name, changes)) for name, one in scenarios.items()}
-    outcomes: list[Outcome] = []
+    outcomes: list[VariantOutcome] = []
     for name, one in scenarios.items():
         outcomes.append(simulate(one, loops.pop(name), name, realtime_rate, progress))
         if outcomes[-1].failure is not None:
@@ -153,7 +153,7 @@ def _overlap(one: str, other: str) -> bool:
 def finish(
     file: ScenarioFile,
     scenarios: Mapping[str, Scenario],
-    outcomes: Sequence[Outcome],
+    outcomes: Sequence[VariantOutcome],
     directory: Path | None,
     *,
     overrides: Mapping[str, Any],
@@ -211,7 +211,9 @@ def finish(
     return RunResult(file.name, log, metrics, diagram, directory, verdicts)
 
 
-def verdicts_on(file: ScenarioFile, scenarios: Mapping[str, Scenario], outcomes: Sequence[Outcome]) -> list[Verdict]:
+def verdicts_on(
+    file: ScenarioFile, scenarios: Mapping[str, Scenario], outcomes: Sequence[VariantOutcome]
+) -> list[Verdict]:
     """The verdicts on every expectation whose variants were all run."""
     first = next(iter(scenarios.values()))
     names = select_variants(file)
@@ -235,7 +237,7 @@ def verdicts_on(file: ScenarioFile, scenarios: Mapping[str, Scenario], outcomes:
     ]
 
 
-def _write_files(folder: Path, scenarios: Mapping[str, Scenario], outcomes: Sequence[Outcome]) -> None:
+def _write_files(folder: Path, scenarios: Mapping[str, Scenario], outcomes: Sequence[VariantOutcome]) -> None:
     """What analyses have to say in files of their own."""
     for number, outcome in enumerate(outcomes, start=1):
         scenario = scenarios[outcome.variant]
@@ -248,7 +250,7 @@ def _write_files(folder: Path, scenarios: Mapping[str, Scenario], outcomes: Sequ
                 (folder / f"{stem}{path.suffix}").write_text(text, encoding="utf-8")
 
 
-def _write_replays(folder: Path, scenarios: Mapping[str, Scenario], outcomes: Sequence[Outcome]) -> None:
+def _write_replays(folder: Path, scenarios: Mapping[str, Scenario], outcomes: Sequence[VariantOutcome]) -> None:
     from forcectl.runs.replay import write_replay
 
     for number, outcome in enumerate(outcomes, start=1):

@@ -20,7 +20,7 @@ CHUNK = 0.25  # [s] of simulated time between two looks at the log
 
 
 @dataclass(frozen=True)
-class Outcome:
+class VariantOutcome:
     """One simulated variant. `failure` says why it had to stop; the log then ends there and `metrics` is empty."""
 
     variant: str
@@ -38,7 +38,7 @@ def simulate(
     variant: str,
     realtime_rate: float = 0.0,
     progress: Callable[[str, float], None] | None = None,
-) -> Outcome:
+) -> VariantOutcome:
     """Simulate a scenario.
 
     Args:
@@ -74,10 +74,10 @@ def simulate(
     bandwidth = scenario.model_bandwidth(loop)
     dataset = to_dataset(times, values, loop.signals, variant, bandwidth, loop.derived(values))
     if failure is not None:
-        return Outcome(variant, dataset, {}, failure, loop.diagram, cause)
+        return VariantOutcome(variant, dataset, {}, failure, loop.diagram, cause)
     factor = scenario.duration / computing if computing > 0 else None
     metrics = scenario.metrics(dataset, loop.setting, factor)
-    return Outcome(variant, dataset, metrics, None, loop.diagram)
+    return VariantOutcome(variant, dataset, metrics, None, loop.diagram)
 
 
 def _advance(simulator: Simulator, until: float) -> tuple[BaseException | None, float]:

@@ -24,7 +24,7 @@ from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check, lane_values
 from forcectl.framework.cache import scratch
 from forcectl.framework.kernels import largest
-from forcectl.framework.tick_block import Start, TickBlock
+from forcectl.framework.tick_block import TickBlock, TickStart
 from forcectl.qp.constrained_program import Outcome
 from forcectl.qp.quadratic_program import Status
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver
@@ -281,7 +281,7 @@ class ReactiveController(TickBlock):
         program: TaskProgram = self._program.Eval(context)
         return program.program(posed, level)
 
-    def step(self, context: Context, start: Start) -> dict[str, Vector]:
+    def step(self, context: Context, start: TickStart) -> dict[str, Vector]:
         """The memory after a tick."""
         Ts, (memory, inputs) = self._period, start
         q, v = memory["joint_position_command"], memory["joint_velocity_command"]
@@ -337,7 +337,7 @@ class ReactiveController(TickBlock):
             **dict(zip(("task_position", "task_velocity", "task_acceleration"), led, strict=True)),
         }
 
-    def _tick(self, context: Context, start: Start) -> Tick:
+    def _tick(self, context: Context, start: TickStart) -> Tick:
         """A tick up to its programs."""
         memory, inputs = start
         q, v = memory["joint_position_command"], memory["joint_velocity_command"]
@@ -353,7 +353,7 @@ class ReactiveController(TickBlock):
             posed = self._tasks_program.pose(motion, rows, state, position, velocity)
         return Tick(rows, state, readings, posed)
 
-    def _look(self, start: Start) -> tuple[Readings, bool]:
+    def _look(self, start: TickStart) -> tuple[Readings, bool]:
         """The readings of this tick, and whether they stop the motion."""
         memory, inputs = start
         past = Readings(

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.tuning.controller_basis import ControllerBasis, PidGains
-from forcectl.tuning.plant_model import PlantModel
+from forcectl.tuning.plant_model import IdentifiedPlant
 from forcectl.tuning.reference_model import ReferenceModel
 
 Array = NDArray[np.float64]
@@ -57,7 +57,7 @@ class VrftFit:
     excitation_order: int
     noise_rms: float | None
     noise_share: Array | None
-    plant: PlantModel
+    plant: IdentifiedPlant
     predicted_step: Array
     model_step: Array
     stable: bool

@@ -32,7 +32,7 @@ _EXACT = 1e-18  # of the output's power: a smaller misfit is rounding
 
 
 @dataclass(frozen=True)
-class PlantModel:
+class IdentifiedPlant:
     """A plant identified from a record.
 
     numerator, denominator: B (n,) [N/m] and F (n + 1,) in powers of z^-1. delay: d [samples]. period: Ts [s].
@@ -74,7 +74,7 @@ class PlantModel:
         return int(np.argmax(over)) if over.any() else longest
 
 
-def identify_plants(u: ArrayLike, y: ArrayLike, period: float) -> list[PlantModel]:
+def identify_plants(u: ArrayLike, y: ArrayLike, period: float) -> list[IdentifiedPlant]:
     """The plants of order 1 to 4 that come nearest to a record of deviations from rest, lowest order first.
 
     Args:
@@ -90,7 +90,7 @@ def identify_plants(u: ArrayLike, y: ArrayLike, period: float) -> list[PlantMode
         share = 1 - found.misfit / power if power else 0.0
         noise = np.log(found.misfit / y.size + _EXACT * float(np.mean(y**2)) + np.finfo(float).tiny)
         criterion = float(y.size * noise + (2 * order + 1) * np.log(y.size))
-        plants.append(PlantModel(found.above, found.below, found.delay, period, share, criterion))
+        plants.append(IdentifiedPlant(found.above, found.below, found.delay, period, share, criterion))
     return plants
 
 

@@ -24,7 +24,7 @@ from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 
 from forcectl.tuning.controller_basis import ControllerBasis
-from forcectl.tuning.plant_model import PlantModel, from_first_movement
+from forcectl.tuning.plant_model import IdentifiedPlant, from_first_movement
 from forcectl.tuning.reference_model import ReferenceModel
 
 Array = NDArray[np.float64]
@@ -41,7 +41,7 @@ _LONGEST_INVERSE = 200  # coefficients of C
 
 
 @dataclass(frozen=True)
-class Loop:
+class PolynomialLoop:
     """A plant model in a loop with a controller, as polynomials in powers of z^-1.
 
     above, below: T = above/(above + below), S = below/(above + below).
@@ -76,12 +76,12 @@ class Loop:
         return step
 
 
-def closed_loop(plant: PlantModel, basis: ControllerBasis, gains: ArrayLike) -> Loop:
+def closed_loop(plant: IdentifiedPlant, basis: ControllerBasis, gains: ArrayLike) -> PolynomialLoop:
     """The loop of a plant model and the controller with these gains."""
     over, under = basis.transfer(gains)
     above, below = np.convolve(over, plant.delayed_numerator), np.convolve(under, plant.denominator)
     size = max(above.size, below.size)
-    return Loop(np.pad(above, (0, size - above.size)), np.pad(below, (0, size - below.size)))
+    return PolynomialLoop(np.pad(above, (0, size - above.size)), np.pad(below, (0, size - below.size)))
 
 
 class RecordCheck:
@@ -116,11 +116,11 @@ class RecordCheck:
         wanted = self._model.response(reference)
         return _ratio(self._y - wanted, reference - wanted)
 
-    def error(self, plant: PlantModel, gains: ArrayLike) -> float:
+    def error(self, plant: IdentifiedPlant, gains: ArrayLike) -> float:
         """The model error [-], without what the loop makes of white noise; infinite where the loop is unstable."""
         return self._errors(plant, gains)[1]
 
-    def _errors(self, plant: PlantModel, gains: ArrayLike) -> tuple[float, float]:
+    def _errors(self, plant: IdentifiedPlant, gains: ArrayLike) -> tuple[float, float]:
         """The model error with and without what the loop makes of white noise in the output."""
         loop, residual = closed_loop(plant, self._basis, gains), self._y - plant.response(self._u)
         with np.errstate(over="ignore", invalid="ignore"):
@@ -145,7 +145,7 @@ class RecordCheck:
             return virtual - np.concatenate([np.zeros(self._model.delay), self._y[: -self._model.delay]])
         return self._y - self._model.response(self._y)
 
-    def believed(self, plants: Sequence[PlantModel], gains: ArrayLike) -> PlantModel:
+    def believed(self, plants: Sequence[IdentifiedPlant], gains: ArrayLike) -> IdentifiedPlant:
         """The plant model to predict with, out of those that are about as good as the best in the loop.
 
         That of the most likely order where its residuals are noise. Residuals that are not noise come of a plant that

@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from scipy.signal import lfilter
 
 from forcectl.tuning.controller_basis import ControllerBasis
-from forcectl.tuning.plant_model import PlantModel
+from forcectl.tuning.plant_model import IdentifiedPlant
 from forcectl.tuning.prediction import closed_loop
 
 Array = NDArray[np.float64]
@@ -25,7 +25,7 @@ _SETTLED = 1e-3  # relative gain of an iteration that ends the search
 _NEAR = 0.05  # a mismatch below which no other start is tried
 
 
-def nearest_gains(plant: PlantModel, basis: ControllerBasis, start: Array, wanted: Array) -> Array:
+def nearest_gains(plant: IdentifiedPlant, basis: ControllerBasis, start: Array, wanted: Array) -> Array:
     """The gains whose predicted step response is nearest to a wanted one.
 
     Args:
@@ -46,7 +46,7 @@ def nearest_gains(plant: PlantModel, basis: ControllerBasis, start: Array, wante
     return min(found, key=lambda pair: pair[0])[1]
 
 
-def _descend(plant: PlantModel, basis: ControllerBasis, gains: Array, wanted: Array) -> tuple[float, Array]:
+def _descend(plant: IdentifiedPlant, basis: ControllerBasis, gains: Array, wanted: Array) -> tuple[float, Array]:
     """The smallest squared distance found, and its gains."""
     cost, damping = _cost(plant, basis, gains, wanted), 1e-3
     for _ in range(_ITERATIONS if np.isfinite(cost) else 0):
@@ -72,7 +72,7 @@ def _descend(plant: PlantModel, basis: ControllerBasis, gains: Array, wanted: Ar
     return cost, gains
 
 
-def _cost(plant: PlantModel, basis: ControllerBasis, gains: Array, wanted: Array) -> float:
+def _cost(plant: IdentifiedPlant, basis: ControllerBasis, gains: Array, wanted: Array) -> float:
     missed = closed_loop(plant, basis, gains).step(wanted.size) - wanted
     cost = float(missed @ missed)
     return cost if np.isfinite(cost) else np.inf

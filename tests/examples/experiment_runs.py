@@ -16,7 +16,7 @@ import xarray as xr
 
 from forcectl.runs.logs import stack
 from forcectl.runs.run import verdicts_on, with_shortcuts
-from forcectl.runs.simulate import Outcome, simulate
+from forcectl.runs.simulate import VariantOutcome, simulate
 from forcectl.scenario.catalog import find_scenario
 from forcectl.scenario.expectations import Verdict
 from forcectl.scenario.scenario import build, resolve, select_variants
@@ -47,12 +47,12 @@ def run_experiment(name: str, fidelity: str | None = None, seed: int | None = No
     return ExperimentRun(stack([o.log for o in outcomes]), metrics, verdicts_on(file, scenarios, outcomes))
 
 
-def run_variant(name: str, variant: str, fidelity: str | None = None, seed: int | None = None) -> Outcome:
+def run_variant(name: str, variant: str, fidelity: str | None = None, seed: int | None = None) -> VariantOutcome:
     """One variant of a shipped experiment; arguments as above."""
     return _outcome(name, variant, with_shortcuts(None, seed, fidelity))
 
 
-def _outcome(name: str, variant: str, changes: Mapping[str, Any]) -> Outcome:
+def _outcome(name: str, variant: str, changes: Mapping[str, Any]) -> VariantOutcome:
     scenario = resolve(find_scenario(name), variant, changes)
     key = sha256(repr((name, variant, scenario.fidelity, scenario.seed)).encode()).hexdigest()
     path = Path(os.environ["FORCECTL_TEST_RUNS"]) / key
@@ -61,6 +61,6 @@ def _outcome(name: str, variant: str, changes: Mapping[str, Any]) -> Outcome:
         if not path.exists():
             done = simulate(scenario, build(scenario), variant)
             assert done.failure is None, f"{name}, {variant!r}: {done.failure}"
-            path.write_bytes(pickle.dumps(Outcome(variant, done.log, done.metrics)))
-    outcome: Outcome = pickle.loads(path.read_bytes())
+            path.write_bytes(pickle.dumps(VariantOutcome(variant, done.log, done.metrics)))
+    outcome: VariantOutcome = pickle.loads(path.read_bytes())
     return outcome

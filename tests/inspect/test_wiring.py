@@ -2,7 +2,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, Gain
 
 from forcectl.doctor import examine
-from forcectl.inspect.wiring import Port, Wiring
+from forcectl.inspect.wiring import PortAddress, Wiring
 
 
 def nested():
@@ -34,13 +34,13 @@ def nested():
 def test_sources_are_followed_through_all_levels():
     wiring = Wiring(nested())
     assert [path for path, _ in wiring.leaves()] == ["c", "cell/a", "cell/deep/b"]
-    assert wiring.source(Port("c", 0)) == Port("cell/deep/b", 0)
-    assert wiring.source(Port("cell/deep/b", 0)) == Port("cell/a", 0)
-    assert wiring.source(Port("cell/deep/b", 1)) == Port("cell/a", 0)
-    assert wiring.source(Port("cell/a", 0)) == Port("", 0)
-    assert wiring.origin(Port("cell", 0)) == Port("cell/deep/b", 0)
-    assert list(wiring.inner_inputs(Port("", 0))) == [Port("cell/a", 0)]
-    assert wiring.readers()[Port("cell/a", 0)] == [Port("cell/deep/b", 0), Port("cell/deep/b", 1)]
+    assert wiring.source(PortAddress("c", 0)) == PortAddress("cell/deep/b", 0)
+    assert wiring.source(PortAddress("cell/deep/b", 0)) == PortAddress("cell/a", 0)
+    assert wiring.source(PortAddress("cell/deep/b", 1)) == PortAddress("cell/a", 0)
+    assert wiring.source(PortAddress("cell/a", 0)) == PortAddress("", 0)
+    assert wiring.origin(PortAddress("cell", 0)) == PortAddress("cell/deep/b", 0)
+    assert list(wiring.inner_inputs(PortAddress("", 0))) == [PortAddress("cell/a", 0)]
+    assert wiring.readers()[PortAddress("cell/a", 0)] == [PortAddress("cell/deep/b", 0), PortAddress("cell/deep/b", 1)]
 
 
 def test_a_builder_shows_the_same_as_its_diagram():
@@ -64,6 +64,6 @@ def test_blocks_without_a_name_get_a_readable_one():
 
 def test_an_output_is_shown_by_the_name_of_the_outermost_diagram():
     wiring = Wiring(nested())
-    assert wiring.shown_name(Port("cell/deep/b", 0)) == "cell.y"
-    assert wiring.shown_name(Port("cell/a", 0)) == "cell/a.y0"
-    assert wiring.shown_name(Port("c", 0)) == "c.y0"
+    assert wiring.shown_name(PortAddress("cell/deep/b", 0)) == "cell.y"
+    assert wiring.shown_name(PortAddress("cell/a", 0)) == "cell/a.y0"
+    assert wiring.shown_name(PortAddress("c", 0)) == "c.y0"

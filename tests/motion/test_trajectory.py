@@ -13,7 +13,7 @@ from ruckig import InputParameter, Ruckig, Synchronization
 from ruckig import Trajectory as RuckigTrajectory
 
 from forcectl.errors import BadInputError
-from forcectl.motion.trajectory import Course, Limits, Motion, Planner, Target, begin, begin_again, limits_of
+from forcectl.motion.trajectory import Limits, Motion, Planner, Target, TrajectoryState, begin, begin_again, limits_of
 
 TICK = 0.004
 seeds = st.integers(0, 2**32 - 1)
@@ -28,14 +28,14 @@ def at(position: object, velocity: object = 0.0, velocity_mode: object = 0.0) ->
     return Target(p, np.broadcast_to(velocity, p.shape).astype(float), np.broadcast_to(velocity_mode, p.shape) * 1.0)
 
 
-def check_step(before: Course, after: Course, limits: Limits) -> None:
+def check_step(before: TrajectoryState, after: TrajectoryState, limits: Limits) -> None:
     """The motion of one tick is one whose jerk is within its limit, and its velocity and acceleration are, too."""
     assert (np.abs(after.velocity) <= limits.velocity).all()
     assert (np.abs(after.acceleration) <= limits.acceleration).all()
     check_integration(before, after, limits)
 
 
-def check_integration(before: Course, after: Course, limits: Limits) -> None:
+def check_integration(before: TrajectoryState, after: TrajectoryState, limits: Limits) -> None:
     j = limits.jerk * (1 + 1e-9)
     gain = after.acceleration - before.acceleration
     assert (np.abs(gain) <= j * TICK + 1e-8).all()

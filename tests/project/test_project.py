@@ -7,6 +7,7 @@ import re
 import subprocess
 import sys
 import tomllib
+from collections import Counter
 from collections.abc import Iterator
 from pathlib import Path
 
@@ -16,6 +17,7 @@ ROOT = Path(__file__).resolve().parents[2]
 THIS = Path(__file__).relative_to(ROOT)
 TOP_LEVEL = {"benchmarks", "diagrams", "docs", "experiments", "forcectl", "models", "tests", ".ci", ".github"}
 LINES_PER_FILE = 400
+FILES_PER_ROOM = 15
 PLACEHOLDER = r"\b(?:TO" r"DO|FIX" r"ME|XX" r"X)\b"
 
 
@@ -102,6 +104,20 @@ def parsed(paths: list[Path]) -> Iterator[tuple[Path, ast.Module]]:
 def test_files_are_short():
     lengths = {str(path): len((ROOT / path).read_text().splitlines()) for path in sources(*TOP_LEVEL)}
     assert {path: n for path, n in lengths.items() if n >= LINES_PER_FILE} == {}
+
+
+def test_rooms_are_small():
+    rooms = Counter(
+        str(path.parent) for path in sources("forcectl", "diagrams", "models") if path.name != "__init__.py"
+    )
+    assert {room: n for room, n in rooms.items() if n > FILES_PER_ROOM} == {}
+
+
+def test_every_class_of_the_library_has_a_name_of_its_own():
+    names = Counter()
+    for _, tree in parsed(sources("forcectl", "diagrams", "models")):
+        names.update(node.name for node in tree.body if isinstance(node, ast.ClassDef))
+    assert [name for name, n in names.items() if n > 1] == []
 
 
 def test_imports_are_explicit():

@@ -7,7 +7,7 @@ import pytest
 from scipy.signal import lfilter
 
 from forcectl.tuning.controller_basis import continuous_pid, discrete_pid, fir
-from forcectl.tuning.plant_model import PlantModel, identify_plants
+from forcectl.tuning.plant_model import IdentifiedPlant, identify_plants
 from forcectl.tuning.prediction import RecordCheck, closed_loop
 from forcectl.tuning.reference_model import first_order
 from tests.examples.vrft_records import TS, contact, loop_step, trapezoidal_moves
@@ -20,7 +20,7 @@ MODEL = first_order(1.5, TS)
 def plant_of(numerator, denominator):
     """A plant model that is the plant."""
     delay = int(np.argmax(numerator != 0))
-    return PlantModel(numerator[delay:], denominator, delay, TS, 1.0, 0.0)
+    return IdentifiedPlant(numerator[delay:], denominator, delay, TS, 1.0, 0.0)
 
 
 def test_the_loop_is_predicted():
@@ -138,7 +138,7 @@ def test_an_instability_that_only_the_true_order_shows_is_believed():
     """A resonance that the smooth moves hardly show: a lag fits them to a thousandth and predicts a sound loop."""
     lag, pole = np.exp(-4.0 * TS), np.exp(complex(-3.0, 120.0) * TS)
     below = np.convolve([1.0, -lag], np.poly([pole, pole.conjugate()]).real)
-    plant = PlantModel(np.array([-5e3 * below.sum()]), below, 3, TS, 1.0, 0.0)
+    plant = IdentifiedPlant(np.array([-5e3 * below.sum()]), below, 3, TS, 1.0, 0.0)
     basis, gains = discrete_pid(TS), np.array([-8e-4, -6e-6, 0.0])
     assert not closed_loop(plant, basis, gains).stable
     y = plant.response(U)

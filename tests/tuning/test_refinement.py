@@ -7,7 +7,7 @@ import pytest
 from scipy.optimize import minimize
 
 from forcectl.tuning.controller_basis import continuous_pid, discrete_pid, fir
-from forcectl.tuning.plant_model import PlantModel
+from forcectl.tuning.plant_model import IdentifiedPlant
 from forcectl.tuning.prediction import closed_loop
 from forcectl.tuning.reference_model import first_order
 from forcectl.tuning.refinement import nearest_gains
@@ -16,7 +16,7 @@ from tests.examples.vrft_records import TS, contact
 
 def plant(stiffness, bandwidths, delay):
     numerator, denominator = contact(stiffness, bandwidths, delay)
-    return PlantModel(numerator[delay:], denominator, delay, TS, 1.0, 0.0)
+    return IdentifiedPlant(numerator[delay:], denominator, delay, TS, 1.0, 0.0)
 
 
 def missed(model, basis, gains, wanted):

@@ -20,9 +20,9 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.force.governor.program import (
+    GovernorLimits,
     GovernorProgram,
     Horizon,
-    Limits,
     Situation,
     check_horizon,
     check_pole,
@@ -35,7 +35,7 @@ from forcectl.force.governor.program import (
     over_horizon,
 )
 from forcectl.force.linear_law import VrftConfig
-from forcectl.framework.batch import Lane, Parameter, check, check_order, lane_values, whole_multiple
+from forcectl.framework.batch import BatchParameter, Lane, check, check_order, lane_values, whole_multiple
 from forcectl.framework.cache import scratch
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.plant.plant_model import PlantModel
@@ -117,15 +117,15 @@ class CommandGovernor(SampledLaw):
         self._horizon = check_horizon(horizon)
         program = GovernorProgram(self._horizon, solver=solver)
         parameters = {
-            "inner_pole": Parameter(inner_pole, "a number", "1"),
-            "reference_pole": Parameter(reference_pole, "a number", "1"),
-            "output_weight": Parameter(output_weight, "not negative", "1"),
-            "reference_weight": Parameter(reference_weight, "positive and finite", "1"),
-            "lower_limit": Parameter(lower_limit, "a number", "N"),
-            "upper_limit": Parameter(upper_limit, "a number", "N"),
-            "rate_limit": Parameter(rate_limit, "positive", "N/s"),
-            "lower_force": Parameter(lower_force, "a number", "N"),
-            "upper_force": Parameter(upper_force, "a number", "N"),
+            "inner_pole": BatchParameter(inner_pole, "a number", "1"),
+            "reference_pole": BatchParameter(reference_pole, "a number", "1"),
+            "output_weight": BatchParameter(output_weight, "not negative", "1"),
+            "reference_weight": BatchParameter(reference_weight, "positive and finite", "1"),
+            "lower_limit": BatchParameter(lower_limit, "a number", "N"),
+            "upper_limit": BatchParameter(upper_limit, "a number", "N"),
+            "rate_limit": BatchParameter(rate_limit, "positive", "N/s"),
+            "lower_force": BatchParameter(lower_force, "a number", "N"),
+            "upper_force": BatchParameter(upper_force, "a number", "N"),
         }
         super().__init__(size, parameters, period)
         self.sample_delay = {("measured_force", "governed_reference"): 0.0}
@@ -151,10 +151,10 @@ class CommandGovernor(SampledLaw):
     def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
         """Coefficients and limits of all lanes, and, for a longer horizon, those of each."""
         model, (lower, upper, rate, *forces) = values[:4], values[4:]
-        limits = Limits(lower, upper, rate * self._period, *forces)
+        limits = GovernorLimits(lower, upper, rate * self._period, *forces)
         inner, wanted, output, reference = model
         lanes = [
-            (over_horizon(a, at, self._ticks, q_y, q_r, horizon=self._horizon), Limits(*bounds))
+            (over_horizon(a, at, self._ticks, q_y, q_r, horizon=self._horizon), GovernorLimits(*bounds))
             for (a, at, q_y, q_r), bounds in zip(_by_lane(model), _by_lane(limits), strict=True)
         ]
         c = coefficients(inner, wanted, self._ticks, output, reference)
@@ -202,7 +202,9 @@ class CommandGovernor(SampledLaw):
         program: GovernorProgram = self._program.Eval(context)
         return program.program(lanes[lane][0], posed, lanes[lane][1])
 
-    def _solve(self, context: Context, lanes: Sequence[tuple[Horizon, Limits]], posed: Situation) -> tuple[Lane, Lane]:
+    def _solve(
+        self, context: Context, lanes: Sequence[tuple[Horizon, GovernorLimits]], posed: Situation
+    ) -> tuple[Lane, Lane]:
         """The first reference and the status of every lane's program."""
         program: GovernorProgram = self._program.Eval(context)
         found = np.empty((2, self._size))

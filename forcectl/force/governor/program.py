@@ -46,7 +46,7 @@ _FORCE_WEIGHT = 1e4
 _FORCE_WEIGHT_OF_ONE = 1e10
 
 
-class Coefficients(NamedTuple):
+class ClosedFormCoefficients(NamedTuple):
     """The numbers of the closed form: floats, or arrays of shape (n,) for n lanes.
 
     input_gain: 1-A. force_decay: A^N_p. past_weights: (1-A) A^i of r[t-i], i = 1..N. wanted_decay: At^N_p.
@@ -95,7 +95,7 @@ def check_weights(output_weight: ArrayLike, reference_weight: ArrayLike) -> None
 
 def coefficients(
     inner_pole: Lane, reference_pole: Lane, delay_ticks: int, output_weight: Lane, reference_weight: Lane
-) -> Coefficients:
+) -> ClosedFormCoefficients:
     """The numbers of (4.33)*, once per change of a parameter.
 
     Args:
@@ -116,7 +116,7 @@ def coefficients(
     for _ in range(ahead - 1):
         decays.append(decays[-1] * inner_pole)
         wanted_decay = wanted_decay * reference_pole
-    return Coefficients(
+    return ClosedFormCoefficients(
         input_gain=input_gain,
         force_decay=decays[-1],
         past_weights=[input_gain * decay for decay in decays[:-1]],
@@ -127,7 +127,7 @@ def coefficients(
     )
 
 
-def free_force(c: Coefficients, force: Lane, past: Sequence[Lane]) -> Lane:
+def free_force(c: ClosedFormCoefficients, force: Lane, past: Sequence[Lane]) -> Lane:
     """A^N_p y + (1-A) S [N]: y[t+N_p] if r[t] were zero.
 
     Args:
@@ -139,7 +139,7 @@ def free_force(c: Coefficients, force: Lane, past: Sequence[Lane]) -> Lane:
     return free
 
 
-def closed_form(c: Coefficients, wanted: Lane, desired: Lane, free: Lane) -> Lane:
+def closed_form(c: ClosedFormCoefficients, wanted: Lane, desired: Lane, free: Lane) -> Lane:
     """The reference r[t] [N] that minimises (4.31) without constraints. (4.33)*
 
     Args:
@@ -148,12 +148,12 @@ def closed_form(c: Coefficients, wanted: Lane, desired: Lane, free: Lane) -> Lan
     return c.gain * (c.wanted_decay * (wanted - desired) + desired - free) + c.share * desired
 
 
-def model_step(c: Coefficients, wanted: Lane, desired: Lane) -> Lane:
+def model_step(c: ClosedFormCoefficients, wanted: Lane, desired: Lane) -> Lane:
     """yt[t+1] [N] of yt[t] and F_bar [N]. (4.29)"""
     return c.reference_pole * wanted + (1.0 - c.reference_pole) * desired
 
 
-class Limits(NamedTuple):
+class GovernorLimits(NamedTuple):
     """Constraints of the governor, each a number or shape (n,); infinite: none.
 
     lower, upper: of r [N]. rate: of its change per tick [N]. lower_force, upper_force: of the predicted force [N], kept
@@ -171,7 +171,7 @@ class Limits(NamedTuple):
         """Whether there is no limit at all."""
         return bool(np.isinf(np.concatenate([np.ravel(value) for value in self])).all())
 
-    def nearest(self, c: Coefficients, reference: Lane, last: Lane, free: Lane, m: Any = np) -> Lane:
+    def nearest(self, c: ClosedFormCoefficients, reference: Lane, last: Lane, free: Lane, m: Any = np) -> Lane:
         """The best r[t] [N] within the limits, for a horizon of one.
 
         Args:
@@ -183,7 +183,7 @@ class Limits(NamedTuple):
         return reference
 
 
-_NO_LIMITS = Limits()
+_NO_LIMITS = GovernorLimits()
 
 
 class Horizon(NamedTuple):
@@ -193,7 +193,7 @@ class Horizon(NamedTuple):
     free_decay: A^j. wanted_decay: At^(N_p+j). Both (h,). hessian: of the cost, (h, h), 1 for h = 1.
     """
 
-    c: Coefficients
+    c: ClosedFormCoefficients
     response: Array
     free_decay: Array
     wanted_decay: Array
@@ -268,7 +268,7 @@ class GovernorProgram:
     def __deepcopy__(self, memo: dict[int, Any]) -> GovernorProgram:
         return GovernorProgram(len(self._ahead), solver=self._solver)
 
-    def solve(self, numbers: Horizon, at: Situation, limits: Limits = _NO_LIMITS) -> Solution:
+    def solve(self, numbers: Horizon, at: Situation, limits: GovernorLimits = _NO_LIMITS) -> Solution:
         """The references r[t], ..., r[t+h-1] [N], shape (h,); all of them the last one when there is no solution.
 
         Args:
@@ -281,7 +281,7 @@ class GovernorProgram:
             return Solution(fallback, Status.NOT_FINITE, 0.0)
         return self._program.solve(**self._pose(numbers, at, limits), fallback=fallback)
 
-    def program(self, numbers: Horizon, at: Situation, limits: Limits = _NO_LIMITS) -> MathematicalProgram:
+    def program(self, numbers: Horizon, at: Situation, limits: GovernorLimits = _NO_LIMITS) -> MathematicalProgram:
         """The program of a tick, see `solve`; with slacks of the forces where these cannot be kept within their limits.
 
         Raises:
@@ -290,7 +290,7 @@ class GovernorProgram:
         status = self.solve(numbers, at, limits).status
         return self._program.program(status, **self._pose(numbers, at, limits))
 
-    def _pose(self, numbers: Horizon, at: Situation, limits: Limits) -> dict[str, Array]:
+    def _pose(self, numbers: Horizon, at: Situation, limits: GovernorLimits) -> dict[str, Array]:
         """The coefficients, by the names of `QuadraticProgram.solve`."""
         c = numbers.c
         unforced = numbers.free_decay * at.free

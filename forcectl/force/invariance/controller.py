@@ -27,19 +27,25 @@ from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.force.invariance.objective import Along, Objective
-from forcectl.force.invariance.regulated_output import Course, Regulated, RegulatedCoordinate, corrected, regulate_force
+from forcectl.force.invariance.regulated_output import (
+    ReferenceState,
+    Regulated,
+    RegulatedCoordinate,
+    corrected,
+    regulate_force,
+)
 from forcectl.force.invariance.tracking import Tracking
 from forcectl.force.sensor_lag import SensorLag
 from forcectl.framework.batch import check
 from forcectl.framework.cache import scratch
 from forcectl.framework.kernels import all_finite
-from forcectl.framework.tick_block import Start, TickBlock
+from forcectl.framework.tick_block import TickBlock, TickStart
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.constrained_program import ConstrainedProgram, Outcome, Problem
 from forcectl.qp.quadratic_program import Status
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver
 from forcectl.robot.model import JointLimits
-from forcectl.robot.robot_motion import Contact, Place, RobotMotion, StraightMotion, place, straight_place
+from forcectl.robot.robot_motion import ContactMotion, Place, RobotMotion, StraightMotion, place, straight_place
 from forcectl.tasks.constraints.base import Constraint, ConstraintSet, ForceLimit, Rows, checked_limits
 
 Vector = NDArray[np.float64]
@@ -62,7 +68,7 @@ _DIAGNOSTICS = {
 }
 
 
-class Diagnostics(NamedTuple):
+class InvarianceDiagnostics(NamedTuple):
     """What is put out besides the command, see `InvarianceController`."""
 
     displacement_command: float
@@ -75,7 +81,7 @@ class Diagnostics(NamedTuple):
     contact_lost: float
 
 
-class Tick(NamedTuple):
+class InvarianceTick(NamedTuple):
     """A tick up to its program.
 
     motion: the commanded motion. rows: of the constraints. along: of the regulated outputs. x: their displacements [m].
@@ -89,7 +95,7 @@ class Tick(NamedTuple):
     along: Along
     x: list[float]
     rate: Vector
-    course: Course
+    course: ReferenceState
     in_sensor: list[float]
     force: Regulated | None
     problem: Problem | None
@@ -189,7 +195,7 @@ class InvarianceController(TickBlock):
         self._origin = RobotMotion(
             model.known_robot(), model.known_robot().create_context(), model.start, np.zeros(self._n)
         )
-        self._origin.contact = Contact(0.0, 0.0, model.n @ self._origin.jacobian[3:], 0.0, 1.0, 0.0)
+        self._origin.contact = ContactMotion(0.0, 0.0, model.n @ self._origin.jacobian[3:], 0.0, 1.0, 0.0)
         limits = checked_limits(model.known_robot().limits if limits is None else limits, self._origin)
         everything: list[Constraint] = []
         if maximum_force < math.inf:
@@ -244,7 +250,7 @@ class InvarianceController(TickBlock):
             "joint_velocity_command": np.zeros(n),
             "last_reference": np.zeros(n),
             "reference_before": np.zeros(n),
-            "course": np.zeros(len(Course._fields)),
+            "course": np.zeros(len(ReferenceState._fields)),
             "touched": np.zeros(1),
             "in_sensor": np.zeros(self._seen_size),
             # The rates that the tick led to as far as it knew.
@@ -254,7 +260,7 @@ class InvarianceController(TickBlock):
         }
         self.declare_memory(memory, inputs, self._period)
         self.show("joint_position_command")
-        for i, name in enumerate(Diagnostics._fields):
+        for i, name in enumerate(InvarianceDiagnostics._fields):
             self.show(name, "diagnostics", i)
 
     def program(self, context: Context) -> MathematicalProgram:
@@ -287,7 +293,7 @@ class InvarianceController(TickBlock):
             return straight_place(self._origin, q)
         return place(self._model.known_robot(), self._scratch[1].Eval(context), q)
 
-    def step(self, context: Context, start: Start) -> dict[str, Vector]:
+    def step(self, context: Context, start: TickStart) -> dict[str, Vector]:
         """The memory after a tick."""
         Ts, memory = self._period, start.memory
         q, v = memory["joint_position_command"], memory["joint_velocity_command"]
@@ -295,7 +301,7 @@ class InvarianceController(TickBlock):
         rows, along, x, force = tick.rows, tick.along, tick.x, tick.force
         touched, lost = memory["touched"].item(), 0.0
         if tick.problem is None or force is None:
-            phi = Diagnostics(*memory["diagnostics"].tolist()).invariance_function
+            phi = InvarianceDiagnostics(*memory["diagnostics"].tolist()).invariance_function
             found = Outcome(self._constraints.brake(v, rows), Status.NOT_FINITE, 0.0, 0, 0, 0.0)
         else:
             found = self._program.Eval(context).solve(tick.problem)
@@ -308,7 +314,7 @@ class InvarianceController(TickBlock):
         u = found.u
         violation = max(rows.violation, found.beyond)
         bending = along.rows @ u + along.bias
-        told = Diagnostics(
+        told = InvarianceDiagnostics(
             displacement_command=x[0] + Ts * tick.rate.item(0) + 0.5 * Ts**2 * bending.item(0),
             invariance_function=phi,
             status=float(found.status),
@@ -331,7 +337,7 @@ class InvarianceController(TickBlock):
             "diagnostics": np.array(told, dtype=float),
         }
 
-    def _tick(self, context: Context, start: Start) -> Tick:
+    def _tick(self, context: Context, start: TickStart) -> InvarianceTick:
         """A tick up to its program."""
         Ts, (memory, inputs) = self._period, start
         q, v = memory["joint_position_command"], memory["joint_velocity_command"]
@@ -356,12 +362,12 @@ class InvarianceController(TickBlock):
         if self._sensor is not None:
             moved = x[0] + (along.rows[0] @ (inputs["motor_position"] - q)).item()
             unseen, in_sensor = self._sensor.unseen(in_sensor, x[0], moved, compliance * measured)
-        motion.contact = Contact(x[0], rates[0], along.rows[0], along.bias.item(0), compliance, measured, unseen)
+        motion.contact = ContactMotion(x[0], rates[0], along.rows[0], along.bias.item(0), compliance, measured, unseen)
         rows = self._constraints.rows(motion, memory["foreseen_rows"])
-        course = Course(*memory["course"].tolist())
+        course = ReferenceState(*memory["course"].tolist())
         if not good:
-            course = Course(course.desired, 0.0, 0.0)
-            return Tick(motion, rows, along, x, rate, course, in_sensor, None, None, False, (now, last))
+            course = ReferenceState(course.desired, 0.0, 0.0)
+            return InvarianceTick(motion, rows, along, x, rate, course, in_sensor, None, None, False, (now, last))
         desired = min(desired, self._maximum_force)
         force, course = regulate_force(x[0], rates[0], desired, compliance, course, self._gamma, self._upper, Ts)
         outputs = [force]
@@ -376,7 +382,7 @@ class InvarianceController(TickBlock):
         wanted = self._objective.wanted(motion, path, speed, bend, outputs, missed)
         level, near = self._objective.level(motion, along, wanted)
         problem = Problem(motion, rows, [level], self._objective.rows(along, outputs))
-        return Tick(motion, rows, along, x, rate, course, in_sensor, force, problem, near, (now, last))
+        return InvarianceTick(motion, rows, along, x, rate, course, in_sensor, force, problem, near, (now, last))
 
     def _nominal(self, gain: float, force: Regulated, force_error: float) -> Regulated:
         """The force with the acceleration of the integral law; `force_error`: C_T_hat (F - F_bar) [m]."""

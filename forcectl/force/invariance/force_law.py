@@ -23,7 +23,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from forcectl.errors import invalid
 from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
 from forcectl.force.integral import check_limits
-from forcectl.framework.batch import Lane, Parameter, check, check_order, lane_values
+from forcectl.framework.batch import BatchParameter, Lane, check, check_order, lane_values
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
@@ -140,14 +140,14 @@ class InvarianceForceLaw(SampledLaw):
         if upper_acceleration is None:
             upper_acceleration = -lane_values(f"{type(self).__name__}.gamma", gamma, size, "negative and finite")
         parameters = {
-            "gamma": Parameter(gamma, "negative and finite", "m/s^2"),
-            "upper_acceleration": Parameter(upper_acceleration, "positive and finite", "m/s^2"),
-            "speed_limit": Parameter(speed_limit, "positive", "m/s"),
-            "lower_limit": Parameter(lower_limit, "a number", "m"),
-            "upper_limit": Parameter(upper_limit, "a number", "m"),
+            "gamma": BatchParameter(gamma, "negative and finite", "m/s^2"),
+            "upper_acceleration": BatchParameter(upper_acceleration, "positive and finite", "m/s^2"),
+            "speed_limit": BatchParameter(speed_limit, "positive", "m/s"),
+            "lower_limit": BatchParameter(lower_limit, "a number", "m"),
+            "upper_limit": BatchParameter(upper_limit, "a number", "m"),
         }
         if compliance is not None:
-            parameters["compliance"] = Parameter(compliance, "positive and finite", "m/N")
+            parameters["compliance"] = BatchParameter(compliance, "positive and finite", "m/N")
         super().__init__(size, parameters, period)
         self.sample_delay = {("desired_force", "displacement_command"): 0.0}
         self._desired = self.DeclareVectorInputPort("desired_force", size)

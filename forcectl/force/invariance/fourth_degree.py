@@ -26,7 +26,7 @@ from forcectl.errors import invalid, unknown
 from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
 from forcectl.force.integral import check_limits
 from forcectl.force.invariance.functions import FLOAT_MATH, invariance_4
-from forcectl.framework.batch import Lane, Parameter, check, check_order, lane_values
+from forcectl.framework.batch import BatchParameter, Lane, check, check_order, lane_values
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.plant.drives.position_loop import first_order_hold, second_order
 from forcectl.plant.plant_model import PlantModel
@@ -141,19 +141,19 @@ class FourthDegreeForceLaw(SampledLaw):
         if upper is None:
             upper = -lane_values(f"{type(self).__name__}.gamma", gamma, size, "negative and finite")
         parameters = {
-            "gamma": Parameter(gamma, "negative and finite", "N/s^4"),
-            "upper": Parameter(upper, "positive and finite", "N/s^4"),
-            "alpha": Parameter(alpha, "not negative", "1"),
-            "bandwidth": Parameter(bandwidth, "positive and finite", "rad/s"),
-            "damping_ratio": Parameter(damping_ratio, "positive and finite", "1"),
-            "acceleration_limit": Parameter(acceleration_limit, "positive", "m/s^2"),
-            "speed_limit": Parameter(speed_limit, "positive", "m/s"),
-            "rest_region": Parameter(rest_region, "not negative", "N"),
-            "lower_limit": Parameter(lower_limit, "a number", "m"),
-            "upper_limit": Parameter(upper_limit, "a number", "m"),
+            "gamma": BatchParameter(gamma, "negative and finite", "N/s^4"),
+            "upper": BatchParameter(upper, "positive and finite", "N/s^4"),
+            "alpha": BatchParameter(alpha, "not negative", "1"),
+            "bandwidth": BatchParameter(bandwidth, "positive and finite", "rad/s"),
+            "damping_ratio": BatchParameter(damping_ratio, "positive and finite", "1"),
+            "acceleration_limit": BatchParameter(acceleration_limit, "positive", "m/s^2"),
+            "speed_limit": BatchParameter(speed_limit, "positive", "m/s"),
+            "rest_region": BatchParameter(rest_region, "not negative", "N"),
+            "lower_limit": BatchParameter(lower_limit, "a number", "m"),
+            "upper_limit": BatchParameter(upper_limit, "a number", "m"),
         }
         if compliance is not None:
-            parameters["compliance"] = Parameter(compliance, "positive and finite", "m/N")
+            parameters["compliance"] = BatchParameter(compliance, "positive and finite", "m/N")
         super().__init__(size, parameters, period)
         if size == 1:
             self.math = FLOAT_MATH

@@ -31,7 +31,7 @@ from pydrake.systems.primitives import Demultiplexer, LinearSystem, Multiplexer
 
 from forcectl.errors import invalid
 from forcectl.force.invariance.force_law import InvarianceConfig
-from forcectl.framework.batch import Lane, Parameter, check, check_order, whole_multiple
+from forcectl.framework.batch import BatchParameter, Lane, check, check_order, whole_multiple
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.plant.drives.position_loop import LONGEST_DELAY, PositionLoop
 from forcectl.plant.plant_model import PlantModel
@@ -89,16 +89,16 @@ class PredictiveCorrection(SampledLaw):
         period: float = 0.002,
     ):
         parameters = {
-            "compliance": Parameter(compliance, "positive and finite", "m/N"),
-            "surface_bandwidth": Parameter(surface_bandwidth, "not negative", "1/s"),
-            "drive_bandwidth": Parameter(drive_bandwidth, "not negative", "1/s"),
-            "search_speed": Parameter(search_speed, "not negative", "m/s"),
-            "lead": Parameter(lead, "not negative", "s"),
-            "minimum_force": Parameter(minimum_force, "not negative", "N"),
-            "offset_limit": Parameter(offset_limit, "not negative", "m"),
-            "lower_limit": Parameter(lower_limit, "a number", "m"),
-            "upper_limit": Parameter(upper_limit, "a number", "m"),
-            "drive_compliance": Parameter(drive_compliance, "not negative", "m/N"),
+            "compliance": BatchParameter(compliance, "positive and finite", "m/N"),
+            "surface_bandwidth": BatchParameter(surface_bandwidth, "not negative", "1/s"),
+            "drive_bandwidth": BatchParameter(drive_bandwidth, "not negative", "1/s"),
+            "search_speed": BatchParameter(search_speed, "not negative", "m/s"),
+            "lead": BatchParameter(lead, "not negative", "s"),
+            "minimum_force": BatchParameter(minimum_force, "not negative", "N"),
+            "offset_limit": BatchParameter(offset_limit, "not negative", "m"),
+            "lower_limit": BatchParameter(lower_limit, "a number", "m"),
+            "upper_limit": BatchParameter(upper_limit, "a number", "m"),
+            "drive_compliance": BatchParameter(drive_compliance, "not negative", "m/N"),
         }
         super().__init__(size, parameters, period)
         self.sample_delay = {("nominal_command", "displacement_command"): 0.0}

@@ -28,7 +28,7 @@ class Regulated(NamedTuple):
     bound: float
 
 
-class Course(NamedTuple):
+class ReferenceState(NamedTuple):
     """What following a reference remembers: the desired force [N], and its first and second differences."""
 
     desired: float
@@ -56,8 +56,15 @@ class RegulatedCoordinate:
 
 
 def regulate_force(
-    x: float, v: float, desired: float, compliance: float, past: Course, gamma: float, upper: float, period: float
-) -> tuple[Regulated, Course]:
+    x: float,
+    v: float,
+    desired: float,
+    compliance: float,
+    past: ReferenceState,
+    gamma: float,
+    upper: float,
+    period: float,
+) -> tuple[Regulated, ReferenceState]:
     """The force, as `InvarianceForceLaw` regulates it: a falling reference is followed with its speed.
 
     Args:
@@ -68,7 +75,7 @@ def regulate_force(
     slope, bend, falls, retreat = fall(desired, *past, compliance, -gamma, period, SCALAR_MATH)
     y = -compliance * desired - x
     a = one_step_acceleration(y, falls - v, gamma + retreat, upper, period, SCALAR_MATH) - retreat
-    return Regulated(y, falls - v, a, a), Course(desired, slope, bend)
+    return Regulated(y, falls - v, a, a), ReferenceState(desired, slope, bend)
 
 
 def corrected(output: Regulated, wish: float, gamma: float, period: float) -> Regulated:

@@ -18,7 +18,7 @@ from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 from forcectl.force.integral import check_limits
 from forcectl.force.linear_law import REGULATE, LinearForceLaw
 from forcectl.force.vrft.adaptive import add_tuned_law
-from forcectl.framework.batch import LaneBlock, Parameter, check
+from forcectl.framework.batch import BatchParameter, LaneBlock, check
 from forcectl.framework.slots import slot
 from forcectl.motion.excitation import ExcitationConfig, TrapezoidalMovesConfig
 from forcectl.plant.plant_model import PlantModel
@@ -61,9 +61,9 @@ class ExperimentSequencer(LaneBlock):
         super().__init__(
             size,
             {
-                "hand_over_time": Parameter(hand_over_time, "not negative", "s"),
-                "window": Parameter(window, "positive", "s"),
-                "tolerance": Parameter(tolerance, "not negative", "1"),
+                "hand_over_time": BatchParameter(hand_over_time, "not negative", "s"),
+                "window": BatchParameter(window, "positive", "s"),
+                "tolerance": BatchParameter(tolerance, "not negative", "1"),
             },
         )
         self._half_tick = 0.5 * check("period", period, "positive")

@@ -6,7 +6,7 @@ import itertools
 from collections import defaultdict
 from dataclasses import dataclass, field
 
-from forcectl.graph.layout.rows import Hop, Item
+from forcectl.graph.layout.rows import Crossing, Item
 
 Point = tuple[float, float]
 
@@ -60,9 +60,9 @@ class _Crossing:
         return high - low < 0.01
 
 
-def bend_points(nets: list[Net], items: dict[str, Item]) -> list[Hop]:
+def bend_points(nets: list[Net], items: dict[str, Item]) -> list[Crossing]:
     """Add an item wherever a wire passes a column, and return every hop from column to column."""
-    hops: list[Hop] = []
+    hops: list[Crossing] = []
     for number, net in enumerate(nets):
         key, port = net.source
         start = items[key].rank
@@ -77,11 +77,11 @@ def bend_points(nets: list[Net], items: dict[str, Item]) -> list[Hop]:
             ends = [target for target in forward if items[target[0]].rank == rank + 1]
             if rank + 1 in net.bends:
                 ends.append((net.bends[rank + 1], ""))
-            hops += [Hop(number, rank, left, left_port, *end) for end in ends]
+            hops += [Crossing(number, rank, left, left_port, *end) for end in ends]
     return hops
 
 
-def set_lanes(nets: list[Net], items: dict[str, Item], columns: list[list[str]], hops: list[Hop]) -> float:
+def set_lanes(nets: list[Net], items: dict[str, Item], columns: list[list[str]], hops: list[Crossing]) -> float:
     """Height of every return below the blocks it passes, short ones closest; returns the lowest of everything."""
     bottom = [max((items[key].y + items[key].height for key in column), default=0.0) for column in columns]
     rows: dict[int, set[float]] = defaultdict(set)  # heights at which wires run in each channel
@@ -108,7 +108,7 @@ def set_lanes(nets: list[Net], items: dict[str, Item], columns: list[list[str]],
 
 
 def set_columns(
-    nets: list[Net], items: dict[str, Item], columns: list[list[str]], hops: list[Hop], left_margin: float
+    nets: list[Net], items: dict[str, Item], columns: list[list[str]], hops: list[Crossing], left_margin: float
 ) -> tuple[float, list[dict[int, _Crossing]]]:
     """Set `x` of every item; returns the total width and the tracks of each channel."""
     channels = [_channel(number, nets, items, hops) for number in range(len(columns))]
@@ -134,7 +134,7 @@ def set_columns(
     return x, channels
 
 
-def _channel(number: int, nets: list[Net], items: dict[str, Item], hops: list[Hop]) -> dict[int, _Crossing]:
+def _channel(number: int, nets: list[Net], items: dict[str, Item], hops: list[Crossing]) -> dict[int, _Crossing]:
     found: dict[int, _Crossing] = {}
 
     def at(net: int) -> _Crossing:

@@ -53,7 +53,7 @@ class Item:
 
 
 @dataclass(frozen=True)
-class Hop:
+class Crossing:
     """One wire's way through the channel to the right of column `channel`."""
 
     net: int
@@ -67,12 +67,12 @@ class Hop:
 Return = tuple[str, str, str, str]  # item and port that a returning wire leaves, item and port where it arrives
 
 
-def place_rows(items: dict[str, Item], hops: list[Hop], returns: list[Return], count: int) -> list[list[str]]:
+def place_rows(items: dict[str, Item], hops: list[Crossing], returns: list[Return], count: int) -> list[list[str]]:
     """Order the items in each of `count` columns and set `y` of every item; returns the columns."""
     columns: list[list[str]] = [[] for _ in range(count)]
     for item in items.values():
         columns[item.rank].append(item.key)
-    by_channel: dict[int, list[Hop]] = defaultdict(list)
+    by_channel: dict[int, list[Crossing]] = defaultdict(list)
     for hop in hops:
         by_channel[hop.channel].append(hop)
     columns = _fewest_crossings(columns, items, by_channel)
@@ -84,7 +84,7 @@ def place_rows(items: dict[str, Item], hops: list[Hop], returns: list[Return], c
 
 
 def _fewest_crossings(
-    columns: list[list[str]], items: dict[str, Item], by_channel: dict[int, list[Hop]]
+    columns: list[list[str]], items: dict[str, Item], by_channel: dict[int, list[Crossing]]
 ) -> list[list[str]]:
     """Sweep over the columns, each ordered by the mean place of its neighbours; the best order met is kept."""
     best, least = [list(c) for c in columns], _crossings(columns, items, by_channel)
@@ -108,7 +108,7 @@ def _fewest_crossings(
     return best
 
 
-def _swap_neighbours(columns: list[list[str]], items: dict[str, Item], by_channel: dict[int, list[Hop]]) -> None:
+def _swap_neighbours(columns: list[list[str]], items: dict[str, Item], by_channel: dict[int, list[Crossing]]) -> None:
     for rank, column in enumerate(columns):
         near = {channel: by_channel[channel] for channel in (rank - 1, rank)}
         for i in range(len(column) - 1):
@@ -122,7 +122,7 @@ def _swap_neighbours(columns: list[list[str]], items: dict[str, Item], by_channe
                 column[i], column[i + 1] = column[i + 1], column[i]
 
 
-def _crossings(columns: list[list[str]], items: dict[str, Item], by_channel: dict[int, list[Hop]]) -> int:
+def _crossings(columns: list[list[str]], items: dict[str, Item], by_channel: dict[int, list[Crossing]]) -> int:
     place = {key: i for column in columns for i, key in enumerate(column)}
     total = 0
     for hops in by_channel.values():
@@ -140,7 +140,7 @@ def _crossings(columns: list[list[str]], items: dict[str, Item], by_channel: dic
 
 
 def _sort_ports(
-    columns: list[list[str]], items: dict[str, Item], by_channel: dict[int, list[Hop]], returns: list[Return]
+    columns: list[list[str]], items: dict[str, Item], by_channel: dict[int, list[Crossing]], returns: list[Return]
 ) -> None:
     """Exchange the ports of loose boxes so that wires to neighbours do not cross; what only returns goes last."""
     place = {key: i for column in columns for i, key in enumerate(column)}
@@ -166,7 +166,7 @@ def _sort_ports(
             item.outputs = [next(ordered) if p in only_back else p for p in item.outputs]
 
 
-def _set_heights(columns: list[list[str]], items: dict[str, Item], by_channel: dict[int, list[Hop]]) -> None:
+def _set_heights(columns: list[list[str]], items: dict[str, Item], by_channel: dict[int, list[Crossing]]) -> None:
     group, offset = _straight_runs(columns, items, by_channel)
     bounds: dict[tuple[str, str], float] = {}  # (upper, lower group) -> least difference of their heights
     for column in columns:
@@ -213,19 +213,19 @@ def _gap(upper: Item, lower: Item) -> float:
 
 
 def _straight_runs(
-    columns: list[list[str]], items: dict[str, Item], by_channel: dict[int, list[Hop]]
+    columns: list[list[str]], items: dict[str, Item], by_channel: dict[int, list[Crossing]]
 ) -> tuple[dict[str, str], dict[str, float]]:
     """Chains of items that will be joined by straight wires: chain of each item, and its height in the chain."""
     place = {key: i for column in columns for i, key in enumerate(column)}
     importance = _path_lengths(columns, by_channel)
-    next_of: dict[str, Hop] = {}
-    prev_of: dict[str, Hop] = {}
+    next_of: dict[str, Crossing] = {}
+    prev_of: dict[str, Crossing] = {}
     for hops in by_channel.values():
-        chosen: list[Hop] = []
-        arriving: dict[str, list[Hop]] = defaultdict(list)
+        chosen: list[Crossing] = []
+        arriving: dict[str, list[Crossing]] = defaultdict(list)
         for hop in sorted(hops, key=lambda h: (items[h.right].fraction("in", h.right_port), place[h.left])):
             arriving[hop.right].append(hop)
-        merit: dict[Hop, tuple[bool, int, float, int, int]] = {}
+        merit: dict[Crossing, tuple[bool, int, float, int, int]] = {}
         for hop in hops:
             both_bends = items[hop.left].wire and items[hop.right].wire
             others = arriving[hop.right]
@@ -251,7 +251,7 @@ def _straight_runs(
     return group, offset
 
 
-def _path_lengths(columns: list[list[str]], by_channel: dict[int, list[Hop]]) -> dict[tuple[str, str], int]:
+def _path_lengths(columns: list[list[str]], by_channel: dict[int, list[Crossing]]) -> dict[tuple[str, str], int]:
     """For every hop the number of columns in the longest path through it."""
     before: dict[str, int] = defaultdict(int)
     after: dict[str, int] = defaultdict(int)

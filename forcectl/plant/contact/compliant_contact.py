@@ -22,7 +22,7 @@ from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuil
 from pydrake.systems.primitives import Gain
 
 from forcectl.errors import invalid
-from forcectl.framework.batch import Lane, LaneBlock, Parameter, check, lane_values
+from forcectl.framework.batch import BatchParameter, Lane, LaneBlock, check, lane_values
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.robot.model import unit_normal
 
@@ -88,11 +88,11 @@ class CompliantContact(LaneBlock):
         self._damped = damping is None or bool(np.any(lane_values("damping", damping, size, "not negative") > 0))
         parameters = {}
         if stiffness is not None:
-            parameters["stiffness"] = Parameter(stiffness, "positive and finite", "N/m")
+            parameters["stiffness"] = BatchParameter(stiffness, "positive and finite", "N/m")
         if self._damped and damping is not None:
-            parameters["damping"] = Parameter(damping, "not negative", "N s/m")
+            parameters["damping"] = BatchParameter(damping, "not negative", "N s/m")
         if not compliance_port:
-            parameters["robot_compliance"] = Parameter(robot_compliance, "not negative", "m/N")
+            parameters["robot_compliance"] = BatchParameter(robot_compliance, "not negative", "m/N")
         super().__init__(size, parameters)
         reads = {self.all_parameters_ticket()} | self._declare_inputs(compliance_port)
         given = {"surface_stiffness": stiffness, "surface_damping": damping}

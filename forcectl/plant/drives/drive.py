@@ -29,7 +29,7 @@ from pydrake.systems.primitives import Demultiplexer, LinearSystem, MatrixGain, 
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import check, check_count, lane_values
-from forcectl.plant.drives.servo import ServoGains, servo_gains
+from forcectl.plant.drives.servo import ServoCoefficients, servo_gains
 from forcectl.robot.model import RobotModel
 
 Matrix = NDArray[np.float64]
@@ -45,7 +45,7 @@ class InnerStep(NamedTuple):
     slip: Matrix
 
 
-def inner_step(gains: ServoGains, to_motor: Matrix, push: Matrix) -> InnerStep:
+def inner_step(gains: ServoCoefficients, to_motor: Matrix, push: Matrix) -> InnerStep:
     """The matrices of an inner step, with the reference at its start.
 
     Args:

@@ -24,7 +24,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from forcectl.errors import BadInputError
-from forcectl.framework.batch import Lane, Parameter, check, lane_values
+from forcectl.framework.batch import BatchParameter, Lane, check, lane_values
 from forcectl.framework.cache import BlockCache
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.robot.model import RobotModel, has_moved
@@ -84,8 +84,8 @@ class JointImpedance(SampledLaw):
         period: float = 0.002,
     ):
         parameters = {
-            "stiffness": Parameter(stiffness, "not negative", "Nm/rad"),
-            "damping": Parameter(damping, "not negative", "Nms/rad"),
+            "stiffness": BatchParameter(stiffness, "not negative", "Nm/rad"),
+            "damping": BatchParameter(damping, "not negative", "Nms/rad"),
         }
         super().__init__(size, parameters, period)
         self.sample_delay = {("motor_state", "torque_command"): 0.0}

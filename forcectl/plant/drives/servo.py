@@ -24,13 +24,22 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, Discrete
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.errors import invalid, unknown
-from forcectl.framework.batch import FEW_LANES, SCALAR_MATH, Lane, LaneBlock, Parameter, check, check_count, lane_values
+from forcectl.framework.batch import (
+    FEW_LANES,
+    SCALAR_MATH,
+    BatchParameter,
+    Lane,
+    LaneBlock,
+    check,
+    check_count,
+    lane_values,
+)
 
 Vector = NDArray[np.float64]
 TUNINGS = ("axes", "rotors")
 
 
-class ServoGains(NamedTuple):
+class ServoCoefficients(NamedTuple):
     """Coefficients of one inner step of length dt, derived from the servo's parameters by `servo_gains`."""
 
     position: Lane  # K_v [1/s]
@@ -43,7 +52,7 @@ class ServoGains(NamedTuple):
 
 def servo_gains(
     position: Lane, velocity: Lane, integral: Lane, coulomb: Lane, viscous: Lane, step: float
-) -> ServoGains:
+) -> ServoCoefficients:
     """Coefficients of one inner step.
 
     Args:
@@ -51,13 +60,13 @@ def servo_gains(
         coulomb: a_c [m/s^2 or rad/s^2]. viscous: b [1/s]. step: dt [s].
     """
     damping = velocity * (1 + integral * step)
-    return ServoGains(
+    return ServoCoefficients(
         position, damping * step, velocity * integral * step, coulomb * step, 1 / (1 + step * (damping + viscous)), step
     )
 
 
 def servo_steps(
-    x: Lane, v: Lane, i: Lane, r: Lane, rate: Lane, push: Lane, gains: ServoGains, count: int, m: Any = np
+    x: Lane, v: Lane, i: Lane, r: Lane, rate: Lane, push: Lane, gains: ServoCoefficients, count: int, m: Any = np
 ) -> tuple[Lane, Lane, Lane]:
     """`count` inner steps of the servo.
 
@@ -82,13 +91,13 @@ def servo_steps(
     return x, v, i
 
 
-def each_lane(gains: ServoGains, size: int) -> tuple[ServoGains, ...]:
+def each_lane(gains: ServoCoefficients, size: int) -> tuple[ServoCoefficients, ...]:
     """Array coefficients as one set of floats per lane."""
-    return tuple(ServoGains(*[np.broadcast_to(g, size).item(lane) for g in gains]) for lane in range(size))
+    return tuple(ServoCoefficients(*[np.broadcast_to(g, size).item(lane) for g in gains]) for lane in range(size))
 
 
 def few_servo_steps(
-    state: Vector, reference: Vector, push: list[float] | None, gains: tuple[ServoGains, ...], count: int
+    state: Vector, reference: Vector, push: list[float] | None, gains: tuple[ServoCoefficients, ...], count: int
 ) -> Vector:
     """`servo_steps` for a few joints one by one on floats: half the time of numpy, the same bits.
 
@@ -150,11 +159,11 @@ class ServoCore(LaneBlock):
         super().__init__(
             size,
             {
-                "position_gain": Parameter(position_gain, "positive and finite", "1/s"),
-                "velocity_gain": Parameter(velocity_gain, "positive and finite", "1/s"),
-                "integral_gain": Parameter(integral_gain, "not negative", "1/s"),
-                "coulomb_friction": Parameter(coulomb_friction, "not negative", f"{unit}/s^2"),
-                "viscous_friction": Parameter(viscous_friction, "not negative", "1/s"),
+                "position_gain": BatchParameter(position_gain, "positive and finite", "1/s"),
+                "velocity_gain": BatchParameter(velocity_gain, "positive and finite", "1/s"),
+                "integral_gain": BatchParameter(integral_gain, "not negative", "1/s"),
+                "coulomb_friction": BatchParameter(coulomb_friction, "not negative", f"{unit}/s^2"),
+                "viscous_friction": BatchParameter(viscous_friction, "not negative", "1/s"),
             },
         )
         self.port_units = {"reference": f"{unit},{unit}/s", "state": f"{unit},{unit}/s,{unit}"}

@@ -21,7 +21,7 @@ from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuil
 from pydrake.systems.primitives import LinearSystem
 
 from forcectl.errors import invalid
-from forcectl.framework.batch import Lane, LaneBlock, Parameter, check, lane_values, whole_multiple
+from forcectl.framework.batch import BatchParameter, Lane, LaneBlock, check, lane_values, whole_multiple
 from forcectl.plant.drives.position_loop import (
     LONGEST_DELAY,
     first_order_hold,
@@ -107,10 +107,10 @@ class SensorElectronics(LaneBlock):
         super().__init__(
             size,
             {
-                "bias": Parameter(bias, "finite", unit),
-                "noise_std": Parameter(noise_std, "not negative", unit),
-                "quantum": Parameter(quantum, "not negative", unit),
-                "range": Parameter(range, "positive", unit),
+                "bias": BatchParameter(bias, "finite", unit),
+                "noise_std": BatchParameter(noise_std, "not negative", unit),
+                "quantum": BatchParameter(quantum, "not negative", unit),
+                "range": BatchParameter(range, "positive", unit),
             },
         )
         self._period = check("period", period, "positive")

@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
 from forcectl.errors import invalid, unknown
-from forcectl.framework.batch import Lane, Parameter, check, lane_values
+from forcectl.framework.batch import BatchParameter, Lane, check, lane_values
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.plant.sensors.force_sensor import white_noise
 
@@ -98,9 +98,9 @@ class JointSensors(SampledLaw):
         super().__init__(
             size,
             {
-                "quantum": Parameter(quantum, "not negative", "rad"),
-                "position_noise": Parameter(position_noise, "not negative", "rad"),
-                "torque_noise": Parameter(torque_noise, "not negative", "Nm"),
+                "quantum": BatchParameter(quantum, "not negative", "rad"),
+                "position_noise": BatchParameter(position_noise, "not negative", "rad"),
+                "torque_noise": BatchParameter(torque_noise, "not negative", "Nm"),
             },
             period,
         )

@@ -10,8 +10,8 @@ from scipy.optimize import lsq_linear
 
 from forcectl.errors import BadInputError
 from forcectl.force.governor.program import (
+    GovernorLimits,
     GovernorProgram,
-    Limits,
     Situation,
     closed_form,
     coefficients,
@@ -144,7 +144,7 @@ def test_limits_with_a_horizon_of_one_are_those_of_the_program(data):
     numbers = over_horizon(**governor)
     free, last = free_force(numbers.c, force, past), data.draw(forces)
     # A predicted force that can be had within the bounds of r, which can be had within the rate.
-    limits = Limits(lower=last - 20.0, upper=last + 20.0, rate=15.0)
+    limits = GovernorLimits(lower=last - 20.0, upper=last + 20.0, rate=15.0)
     within = numbers.c.input_gain * last + free
     limits = limits._replace(lower_force=within - data.draw(st.floats(0.0, 30.0)), upper_force=within + 1.0)
     solution = GovernorProgram(1).solve(numbers, Situation(wanted, desired, free, last), limits)
@@ -160,7 +160,9 @@ def test_bounds_over_a_longer_horizon_are_the_bounded_least_squares(data, horizo
     force, wanted, desired, past = data.draw(situations(governor))
     numbers = over_horizon(**governor, horizon=horizon)
     free = free_force(numbers.c, force, past)
-    solution = GovernorProgram(horizon).solve(numbers, Situation(wanted, desired, free), Limits(lower=-5.0, upper=25.0))
+    solution = GovernorProgram(horizon).solve(
+        numbers, Situation(wanted, desired, free), GovernorLimits(lower=-5.0, upper=25.0)
+    )
     zero, later = simulated(governor, force, wanted, desired, past, [0.0] * horizon)
     columns = [simulated(governor, 0.0, 0.0, 0.0, [0.0] * len(past), unit)[0] for unit in np.eye(horizon)]
     q_y, q_r = np.sqrt(governor["output_weight"]), np.sqrt(governor["reference_weight"])
@@ -177,7 +179,7 @@ def test_bounds_over_a_longer_horizon_are_the_bounded_least_squares(data, horizo
 def test_rate_and_predicted_force_are_kept_over_the_horizon(rate, highest, last):
     numbers = over_horizon(**THESIS, horizon=15)
     free = free_force(numbers.c, 0.0, [last] * 40)
-    limits = Limits(rate=rate, upper_force=highest)
+    limits = GovernorLimits(rate=rate, upper_force=highest)
     solution = GovernorProgram(15).solve(numbers, Situation(0.0, 100.0, free, last), limits)
     assert solution.status is Status.OPTIMAL
     assert np.abs(np.diff(solution.u, prepend=last)).max() <= rate + 1e-7
@@ -189,7 +191,7 @@ def test_a_predicted_force_out_of_reach_gives_way_to_the_bounds_and_those_to_the
     numbers = over_horizon(**THESIS)
     free = free_force(numbers.c, 30.0, [30.0] * 40)  # 29.9 N already
     reference = closed_form(numbers.c, 0.0, 20.0, free)
-    low = Limits(lower=5.0, rate=2.0, upper_force=10.0)
+    low = GovernorLimits(lower=5.0, rate=2.0, upper_force=10.0)
     assert low.nearest(numbers.c, reference, 6.0, free) == 5.0
     assert low.nearest(numbers.c, reference, 30.0, free) == 28.0
     for last, expected in ((6.0, 5.0), (30.0, 28.0)):

@@ -7,10 +7,16 @@ import pytest
 from hypothesis import given, settings
 from hypothesis import strategies as st
 
-from forcectl.force.invariance.regulated_output import Course, Regulated, RegulatedCoordinate, corrected, regulate_force
+from forcectl.force.invariance.regulated_output import (
+    ReferenceState,
+    Regulated,
+    RegulatedCoordinate,
+    corrected,
+    regulate_force,
+)
 
 PERIOD, GAMMA, COMPLIANCE = 0.002, -0.1, 2e-4
-REST = Course(0.0, 0.0, 0.0)
+REST = ReferenceState(0.0, 0.0, 0.0)
 
 
 @settings(deadline=None, derandomize=True, max_examples=50)

@@ -12,7 +12,7 @@ from hypothesis import strategies as st
 
 from forcectl.errors import BadInputError
 from forcectl.robot.model import JointLimits
-from forcectl.robot.robot_motion import Contact, RobotMotion
+from forcectl.robot.robot_motion import ContactMotion, RobotMotion
 from forcectl.tasks.constraints.base import (
     CartesianWall,
     Constraint,
@@ -31,7 +31,7 @@ def at(q: np.ndarray | None = None, v: np.ndarray | None = None, *, force: float
     facts = robot_facts()
     q = facts.start if q is None else q
     motion = RobotMotion(facts.robot, facts.robot.create_context(), q, np.zeros(N) if v is None else v)
-    motion.contact = Contact(dx, 0.01, motion.jacobian[5], 0.3, 2e-4, force)
+    motion.contact = ContactMotion(dx, 0.01, motion.jacobian[5], 0.3, 2e-4, force)
     return motion
 
 
