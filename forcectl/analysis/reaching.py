@@ -28,7 +28,7 @@ Array = NDArray[np.float64]
 
 @dataclass(kw_only=True)
 class ReachAnalysis:
-    """Scenario part `!Reaching`: of a run of `!ReactiveReaching`."""
+    """Scenario part `!Reaching`: of a run of `!ReactiveReaching` to whole poses. Of another run there is nothing."""
 
     mass_direction: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])  # of the reflected mass, in W
     every: int = 4  # ticks between postures whose distances and masses are computed
@@ -40,7 +40,7 @@ class ReachAnalysis:
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """Those of `REACH_METRICS`."""
-        if "task_target" not in log:
+        if not self._whole_poses(log, setting.truth):
             return {}
         offset, angle = self._missed(log, setting.truth)
         reference, speed = log["joint_position_command"].values, log["joint_velocity_command"].values
@@ -73,7 +73,7 @@ class ReachAnalysis:
         """Tool centre points and distances of the first variant; what the null space does in all of them."""
         from forcectl.figures.reaching import null_space_figure, reach_figure
 
-        if "task_target" not in log:
+        if not self._whole_poses(log, setting.truth):
             return {}
         several = "variant" in log.dims
         names = [str(name) for name in log["variant"].values] if several else [""]
@@ -86,6 +86,16 @@ class ReachAnalysis:
                 runs, found, setting.truth.known_robot().limits, self.every, title
             )
         return figures
+
+    def _whole_poses(self, log: Any, truth: PlantModel) -> bool:
+        """Whether the tasks are the poses of all arms in the world: at the start they are what the tasks say."""
+        if "task_target" not in log:
+            return False
+        robot = truth.known_robot()
+        start = ArmsMotion(robot, robot.create_context(), truth.start, np.zeros(truth.num_joints))
+        places = np.concatenate([[*start.arm(arm).position, 0.0, 0.0, 0.0] for arm in start.arm_names])
+        first = log["task_position"].isel(time=0).values.reshape(-1, log["task_position"].shape[-1])[0]
+        return len(first) == len(places) and np.allclose(first, places, atol=1e-3)
 
     def _missed(self, log: Any, truth: PlantModel) -> tuple[float, float]:
         """How far the links are from the target at the end [m, rad], the worse arm."""

@@ -83,6 +83,10 @@ SLOTS: dict[str, dict[str, str]] = {
         "TrapezoidalMoves": "forcectl.motion.excitation:TrapezoidalMovesConfig",
         "ExcitationFile": "forcectl.motion.excitation:ExcitationFileConfig",
     },
+    "task": {
+        "ArmTask": "forcectl.tasks.task_parts:ArmTaskConfig",
+        "RelativeTask": "forcectl.tasks.task_parts:RelativeTaskConfig",
+    },
     "fault": {"ReadingFault": "forcectl.plant.sensors.reading_fault:ReadingFaultConfig"},
 }
 # What an object must have to fill a slot.
@@ -99,6 +103,7 @@ CONTRACTS: dict[str, tuple[str, ...]] = {
     "environment": (),
     "load": ("wrench",),
     "excitation": ("add_to",),
+    "task": ("task",),
     "fault": ("fault",),
 }
 IMPORT = "Import"  # the tag of a class named by its import path, in every slot

@@ -7,6 +7,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -16,10 +17,11 @@ from pydrake.systems.primitives import TrajectorySource
 
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
-from forcectl.errors import invalid, unknown
+from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.force.invariance.robot import ConstraintConfig, JointLimitConfig
 from forcectl.framework.batch import check
 from forcectl.framework.rotation_vector import RotationVector
+from forcectl.framework.slots import named_slots
 from forcectl.motion.references import held_trajectory
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.solvers import DEFAULT_SOLVER, check_solver
@@ -39,6 +41,7 @@ from forcectl.tasks.null_space import (
 )
 from forcectl.tasks.reactive_controller import ReactiveController
 from forcectl.tasks.reactive_motion import Pace, ReactiveMotion
+from forcectl.tasks.task_parts import TaskTargetConfig, target_steps
 
 Array = NDArray[np.float64]
 
@@ -63,6 +66,10 @@ class ReachConfig:
         if not np.linalg.norm(self.turn_deg) < 180:
             raise invalid("turn_deg", self.turn_deg, "of less than 180 degrees in all")
         check("time", self.time, "not negative")
+
+    def of_task(self) -> TaskTargetConfig:
+        """The same, for the task of the whole pose of the arm."""
+        return TaskTargetConfig(value=[*self.position, *np.radians(self.turn_deg).tolist()], time=self.time)
 
 
 @dataclass(kw_only=True)
@@ -103,7 +110,8 @@ class PaceConfig:
 class ReactiveReachingConfig:
     """Scenario part `!ReactiveReaching`."""
 
-    targets: list[ReachConfig] = field(default_factory=list)
+    targets: list[ReachConfig] = field(default_factory=list)  # of whole poses; with `tasks` they have their own
+    tasks: dict[str, Any] = named_slots("task")  # by name; empty: the whole pose of every arm
     pace: PaceConfig = field(default_factory=PaceConfig)
     limits: JointLimitConfig = field(default_factory=JointLimitConfig)  # of the joints; the robot's where none is given
     # What joints do that the tasks leave free: least speed (5.19); or (5.20) away from joint limits, away from links
@@ -119,6 +127,8 @@ class ReactiveReachingConfig:
         if self.null_space not in NULL_SPACE:
             raise unknown("null_space", self.null_space, NULL_SPACE)
         check_solver(self.solver)
+        if self.tasks and self.targets:
+            raise invalid("targets", self.targets, "empty beside tasks, which have targets of their own")
         unit_normal(self.mass_direction, "mass_direction")
         if check("link_distance", self.link_distance, "not negative") == 0.0 and self.null_space == "links":
             raise invalid("link_distance", self.link_distance, "above zero to keep away from links")
@@ -129,7 +139,7 @@ class ReactiveReachingConfig:
         if model.obstacles and not self.link_distance > 0:
             raise invalid("link_distance", self.link_distance, "above zero to keep away from the station's boxes")
         start = ArmsMotion(robot, robot.create_context(), model.start, np.zeros(model.num_joints))
-        tasks = [ArmTask(arm, orientation=RotationVector(start.arm(arm).rotation)) for arm in start.arm_names]
+        tasks = self._tasks(start)
         distances = self._distances(model) if self.link_distance > 0 else []
         controller = ReactiveController(
             robot,
@@ -143,6 +153,17 @@ class ReactiveReachingConfig:
         )
         made = ReactiveReaching(controller, self._targets(start, controller), *self.pace.paces())
         return builder.AddNamedSystem("reactive_reaching", made)
+
+    def _tasks(self, start: ArmsMotion) -> list[ArmTask]:
+        if not self.tasks:
+            return [ArmTask(arm, orientation=RotationVector(start.arm(arm).rotation)) for arm in start.arm_names]
+        made = []
+        for name, part in self.tasks.items():
+            task = part.task(start)
+            if not isinstance(task, ArmTask):
+                raise BadInputError(f"tasks.{name}: task must return an ArmTask, not {type(task).__name__}")
+            made.append(task)
+        return made
 
     def _distances(self, model: PlantModel) -> list[LinkDistance]:
         shapes = RobotShapes.load(*model.known_robot().source)
@@ -172,19 +193,26 @@ class ReactiveReachingConfig:
 
     def _targets(self, start: ArmsMotion, controller: ReactiveController) -> TrajectorySource:
         """Task coordinates over time."""
-        arms = list(start.arm_names)
-        for target in self.targets:
-            if target.arm not in arms:
-                raise unknown("targets.arm", target.arm, arms)
-        now = controller.task_start.reshape(len(arms), 6)
-        times, values = [0.0], [now.ravel().copy()]
-        for target in sorted(self.targets, key=lambda each: each.time):
-            now[arms.index(target.arm)] = [*target.position, *np.radians(target.turn_deg)]
-            if target.time > times[-1]:
-                times.append(target.time)
-                values.append(now.ravel().copy())
+        if self.tasks:
+            parts = self.tasks.values()
+            sizes = [task.size for task in controller.tasks]
+            steps = target_steps(list(self.tasks), sizes, [part.targets for part in parts])
+        else:
+            arms = list(start.arm_names)
+            for target in self.targets:
+                if target.arm not in arms:
+                    raise unknown("targets.arm", target.arm, arms)
+            of_arm = [[each.of_task() for each in self.targets if each.arm == arm] for arm in arms]
+            steps = target_steps(arms, [6] * len(arms), of_arm)
+        now = controller.task_start
+        times, values = [0.0], [now.copy()]
+        for time, place, value in steps:
+            now[place] = value
+            if time > times[-1]:
+                times.append(time)
+                values.append(now.copy())
             else:
-                values[-1] = now.ravel().copy()
+                values[-1] = now.copy()
         return TrajectorySource(held_trajectory(times, np.array(values).T))
 
 

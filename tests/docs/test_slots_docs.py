@@ -21,9 +21,9 @@ SLOTS = ("fidelity", "environment", "drive", "sensor", "controller", "reference"
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
     code = "\n\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
-    (scenario,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
     (tmp_path / "my_parts.py").write_text(code)
-    (tmp_path / "my_cell.yaml").write_text(scenario)
+    for name, scenario in re.findall(r"```yaml\n# (my_\w+.yaml)\n(.*?)```", PAGE, re.DOTALL):
+        (tmp_path / name).write_text(scenario)
     monkeypatch.chdir(tmp_path)
     monkeypatch.syspath_prepend(str(tmp_path))
     yield tmp_path
@@ -77,6 +77,16 @@ def test_an_estimator_of_ones_own_is_logged(folder):
     base = fc.run("fig_5_2", variant="readings as they are", overrides={"duration": 0.1, "estimators": {"mine": mine}})
     torque = base.log["motor_torque"].values.sum(axis=1)
     np.testing.assert_allclose(base.log["torque_impulse"].values[1:], 0.004 * np.cumsum(torque)[:-1], atol=1e-9)
+
+
+def test_a_task_of_ones_own_is_reached(folder):
+    log = fc.run("my_reach.yaml").log
+    place = log["task_position"].values
+    assert place.shape[1] == 4  # z of the left arm, and the right one's place in its tool's frame
+    assert abs(place[0, 0] - 0.2) > 0.01
+    assert place[-1, 0] == pytest.approx(0.2, abs=1e-4)
+    assert float(log["tracking_error"][-1]) < 1.0 == float(log["reached"][-1])
+    np.testing.assert_allclose(place[:, 1:], np.tile(place[0, 1:], (len(place), 1)), atol=1e-3)
 
 
 def test_a_package_announces_a_tag(folder, monkeypatch):

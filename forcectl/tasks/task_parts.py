@@ -1,0 +1,124 @@
+"""What fills the slot `task` of `!ReactiveReaching`: the coordinates of an arm, or of one arm in another."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass, field
+from typing import Protocol, runtime_checkable
+
+from forcectl.errors import BadInputError, unknown
+from forcectl.framework.batch import check
+from forcectl.framework.euler_angles import EulerAngles, angles_of
+from forcectl.framework.rotation_vector import RotationVector
+from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.tasks.coordinates import COORDINATES, ArmTask, Orientation, Spatial
+from forcectl.tasks.relative_task import RelativeMotion, RelativeTask
+
+ORIENTATIONS = ("rotation_vector", "euler_angles")
+
+
+@dataclass(kw_only=True)
+class TaskTargetConfig:
+    """Where task coordinates are to go from a time on; until the first one they stay."""
+
+    value: list[float]  # of each coordinate [m or rad]
+    time: float = 0.0  # [s], >= 0
+
+    def __post_init__(self) -> None:
+        for each in self.value:
+            check("value", each)
+        check("time", self.time, "not negative")
+
+
+@runtime_checkable
+class TaskPart(Protocol):
+    """A filler of the slot `task`.
+
+    Attributes:
+        targets: over time.
+    """
+
+    targets: list[TaskTargetConfig]
+
+    def task(self, start: ArmsMotion) -> ArmTask:
+        """The task.
+
+        Args:
+            start: motion of the robot in its start posture.
+        """
+        ...
+
+
+@dataclass(kw_only=True)
+class ArmTaskConfig:
+    """Scenario part `!ArmTask`: coordinates of the TCP of an arm in the world."""
+
+    arm: str
+    coordinates: list[str] = field(default_factory=lambda: list(COORDINATES))  # some of them, in this order
+    orientation: str = "rotation_vector"  # from that of the start, or euler_angles of `EulerAngles`
+    priority: int = 1  # >= 1; 1 comes first
+    targets: list[TaskTargetConfig] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        _check_orientation(self.orientation)
+
+    def task(self, start: ArmsMotion) -> ArmTask:
+        """See `TaskPart`."""
+        orientation = _orientation(self.orientation, start.arm(self.arm))
+        return ArmTask(self.arm, self.coordinates, orientation, self.priority)
+
+
+@dataclass(kw_only=True)
+class RelativeTaskConfig:
+    """Scenario part `!RelativeTask`: coordinates of the TCP of one arm in the TCP frame of another, its leader."""
+
+    leader: str
+    follower: str
+    coordinates: list[str] = field(default_factory=lambda: list(COORDINATES))  # some of them, in this order
+    orientation: str = "rotation_vector"  # from that of the start, or euler_angles of `EulerAngles`
+    priority: int = 1  # >= 1; 1 comes first
+    targets: list[TaskTargetConfig] = field(default_factory=list)
+
+    def __post_init__(self) -> None:
+        _check_orientation(self.orientation)
+
+    def task(self, start: ArmsMotion) -> RelativeTask:
+        """See `TaskPart`."""
+        between = RelativeMotion(start.arm(self.leader), start.arm(self.follower))
+        orientation = _orientation(self.orientation, between)
+        return RelativeTask(self.leader, self.follower, self.coordinates, orientation, self.priority)
+
+
+def target_steps(
+    names: Sequence[str], sizes: Sequence[int], targets: Sequence[Sequence[TaskTargetConfig]]
+) -> list[tuple[float, slice, list[float]]]:
+    """Every change of a target: its time [s], which of all coordinates, and their values; in order of time.
+
+    Args:
+        names: of the tasks.
+        sizes: how many coordinates each has.
+        targets: of each.
+
+    Raises:
+        BadInputError: a target of another size than its task.
+    """
+    found, begin = [], 0
+    for name, size, own in zip(names, sizes, targets, strict=True):
+        for i, target in enumerate(own):
+            if len(target.value) != size:
+                key = f"tasks.{name}.targets.{i}.value"
+                raise BadInputError(f"{key} has {len(target.value)} numbers: must have {size}, one per coordinate")
+            found.append((target.time, slice(begin, begin + size), list(target.value)))
+        begin += size
+    return sorted(found, key=lambda each: each[0])
+
+
+def _check_orientation(name: str) -> None:
+    if name not in ORIENTATIONS:
+        raise unknown("orientation", name, ORIENTATIONS)
+
+
+def _orientation(name: str, start: Spatial) -> Orientation:
+    if name == "euler_angles":
+        return EulerAngles(about=angles_of(start.rotation))
+    return RotationVector(start.rotation)
