@@ -80,7 +80,8 @@ class LoopParts:
         cell = describe(self.station)
         chosen = self.signals.get("measured_force")
         lag = force_lag(self.estimators) if isinstance(chosen, ProjectionConfig) else None
-        return Setting(cell, self.model.applied(plant_model(cell, lag)), plant_model(cell, lag))
+        truth = plant_model(cell, lag)
+        return Setting(cell, self.model.applied(truth), truth)
 
 
 @dataclass(frozen=True)

@@ -8,7 +8,7 @@ signals:
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, PortDataType, System
@@ -28,7 +28,6 @@ class Offer:
     port: OutputPort
 
 
-@runtime_checkable
 class SignalChoice(Protocol):
     """What stands at a key of the scenario's part `signals`."""
 

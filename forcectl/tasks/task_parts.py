@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, field
-from typing import Protocol, runtime_checkable
+from typing import Protocol
 
 from forcectl.errors import BadInputError, unknown
 from forcectl.framework.batch import check
@@ -30,7 +30,6 @@ class TaskTargetConfig:
         check("time", self.time, "not negative")
 
 
-@runtime_checkable
 class TaskPart(Protocol):
     """A filler of the slot `task`.
 
@@ -50,42 +49,44 @@ class TaskPart(Protocol):
 
 
 @dataclass(kw_only=True)
-class ArmTaskConfig:
-    """Scenario part `!ArmTask`: coordinates of the TCP of an arm in the world."""
-
-    arm: str
+class _TaskConfig:
     coordinates: list[str] = field(default_factory=lambda: list(COORDINATES))  # some of them, in this order
     orientation: str = "rotation_vector"  # from that of the start, or euler_angles of `EulerAngles`
     priority: int = 1  # >= 1; 1 comes first
     targets: list[TaskTargetConfig] = field(default_factory=list)
 
     def __post_init__(self) -> None:
-        _check_orientation(self.orientation)
+        if self.orientation not in ORIENTATIONS:
+            raise unknown("orientation", self.orientation, ORIENTATIONS)
+
+    def _orientation(self, start: Spatial) -> Orientation:
+        if self.orientation == "euler_angles":
+            return EulerAngles(about=angles_of(start.rotation))
+        return RotationVector(start.rotation)
+
+
+@dataclass(kw_only=True)
+class ArmTaskConfig(_TaskConfig):
+    """Scenario part `!ArmTask`: coordinates of the TCP of an arm in the world."""
+
+    arm: str
 
     def task(self, start: ArmsMotion) -> ArmTask:
         """See `TaskPart`."""
-        orientation = _orientation(self.orientation, start.arm(self.arm))
+        orientation = self._orientation(start.arm(self.arm))
         return ArmTask(self.arm, self.coordinates, orientation, self.priority)
 
 
 @dataclass(kw_only=True)
-class RelativeTaskConfig:
+class RelativeTaskConfig(_TaskConfig):
     """Scenario part `!RelativeTask`: coordinates of the TCP of one arm in the TCP frame of another, its leader."""
 
     leader: str
     follower: str
-    coordinates: list[str] = field(default_factory=lambda: list(COORDINATES))  # some of them, in this order
-    orientation: str = "rotation_vector"  # from that of the start, or euler_angles of `EulerAngles`
-    priority: int = 1  # >= 1; 1 comes first
-    targets: list[TaskTargetConfig] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        _check_orientation(self.orientation)
 
     def task(self, start: ArmsMotion) -> RelativeTask:
         """See `TaskPart`."""
-        between = RelativeMotion(start.arm(self.leader), start.arm(self.follower))
-        orientation = _orientation(self.orientation, between)
+        orientation = self._orientation(RelativeMotion(start.arm(self.leader), start.arm(self.follower)))
         return RelativeTask(self.leader, self.follower, self.coordinates, orientation, self.priority)
 
 
@@ -111,14 +112,3 @@ def target_steps(
             found.append((target.time, slice(begin, begin + size), list(target.value)))
         begin += size
     return sorted(found, key=lambda each: each[0])
-
-
-def _check_orientation(name: str) -> None:
-    if name not in ORIENTATIONS:
-        raise unknown("orientation", name, ORIENTATIONS)
-
-
-def _orientation(name: str, start: Spatial) -> Orientation:
-    if name == "euler_angles":
-        return EulerAngles(about=angles_of(start.rotation))
-    return RotationVector(start.rotation)
