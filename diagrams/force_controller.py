@@ -7,12 +7,12 @@ from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
-from pydrake.systems.primitives import Demultiplexer, Multiplexer, PassThrough
+from pydrake.systems.primitives import Demultiplexer, PassThrough
 
-from forcectl.diagrams.parts import affine, input_names, output_names
 from forcectl.errors import BadInputError
 from forcectl.force.kinematic_inversion import ConstantKinematicInversion, KinematicInversion, joint_direction
 from forcectl.framework.enclosed import Enclosed
+from forcectl.framework.wiring import affine, export_all_outputs, input_names, output_names, stacked
 from forcectl.plant.plant_model import PlantModel
 
 _NO_SURFACE = "station.environment has no surface: must have one for a force law to press on"
@@ -86,9 +86,7 @@ class ForceController(Diagram):
             wanted = asked.get_output_port()
             self._displace(builder, "path_displacement", law, model, lambda port: connect(wanted, port))
         builder.ExportOutput(inversions[-1].GetOutputPort("joint_position_command"), "joint_position_command")
-        for i in range(law.num_output_ports()):
-            port = law.get_output_port(i)
-            builder.ExportOutput(port, port.get_name())
+        export_all_outputs(builder, law)
         builder.BuildInto(self)
 
     @staticmethod
@@ -98,13 +96,8 @@ class ForceController(Diagram):
         for i, label in _loops(model):
             blocks.append(builder.AddNamedSystem("_".join((name, *label)), model.loop(i).tip_displacement()))
             feed(blocks[-1].get_input_port())
-        if len(blocks) == 1:
-            builder.Connect(blocks[0].get_output_port(), law.GetInputPort(name))
-            return
-        both = builder.AddNamedSystem(f"{name}s", Multiplexer([1] * len(blocks)))
-        for i, block in enumerate(blocks):
-            builder.Connect(block.get_output_port(), both.get_input_port(i))
-        builder.Connect(both.get_output_port(), law.GetInputPort(name))
+        every = stacked(builder, f"{name}s", [block.get_output_port() for block in blocks])
+        builder.Connect(every, law.GetInputPort(name))
 
 
 def _loops(model: PlantModel) -> list[tuple[int, tuple[str, ...]]]:

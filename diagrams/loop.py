@@ -14,7 +14,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -32,6 +32,7 @@ from forcectl.diagrams.station import StationConfig, build_station
 from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.enclosed import Enclosed
+from forcectl.framework.wiring import input_names
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.tip_kinematics import tip_displacements
 
@@ -149,8 +150,7 @@ def build_loop(parts: LoopParts) -> Loop:
     builder = DiagramBuilder()
     signals = Signals(builder, TRUTH)
     controller = build_controller(parts.controller, model)
-    wanted = {controller.get_input_port(i).get_name() for i in range(controller.num_input_ports())}
-    sources = _add_sources(builder, parts, setting, wanted)
+    sources = _add_sources(builder, parts, setting, input_names(controller))
     for name, system in sources.items():
         signals.add(name, system)
     builder.AddNamedSystem("controller", controller)
@@ -173,7 +173,9 @@ def build_loop(parts: LoopParts) -> Loop:
     return Loop(diagram, log, cell.period, setting, bandwidth, station)
 
 
-def _add_sources(builder: DiagramBuilder, parts: LoopParts, setting: Setting, wanted: set[str]) -> dict[str, System]:
+def _add_sources(
+    builder: DiagramBuilder, parts: LoopParts, setting: Setting, wanted: Sequence[str]
+) -> dict[str, System]:
     """References, as far as the controller wants them."""
     cell, sources = setting.cell, {}
     if "desired_force" in wanted:

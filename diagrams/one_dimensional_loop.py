@@ -18,11 +18,11 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPo
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.diagrams.log import LoggedLoop, add_log
-from forcectl.diagrams.parts import input_names
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.force.integral import IntegralConfig, LinearIntegralForceLaw
 from forcectl.force.slot import ControllerConfig
 from forcectl.framework.batch import LaneBlock, check
+from forcectl.framework.wiring import input_names
 from forcectl.motion.references import ForceReferenceConfig, StepConfig
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.drives.position_loop import PositionLoopConfig

@@ -14,8 +14,8 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer, MatrixGain, Multiplexer
 
-from forcectl.diagrams.parts import affine, export_outputs
 from forcectl.diagrams.workcell import Workcell
+from forcectl.framework.wiring import affine, export_outputs
 from forcectl.plant.drives.position_loop import PositionLoopConfig
 from forcectl.plant.drives.servo import ServoConfig
 

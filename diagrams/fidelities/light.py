@@ -10,9 +10,9 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, Syste
 from forcectl.diagrams.mechanics.assembly import Assembly
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.mechanics.truth import add_contact_state
-from forcectl.diagrams.parts import affine
 from forcectl.diagrams.workcell import Vector, Workcell
 from forcectl.errors import BadInputError
+from forcectl.framework.wiring import affine
 from forcectl.plant.tip_kinematics import LinkPosition
 
 

@@ -44,6 +44,7 @@ from forcectl.diagrams.mechanics.world import add_world
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError
 from forcectl.framework.enclosed import Enclosed
+from forcectl.framework.wiring import stacked
 from forcectl.motion.loads import add_loads, loaded_frames
 from forcectl.plant.drives.joint_friction import FrictionRest, actuation_gain, desired_state_gain
 from forcectl.plant.tip_kinematics import TipDisplacement
@@ -255,7 +256,7 @@ def _add_surfaces(assembly: Assembly, site: Site) -> OutputPort | None:
         displacements.append(tip.GetOutputPort("displacement"))
     if not cell.contacts:
         return None
-    assembly.offer("contact_displacement", _stacked(builder, "contact_displacements", displacements))
+    assembly.offer("contact_displacement", stacked(builder, "contact_displacements", displacements))
     if "contact_force" not in signals:
         mounted = [mounting for mounting in site.mountings if mounting is not None]
         if mounted:
@@ -266,18 +267,9 @@ def _add_surfaces(assembly: Assembly, site: Site) -> OutputPort | None:
                 if mounting is not None:
                     forces[i] = truth.get_output_port(next(rows))
         ordered = [forces[i] for i in range(len(cell.contacts))]
-        assembly.offer("contact_force", _stacked(builder, "contact_forces", ordered))
+        assembly.offer("contact_force", stacked(builder, "contact_forces", ordered))
     assembly.offer("contact_state", add_contact_state(builder, signals["contact_force"]))
     return _own_wrenches(builder, cell, {i: port for i, port in forces.items() if site.mountings[i] is None})
-
-
-def _stacked(builder: DiagramBuilder, name: str, ports: list[OutputPort]) -> OutputPort:
-    if len(ports) == 1:
-        return ports[0]
-    both = builder.AddNamedSystem(name, Multiplexer([1] * len(ports)))
-    for i, port in enumerate(ports):
-        builder.Connect(port, both.get_input_port(i))
-    return both.get_output_port()
 
 
 def _add_own_surface(assembly: Assembly, cell: Workcell, contact: Contact) -> OutputPort:
@@ -302,7 +294,7 @@ def _own_wrenches(builder: DiagramBuilder, cell: Workcell, forces: dict[int, Out
         row = 6 * arms.index(cell.contacts[i].arm) + 3
         gain[row : row + 3, column] = cell.contacts[i].n
     block = builder.AddNamedSystem("contact_wrench", MatrixGain(gain))
-    builder.Connect(_stacked(builder, "own_forces", list(forces.values())), block.get_input_port())
+    builder.Connect(stacked(builder, "own_forces", list(forces.values())), block.get_input_port())
     return block.get_output_port()
 
 

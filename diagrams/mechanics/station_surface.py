@@ -12,8 +12,8 @@ from collections.abc import Mapping
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import Adder, Gain
 
-from forcectl.diagrams.parts import affine, output_names
 from forcectl.diagrams.workcell import Contact, Vector, Workcell
+from forcectl.framework.wiring import affine, output_names
 from forcectl.plant.contact.surface import SurfaceHeight, SurfaceProfile
 from forcectl.plant.contact.surface_materials import SurfaceMaterial
 from forcectl.plant.tip_kinematics import TipDisplacement

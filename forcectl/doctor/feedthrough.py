@@ -7,8 +7,8 @@ from collections.abc import Iterator
 from pydrake.systems.framework import System
 
 from forcectl.doctor.report import Finding, warning
+from forcectl.framework.wiring import input_names
 from forcectl.inspect.feedthrough import outputs_that_depend_on_everything
-from forcectl.inspect.ports import input_names
 from forcectl.inspect.wiring import PortAddress, Wiring, is_python_block
 
 

@@ -11,6 +11,7 @@ from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.framework.batch import check, whole_multiple
 from forcectl.framework.sampled_law import SampledLaw
+from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import sensor_filter
 
@@ -64,9 +65,7 @@ class AdaptiveForceLaw(Diagram):
         builder.ExportInput(filter_.get_input_port(), "motor_displacement")
         builder.Connect(filter_.get_output_port(), estimator.GetInputPort("displacement"))
         builder.Connect(estimator.GetOutputPort("compliance"), law.GetInputPort("compliance"))
-        for i in range(law.num_output_ports()):
-            port = law.get_output_port(i)
-            builder.ExportOutput(port, port.get_name())
+        export_all_outputs(builder, law)
         builder.ExportOutput(estimator.GetOutputPort("environment_compliance"), "environment_compliance")
         builder.BuildInto(self)
 

@@ -6,11 +6,12 @@ from dataclasses import dataclass
 from typing import Any
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
-from pydrake.systems.primitives import Demultiplexer, Multiplexer
+from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.enclosed import Enclosed
 from forcectl.framework.slots import named_slots
+from forcectl.framework.wiring import stacked
 from forcectl.plant.plant_model import PlantModel
 
 _INPUTS = ("desired_force", "measured_force", "motor_displacement", "path_displacement")
@@ -74,8 +75,6 @@ class PerArm(Diagram):
                 builder.ExportInput(each.get_input_port(), name)
                 for i, law in users:
                     builder.Connect(each.get_output_port(i), law.GetInputPort(name))
-        both = builder.AddNamedSystem("displacement_commands", Multiplexer([1] * k))
-        for i, law in enumerate(added):
-            builder.Connect(law.GetOutputPort("displacement_command"), both.get_input_port(i))
-        builder.ExportOutput(both.get_output_port(), "displacement_command")
+        commands = [law.GetOutputPort("displacement_command") for law in added]
+        builder.ExportOutput(stacked(builder, "displacement_commands", commands), "displacement_command")
         builder.BuildInto(self)

@@ -4,6 +4,8 @@ from __future__ import annotations
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
+from forcectl.framework.wiring import export_all_outputs
+
 
 class Enclosed(Diagram):
     """What a configuration added to a builder of its own.
@@ -28,6 +30,5 @@ class Enclosed(Diagram):
         self.optional_inputs = tuple(getattr(system, "optional_inputs", ()))
         for port in map(system.get_input_port, range(system.num_input_ports())):
             builder.ExportInput(port, port.get_name())
-        for out in map(system.get_output_port, range(system.num_output_ports())):
-            builder.ExportOutput(out, out.get_name())
+        export_all_outputs(builder, system)
         builder.BuildInto(self)

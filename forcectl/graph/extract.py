@@ -12,10 +12,11 @@ from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import AffineSystem, Gain, Multiplexer, Saturation, VectorLogSink
 
 from forcectl.errors import BadInputError, invalid
+from forcectl.framework.wiring import input_names
 from forcectl.graph.model import Block, BlockGraph, Category, Edge, Endpoint, Parameter, Port
 from forcectl.inspect.events import PeriodicEvent, read_timing
 from forcectl.inspect.names import is_automatic, type_name
-from forcectl.inspect.ports import input_names, unit, value_type
+from forcectl.inspect.ports import unit, value_type
 from forcectl.inspect.start import StartValues, is_library_plant
 from forcectl.inspect.wiring import DiagramLevel, PortAddress, Side, Wiring
 

@@ -7,7 +7,7 @@ from dataclasses import dataclass
 
 from pydrake.systems.framework import CacheIndex, System
 
-from forcectl.inspect.ports import input_names, output_names
+from forcectl.framework.wiring import input_names, output_names
 from forcectl.inspect.start import is_library_plant
 from forcectl.inspect.wiring import Wiring
 

@@ -10,6 +10,7 @@ from pydrake.systems.framework import InputPort, OutputPort, System
 
 from forcectl.conventions import unit_of
 from forcectl.errors import BadInputError
+from forcectl.framework.wiring import input_names, output_names
 from forcectl.inspect.wiring import PortAddress, Side, Wiring, is_vector
 
 PortName = str | tuple[str, str]  # "station/sensor.measured_force", "measured_force", or (system path, port name)
@@ -81,17 +82,6 @@ def value_type(port: InputPort | OutputPort) -> str:
         return "abstract"
     text = re.sub(r"(?:𝓣|\[).*", "", inner.group(1).rpartition(".")[2])
     return text if text and text != "object" else type(holder.get_value()).__name__
-
-
-def input_names(system: System) -> list[str]:
-    """Names of the input ports, in their order."""
-    # With the extra argument Drake does not print a warning for ports on their way out.
-    return [system.get_input_port(i, False).get_name() for i in range(system.num_input_ports())]
-
-
-def output_names(system: System) -> list[str]:
-    """Names of the output ports, in their order."""
-    return [system.get_output_port(i, False).get_name() for i in range(system.num_output_ports())]
 
 
 def optional_inputs(system: System) -> tuple[str, ...]:

@@ -10,7 +10,7 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from forcectl.inspect.ports import input_names, output_names
+from forcectl.framework.wiring import input_names, output_names
 from forcectl.inspect.probe import samples_through
 from forcectl.inspect.schedule import Stage, schedule
 from forcectl.inspect.start import StartValues

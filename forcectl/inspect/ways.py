@@ -8,8 +8,8 @@ from dataclasses import dataclass
 
 from pydrake.systems.framework import System
 
+from forcectl.framework.wiring import input_names, output_names
 from forcectl.inspect.events import PeriodicEvent
-from forcectl.inspect.ports import input_names, output_names
 from forcectl.inspect.wiring import PortAddress, Wiring
 
 

@@ -22,6 +22,7 @@ from forcectl.force.invariance.robot import ConstraintConfig, JointLimitConfig
 from forcectl.framework.batch import check
 from forcectl.framework.rotation_vector import RotationVector
 from forcectl.framework.slots import named_slots
+from forcectl.framework.wiring import export_all_outputs
 from forcectl.motion.references import held_trajectory
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.solvers import DEFAULT_SOLVER, check_solver
@@ -248,8 +249,6 @@ class ReactiveReaching(Diagram):
         builder.Connect(source.get_output_port(), motion.GetInputPort("task_target"))
         for name in ("joint_position", "joint_velocity"):
             builder.ExportInput(motion.GetInputPort(name), name)
-        for i in range(motion.num_output_ports()):
-            port = motion.get_output_port(i)
-            builder.ExportOutput(port, port.get_name())
+        export_all_outputs(builder, motion)
         builder.ExportOutput(source.get_output_port(), "task_target")
         builder.BuildInto(self)

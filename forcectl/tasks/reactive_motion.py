@@ -14,6 +14,7 @@ import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from forcectl.framework.batch import check
+from forcectl.framework.wiring import export_all_outputs
 from forcectl.motion.trajectory_generator import TrajectoryGenerator
 from forcectl.tasks.reactive_controller import ReactiveController
 
@@ -87,8 +88,5 @@ class ReactiveMotion(Diagram):
         for name in first:
             builder.ExportOutput(controller.GetOutputPort(name), name)
         builder.ExportOutput(generator.GetOutputPort("position"), "task_position_reference")
-        for i in range(controller.num_output_ports()):
-            port = controller.get_output_port(i)
-            if port.get_name() not in first:
-                builder.ExportOutput(port, port.get_name())
+        export_all_outputs(builder, controller, but=first)
         builder.BuildInto(self)

@@ -6,8 +6,8 @@ from collections.abc import Iterable, Iterator, Mapping
 
 from pydrake.systems.framework import InputPort, OutputPort, System
 
+from forcectl.framework.wiring import input_names, output_names
 from forcectl.inspect.names import own_name
-from forcectl.inspect.ports import input_names, output_names
 from forcectl.inspect.wiring import is_vector
 
 ABSTRACT = "abstract"  # stands for the size of a port that carries no vector

@@ -9,7 +9,7 @@ from collections.abc import Sequence
 import yaml
 from pydrake.systems.framework import Diagram, System
 
-from forcectl.inspect.ports import input_names, output_names
+from forcectl.framework.wiring import input_names, output_names
 
 _KEYS = {"name", "input_ports", "output_ports", "parameters"}
 _OPTIONAL = re.compile(r"\s*\(optional\)$")

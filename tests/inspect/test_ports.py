@@ -5,7 +5,8 @@ from pydrake.systems.primitives import PassThrough
 
 import tests.examples.broken_diagrams as broken_diagrams
 from forcectl.errors import BadInputError
-from forcectl.inspect.ports import find_inputs, find_outputs, input_names, one_output, output_names, unit, value_type
+from forcectl.framework.wiring import input_names, output_names
+from forcectl.inspect.ports import find_inputs, find_outputs, one_output, unit, value_type
 from forcectl.inspect.wiring import PortAddress, Wiring
 from tests.examples.graph_diagrams import arm_with_controller, force_loop
 

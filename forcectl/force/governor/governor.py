@@ -38,6 +38,7 @@ from forcectl.force.linear_law import VrftConfig
 from forcectl.framework.batch import BatchParameter, Lane, check, check_order, lane_values, whole_multiple
 from forcectl.framework.cache import scratch
 from forcectl.framework.sampled_law import SampledLaw
+from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, check_solver
@@ -270,9 +271,7 @@ class GovernedForceLaw(Diagram):
                 builder.ExportInput(port, port.get_name())
         builder.ExportOutput(governor.GetOutputPort("governed_reference"), "governed_reference")
         builder.ExportOutput(governor.GetOutputPort("status"), "governor_status")
-        for i in range(law.num_output_ports()):
-            port = law.get_output_port(i)
-            builder.ExportOutput(port, port.get_name())
+        export_all_outputs(builder, law)
         builder.BuildInto(self)
 
 

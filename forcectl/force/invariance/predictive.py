@@ -33,6 +33,7 @@ from forcectl.errors import invalid
 from forcectl.force.invariance.force_law import InvarianceConfig
 from forcectl.framework.batch import BatchParameter, Lane, check, check_order, whole_multiple
 from forcectl.framework.sampled_law import SampledLaw
+from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.drives.position_loop import LONGEST_DELAY, PositionLoop
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import sensor_filter
@@ -207,10 +208,7 @@ class PredictiveForceLaw(Diagram):
         connect(law.GetOutputPort("displacement_command"), correction.GetInputPort("nominal_command"))
         for name in ("displacement_command", "surface_offset", "drive_offset"):
             builder.ExportOutput(correction.GetOutputPort(name), name)
-        for i in range(law.num_output_ports()):
-            port = law.get_output_port(i)
-            if port.get_name() != "displacement_command":
-                builder.ExportOutput(port, port.get_name())
+        export_all_outputs(builder, law, but=["displacement_command"])
         builder.BuildInto(self)
 
 

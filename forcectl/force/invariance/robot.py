@@ -19,6 +19,7 @@ from forcectl.force.invariance.regulated_output import RegulatedCoordinate
 from forcectl.force.sensor_lag import SensorLag
 from forcectl.framework.batch import check, whole_multiple
 from forcectl.framework.imports import import_object
+from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import sensor_filter
 from forcectl.qp.solvers import DEFAULT_SOLVER, check_solver
@@ -66,9 +67,7 @@ class AdaptiveInvarianceController(Diagram):
         connect(tip.get_output_port(), filter_.get_input_port())
         connect(filter_.get_output_port(), estimator.GetInputPort("displacement"))
         connect(estimator.GetOutputPort("compliance"), controller.GetInputPort("compliance"))
-        for i in range(controller.num_output_ports()):
-            port = controller.get_output_port(i)
-            builder.ExportOutput(port, port.get_name())
+        export_all_outputs(builder, controller)
         builder.ExportOutput(estimator.GetOutputPort("environment_compliance"), "environment_compliance")
         builder.BuildInto(self)
 

@@ -1,0 +1,64 @@
+"""Small helpers to wire diagrams."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import AffineSystem, Multiplexer
+
+Matrix = NDArray[np.float64]
+
+
+def affine(gain: Matrix, offset: Matrix) -> AffineSystem:
+    """y = gain u + offset, without state."""
+    outputs, inputs = gain.shape
+    empty = np.zeros((0, 0))
+    return AffineSystem(empty, np.zeros((0, inputs)), np.zeros(0), np.zeros((outputs, 0)), gain, offset, 0.0)
+
+
+def export_outputs(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> None:
+    """Export the ports under their names, in this order."""
+    for name, port in ports.items():
+        builder.ExportOutput(port, name)
+
+
+def export_all_outputs(builder: DiagramBuilder, system: System, but: Sequence[str] = ()) -> None:
+    """Export the outputs of a system under their own names, in their order.
+
+    Args:
+        builder: has the system.
+        system: whose ports are exported.
+        but: names of outputs that are not.
+    """
+    ports = map(system.get_output_port, range(system.num_output_ports()))
+    export_outputs(builder, {port.get_name(): port for port in ports if port.get_name() not in but})
+
+
+def stacked(builder: DiagramBuilder, name: str, ports: Sequence[OutputPort]) -> OutputPort:
+    """Scalar ports one after the other, shape (k,).
+
+    Args:
+        builder: has their systems.
+        name: of the block that stacks them; a single port needs none.
+        ports: each of shape (1,), at least one.
+    """
+    if len(ports) == 1:
+        return ports[0]
+    block = builder.AddNamedSystem(name, Multiplexer([1] * len(ports)))
+    for i, port in enumerate(ports):
+        builder.Connect(port, block.get_input_port(i))
+    return block.get_output_port()
+
+
+def input_names(system: System) -> list[str]:
+    """Names of the input ports, in their order."""
+    # With the extra argument Drake does not print a warning for ports on their way out.
+    return [system.get_input_port(i, False).get_name() for i in range(system.num_input_ports())]
+
+
+def output_names(system: System) -> list[str]:
+    """Names of the output ports, in their order."""
+    return [system.get_output_port(i, False).get_name() for i in range(system.num_output_ports())]
