@@ -7,6 +7,7 @@ ones estimates.
 
 from __future__ import annotations
 
+import gc
 import logging
 from collections.abc import Callable
 from pathlib import Path
@@ -51,6 +52,15 @@ def write_replay(log: xr.Dataset, cell: Workcell, path: Path) -> None:
         cell: what was simulated.
         path: HTML file to write.
     """
+    try:
+        _draw(log, cell, path)
+    finally:
+        # Drake ends the process when a Meshcat is destroyed in another thread than the one that made it, and a diagram
+        # of Python is a cycle of references: left alone it would go in whichever thread collects it.
+        gc.collect()
+
+
+def _draw(log: xr.Dataset, cell: Workcell, path: Path) -> None:
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
     parts = add_robot(plant, cell.config.robot, cell.config.tool)

@@ -3,18 +3,31 @@
 from __future__ import annotations
 
 import re
+import subprocess
+import sys
 from pathlib import Path
 
+import numpy as np
 import pytest
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
-from pydrake.systems.framework import DiagramBuilder
+import xarray as xr
 
 import forcectl as fc
-from forcectl.runs.replay import Scene
+from forcectl.diagrams.station import StationConfig
+from forcectl.diagrams.workcell import describe
+from forcectl.runs.replay import Scene, write_replay
+
+ROOT = Path(__file__).parents[2]
 
 SOCKETS = [Path("/proc/self/net/tcp"), Path("/proc/self/net/tcp6")]
 LISTENING = "0A"
 LOOPBACK = {"0100007F", "00000000000000000000000001000000"}  # 127.0.0.1 and ::1, as the kernel writes them
+
+
+def still() -> xr.Dataset:
+    """The log of a robot that stands at its start and presses with 15 N, for 0.1 s."""
+    start = describe(StationConfig()).start
+    values = {"motor_position": (("time", "joint"), np.tile(start, (2, 1))), "contact_force": (("time",), [15.0, 15.0])}
+    return xr.Dataset(values, coords={"time": [0.0, 0.1]})
 
 
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Multibody"])
@@ -48,13 +61,39 @@ def test_a_replay_needs_a_directory():
 
 
 @pytest.mark.skipif(not SOCKETS[0].exists(), reason="only Linux lists its sockets in /proc")
-def test_nobody_else_can_visit_the_server_behind_a_replay():
-    builder = DiagramBuilder()
-    plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-    plant.Finalize()
-    scene = Scene(builder, plant, scene_graph)
-    rows = [line.split() for path in SOCKETS if path.exists() for line in path.read_text().splitlines()[1:]]
-    listening = [row[1].split(":") for row in rows if row[3] == LISTENING]
-    hosts = {host for host, port in listening if int(port, 16) == scene.meshcat.port()}
+def test_nobody_else_can_visit_the_server_behind_a_replay(tmp_path, monkeypatch):
+    hosts = set()
+
+    def look(scene, *_):
+        rows = [line.split() for path in SOCKETS if path.exists() for line in path.read_text().splitlines()[1:]]
+        listening = [row[1].split(":") for row in rows if row[3] == LISTENING]
+        hosts.update(host for host, port in listening if int(port, 16) == scene.meshcat.port())
+
+    monkeypatch.setattr(Scene, "record", look)
+    write_replay(still(), describe(StationConfig()), tmp_path / "replay.html")
     assert hosts
     assert hosts <= LOOPBACK
+
+
+OTHER_THREAD = """
+import gc, sys, threading
+from pathlib import Path
+
+gc.disable()
+from tests.runs.test_replay import still
+from forcectl.diagrams.station import StationConfig
+from forcectl.diagrams.workcell import describe
+from forcectl.runs.replay import write_replay
+
+write_replay(still(), describe(StationConfig()), Path(sys.argv[1]))
+thread = threading.Thread(target=gc.collect)
+thread.start()
+thread.join()
+"""
+
+
+def test_no_thread_but_the_one_that_wrote_a_replay_ends_its_meshcat(tmp_path):
+    # Drake aborts the process otherwise: the threads of a pool of processes have done so.
+    command = [sys.executable, "-c", OTHER_THREAD, tmp_path / "replay.html"]
+    done = subprocess.run(command, cwd=ROOT, capture_output=True, text=True, check=False)
+    assert (done.returncode, done.stderr) == (0, "")
