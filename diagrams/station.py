@@ -8,9 +8,9 @@
 
 k surfaces that are pressed on, a arms, n joints. Which outputs there are follows from the parts.
 
-OneDimensional   Fig. 2.2/2.3: joint filter, servo along n, spring. One constant Jacobian.
-Kinematic        Fig. 2.5: joint filter and servo per joint, forward kinematics, C_T(q).
 Multibody        a MultibodyPlant with drives, elastic or rigid joints, friction, contact, sensors, any number of arms.
+Kinematic        Fig. 2.5: joint filters, servo along n, forward kinematics, C_T(q).
+OneDimensional   Fig. 2.2/2.3: joint filter, servo along n, spring. One constant Jacobian.
 
 The station starts at rest, the tool just touching each surface with zero force.
 """
@@ -36,9 +36,9 @@ from forcectl.plant.contact.parts import EnvironmentPartsConfig
 from forcectl.robot.model import unit_normal
 
 SHIPPED_FIDELITIES = {
-    "OneDimensional": OneDimensionalFidelity,
-    "Kinematic": KinematicFidelity,
     "Multibody": MultibodyFidelity,
+    "Kinematic": KinematicFidelity,
+    "OneDimensional": OneDimensionalFidelity,
 }
 SWITCHES = ("elastic_joints", "gravity", "self_collision")
 
@@ -47,7 +47,7 @@ SWITCHES = ("elastic_joints", "gravity", "self_collision")
 class StationConfig:
     """Scenario part `station`."""
 
-    fidelity: Any = slot("fidelity", OneDimensionalFidelity)  # how the parts are realised; a shipped one also by name
+    fidelity: Any = slot("fidelity", MultibodyFidelity)  # how the parts are realised; a shipped one also by name
     robot: str = "comau_smart_six"  # shipped robot, one arm of it (robot/arm), or a robot folder
     tool: str | None = "force_probe"  # of every arm: shipped tool, tool folder, or null for the bare flange
     stiffness_set: str = ""  # joint stiffness of the control facts; empty: their default

@@ -47,7 +47,7 @@ Variant = Annotated[
 Settings = Annotated[
     list[str] | None, typer.Option("--set", metavar="a.b.c=value", help="Override one value; may be repeated.")
 ]
-Fidelity = Annotated[str | None, typer.Option(metavar="F", help="OneDimensional, Kinematic or Multibody.")]
+Fidelity = Annotated[str | None, typer.Option(metavar="F", help="Multibody (default), Kinematic or OneDimensional.")]
 Seed = Annotated[int | None, typer.Option(metavar="N", help="Seed of every random number.")]
 Force = Annotated[bool, typer.Option("--force", help="Replace the earlier run in --out.")]
 

@@ -60,9 +60,9 @@ SLOTS: dict[str, dict[str, str]] = {
         "Reaching": "forcectl.analysis.reaching:ReachAnalysis",
     },
     "fidelity": {
-        "OneDimensional": "forcectl.diagrams.fidelities.one_dimensional:OneDimensionalFidelity",
-        "Kinematic": "forcectl.diagrams.fidelities.kinematic:KinematicFidelity",
         "Multibody": "forcectl.diagrams.fidelities.multibody:MultibodyFidelity",
+        "Kinematic": "forcectl.diagrams.fidelities.kinematic:KinematicFidelity",
+        "OneDimensional": "forcectl.diagrams.fidelities.one_dimensional:OneDimensionalFidelity",
     },
     "drive": {
         "PositionLoop": "forcectl.diagrams.drives.position_drive:PositionDriveConfig",

@@ -77,7 +77,8 @@ class Expectation:
     ratio: Term | None = None
     distance_to: Other | None = None
     published: float | str | None = None  # the thesis' number, or its statement in words
-    expected: float | None = None  # what the run gave when it was written, on the first of the fidelities
+    # What the run gave when it was written: on the first of the fidelities, or on each that is named.
+    expected: float | dict[str, float] | None = None
     drift: Tolerance | None = None  # more than this away from `expected` is drift; null: 5 % of it
     tolerance: Tolerance | None = None
     minimum: float | None = None
@@ -163,13 +164,15 @@ def judge(
         names: all variants of the scenario; one that failed has no metrics.
         fidelity: of the station that was simulated.
         distance: looks `force_distance_N` up.
-        fidelities: of the scenario; `expected` is that of the first one, or of the first of the line's own.
+        fidelities: of the scenario; an `expected` that names none is that of the first of the line's own, else of these.
     """
     ours, note = _value(expectation, metrics, names, distance)
     judged = not expectation.fidelities or fidelity in expectation.fidelities
     published = expectation.published
-    known_on = [*expectation.fidelities, *fidelities, fidelity][0]
-    expected = expectation.expected if fidelity == known_on else None
+    known = expectation.expected
+    if not isinstance(known, dict):
+        known = {} if known is None else {[*expectation.fidelities, *fidelities, fidelity][0]: known}
+    expected = known.get(fidelity)
     return Verdict(
         target=expectation.target,
         published=published,

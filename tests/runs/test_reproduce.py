@@ -78,7 +78,7 @@ def test_variants_and_fidelities_run_in_processes_and_are_judged(files, monkeypa
     assert failed["fine"]["pass"] is True
     assert failed["hopeless"] == failed["hopeless"] | {"ours": None, "pass": False}
     assert "t = 0." in failed["run of 'bad'"]["note"]
-    assert (files / "here" / "one_fails" / "OneDimensional.failed" / "manifest.json").exists()
+    assert (files / "here" / "one_fails" / "Multibody.failed" / "manifest.json").exists()
     for part in ("published", "missed", "pass", "reported", "results in here"):
         assert part in output.out
 

@@ -166,7 +166,7 @@ def test_the_run_directory_is_complete_and_runs_again(tmp_path):
     }
     assert json.loads((out / "metrics.json").read_text()) == result.metrics
     manifest = json.loads((out / "manifest.json").read_text())
-    assert (manifest["status"], manifest["seed"], manifest["fidelity"]) == ("done", 5, "OneDimensional")
+    assert (manifest["status"], manifest["seed"], manifest["fidelity"]) == ("done", 5, "Multibody")
     assert manifest["packages"]["drake"]
     assert manifest["overrides"] == SHORT | {"seed": 5}
     text = (out / "scenario.yaml").read_text().partition("\n")[2]

@@ -25,7 +25,7 @@ from tests.runs.test_recorded import good, write
 def experiment(tmp_path_factory):
     """The directory of a run of the open-loop experiment of Fig. 4.5."""
     directory = tmp_path_factory.mktemp("runs") / "experiment"
-    run("fig_4_5", overrides={"expect": []}, out=directory)
+    run("fig_4_5", overrides={"expect": []}, fidelity="OneDimensional", out=directory)
     return directory
 
 
@@ -161,13 +161,13 @@ def test_a_second_record_of_another_experiment_is_refused(tmp_path, column):
 
 def test_where_friction_misleads_the_plant_model_the_rests_say_how_stiff_the_contact_is(tmp_path):
     """The moves of Fig. 4.10, where the drive sticks: no linear model predicts the loop, but the record shows it."""
-    run("fig_4_8", variant="plastic", overrides={"expect": []}, out=tmp_path / "run")
+    run("fig_4_8", variant="plastic", overrides={"expect": []}, fidelity="OneDimensional", out=tmp_path / "run")
     tuned = tune_vrft(tmp_path / "run" / "log.nc", 1.5)
     assert tuned.stiffness == pytest.approx(2.1e5, rel=0.06)
     assert not tuned.fit.trusted
     assert any("the prediction is not to be trusted" in line for line in tuned.warnings)
     assert tuned.fit.vrft_gains is None
-    log = run(tuned.scenario, overrides={"duration": 6.0}).log
+    log = run(tuned.scenario, overrides={"duration": 6.0}, fidelity="OneDimensional").log
     difference = (log["measured_force"] - log["model_force"]).values
     missed = np.linalg.norm(difference) / np.linalg.norm((log["desired_force"] - log["model_force"]).values)
     assert missed == pytest.approx(tuned.fit.record_mismatch, rel=0.2)
@@ -286,7 +286,7 @@ def test_models_of_higher_order_are_tuned_for(tmp_path):
 
 
 def test_one_variant_of_a_log_with_several_is_picked(tmp_path):
-    run("fig_2_7", overrides={"expect": [], "duration": 3.0}, out=tmp_path / "run")
+    run("fig_2_7", overrides={"expect": [], "duration": 3.0}, fidelity="OneDimensional", out=tmp_path / "run")
     log = tmp_path / "run" / "log.nc"
     with pytest.raises(BadInputError, match=r"several variants.*K_I = 3 1/s"):
         tune_vrft(log, 1.5)

@@ -179,7 +179,7 @@ CASES = {
     "drive": (pressing(drive=MyDrive()), "my_drive"),
     "sensor": (pressing(sensors={"mine": MySensor()}), "my_sensor"),
     "fidelity": (pressing(fidelity=MyFidelity()), "MyStation"),
-    "environment": (pressing(environment=MySurface()), "my_surface"),
+    "environment": (pressing(fidelity="OneDimensional", environment=MySurface()), "my_surface"),
 }
 
 

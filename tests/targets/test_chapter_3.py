@@ -85,7 +85,7 @@ def test_fig_3_5_without_adaptation_the_steady_error_is_that_of_the_wrong_compli
 # --- the law on the ideal station, and references that move ----------------------------------------------------------
 
 
-IDEAL = {"preset": "ideal", "expect": [], "duration": 4.0}
+IDEAL = {"preset": "ideal", "station.fidelity": "OneDimensional", "expect": [], "duration": 4.0}
 
 
 def forces(reference: str, law: str = "[57]") -> tuple[np.ndarray, np.ndarray, np.ndarray]:

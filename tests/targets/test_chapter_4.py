@@ -83,7 +83,7 @@ def material(name: str, campaign: str = "") -> tuple[np.ndarray, np.ndarray]:
         return recorded(result("fig_4_8").log.sel(variant=name))
     plant = load_scenario("table_4_2", name + campaign)
     station = {"preset": plant.preset, "station.environment.stiffness": plant.station.environment.stiffness}
-    return recorded(forcectl.run("fig_4_8", variant=name, overrides=station).log)
+    return recorded(forcectl.run("fig_4_8", variant=name, overrides=station, fidelity="OneDimensional").log)
 
 
 @pytest.mark.parametrize("campaign", ["", pytest.param(", second campaign", marks=pytest.mark.slow)])
@@ -152,7 +152,7 @@ def test_table_4_1_does_not_depend_on_the_noise_drawn(seed: int) -> None:
 def test_table_4_1_with_the_linear_plant_of_the_calibration() -> None:
     """3.84/1.23 N for the integral law, 1.60/0.31 N for VRFT."""
     overrides = {"preset": "delay_only", "station.environment.stiffness": 5950.0}
-    metrics = forcectl.run("table_4_1", overrides=overrides).metrics
+    metrics = forcectl.run("table_4_1", overrides=overrides, fidelity="OneDimensional").metrics
     for variant, largest, deviation in (("integral", 3.84, 1.23), ("VRFT, published gains", 1.60, 0.31)):
         assert metrics[variant]["max_abs_model_error_N"] == pytest.approx(largest, rel=0.05)
         assert metrics[variant]["model_error_sd_N"] == pytest.approx(deviation, rel=0.05)
@@ -163,7 +163,7 @@ def test_the_open_loop_experiment_does_not_depend_on_the_robots_compliance() -> 
     rows: list[tuple[float, float | None]] = []
     for scale in (1.0, 0.5):
         overrides = {"preset": "linear", "station.stiffness_scale": scale, "duration": 8.0}
-        run = forcectl.run("fig_4_5", overrides=overrides)
+        run = forcectl.run("fig_4_5", overrides=overrides, fidelity="OneDimensional")
         force = run.log["measured_force"].sel(time=5.0, method="nearest").item()  # at the end of the second rest
         rows.append((force, run.metrics["default"]["integral_gain"]))
     assert rows[1] == pytest.approx(rows[0], rel=2e-3)

@@ -61,9 +61,10 @@ def test_contact_lost_in_a_retreat_stops_the_retreat_and_is_followed() -> None:
     assert command[-1] < command[furthest] - 1e-4
 
 
-def on_the_default_plant(stiffness: float, **reference: float) -> Dataset:
+def in_one_dimension(stiffness: float, **reference: float) -> Dataset:
     changes = {
         "station.environment.stiffness": stiffness,
+        "station.fidelity": "OneDimensional",
         "controller": FourthDegreeInvarianceConfig(),
         "reference": StepConfig(**reference),
         "duration": 8.0,
@@ -86,7 +87,7 @@ def test_friction_and_stiffness_do_not_make_the_command_run_off(
     stiffness: float, start: float, force: float, largest: float
 ) -> None:
     change = 4.0 if start else 0.0
-    log = on_the_default_plant(stiffness, force=force, initial_force=start, start_time=change)
+    log = in_one_dimension(stiffness, force=force, initial_force=start, start_time=change)
     contact, command = log["contact_force"].values, log["displacement_command"].values
     late = log.time.values > 6.0
     assert np.max(contact[late]) < largest
@@ -112,7 +113,7 @@ def test_the_multibody_station_keeps_contact_on_stiff_surfaces(adaptive: bool, s
 
 @pytest.mark.parametrize("drop", [0.3, 0.6])
 def test_the_reference_zero_while_the_force_rises_stays_by_the_surface(drop: float) -> None:
-    log = on_the_default_plant(1e4, force=0.0, initial_force=5.0, start_time=drop)
+    log = in_one_dimension(1e4, force=0.0, initial_force=5.0, start_time=drop)
     assert np.max(log["contact_force"].values) < 5.0
     assert np.max(log["displacement_command"].values) < 3e-4
     assert np.ptp(log["displacement_command"].values[-500:]) == 0.0
