@@ -164,7 +164,7 @@ def judge(
         names: all variants of the scenario; one that failed has no metrics.
         fidelity: of the station that was simulated.
         distance: looks `force_distance_N` up.
-        fidelities: of the scenario; an `expected` that names none is that of the first of the line's own, else of these.
+        fidelities: of the scenario. An `expected` without a name is that of the first of the line's own, else of these.
     """
     ours, note = _value(expectation, metrics, names, distance)
     judged = not expectation.fidelities or fidelity in expectation.fidelities

@@ -102,7 +102,9 @@ def test_2_6_the_ideal_bound_is_far_beyond_what_the_real_loop_takes() -> None:
     """K_I = 0.5 w_n = 37.7 1/s is stable with the joint filter alone, and nowhere near stable with the force filter."""
     bound = 0.5 * 75.4
     alone = {"station.sensors.force.bandwidth": 1e4, "controller.integral_gain": bound, "duration": 1.0}
-    ideal = forcectl.run("fig_2_8", overrides={"preset": "ideal", **alone}, fidelity="OneDimensional").metrics["default"]
+    ideal = forcectl.run("fig_2_8", overrides={"preset": "ideal", **alone}, fidelity="OneDimensional").metrics[
+        "default"
+    ]
     assert ideal["settling_time_5pct_s"] is not None
     # Of a loop w_n^3/2 / (s (s + w_n)^2 + w_n^3/2): a quarter, says its step response.
     assert ideal["overshoot_pct"] == pytest.approx(25.0, abs=3.0)

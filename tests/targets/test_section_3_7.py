@@ -64,5 +64,7 @@ def test_without_its_margin_the_law_does_not_stand_the_wrong_stiffness() -> None
     """alpha = 0 and 1 diverge under the 50 % error: 1 + alpha must exceed C_max/C_min with a margin (3.84)*."""
     for alpha in (0.0, 1.0):
         changes = {"controller.alpha": alpha, "controller.initial_covariance": 1e-12, "duration": 4.0}
-        (metrics,) = forcectl.run("fig_3_10", variant="relative degree 4", overrides=changes, fidelity="OneDimensional").metrics.values()
+        (metrics,) = forcectl.run(
+            "fig_3_10", variant="relative degree 4", overrides=changes, fidelity="OneDimensional"
+        ).metrics.values()
         assert metrics["settling_time_5pct_s"] is None
