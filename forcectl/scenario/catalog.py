@@ -17,6 +17,7 @@ from forcectl.models import list_robots, list_tools
 from forcectl.scenario.yaml_tree import Tagged, parse
 
 _INVARIANCE = "forcectl.force.invariance"
+_CONSTRAINTS = "forcectl.tasks.constraints.parts"
 # What fills each slot of a scenario: tag -> import path of the configuration; the first of each table is the default.
 # Installed packages add to them by entry points of the group `forcectl.<slot>`.
 SLOTS: dict[str, dict[str, str]] = {
@@ -87,6 +88,13 @@ SLOTS: dict[str, dict[str, str]] = {
         "ArmTask": "forcectl.tasks.task_parts:ArmTaskConfig",
         "RelativeTask": "forcectl.tasks.task_parts:RelativeTaskConfig",
     },
+    "constraint": {
+        "Wall": f"{_CONSTRAINTS}:WallConfig",
+        "Range": f"{_CONSTRAINTS}:RangeConfig",
+        "SpeedLimit": f"{_CONSTRAINTS}:SpeedLimitConfig",
+        "LinkDistance": f"{_CONSTRAINTS}:LinkDistanceConfig",
+        "Robust": f"{_CONSTRAINTS}:RobustConfig",
+    },
     "fault": {"ReadingFault": "forcectl.plant.sensors.reading_fault:ReadingFaultConfig"},
 }
 # What an object must have to fill a slot.
@@ -104,6 +112,7 @@ CONTRACTS: dict[str, tuple[str, ...]] = {
     "load": ("wrench",),
     "excitation": ("add_to",),
     "task": ("task",),
+    "constraint": ("constraint",),
     "fault": ("fault",),
 }
 IMPORT = "Import"  # the tag of a class named by its import path, in every slot

@@ -126,7 +126,8 @@ class Reader:
             if name in tree:
                 values[name] = self._field(field, hints[name], tree[name], join(key, name), start)
             elif start is _MISSING:
-                raise self._error(key, f"{join(key, name)} is missing: must be {describe(hints[name])}")
+                wanted = "a part with a tag" if slot_of(field) else describe(hints[name])
+                raise self._error(key, f"{join(key, name)} is missing: must be {wanted}")
             else:
                 values[name] = start
         return self.construct(cls, values, key)

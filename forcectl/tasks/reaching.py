@@ -18,18 +18,17 @@ from pydrake.systems.primitives import TrajectorySource
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
 from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.force.invariance.robot import ConstraintConfig, JointLimitConfig
+from forcectl.force.invariance.robot import JointLimitConfig
 from forcectl.framework.batch import check
 from forcectl.framework.rotation_vector import RotationVector
-from forcectl.framework.slots import named_slots
+from forcectl.framework.slots import named_slots, slot_list
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.motion.references import held_trajectory
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.solvers import DEFAULT_SOLVER, check_solver
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import unit_normal
-from forcectl.tasks.constraints.base import CartesianWall, Constraint
-from forcectl.tasks.constraints.of_arm import OfArm
+from forcectl.tasks.constraints.parts import constraints_of
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.null_space import (
     AwayFrom,
@@ -74,20 +73,6 @@ class ReachConfig:
 
 
 @dataclass(kw_only=True)
-class ArmWallConfig:
-    """A plane that the TCP of an arm stays in front of."""
-
-    arm: str
-    point: list[float]  # on the plane, in W [m]
-    normal: list[float]  # towards the free side, in W
-
-    def __post_init__(self) -> None:
-        if len(self.point) != 3:
-            raise invalid("point", self.point, "three numbers")
-        unit_normal(self.normal)
-
-
-@dataclass(kw_only=True)
 class PaceConfig:
     """Limits of the references, in metres and in radians."""
 
@@ -120,8 +105,7 @@ class ReactiveReachingConfig:
     null_space: str = "joint_speed"
     mass_direction: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])  # of small_mass, in W
     link_distance: float = 0.01  # [m] of the links from each other and from boxes, >= 0; 0: not kept, without boxes
-    walls: list[ArmWallConfig] = field(default_factory=list)
-    constraints: list[ConstraintConfig] = field(default_factory=list)  # further ones
+    constraints: list[Any] = slot_list("constraint")  # further ones
     solver: str = DEFAULT_SOLVER  # of the quadratic programs: daqp, clarabel, osqp, ...
 
     def __post_init__(self) -> None:
@@ -147,7 +131,7 @@ class ReactiveReachingConfig:
             tasks,
             start=model.start,
             criterion=self._criterion(model, distances),
-            constraints=[*distances, *self._walls(start), *(each.constraint() for each in self.constraints)],
+            constraints=[*distances, *constraints_of(self.constraints, model)],
             limits=self.limits.limits(robot.limits),
             period=model.period,
             solver=self.solver,
@@ -175,11 +159,6 @@ class ReactiveReachingConfig:
             ]
             found.append(LinkDistance(shapes.against(boxes), self.link_distance, period=model.period))
         return found
-
-    def _walls(self, start: ArmsMotion) -> list[Constraint]:
-        for wall in self.walls:
-            start.arm(wall.arm)  # refused by name
-        return [OfArm(wall.arm, CartesianWall(wall.point, wall.normal)) for wall in self.walls]
 
     def _criterion(self, model: PlantModel, distances: list[LinkDistance]) -> Criterion:
         limits = self.limits.limits(model.known_robot().limits)

@@ -12,7 +12,9 @@ import numpy as np
 import pytest
 
 import forcectl as fc
+from forcectl.robot.model import RobotModel
 from forcectl.scenario import catalog
+from forcectl.tasks.task_parts import ArmTaskConfig, TaskTargetConfig
 
 PAGE = (Path(__file__).parents[2] / "docs" / "slots.md").read_text(encoding="utf-8")
 SLOTS = ("fidelity", "environment", "drive", "sensor", "controller", "reference", "analysis", "estimator")
@@ -87,6 +89,19 @@ def test_a_task_of_ones_own_is_reached(folder):
     assert place[-1, 0] == pytest.approx(0.2, abs=1e-4)
     assert float(log["tracking_error"][-1]) < 1.0 == float(log["reached"][-1])
     np.testing.assert_allclose(place[:, 1:], np.tile(place[0, 1:], (len(place), 1)), atol=1e-3)
+
+
+def test_a_constraint_of_ones_own_is_kept(folder):
+    cylinder = importlib.import_module("my_parts").Cylinder(axis=[0.0, 0.0], radius=0.25)
+    task = ArmTaskConfig(arm="left", coordinates=["x", "y"], targets=[TaskTargetConfig(value=[0.35, 0.15])])
+    changes = {"controller.constraints": [cylinder], "controller.tasks": {"go": task}}
+    result = fc.run("my_reach.yaml", overrides=changes)
+    robot = RobotModel.load("yumi", "yumi_gripper")
+    context, away = robot.create_context(), []
+    for q in result.log["joint_position_command"].values:
+        robot.set_positions(context, q)
+        away.append(np.linalg.norm(robot.tip_position(context)[:2]))
+    assert max(away) == pytest.approx(0.25, abs=1e-5)
 
 
 def test_a_package_announces_a_tag(folder, monkeypatch):

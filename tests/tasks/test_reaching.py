@@ -19,7 +19,8 @@ from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.plant_model import PlantModel
 from forcectl.runs.run import RunResult
 from forcectl.scenario.scenario import Scenario
-from forcectl.tasks.reaching import ArmWallConfig, PaceConfig, ReachConfig, ReactiveReachingConfig
+from forcectl.tasks.constraints.parts import WallConfig
+from forcectl.tasks.reaching import PaceConfig, ReachConfig, ReactiveReachingConfig
 from forcectl.testing import assert_memory_released
 from tests.examples.stations import free
 
@@ -121,8 +122,8 @@ def test_every_null_space_criterion_can_be_chosen(null_space: str) -> None:
     ("changes", "said"),
     [
         ({"targets": [ReachConfig(arm="middle", position=[0, 0, 0])]}, "unknown targets.arm 'middle'"),
-        ({"walls": [ArmWallConfig(arm="middle", point=[0, 0, 0], normal=[0, 0, 1])]}, "unknown arm 'middle'"),
-        ({"walls": [ArmWallConfig(arm="left", point=[0, 0, 2], normal=[0, 0, 1])]}, "violated in the start"),
+        ({"constraints": [WallConfig(arm="middle", point=[0, 0, 0], normal=[0, 0, 1])]}, "unknown arm 'middle'"),
+        ({"constraints": [WallConfig(arm="left", point=[0, 0, 2], normal=[0, 0, 1])]}, "violated in the start"),
         ({"link_distance": 0.5}, "violated in the start"),
     ],
 )
@@ -148,8 +149,6 @@ def test_the_links_keep_away_from_the_boxes_of_the_station() -> None:
         (ReachConfig, {"arm": "left", "position": [0.0, 0.0, np.nan]}, "position"),
         (ReachConfig, {"arm": "left", "position": [0, 0, 0], "turn_deg": [180.0, 0.0, 0.0]}, "less than 180"),
         (ReachConfig, {"arm": "left", "position": [0, 0, 0], "time": -1.0}, "time"),
-        (ArmWallConfig, {"arm": "left", "point": [0.0], "normal": [0, 0, 1]}, "point"),
-        (ArmWallConfig, {"arm": "left", "point": [0, 0, 0], "normal": [0, 0, 0]}, "normal"),
         (PaceConfig, {"speed": 0.0}, "velocity"),
         (PaceConfig, {"turn_jerk": np.inf}, "jerk"),
         (ReactiveReachingConfig, {"null_space": "mass"}, "unknown null_space 'mass'"),
