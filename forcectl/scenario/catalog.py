@@ -17,6 +17,7 @@ from forcectl.models import list_robots, list_tools
 from forcectl.scenario.yaml_tree import Tagged, parse
 
 _INVARIANCE = "forcectl.force.invariance"
+_NULL_SPACE = "forcectl.tasks.null_space_parts"
 _CONSTRAINTS = "forcectl.tasks.constraints.parts"
 # What fills each slot of a scenario: tag -> import path of the configuration; the first of each table is the default.
 # Installed packages add to them by entry points of the group `forcectl.<slot>`.
@@ -95,6 +96,16 @@ SLOTS: dict[str, dict[str, str]] = {
         "LinkDistance": f"{_CONSTRAINTS}:LinkDistanceConfig",
         "Robust": f"{_CONSTRAINTS}:RobustConfig",
     },
+    "null_space": {
+        "JointSpeed": f"{_NULL_SPACE}:JointSpeedConfig",
+        "Evasive": f"{_NULL_SPACE}:EvasiveConfig",
+    },
+    "potential": {
+        "AwayFromJointLimits": f"{_NULL_SPACE}:JointLimitPotentialConfig",
+        "AwayFromLinks": f"{_NULL_SPACE}:LinkPotentialConfig",
+        "AwayFrom": f"{_NULL_SPACE}:ConstraintPotentialConfig",
+        "TowardsSmallMass": f"{_NULL_SPACE}:SmallMassPotentialConfig",
+    },
     "fault": {"ReadingFault": "forcectl.plant.sensors.reading_fault:ReadingFaultConfig"},
 }
 # What an object must have to fill a slot.
@@ -113,6 +124,8 @@ CONTRACTS: dict[str, tuple[str, ...]] = {
     "excitation": ("add_to",),
     "task": ("task",),
     "constraint": ("constraint",),
+    "null_space": ("criterion",),
+    "potential": ("potentials",),
     "fault": ("fault",),
 }
 IMPORT = "Import"  # the tag of a class named by its import path, in every slot

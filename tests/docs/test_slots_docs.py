@@ -14,6 +14,7 @@ import pytest
 import forcectl as fc
 from forcectl.robot.model import RobotModel
 from forcectl.scenario import catalog
+from forcectl.tasks.null_space_parts import JointSpeedConfig
 from forcectl.tasks.task_parts import ArmTaskConfig, TaskTargetConfig
 
 PAGE = (Path(__file__).parents[2] / "docs" / "slots.md").read_text(encoding="utf-8")
@@ -102,6 +103,17 @@ def test_a_constraint_of_ones_own_is_kept(folder):
         robot.set_positions(context, q)
         away.append(np.linalg.norm(robot.tip_position(context)[:2]))
     assert max(away) == pytest.approx(0.25, abs=1e-5)
+
+
+def test_a_potential_of_ones_own_leads_the_joints_that_the_tasks_leave_free(folder):
+    ours, theirs = (
+        fc.run("my_reach.yaml", overrides=changes).log
+        for changes in ({}, {"controller.null_space": JointSpeedConfig()})
+    )
+    q, other = ours["joint_position_command"].values[-1, 4], theirs["joint_position_command"].values[-1, 4]
+    assert q == pytest.approx(0.5, abs=0.02)
+    assert abs(other) < 0.1
+    np.testing.assert_allclose(ours["task_position"].values[-1], theirs["task_position"].values[-1], atol=1e-4)
 
 
 def test_a_package_announces_a_tag(folder, monkeypatch):
