@@ -80,6 +80,12 @@ SLOTS: dict[str, dict[str, str]] = {
         "Box": "forcectl.plant.contact.obstacle:ObstacleConfig",
         "Parts": "forcectl.plant.contact.parts:EnvironmentPartsConfig",
     },
+    "surface": {
+        "Grooves": "forcectl.plant.contact.surface:GrooveConfig",
+        "Roughness": "forcectl.plant.contact.surface:RoughnessConfig",
+        "Waves": "forcectl.plant.contact.surface:WaveConfig",
+        "ProfileFile": "forcectl.plant.contact.surface:ProfileFileConfig",
+    },
     "load": {"Load": "forcectl.motion.loads:LoadConfig"},
     "excitation": {
         "TrapezoidalMoves": "forcectl.motion.excitation:TrapezoidalMovesConfig",
@@ -120,6 +126,7 @@ CONTRACTS: dict[str, tuple[str, ...]] = {
     "drive": ("add_to",),
     "sensor": ("add_to",),
     "environment": (),
+    "surface": ("heights",),
     "load": ("wrench",),
     "excitation": ("add_to",),
     "task": ("task",),

@@ -75,6 +75,19 @@ def test_a_surface_of_ones_own_is_pressed_on_in_every_fidelity(folder, fidelity)
     assert float(log["contact_force"][-1]) == pytest.approx(8.0, abs=0.4)
 
 
+@pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", "Multibody"])
+def test_every_fidelity_raises_the_surface_to_heights_of_ones_own(folder, fidelity):
+    log = fc.run("my_bump.yaml", fidelity=fidelity).log
+    places = np.linspace(-0.2, 0.2, 20001)
+    shape = importlib.import_module("my_parts").Bump(at=0.02).heights(places)
+    shape += 5e-5 * np.sin(2 * np.pi * places / 0.02)
+    height = log["surface_height"].values.ravel()
+    assert height[0] == pytest.approx(0.0, abs=1e-6)
+    # A ball rests a little above the troughs of what it slides over.
+    assert height.max() == pytest.approx(shape.max(), abs=5e-6)
+    assert height[-1] == pytest.approx(np.interp(0.04, places, shape), abs=2e-5)
+
+
 def test_an_estimator_of_ones_own_is_logged(folder):
     mine = importlib.import_module("my_parts").TorqueImpulse()
     base = fc.run("fig_5_2", variant="readings as they are", overrides={"duration": 0.1, "estimators": {"mine": mine}})
