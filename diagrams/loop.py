@@ -23,11 +23,11 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType, System
 
 from forcectl.conventions import TRUTH, unit_of
-from forcectl.diagrams.believed import ModelConfig, Setting, force_lag, plant_model
+from forcectl.diagrams.believed import ModelConfig, Setting, plant_model
 from forcectl.diagrams.force_controller import build_controller
 from forcectl.diagrams.log import LoggedLoop, add_log
 from forcectl.diagrams.mechanics.truth import CONTACT_FORCE
-from forcectl.diagrams.signals import ProjectionConfig, SignalChoice, Signals
+from forcectl.diagrams.signals import SignalChoice, Signals
 from forcectl.diagrams.station import StationConfig, build_station
 from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.errors import BadInputError, invalid
@@ -80,8 +80,8 @@ class LoopParts:
         """
         cell = describe(self.station)
         chosen = self.signals.get("measured_force")
-        lag = force_lag(self.estimators) if isinstance(chosen, ProjectionConfig) else None
-        truth = plant_model(cell, lag)
+        lag = getattr(chosen, "force_lag", None)
+        truth = plant_model(cell, None if lag is None else lag(self.estimators))
         return Setting(cell, self.model.applied(truth), truth)
 
 

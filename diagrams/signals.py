@@ -7,14 +7,16 @@ signals:
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, PortDataType, System
 from pydrake.systems.primitives import MatrixGain
 
 from forcectl.conventions import SIGNALS
+from forcectl.diagrams.believed import force_lag
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.model import unit_normal
@@ -95,6 +97,14 @@ class ProjectionConfig:
         block = builder.AddNamedSystem(f"{name}_projection", MatrixGain(gain))
         builder.Connect(source, block.get_input_port())
         return block.get_output_port()
+
+    def force_lag(self, estimators: Mapping[str, Any]) -> tuple[float, float, float]:
+        """Lag of the force: bandwidth [rad/s], damping ratio [1], delay [s].
+
+        Args:
+            estimators: of the loop, by name.
+        """
+        return force_lag(estimators)
 
     def _direction(self, arm: str, model: PlantModel) -> np.ndarray:
         if not isinstance(self.along, str):

@@ -14,6 +14,7 @@ from forcectl.force.kinematic_inversion import check_start_posture
 from forcectl.framework.batch import whole_multiple
 from forcectl.plant.compliance import robot_compliance, total_compliance
 from forcectl.plant.contact.obstacle import ObstacleConfig
+from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.robot.model import RobotModel, unit_normal
 
 if TYPE_CHECKING:
@@ -49,6 +50,12 @@ class Contact:
     row: Vector
     robot_compliance: float
     environment_compliance: float
+
+    @property
+    def surface(self) -> SurfaceConfig | None:
+        """Heights and materials; None of an environment that is a force of its own."""
+        surface: SurfaceConfig | None = getattr(self.environment, "surface", None)
+        return surface
 
     def start_context(self) -> Context:
         """A context of `robot.plant` in the start posture."""
@@ -183,15 +190,13 @@ def describe(config: StationConfig) -> Workcell:
     _check_times(config, period)
     start = _start_posture(config, robot)
     parts = config.environment_parts()
+    obstacles = {name: part for name, part in parts.items() if hasattr(part, "pose")}
     contacts = tuple(
-        _contact(config, robot, start, name, part)
-        for name, part in parts.items()
-        if not isinstance(part, ObstacleConfig)
+        _contact(config, robot, start, name, part) for name, part in parts.items() if name not in obstacles
     )
     pressed = [each.arm for each in contacts]
     if len(set(pressed)) < len(pressed):
         raise invalid("environment", sorted(parts), "at most one surface for each arm")
-    obstacles = {name: part for name, part in parts.items() if isinstance(part, ObstacleConfig)}
     cell = Workcell(config, robot, start, period, _posture_period(config, period), contacts, obstacles)
     config.fidelity.check(cell)
     return cell

@@ -115,8 +115,7 @@ class _Plate:
     def __init__(self, plant: MultibodyPlant, contact: Contact, index: int):
         self.n, self._index = contact.n, index
         # The surface frame has its z axis along n, and its x axis along the path over an uneven surface.
-        surface = getattr(contact.environment, "surface", None)
-        self._uneven = None if surface is None or surface.flat else surface
+        self._uneven = None if contact.surface is None or contact.surface.flat else contact.surface
         R_WE = RotationMatrix.MakeFromOneVector(self.n, 2)
         if self._uneven:
             d = self._uneven.direction_across(self.n)
