@@ -105,5 +105,5 @@ def build_station(cell: Workcell, seed: int = 0) -> Diagram:
     """
     station = cell.config.fidelity.build(cell, seed)
     if not isinstance(station, Diagram):
-        raise BadInputError(f"fidelity {type(cell.config.fidelity).__name__}: build must return a Diagram")
+        raise BadInputError(f"fidelity: build must return a Diagram, not {type(station).__name__}")
     return station

@@ -7,11 +7,12 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import Context, DiagramBuilder, System
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.force.kinematic_inversion import check_start_posture
 from forcectl.framework.batch import whole_multiple
+from forcectl.framework.wiring import checked_system
 from forcectl.plant.compliance import robot_compliance, total_compliance
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.contact.surface import SurfaceConfig
@@ -56,6 +57,17 @@ class Contact:
         """Heights and materials; None of an environment that is a force of its own."""
         surface: SurfaceConfig | None = getattr(self.environment, "surface", None)
         return surface
+
+    def add_to(self, builder: DiagramBuilder, period: float, *, robot_compliance: float) -> System:
+        """Add the environment as a force over a displacement.
+
+        Args:
+            builder: of the station.
+            period: of what is sampled [s].
+            robot_compliance: in series with it [m/N].
+        """
+        made = self.environment.add_to(builder, 1, period, robot_compliance=robot_compliance)
+        return checked_system(made, "environment")
 
     def start_context(self) -> Context:
         """A context of `robot.plant` in the start posture."""

@@ -80,7 +80,7 @@ class KinematicStation(Diagram):
         if contact.surface is not None:
             force = _tip_contact(builder, cell, position, surface)
         else:
-            spring = contact.environment.add_to(builder, 1, cell.period, robot_compliance=contact.robot_compliance)
+            spring = contact.add_to(builder, cell.period, robot_compliance=contact.robot_compliance)
             builder.Connect(displacement, spring.GetInputPort("displacement"))
             force = spring.GetOutputPort("contact_force")
         finish_light_station(self, assembly, cell, seed, force, displacement, surface)
