@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -141,7 +142,11 @@ class Scenario:
         window, motion = self.model_error_window, self.motion.interval()
         own = run_metrics(log, setting, window=window, motion=motion, realtime_factor=realtime_factor)
         for name in self.analyses:
-            own |= self._asked(name, "metrics", log, setting)
+            found = self._asked(name, "metrics", log, setting)
+            for metric, value in found.items():
+                if value is not None and not isinstance(value, Real):
+                    raise invalid(f"analyses.{name}: metric {metric}", value, "a number or None")
+            own |= found
         return own
 
     def figures(self, log: xr.Dataset, title: str) -> dict[str, Figure]:

@@ -115,3 +115,23 @@ RETURNED = {
 @pytest.mark.parametrize("slot", PLACES)
 def test_what_methods_return_is_looked_at(slot: str) -> None:
     assert RETURNED[slot] in refusal(slot, Nothing())
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"),
+    [
+        (KeyError("force"), "analyses.a: metrics raised KeyError: 'force'"),
+        ({"peak": "high"}, "analyses.a: metric peak = 'high': must be a number or None"),
+    ],
+)
+def test_an_analysis_that_goes_wrong_is_named(answer: Any, told: str) -> None:
+    class Analysis:
+        def metrics(self, log: Any, setting: Any) -> Any:
+            if isinstance(answer, Exception):
+                raise answer
+            return answer
+
+        def figures(self, log: Any, setting: Any, title: str) -> Any:
+            return {}
+
+    assert told in refusal("analysis", Analysis())
