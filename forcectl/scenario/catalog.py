@@ -50,7 +50,10 @@ SLOTS: dict[str, dict[str, str]] = {
         "Sequence": "forcectl.motion.references:SequenceConfig",
         "File": "forcectl.motion.references:FileConfig",
     },
-    "motion": {"AlongSurface": "forcectl.motion.tangential:TangentialMotionConfig"},
+    "motion": {
+        "AlongSurface": "forcectl.motion.tangential:TangentialMotionConfig",
+        "VelocityAlongSurface": "forcectl.motion.surface_velocity:SurfaceVelocityConfig",
+    },
     "estimator": {"ForceEstimator": "forcectl.estimation.force_estimator:ForceEstimatorConfig"},
     "signal": {
         "Projection": "forcectl.diagrams.signals:ProjectionConfig",
