@@ -40,9 +40,13 @@ class SignalChoice(Protocol):
 
 @dataclass(kw_only=True)
 class FromConfig:
-    """Scenario part `!From`: the signal that the named part puts out."""
+    """Scenario part `!From`: a signal that the named part puts out.
+
+    Of several force sensors the lag that controllers are designed with is that of the first.
+    """
 
     part: str  # station, reference, motion, or the name of an estimator
+    signal: str = ""  # its name there; empty: the same. A second sensor's begin with its name: other_measured_force
 
     def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
         """The port of that part.
@@ -50,7 +54,7 @@ class FromConfig:
         Raises:
             BadInputError: it puts out no signal of this name.
         """
-        offers = {offer.part: offer.port for offer in signals.offers(name)}
+        offers = {offer.part: offer.port for offer in signals.offers(self.signal or name)}
         if self.part not in offers:
             raise unknown("part", self.part, offers)
         return offers[self.part]

@@ -22,6 +22,7 @@ if TYPE_CHECKING:
     from forcectl.diagrams.station import StationConfig
 
 Vector = NDArray[np.float64]
+_PERIOD = "station.period (null: the robot's)"
 
 
 @dataclass(frozen=True)
@@ -218,11 +219,11 @@ def _check_times(config: StationConfig, period: float) -> None:
     if whole_multiple("period", period, config.time_step, "time_step") < 1:
         raise invalid("time_step", config.time_step, f"at most the period, {period:g} s")
     for name, delay in config.delays().items():
-        whole_multiple(name, delay, period, "the control period")
+        whole_multiple(name, delay, period, _PERIOD if config.period is None else "station.period")
 
 
 def _posture_period(config: StationConfig, period: float) -> float:
-    if whole_multiple("posture_period", config.posture_period, period, "the control period") < 1:
+    if whole_multiple("posture_period", config.posture_period, period, "station.period") < 1:
         raise invalid("posture_period", config.posture_period, f"at least the period, {period:g} s")
     return config.posture_period
 

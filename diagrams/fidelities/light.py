@@ -107,6 +107,6 @@ def add_sensors(assembly: Assembly, site: Site) -> None:
     for i, (name, sensor) in enumerate(site.cell.config.sensors.items()):
         before = set(assembly.signals)
         system = checked_system(sensor.add_to(assembly.builder, site.with_seed(i)), f"sensors.{name}")
-        assembly.add(system)
+        assembly.add_sensor(system, name)
         if set(assembly.signals) == before:
             raise BadInputError(f"sensors.{name}: has no output port: must measure something")

@@ -50,6 +50,28 @@ def test_one_law_presses_with_both():
     np.testing.assert_allclose(log["measured_force"].values[-1], 10.0, atol=1.0)
 
 
+TWO_SENSORS = """
+station:
+  sensors:
+    force: !WristForce {noise_std: 0.0, quantum: 0.0}
+    slow: !WristForce {noise_std: 0.0, quantum: 0.0, bias: 2.0, tare: false}
+duration: 0.3
+"""
+
+
+@pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", "Multibody"])
+def test_a_second_sensor_of_a_kind_has_its_name_in_front(fidelity):
+    overrides = {"signals.measured_force": parse("!From {part: station, signal: slow_measured_force}", "test")}
+    first = fc.run(scenario(TWO_SENSORS), fidelity=fidelity)
+    station = first.diagram.GetSubsystemByName("station")
+    assert {each.get_name() for each in station.GetSystems()} >= {"force_sensor", "slow_force_sensor"}
+    assert station.HasOutputPort("slow_measured_wrench")
+    second = fc.run(scenario(TWO_SENSORS), fidelity=fidelity, overrides=overrides)
+    # The loop regulates what the sensor tells, its bias included; a wrist sensor has that in its own axes.
+    forces = [each.log["measured_force"].values[-1] - each.log["contact_force"].values[-1] for each in (first, second)]
+    assert abs(forces[1] - forces[0]) == pytest.approx(2.0, abs=0.3)
+
+
 def test_a_projection_is_the_force_along_the_normal():
     loop = fc.build(fc.load_scenario(scenario()))
     projection = loop.diagram.GetSubsystemByName("measured_force_projection")
