@@ -148,7 +148,8 @@ def build_loop(parts: LoopParts) -> Loop:
     setting = parts.setting()
     cell, model = setting.cell, setting.model
     builder = DiagramBuilder()
-    signals = Signals(builder, TRUTH)
+    readings = getattr(parts.station.drive, "readings", {})
+    signals = Signals(builder, TRUTH | readings.keys(), readings)
     controller = build_controller(parts.controller, model)
     sources = _add_sources(builder, parts, setting, input_names(controller))
     for name, system in sources.items():

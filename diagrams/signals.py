@@ -54,7 +54,10 @@ class FromConfig:
         Raises:
             BadInputError: it puts out no signal of this name.
         """
-        offers = {offer.part: offer.port for offer in signals.offers(self.signal or name)}
+        wanted = self.signal or name
+        offers = {offer.part: offer.port for offer in signals.offers(wanted)}
+        if not offers:
+            raise BadInputError(f"signals.{name}: nothing puts out {wanted}: must be a signal that can be measured")
         if self.part not in offers:
             raise unknown("part", self.part, offers)
         return offers[self.part]
@@ -125,19 +128,20 @@ class Signals:
     Args:
         builder: of the loop.
         truth: names of signals that no controller or estimator is connected to.
+        readings: name of what is measured instead of some of them.
 
     Attributes:
         chosen: what the scenario chose, by the name of the signal.
     """
 
-    def __init__(self, builder: DiagramBuilder, truth: frozenset[str]):
-        self._builder, self._truth = builder, truth
+    def __init__(self, builder: DiagramBuilder, truth: frozenset[str], readings: Mapping[str, str]):
+        self._builder, self._truth, self._readings = builder, truth, readings
         self._offers: dict[str, list[Offer]] = {}
         self.chosen: dict[str, OutputPort] = {}
 
     def offers(self, name: str) -> list[Offer]:
-        """Who puts out a signal of this name."""
-        return self._offers.get(name, [])
+        """Who puts out a signal of this name, the truth apart."""
+        return [] if name in self._truth else self._offers.get(name, [])
 
     def add(self, part: str, system: System) -> None:
         """Offer the vector outputs of a part.
@@ -162,7 +166,8 @@ class Signals:
         """
         if name in self.chosen:
             return self.chosen[name]
-        offers = [offer for offer in self.offers(name) if name not in self._truth]
+        name = self._readings.get(name, name)
+        offers = self.offers(name)
         if len(offers) == 1:
             return offers[0].port
         if offers:
@@ -188,7 +193,7 @@ class Signals:
         """
         for port in map(system.get_input_port, range(system.num_input_ports())):
             name = port.get_name()
-            if name in optional and name not in self.chosen and not self.offers(name):
+            if name in optional and name not in self.chosen and not self.offers(self._readings.get(name, name)):
                 continue
             self._connect(part, self.find(name, part), port)
 

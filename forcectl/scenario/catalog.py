@@ -131,7 +131,7 @@ CONTRACTS: dict[str, tuple[str, ...]] = {
     "environment": (),
     "surface": ("heights",),
     "load": ("wrench",),
-    "excitation": ("add_to",),
+    "excitation": ("add_to", "end_time"),
     "task": ("task",),
     "constraint": ("constraint",),
     "null_space": ("criterion",),

@@ -12,10 +12,14 @@ import numpy as np
 import pytest
 
 import forcectl as fc
+from forcectl.diagrams.sensors import WristForceConfig
+from forcectl.force.vrft.experiment import RecursiveVrftConfig
+from forcectl.motion.joint_path import DitherConfig, JointMovesConfig
 from forcectl.robot.model import RobotModel
 from forcectl.scenario import catalog
 from forcectl.tasks.null_space_parts import JointSpeedConfig
 from forcectl.tasks.task_parts import ArmTaskConfig, TaskTargetConfig
+from tests.examples.stations import free
 
 PAGE = (Path(__file__).parents[2] / "docs" / "slots.md").read_text(encoding="utf-8")
 SLOTS = ("fidelity", "environment", "drive", "sensor", "controller", "reference", "analysis", "estimator")
@@ -127,6 +131,55 @@ def test_a_potential_of_ones_own_leads_the_joints_that_the_tasks_leave_free(fold
     assert q == pytest.approx(0.5, abs=0.02)
     assert abs(other) < 0.1
     np.testing.assert_allclose(ours["task_position"].values[-1], theirs["task_position"].values[-1], atol=1e-4)
+
+
+def test_a_motion_and_a_signal_of_ones_own(folder):
+    parts = importlib.import_module("my_parts")
+    scenario = {
+        "station": {"fidelity": "Kinematic", "sensors": {"force": WristForceConfig(noise_std=0.0, quantum=0.0)}},
+        "motion": parts.Wiggle(joint=5),
+        "signals": {"measured_force": parts.Share(factor=0.5)},
+        "reference": {"force": 8.0},
+        "duration": 5.0,
+    }
+    log = fc.run(scenario).log
+    turned = log["motor_position"].values[:, 5]
+    assert np.ptp(turned) == pytest.approx(0.04, rel=0.02)
+    assert float(log["measured_force"][-1]) == pytest.approx(8.0, rel=0.02)
+    assert float(log["contact_force"][-1]) == pytest.approx(16.0, rel=0.02)
+
+
+def test_a_load_and_a_fault_of_ones_own(folder):
+    parts = importlib.import_module("my_parts")
+    station = free(loads=[parts.Push()], faults=[parts.DeadEncoder(joint="left_joint_2")])
+    controller = JointMovesConfig(dither=DitherConfig(amplitude_deg=1.0, frequency=5.0))
+    log = fc.run({"station": station, "controller": controller, "duration": 0.5}).log
+    time = log["time"].values
+    pushed = log["applied_wrench"].values[:, 5]
+    np.testing.assert_array_equal(pushed[(time > 0.11) & (time < 0.29)], -20.0)
+    np.testing.assert_array_equal(pushed[(time < 0.1) | (time > 0.31)], 0.0)
+    read, true = log["joint_position"].values[:, 1], log["link_position"].values[:, 1]
+    assert np.ptp(read[time > 0.06]) == 0.0
+    assert np.ptp(true[time > 0.06]) > 1e-3
+
+
+def test_an_excitation_of_ones_own_is_pressed_with(folder):
+    controller = RecursiveVrftConfig(excitation=importlib.import_module("my_parts").Humming())
+    log = fc.run({"controller": controller, "duration": 3.0}).log
+    depth = -log["displacement_command"].values.ravel()[1000:]
+    force = log["contact_force"].values.ravel()[1000:]
+    assert depth.mean() == pytest.approx(1e-3, rel=0.3)
+    assert np.ptp(force) == pytest.approx(0.6 * force.mean(), rel=0.2)
+
+
+def test_a_criterion_of_ones_own_leads_joints_back(folder):
+    mine = importlib.import_module("my_parts").Homewards()
+    away = []
+    for criterion in (mine, JointSpeedConfig()):
+        log = fc.run("my_reach.yaml", overrides={"controller.null_space": criterion}).log
+        q = log["joint_position_command"].values
+        away.append(np.linalg.norm(q[-1] - q[0]))
+    assert away[0] < away[1]
 
 
 def test_a_package_announces_a_tag(folder, monkeypatch):
