@@ -69,8 +69,8 @@ def random_path(seed: int, late: float, fidelity: str) -> dict[str, Any]:
     surface = "station.environment.surface"
     return {
         f"{surface}.materials.segments": segments,
-        f"{surface}.grooves.spacing": float(chance.uniform(0.008, 0.025)),
-        f"{surface}.roughness.seed": seed,
+        f"{surface}.heights.grooves.spacing": float(chance.uniform(0.008, 0.025)),
+        f"{surface}.heights.roughness.seed": seed,
         "reference.times": times,
         "reference.forces": forces,
         "motion.distance": 3 * length,

@@ -25,12 +25,13 @@ def benchmark(repeats: int) -> Iterator[Row]:
     import numpy as np
     from pydrake.systems.analysis import Simulator
 
-    from forcectl.force.invariance.robot import InvarianceRobotConfig, WallConfig
+    from forcectl.force.invariance.robot import InvarianceRobotConfig
+    from forcectl.tasks.constraints.parts import WallConfig
 
     wall = WallConfig(point=[2.0, 0.0, 0.0], normal=[-1.0, 0.0, 0.0])
     laws: dict[str, dict[str, Any]] = {"invariance": {}, "corrected integral law": {"nominal_gain": 3.0}}
     for name, changes in laws.items():
-        config = InvarianceRobotConfig(maximum_force=30.0, walls=[wall], **changes)
+        config = InvarianceRobotConfig(maximum_force=30.0, constraints=[wall], **changes)
         spent = np.empty((repeats, TICKS))
         for row in spent:
             simulator = Simulator(_build(config))

@@ -12,7 +12,7 @@ from pydrake.systems.primitives import Demultiplexer, PassThrough
 from forcectl.errors import BadInputError
 from forcectl.force.kinematic_inversion import ConstantKinematicInversion, KinematicInversion, joint_direction
 from forcectl.framework.enclosed import Enclosed
-from forcectl.framework.wiring import affine, export_all_outputs, input_names, output_names, stacked
+from forcectl.framework.wiring import affine, checked_system, export_all_outputs, input_names, output_names, stacked
 from forcectl.plant.plant_model import PlantModel
 
 _NO_SURFACE = "station.environment has no surface: must have one for a force law to press on"
@@ -132,13 +132,11 @@ def build_controller(config: Any, model: PlantModel) -> ForceController | Enclos
     """
     builder = DiagramBuilder()
     try:
-        made = config.add_to(builder, model)
+        made = checked_system(config.add_to(builder, model), "controller")
     except BadInputError as error:
         if model.size == 0 and str(error).startswith("size = 0"):
             raise BadInputError(_NO_SURFACE) from None
         raise
-    if not isinstance(made, System):
-        raise BadInputError(f"controller: its add_to must return a Drake system, not {type(made).__name__}")
     if "joint_position_command" in output_names(made):
         return Enclosed(builder, made)
     return ForceController(builder, made, model)

@@ -23,16 +23,16 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType, System
 
 from forcectl.conventions import TRUTH, unit_of
-from forcectl.diagrams.believed import ModelConfig, Setting, force_lag, plant_model
+from forcectl.diagrams.believed import ModelConfig, Setting, plant_model
 from forcectl.diagrams.force_controller import build_controller
 from forcectl.diagrams.log import LoggedLoop, add_log
 from forcectl.diagrams.mechanics.truth import CONTACT_FORCE
-from forcectl.diagrams.signals import ProjectionConfig, SignalChoice, Signals
+from forcectl.diagrams.signals import SignalChoice, Signals
 from forcectl.diagrams.station import StationConfig, build_station
 from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.enclosed import Enclosed
-from forcectl.framework.wiring import input_names
+from forcectl.framework.wiring import checked_system, input_names
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.tip_kinematics import tip_displacements
 
@@ -80,8 +80,8 @@ class LoopParts:
         """
         cell = describe(self.station)
         chosen = self.signals.get("measured_force")
-        lag = force_lag(self.estimators) if isinstance(chosen, ProjectionConfig) else None
-        truth = plant_model(cell, lag)
+        lag = getattr(chosen, "force_lag", None)
+        truth = plant_model(cell, None if lag is None else lag(self.estimators))
         return Setting(cell, self.model.applied(truth), truth)
 
 
@@ -148,7 +148,8 @@ def build_loop(parts: LoopParts) -> Loop:
     setting = parts.setting()
     cell, model = setting.cell, setting.model
     builder = DiagramBuilder()
-    signals = Signals(builder, TRUTH)
+    readings = getattr(parts.station.drive, "readings", {})
+    signals = Signals(builder, TRUTH | readings.keys(), readings)
     controller = build_controller(parts.controller, model)
     sources = _add_sources(builder, parts, setting, input_names(controller))
     for name, system in sources.items():
@@ -160,7 +161,10 @@ def build_loop(parts: LoopParts) -> Loop:
     for name, system in estimators.items():
         signals.add(name, system)
     for name, choice in parts.signals.items():
-        signals.choose(name, choice.choose(name, builder, signals, model))
+        port = choice.choose(name, builder, signals, model)
+        if not isinstance(port, OutputPort):
+            raise BadInputError(f"signals.{name}: choose must return an output port, not {type(port).__name__}")
+        signals.choose(name, port)
     for name, system in estimators.items():
         signals.connect(f"estimators.{name}", system)
     signals.connect("controller", controller, getattr(controller, "optional_inputs", ()))
@@ -181,12 +185,15 @@ def _add_sources(
     if "desired_force" in wanted:
         largest = parts.reference.largest_force()
         limits = [sensor.range for sensor in parts.station.sensors.values() if hasattr(sensor, "range")]
+        if not isinstance(largest, int | float):
+            raise BadInputError(f"reference: largest_force must return a number, not {type(largest).__name__}")
         if limits and not largest <= min(limits):
             raise invalid("reference.force", largest, f"at most the sensor's range, {min(limits):g} N")
-        sources["reference"] = parts.reference.add_to(builder, setting.model.size)
+        sources["reference"] = checked_system(parts.reference.add_to(builder, setting.model.size), "reference")
     if "unconstrained_reference" in wanted:
         contact = cell.contacts[0]
-        sources["motion"] = parts.motion.add_to(builder, contact.robot, cell.start, contact.n)
+        made = parts.motion.add_to(builder, contact.robot, cell.start, contact.n)
+        sources["motion"] = checked_system(made, "motion")
     return sources
 
 
@@ -194,9 +201,7 @@ def _add_estimators(builder: DiagramBuilder, parts: LoopParts, model: PlantModel
     added: dict[str, System] = {}
     for name, config in parts.estimators.items():
         inner = DiagramBuilder()
-        system = config.add_to(inner, model)
-        if not isinstance(system, System):
-            raise BadInputError(f"estimators.{name}: add_to must return a Drake system, not {type(system).__name__}")
+        system = checked_system(config.add_to(inner, model), f"estimators.{name}")
         added[name] = builder.AddNamedSystem(f"{name}_estimator", Enclosed(inner, system))
     return added
 

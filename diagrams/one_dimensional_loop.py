@@ -19,7 +19,7 @@ from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.diagrams.log import LoggedLoop, add_log
 from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.force.integral import IntegralConfig, LinearIntegralForceLaw
+from forcectl.force.integral import IntegralConfig
 from forcectl.force.slot import ControllerConfig
 from forcectl.framework.batch import LaneBlock, check
 from forcectl.framework.wiring import input_names
@@ -164,14 +164,10 @@ def build_one_dimensional_loop(
 
 
 def _add_law(builder: DiagramBuilder, config: OneDimensionalLoopConfig, model: PlantModel) -> System:
-    law, linear = config.controller, not config.environment.one_sided
-    if linear and isinstance(law, IntegralConfig) and law.dead_zone == 0:
+    law, linear_law = config.controller, getattr(config.controller, "linear_law", None)
+    if not config.environment.one_sided and linear_law is not None:
         # The linear loop has no contact to lose and needs no limits: C++ throughout, and open to linear analysis.
-        system = LinearIntegralForceLaw(
-            model.size,
-            integral_gain=law.integral_gain,
-            compliance=law.compliance_error * model.total_compliance,
-            period=model.period,
-        )
-        return builder.AddNamedSystem("force_law", system)
+        linear = linear_law(model)
+        if linear is not None:
+            return builder.AddNamedSystem("force_law", linear)
     return law.add_to(builder, model)

@@ -7,14 +7,16 @@ signals:
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import Protocol
+from typing import Any, Protocol
 
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, PortDataType, System
 from pydrake.systems.primitives import MatrixGain
 
 from forcectl.conventions import SIGNALS
+from forcectl.diagrams.believed import force_lag
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.model import unit_normal
@@ -38,9 +40,13 @@ class SignalChoice(Protocol):
 
 @dataclass(kw_only=True)
 class FromConfig:
-    """Scenario part `!From`: the signal that the named part puts out."""
+    """Scenario part `!From`: a signal that the named part puts out.
+
+    Of several force sensors the lag that controllers are designed with is that of the first.
+    """
 
     part: str  # station, reference, motion, or the name of an estimator
+    signal: str = ""  # its name there; empty: the same. A second sensor's begin with its name: other_measured_force
 
     def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
         """The port of that part.
@@ -48,7 +54,10 @@ class FromConfig:
         Raises:
             BadInputError: it puts out no signal of this name.
         """
-        offers = {offer.part: offer.port for offer in signals.offers(name)}
+        wanted = self.signal or name
+        offers = {offer.part: offer.port for offer in signals.offers(wanted)}
+        if not offers:
+            raise BadInputError(f"signals.{name}: nothing puts out {wanted}: must be a signal that can be measured")
         if self.part not in offers:
             raise unknown("part", self.part, offers)
         return offers[self.part]
@@ -96,6 +105,14 @@ class ProjectionConfig:
         builder.Connect(source, block.get_input_port())
         return block.get_output_port()
 
+    def force_lag(self, estimators: Mapping[str, Any]) -> tuple[float, float, float]:
+        """Lag of the force: bandwidth [rad/s], damping ratio [1], delay [s].
+
+        Args:
+            estimators: of the loop, by name.
+        """
+        return force_lag(estimators)
+
     def _direction(self, arm: str, model: PlantModel) -> np.ndarray:
         if not isinstance(self.along, str):
             return unit_normal(self.along, "along")
@@ -111,19 +128,20 @@ class Signals:
     Args:
         builder: of the loop.
         truth: names of signals that no controller or estimator is connected to.
+        readings: name of what is measured instead of some of them.
 
     Attributes:
         chosen: what the scenario chose, by the name of the signal.
     """
 
-    def __init__(self, builder: DiagramBuilder, truth: frozenset[str]):
-        self._builder, self._truth = builder, truth
+    def __init__(self, builder: DiagramBuilder, truth: frozenset[str], readings: Mapping[str, str]):
+        self._builder, self._truth, self._readings = builder, truth, readings
         self._offers: dict[str, list[Offer]] = {}
         self.chosen: dict[str, OutputPort] = {}
 
     def offers(self, name: str) -> list[Offer]:
-        """Who puts out a signal of this name."""
-        return self._offers.get(name, [])
+        """Who puts out a signal of this name, the truth apart."""
+        return [] if name in self._truth else self._offers.get(name, [])
 
     def add(self, part: str, system: System) -> None:
         """Offer the vector outputs of a part.
@@ -148,7 +166,8 @@ class Signals:
         """
         if name in self.chosen:
             return self.chosen[name]
-        offers = [offer for offer in self.offers(name) if name not in self._truth]
+        name = self._readings.get(name, name)
+        offers = self.offers(name)
         if len(offers) == 1:
             return offers[0].port
         if offers:
@@ -174,7 +193,7 @@ class Signals:
         """
         for port in map(system.get_input_port, range(system.num_input_ports())):
             name = port.get_name()
-            if name in optional and name not in self.chosen and not self.offers(name):
+            if name in optional and name not in self.chosen and not self.offers(self._readings.get(name, name)):
                 continue
             self._connect(part, self.find(name, part), port)
 

@@ -32,7 +32,6 @@ from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.batch import check
 from forcectl.framework.slots import named_slots, slot, slot_list
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
-from forcectl.plant.contact.parts import EnvironmentPartsConfig
 from forcectl.robot.model import unit_normal
 
 SHIPPED_FIDELITIES = {
@@ -85,9 +84,8 @@ class StationConfig:
 
     def environment_parts(self) -> dict[str, Any]:
         """The parts of the environment by name."""
-        if isinstance(self.environment, EnvironmentPartsConfig):
-            return dict(self.environment.parts)
-        return {"environment": self.environment}
+        several = getattr(self.environment, "parts", None)
+        return {"environment": self.environment} if several is None else dict(several)
 
     def delays(self) -> dict[str, float]:
         """Every delay of the station [s], which must be whole control ticks, by key."""
@@ -107,5 +105,5 @@ def build_station(cell: Workcell, seed: int = 0) -> Diagram:
     """
     station = cell.config.fidelity.build(cell, seed)
     if not isinstance(station, Diagram):
-        raise BadInputError(f"fidelity {type(cell.config.fidelity).__name__}: build must return a Diagram")
+        raise BadInputError(f"fidelity: build must return a Diagram, not {type(station).__name__}")
     return station

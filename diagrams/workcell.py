@@ -7,19 +7,22 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Context
+from pydrake.systems.framework import Context, DiagramBuilder, System
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.force.kinematic_inversion import check_start_posture
 from forcectl.framework.batch import whole_multiple
+from forcectl.framework.wiring import checked_system
 from forcectl.plant.compliance import robot_compliance, total_compliance
 from forcectl.plant.contact.obstacle import ObstacleConfig
+from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.robot.model import RobotModel, unit_normal
 
 if TYPE_CHECKING:
     from forcectl.diagrams.station import StationConfig
 
 Vector = NDArray[np.float64]
+_PERIOD = "station.period (null: the robot's)"
 
 
 @dataclass(frozen=True)
@@ -49,6 +52,23 @@ class Contact:
     row: Vector
     robot_compliance: float
     environment_compliance: float
+
+    @property
+    def surface(self) -> SurfaceConfig | None:
+        """Heights and materials; None of an environment that is a force of its own."""
+        surface: SurfaceConfig | None = getattr(self.environment, "surface", None)
+        return surface
+
+    def add_to(self, builder: DiagramBuilder, period: float, *, robot_compliance: float) -> System:
+        """Add the environment as a force over a displacement.
+
+        Args:
+            builder: of the station.
+            period: of what is sampled [s].
+            robot_compliance: in series with it [m/N].
+        """
+        made = self.environment.add_to(builder, 1, period, robot_compliance=robot_compliance)
+        return checked_system(made, "environment")
 
     def start_context(self) -> Context:
         """A context of `robot.plant` in the start posture."""
@@ -183,15 +203,13 @@ def describe(config: StationConfig) -> Workcell:
     _check_times(config, period)
     start = _start_posture(config, robot)
     parts = config.environment_parts()
+    obstacles = {name: part for name, part in parts.items() if hasattr(part, "pose")}
     contacts = tuple(
-        _contact(config, robot, start, name, part)
-        for name, part in parts.items()
-        if not isinstance(part, ObstacleConfig)
+        _contact(config, robot, start, name, part) for name, part in parts.items() if name not in obstacles
     )
     pressed = [each.arm for each in contacts]
     if len(set(pressed)) < len(pressed):
         raise invalid("environment", sorted(parts), "at most one surface for each arm")
-    obstacles = {name: part for name, part in parts.items() if isinstance(part, ObstacleConfig)}
     cell = Workcell(config, robot, start, period, _posture_period(config, period), contacts, obstacles)
     config.fidelity.check(cell)
     return cell
@@ -201,11 +219,11 @@ def _check_times(config: StationConfig, period: float) -> None:
     if whole_multiple("period", period, config.time_step, "time_step") < 1:
         raise invalid("time_step", config.time_step, f"at most the period, {period:g} s")
     for name, delay in config.delays().items():
-        whole_multiple(name, delay, period, "the control period")
+        whole_multiple(name, delay, period, _PERIOD if config.period is None else "station.period")
 
 
 def _posture_period(config: StationConfig, period: float) -> float:
-    if whole_multiple("posture_period", config.posture_period, period, "the control period") < 1:
+    if whole_multiple("posture_period", config.posture_period, period, "station.period") < 1:
         raise invalid("posture_period", config.posture_period, f"at least the period, {period:g} s")
     return config.posture_period
 

@@ -56,6 +56,7 @@ SIGNALS: dict[str, Signal] = {
     # what is estimated
     "estimated_torque": Signal("Nm", "n", "external joint torques"),
     "estimated_wrench": Signal("Nm,N", "6a", "of the environment on the robot at each TCP in the world"),
+    "estimated_local_wrench": Signal("Nm,N", "6a", "the same, in the axes of another frame that the estimator names"),
     # what only the simulation knows
     "contact_force": Signal("N", "k", "force of each surface on the tool along its normal, never negative", True),
     "contact_state": Signal("1", "k", "1 where the tool touches the surface", True),

@@ -16,6 +16,7 @@ different joints are left out; friction does not depend on load or temperature.
 from __future__ import annotations
 
 from dataclasses import dataclass, field
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -79,6 +80,8 @@ class JointInterfaceConfig:
     friction: JointFrictionConfig = field(default_factory=JointFrictionConfig)
 
     moves_links = True  # rigid joints get their torque directly
+    # Exact, so only the simulation knows them; who wants them gets the readings of the interface.
+    readings: ClassVar[dict[str, str]] = {"motor_position": "joint_position", "motor_velocity": "joint_velocity"}
 
     def true_friction(self, robot: RobotModel) -> JointFriction:
         """Friction of the joints."""

@@ -11,7 +11,6 @@ from forcectl.diagrams.mechanics.assembly import Assembly
 from forcectl.diagrams.mechanics.station_surface import add_surface, connect_material
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import invalid
-from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.contact.tip_contact import TipContact
 from forcectl.plant.tip_kinematics import TipDisplacement
 
@@ -78,10 +77,10 @@ class KinematicStation(Diagram):
         tip = builder.AddNamedSystem("tip_displacement", TipDisplacement(contact.robot, contact.n, q_0, period=None))
         builder.Connect(position, tip.GetInputPort("motor_position"))
         displacement = tip.GetOutputPort("displacement")
-        if isinstance(contact.environment, EnvironmentConfig):
+        if contact.surface is not None:
             force = _tip_contact(builder, cell, position, surface)
         else:
-            spring = contact.environment.add_to(builder, 1, cell.period, robot_compliance=contact.robot_compliance)
+            spring = contact.add_to(builder, cell.period, robot_compliance=contact.robot_compliance)
             builder.Connect(displacement, spring.GetInputPort("displacement"))
             force = spring.GetOutputPort("contact_force")
         finish_light_station(self, assembly, cell, seed, force, displacement, surface)

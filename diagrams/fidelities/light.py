@@ -12,7 +12,7 @@ from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.mechanics.truth import add_contact_state
 from forcectl.diagrams.workcell import Vector, Workcell
 from forcectl.errors import BadInputError
-from forcectl.framework.wiring import affine
+from forcectl.framework.wiring import affine, checked_system
 from forcectl.plant.tip_kinematics import LinkPosition
 
 
@@ -43,7 +43,7 @@ def add_drive(assembly: Assembly, cell: Workcell, seed: int) -> System:
     Raises:
         BadInputError: it lacks the motor side's position.
     """
-    drive: System = cell.config.drive.add_to(assembly.builder, Site(cell, seed))
+    drive = checked_system(cell.config.drive.add_to(assembly.builder, Site(cell, seed)), "drive")
     assembly.add(drive)
     for name in ("motor_position", "motor_velocity"):
         if name not in assembly.signals:
@@ -106,9 +106,7 @@ def add_sensors(assembly: Assembly, site: Site) -> None:
     """
     for i, (name, sensor) in enumerate(site.cell.config.sensors.items()):
         before = set(assembly.signals)
-        system = sensor.add_to(assembly.builder, site.with_seed(i))
-        if not isinstance(system, System):
-            raise BadInputError(f"sensors.{name}: its add_to must return a Drake system, not {type(system).__name__}")
-        assembly.add(system)
+        system = checked_system(sensor.add_to(assembly.builder, site.with_seed(i)), f"sensors.{name}")
+        assembly.add_sensor(system, name)
         if set(assembly.signals) == before:
             raise BadInputError(f"sensors.{name}: has no output port: must measure something")

@@ -44,7 +44,7 @@ from forcectl.diagrams.mechanics.world import add_world
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError
 from forcectl.framework.enclosed import Enclosed
-from forcectl.framework.wiring import stacked
+from forcectl.framework.wiring import checked_system, stacked
 from forcectl.motion.loads import add_loads, loaded_frames
 from forcectl.plant.drives.joint_friction import FrictionRest, actuation_gain, desired_state_gain
 from forcectl.plant.tip_kinematics import TipDisplacement
@@ -164,7 +164,7 @@ def selector(size: int, rows: list[int], name: str) -> Selector:
 def _add_drive(assembly: Assembly, site: Site) -> None:
     """The drive, and its coupling to the plant."""
     builder, cell, plant, parts = assembly.builder, site.cell, site.plant, site.parts
-    drive = cell.config.drive.add_to(builder, site)
+    drive = checked_system(cell.config.drive.add_to(builder, site), "drive")
     assembly.add(drive)
     signals, instance = assembly.signals, parts.instance
     n, elastic = cell.num_joints, cell.config.elastic_joints
@@ -279,7 +279,7 @@ def _add_own_surface(assembly: Assembly, cell: Workcell, contact: Contact) -> Ou
     place = builder.AddNamedSystem(f"place_on_{contact.name}", place)
     builder.Connect(assembly.signals["link_position"], place.GetInputPort("motor_position"))
     inner = DiagramBuilder()
-    own = contact.environment.add_to(inner, 1, cell.config.time_step, robot_compliance=0.0)
+    own = contact.add_to(inner, cell.config.time_step, robot_compliance=0.0)
     surface = builder.AddNamedSystem(f"surface_{contact.name}", Enclosed(inner, own))
     builder.Connect(place.GetOutputPort("displacement"), surface.GetInputPort("displacement"))
     return surface.GetOutputPort("contact_force")

@@ -61,7 +61,7 @@ class OneDimensionalStation(Diagram):
         displacement = assembly.signals.get("displacement")
         if displacement is None:
             displacement = along_normal(builder, contact.row, cell.motor_start, position)
-        spring = contact.environment.add_to(builder, 1, cell.period, robot_compliance=contact.robot_compliance)
+        spring = contact.add_to(builder, cell.period, robot_compliance=contact.robot_compliance)
         surface = add_surface(builder, cell, contact, position, cell.motor_start)
         connect_material(builder, surface, spring)
         uneven = "surface_height" in surface

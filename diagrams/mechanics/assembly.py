@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
+
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, PortDataType, System
 
+from forcectl.conventions import TRUTH
 from forcectl.diagrams.mechanics.site import STATION_SIGNALS
 from forcectl.errors import BadInputError
 
@@ -27,6 +30,7 @@ class Assembly:
         self.builder = builder
         self.signals: dict[str, OutputPort] = {}
         self._open: list[tuple[str, InputPort, System]] = []
+        self._sensed: set[str] = set()  # names of what sensors put out
 
     def offer(self, name: str, port: OutputPort) -> None:
         """Make a port known under a name.
@@ -45,10 +49,29 @@ class Assembly:
         Args:
             system: already in the builder.
         """
+        self._take(system, {})
+
+    def add_sensor(self, system: System, name: str) -> None:
+        """Take a sensor in. What another sensor puts out already has the name of this one in front.
+
+        Args:
+            system: already in the builder; is renamed when another block there has its name.
+            name: of the sensor.
+        """
+        block = system.get_name()
+        if sum(each.get_name() == block for each in self.builder.GetSystems()) > 1:
+            system.set_name(f"{name}_{block}")
+        ports = map(system.get_output_port, range(system.num_output_ports()))
+        self._take(system, {each: f"{name}_{each}" for each in {port.get_name() for port in ports} & self._sensed})
+        self._sensed |= {port.get_name() for port in map(system.get_output_port, range(system.num_output_ports()))}
+
+    def _take(self, system: System, renamed: Mapping[str, str]) -> None:
         for port in map(system.get_input_port, range(system.num_input_ports())):
             self._open.append((port.get_name(), port, system))
         for port in map(system.get_output_port, range(system.num_output_ports())):
-            self.offer(port.get_name(), port)
+            name = port.get_name()
+            if name not in renamed or name not in TRUTH:  # a truth that is known already is the same
+                self.offer(renamed.get(name, name), port)
 
     def add_output(self, system: System, name: str) -> None:
         """Offer the output of a block that is connected already.

@@ -28,8 +28,7 @@ def surface_profile(contact: Contact) -> SurfaceProfile:
 
 def is_uniform(contact: Contact) -> bool:
     """Whether the surface is the same everywhere along the path."""
-    surface = getattr(contact.environment, "surface", None)
-    return surface is None or bool(surface.uniform)
+    return contact.surface is None or contact.surface.uniform
 
 
 def add_surface(

@@ -31,7 +31,6 @@ from pydrake.systems.framework import DiagramBuilder
 from forcectl.diagrams.mechanics.environment_body import BALL_COMPLIANCE, add_environment, contact_material
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Contact, Workcell
-from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.contact.obstacle import LARGEST_STIFFNESS, ObstacleConfig
 from forcectl.plant.drives.joint_friction import COULOMB_STEEPNESS, add_coulomb_friction
 from forcectl.robot.model import RobotParts, add_robot
@@ -79,7 +78,7 @@ def add_world(builder: DiagramBuilder, cell: Workcell, seed: int) -> Site:
     pressing: list[tuple[GeometryId, GeometryId]] = []
     for contact in cell.contacts:
         weld = None
-        if isinstance(contact.environment, EnvironmentConfig):
+        if contact.surface is not None:
             weld, surface = add_environment(plant, cell, contact)
             pressing.append((_add_ball(plant, parts, contact), surface))
         mountings.append(weld)
@@ -95,7 +94,7 @@ def add_world(builder: DiagramBuilder, cell: Workcell, seed: int) -> Site:
 
 
 def _touched(cell: Workcell) -> bool:
-    return any(isinstance(contact.environment, EnvironmentConfig) for contact in cell.contacts)
+    return any(contact.surface is not None for contact in cell.contacts)
 
 
 def _add_ball(plant: MultibodyPlant, parts: RobotParts, contact: Contact) -> GeometryId:

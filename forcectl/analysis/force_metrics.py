@@ -99,8 +99,8 @@ def is_metric(name: str) -> bool:
 
 
 def metric_unit(name: str) -> str:
-    """Unit of a metric."""
-    return (METRICS | MOTION_LOOP_METRICS)[name.rpartition(".")[2]][0]
+    """Unit of a metric; "" of one of the user's."""
+    return (METRICS | MOTION_LOOP_METRICS).get(name.rpartition(".")[2], ("", ""))[0]
 
 
 @dataclass(frozen=True)

@@ -6,15 +6,17 @@ from collections.abc import Mapping
 from dataclasses import dataclass
 
 import numpy as np
+from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Multiplexer, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from forcectl.errors import invalid
+from forcectl.errors import invalid, unknown
 from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.wrench import WrenchEstimator
 from forcectl.framework.batch import check
 from forcectl.plant.plant_model import PlantModel
+from forcectl.robot.model import RobotModel
 
 READINGS = ("joint_position", "joint_velocity", "motor_torque")
 _JUMP = 4.0  # a speed that changes so many times faster than joints may accelerate was not read right
@@ -28,19 +30,25 @@ class ForceEstimator(Diagram):
     ```
     name: ForceEstimator
     input_ports: [joint_position, joint_velocity, motor_torque]
-    output_ports: [estimated_torque, estimated_wrench, residual, reading_ok, near_singular]
+    output_ports: [estimated_torque, estimated_wrench (optional), estimated_local_wrench (optional), residual,
+      reading_ok, near_singular]
     ```
 
     joint_position, joint_velocity, motor_torque: shape (n,), readings of the tick [rad, rad/s, Nm].
     estimated_torque: shape (n,), external joint torques beyond the threshold of the friction [Nm].
     estimated_wrench: shape (6a,), of the environment on the robot at each TCP in the world, [torque; force] [Nm, N].
+    estimated_local_wrench: shape (6a,), the same in the axes of other frames [Nm, N]; the port exists instead when
+        `local`.
     residual: shape (n,), r [Nm]. reading_ok: shape (n,) [1]. near_singular: shape (a,), 1 where a direction is damped
         [1]. All outputs are feedthrough of all inputs at the tick.
 
     Sampling: every `period` [s]; no delay. Speeds that are filtered make the estimate as late as they are.
 
     Args:
-        observer: of the n joints. wrenches: by arm, all of the same n joints. tare: their input of that name, or None.
+        observer: of the n joints.
+        wrenches: by arm, all of the same n joints.
+        tare: their input of that name, or None.
+        local: whether they are expressed in other frames than the world.
     """
 
     def __init__(
@@ -48,9 +56,12 @@ class ForceEstimator(Diagram):
         observer: MomentumObserver,
         wrenches: Mapping[str, WrenchEstimator],
         tare: TrajectorySource | None = None,
+        *,
+        local: bool = False,
     ):
         super().__init__()
-        self.port_units = {"estimated_torque": "Nm", "estimated_wrench": "Nm,N", "near_singular": "1"}
+        name_of_wrench = "estimated_local_wrench" if local else "estimated_wrench"
+        self.port_units = {"estimated_torque": "Nm", name_of_wrench: "Nm,N", "near_singular": "1"}
         builder = DiagramBuilder()
         add, connect, export = builder.AddNamedSystem, builder.Connect, builder.ExportInput
         add("observer", observer)
@@ -70,7 +81,7 @@ class ForceEstimator(Diagram):
             connect(wrench.GetOutputPort("near_singular"), flags.get_input_port(i))
         outputs = {
             "estimated_torque": observer.GetOutputPort("external_torque"),
-            "estimated_wrench": both.get_output_port(),
+            name_of_wrench: both.get_output_port(),
             "residual": observer.GetOutputPort("residual"),
             "reading_ok": observer.GetOutputPort("reading_ok"),
             "near_singular": flags.get_output_port(),
@@ -94,6 +105,9 @@ class ForceEstimatorConfig:
     threshold_still: float = 0.0  # tau_still / tau_C, >= 0
     limit_share: float = 1.0  # of the torque limits, at which the residual stops, > 0
     moment: bool = True  # false: only forces act at the TCPs
+    # Axes of the wrenches, which act at the TCPs: world; else they are estimated_local_wrench, in tcp (each in its own)
+    # or in any frame or body of the robot's model.
+    expressed_in: str = "world"
     smallest_singular_value: float = 0.02  # below which a direction is damped [1], > 0
     tare_start: float = 0.0  # [s] of the ticks whose mean becomes zero, >= 0
     tare_duration: float = 0.0  # [s], >= 0; 0: no taring
@@ -135,6 +149,7 @@ class ForceEstimatorConfig:
             name: WrenchEstimator(
                 momentum,
                 arm.tcp_frame,
+                self._axes(robot, arm.tcp_frame),
                 joints=arm.joints,
                 moment=self.moment,
                 smallest=self.smallest_singular_value,
@@ -149,4 +164,15 @@ class ForceEstimatorConfig:
             breaks, values = ([0.0], [0.0]) if start > 0 else ([], [])
             held = PiecewisePolynomial.ZeroOrderHold([*breaks, start, end, end + 1.0], [[*values, 1.0, 0.0, 0.0]])
             tare = TrajectorySource(held)
-        return builder.AddNamedSystem("estimator", ForceEstimator(observer, wrenches, tare))
+        made = ForceEstimator(observer, wrenches, tare, local=self.expressed_in != "world")
+        return builder.AddNamedSystem("estimator", made)
+
+    def _axes(self, robot: RobotModel, tcp: Frame) -> Frame | None:
+        """The frame that wrenches at a TCP are expressed in; None for the world."""
+        instance = robot.parts.instance
+        if self.expressed_in in ("world", "tcp"):
+            return tcp if self.expressed_in == "tcp" else None
+        if not robot.plant.HasFrameNamed(self.expressed_in, instance):
+            bodies = [robot.plant.get_body(index).name() for index in robot.plant.GetBodyIndices(instance)]
+            raise unknown("expressed_in", self.expressed_in, ["world", "tcp", *bodies])
+        return robot.plant.GetFrameByName(self.expressed_in, instance)

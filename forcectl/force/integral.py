@@ -169,6 +169,24 @@ class IntegralConfig:
             period=model.period,
         )
 
+    def unlimited_law(self, model: PlantModel, *, believes: bool) -> IntegralForceLaw:
+        """The block without limits of its command.
+
+        Args:
+            model: of the plant.
+            believes: whether it believes in `compliance_error` times the total compliance; else that is a port.
+        """
+        return self.law(model, self.compliance_error * model.total_compliance if believes else None, limited=False)
+
+    def linear_law(self, model: PlantModel) -> LinearIntegralForceLaw | None:
+        """The block without limits as a linear system; None with a dead zone."""
+        compliance = self.compliance_error * model.total_compliance
+        if self.dead_zone:
+            return None
+        return LinearIntegralForceLaw(
+            model.size, integral_gain=self.integral_gain, compliance=compliance, period=model.period
+        )
+
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> IntegralForceLaw:
         """Add the law; it believes in `compliance_error` times the true total compliance."""
         return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))

@@ -10,14 +10,15 @@ from dataclasses import field
 from typing import Any
 
 
-def slot(name: str, default: Callable[[], Any]) -> Any:
+def slot(name: str, default: Callable[[], Any] | None = None) -> Any:
     """A field filled by one part.
 
     Args:
         name: of the slot, a key of the catalog's table.
-        default: makes what fills it where nothing else is said.
+        default: makes what fills it where nothing else is said; None: it must be said.
     """
-    return field(default_factory=default, metadata={"slot": name})
+    metadata = {"slot": name}
+    return field(metadata=metadata) if default is None else field(default_factory=default, metadata=metadata)
 
 
 def named_slots(name: str, default: Callable[[], dict[str, Any]] = dict) -> Any:

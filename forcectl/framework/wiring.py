@@ -9,7 +9,24 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import AffineSystem, Multiplexer
 
+from forcectl.errors import BadInputError
+
 Matrix = NDArray[np.float64]
+
+
+def checked_system(made: object, part: str) -> System:
+    """What the `add_to` of a part returned, which must be a system.
+
+    Args:
+        made: by `add_to`.
+        part: its key, for the message.
+
+    Raises:
+        BadInputError: it is something else.
+    """
+    if not isinstance(made, System):
+        raise BadInputError(f"{part}: add_to must return a Drake system, not {type(made).__name__}")
+    return made
 
 
 def affine(gain: Matrix, offset: Matrix) -> AffineSystem:

@@ -82,25 +82,46 @@ def line_postures(robot: RobotModel, start: Vector, offsets: Vector) -> Vector:
 
 
 @dataclass(kw_only=True)
-class TangentialMotionConfig:
-    """Scenario part `motion`: move along the surface while the force is controlled. Distance 0: stay."""
+class LineConfig:
+    """A straight line along the surface."""
 
     direction: list[float] = field(default_factory=lambda: [1.0, 0.0, 0.0])  # in W, perpendicular to the normal
-    distance: float = 0.0  # [m], >= 0
-    speed: float = 0.002  # [m/s], > 0
     acceleration: float = 0.05  # [m/s^2], > 0
-    start_time: float = 0.0  # [s], >= 0
     slope: float = 0.0  # [-] rise of the path along n: that of the surface, as far as it is known
 
     def __post_init__(self) -> None:
         if len(self.direction) != 3 or not all(np.isfinite(d) for d in self.direction) or not any(self.direction):
             raise invalid("direction", self.direction, "three finite numbers, not all zero")
-        for name in ("speed", "acceleration"):
-            check(name, getattr(self, name), "positive")
-        for name in ("distance", "start_time"):
-            check(name, getattr(self, name), "not negative")
+        check("acceleration", self.acceleration, "positive")
         if abs(check("slope", self.slope)) > _STEEPEST:
             raise invalid("slope", self.slope, f"from -{_STEEPEST:g} to {_STEEPEST:g}")
+
+    def per_metre(self, n: Vector) -> Vector:
+        """What the tool moves per metre of path, in W (3,) [1].
+
+        Raises:
+            BadInputError: a direction that is not along the surface.
+        """
+        along = np.asarray(self.direction, dtype=float) / np.linalg.norm(self.direction)
+        if abs(along @ n) > 1e-6:
+            raise invalid("direction", self.direction, f"perpendicular to the normal {n.tolist()}")
+        line: Vector = along + self.slope * n
+        return line
+
+
+@dataclass(kw_only=True)
+class TangentialMotionConfig(LineConfig):
+    """Scenario part `!AlongSurface`: move along the surface while the force is controlled. Distance 0: stay."""
+
+    distance: float = 0.0  # [m], >= 0
+    speed: float = 0.002  # [m/s], > 0
+    start_time: float = 0.0  # [s], >= 0
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check("speed", self.speed, "positive")
+        for name in ("distance", "start_time"):
+            check(name, getattr(self, name), "not negative")
 
     def interval(self) -> tuple[float, float] | None:
         """Begin and end of the motion [s]; None without one."""
@@ -115,9 +136,7 @@ class TangentialMotionConfig:
         """
         if self.distance == 0:
             return np.zeros(robot.num_joints)
-        along = np.asarray(self.direction, dtype=float) / np.linalg.norm(self.direction)
-        if abs(along @ n) > 1e-6:
-            raise invalid("direction", self.direction, f"perpendicular to the normal {n.tolist()}")
+        line = self.per_metre(n)
         end = move_duration(self.distance, self.speed, self.acceleration)
         ramp = np.linspace(0.0, ramp_duration(self.distance, self.speed, self.acceleration), _RAMP_KNOTS)
         times = np.concatenate([ramp[:-1], end - ramp[::-1]])
@@ -125,7 +144,7 @@ class TangentialMotionConfig:
             cruise = np.linspace(ramp[-1], end - ramp[-1], _KNOTS)[:-1]
             times = np.concatenate([ramp[:-1], cruise, end - ramp[::-1]])
         covered = trapezoidal_profile(self.distance, self.speed, self.acceleration, times)
-        postures = line_postures(robot, start, covered[:, None] * (along + self.slope * n)) - start
+        postures = line_postures(robot, start, covered[:, None] * line) - start
         rest = np.zeros(robot.num_joints)
         return PiecewisePolynomial.CubicWithContinuousSecondDerivatives(self.start_time + times, postures.T, rest, rest)
 

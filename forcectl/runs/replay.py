@@ -115,8 +115,7 @@ class _Plate:
     def __init__(self, plant: MultibodyPlant, contact: Contact, index: int):
         self.n, self._index = contact.n, index
         # The surface frame has its z axis along n, and its x axis along the path over an uneven surface.
-        surface = getattr(contact.environment, "surface", None)
-        self._uneven = None if surface is None or surface.flat else surface
+        self._uneven = None if contact.surface is None or contact.surface.flat else contact.surface
         R_WE = RotationMatrix.MakeFromOneVector(self.n, 2)
         if self._uneven:
             d = self._uneven.direction_across(self.n)
@@ -143,12 +142,13 @@ class _Plate:
     def draw_grooves(self, meshcat: Meshcat) -> None:
         """Draw the grooves of the surface."""
         meshcat.SetTransform(self.name("grooves"), self.X_WE)
-        if self._uneven and self._uneven.grooves:
-            on_plate = (c for c in self._uneven.grooves.centres(self._uneven.length) if abs(c) < _PLATE[0] / 2)
-            for i, centre in enumerate(on_plate):
-                line = f"{self.name('grooves')}/lines/{i}"
-                meshcat.SetObject(line, Box(self._uneven.grooves.width, _PLATE[1], 2e-4), _DARK)
-                meshcat.SetTransform(line, RigidTransform([centre, 0.0, 0.0]))
+        parts, length = (self._uneven.heights.values(), self._uneven.length) if self._uneven else ((), 0.0)
+        lines = (line for part in parts if hasattr(part, "lines") for line in part.lines(length))
+        on_plate = ((centre, width) for centre, width in lines if abs(centre) < _PLATE[0] / 2)
+        for i, (centre, width) in enumerate(on_plate):
+            line = f"{self.name('grooves')}/lines/{i}"
+            meshcat.SetObject(line, Box(width, _PLATE[1], 2e-4), _DARK)
+            meshcat.SetTransform(line, RigidTransform([centre, 0.0, 0.0]))
 
     def move(self, meshcat: Meshcat, positions: NDArray[np.float64], height: float, when: float) -> None:
         """Raise it to a height [m]."""

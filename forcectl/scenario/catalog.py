@@ -17,6 +17,8 @@ from forcectl.models import list_robots, list_tools
 from forcectl.scenario.yaml_tree import Tagged, parse
 
 _INVARIANCE = "forcectl.force.invariance"
+_NULL_SPACE = "forcectl.tasks.null_space_parts"
+_CONSTRAINTS = "forcectl.tasks.constraints.parts"
 # What fills each slot of a scenario: tag -> import path of the configuration; the first of each table is the default.
 # Installed packages add to them by entry points of the group `forcectl.<slot>`.
 SLOTS: dict[str, dict[str, str]] = {
@@ -48,7 +50,10 @@ SLOTS: dict[str, dict[str, str]] = {
         "Sequence": "forcectl.motion.references:SequenceConfig",
         "File": "forcectl.motion.references:FileConfig",
     },
-    "motion": {"AlongSurface": "forcectl.motion.tangential:TangentialMotionConfig"},
+    "motion": {
+        "AlongSurface": "forcectl.motion.tangential:TangentialMotionConfig",
+        "VelocityAlongSurface": "forcectl.motion.surface_velocity:SurfaceVelocityConfig",
+    },
     "estimator": {"ForceEstimator": "forcectl.estimation.force_estimator:ForceEstimatorConfig"},
     "signal": {
         "Projection": "forcectl.diagrams.signals:ProjectionConfig",
@@ -78,6 +83,12 @@ SLOTS: dict[str, dict[str, str]] = {
         "Box": "forcectl.plant.contact.obstacle:ObstacleConfig",
         "Parts": "forcectl.plant.contact.parts:EnvironmentPartsConfig",
     },
+    "surface": {
+        "Grooves": "forcectl.plant.contact.surface:GrooveConfig",
+        "Roughness": "forcectl.plant.contact.surface:RoughnessConfig",
+        "Waves": "forcectl.plant.contact.surface:WaveConfig",
+        "ProfileFile": "forcectl.plant.contact.surface:ProfileFileConfig",
+    },
     "load": {"Load": "forcectl.motion.loads:LoadConfig"},
     "excitation": {
         "TrapezoidalMoves": "forcectl.motion.excitation:TrapezoidalMovesConfig",
@@ -86,6 +97,23 @@ SLOTS: dict[str, dict[str, str]] = {
     "task": {
         "ArmTask": "forcectl.tasks.task_parts:ArmTaskConfig",
         "RelativeTask": "forcectl.tasks.task_parts:RelativeTaskConfig",
+    },
+    "constraint": {
+        "Wall": f"{_CONSTRAINTS}:WallConfig",
+        "Range": f"{_CONSTRAINTS}:RangeConfig",
+        "SpeedLimit": f"{_CONSTRAINTS}:SpeedLimitConfig",
+        "LinkDistance": f"{_CONSTRAINTS}:LinkDistanceConfig",
+        "Robust": f"{_CONSTRAINTS}:RobustConfig",
+    },
+    "null_space": {
+        "JointSpeed": f"{_NULL_SPACE}:JointSpeedConfig",
+        "Evasive": f"{_NULL_SPACE}:EvasiveConfig",
+    },
+    "potential": {
+        "AwayFromJointLimits": f"{_NULL_SPACE}:JointLimitPotentialConfig",
+        "AwayFromLinks": f"{_NULL_SPACE}:LinkPotentialConfig",
+        "AwayFrom": f"{_NULL_SPACE}:ConstraintPotentialConfig",
+        "TowardsSmallMass": f"{_NULL_SPACE}:SmallMassPotentialConfig",
     },
     "fault": {"ReadingFault": "forcectl.plant.sensors.reading_fault:ReadingFaultConfig"},
 }
@@ -101,9 +129,13 @@ CONTRACTS: dict[str, tuple[str, ...]] = {
     "drive": ("add_to",),
     "sensor": ("add_to",),
     "environment": (),
+    "surface": ("heights",),
     "load": ("wrench",),
-    "excitation": ("add_to",),
+    "excitation": ("add_to", "end_time"),
     "task": ("task",),
+    "constraint": ("constraint",),
+    "null_space": ("criterion",),
+    "potential": ("potentials",),
     "fault": ("fault",),
 }
 IMPORT = "Import"  # the tag of a class named by its import path, in every slot

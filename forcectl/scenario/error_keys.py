@@ -26,9 +26,9 @@ def full_key(scenario: Any, error: BaseException) -> tuple[str, str]:
     nodes = dict(_nodes(scenario, ""))
     about = re.match(r"unknown (\w+)|[\w.]+", text)
     name = (about.group(1) or about.group()).rstrip(".") if about else ""
-    first = name.partition(".")[0]  # "walls.0.point" is within the field `walls`
+    first = name.partition(".")[0]  # "targets.0.value" is within the field `targets`
     whole = [join(key, name) for key, node in nodes.items() for name in _names(node)]
-    if "." in name and name in whole:
+    if name in nodes or ("." in name and name in whole):
         return name, text
     last = ""
     for keys in _at_hand(nodes, error.__traceback__):

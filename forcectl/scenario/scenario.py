@@ -8,6 +8,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, fields
+from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -140,8 +141,12 @@ class Scenario:
         """
         window, motion = self.model_error_window, self.motion.interval()
         own = run_metrics(log, setting, window=window, motion=motion, realtime_factor=realtime_factor)
-        for analysis in self.analyses.values():
-            own |= analysis.metrics(log, setting)
+        for name in self.analyses:
+            found = self._asked(name, "metrics", log, setting)
+            for metric, value in found.items():
+                if value is not None and not isinstance(value, Real):
+                    raise invalid(f"analyses.{name}: metric {metric}", value, "a number or None")
+            own |= found
         return own
 
     def figures(self, log: xr.Dataset, title: str) -> dict[str, Figure]:
@@ -153,9 +158,26 @@ class Scenario:
         """
         figures = run_figures(log, title)
         setting = self.setting() if self.analyses else None
-        for analysis in self.analyses.values():
-            figures |= analysis.figures(log, setting, title)
+        for name in self.analyses:
+            figures |= self._asked(name, "figures", log, setting, title)
         return figures
+
+    def _asked(self, name: str, method: str, *arguments: Any) -> dict[str, Any]:
+        """What a method of an analysis answers.
+
+        Raises:
+            BadInputError: an analysis of the user's that raises, or answers something else than a mapping.
+        """
+        try:
+            found = getattr(self.analyses[name], method)(*arguments)
+        except BadInputError:
+            raise
+        except Exception as error:  # whatever the user's analysis does
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            raise BadInputError(f"analyses.{name}: {method} raised {reason}") from error
+        if not isinstance(found, Mapping):
+            raise BadInputError(f"analyses.{name}: {method} must return a mapping, not {type(found).__name__}")
+        return dict(found)
 
 
 def load_scenario(

@@ -126,7 +126,8 @@ class Reader:
             if name in tree:
                 values[name] = self._field(field, hints[name], tree[name], join(key, name), start)
             elif start is _MISSING:
-                raise self._error(key, f"{join(key, name)} is missing: must be {describe(hints[name])}")
+                wanted = "a part with a tag" if slot_of(field) else describe(hints[name])
+                raise self._error(key, f"{join(key, name)} is missing: must be {wanted}")
             else:
                 values[name] = start
         return self.construct(cls, values, key)
@@ -168,8 +169,11 @@ class Reader:
             table = tags_of(slot)
             if tag not in table:
                 raise self.unknown(key, f"!{tag}", [f"!{name}" for name in (*table, IMPORT)], "tag")
-        cls = self._class(table[tag] if tag else next(iter(table.values())), key)
-        return self.dataclass(cls, tree, key, start if type(start) is cls else None)
+        path = table[tag] if tag else next(iter(table.values()))
+        cls = self._class(path, key)
+        if path not in SLOTS[slot].values():  # announced by a package
+            self._check_contract(slot, cls, key, path)
+        return self._made(cls, tree, key, start if type(start) is cls else None)
 
     def _class(self, path: str, key: str) -> type:
         try:
@@ -193,14 +197,20 @@ class Reader:
             cls = import_object(path)
         except BadInputError as error:
             raise self.located(error, key) from error.__cause__
+        self._check_contract(slot, cls, join(key, "path"), path)
+        return self._made(cls, parameters, join(key, "parameters"))
+
+    def _made(self, cls: type, tree: Tree, key: str, start: Any = None) -> Any:
+        """An object of a class that fills a slot; one that is no dataclass takes the keys as arguments."""
+        if dataclasses.is_dataclass(cls) or not isinstance(tree, Tagged):
+            return self.dataclass(cls, tree, key, start)
+        return self.construct(cls, tree, key)
+
+    def _check_contract(self, slot: str, cls: Any, key: str, path: str) -> None:
         missing = [name for name in CONTRACTS[slot] if not callable(getattr(cls, name, None))]
         if not isinstance(cls, type) or missing:
             wanted = " and ".join(CONTRACTS[slot]) or "fields"
-            raise self.invalid(join(key, "path"), path, f"a class that fills the slot {slot}, with {wanted}")
-        inner = join(key, "parameters")
-        if dataclasses.is_dataclass(cls):
-            return self.dataclass(cls, parameters, inner)
-        return self.construct(cls, parameters, inner)
+            raise self.invalid(key, path, f"a class that fills the slot {slot}, with {wanted}")
 
     def _fitting(self, slot: str, given: Any, key: str) -> Any:
         """An object given from Python for a slot; the object itself is used."""

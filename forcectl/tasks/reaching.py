@@ -5,7 +5,6 @@ A MotionController (see `forcectl.tasks.slot`): targets over time, generator and
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass, field
 from typing import Any
 
@@ -18,35 +17,23 @@ from pydrake.systems.primitives import TrajectorySource
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
 from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.force.invariance.robot import ConstraintConfig, JointLimitConfig
+from forcectl.force.invariance.robot import JointLimitConfig
 from forcectl.framework.batch import check
 from forcectl.framework.rotation_vector import RotationVector
-from forcectl.framework.slots import named_slots
+from forcectl.framework.slots import named_slots, slot, slot_list
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.motion.references import held_trajectory
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.solvers import DEFAULT_SOLVER, check_solver
 from forcectl.robot.arms_motion import ArmsMotion
-from forcectl.robot.model import unit_normal
-from forcectl.tasks.constraints.base import CartesianWall, Constraint
-from forcectl.tasks.constraints.of_arm import OfArm
+from forcectl.tasks.constraints.parts import constraints_of
 from forcectl.tasks.coordinates import ArmTask
-from forcectl.tasks.null_space import (
-    AwayFrom,
-    AwayFromJointLimits,
-    Criterion,
-    EvasiveMotion,
-    JointSpeed,
-    Potential,
-    TowardsSmallMass,
-)
+from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig, criterion_of
 from forcectl.tasks.reactive_controller import ReactiveController
 from forcectl.tasks.reactive_motion import Pace, ReactiveMotion
 from forcectl.tasks.task_parts import TaskTargetConfig, target_steps
 
 Array = NDArray[np.float64]
-
-NULL_SPACE = ("joint_speed", "joint_limits", "links", "small_mass")
 
 
 @dataclass(kw_only=True)
@@ -71,20 +58,6 @@ class ReachConfig:
     def of_task(self) -> TaskTargetConfig:
         """The same, for the task of the whole pose of the arm."""
         return TaskTargetConfig(value=[*self.position, *np.radians(self.turn_deg).tolist()], time=self.time)
-
-
-@dataclass(kw_only=True)
-class ArmWallConfig:
-    """A plane that the TCP of an arm stays in front of."""
-
-    arm: str
-    point: list[float]  # on the plane, in W [m]
-    normal: list[float]  # towards the free side, in W
-
-    def __post_init__(self) -> None:
-        if len(self.point) != 3:
-            raise invalid("point", self.point, "three numbers")
-        unit_normal(self.normal)
 
 
 @dataclass(kw_only=True)
@@ -115,24 +88,16 @@ class ReactiveReachingConfig:
     tasks: dict[str, Any] = named_slots("task")  # by name; empty: the whole pose of every arm
     pace: PaceConfig = field(default_factory=PaceConfig)
     limits: JointLimitConfig = field(default_factory=JointLimitConfig)  # of the joints; the robot's where none is given
-    # What joints do that the tasks leave free: least speed (5.19); or (5.20) away from joint limits, away from links
-    # and obstacles, or to where the reflected mass of every arm is small.
-    null_space: str = "joint_speed"
-    mass_direction: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])  # of small_mass, in W
+    null_space: Any = slot("null_space", JointSpeedConfig)  # what joints do that the tasks leave free
     link_distance: float = 0.01  # [m] of the links from each other and from boxes, >= 0; 0: not kept, without boxes
-    walls: list[ArmWallConfig] = field(default_factory=list)
-    constraints: list[ConstraintConfig] = field(default_factory=list)  # further ones
+    constraints: list[Any] = slot_list("constraint")  # further ones
     solver: str = DEFAULT_SOLVER  # of the quadratic programs: daqp, clarabel, osqp, ...
 
     def __post_init__(self) -> None:
-        if self.null_space not in NULL_SPACE:
-            raise unknown("null_space", self.null_space, NULL_SPACE)
         check_solver(self.solver)
         if self.tasks and self.targets:
             raise invalid("targets", self.targets, "empty beside tasks, which have targets of their own")
-        unit_normal(self.mass_direction, "mass_direction")
-        if check("link_distance", self.link_distance, "not negative") == 0.0 and self.null_space == "links":
-            raise invalid("link_distance", self.link_distance, "above zero to keep away from links")
+        check("link_distance", self.link_distance, "not negative")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """A `ReactiveReaching`."""
@@ -142,13 +107,15 @@ class ReactiveReachingConfig:
         start = ArmsMotion(robot, robot.create_context(), model.start, np.zeros(model.num_joints))
         tasks = self._tasks(start)
         distances = self._distances(model) if self.link_distance > 0 else []
+        limits = self.limits.limits(robot.limits)
+        constraints = [*distances, *constraints_of(self.constraints, model)]
         controller = ReactiveController(
             robot,
             tasks,
             start=model.start,
-            criterion=self._criterion(model, distances),
-            constraints=[*distances, *self._walls(start), *(each.constraint() for each in self.constraints)],
-            limits=self.limits.limits(robot.limits),
+            criterion=criterion_of(self.null_space, JointSetting(model, limits, constraints)),
+            constraints=constraints,
+            limits=limits,
             period=model.period,
             solver=self.solver,
         )
@@ -176,22 +143,6 @@ class ReactiveReachingConfig:
             found.append(LinkDistance(shapes.against(boxes), self.link_distance, period=model.period))
         return found
 
-    def _walls(self, start: ArmsMotion) -> list[Constraint]:
-        for wall in self.walls:
-            start.arm(wall.arm)  # refused by name
-        return [OfArm(wall.arm, CartesianWall(wall.point, wall.normal)) for wall in self.walls]
-
-    def _criterion(self, model: PlantModel, distances: list[LinkDistance]) -> Criterion:
-        limits = self.limits.limits(model.known_robot().limits)
-        if self.null_space == "joint_limits":
-            return _evasive([AwayFromJointLimits(limits.position_lower, limits.position_upper, speed=1.0)])
-        if self.null_space == "links":
-            return _evasive([AwayFrom(each, speed=3.0) for each in distances])
-        if self.null_space == "small_mass":
-            arms = model.known_robot().parts.arms
-            return _evasive([TowardsSmallMass(model.known_robot(), arm, self.mass_direction, gain=5.0) for arm in arms])
-        return JointSpeed()
-
     def _targets(self, start: ArmsMotion, controller: ReactiveController) -> TrajectorySource:
         """Task coordinates over time."""
         if self.tasks:
@@ -215,10 +166,6 @@ class ReactiveReachingConfig:
             else:
                 values[-1] = now.copy()
         return TrajectorySource(held_trajectory(times, np.array(values).T))
-
-
-def _evasive(potentials: Sequence[Potential]) -> EvasiveMotion:
-    return EvasiveMotion(potentials, speed=1.0)
 
 
 class ReactiveReaching(Diagram):

@@ -169,7 +169,7 @@ PARAMETERS = "parameters: {command: 'touch written'}"
     ("text", "key"),
     [
         (
-            "controller: !InvarianceRobot {{constraints: [{{path: '{path}', {parameters}}}]}}",
+            "controller: !InvarianceRobot {{constraints: [!Import {{path: '{path}', {parameters}}}]}}",
             "controller.constraints.0",
         ),
         ("controller: !Import {{path: '{path}', {parameters}}}", "controller"),
@@ -207,15 +207,15 @@ class Command:
         ("system", "not of Python's standard library"),
         ("Popen", "not of Python's standard library"),
         ("random", "not of Python's standard library"),
-        ("command", "must be a class"),
-        ("Command", "must be a class"),
+        ("command", "must be a class that fills the slot"),
+        ("Command", "must be a class that fills the slot"),
     ],
 )
 def test_what_is_named_is_looked_at_before_it_is_called(name, allowed, monkeypatch, capfd, tmp_path):
     monkeypatch.chdir(tmp_path)
     (tmp_path / "passes_on.py").write_text(PASSED_ON)
     part = f"{{path: 'passes_on:{name}', {PARAMETERS}}}"
-    for text in (f"!InvarianceRobot {{constraints: [{part}]}}", f"!Import {part}"):
+    for text in (f"!InvarianceRobot {{constraints: [!Import {part}]}}", f"!Import {part}"):
         (tmp_path / "own.yaml").write_text(f"controller: {text}\n")
         assert_one_line(*complain(["check", "own.yaml"], monkeypatch, capfd), [f"path = 'passes_on:{name}'", allowed])
     assert not (tmp_path / "written").exists()

@@ -23,6 +23,7 @@ from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.contact.surface import GrooveConfig, RoughnessConfig, SurfaceConfig
 from forcectl.plant.drives.servo import ServoConfig
 from forcectl.scenario.trees import to_tree
+from forcectl.scenario.yaml_tree import Tagged
 from forcectl.testing import run_diagram
 from tests.examples.station_runs import closed_loop, command_for, compliance_of, quiet_sensor, signal
 from tests.examples.stations import pressing
@@ -48,7 +49,14 @@ def ideal(fidelity: str, stiffness: float = 1e4, speed: float = 0.02, **surface:
     )
 
 
-GROOVES = {"grooves__positions": (0.007, 0.014), "grooves__width": 5e-3, "roughness__rms": 3e-6}
+class Heights(dict[str, Any]):
+    """Heights by which `closed_loop` keeps its runs."""
+
+    __hash__ = object.__hash__  # type: ignore[assignment]
+
+
+HEIGHTS = Heights(grooves=GrooveConfig(positions=[0.007, 0.014], width=5e-3), roughness=RoughnessConfig(rms=3e-6))
+GROOVES = {"heights": HEIGHTS}
 
 
 # --- fidelities ------------------------------------------------------------------------------------------------------
@@ -71,7 +79,11 @@ def assert_all_agree(**case: Any) -> None:
 
 
 @pytest.mark.parametrize(
-    "case", [{"stiffness": 1e4, **GROOVES}, {"stiffness": 1e5, "slope": 0.004, "roughness__rms": 1e-6}]
+    "case",
+    [
+        {"stiffness": 1e4, **GROOVES},
+        {"stiffness": 1e5, "slope": 0.004, "heights": Heights(roughness=RoughnessConfig(rms=1e-6))},
+    ],
 )
 def test_fidelities_agree_on_an_uneven_surface(case: dict[str, Any]) -> None:
     assert_all_agree(**case)
@@ -98,9 +110,7 @@ def test_the_force_is_that_of_the_spring_between_tool_and_surface(fidelity: str)
 def test_the_height_is_the_profile_where_the_tool_is(fidelity: str) -> None:
     log = ideal(fidelity, **GROOVES)
     cell = describe(StationConfig(fidelity=fidelity, elastic_joints=False))
-    config = SurfaceConfig(
-        grooves=GrooveConfig(positions=[0.007, 0.014], width=5e-3), roughness=RoughnessConfig(rms=3e-6)
-    )
+    config = SurfaceConfig(heights=HEIGHTS)
     context, s = cell.robot.create_context(), []
     cell.robot.set_positions(context, cell.start)
     start = cell.robot.tip_position(context)[0]
@@ -140,7 +150,7 @@ def multibody_cell(**surface: Any) -> Workcell:
 
 def test_truth_of_a_moving_plate_is_the_force_of_the_contact_without_the_plates_inertia() -> None:
     """Against Drake's contact results, on a steep groove at 20 mm/s that accelerates the plate of 1.6 kg."""
-    cell = multibody_cell(grooves=GrooveConfig(positions=[0.006], width=2e-3, depth=5e-5))
+    cell = multibody_cell(heights={"grooves": GrooveConfig(positions=[0.006], width=2e-3, depth=5e-5)})
     station = build_station(cell)
     assert isinstance(station, MultibodyStation)
     plant, command = station.plant, sliding(cell, 15.0, 0.02, 1.6)
@@ -185,7 +195,7 @@ def test_no_contact_gives_zero_above_any_surface(fidelity: str) -> None:
     config = pressing(
         fidelity=fidelity,
         force_sensor=quiet_sensor(),
-        environment=EnvironmentConfig(surface=SurfaceConfig(slope=-0.05, grooves=GrooveConfig())),
+        environment=EnvironmentConfig(surface=SurfaceConfig(slope=-0.05, heights={"grooves": GrooveConfig()})),
     )
     cell = describe(config)
     above = command_for(cell, 2e-3)
@@ -223,11 +233,17 @@ def refused(**overrides: Any) -> str:
 def test_bad_surfaces_are_named_with_their_full_key() -> None:
     key = "station.environment.surface"
     assert f"{key}.slope = 2.0: must be from" in refused(station__environment__surface__slope=2.0)
-    assert f"{key}.grooves.depth = -1.0: must be positive" in refused(
-        station__environment__surface__grooves__depth=-1.0
-    )
-    assert f"{key}.roughness.seed" in refused(station__environment__surface__roughness__seed=-1)
-    assert f"{key}.path = 'none.csv'" in refused(station__environment__surface__path="none.csv")
+    surface = "station__environment__surface__heights"
+    for name, wrong in (
+        ("grooves.depth = -1.0: must be positive", {"grooves": {"depth": -1.0}}),
+        ("roughness.seed", {"roughness": {"seed": -1}}),
+        ("board.path = 'none.csv'", {"board": {"path": "none.csv"}}),
+        ("a.correlation_length = 1.0: must be at most the length", {"a": {"correlation_length": 1.0}}),
+    ):
+        ((part, values),) = wrong.items()
+        tag = {"grooves": "Grooves", "board": "ProfileFile"}.get(part, "Roughness")
+        assert f"{key}.heights.{name}" in refused(**{surface: {part: Tagged(values, tag)}})
+    assert f"{key}.heights.a: must have a tag: one of !Grooves" in refused(**{surface: {"a": {"depth": 1e-4}}})
     assert f"{key}.bumps" in refused(station__environment__surface__bumps=1)
     tilted = refused(station__environment__surface={"slope": 0.01, "direction": [1.0, 0.0, 1.0]})
     assert re.search(r"surface\.direction = \[1\.0, 0\.0, 1\.0\]: must be perpendicular to the normal", tilted)
@@ -242,13 +258,17 @@ def test_a_profile_beside_the_scenario_is_found_from_anywhere(tmp_path: Path, mo
     folder = tmp_path / "study"
     folder.mkdir()
     (folder / "board.csv").write_text("position,height\n-1,0\n0,0\n0.1,0.0001\n")
-    (folder / "study.yaml").write_text("station: {environment: {surface: {path: board.csv}}}\nduration: 0.01\n")
+    (folder / "study.yaml").write_text(
+        "station: {environment: {surface: {heights: {board: !ProfileFile {path: board.csv}}}}}\nduration: 0.01\n"
+    )
     monkeypatch.chdir(tmp_path)
     scenario = forcectl.load_scenario(folder / "study.yaml")
     profile = surface_profile(describe(scenario.station).contact)
     assert float(profile.height(0.05)) == pytest.approx(5e-5, rel=0.01)
     # What a run writes down starts the same run again.
-    assert to_tree(scenario)["station"]["environment"]["surface"]["path"] == str(folder / "board.csv")
+    assert to_tree(scenario)["station"]["environment"]["surface"]["heights"]["board"]["path"] == str(
+        folder / "board.csv"
+    )
 
 
 def test_the_replay_moves_the_plate(tmp_path: Path) -> None:

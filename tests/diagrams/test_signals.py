@@ -50,6 +50,53 @@ def test_one_law_presses_with_both():
     np.testing.assert_allclose(log["measured_force"].values[-1], 10.0, atol=1.0)
 
 
+TWO_SENSORS = """
+station:
+  sensors:
+    force: !WristForce {noise_std: 0.0, quantum: 0.0}
+    slow: !WristForce {noise_std: 0.0, quantum: 0.0, bias: 2.0, tare: false}
+duration: 0.3
+"""
+
+
+@pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", "Multibody"])
+def test_a_second_sensor_of_a_kind_has_its_name_in_front(fidelity):
+    overrides = {"signals.measured_force": parse("!From {part: station, signal: slow_measured_force}", "test")}
+    first = fc.run(scenario(TWO_SENSORS), fidelity=fidelity)
+    station = first.diagram.GetSubsystemByName("station")
+    assert {each.get_name() for each in station.GetSystems()} >= {"force_sensor", "slow_force_sensor"}
+    assert station.HasOutputPort("slow_measured_wrench")
+    second = fc.run(scenario(TWO_SENSORS), fidelity=fidelity, overrides=overrides)
+    # The loop regulates what the sensor tells, its bias included; a wrist sensor has that in its own axes.
+    forces = [each.log["measured_force"].values[-1] - each.log["contact_force"].values[-1] for each in (first, second)]
+    assert abs(forces[1] - forces[0]) == pytest.approx(2.0, abs=0.3)
+
+
+def test_the_truth_cannot_be_chosen():
+    for signal in ("contact_force", "measured_torque"):
+        choice = parse(f"!From {{part: station, signal: {signal}}}", "test")
+        with pytest.raises(fc.BadInputError, match=rf"signals\.measured_force: nothing puts out {signal}: must be"):
+            fc.build(fc.load_scenario({"signals": {"measured_force": choice}}))
+
+
+def test_behind_a_joint_interface_motors_are_known_by_its_readings():
+    """Their exact positions are for the log only."""
+    loop = fc.build(fc.load_scenario(scenario(controller="!Integral", duration=0.1)))
+    controller, station = (loop.diagram.GetSubsystemByName(name) for name in ("controller", "station"))
+    given = {
+        loop.diagram.connection_map()[(controller, controller.GetInputPort(name).get_index())]
+        for name in ("motor_position", "motor_velocity")
+    }
+    readings = {station.GetOutputPort(name).get_index() for name in ("joint_position", "joint_velocity")}
+    assert {(system.get_name(), port) for system, port in given} == {("station", port) for port in readings}
+    with pytest.raises(fc.BadInputError, match=r"controller wants joint_position .*, which nothing puts out"):
+        fc.build(
+            fc.load_scenario(
+                {"station": {"drive": "!JointInterface", "elastic_joints": False, "fidelity": "Multibody"}}
+            )
+        )
+
+
 def test_a_projection_is_the_force_along_the_normal():
     loop = fc.build(fc.load_scenario(scenario()))
     projection = loop.diagram.GetSubsystemByName("measured_force_projection")

@@ -189,6 +189,13 @@ def test_a_robot_with_another_number_of_joints_has_ports_of_that_size(fidelity: 
     assert_ports(station, {"joint_position_command": 3}, outputs(fidelity, 3))
 
 
+def test_a_delay_that_does_not_fit_a_robots_own_period_names_both() -> None:
+    """The position loop's 2 ms, of a robot with a tick of 4 ms."""
+    told = r"position_loop\.delay = 0\.002: .* whole multiple of station\.period \(null: the robot's\) = 0\.004"
+    with pytest.raises(BadInputError, match=told):
+        describe(StationConfig(robot="yumi/left", tool="yumi_gripper"))
+
+
 def test_singular_postures_and_unknown_fidelities_are_refused_by_name() -> None:
     with pytest.raises(BadInputError, match=r"posture_deg.*singular"):
         describe(StationConfig(posture_deg=[0.0, 0.0, -90.0, 0.0, 0.0, 0.0], normal=[0.0, 1.0, 0.0]))

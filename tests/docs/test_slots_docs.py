@@ -12,7 +12,14 @@ import numpy as np
 import pytest
 
 import forcectl as fc
+from forcectl.diagrams.sensors import WristForceConfig
+from forcectl.force.vrft.experiment import RecursiveVrftConfig
+from forcectl.motion.joint_path import DitherConfig, JointMovesConfig
+from forcectl.robot.model import RobotModel
 from forcectl.scenario import catalog
+from forcectl.tasks.null_space_parts import JointSpeedConfig
+from forcectl.tasks.task_parts import ArmTaskConfig, TaskTargetConfig
+from tests.examples.stations import free
 
 PAGE = (Path(__file__).parents[2] / "docs" / "slots.md").read_text(encoding="utf-8")
 SLOTS = ("fidelity", "environment", "drive", "sensor", "controller", "reference", "analysis", "estimator")
@@ -72,6 +79,19 @@ def test_a_surface_of_ones_own_is_pressed_on_in_every_fidelity(folder, fidelity)
     assert float(log["contact_force"][-1]) == pytest.approx(8.0, abs=0.4)
 
 
+@pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", "Multibody"])
+def test_every_fidelity_raises_the_surface_to_heights_of_ones_own(folder, fidelity):
+    log = fc.run("my_bump.yaml", fidelity=fidelity).log
+    places = np.linspace(-0.2, 0.2, 20001)
+    shape = importlib.import_module("my_parts").Bump(at=0.02).heights(places)
+    shape += 5e-5 * np.sin(2 * np.pi * places / 0.02)
+    height = log["surface_height"].values.ravel()
+    assert height[0] == pytest.approx(0.0, abs=1e-6)
+    # A ball rests a little above the troughs of what it slides over.
+    assert height.max() == pytest.approx(shape.max(), abs=5e-6)
+    assert height[-1] == pytest.approx(np.interp(0.04, places, shape), abs=2e-5)
+
+
 def test_an_estimator_of_ones_own_is_logged(folder):
     mine = importlib.import_module("my_parts").TorqueImpulse()
     base = fc.run("fig_5_2", variant="readings as they are", overrides={"duration": 0.1, "estimators": {"mine": mine}})
@@ -87,6 +107,79 @@ def test_a_task_of_ones_own_is_reached(folder):
     assert place[-1, 0] == pytest.approx(0.2, abs=1e-4)
     assert float(log["tracking_error"][-1]) < 1.0 == float(log["reached"][-1])
     np.testing.assert_allclose(place[:, 1:], np.tile(place[0, 1:], (len(place), 1)), atol=1e-3)
+
+
+def test_a_constraint_of_ones_own_is_kept(folder):
+    cylinder = importlib.import_module("my_parts").Cylinder(axis=[0.0, 0.0], radius=0.25)
+    task = ArmTaskConfig(arm="left", coordinates=["x", "y"], targets=[TaskTargetConfig(value=[0.35, 0.15])])
+    changes = {"controller.constraints": [cylinder], "controller.tasks": {"go": task}}
+    result = fc.run("my_reach.yaml", overrides=changes)
+    robot = RobotModel.load("yumi", "yumi_gripper")
+    context, away = robot.create_context(), []
+    for q in result.log["joint_position_command"].values:
+        robot.set_positions(context, q)
+        away.append(np.linalg.norm(robot.tip_position(context)[:2]))
+    assert max(away) == pytest.approx(0.25, abs=1e-5)
+
+
+def test_a_potential_of_ones_own_leads_the_joints_that_the_tasks_leave_free(folder):
+    ours, theirs = (
+        fc.run("my_reach.yaml", overrides=changes).log
+        for changes in ({}, {"controller.null_space": JointSpeedConfig()})
+    )
+    q, other = ours["joint_position_command"].values[-1, 4], theirs["joint_position_command"].values[-1, 4]
+    assert q == pytest.approx(0.5, abs=0.02)
+    assert abs(other) < 0.1
+    np.testing.assert_allclose(ours["task_position"].values[-1], theirs["task_position"].values[-1], atol=1e-4)
+
+
+def test_a_motion_and_a_signal_of_ones_own(folder):
+    parts = importlib.import_module("my_parts")
+    scenario = {
+        "station": {"fidelity": "Kinematic", "sensors": {"force": WristForceConfig(noise_std=0.0, quantum=0.0)}},
+        "motion": parts.Wiggle(joint=5),
+        "signals": {"measured_force": parts.Share(factor=0.5)},
+        "reference": {"force": 8.0},
+        "duration": 5.0,
+    }
+    log = fc.run(scenario).log
+    turned = log["motor_position"].values[:, 5]
+    assert np.ptp(turned) == pytest.approx(0.04, rel=0.02)
+    assert float(log["measured_force"][-1]) == pytest.approx(8.0, rel=0.02)
+    assert float(log["contact_force"][-1]) == pytest.approx(16.0, rel=0.02)
+
+
+def test_a_load_and_a_fault_of_ones_own(folder):
+    parts = importlib.import_module("my_parts")
+    station = free(loads=[parts.Push()], faults=[parts.DeadEncoder(joint="left_joint_2")])
+    controller = JointMovesConfig(dither=DitherConfig(amplitude_deg=1.0, frequency=5.0))
+    log = fc.run({"station": station, "controller": controller, "duration": 0.5}).log
+    time = log["time"].values
+    pushed = log["applied_wrench"].values[:, 5]
+    np.testing.assert_array_equal(pushed[(time > 0.11) & (time < 0.29)], -20.0)
+    np.testing.assert_array_equal(pushed[(time < 0.1) | (time > 0.31)], 0.0)
+    read, true = log["joint_position"].values[:, 1], log["link_position"].values[:, 1]
+    assert np.ptp(read[time > 0.06]) == 0.0
+    assert np.ptp(true[time > 0.06]) > 1e-3
+
+
+def test_an_excitation_of_ones_own_is_pressed_with(folder):
+    controller = RecursiveVrftConfig(excitation=importlib.import_module("my_parts").Humming())
+    log = fc.run({"controller": controller, "duration": 3.0}).log
+    depth = -log["displacement_command"].values.ravel()[1000:]
+    force = log["contact_force"].values.ravel()[1000:]
+    assert depth.mean() == pytest.approx(1e-3, rel=0.3)
+    assert np.ptp(force) == pytest.approx(0.6 * force.mean(), rel=0.2)
+
+
+def test_a_criterion_of_ones_own_leads_joints_back(folder):
+    mine = importlib.import_module("my_parts").Homewards()
+    away = []
+    for criterion in (mine, JointSpeedConfig()):
+        log = fc.run("my_reach.yaml", overrides={"controller.null_space": criterion}).log
+        q = log["joint_position_command"].values
+        away.append(np.linalg.norm(q[-1] - q[0]))
+    assert away[0] < away[1]
 
 
 def test_a_package_announces_a_tag(folder, monkeypatch):

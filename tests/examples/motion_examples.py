@@ -7,7 +7,10 @@ from typing import Any
 
 import numpy as np
 from pydrake.systems.framework import System
+from pydrake.trajectories import PiecewisePolynomial
 
+from forcectl.motion.references import held_trajectory
+from forcectl.motion.surface_velocity import LinePosture, SurfaceVelocity
 from forcectl.motion.trajectory_generator import TrajectoryGenerator
 from forcectl.motion.velocity_generator import VelocityGenerator
 from forcectl.robot.model import RobotModel
@@ -36,6 +39,10 @@ def two_arms() -> RobotModel:
 def relative_pose() -> RelativePose:
     leader, follower = (arm.tcp_frame for arm in two_arms().parts.arms.values())
     return RelativePose(two_arms(), leader, follower)
+
+
+def arm_line() -> PiecewisePolynomial:
+    return PiecewisePolynomial.FirstOrderHold([-0.1, 0.0, 0.1], [[-0.2, 0.0, 0.1], [0.1, 0.0, -0.3]])
 
 
 def joints(t: float) -> np.ndarray:
@@ -76,6 +83,21 @@ MOTION_EXAMPLES: dict[type[System], list[Example]] = {
                 for pair in each(name, "joint_position", "joint_velocity")
             },
             {"joint_position": joints, "joint_velocity": lambda t: 2 * np.cos(20 * t + np.arange(14))},
+        )
+    ],
+    LinePosture: [
+        Example(
+            lambda: LinePosture(arm_line()),
+            each("unconstrained_reference", "path_position"),
+            {"path_position": lambda t: 0.5 * t},
+        )
+    ],
+    SurfaceVelocity: [
+        Example(
+            lambda: SurfaceVelocity(
+                held_trajectory([0.0, 0.03], [0.1, -0.1]), velocity_generator(1, velocity_limit=1.0), arm_line()
+            ),
+            periods={"period": 0.004},
         )
     ],
     VelocityGenerator: [

@@ -23,7 +23,7 @@ def material(**changes: float) -> SurfaceMaterial:
 SURFACE_EXAMPLES: dict[type[System], list[Example]] = {
     SurfaceHeight: [
         Example(
-            lambda: SurfaceHeight(SurfaceConfig(slope=0.01, grooves=GrooveConfig()).profile(0.01)),
+            lambda: SurfaceHeight(SurfaceConfig(slope=0.01, heights={"grooves": GrooveConfig()}).profile(0.01)),
             each("surface_height", "path_position"),
             {"path_position": lambda t: 0.5 * t},
         )

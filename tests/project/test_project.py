@@ -13,6 +13,9 @@ from pathlib import Path
 
 import pytest
 
+from forcectl.models import list_robots, list_tools
+from forcectl.scenario import catalog
+
 ROOT = Path(__file__).resolve().parents[2]
 THIS = Path(__file__).relative_to(ROOT)
 TOP_LEVEL = {"benchmarks", "diagrams", "docs", "experiments", "forcectl", "models", "tests", ".ci", ".github"}
@@ -217,3 +220,48 @@ def test_every_dependency_is_locked():
     lines = [line for line in (ROOT / "constraints.txt").read_text().splitlines() if not line.startswith("#")]
     assert all(re.fullmatch(r"[\w.-]+==[\w.+!-]+( ; .*)?", line) for line in lines)
     assert wanted - {"forcectl"} <= {canonical(line.split("==")[0]) for line in lines}
+
+
+def fillers() -> tuple[set[str], set[str]]:
+    """Names of robots, tools and tags, and of the classes behind the tags."""
+    paths = [item for table in catalog.SLOTS.values() for item in table.items()]
+    return {tag for tag, _ in paths} | {*list_robots(), *list_tools()}, {path.partition(":")[2] for _, path in paths}
+
+
+def asked_by_name(tree: ast.Module) -> Iterator[str]:
+    """Comparisons with a name, or with a class of another file, of what may fill a slot."""
+    names, classes = fillers()
+    own = {node.name for node in tree.body if isinstance(node, ast.ClassDef)}
+    for node in ast.walk(tree):
+        if isinstance(node, ast.Compare):
+            constants = (n.value for n in ast.walk(node) if isinstance(n, ast.Constant))
+            found = {value for value in constants if isinstance(value, str)} & names
+            found |= {n.id for n in ast.walk(node) if isinstance(n, ast.Name)} & (classes - own)
+        elif isinstance(node, ast.Call) and ast.unparse(node.func) in ("isinstance", "issubclass"):
+            found = {n.id for n in ast.walk(node.args[1]) if isinstance(n, ast.Name)} & (classes - own)
+        elif isinstance(node, ast.MatchValue | ast.MatchClass):
+            found = {ast.unparse(node).strip("'\"").partition("(")[0]} & (names | classes - own)
+        else:
+            continue
+        yield from (f"{node.lineno}: {name}" for name in sorted(found))
+
+
+def test_nothing_asks_for_a_robot_a_fidelity_or_the_filler_of_a_slot_by_name():
+    """What differs between fillers is said by their methods and attributes, so that one's own can say it, too."""
+    assert [f"{path}:{where}" for path, tree in parsed(LIBRARY) for where in asked_by_name(tree)] == []
+
+
+@pytest.mark.parametrize(
+    "code",
+    [
+        "fidelity == 'Multibody'",
+        "robot in ('yumi', 'mine')",
+        "isinstance(part, EnvironmentConfig)",
+        "isinstance(part, (int, EnvironmentConfig))",
+        "type(part) is EnvironmentConfig",
+        "match tag:\n    case 'Surface':\n        pass",
+        "match part:\n    case EnvironmentConfig():\n        pass",
+    ],
+)
+def test_asking_by_name_is_seen(code):
+    assert list(asked_by_name(ast.parse(code))) != []

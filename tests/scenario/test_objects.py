@@ -11,14 +11,25 @@ import forcectl as fc
 from forcectl.diagrams.drives.position_drive import PositionDriveConfig
 from forcectl.diagrams.fidelities.kinematic import KinematicFidelity, KinematicStation
 from forcectl.diagrams.sensors import WristForceConfig
+from forcectl.diagrams.signals import FromConfig
 from forcectl.diagrams.station import StationConfig
 from forcectl.estimation.force_estimator import ForceEstimatorConfig
 from forcectl.force.integral import IntegralConfig
+from forcectl.force.vrft.experiment import RecursiveVrftConfig
+from forcectl.motion.excitation import TrapezoidalMovesConfig
 from forcectl.motion.joint_path import JointMovesConfig
+from forcectl.motion.loads import LoadConfig
 from forcectl.motion.references import StepConfig
 from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
+from forcectl.plant.contact.surface import SurfaceConfig, WaveConfig
+from forcectl.plant.sensors.reading_fault import ReadingFaultConfig
+from forcectl.scenario.catalog import SLOTS
 from forcectl.scenario.scenario import Scenario, load_scenario
+from forcectl.tasks.constraints.parts import WallConfig
+from forcectl.tasks.null_space_parts import EvasiveConfig, JointSpeedConfig, LinkPotentialConfig
+from forcectl.tasks.reaching import ReactiveReachingConfig
+from forcectl.tasks.task_parts import ArmTaskConfig
 from tests.examples.stations import free
 
 
@@ -181,6 +192,79 @@ CASES = {
     "fidelity": (pressing(fidelity=MyFidelity()), "MyStation"),
     "environment": (pressing(fidelity="OneDimensional", environment=MySurface()), "my_surface"),
 }
+
+
+class Asked:
+    """A part of the user's that says what a shipped one says, and counts how often it is asked.
+
+    Args:
+        part: the shipped one.
+        method: or attribute that a station or controller in the making asks for.
+    """
+
+    def __init__(self, part, method):
+        self.part, self.method, self.asked = part, method, 0
+
+    def __getattr__(self, name):
+        if name == self.__dict__.get("method"):
+            self.asked += 1
+        return getattr(self.__dict__["part"], name)
+
+
+def reaching(**parts):
+    return free_robot(controller=ReactiveReachingConfig(**parts))
+
+
+WALL = WallConfig(arm="left", point=[0, 0, 0.01], normal=[0, 0, 1])
+# Each further slot: a part, and a scenario with it. They add no block of a name of their own.
+FURTHER = {
+    "surface": (
+        Asked(WaveConfig(), "heights"),
+        lambda part: pressing(environment=EnvironmentConfig(surface=SurfaceConfig(heights={"mine": part}))),
+    ),
+    "signal": (Asked(FromConfig(part="station"), "choose"), lambda part: {"signals": {"measured_force": part}}),
+    "load": (
+        Asked(LoadConfig(wrenches=[[0.0, 0.0, 0.0, 1.0, 0.0, 0.0]]), "body"),
+        lambda part: free_robot(station=free(robot="yumi/left", tool=None, loads=[part])),
+    ),
+    "fault": (
+        Asked(ReadingFaultConfig(start=1.0), "fault"),
+        lambda part: free_robot(station=free(robot="yumi/left", tool=None, faults=[part])),
+    ),
+    "excitation": (
+        Asked(TrapezoidalMovesConfig(), "add_to"),
+        lambda part: {"controller": RecursiveVrftConfig(excitation=part)},
+    ),
+    "task": (Asked(ArmTaskConfig(arm="left"), "task"), lambda part: reaching(tasks={"mine": part})),
+    "constraint": (Asked(WALL, "constraint"), lambda part: reaching(constraints=[part])),
+    "null_space": (Asked(JointSpeedConfig(), "criterion"), lambda part: reaching(null_space=part)),
+    "potential": (
+        Asked(LinkPotentialConfig(), "potentials"),
+        lambda part: reaching(null_space=EvasiveConfig(potentials=[part])),
+    ),
+}
+
+
+def test_every_slot_is_tried():
+    assert {*CASES, *FURTHER, "analysis"} - {"joint controller"} == set(SLOTS)
+
+
+@pytest.mark.parametrize("slot", FURTHER)
+def test_every_way_to_build_asks_the_users_object(slot):
+    part, make = FURTHER[slot]
+    parts = make(part) | {"duration": 0.02}
+    ways = [
+        lambda: fc.build(Scenario(**parts)).diagram,
+        lambda: fc.run(Scenario(**parts)).diagram,
+        lambda: fc.run({"duration": 0.02}, overrides=parts).diagram,
+        lambda: fc.build(load_scenario(parts)).diagram,
+    ]
+    built = []
+    for way in ways:
+        before = part.asked
+        built.append(names(way()))
+        assert part.asked > before
+    assert all(blocks == built[0] for blocks in built)
 
 
 @pytest.mark.parametrize("slot", CASES)

@@ -253,7 +253,7 @@ def test_a_wrong_import_is_one_line(own_module, tmp_path, controller, message):
     ("name", "message"),
     [
         ("Raises", "own.yaml: controller: cannot be built: AttributeError: "),
-        ("ReturnsNothing", "its add_to must return a Drake system, not NoneType"),
+        ("ReturnsNothing", "add_to must return a Drake system, not NoneType"),
     ],
 )
 def test_a_controller_that_cannot_be_added_is_one_line(own_module, tmp_path, name, message):

@@ -19,9 +19,29 @@ from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.plant_model import PlantModel
 from forcectl.runs.run import RunResult
 from forcectl.scenario.scenario import Scenario
-from forcectl.tasks.reaching import ArmWallConfig, PaceConfig, ReachConfig, ReactiveReachingConfig
+from forcectl.tasks.constraints.parts import WallConfig
+from forcectl.tasks.null_space_parts import (
+    ConstraintPotentialConfig,
+    EvasiveConfig,
+    JointLimitPotentialConfig,
+    JointSpeedConfig,
+    LinkPotentialConfig,
+    SmallMassPotentialConfig,
+)
+from forcectl.tasks.reaching import PaceConfig, ReachConfig, ReactiveReachingConfig
 from forcectl.testing import assert_memory_released
 from tests.examples.stations import free
+
+
+class Nothing:
+    """Has the methods of both slots, but makes nothing that can be used."""
+
+    def criterion(self, setting: Any) -> Any:
+        return setting
+
+    def potentials(self, setting: Any) -> Any:
+        return [3]
+
 
 LEFT = {"arm": "left", "position": [0.20, 0.25, 0.25]}
 SHORT = """
@@ -107,8 +127,18 @@ def test_an_arm_without_a_target_stays() -> None:
     np.testing.assert_array_equal(target[:3], LEFT["position"])
 
 
-@pytest.mark.parametrize("null_space", ["joint_limits", "links", "small_mass"])
-def test_every_null_space_criterion_can_be_chosen(null_space: str) -> None:
+@pytest.mark.parametrize(
+    "null_space",
+    [
+        JointSpeedConfig(time_constant=0.1),
+        EvasiveConfig(potentials=[JointLimitPotentialConfig(), LinkPotentialConfig()]),
+        EvasiveConfig(potentials=[SmallMassPotentialConfig(arm="left", direction=[1.0, 0.0, 0.0])]),
+        EvasiveConfig(
+            potentials=[ConstraintPotentialConfig(constraint=WallConfig(point=[0, 0, 0], normal=[0, 0, 1], arm="left"))]
+        ),
+    ],
+)
+def test_every_null_space_criterion_can_be_chosen(null_space: Any) -> None:
     made = build(null_space=null_space, targets=[ReachConfig(**LEFT)])
     context = made.CreateDefaultContext()
     for name in ("joint_position", "joint_velocity"):
@@ -121,9 +151,17 @@ def test_every_null_space_criterion_can_be_chosen(null_space: str) -> None:
     ("changes", "said"),
     [
         ({"targets": [ReachConfig(arm="middle", position=[0, 0, 0])]}, "unknown targets.arm 'middle'"),
-        ({"walls": [ArmWallConfig(arm="middle", point=[0, 0, 0], normal=[0, 0, 1])]}, "unknown arm 'middle'"),
-        ({"walls": [ArmWallConfig(arm="left", point=[0, 0, 2], normal=[0, 0, 1])]}, "violated in the start"),
+        ({"constraints": [WallConfig(arm="middle", point=[0, 0, 0], normal=[0, 0, 1])]}, "unknown arm 'middle'"),
+        ({"constraints": [WallConfig(arm="left", point=[0, 0, 2], normal=[0, 0, 1])]}, "violated in the start"),
         ({"link_distance": 0.5}, "violated in the start"),
+        (
+            {"link_distance": 0.0, "null_space": EvasiveConfig(potentials=[LinkPotentialConfig()])},
+            "above zero to keep away from links",
+        ),
+        ({"null_space": EvasiveConfig(potentials=[SmallMassPotentialConfig(arm="middle")])}, "unknown arm 'middle'"),
+        ({"null_space": Nothing()}, r"null_space: criterion must return an object with cost\(motion, period\)"),
+        ({"null_space": EvasiveConfig(potentials=[Nothing()])}, "potential int lacks speed"),
+        ({"null_space": JointSpeedConfig(time_constant=-1.0)}, "time_constant = -1.0"),
     ],
 )
 def test_what_does_not_fit_the_robot_is_refused(changes: dict[str, Any], said: str) -> None:
@@ -148,14 +186,11 @@ def test_the_links_keep_away_from_the_boxes_of_the_station() -> None:
         (ReachConfig, {"arm": "left", "position": [0.0, 0.0, np.nan]}, "position"),
         (ReachConfig, {"arm": "left", "position": [0, 0, 0], "turn_deg": [180.0, 0.0, 0.0]}, "less than 180"),
         (ReachConfig, {"arm": "left", "position": [0, 0, 0], "time": -1.0}, "time"),
-        (ArmWallConfig, {"arm": "left", "point": [0.0], "normal": [0, 0, 1]}, "point"),
-        (ArmWallConfig, {"arm": "left", "point": [0, 0, 0], "normal": [0, 0, 0]}, "normal"),
         (PaceConfig, {"speed": 0.0}, "velocity"),
         (PaceConfig, {"turn_jerk": np.inf}, "jerk"),
-        (ReactiveReachingConfig, {"null_space": "mass"}, "unknown null_space 'mass'"),
-        (ReactiveReachingConfig, {"mass_direction": [0, 0, 0]}, "mass_direction"),
+        (EvasiveConfig, {"potentials": []}, "potentials"),
+        (SmallMassPotentialConfig, {"direction": [0, 0, 0]}, "direction"),
         (ReactiveReachingConfig, {"link_distance": -0.1}, "link_distance"),
-        (ReactiveReachingConfig, {"link_distance": 0.0, "null_space": "links"}, "above zero to keep away from links"),
         (ReachAnalysis, {"every": 0}, "every"),
         (ReachAnalysis, {"mass_direction": [0.0]}, "mass_direction"),
     ],

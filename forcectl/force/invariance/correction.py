@@ -126,12 +126,12 @@ class InvarianceControlConfig(InvarianceLimits):
     def law(self, model: PlantModel, compliance: ArrayLike | None) -> InvarianceControl:
         """The nominal law and its correction, which believes in this total compliance [m/N] or has a port for it."""
         correction = self.block(InvarianceCorrection, model, compliance)
-        if not isinstance(self.nominal, IntegralConfig):
-            builder = DiagramBuilder()
-            nominal = self.nominal.add_to(builder, model)
-            return InvarianceControl(Enclosed(builder, nominal), correction)
-        believed = None if compliance is None else self.nominal.compliance_error * model.total_compliance
-        return InvarianceControl(self.nominal.law(model, believed, limited=False), correction)
+        unlimited = getattr(self.nominal, "unlimited_law", None)
+        if unlimited is not None:
+            return InvarianceControl(unlimited(model, believes=compliance is not None), correction)
+        builder = DiagramBuilder()
+        nominal = self.nominal.add_to(builder, model)
+        return InvarianceControl(Enclosed(builder, nominal), correction)
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> InvarianceControl | AdaptiveForceLaw:
         """Add the law; its constraint believes in `compliance_error` times the true total compliance."""

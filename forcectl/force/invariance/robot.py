@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 from dataclasses import dataclass, field
-from inspect import get_annotations
 from math import inf
 from typing import Any
 
@@ -18,16 +17,15 @@ from forcectl.force.invariance.controller import InvarianceController, check_gam
 from forcectl.force.invariance.regulated_output import RegulatedCoordinate
 from forcectl.force.sensor_lag import SensorLag
 from forcectl.framework.batch import check, whole_multiple
-from forcectl.framework.imports import import_object
+from forcectl.framework.slots import slot_list
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import sensor_filter
 from forcectl.qp.solvers import DEFAULT_SOLVER, check_solver
 from forcectl.robot.model import JointLimits, unit_normal
-from forcectl.tasks.constraints.base import CartesianWall, Constraint
+from forcectl.tasks.constraints.parts import constraints_of
 
 Array = NDArray[np.float64]
-_INTERFACE = "a class with relative_degree and evaluate(motion)"
 
 
 class AdaptiveInvarianceController(Diagram):
@@ -94,49 +92,6 @@ class JointLimitConfig:
 
 
 @dataclass(kw_only=True)
-class WallConfig:
-    """A plane that the tool centre point stays in front of."""
-
-    point: list[float]  # on the plane, in W [m]
-    normal: list[float]  # towards the free side, in W
-    gamma: float = -1.0  # [m/s^2], < 0: deceleration towards it
-
-    def __post_init__(self) -> None:
-        if len(self.point) != 3:
-            raise invalid("point", self.point, "three numbers")
-        unit_normal(self.normal)
-        check_gamma("gamma", self.gamma)
-
-
-@dataclass(kw_only=True)
-class ConstraintConfig:
-    """A constraint of the user's: a class with `relative_degree` and `evaluate(motion)`, see `Constraint`."""
-
-    path: str  # "package.module:ClassName"
-    parameters: dict[str, Any] = field(default_factory=dict)
-
-    def __post_init__(self) -> None:
-        self.constraint()
-
-    def constraint(self) -> Constraint:
-        """The constraint, built anew."""
-        kind = import_object(self.path)
-        # Looked at before it is called: the parameters are the scenario's.
-        if not isinstance(kind, type) or not _has_interface(kind):
-            raise invalid("path", self.path, _INTERFACE)
-        try:
-            made = kind(**self.parameters)
-        except BadInputError:
-            raise
-        except Exception as error:  # whatever the user's class does
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise BadInputError(f"path = {self.path!r}: cannot be built with these parameters: {reason}") from error
-        if not isinstance(made, Constraint):
-            raise invalid("path", self.path, _INTERFACE)
-        return made
-
-
-@dataclass(kw_only=True)
 class OutputConfig:
     """A Cartesian coordinate that is regulated beside the force."""
 
@@ -163,8 +118,7 @@ class InvarianceRobotConfig:
     tracking_bandwidth: float = 30.0  # w [1/s], > 0, of the unconstrained directions
     tracking_acceleration: float = 2.0  # [m/s^2], > 0, in the unconstrained directions
     limits: JointLimitConfig = field(default_factory=JointLimitConfig)
-    walls: list[WallConfig] = field(default_factory=list)
-    constraints: list[ConstraintConfig] = field(default_factory=list)
+    constraints: list[Any] = slot_list("constraint")  # beside those of joints and force
     outputs: list[OutputConfig] = field(default_factory=list)
     solver: str = DEFAULT_SOLVER  # of the quadratic program: daqp, clarabel, osqp, ...
 
@@ -181,12 +135,8 @@ class InvarianceRobotConfig:
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """Add the controller; without adaptation it believes in `compliance_error` times the true total compliance."""
-        tip = _tip(_checked(model))
-        for i, wall in enumerate(self.walls):
-            if unit_normal(wall.normal) @ (tip - wall.point) < 0:
-                behind = f"so that the tool is in front of the wall where it starts, {np.round(tip, 4).tolist()} m"
-                raise invalid(f"walls.{i}.point", wall.point, behind)
-        constraints = [CartesianWall(wall.point, wall.normal, wall.gamma) for wall in self.walls]
+        if model.robot is None:
+            raise BadInputError("controller !InvarianceRobot commands joints: there must be a robot in the loop")
         known = self.compliance_error * model.total_compliance.item()
         controller = InvarianceController(
             model,
@@ -196,7 +146,7 @@ class InvarianceRobotConfig:
             maximum_force=self.maximum_force,
             nominal_gain=self.nominal_gain,
             limits=self.limits.limits(model.known_robot().limits),
-            constraints=[*constraints, *(part.constraint() for part in self.constraints)],
+            constraints=constraints_of(self.constraints, model),
             outputs=[RegulatedCoordinate(unit_normal(o.axis), o.displacement, o.gamma) for o in self.outputs],
             tracking_bandwidth=self.tracking_bandwidth,
             tracking_acceleration=self.tracking_acceleration,
@@ -208,23 +158,3 @@ class InvarianceRobotConfig:
             return builder.AddNamedSystem("invariance_controller", controller)
         block = AdaptiveInvarianceController(controller, self.adaptation.estimator(model), model)
         return builder.AddNamedSystem("invariance_controller", block)
-
-
-def _has_interface(kind: type) -> bool:
-    # A field of a dataclass without a default is an annotation only.
-    annotated = any("relative_degree" in get_annotations(base) for base in kind.__mro__)
-    return callable(getattr(kind, "evaluate", None)) and (annotated or hasattr(kind, "relative_degree"))
-
-
-def _checked(model: PlantModel) -> PlantModel:
-    if model.robot is None:
-        raise BadInputError("controller !InvarianceRobot commands joints: there must be a robot in the loop")
-    return model
-
-
-def _tip(model: PlantModel) -> Array:
-    """Where the tool centre point is at the start, in W (3,) [m]."""
-    robot = model.known_robot()
-    context = robot.create_context()
-    robot.set_positions(context, model.start)
-    return robot.tip_position(context)

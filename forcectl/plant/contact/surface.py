@@ -1,4 +1,4 @@
-"""Uneven surfaces for moving contact: grooves, roughness, a slope, or a profile from a file.
+"""Uneven surfaces for moving contact: a slope, grooves, roughness, waves, a profile from a file, or one's own.
 
     h(s) = max_u [z(s + u) + sqrt(R^2 - u^2) - R],  |u| <= R        what a ball of radius R rests on
     F = -(dx - h(s))/C_T                                            (2.8) with the surface at h instead of at 0
@@ -13,6 +13,7 @@ from __future__ import annotations
 import math
 from dataclasses import dataclass, field
 from itertools import pairwise
+from typing import Any, Protocol
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -21,6 +22,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check
 from forcectl.framework.series_file import read_series
+from forcectl.framework.slots import named_slots
 from forcectl.plant.contact.surface_materials import MaterialsConfig
 
 Array = NDArray[np.float64]
@@ -140,9 +142,24 @@ class SurfaceHeight(LeafSystem):
         output.SetAtIndex(0, self._slope * s + height)
 
 
+class HeightPart(Protocol):
+    """A filler of the slot `surface`."""
+
+    def heights(self, s: Array) -> Array:
+        """Height along n, which every fidelity raises the surface to.
+
+        Args:
+            s: path coordinates `GRID` apart, as far to both sides of the start, shape (k,) [m].
+
+        Returns:
+            shape (k,) [m].
+        """
+        ...
+
+
 @dataclass(kw_only=True)
 class GrooveConfig:
-    """Scenario part `grooves`: equal grooves across the path."""
+    """Scenario part `!Grooves`: equal grooves across the path."""
 
     depth: float = 2e-4  # [m], > 0
     width: float = 4e-3  # [m] from edge to edge
@@ -177,13 +194,24 @@ class GrooveConfig:
             return [i * self.spacing for i in range(-count, count + 1) if i]
         furthest = max(self.positions, key=abs)
         if abs(furthest) > length:
-            raise invalid("grooves.positions", furthest, f"within the length, {length:g} m of the start")
+            raise invalid("positions", furthest, f"within the length, {length:g} m of the start")
         return sorted(self.positions)
+
+    def heights(self, s: Array) -> Array:
+        """See `HeightPart`."""
+        flank, z = self.width / 2 if self.flank is None else self.flank, np.zeros(len(s))
+        for centre in self.centres(_end(s)):
+            z += groove_profile(s, centre, self.depth, self.width, flank)
+        return z
+
+    def lines(self, length: float) -> list[tuple[float, float]]:
+        """What a picture shows of it within +-`length` [m]: centres and widths of lines across the path [m]."""
+        return [(centre, self.width) for centre in self.centres(length)]
 
 
 @dataclass(kw_only=True)
 class RoughnessConfig:
-    """Scenario part `roughness`, see `rough_profile`. The ball smooths it further."""
+    """Scenario part `!Roughness`, see `rough_profile`. The ball smooths it further."""
 
     rms: float = 5e-6  # [m], > 0
     correlation_length: float = 1e-3  # [m] over which the correlation falls to 1/e
@@ -197,18 +225,52 @@ class RoughnessConfig:
         if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
             raise invalid("seed", self.seed, "a whole number, at least 0")
 
+    def heights(self, s: Array) -> Array:
+        """See `HeightPart`."""
+        if self.correlation_length > _end(s):
+            raise invalid("correlation_length", self.correlation_length, f"at most the length, {_end(s):g} m")
+        return rough_profile(len(s), GRID, self.rms, self.correlation_length, self.seed)
+
+
+@dataclass(kw_only=True)
+class WaveConfig:
+    """Scenario part `!Waves`: a sine along the path, zero and rising at the start."""
+
+    amplitude: float = 1e-4  # [m], > 0
+    wavelength: float = 0.02  # [m]
+
+    def __post_init__(self) -> None:
+        if check("amplitude", self.amplitude, "positive") > _HIGHEST:
+            raise invalid("amplitude", self.amplitude, f"at most {_HIGHEST:g} m")
+        if check("wavelength", self.wavelength) < _NARROWEST:
+            raise invalid("wavelength", self.wavelength, f"at least {_NARROWEST:g} m")
+
+    def heights(self, s: Array) -> Array:
+        """See `HeightPart`."""
+        wave: Array = self.amplitude * np.sin(2 * np.pi / self.wavelength * s)
+        return wave
+
+
+@dataclass(kw_only=True)
+class ProfileFileConfig:
+    """Scenario part `!ProfileFile`: heights from a CSV file, joined by straight lines."""
+
+    path: str  # with the columns position and height [m]
+
+    def heights(self, s: Array) -> Array:
+        """See `HeightPart`."""
+        return np.interp(s, *read_profile(self.path))
+
 
 @dataclass(kw_only=True)
 class SurfaceConfig:
-    """Scenario part `surface`: heights that are given are added up; flat when none are."""
+    """Scenario part `surface`: its heights are added up; flat when there are none."""
 
     direction: list[float] = field(default_factory=lambda: [1.0, 0.0, 0.0])  # of s in W, perpendicular to the normal
     length: float = 0.2  # [m] the profile covers +-length of path and goes on level beyond
     slope: float = 0.0  # [-] rise along n per path; positive: towards the robot
-    grooves: GrooveConfig | None = None
-    roughness: RoughnessConfig | None = None
+    heights: dict[str, Any] = named_slots("surface")  # by name
     materials: MaterialsConfig | None = None  # instead of one stiffness and damping everywhere
-    path: str = ""  # CSV file with the columns position and height [m], joined by straight lines
 
     def __post_init__(self) -> None:
         if len(self.direction) != 3 or not all(np.isfinite(d) for d in self.direction) or not any(self.direction):
@@ -217,19 +279,13 @@ class SurfaceConfig:
             raise invalid("length", self.length, f"from {_NARROWEST:g} to {_LONGEST:g} m")
         if abs(check("slope", self.slope)) > _STEEPEST:
             raise invalid("slope", self.slope, f"from -{_STEEPEST:g} to {_STEEPEST:g}")
-        if self.roughness is not None and self.roughness.correlation_length > self.length:
-            longest = f"at most the length, {self.length:g} m"
-            raise invalid("roughness.correlation_length", self.roughness.correlation_length, longest)
-        if self.grooves is not None:
-            self.grooves.centres(self.length)
-        if self.path:
-            read_profile(self.path)
+        self._added(self._grid())
 
     @property
     def flat(self) -> bool:
         """Whether the surface is the plane through the start, perpendicular to n."""
         smooth = self.materials is None or self.materials.flat
-        return smooth and self.slope == 0 and self.grooves is None and self.roughness is None and not self.path
+        return smooth and self.slope == 0 and not self.heights
 
     @property
     def uniform(self) -> bool:
@@ -251,25 +307,44 @@ class SurfaceConfig:
         """The profile as a ball of that radius [m] meets it.
 
         Raises:
-            BadInputError: the file cannot be used.
+            BadInputError: a height that cannot be used.
         """
-        half = round(self.length / GRID)
-        s: Array = GRID * np.arange(-half, half + 1, dtype=float)
-        z = np.zeros(len(s))
-        if self.grooves is not None:
-            g = self.grooves
-            for centre in g.centres(self.length):
-                z += groove_profile(s, centre, g.depth, g.width, g.width / 2 if g.flank is None else g.flank)
-        if self.roughness is not None:
-            r = self.roughness
-            z += rough_profile(len(s), GRID, r.rms, r.correlation_length, r.seed)
+        s = self._grid()
+        z = self._added(s)
         if self.materials is not None and not self.materials.flat:
             materials = self.materials.path()
             z += materials.along(materials.height, s)
-        if self.path:
-            z += np.interp(s, *read_profile(self.path))
         h = ball_envelope(z, GRID, ball_radius)
-        return SurfaceProfile(float(s[0]), GRID, h - h[half], self.slope)
+        return SurfaceProfile(float(s[0]), GRID, h - h[len(s) // 2], self.slope)
+
+    def _grid(self) -> Array:
+        half = round(self.length / GRID)
+        return GRID * np.arange(-half, half + 1, dtype=float)
+
+    def _added(self, s: Array) -> Array:
+        """Sum of the heights at path coordinates s, shape (k,) [m]."""
+        total = np.zeros(len(s))
+        for name, part in self.heights.items():
+            key = f"heights.{name}"
+            try:
+                z = np.asarray(part.heights(s), dtype=float)
+            except BadInputError as error:
+                raise BadInputError(f"{key}.{error}") from None
+            except Exception as error:  # whatever a user's part does
+                reason = " ".join(f"{type(error).__name__}: {error}".split())
+                raise BadInputError(f"{key}: heights(s) must return heights, but raised {reason}") from error
+            if z.shape != s.shape or not np.isfinite(z).all():
+                wanted = f"finite numbers of shape {s.shape}, like s"
+                raise BadInputError(f"{key}: heights(s) must return {wanted}, not shape {z.shape}")
+            if np.abs(z).max() > _HIGHEST:
+                raise BadInputError(f"{key}: must be in metres, at most {_HIGHEST:g} m, not {np.abs(z).max():g}")
+            total += z
+        return total
+
+
+def _end(s: Array) -> float:
+    """How far a path goes, without rounding [m]."""
+    return round(float(s[-1]), 9)
 
 
 def read_profile(path: str) -> tuple[Array, Array]:

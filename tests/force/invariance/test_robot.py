@@ -19,15 +19,10 @@ from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig
 from forcectl.diagrams.workcell import describe
 from forcectl.errors import BadInputError
 from forcectl.force.adaptive_force_law import Adaptation
-from forcectl.force.invariance.robot import (
-    ConstraintConfig,
-    InvarianceRobotConfig,
-    JointLimitConfig,
-    OutputConfig,
-    WallConfig,
-)
+from forcectl.force.invariance.robot import InvarianceRobotConfig, JointLimitConfig, OutputConfig
 from forcectl.plant.plant_model import PlantModel
 from forcectl.scenario.scenario import build, load_scenario
+from forcectl.tasks.constraints.parts import WallConfig
 from forcectl.testing import assert_memory_released, assert_ports
 from forcectl.testing.plugin import CheckDiagram
 from tests.diagrams.test_station_ports import build_loop, run_loop
@@ -133,12 +128,20 @@ class Shelf:
     def __init__(self, edge: float, gap: float = 0.0):
         self.front = edge - gap
 
+    def constraint(self, model):
+        return self
+
     def evaluate(self, motion):
         return motion.position[0] - self.front, motion.velocity[3], motion.jacobian[3], motion.bias[3]
 
 
-class NoConstraint:
+class NoPart:
     pass
+
+
+class NoConstraint:
+    def constraint(self, model):
+        return 3
 '''
 MOTION = {"direction": [1.0, 0.0, 0.0], "distance": 0.05, "speed": 0.1, "start_time": 0.0}
 
@@ -170,8 +173,11 @@ def test_a_users_wall_and_one_of_the_scenario_stop_the_motion_while_the_force_is
     start.set_positions(context, describe(StationConfig()).start)
     x = start.tip_position(context)[0]
     for stop, text in (
-        (0.02, f"constraints: [{{path: 'own_constraints:Shelf', parameters: {{edge: {x + 0.03}, gap: 0.01}}}}]"),
-        (0.03, f"walls: [{{point: [{x + 0.03}, 0, 0], normal: [-2, 0, 0], gamma: -0.5}}]"),
+        (
+            0.02,
+            f"constraints: [!Import {{path: 'own_constraints:Shelf', parameters: {{edge: {x + 0.03}, gap: 0.01}}}}]",
+        ),
+        (0.03, f"constraints: [!Wall {{point: [{x + 0.03}, 0, 0], normal: [-2, 0, 0], gamma: -0.5}}]"),
         (0.05, "gamma: -0.1"),
     ):
         file = tmp_path / "own.yaml"
@@ -189,16 +195,17 @@ def test_a_users_wall_and_one_of_the_scenario_stop_the_motion_while_the_force_is
 @pytest.mark.parametrize(
     ("text", "message"),
     [
-        ("constraints: [{path: 'own_constraints:Shelve'}]", "did you mean 'Shelf'?"),
-        ("constraints: [{path: 'own_constraints:Shelf'}]", "cannot be built with these parameters: TypeError"),
-        ("constraints: [{path: 'own_constraints:NoConstraint'}]", "must be a class with relative_degree and evaluate"),
-        ("walls: [{point: [1, 0], normal: [1, 0, 0]}]", "controller.walls.0.point = [1.0, 0.0]: must be three"),
-        ("walls: [{point: [1], normal: [1, 0, 0]}]", "controller.walls.0.point = [1.0]: must be three"),
+        ("constraints: [!Import {path: 'own_constraints:Shelve'}]", "did you mean 'Shelf'?"),
+        ("constraints: [!Import {path: 'own_constraints:Shelf'}]", "missing 1 required positional argument: 'edge'"),
+        ("constraints: [!Import {path: 'own_constraints:NoPart'}]", "fills the slot constraint, with constraint"),
+        ("constraints: [!Wal {}]", "controller.constraints.0: unknown tag '!Wal': did you mean '!Wall'?"),
+        ("constraints: {a: 1}", "controller.constraints = {'a': 1}: must be a list"),
+        ("constraints: [!Wall {point: [1, 0], normal: [1, 0, 0]}]", "constraints.0.point = [1.0, 0.0]: must be three"),
         ("outputs: [{axis: [0, 1], displacement: 0.1}]", "controller.outputs.0.axis = [0.0, 1.0]: must be three"),
         ("outputs: [{axis: [0, 0, 0], displacement: 0.1}]", "controller.outputs.0.axis = [0.0, 0.0, 0.0]: must be"),
-        ("walls: [{point: [1, 0, 0], normal: [0, 0, 0]}]", "not all zero"),
-        ("walls: [{point: [1, 0, 0], normal: [1, 0, 0], gamma: 1}]", "gamma = 1.0: must be below zero"),
-        ("walls: [{point: [1, 0, 0]}]", "controller.walls.0.normal is missing"),
+        ("constraints: [!Wall {point: [1, 0, 0], normal: [0, 0, 0]}]", "not all zero"),
+        ("constraints: [!Wall {point: [1, 0, 0], normal: [1, 0, 0], gamma: 1}]", "gamma = 1.0: must be below zero"),
+        ("constraints: [!Wall {point: [1, 0, 0]}]", "controller.constraints.0.normal is missing"),
         ("gamma: 0.1", "controller.gamma = 0.1: must be below zero"),
         ("maximum_force: 0", "controller.maximum_force = 0.0: must be above zero"),
         ("nominal_gain: -1", "controller.nominal_gain"),
@@ -225,8 +232,8 @@ def test_a_wrong_value_in_a_scenario_is_one_line(own_module: None, tmp_path: Pat
             "position_lower = .*: must be below",
         ),
         (
-            InvarianceRobotConfig(walls=[WallConfig(point=[0, 0, 0], normal=[-1, 0, 0])]),
-            r"controller\.walls\.0\.point = \[0.*\]: must be so that the tool is in front of the wall",
+            InvarianceRobotConfig(constraints=[WallConfig(point=[0, 0, 0], normal=[-1, 0, 0])]),
+            "controller: constraint CartesianWall: is violated in the start posture",
         ),
         (InvarianceRobotConfig(outputs=[OutputConfig(axis=[0, 1, 1], displacement=0.01)]), "perpendicular"),
     ],
@@ -251,7 +258,6 @@ def test_limits_of_the_scenario_replace_the_robots() -> None:
     np.testing.assert_array_equal(chosen.velocity, np.full(6, 0.5))
     np.testing.assert_array_equal(chosen.acceleration, robot.acceleration)
     assert math.isinf(InvarianceRobotConfig().maximum_force)
-    assert ConstraintConfig(path="forcectl.tasks.constraints.base:ForceLimit", parameters={"maximum": 3.0}).constraint()
 
 
 # --- the maximum force behind the filter of the sensor ----------------------------------------------------------------

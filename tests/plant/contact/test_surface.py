@@ -15,10 +15,12 @@ from forcectl.errors import BadInputError
 from forcectl.plant.contact.surface import (
     GRID,
     GrooveConfig,
+    ProfileFileConfig,
     RoughnessConfig,
     SurfaceConfig,
     SurfaceHeight,
     SurfaceProfile,
+    WaveConfig,
     ball_envelope,
     groove_profile,
     read_profile,
@@ -29,7 +31,7 @@ SHARP = 0.0  # ball radius of a point [m]
 
 
 def grooved(**changes: Any) -> SurfaceConfig:
-    return SurfaceConfig(grooves=GrooveConfig(**changes))
+    return SurfaceConfig(heights={"grooves": GrooveConfig(**changes)})
 
 
 # --- parts -----------------------------------------------------------------------------------------------------------
@@ -122,10 +124,43 @@ def test_heights_count_from_the_start_and_stay_level_beyond_the_length() -> None
 
 def test_parts_add_up() -> None:
     rough = RoughnessConfig(seed=3)
-    both = SurfaceConfig(slope=0.01, grooves=GrooveConfig(), roughness=rough).profile(SHARP)
-    alone = SurfaceConfig(grooves=GrooveConfig()).profile(SHARP), SurfaceConfig(roughness=rough).profile(SHARP)
+    both = SurfaceConfig(slope=0.01, heights={"a": GrooveConfig(), "b": rough}).profile(SHARP)
+    alone = grooved().profile(SHARP), SurfaceConfig(heights={"b": rough}).profile(SHARP)
     s = np.linspace(-0.1, 0.1, 999)
     np.testing.assert_allclose(both.height(s), 0.01 * s + alone[0].height(s) + alone[1].height(s), atol=1e-15)
+
+
+def test_waves_are_a_sine_that_the_ball_rests_on() -> None:
+    profile = SurfaceConfig(heights={"a": WaveConfig(amplitude=2e-4, wavelength=0.03)}).profile(0.0)
+    s = GRID * np.arange(-2000, 2000, 7)
+    np.testing.assert_allclose(profile.height(s), 2e-4 * np.sin(2 * np.pi * s / 0.03), atol=1e-15)
+
+
+class Own:
+    """Heights of the user's, whatever they are."""
+
+    def __init__(self, values: Any):
+        self.values = values
+
+    def heights(self, s: Any) -> Any:
+        if isinstance(self.values, Exception):
+            raise self.values
+        return self.values
+
+
+@pytest.mark.parametrize(
+    ("values", "told"),
+    [
+        (0.0, r"must return finite numbers of shape \(20001,\), like s, not shape \(\)"),
+        (np.full(20001, np.nan), "must return finite numbers"),
+        (np.full(20001, 0.2), "must be in metres, at most 0.05 m, not 0.2"),
+        ("high", "must return heights, but raised ValueError"),
+        (KeyError("depth"), "must return heights, but raised KeyError: 'depth'"),
+    ],
+)
+def test_heights_of_a_users_part_that_cannot_be_used_are_named(values: Any, told: str) -> None:
+    with pytest.raises(BadInputError, match=rf"^heights\.mine: .*{told}"):
+        SurfaceConfig(heights={"mine": Own(values)})
 
 
 @pytest.mark.parametrize("spacing", [0.02, 0.007])
@@ -141,7 +176,7 @@ def test_the_block_is_the_profile(s: float) -> None:
     assert height_of(PROFILE, s) == pytest.approx(float(PROFILE.height(s)), abs=1e-15)
 
 
-PROFILE = SurfaceConfig(slope=0.1, grooves=GrooveConfig(), roughness=RoughnessConfig()).profile(0.01)
+PROFILE = SurfaceConfig(slope=0.1, heights={"a": GrooveConfig(), "b": RoughnessConfig()}).profile(0.01)
 
 
 def height_of(profile: SurfaceProfile, s: float) -> float:
@@ -154,7 +189,7 @@ def height_of(profile: SurfaceProfile, s: float) -> float:
 
 @pytest.mark.parametrize("s", [-1e9, -0.2, 0.0, 0.2, 1e9])
 def test_the_block_is_level_at_its_ends_and_beyond(s: float) -> None:
-    assert height_of(SurfaceConfig(grooves=GrooveConfig(positions=[0.01])).profile(0.01), s) == 0.0
+    assert height_of(grooved(positions=[0.01]).profile(0.01), s) == 0.0
 
 
 def test_a_position_that_is_no_number_gives_no_height() -> None:
@@ -170,9 +205,13 @@ def write(folder: Path, text: str) -> str:
     return str(path)
 
 
+def of_file(path: str) -> SurfaceConfig:
+    return SurfaceConfig(heights={"board": ProfileFileConfig(path=path)})
+
+
 def test_a_file_is_joined_by_straight_lines_and_other_columns_are_left_alone(tmp_path: Path) -> None:
     path = write(tmp_path, "position, quality, height\n-0.1,a,0\n0,b,1e-3\n0.1,c,-1e-3\n")
-    profile = SurfaceConfig(path=path).profile(SHARP)
+    profile = of_file(path).profile(SHARP)
     np.testing.assert_allclose(
         profile.height([-0.15, -0.05, 0.0, 0.05, 0.1, 0.2]), [-1e-3, -5e-4, 0, -1e-3, -2e-3, -2e-3], atol=1e-9
     )
@@ -194,17 +233,17 @@ def test_a_file_is_joined_by_straight_lines_and_other_columns_are_left_alone(tmp
     ],
 )
 def test_a_file_that_cannot_be_a_profile_is_refused(tmp_path: Path, text: str, told: str) -> None:
-    with pytest.raises(BadInputError, match=r"path = .*surface\.csv") as error:
-        SurfaceConfig(path=write(tmp_path, text))
+    with pytest.raises(BadInputError, match=r"heights\.board\.path = .*surface\.csv") as error:
+        of_file(write(tmp_path, text))
     assert told in str(error.value)
 
 
 def test_a_missing_or_unreadable_file_is_refused(tmp_path: Path) -> None:
     with pytest.raises(BadInputError, match="existing CSV file with the columns position and height"):
-        SurfaceConfig(path="nowhere.csv")
+        of_file("nowhere.csv")
     (tmp_path / "binary.csv").write_bytes(b"\xff\xfe\x00\x01")
     with pytest.raises(BadInputError, match="readable CSV file in UTF-8"):
-        SurfaceConfig(path=str(tmp_path / "binary.csv"))
+        of_file(str(tmp_path / "binary.csv"))
 
 
 # --- bad input -------------------------------------------------------------------------------------------------------
@@ -233,12 +272,15 @@ BAD = [
     (SurfaceConfig, {"length": 1e3}, "length"),
     (SurfaceConfig, {"slope": 0.5}, "slope"),
     (SurfaceConfig, {"slope": math.nan}, "slope"),
-    (SurfaceConfig, {"grooves": GrooveConfig(positions=[0.3])}, "grooves.positions"),
+    (SurfaceConfig, {"heights": {"a": GrooveConfig(positions=[0.3])}}, "heights.a.positions"),
     (
         SurfaceConfig,
-        {"length": 0.01, "roughness": RoughnessConfig(correlation_length=0.1)},
-        "roughness.correlation_length",
+        {"length": 0.01, "heights": {"b": RoughnessConfig(correlation_length=0.1)}},
+        "heights.b.correlation_length",
     ),
+    (WaveConfig, {"amplitude": 0.0}, "amplitude"),
+    (WaveConfig, {"amplitude": 1.0}, "amplitude"),
+    (WaveConfig, {"wavelength": 1e-5}, "wavelength"),
 ]
 
 
@@ -250,5 +292,5 @@ def test_configs_name_the_field_that_is_wrong(config: type, values: dict[str, An
 
 def test_flat_is_what_has_nothing_on_it() -> None:
     assert SurfaceConfig(length=0.5, direction=[0.0, 1.0, 0.0]).flat
-    for changes in ({"slope": 1e-6}, {"grooves": GrooveConfig()}, {"roughness": RoughnessConfig()}):
+    for changes in ({"slope": 1e-6}, {"heights": {"a": GrooveConfig()}}, {"heights": {"b": RoughnessConfig()}}):
         assert not SurfaceConfig(**changes).flat

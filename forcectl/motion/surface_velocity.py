@@ -1,0 +1,141 @@
+"""Motion along the surface by speeds over time: the velocity generator (Algorithm 3) on a straight line.
+
+wanted speed -> VelocityGenerator -> path coordinate s -> LinePosture -> dq_uc(s) of (2.12)
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
+from pydrake.trajectories import PiecewisePolynomial
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.framework.batch import SCALAR_MATH, check
+from forcectl.motion.references import Reference, held_trajectory
+from forcectl.motion.tangential import LineConfig, line_postures
+from forcectl.motion.velocity_generator import VelocityGenerator, velocity_step
+from forcectl.robot.model import RobotModel
+
+Vector = NDArray[np.float64]
+_KNOT = 1e-3  # distance of the points of the line that are solved [m]
+
+
+class LinePosture(LeafSystem):
+    """Joint motion that moves the tool along a line.
+
+    ```
+    name: LinePosture
+    input_ports: [path_position]
+    output_ports: [unconstrained_reference]
+    ```
+
+    path_position: shape (1,), s [m]. unconstrained_reference: shape (n_q,), from the start posture [rad]. Feedthrough.
+    Beyond the ends of the line the joints stay at them.
+
+    Sampling: none; evaluated when read.
+
+    Args:
+        line: joint motion over s [rad], (n_q, 1).
+    """
+
+    port_units = {"path_position": "m", "unconstrained_reference": "rad"}
+
+    def __init__(self, line: PiecewisePolynomial):
+        super().__init__()
+        self._line = line
+        self._position = self.DeclareVectorInputPort("path_position", 1)
+        reads = {self._position.ticket()}
+        self.DeclareVectorOutputPort("unconstrained_reference", line.rows(), self._motion, prerequisites_of_calc=reads)
+
+    def _motion(self, context: Context, output: BasicVector) -> None:
+        output.SetFromVector(self._line.value(self._position.Eval(context).item()).ravel())
+
+
+class SurfaceVelocity(Diagram):
+    """Motion along a line by speeds over time.
+
+    ```
+    name: SurfaceVelocity
+    input_ports: []
+    output_ports: [unconstrained_reference]
+    ```
+
+    unconstrained_reference: shape (n_q,), joint motion from the start posture [rad]. A function of time.
+
+    Sampling: every `period` [s] of the generator.
+
+    Args:
+        target: speed over time [m/s], (1, 1).
+        generator: of one component.
+        line: joint motion over the path [rad], (n_q, 1).
+    """
+
+    def __init__(self, target: PiecewisePolynomial, generator: VelocityGenerator, line: PiecewisePolynomial):
+        super().__init__()
+        builder = DiagramBuilder()
+        add, connect = builder.AddNamedSystem, builder.Connect
+        source = add("target_velocity", Reference("target_velocity", target))
+        add("generator", generator)
+        posture = add("line", LinePosture(line))
+        connect(source.get_output_port(), generator.GetInputPort("target_velocity"))
+        connect(generator.GetOutputPort("position"), posture.GetInputPort("path_position"))
+        builder.ExportOutput(posture.get_output_port(), "unconstrained_reference")
+        builder.BuildInto(self)
+
+
+@dataclass(kw_only=True)
+class SurfaceVelocityConfig(LineConfig):
+    """Scenario part `!VelocityAlongSurface`: speeds along the surface over time, reached as fast as is allowed."""
+
+    times: list[float]  # [s] from which each speed is wanted: from 0 on, increasing
+    velocities: list[float]  # [m/s]; backwards where negative; the last one zero
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for value in self.velocities:
+            check("velocities", value)
+        if not any(self.velocities) or self.velocities[-1] != 0:
+            raise invalid("velocities", self.velocities, "speeds that are not all zero, the last one zero")
+        if len(self.times) != len(self.velocities) or self.times[0] != 0 or not (np.diff(self.times) > 0).all():
+            raise invalid("times", self.times, f"{len(self.velocities)} increasing numbers from 0 on, like velocities")
+
+    def interval(self) -> tuple[float, float]:
+        """Begin and end of the motion [s]."""
+        first = next(time for time, value in zip(self.times, self.velocities, strict=True) if value)
+        return first, self.times[-1] + max(abs(value) for value in self.velocities) / self.acceleration
+
+    def add_to(self, builder: DiagramBuilder, robot: RobotModel, start: Vector, n: Vector) -> SurfaceVelocity:
+        """Add the block `motion`; its ticks are the control ticks of the robot."""
+        period = robot.facts.period
+        wanted = held_trajectory(self.times, self.velocities)
+        generator = VelocityGenerator(1, acceleration_limit=self.acceleration, period=period)
+        line = self._line(robot, start, self.per_metre(n), self._places(wanted, period))
+        return builder.AddNamedSystem("motion", SurfaceVelocity(wanted, generator, line))
+
+    def _places(self, wanted: PiecewisePolynomial, period: float) -> list[float]:
+        """Path coordinates of all ticks [m]."""
+        s, v, places = 0.0, 0.0, [0.0]
+        for tick in range(math.ceil(self.interval()[1] / period) + 1):
+            target = wanted.value(tick * period).item()
+            s, v, _ = velocity_step(s, v, target, math.inf, self.acceleration, period, SCALAR_MATH)
+            places.append(s)
+        return places
+
+    @staticmethod
+    def _line(robot: RobotModel, start: Vector, per_metre: Vector, places: list[float]) -> PiecewisePolynomial:
+        """Joint motion over the path coordinate [rad]; each side is solved from the start outwards."""
+        sides = []
+        for end in (min(places), max(places)):
+            knots = np.linspace(0.0, end, max(math.ceil(abs(end) / _KNOT), 1) + 1) if end else np.zeros(1)
+            try:
+                sides.append((knots, line_postures(robot, start, knots[:, None] * per_metre) - start))
+            except BadInputError as error:
+                raise BadInputError(str(error).replace("distance", "velocities", 1)) from None
+        (back, back_motion), (ahead, ahead_motion) = sides
+        knots = np.concatenate([back[:0:-1], ahead])
+        motion = np.vstack([back_motion[:0:-1], ahead_motion])
+        return PiecewisePolynomial.CubicShapePreserving(knots, motion.T)

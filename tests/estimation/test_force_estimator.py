@@ -1,0 +1,50 @@
+"""Scenario part `!ForceEstimator`: the axes that wrenches are expressed in."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+import forcectl as fc
+from forcectl.estimation.force_estimator import ForceEstimatorConfig
+from forcectl.motion.joint_path import DitherConfig, JointMovesConfig
+from forcectl.motion.loads import LoadConfig
+from forcectl.robot.model import RobotModel
+from tests.examples.stations import free
+
+LOAD = LoadConfig(wrenches=[[0.5, -0.3, 0.2, 6.0, -5.0, 8.0]], start=0.1, hold=1.0)
+ROBOT = ("yumi", "yumi_gripper")
+
+
+def scenario(**estimators: ForceEstimatorConfig) -> dict[str, object]:
+    controller = JointMovesConfig(dither=DitherConfig(amplitude_deg=1.0, frequency=5.0))
+    station = free(robot=ROBOT[0], tool=ROBOT[1], loads=[LOAD])
+    return {"station": station, "controller": controller, "estimators": estimators, "duration": 0.4}
+
+
+@pytest.mark.parametrize("frame", ["tcp", "robot_base", "left_link_4"])
+def test_a_wrench_in_other_axes_is_that_in_the_world_turned(frame: str) -> None:
+    log = fc.run(scenario(world=ForceEstimatorConfig(), turned=ForceEstimatorConfig(expressed_in=frame))).log
+    robot = RobotModel.load(*ROBOT)
+    context = robot.create_context()
+    rows = np.flatnonzero(np.linalg.norm(log["estimated_wrench"].values, axis=1) > 2.0)[::7]
+    assert len(rows) > 5
+    for row in rows:
+        robot.set_positions(context, log["joint_position"].values[row])
+        for arm, place in zip(robot.parts.arms.values(), (slice(0, 6), slice(6, 12)), strict=True):
+            axes = arm.tcp_frame if frame == "tcp" else robot.plant.GetFrameByName(frame)
+            R = axes.CalcPoseInWorld(context).rotation().matrix()
+            local = log["estimated_local_wrench"].values[row, place].reshape(2, 3)
+            world = log["estimated_wrench"].values[row, place].reshape(2, 3)
+            np.testing.assert_allclose(local @ R.T, world, atol=1e-9)
+
+
+def test_only_wrenches_in_the_world_are_projected() -> None:
+    parts = scenario(force=ForceEstimatorConfig(expressed_in="tcp")) | {"signals": {"measured_force": "!Projection"}}
+    with pytest.raises(fc.BadInputError, match=r"signals\.measured_force wants estimated_wrench"):
+        fc.build(fc.load_scenario(parts))
+
+
+def test_a_frame_that_the_robot_does_not_have_is_named() -> None:
+    with pytest.raises(fc.BadInputError, match=r"unknown expressed_in 'elbow': known: .*left_link_4, .*tcp, world"):
+        fc.build(fc.load_scenario(scenario(a=ForceEstimatorConfig(expressed_in="elbow"))))

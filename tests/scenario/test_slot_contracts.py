@@ -1,0 +1,137 @@
+"""Every slot says in one line that something does not fit: a class, an object, and what its methods return."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import forcectl as fc
+from forcectl.scenario.catalog import CONTRACTS, SLOTS
+from forcectl.scenario.yaml_tree import Tagged, parse
+
+REACH = """
+station: {robot: yumi, tool: null, fidelity: Multibody, elastic_joints: false, time_step: 0.002,
+          drive: !JointInterface {}, sensors: {joints: !JointReadings {}}, environment: !Parts {}}
+controller: !ReactiveReaching {}
+"""
+RECURSIVE = "controller: !RecursiveVrft {}"
+# Where each slot is: a scenario around it, the key, and whether that is a list.
+PLACES: dict[str, tuple[str, str, bool]] = {
+    "controller": ("{}", "controller", False),
+    "reference": ("{}", "reference", False),
+    "motion": ("controller: !InvarianceRobot {}", "motion", False),
+    "estimator": ("{}", "estimators.a", False),
+    "signal": ("{}", "signals.measured_force", False),
+    "analysis": ("{}", "analyses.a", False),
+    "fidelity": ("{}", "station.fidelity", False),
+    "drive": ("{}", "station.drive", False),
+    "sensor": ("{}", "station.sensors.force", False),
+    "environment": ("{}", "station.environment", False),
+    "surface": ("{}", "station.environment.surface.heights.a", False),
+    "load": ("station: {fidelity: Multibody}", "station.loads", True),
+    "fault": (REACH, "station.faults", True),
+    "excitation": (RECURSIVE, "controller.excitation", False),
+    "task": (REACH, "controller.tasks.a", False),
+    "constraint": (REACH, "controller.constraints", True),
+    "null_space": (REACH, "controller.null_space", False),
+    "potential": (REACH + "  \n", "controller.null_space", True),
+}
+
+
+class Nothing:
+    """Has every method that a slot asks for; none returns anything."""
+
+    first_stiffness = 1e4
+    has_dynamics = constant_jacobian = False
+    targets = ()
+
+    def __getattr__(self, name: str) -> Any:
+        if name in {method for methods in CONTRACTS.values() for method in methods}:
+            return lambda *arguments, **named: None
+        raise AttributeError(name)
+
+
+def scenario(slot: str, part: Any) -> tuple[dict[str, Any], dict[str, Any]]:
+    """A scenario and its overrides, with a part in a slot."""
+    text, key, listed = PLACES[slot]
+    value = [part] if listed else part
+    if slot == "potential":
+        value = Tagged({"potentials": value}, "Evasive")
+    return parse(text, "test"), {key: value, "duration": 0.05}
+
+
+def refusal(slot: str, part: Any) -> str:
+    base, overrides = scenario(slot, part)
+    with pytest.raises(fc.BadInputError) as caught:
+        fc.run(base, overrides=overrides)
+    text = str(caught.value)
+    assert "\n" not in text
+    return text
+
+
+def test_every_slot_is_tried() -> None:
+    assert set(PLACES) == set(SLOTS) == set(CONTRACTS)
+
+
+@pytest.mark.parametrize("slot", PLACES)
+def test_a_class_that_does_not_fit_is_refused(slot: str) -> None:
+    key = PLACES[slot][1]
+    path = f"{__name__}:TestNothingFits"
+    assert f"{key}" in refusal(slot, Tagged({"path": path}, "Import"))
+    assert f"fills the slot {slot}" in refusal(slot, Tagged({"path": path}, "Import"))
+
+
+class TestNothingFits:
+    """Without any method of a slot."""
+
+    @pytest.mark.parametrize("slot", PLACES)
+    def test_an_object_without_the_methods_is_refused(self, slot: str) -> None:
+        assert PLACES[slot][1] in refusal(slot, object())
+
+
+RETURNED = {
+    "controller": "controller: add_to must return a Drake system, not NoneType",
+    "reference": "reference: largest_force must return a number, not NoneType",
+    "motion": "motion: add_to must return a Drake system, not NoneType",
+    "estimator": "estimators.a: add_to must return a Drake system, not NoneType",
+    "signal": "signals.measured_force: choose must return an output port, not NoneType",
+    "analysis": "analyses.a: metrics must return a mapping, not NoneType",
+    "fidelity": "station.fidelity: build must return a Diagram, not NoneType",
+    "drive": "station.drive: add_to must return a Drake system, not NoneType",
+    "sensor": "station.sensors.force: add_to must return a Drake system, not NoneType",
+    "environment": "station.environment: add_to must return a Drake system, not NoneType",
+    "surface": "heights.a: heights(s) must return finite numbers of shape (20001,), like s, not shape ()",
+    "load": "station.loads.0: cannot be built: AttributeError",
+    "fault": "station.sensors.joints: cannot be built: AttributeError",
+    "excitation": "controller.excitation: cannot be built: AttributeError",
+    "task": "controller.tasks.a: task must return an ArmTask, not NoneType",
+    "constraint": "controller.constraints.0: constraint must return an object with relative_degree",
+    "null_space": "controller.null_space: criterion must return an object with cost(motion, period), not NoneType",
+    "potential": "controller.null_space.potentials.0: cannot be built: TypeError",
+}
+
+
+@pytest.mark.parametrize("slot", PLACES)
+def test_what_methods_return_is_looked_at(slot: str) -> None:
+    assert RETURNED[slot] in refusal(slot, Nothing())
+
+
+@pytest.mark.parametrize(
+    ("answer", "told"),
+    [
+        (KeyError("force"), "analyses.a: metrics raised KeyError: 'force'"),
+        ({"peak": "high"}, "analyses.a: metric peak = 'high': must be a number or None"),
+    ],
+)
+def test_an_analysis_that_goes_wrong_is_named(answer: Any, told: str) -> None:
+    class Analysis:
+        def metrics(self, log: Any, setting: Any) -> Any:
+            if isinstance(answer, Exception):
+                raise answer
+            return answer
+
+        def figures(self, log: Any, setting: Any, title: str) -> Any:
+            return {}
+
+    assert told in refusal("analysis", Analysis())
