@@ -147,7 +147,7 @@ def read_friction(path: str) -> dict[str, Any]:
             data = yaml.safe_load(file)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         reason = getattr(error, "strerror", None) or "it is not YAML text"
-        raise BadInputError(f"friction = {path!r}: cannot be read: {reason}") from None
+        raise BadInputError(f" = {path!r}: cannot be read: {reason}", key="friction") from None
     wanted = ("joints", *FRICTION_KEYS)
     if not isinstance(data, dict) or set(data) != set(wanted):
         raise invalid("friction", path, f"a file with the keys {', '.join(wanted)}")

@@ -134,11 +134,11 @@ def build_controller(config: Any, model: PlantModel) -> ForceController | Enclos
     try:
         made = config.add_to(builder, model)
     except BadInputError as error:
-        if model.size == 0 and str(error).startswith("size = 0"):
+        if model.size == 0 and error.key == "size":
             raise BadInputError(_NO_SURFACE) from None
         raise
     if not isinstance(made, System):
-        raise BadInputError(f"controller: its add_to must return a Drake system, not {type(made).__name__}")
+        raise BadInputError(f"its add_to must return a Drake system, not {type(made).__name__}", key="controller")
     if "joint_position_command" in output_names(made):
         return Enclosed(builder, made)
     return ForceController(builder, made, model)

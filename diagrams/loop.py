@@ -30,7 +30,7 @@ from forcectl.diagrams.mechanics.truth import CONTACT_FORCE
 from forcectl.diagrams.signals import ProjectionConfig, SignalChoice, Signals
 from forcectl.diagrams.station import StationConfig, build_station
 from forcectl.diagrams.workcell import Workcell, describe
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, about, invalid
 from forcectl.framework.enclosed import Enclosed
 from forcectl.framework.wiring import input_names
 from forcectl.plant.plant_model import PlantModel
@@ -78,11 +78,13 @@ class LoopParts:
         Raises:
             BadInputError: a station that cannot be built.
         """
-        cell = describe(self.station)
+        with about(self.station):
+            cell = describe(self.station)
         chosen = self.signals.get("measured_force")
         lag = force_lag(self.estimators) if isinstance(chosen, ProjectionConfig) else None
         truth = plant_model(cell, lag)
-        return Setting(cell, self.model.applied(truth), truth)
+        with about(self.model):
+            return Setting(cell, self.model.applied(truth), truth)
 
 
 @dataclass(frozen=True)
@@ -149,18 +151,21 @@ def build_loop(parts: LoopParts) -> Loop:
     cell, model = setting.cell, setting.model
     builder = DiagramBuilder()
     signals = Signals(builder, TRUTH)
-    controller = build_controller(parts.controller, model)
+    with about(parts.controller):
+        controller = build_controller(parts.controller, model)
     sources = _add_sources(builder, parts, setting, input_names(controller))
     for name, system in sources.items():
         signals.add(name, system)
     builder.AddNamedSystem("controller", controller)
-    station = builder.AddNamedSystem("station", build_station(cell, parts.seed))
+    with about(parts.station):
+        station = builder.AddNamedSystem("station", build_station(cell, parts.seed))
     signals.add("station", station)
     estimators = _add_estimators(builder, parts, model)
     for name, system in estimators.items():
         signals.add(name, system)
     for name, choice in parts.signals.items():
-        signals.choose(name, choice.choose(name, builder, signals, model))
+        with about(choice):
+            signals.choose(name, choice.choose(name, builder, signals, model))
     for name, system in estimators.items():
         signals.connect(f"estimators.{name}", system)
     signals.connect("controller", controller, getattr(controller, "optional_inputs", ()))
@@ -179,14 +184,16 @@ def _add_sources(
     """References, as far as the controller wants them."""
     cell, sources = setting.cell, {}
     if "desired_force" in wanted:
-        largest = parts.reference.largest_force()
+        with about(parts.reference):
+            sources["reference"] = parts.reference.add_to(builder, setting.model.size)
+            largest = parts.reference.largest_force()
         limits = [sensor.range for sensor in parts.station.sensors.values() if hasattr(sensor, "range")]
         if limits and not largest <= min(limits):
             raise invalid("reference.force", largest, f"at most the sensor's range, {min(limits):g} N")
-        sources["reference"] = parts.reference.add_to(builder, setting.model.size)
     if "unconstrained_reference" in wanted:
         contact = cell.contacts[0]
-        sources["motion"] = parts.motion.add_to(builder, contact.robot, cell.start, contact.n)
+        with about(parts.motion):
+            sources["motion"] = parts.motion.add_to(builder, contact.robot, cell.start, contact.n)
     return sources
 
 
@@ -194,9 +201,11 @@ def _add_estimators(builder: DiagramBuilder, parts: LoopParts, model: PlantModel
     added: dict[str, System] = {}
     for name, config in parts.estimators.items():
         inner = DiagramBuilder()
-        system = config.add_to(inner, model)
+        with about(config):
+            system = config.add_to(inner, model)
         if not isinstance(system, System):
-            raise BadInputError(f"estimators.{name}: add_to must return a Drake system, not {type(system).__name__}")
+            fault = f"add_to must return a Drake system, not {type(system).__name__}"
+            raise BadInputError(fault, key=f"estimators.{name}")
         added[name] = builder.AddNamedSystem(f"{name}_estimator", Enclosed(inner, system))
     return added
 
@@ -214,7 +223,8 @@ def _command(builder: DiagramBuilder, controller: Diagram, station: Diagram) -> 
             continue
         wanted = station.GetInputPort(name).size()
         if port.size() != wanted:
-            raise BadInputError(f"controller: {name} has size {port.size()}: must be {wanted}, as the station takes it")
+            fault = f"{name} has size {port.size()}: must be {wanted}, as the station takes it"
+            raise BadInputError(fault, key="controller")
         builder.Connect(port, station.GetInputPort(name))
 
 

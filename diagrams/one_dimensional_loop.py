@@ -49,7 +49,8 @@ class OneDimensionalLoopConfig:
         check("period", self.period, "positive")
         if not self.environment.surface.uniform:
             raise BadInputError(
-                "environment.surface is not flat and of one material: must be, a loop without a robot does not move"
+                " is not flat and of one material: must be, a loop without a robot does not move",
+                key="environment.surface",
             )
 
     @staticmethod
@@ -117,7 +118,7 @@ def build_one_dimensional_loop(
         raise invalid("size", size, "a whole number, at least 1")
     seeds = list(range(size)) if seeds is None else list(seeds)
     if len(seeds) != size:
-        raise BadInputError(f"seeds has {len(seeds)} values: must have one per lane, {size}")
+        raise BadInputError(f" has {len(seeds)} values: must have one per lane, {size}", key="seeds")
     builder = DiagramBuilder()
     connect = builder.Connect
     sensor_config = config.force_sensor

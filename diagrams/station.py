@@ -28,7 +28,7 @@ from forcectl.diagrams.fidelities.multibody import MultibodyFidelity
 from forcectl.diagrams.fidelities.one_dimensional import OneDimensionalFidelity
 from forcectl.diagrams.sensors import WristForceConfig
 from forcectl.diagrams.workcell import Workcell
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.framework.batch import check
 from forcectl.framework.slots import named_slots, slot, slot_list
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
@@ -105,7 +105,9 @@ def build_station(cell: Workcell, seed: int = 0) -> Diagram:
     Raises:
         BadInputError: a part that does not fit, or that the fidelity cannot realise.
     """
-    station = cell.config.fidelity.build(cell, seed)
+    fidelity = cell.config.fidelity
+    with about(fidelity):
+        station = fidelity.build(cell, seed)
     if not isinstance(station, Diagram):
-        raise BadInputError(f"fidelity {type(cell.config.fidelity).__name__}: build must return a Diagram")
+        raise BadInputError(f"build of {type(fidelity).__name__} must return a Diagram", key="fidelity")
     return station

@@ -98,7 +98,9 @@ class JointInterfaceConfig:
         """
         config = site.cell.config
         if not site.cell.has_dynamics:
-            raise BadInputError("drive = !JointInterface: must have a fidelity with dynamics, such as Multibody")
+            raise BadInputError(
+                " = !JointInterface: must have a fidelity with dynamics, such as Multibody", key="drive"
+            )
         if config.time_step > LARGEST_STEP:
             raise invalid("time_step", config.time_step, f"at most {LARGEST_STEP:g} s, for the servo loops")
         if config.elastic_joints and not self.friction.sticks:

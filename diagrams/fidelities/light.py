@@ -11,7 +11,7 @@ from forcectl.diagrams.mechanics.assembly import Assembly
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.mechanics.truth import add_contact_state
 from forcectl.diagrams.workcell import Vector, Workcell
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, about
 from forcectl.framework.wiring import affine
 from forcectl.plant.tip_kinematics import LinkPosition
 
@@ -28,13 +28,13 @@ def check_light(cell: Workcell, name: str) -> None:
     """
     needs = f"a fidelity with dynamics, such as Multibody, not {name}"
     if len(cell.contacts) != 1:
-        raise BadInputError(f"environment: has {len(cell.contacts)} surfaces: must have one, or {needs}")
+        raise BadInputError(f" has {len(cell.contacts)} surfaces: must have one, or {needs}", key="environment")
     if cell.obstacles:
-        raise BadInputError(f"environment: has boxes ({', '.join(cell.obstacles)}): must have {needs}")
+        raise BadInputError(f" has boxes ({', '.join(cell.obstacles)}): must have {needs}", key="environment")
     if cell.config.loads:
-        raise BadInputError(f"loads: must be empty, or have {needs}")
+        raise BadInputError(f"must be empty, or have {needs}", key="loads")
     if cell.config.faults:
-        raise BadInputError(f"faults: must be empty, or have {needs}")
+        raise BadInputError(f"must be empty, or have {needs}", key="faults")
 
 
 def add_drive(assembly: Assembly, cell: Workcell, seed: int) -> System:
@@ -43,11 +43,12 @@ def add_drive(assembly: Assembly, cell: Workcell, seed: int) -> System:
     Raises:
         BadInputError: it lacks the motor side's position.
     """
-    drive: System = cell.config.drive.add_to(assembly.builder, Site(cell, seed))
+    with about(cell.config.drive):
+        drive: System = cell.config.drive.add_to(assembly.builder, Site(cell, seed))
     assembly.add(drive)
     for name in ("motor_position", "motor_velocity"):
         if name not in assembly.signals:
-            raise BadInputError(f"drive {drive.get_name()!r} has no output {name}: must have it in this fidelity")
+            raise BadInputError(f" has no output {name}: must have it in this fidelity", key="drive")
     return drive
 
 
@@ -106,9 +107,11 @@ def add_sensors(assembly: Assembly, site: Site) -> None:
     """
     for i, (name, sensor) in enumerate(site.cell.config.sensors.items()):
         before = set(assembly.signals)
-        system = sensor.add_to(assembly.builder, site.with_seed(i))
+        with about(sensor):
+            system = sensor.add_to(assembly.builder, site.with_seed(i))
         if not isinstance(system, System):
-            raise BadInputError(f"sensors.{name}: its add_to must return a Drake system, not {type(system).__name__}")
+            fault = f"its add_to must return a Drake system, not {type(system).__name__}"
+            raise BadInputError(fault, key=f"sensors.{name}")
         assembly.add(system)
         if set(assembly.signals) == before:
-            raise BadInputError(f"sensors.{name}: has no output port: must measure something")
+            raise BadInputError(" has no output port: must measure something", key=f"sensors.{name}")

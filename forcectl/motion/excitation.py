@@ -115,7 +115,7 @@ class TrapezoidalMovesConfig(_Excitation):
         for depth in self.depths:
             check("depths", depth)
         if len(self.depths) < 2 or len(set(self.depths)) < 2:
-            raise BadInputError(f"depths = {self.depths}: must be at least two, not all equal")
+            raise BadInputError(f" = {self.depths}: must be at least two, not all equal", key="depths")
         for name in ("speed", "acceleration"):
             check(name, getattr(self, name), "positive")
         for name in ("rest", "start_rest"):
@@ -145,7 +145,7 @@ class ExcitationFileConfig(_Excitation):
         for x in displacements:
             check(f"path = {self.path!r}: column displacement", x)
         if len(set(displacements)) < 2:
-            raise BadInputError(f"path = {self.path!r}: column displacement is constant: must move, to excite")
+            raise BadInputError(f" = {self.path!r}: column displacement is constant: must move, to excite", key="path")
 
     def trajectory(self) -> PiecewisePolynomial:
         """Displacement over time before scaling [m]."""

@@ -178,11 +178,11 @@ class JointMovesConfig:
                 raise BadInputError(f"postures[{i}] has {len(one.posture_deg)} angles: must have {model.num_joints}")
             there = np.radians(one.posture_deg)
             if np.any((there < limits.position_lower) | (there > limits.position_upper)):
-                raise invalid(f"postures[{i}]", one.posture_deg, "within the joint limits")
+                raise invalid(f"postures.{i}.posture_deg", one.posture_deg, "within the joint limits")
             move = Move(one.start, one.duration, there - last)
             if np.any(1.875 * np.abs(move.step) > one.duration * limits.velocity):
                 need = float(np.max(1.875 * np.abs(move.step) / limits.velocity))
-                raise invalid(f"postures[{i}]: duration", one.duration, f"at least {need:.3g} s, for the joint speeds")
+                raise invalid(f"postures.{i}.duration", one.duration, f"at least {need:.3g} s, for the joint speeds")
             parts.append(move)
             last = there
         return builder.AddNamedSystem(

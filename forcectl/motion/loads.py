@@ -14,7 +14,7 @@ from numpy.typing import NDArray
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, OutputPort
 
-from forcectl.errors import invalid, unknown
+from forcectl.errors import about, invalid, unknown
 from forcectl.framework.batch import check, check_count
 from forcectl.robot.model import RobotModel
 
@@ -120,11 +120,14 @@ def loaded_frames(loads: Sequence[LoadConfig], robot: RobotModel) -> dict[str, F
     """
     instance = robot.parts.instance
     frames = {}
-    for name in dict.fromkeys(load.body for load in loads if load.body):
-        if not robot.plant.HasFrameNamed(name, instance):
+    for load in loads:
+        name = load.body
+        if name and not robot.plant.HasFrameNamed(name, instance):
             bodies = [robot.plant.get_body(index).name() for index in robot.plant.GetBodyIndices(instance)]
-            raise unknown("body", name, bodies)
-        frames[name] = robot.plant.GetFrameByName(name, instance)
+            with about(load):
+                raise unknown("body", name, bodies)
+        if name:
+            frames[name] = robot.plant.GetFrameByName(name, instance)
     return frames
 
 
@@ -149,7 +152,8 @@ def add_loads(
     arms, bodies = list(robot.parts.arms), list(loaded_frames(loads, robot))
     for load in loads:
         if load.arm and load.arm not in arms:
-            raise unknown("arm", load.arm, arms)
+            with about(load):
+                raise unknown("arm", load.arm, arms)
     at_tips = [(arms.index(load.arm or arms[0]), load) for load in loads if not load.body]
     on_bodies = [(bodies.index(load.body), load) for load in loads if load.body]
     found = {}

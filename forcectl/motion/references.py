@@ -195,7 +195,9 @@ class SequenceConfig(_ForceReference):
         for f in self.forces:
             check("forces", f, "not negative")
         if len(self.forces) != len(self.times):
-            raise BadInputError(f"forces has {len(self.forces)} values: must have as many as times, {len(self.times)}")
+            raise BadInputError(
+                f" has {len(self.forces)} values: must have as many as times, {len(self.times)}", key="forces"
+            )
 
     def trajectory(self) -> PiecewisePolynomial | float:
         """The reference over time [N]."""

@@ -74,9 +74,11 @@ def line_postures(robot: RobotModel, start: Vector, offsets: Vector) -> Vector:
             q = q + np.linalg.lstsq(robot.jacobian(context), error, rcond=None)[0]
         else:
             reached = np.round(offset, 6).tolist()
-            raise BadInputError(f"distance: the tool cannot be moved by {reached} m with its orientation kept")
+            raise BadInputError(f"the tool cannot be moved by {reached} m with its orientation kept", key="distance")
         if np.any(q < robot.limits.position_lower) or np.any(q > robot.limits.position_upper):
-            raise BadInputError(f"distance: a joint limit is passed at {np.round(offset, 6).tolist()} m from the start")
+            raise BadInputError(
+                f"a joint limit is passed at {np.round(offset, 6).tolist()} m from the start", key="distance"
+            )
         postures.append(q)
     return np.array(postures)
 

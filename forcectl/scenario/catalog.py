@@ -121,6 +121,18 @@ class ScenarioFile:
     tree: Tagged
     folder: Path
 
+    def where(self, key: str, note: str = "") -> str:
+        """Where the value at a dotted key stands: file, line and note, for messages.
+
+        Args:
+            key: in the file; what is not in it stands where the part around it does.
+            note: what else to say.
+        """
+        while key and key not in self.tree.lines:
+            key = key.rpartition(".")[0]
+        line = f":{self.tree.lines[key]}" if key else ""
+        return f"{self.origin}{line}{note and ': '}{note}"
+
 
 def experiments_folder() -> Path:
     """The folder of the shipped experiments."""
@@ -226,7 +238,9 @@ def scenario_tree(tree: Any, origin: str) -> Tagged:
         raise BadInputError(
             f"{origin} is {kind}: must be a mapping of scenario keys, such as station, controller, duration"
         )
-    return Tagged({k: v for k, v in tree.items() if not str(k).startswith("_")})
+    root = Tagged({k: v for k, v in tree.items() if not str(k).startswith("_")})
+    root.lines = tree.lines
+    return root
 
 
 def list_models() -> dict[str, list[str]]:

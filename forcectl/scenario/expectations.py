@@ -244,4 +244,6 @@ def _check_metric(name: str) -> None:
         # All of them would fill a page: those that look most like it.
         names = sorted({*metric_names(), *MOTION_METRICS})
         near = difflib.get_close_matches(name, names, n=_NAMED, cutoff=0.0)
-        raise BadInputError(f"metric = {name!r}: {unknown('metric', name, near)} and {len(names) - len(near)} more")
+        raise BadInputError(
+            f" = {name!r}: {unknown('metric', name, near)} and {len(names) - len(near)} more", key="metric"
+        )

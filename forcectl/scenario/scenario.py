@@ -25,7 +25,7 @@ from forcectl.motion.references import StepConfig
 from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.scenario import catalog
 from forcectl.scenario.catalog import ScenarioFile
-from forcectl.scenario.error_keys import full_key
+from forcectl.scenario.error_keys import full_key, located
 from forcectl.scenario.expectations import Expectation
 from forcectl.scenario.schema import Reader
 from forcectl.scenario.trees import default_tags, to_tree, tree_of_fields
@@ -88,7 +88,7 @@ class Scenario:
         known = catalog.tags_of("fidelity")
         for name in self.fidelities:
             if name not in known:
-                raise BadInputError(f"fidelities = {self.fidelities}: {unknown('fidelity', name, known)}")
+                raise BadInputError(f" = {self.fidelities}: {unknown('fidelity', name, known)}", key="fidelities")
 
     @property
     def fidelity(self) -> str:
@@ -200,9 +200,7 @@ def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]
     """
     variants = file.tree.get("variants") or Tagged({ONLY_VARIANT: Tagged()})
     if not isinstance(variants, Tagged) or not all(isinstance(name, str) for name in variants):
-        raise Reader(lambda key: file.origin).invalid(
-            "variants", variants, "a mapping of names to values (quote names)"
-        )
+        raise Reader(file.where).invalid("variants", variants, "a mapping of names to values (quote names)")
     if variant is not None and variant not in variants:
         raise unknown(f"variant of {file.origin}", variant, variants)
     return list(variants) if variant is None else [variant]
@@ -215,7 +213,7 @@ def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[
         BadInputError: names file or option, dotted key, value and what is allowed.
     """
     layers = _Layers(file, variant, overrides or {})
-    reader = Reader(layers.origin)
+    reader = Reader(layers.where)
     tree = layers.merged()
     _refuse_gone(reader, tree)
     _locate_files(tree, file.folder)
@@ -236,7 +234,7 @@ def _refuse_gone(reader: Reader, tree: Tagged) -> None:
             part = part.get(name) if isinstance(part, Tagged) else None
         last = key.rpartition(".")[2]
         if isinstance(part, Tagged) and last in part:
-            raise reader.gone(key, instead)
+            raise reader.error(key, f"is no key any more: {instead}")
 
 
 class _Layers:
@@ -247,21 +245,21 @@ class _Layers:
         variants = file.tree.get("variants")
         changes = variants.get(variant) if isinstance(variants, Tagged) else None
         if changes is not None and not isinstance(changes, Tagged):
-            raise Reader(lambda key: file.origin).invalid(f"variants.{variant}", changes, "a mapping of scenario keys")
+            raise Reader(file.where).invalid(f"variants.{variant}", changes, "a mapping of scenario keys")
         forced, varied = nest(overrides), nest(changes or {})
-        self._layers: list[tuple[str, Tagged]] = [
-            (file.origin, file.tree),
-            (f"{file.origin}: variant {variant!r}", varied),
-            ("override", forced),
-        ]
         # A slot without a tag means its default, and stays that when a later layer changes only some of its keys.
-        self._layers.insert(0, ("defaults", default_tags(Scenario)))
+        self._layers: list[tuple[Callable[[str], str], Tagged]] = [
+            (lambda key: file.origin, default_tags(Scenario)),
+            (file.where, file.tree),
+            (lambda key: file.where(f"variants.{variant}.{key}", f"variant {variant!r}"), varied),
+            (lambda key: "override", forced),
+        ]
         name = self.merged().get("preset", catalog.DEFAULT_PRESET)
         if name not in catalog.list_presets():
-            raise Reader(self.origin).unknown("preset", name, catalog.list_presets(), "preset")
-        preset = catalog.find_preset(str(name)).tree
-        preset.pop("description", None)
-        self._layers.insert(1, (f"preset {name!r}", preset))
+            raise Reader(self.where).unknown("preset", name, catalog.list_presets(), "preset")
+        preset = catalog.find_preset(str(name))
+        preset.tree.pop("description", None)
+        self._layers.insert(1, (lambda key: preset.where(key, f"preset {name!r}"), preset.tree))
 
     def merged(self) -> Tagged:
         result = Tagged()
@@ -269,13 +267,13 @@ class _Layers:
             result = merge(result, tree)
         return result
 
-    def origin(self, key: str) -> str:
-        """Where the value at a dotted key came from: the strongest layer that holds it, or holds the part around it."""
+    def where(self, key: str) -> str:
+        """Where the value at a dotted key is from: the strongest layer that holds it, or holds the part around it."""
         parts = key.split(".")
         for length in range(len(parts), 0, -1):
-            for label, tree in reversed(self._layers):
+            for where, tree in reversed(self._layers):
                 if _holds(tree, parts[:length]):
-                    return self._file if label == "defaults" else label
+                    return where(key)
         return self._file
 
 
@@ -300,12 +298,12 @@ def _locate_files(tree: Tree, folder: Path) -> None:
             _locate_files(part, folder)
 
 
-def build(scenario: Scenario, origin: Callable[[str], str] = lambda key: "") -> Loop:
+def build(scenario: Scenario, where: Callable[[str], str] = lambda key: "") -> Loop:
     """The loop of a scenario as a diagram.
 
     Args:
         scenario: complete.
-        origin: says for a dotted key where its value came from, see `origins`.
+        where: says for a dotted key where its value came from, see `origins`.
 
     Raises:
         BadInputError: values that are fine one by one but do not fit together, or a part of the user's that raises.
@@ -313,24 +311,25 @@ def build(scenario: Scenario, origin: Callable[[str], str] = lambda key: "") -> 
     try:
         return scenario.build()
     except BadInputError as error:
-        key, text = full_key(scenario, error)
-        raise BadInputError(f"{origin(key)}: {text}".removeprefix(": ")) from error.__cause__
+        raise located(scenario, error, where) from error.__cause__
     # What no check of ours foresaw: Drake refuses with a RuntimeError, its failed preconditions arrive as SystemExit,
     # a delay line of years does not fit into memory, and a part of the user's may raise anything.
     except (Exception, SystemExit, MemoryError) as error:
-        key, _ = full_key(scenario, error)
+        key = full_key(scenario, error)
         kind = "" if isinstance(error, RuntimeError) else f"{type(error).__name__}: "
         reason = " ".join(str(error).split())[:300]
-        name = origin(key) or f"scenario {scenario.title!r}"
-        where = f"{key}: " if key else ""
-        raise BadInputError(f"{name}: {where}cannot be built: {kind}{reason}") from error
+        origin = where(key) or f"scenario {scenario.title!r}"
+        raise BadInputError(f"cannot be built: {kind}{reason}").at(key, origin) from error
 
 
 def origins(
     file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[str, Any] | None = None
 ) -> Callable[[str], str]:
-    """What says for a dotted key of the scenario that `resolve` makes of the same which file or option it is from."""
-    return _Layers(file, variant, overrides or {}).origin
+    """What says for a dotted key of the scenario that `resolve` makes of the same where its value is from.
+
+    That is a file and line, or an option.
+    """
+    return _Layers(file, variant, overrides or {}).where
 
 
 def resolved_tree(scenarios: Mapping[str, Scenario]) -> Tagged:

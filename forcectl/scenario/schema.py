@@ -8,18 +8,16 @@ objects in after construction (so a config could not check itself) and it does n
 from __future__ import annotations
 
 import dataclasses
-import difflib
 import enum
 import importlib
 import math
-import re
 import types
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, invalid, show, unknown
 from forcectl.framework.imports import import_object
 from forcectl.scenario.catalog import CONTRACTS, IMPORT, SLOTS, tags_of
 from forcectl.scenario.yaml_tree import Tagged, Tree, is_object, tag_of
@@ -45,61 +43,37 @@ def load_object(path: str) -> Any:
     return getattr(importlib.import_module(module), name)
 
 
-def show(value: object) -> str:
-    """A value for a message: one line, at most 60 characters."""
-    if isinstance(value, Tagged) and value.tag and not value:
-        return f"!{value.tag}"
-    try:
-        text = " ".join(repr(value).split())
-    except (RecursionError, ValueError):
-        text = f"a {type(value).__name__} too large to print"
-    return text if len(text) <= 60 else text[:57] + "..."
-
-
 def join(key: str, name: object) -> str:
-    """Dotted key of a child."""
-    return f"{key}.{name}" if key else str(name)
+    """Dotted key of a child; either may be ""."""
+    return ".".join(part for part in (key, str(name)) if part)
 
 
 class Reader:
     """Builds dataclasses from trees.
 
     Args:
-        origin: says for a dotted key where its value came from (a file name, an option); begins every message.
+        where: says for a dotted key where its value came from (file and line, or an option); begins every message.
     """
 
-    def __init__(self, origin: Callable[[str], str] = lambda key: ""):
-        self._origin = origin
+    def __init__(self, where: Callable[[str], str] = lambda key: ""):
+        self._where = where
 
-    def _error(self, key: str, text: str) -> BadInputError:
-        origin = self._origin(key)
-        return BadInputError(f"{origin}: {text}" if origin else text)
+    def error(self, key: str, text: str) -> BadInputError:
+        """The error for what is wrong at `key`, see `BadInputError`."""
+        return BadInputError(text).at(key, self._where(key))
 
     def invalid(self, key: str, value: object, allowed: str) -> BadInputError:
         """The error for a value that is not allowed at `key`."""
-        return self._error(key, f"{key} = {show(value)}: must be {allowed}")
+        return invalid(key, value, allowed).at(key, self._where(key))
 
     def unknown(self, key: str, name: object, known: Iterable[str], kind: str = "key") -> BadInputError:
         """The error for a name that does not exist at `key`, with the nearest one that does."""
-        names = list(known)
-        lower = {name.lower(): name for name in names}
-        near = difflib.get_close_matches(str(name).lower(), lower, n=1, cutoff=0.5)
-        hint = f"did you mean {lower[near[0]]!r}? " if near else ""
-        return self._error(key, f"{key}: unknown {kind} {show(name)}: {hint}known: {', '.join(names)}")
+        return unknown(kind, name, known).at(key, self._where(key))
 
-    def gone(self, key: str, instead: str) -> BadInputError:
-        """The error for a key of an earlier version."""
-        return self._error(key, f"{key}: is no key any more: {instead}")
-
-    def located(self, error: BadInputError, key: str) -> BadInputError:
-        """An error raised by a config about one of its own fields, with file and dotted key in front."""
-        text = str(error)
-        field = re.match(r"([A-Za-z_][\w.]*)(?:\[\d+\])*(?: =| has| is missing|: unknown)", text)
-        if field:
-            return self._error(join(key, field.group(1)), join(key, text))
-        # "unknown robot 'x'" is about the field `robot`.
-        kind = re.match(r"unknown (\w+)", text)
-        return self._error(join(key, kind.group(1)) if kind else key, f"{key}: {text}" if key else text)
+    def _located(self, error: BadInputError, key: str) -> BadInputError:
+        """An error raised by a part at `key` about one of its own fields."""
+        full = join(key, error.field)
+        return error.at(full, self._where(full))
 
     def dataclass(self, cls: type, tree: Tree, key: str, default: Any = None) -> Any:
         """An instance of dataclass `cls`; what the tree leaves out comes from `default`, else from the class.
@@ -121,14 +95,19 @@ class Reader:
                 raise self.unknown(join(key, name), name, fields)
         hints = typing.get_type_hints(cls)
         values: dict[str, Any] = {}
+        missing: list[str] = []
         for name, field in fields.items():
             start = getattr(default, name) if default is not None else default_of(field)
             if name in tree:
                 values[name] = self._field(field, hints[name], tree[name], join(key, name), start)
             elif start is _MISSING:
-                raise self._error(key, f"{join(key, name)} is missing: must be {describe(hints[name])}")
+                missing.append(name)
             else:
                 values[name] = start
+        if missing:
+            told = [f" is missing: must be {describe(hints[name])}" for name in missing]
+            text = told[0] + "".join(f"; {join(key, n)}{t}" for n, t in zip(missing[1:], told[1:], strict=True))
+            raise self.error(join(key, missing[0]), text)
         return self.construct(cls, values, key)
 
     def _given(self, cls: type, given: Any, key: str) -> Any:
@@ -176,7 +155,7 @@ class Reader:
             found: type = load_object(path)
         except Exception as error:  # whatever an installed package does
             reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise self._error(key, f"{key}: {path!r} cannot be imported: {reason}") from error
+            raise self.error(key, f"{path!r} cannot be imported: {reason}") from error
         return found
 
     def _imported(self, slot: str, tree: Tagged, key: str) -> Any:
@@ -192,7 +171,7 @@ class Reader:
         try:
             cls = import_object(path)
         except BadInputError as error:
-            raise self.located(error, key) from error.__cause__
+            raise self._located(error, key) from error.__cause__
         missing = [name for name in CONTRACTS[slot] if not callable(getattr(cls, name, None))]
         if not isinstance(cls, type) or missing:
             wanted = " and ".join(CONTRACTS[slot]) or "fields"
@@ -216,9 +195,9 @@ class Reader:
         try:
             return cls(**values)
         except BadInputError as error:
-            raise self.located(error, key) from None
+            raise self._located(error, key) from None
         except (TypeError, ValueError, OverflowError, OSError) as error:
-            raise self._error(key, f"{key or 'scenario'}: {' '.join(str(error).split())}") from error
+            raise self.error(key or "scenario", " ".join(str(error).split())) from error
 
     def _field(self, field: dataclasses.Field[Any], kind: Any, tree: Tree, key: str, start: Any) -> Any:
         slots = field.metadata.get("slots")
@@ -243,7 +222,7 @@ class Reader:
                 raise self.invalid(join(key, name), name, "text (quote it to use it as a name)")
             if tag_of(part) is None and isinstance(part, Tagged) and part.given is None and name not in known:
                 tags = ", ".join(f"!{tag}" for tag in tags_of(slot))
-                raise self._error(join(key, name), f"{join(key, name)}: must have a tag: one of {tags}, !{IMPORT}")
+                raise self.error(join(key, name), f"must have a tag: one of {tags}, !{IMPORT}")
             found[name] = self.filler(slot, part, join(key, name), known.get(name))
         return found
 

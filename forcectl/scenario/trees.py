@@ -9,8 +9,9 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from forcectl.errors import show
 from forcectl.scenario.catalog import IMPORT, SLOTS, tags_of
-from forcectl.scenario.schema import default_of, load_object, show, slot_of
+from forcectl.scenario.schema import default_of, load_object, slot_of
 from forcectl.scenario.yaml_tree import Tagged, Tree, is_object, tag_of
 
 

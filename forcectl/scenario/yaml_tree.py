@@ -33,12 +33,19 @@ class Tagged(dict[str, Any]):
         values: keys and values.
         tag: without the `!`.
         given: the object that the values change, None where there is none.
+
+    Attributes:
+        lines: of the text that the tree was read from, where each dotted key stands; only the root has them.
     """
 
     def __init__(self, values: Mapping[str, Any] | None = None, tag: str | None = None, given: Any = None):
         super().__init__(values or {})
         self.tag = tag
         self.given = given
+        self.lines: dict[str, int] = {}
+
+    def __repr__(self) -> str:
+        return f"!{self.tag}" if self.tag and not self else super().__repr__()
 
 
 def tag_of(tree: Tree) -> str | None:
@@ -138,7 +145,9 @@ def parse(text: str, origin: str) -> Tree:
         BadInputError: the text is not YAML; the message names the line and column.
     """
     try:
-        tree = yaml.load(text, Loader=_Loader)
+        loader = _Loader(text)
+        node = loader.get_single_node()
+        tree = None if node is None else loader.construct_document(node)
         count = 0
         for part in _values(tree):
             count += 1
@@ -146,6 +155,8 @@ def parse(text: str, origin: str) -> Tree:
                 raise BadInputError(f"{origin}: not usable: control character in {part[:40]!r}")
         if count >= _MOST_VALUES:
             raise BadInputError(f"{origin}: not usable: more than {_MOST_VALUES} values, or an alias that holds itself")
+        if isinstance(tree, Tagged):
+            tree.lines = _lines(node)
         return tree
     except yaml.YAMLError as error:
         raise BadInputError(f"{origin}: not valid YAML: {_one_line(error)}") from None
@@ -165,6 +176,19 @@ def _values(tree: Tree) -> Iterator[Tree]:
         yield part
         if isinstance(part, Tagged | list):
             waiting.extend([*part.keys(), *part.values()] if isinstance(part, Tagged) else part)
+
+
+def _lines(root: yaml.Node) -> dict[str, int]:
+    """The line, counted from 1, where each key of a mapping and element of a list stands, by dotted key."""
+    found, waiting = {}, [(root, "")]
+    for node, key in waiting:  # which grows
+        entries = node.value if not isinstance(node, yaml.ScalarNode) else []
+        for i, entry in enumerate(entries):
+            name, part = entry if isinstance(node, yaml.MappingNode) else (None, entry)
+            inner = f"{key}.{name.value if name else i}".removeprefix(".")
+            found[inner] = (name or part).start_mark.line + 1
+            waiting.append((part, inner))
+    return found
 
 
 def _one_line(error: Exception) -> str:

@@ -17,7 +17,7 @@ from pydrake.systems.primitives import TrajectorySource
 
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.force.invariance.robot import ConstraintConfig, JointLimitConfig
 from forcectl.framework.batch import check
 from forcectl.framework.rotation_vector import RotationVector
@@ -160,9 +160,10 @@ class ReactiveReachingConfig:
             return [ArmTask(arm, orientation=RotationVector(start.arm(arm).rotation)) for arm in start.arm_names]
         made = []
         for name, part in self.tasks.items():
-            task = part.task(start)
+            with about(part):
+                task = part.task(start)
             if not isinstance(task, ArmTask):
-                raise BadInputError(f"tasks.{name}: task must return an ArmTask, not {type(task).__name__}")
+                raise BadInputError(f"task must return an ArmTask, not {type(task).__name__}", key=f"tasks.{name}")
             made.append(task)
         return made
 

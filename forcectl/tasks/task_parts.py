@@ -108,7 +108,7 @@ def target_steps(
         for i, target in enumerate(own):
             if len(target.value) != size:
                 key = f"tasks.{name}.targets.{i}.value"
-                raise BadInputError(f"{key} has {len(target.value)} numbers: must have {size}, one per coordinate")
+                raise BadInputError(f" has {len(target.value)} numbers: must have {size}, one per coordinate", key=key)
             found.append((target.time, slice(begin, begin + size), list(target.value)))
         begin += size
     return sorted(found, key=lambda each: each[0])

@@ -1,16 +1,20 @@
-"""Random mutations of scenario files: each loads, builds and runs, or is refused with one line; never a traceback."""
+"""Random mutations of scenario files: each loads, builds and runs, or is refused with one line; never a traceback.
+
+The line has the file, the line in it, the full key, the value or what is wrong with it, and what is allowed.
+"""
 
 from __future__ import annotations
 
 import copy
 import random
+import re
 
 import pytest
 
 from forcectl.errors import BadInputError
 from forcectl.runs.simulate import simulate
 from forcectl.scenario.catalog import list_experiments, read_scenario
-from forcectl.scenario.scenario import as_file, build, resolve, resolved_tree, select_variants
+from forcectl.scenario.scenario import as_file, build, origins, resolve, resolved_tree, select_variants
 from forcectl.scenario.yaml_tree import Tagged, dump
 
 NONSENSE = (
@@ -163,7 +167,7 @@ def try_out(path, rng):
     scenarios = {variant: resolve(file, variant, changes) for variant in select_variants(file)}
     variant = rng.choice(list(scenarios))
     scenario = scenarios[variant]
-    loop = build(scenario)
+    loop = build(scenario, origins(file, variant, changes))
     if scenario.duration > 0.02:
         return "fine"
     outcome = simulate(scenario, loop, variant)
@@ -178,6 +182,18 @@ def mutants(count, seed):
         yield mutate(rng.choice(trees), rng), rng
 
 
+def complete(error):
+    """Whether a message has file, line, key and what is allowed, in this order."""
+    message = str(error)
+    if not error.key:  # about the text as a whole
+        return re.match(r"mutant\.yaml(:| is )", message) and (
+            "must be a mapping" in message or "not usable" in message or re.search(r"\(line \d+, column \d+\)", message)
+        )
+    place = re.match(r"(mutant\.yaml:\d+: (variant .*?: )?|override: )", message)
+    told = "must " in message or "known: " in message or "cannot be " in message or "is no key any more" in message
+    return place and message[place.end() :].startswith(error.key) and told
+
+
 def check(count, seed, tmp_path):
     path = tmp_path / "mutant.yaml"
     seen = {"fine": 0, "refused": 0, "stopped": 0}
@@ -187,8 +203,8 @@ def check(count, seed, tmp_path):
             seen[try_out(path, rng)] += 1
         except BadInputError as error:
             message = str(error)
-            if "\n" in message or not 0 < len(message.strip()) < 1000:
-                pytest.fail(f"not one short line: {message}\nfrom\n{text}")
+            if "\n" in message or len(message) > 1000 or not complete(error):
+                pytest.fail(f"not one complete short line: {message}\nfrom\n{text}")
             seen["refused"] += 1
         except BaseException as error:
             if isinstance(error, KeyboardInterrupt):

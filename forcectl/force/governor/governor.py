@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.solvers import MathematicalProgram
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, about, invalid
 from forcectl.force.governor.program import (
     GovernorLimits,
     GovernorProgram,
@@ -303,7 +303,9 @@ class GovernedConfig:
         lane_values("rate_limit", self.rate_limit, 1, "positive")
         inner = self._inner_bandwidth()
         if inner is None:
-            raise BadInputError("inner_bandwidth is missing: must be a number, because the law does not tell its own")
+            raise BadInputError(
+                " is missing: must be a number, because the law does not tell its own", key="inner_bandwidth"
+            )
         check("inner_bandwidth", inner, "positive")
         check("delay", self.delay, "not negative")
         check_weights(self.output_weight, check("reference_weight", self.reference_weight, "positive"))
@@ -354,5 +356,6 @@ class GovernedConfig:
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> GovernedForceLaw:
         """Add the governor and its law."""
         inner = DiagramBuilder()
-        law = self.law.add_to(inner, model)
+        with about(self.law):
+            law = self.law.add_to(inner, model)
         return builder.AddNamedSystem("force_law", GovernedForceLaw(inner, law, self.governor(model)))

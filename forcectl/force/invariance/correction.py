@@ -20,6 +20,7 @@ from typing import Any
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
+from forcectl.errors import about
 from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.invariance.force_law import InvarianceForceLaw, InvarianceLimits, one_step_acceleration
@@ -128,7 +129,8 @@ class InvarianceControlConfig(InvarianceLimits):
         correction = self.block(InvarianceCorrection, model, compliance)
         if not isinstance(self.nominal, IntegralConfig):
             builder = DiagramBuilder()
-            nominal = self.nominal.add_to(builder, model)
+            with about(self.nominal):
+                nominal = self.nominal.add_to(builder, model)
             return InvarianceControl(Enclosed(builder, nominal), correction)
         believed = None if compliance is None else self.nominal.compliance_error * model.total_compliance
         return InvarianceControl(self.nominal.law(model, believed, limited=False), correction)

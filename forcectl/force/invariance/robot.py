@@ -88,7 +88,9 @@ class JointLimitConfig:
         for name in ("position_lower", "position_upper", "velocity", "acceleration", "torque"):
             given, own = getattr(self, name), getattr(robot, name)
             if given and len(given) != len(own):
-                raise BadInputError(f"limits.{name} has {len(given)} values: must have {len(own)}, one per joint")
+                raise BadInputError(
+                    f" has {len(given)} values: must have {len(own)}, one per joint", key=f"limits.{name}"
+                )
             chosen[name] = np.array(given, dtype=float) if given else own
         return JointLimits(**chosen)
 
@@ -130,7 +132,9 @@ class ConstraintConfig:
             raise
         except Exception as error:  # whatever the user's class does
             reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise BadInputError(f"path = {self.path!r}: cannot be built with these parameters: {reason}") from error
+            raise BadInputError(
+                f" = {self.path!r}: cannot be built with these parameters: {reason}", key="path"
+            ) from error
         if not isinstance(made, Constraint):
             raise invalid("path", self.path, _INTERFACE)
         return made

@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
 
-from forcectl.errors import invalid
+from forcectl.errors import about, invalid
 from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 from forcectl.force.integral import check_limits
 from forcectl.force.linear_law import REGULATE, LinearForceLaw
@@ -124,7 +124,8 @@ class VrftExperiment(Diagram):
         super().__init__()
         self.sample_delay = dict(law.sample_delay)
         builder = DiagramBuilder()
-        source = excitation.add_to(builder, compliance).GetOutputPort("excitation")
+        with about(excitation):
+            source = excitation.add_to(builder, compliance).GetOutputPort("excitation")
         add_tuned_law(builder, law, tuner)
         builder.AddNamedSystem("sequencer", sequencer)
         mode = sequencer.GetOutputPort("mode")

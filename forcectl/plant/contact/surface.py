@@ -282,7 +282,9 @@ def read_profile(path: str) -> tuple[Array, Array]:
     for x, z in zip(positions, heights, strict=True):
         if abs(z) > _HIGHEST:
             told = f"position = {x:g}, height = {z:g}"
-            raise BadInputError(f"path = {path!r}: {told}: must be in metres, at most {_HIGHEST:g} m")
+            raise BadInputError(f" = {path!r}: {told}: must be in metres, at most {_HIGHEST:g} m", key="path")
     if positions[-1] - positions[0] > 2 * _LONGEST:
-        raise BadInputError(f"path = {path!r}: positions span {positions[-1] - positions[0]:g}: must be in metres")
+        raise BadInputError(
+            f" = {path!r}: positions span {positions[-1] - positions[0]:g}: must be in metres", key="path"
+        )
     return positions, heights

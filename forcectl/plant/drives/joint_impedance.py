@@ -206,7 +206,7 @@ class JointImpedanceConfig:
         if not self.stiffness:
             return self.bandwidth**2 * motor_inertia
         if len(self.stiffness) != len(motor_inertia):
-            raise BadInputError(f"interface.stiffness has {len(self.stiffness)} values: must have {len(motor_inertia)}")
+            raise BadInputError(f" has {len(self.stiffness)} values: must have {len(motor_inertia)}", key="stiffness")
         return np.array(self.stiffness)
 
     def joint_damping(self, stiffness: Vector, inertia: Vector) -> Vector:

@@ -184,7 +184,9 @@ def checked_limits(limits: JointLimits, start: RobotMotion) -> JointLimits:
         upper = limits.position_upper.tolist()
         raise invalid("limits.position_lower", limits.position_lower.tolist(), f"below position_upper = {upper}")
     if not ((limits.position_lower <= q) & (q <= limits.position_upper)).all():
-        raise BadInputError(f"limits: the start posture {np.round(q, 4).tolist()} rad is outside the position limits")
+        raise BadInputError(
+            f"the start posture {np.round(q, 4).tolist()} rad is outside the position limits", key="limits"
+        )
     if not (np.abs(start.load) < limits.torque).all():
         load = np.round(start.load, 1).tolist()
         raise invalid("limits.torque", limits.torque.tolist(), f"enough to hold the start posture, {load} Nm")
