@@ -10,7 +10,7 @@ from pydrake.systems.primitives import Demultiplexer
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError, about
-from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key
 from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 from forcectl.plant.sensors.joint_sensors import JointSensors, ReadingFault
 from forcectl.plant.sensors.wrist_sensor import WristSensor
@@ -145,18 +145,20 @@ def _faults(cell: Workcell) -> list[ReadingFault]:
 
 
 @dataclass(kw_only=True)
-class JointReadingsConfig:
+class JointReadingsConfig(Config):
     """Scenario part `!JointReadings`: joint positions, speeds and motor torques as a robot's interface tells them."""
 
-    quantum: float = 1e-6  # [rad], >= 0; assumed: 16 bits per turn of a motor with a gear of 100
-    position_noise: float = 0.0  # [rad] standard deviation per tick, >= 0
-    torque_noise: float = 0.0  # [Nm] standard deviation per tick, >= 0
-    velocity_bandwidth: float = 250.0  # [rad/s] of the filter behind the differences of positions, > 0
-
-    def __post_init__(self) -> None:
-        for name in ("quantum", "position_noise", "torque_noise"):
-            check(name, getattr(self, name), "not negative")
-        check("velocity_bandwidth", self.velocity_bandwidth, "positive")
+    quantum: float = key(
+        1e-6,
+        "step of the positions; assumed: 16 bits per turn of a motor with a gear of 100",
+        unit="rad",
+        bounds="not negative",
+    )
+    position_noise: float = key(0.0, "standard deviation of the positions per tick", unit="rad", bounds="not negative")
+    torque_noise: float = key(0.0, "standard deviation of the torques per tick", unit="Nm", bounds="not negative")
+    velocity_bandwidth: float = key(
+        250.0, "bandwidth of the filter behind the differences of positions", unit="rad/s", bounds="positive"
+    )
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> JointSensors:
         """Add the block `joint_sensors`."""

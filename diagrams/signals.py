@@ -16,6 +16,7 @@ from pydrake.systems.primitives import MatrixGain
 
 from forcectl.conventions import SIGNALS
 from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.model import unit_normal
 
@@ -37,10 +38,10 @@ class SignalChoice(Protocol):
 
 
 @dataclass(kw_only=True)
-class FromConfig:
+class FromConfig(Config):
     """Scenario part `!From`: the signal that the named part puts out."""
 
-    part: str  # station, reference, motion, or the name of an estimator
+    part: str = key(meaning="that puts the signal out: station, reference, motion, or the name of an estimator")
 
     def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
         """The port of that part.
@@ -55,18 +56,19 @@ class FromConfig:
 
 
 @dataclass(kw_only=True)
-class ProjectionConfig:
+class ProjectionConfig(Config):
     """Scenario part `!Projection`: the force along a direction, of wrenches at the TCPs.
 
     One force for each surface that is pressed on, of the arm that presses; (6a,) [Nm, N] becomes (k,) [N].
     """
 
-    of: str = "estimated_wrench"  # a signal of shape (6a,): wrenches at the TCPs in the world
-    arm: str = ""  # of this arm only; empty: of the arms that press
-    along: str | list[float] = "normal"  # of the surface, or a vector in W
-    factor: float = 1.0  # on the force
+    of: str = key("estimated_wrench", "signal of shape (6a,): wrenches at the TCPs in the world")
+    arm: str = key("", "of this arm only; empty: of the arms that press")
+    along: str | list[float] = key("normal", "normal of the surface, or a vector in W")
+    factor: float = key(1.0, "factor on the force")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if isinstance(self.along, str):
             if self.along != "normal":
                 raise invalid("along", self.along, "normal, or three numbers")

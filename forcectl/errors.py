@@ -43,6 +43,9 @@ class BadInputError(ForcectlError, ValueError):
         text = f"{self.key}{'' if self.text.startswith(' ') else ': '}{self.text}" if self.key else self.text.strip()
         return f"{self.where}: {text}" if self.where else text
 
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({str(self)!r})"
+
     def at(self, key: str, where: str = "") -> BadInputError:
         """The same error with its full key.
 
@@ -60,12 +63,12 @@ class RunFailedError(ForcectlError, RuntimeError):
 
 
 def show(value: object) -> str:
-    """A value for a message: one line, at most 60 characters."""
+    """A value for a message: one line, at most 60 characters, of which those in the middle are left out."""
     try:
         text = " ".join(repr(value).split())
     except (RecursionError, ValueError):
         text = f"a {type(value).__name__} too large to print"
-    return text if len(text) <= 60 else text[:57] + "..."
+    return text if len(text) <= 60 else f"{text[:28]}...{text[-29:]}"
 
 
 def invalid(key: str, value: object, allowed: str) -> BadInputError:

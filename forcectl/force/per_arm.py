@@ -10,6 +10,7 @@ from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.errors import BadInputError, about, invalid
 from forcectl.framework.enclosed import Enclosed
+from forcectl.framework.fields import Config
 from forcectl.framework.slots import named_slots
 from forcectl.framework.wiring import stacked
 from forcectl.plant.plant_model import PlantModel
@@ -18,10 +19,10 @@ _INPUTS = ("desired_force", "measured_force", "motor_displacement", "path_displa
 
 
 @dataclass(kw_only=True)
-class PerArmConfig:
+class PerArmConfig(Config):
     """Scenario part `!PerArm`: force laws by the name of the arm that presses."""
 
-    laws: dict[str, Any] = named_slots("controller")
+    laws: dict[str, Any] = named_slots("controller", meaning="by the name of the arm")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> PerArm:
         """Add the laws.

@@ -7,7 +7,7 @@ dq_uc(t) of (2.12).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key
 from forcectl.motion.references import Reference
 from forcectl.robot.model import RobotModel
 
@@ -84,25 +84,20 @@ def line_postures(robot: RobotModel, start: Vector, offsets: Vector) -> Vector:
 
 
 @dataclass(kw_only=True)
-class TangentialMotionConfig:
+class TangentialMotionConfig(Config):
     """Scenario part `motion`: move along the surface while the force is controlled. Distance 0: stay."""
 
-    direction: list[float] = field(default_factory=lambda: [1.0, 0.0, 0.0])  # in W, perpendicular to the normal
-    distance: float = 0.0  # [m], >= 0
-    speed: float = 0.002  # [m/s], > 0
-    acceleration: float = 0.05  # [m/s^2], > 0
-    start_time: float = 0.0  # [s], >= 0
-    slope: float = 0.0  # [-] rise of the path along n: that of the surface, as far as it is known
-
-    def __post_init__(self) -> None:
-        if len(self.direction) != 3 or not all(np.isfinite(d) for d in self.direction) or not any(self.direction):
-            raise invalid("direction", self.direction, "three finite numbers, not all zero")
-        for name in ("speed", "acceleration"):
-            check(name, getattr(self, name), "positive")
-        for name in ("distance", "start_time"):
-            check(name, getattr(self, name), "not negative")
-        if abs(check("slope", self.slope)) > _STEEPEST:
-            raise invalid("slope", self.slope, f"from -{_STEEPEST:g} to {_STEEPEST:g}")
+    direction: list[float] = key([1.0, 0.0, 0.0], "in W, perpendicular to the normal", bounds="not all zero", size=3)
+    distance: float = key(0.0, "0: stay", unit="m", bounds="not negative")
+    speed: float = key(0.002, "largest speed", unit="m/s", bounds="positive")
+    acceleration: float = key(0.05, "at the start and the end", unit="m/s^2", bounds="positive")
+    start_time: float = key(0.0, "of the motion", unit="s", bounds="not negative")
+    slope: float = key(
+        0.0,
+        "rise of the path along n: that of the surface, as far as it is known",
+        unit="1",
+        bounds=f"from {-_STEEPEST:g} to {_STEEPEST:g}",
+    )
 
     def interval(self) -> tuple[float, float] | None:
         """Begin and end of the motion [s]; None without one."""

@@ -7,7 +7,7 @@ variant, overrides (`--set` on the command line).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -19,7 +19,7 @@ from forcectl.diagrams.loop import Loop, LoopParts, build_loop
 from forcectl.diagrams.station import StationConfig
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.force.integral import IntegralConfig
-from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key
 from forcectl.framework.slots import named_slots, slot
 from forcectl.motion.references import StepConfig
 from forcectl.motion.tangential import TangentialMotionConfig
@@ -54,41 +54,32 @@ _GONE = {
 
 
 @dataclass(kw_only=True)
-class Scenario:
+class Scenario(Config):
     """One simulation, complete: a scenario file after presets, one variant and overrides."""
 
-    title: str = ""
-    source: str = ""  # figure or table of the thesis
-    description: str = ""
-    preset: str = catalog.DEFAULT_PRESET  # name of a file in experiments/presets
-    station: StationConfig = field(default_factory=StationConfig)
-    model: ModelConfig = field(default_factory=ModelConfig)  # how the model of the plant differs from it
-    estimators: dict[str, Any] = named_slots("estimator")
-    controller: Any = slot("controller", IntegralConfig)
-    reference: Any = slot("reference", StepConfig)  # of the force
-    motion: Any = slot("motion", TangentialMotionConfig)  # in the unconstrained directions
-    signals: dict[str, Any] = named_slots("signal")  # choices and projections, by the name of the signal
-    analyses: dict[str, Any] = named_slots("analysis")
-    duration: float = 5.0  # [s], > 0
-    seed: int = 0  # of every random number in the run, >= 0
-    reference_model: float | None = None  # [rad/s] bandwidth of the model M(s); null: the controller's own
-    model_error_window: float = 4.1  # T_w [s] of model_error_sd_N
-    variants: dict[str, Any] = field(default_factory=dict)  # name -> values that replace the scenario's
-    fidelities: list[str] = field(default_factory=list)  # that `reproduce` runs; empty: the station's own
-    expect: list[Expectation] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        if check("duration", self.duration, "positive") > LONGEST_DURATION:
-            raise invalid("duration", self.duration, f"at most {LONGEST_DURATION:g} s")
-        if not 0 <= self.seed < 2**63:
-            raise invalid("seed", self.seed, "a whole number from 0 to 2^63 - 1")
-        check("model_error_window", self.model_error_window, "positive")
-        if self.reference_model is not None:
-            check("reference_model", self.reference_model, "positive")
-        known = catalog.tags_of("fidelity")
-        for name in self.fidelities:
-            if name not in known:
-                raise BadInputError(f" = {self.fidelities}: {unknown('fidelity', name, known)}", key="fidelities")
+    title: str = key("", "heading of tables and figures")
+    source: str = key("", "figure or table of the thesis")
+    description: str = key("", "what is to be seen")
+    preset: str = key(catalog.DEFAULT_PRESET, "name of a file in experiments/presets")
+    station: StationConfig = key(StationConfig, "robot, drives, environment and sensors")
+    model: ModelConfig = key(ModelConfig, "how the model of the plant differs from it")
+    estimators: dict[str, Any] = named_slots("estimator", meaning="by name")
+    controller: Any = slot("controller", IntegralConfig, meaning="force law, or controller of joints")
+    reference: Any = slot("reference", StepConfig, meaning="of the force")
+    motion: Any = slot("motion", TangentialMotionConfig, meaning="motion in the unconstrained directions")
+    signals: dict[str, Any] = named_slots("signal", meaning="choices and projections, by the name of the signal")
+    analyses: dict[str, Any] = named_slots("analysis", meaning="further metrics and figures, by name")
+    duration: float = key(5.0, "simulated time", unit="s", bounds=f"positive, at most {LONGEST_DURATION:g}")
+    seed: int = key(0, "of every random number in the run", bounds="from 0 to 9223372036854775807")
+    reference_model: float | None = key(
+        None, "bandwidth of the model M(s); null: the controller's own", unit="rad/s", bounds="positive"
+    )
+    model_error_window: float = key(4.1, "time T_w of the metric model_error_sd_N", unit="s", bounds="positive")
+    variants: dict[str, Any] = key({}, "values that replace the scenario's, by the name of the variant")
+    fidelities: list[str] = key(
+        [], "that `reproduce` runs; empty: the station's own", choices=lambda: catalog.tags_of("fidelity")
+    )
+    expect: list[Expectation] = key([], "what is expected of the metrics")
 
     @property
     def fidelity(self) -> str:
@@ -220,21 +211,21 @@ def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[
     scenario: Scenario = reader.dataclass(Scenario, tree, "")
     names = select_variants(file)
     for i, expectation in enumerate(scenario.expect):
-        for key, name in expectation.variants(names).items():
+        for term, name in expectation.variants(names).items():
             if name not in names:
-                raise reader.unknown(f"expect.{i}.{key}", name, names, "variant")
+                raise reader.unknown(f"expect.{i}.{term}", name, names, "variant")
     return scenario
 
 
 def _refuse_gone(reader: Reader, tree: Tagged) -> None:
     """Keys of earlier versions are told with what to write instead."""
-    for key, instead in _GONE.items():
+    for gone, instead in _GONE.items():
         part: Tree = tree
-        for name in key.split(".")[:-1]:
+        for name in gone.split(".")[:-1]:
             part = part.get(name) if isinstance(part, Tagged) else None
-        last = key.rpartition(".")[2]
+        last = gone.rpartition(".")[2]
         if isinstance(part, Tagged) and last in part:
-            raise reader.error(key, f"is no key any more: {instead}")
+            raise reader.error(gone, f"is no key any more: {instead}")
 
 
 class _Layers:

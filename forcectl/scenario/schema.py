@@ -11,18 +11,17 @@ import dataclasses
 import enum
 import importlib
 import math
-import types
 import typing
 from collections.abc import Callable, Iterable, Mapping
 from pathlib import Path
 from typing import Any
 
 from forcectl.errors import BadInputError, invalid, show, unknown
+from forcectl.framework.fields import REQUIRED, default_of, members
 from forcectl.framework.imports import import_object
 from forcectl.scenario.catalog import CONTRACTS, IMPORT, SLOTS, tags_of
 from forcectl.scenario.yaml_tree import Tagged, Tree, is_object, tag_of
 
-_MISSING: Any = dataclasses.MISSING
 _PRIMITIVES: dict[Any, str] = {
     float: "a number",
     int: "a whole number",
@@ -100,7 +99,7 @@ class Reader:
             start = getattr(default, name) if default is not None else default_of(field)
             if name in tree:
                 values[name] = self._field(field, hints[name], tree[name], join(key, name), start)
-            elif start is _MISSING:
+            elif start is REQUIRED:
                 missing.append(name)
             else:
                 values[name] = start
@@ -233,7 +232,7 @@ class Reader:
         if dataclasses.is_dataclass(kind) and isinstance(kind, type):
             return self.dataclass(kind, tree, key, start if type(start) is kind else None)
         base, arguments = typing.get_origin(kind), typing.get_args(kind)
-        if base in (typing.Union, types.UnionType):
+        if members(kind) != [kind]:
             return self._union(arguments, tree, key, start)
         if base is typing.Literal:
             if not any(tree == a and type(tree) is type(a) for a in arguments):
@@ -258,10 +257,10 @@ class Reader:
             else self.invalid(key, tree, f"one of {', '.join(names)}")
         )
 
-    def _union(self, members: tuple[Any, ...], tree: Tree, key: str, start: Any) -> Any:
-        if tree is None and type(None) in members:
+    def _union(self, kinds: tuple[Any, ...], tree: Tree, key: str, start: Any) -> Any:
+        if tree is None and type(None) in kinds:
             return None
-        rest = [m for m in members if m is not type(None)]
+        rest = [m for m in kinds if m is not type(None)]
         if len(rest) == 1:
             return self.value(rest[0], tree, key, start)
         for member in rest:
@@ -269,7 +268,7 @@ class Reader:
                 return self.value(member, tree, key, start)
             except BadInputError:
                 continue
-        raise self.invalid(key, tree, " or ".join(describe(m) for m in members))
+        raise self.invalid(key, tree, " or ".join(describe(m) for m in kinds))
 
     def _list(self, base: type, arguments: tuple[Any, ...], tree: Tree, key: str) -> Any:
         item = arguments[0] if arguments else Any
@@ -314,11 +313,6 @@ class Reader:
         raise self.invalid(key, tree, describe(kind))
 
 
-def default_of(field: dataclasses.Field[Any]) -> Any:
-    """The default of a field of a dataclass."""
-    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
-
-
 def describe(kind: Any) -> str:
     """A type, in words for a message."""
     if kind in _PRIMITIVES:
@@ -326,7 +320,7 @@ def describe(kind: Any) -> str:
     if kind is type(None):
         return "null"
     base, arguments = typing.get_origin(kind), typing.get_args(kind)
-    if base in (typing.Union, types.UnionType):
+    if members(kind) != [kind]:
         return " or ".join(describe(a) for a in arguments)
     if base is typing.Literal:
         return "one of " + ", ".join(str(a) for a in arguments)

@@ -10,8 +10,9 @@ from pathlib import Path
 from typing import Any
 
 from forcectl.errors import show
+from forcectl.framework.fields import default_of
 from forcectl.scenario.catalog import IMPORT, SLOTS, tags_of
-from forcectl.scenario.schema import default_of, load_object, slot_of
+from forcectl.scenario.schema import load_object, slot_of
 from forcectl.scenario.yaml_tree import Tagged, Tree, is_object, tag_of
 
 

@@ -155,7 +155,7 @@ def parse(text: str, origin: str) -> Tree:
                 raise BadInputError(f"{origin}: not usable: control character in {part[:40]!r}")
         if count >= _MOST_VALUES:
             raise BadInputError(f"{origin}: not usable: more than {_MOST_VALUES} values, or an alias that holds itself")
-        if isinstance(tree, Tagged):
+        if isinstance(tree, Tagged) and node is not None:
             tree.lines = _lines(node)
         return tree
     except yaml.YAMLError as error:

@@ -150,7 +150,7 @@ def test_the_links_keep_away_from_the_boxes_of_the_station() -> None:
         (ReachConfig, {"arm": "left", "position": [0, 0, 0], "time": -1.0}, "time"),
         (ArmWallConfig, {"arm": "left", "point": [0.0], "normal": [0, 0, 1]}, "point"),
         (ArmWallConfig, {"arm": "left", "point": [0, 0, 0], "normal": [0, 0, 0]}, "normal"),
-        (PaceConfig, {"speed": 0.0}, "velocity"),
+        (PaceConfig, {"speed": 0.0}, "speed"),
         (PaceConfig, {"turn_jerk": np.inf}, "jerk"),
         (ReactiveReachingConfig, {"null_space": "mass"}, "unknown null_space 'mass'"),
         (ReactiveReachingConfig, {"mass_direction": [0, 0, 0]}, "mass_direction"),

@@ -26,6 +26,7 @@ from forcectl.force.integral import IntegralConfig
 from forcectl.force.invariance.force_law import InvarianceForceLaw, InvarianceLimits, one_step_acceleration
 from forcectl.framework.batch import Lane
 from forcectl.framework.enclosed import Enclosed
+from forcectl.framework.fields import key
 from forcectl.framework.slots import slot
 from forcectl.plant.plant_model import PlantModel
 
@@ -115,9 +116,14 @@ class InvarianceControl(Diagram):
 class InvarianceControlConfig(InvarianceLimits):
     """Scenario part `!InvarianceControl`."""
 
-    # Of an integral law the limits of the command are not used: the ones below are.
-    nominal: Any = slot("controller", lambda: IntegralConfig(integral_gain=3.0))
-    upper_acceleration: float | None = 10.0  # [m/s^2], > 0: of the control; null: -gamma
+    nominal: Any = slot(
+        "controller",
+        lambda: IntegralConfig(integral_gain=3.0),
+        meaning="law to be corrected; the limits of the command of an integral law are not used",
+    )
+    upper_acceleration: float | None = key(
+        10.0, "largest acceleration of the control; null: -gamma", unit="m/s^2", bounds="positive"
+    )
 
     def reference_model_bandwidth(self) -> float | None:
         """That of the nominal law [rad/s]; None when it does not tell."""
@@ -144,11 +150,7 @@ class InvarianceControlConfig(InvarianceLimits):
 class AdaptiveInvarianceControlConfig(Adaptation, InvarianceControlConfig):
     """Scenario part `!AdaptiveInvarianceControl`: constraint and integral law with the estimated compliance. (3.56)"""
 
-    compliance_error: float = 0.8  # initial C_E_hat / C_E, > 0; 1/1.2 = stiffness 20 % too high
-
-    def __post_init__(self) -> None:
-        Adaptation.__post_init__(self)
-        InvarianceControlConfig.__post_init__(self)
+    compliance_error: float = key(0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="positive")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveForceLaw:
         """Add the law with its estimator."""

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from inspect import get_annotations
 from math import inf
 from typing import Any
@@ -14,15 +14,16 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.force.adaptive_force_law import Adaptation
-from forcectl.force.invariance.controller import InvarianceController, check_gamma
+from forcectl.force.invariance.controller import InvarianceController
 from forcectl.force.invariance.regulated_output import RegulatedCoordinate
 from forcectl.force.sensor_lag import SensorLag
-from forcectl.framework.batch import check, whole_multiple
+from forcectl.framework.batch import whole_multiple
+from forcectl.framework.fields import Config, key
 from forcectl.framework.imports import import_object
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import sensor_filter
-from forcectl.qp.solvers import DEFAULT_SOLVER, check_solver
+from forcectl.qp.solvers import DEFAULT_SOLVER, available_solvers
 from forcectl.robot.model import JointLimits, unit_normal
 from forcectl.tasks.constraints.base import CartesianWall, Constraint
 
@@ -73,14 +74,14 @@ class AdaptiveInvarianceController(Diagram):
 
 
 @dataclass(kw_only=True)
-class JointLimitConfig:
+class JointLimitConfig(Config):
     """Joint limits that replace the robot's: one number per joint, or none at all for the robot's."""
 
-    position_lower: list[float] = field(default_factory=list)  # [rad]
-    position_upper: list[float] = field(default_factory=list)  # [rad]
-    velocity: list[float] = field(default_factory=list)  # [rad/s], > 0
-    acceleration: list[float] = field(default_factory=list)  # [rad/s^2], > 0
-    torque: list[float] = field(default_factory=list)  # joint side [Nm], > 0
+    position_lower: list[float] = key([], "lowest position of each joint", unit="rad")
+    position_upper: list[float] = key([], "highest position of each joint", unit="rad")
+    velocity: list[float] = key([], "largest speed of each joint", unit="rad/s", bounds="positive")
+    acceleration: list[float] = key([], "largest acceleration of each joint", unit="rad/s^2", bounds="positive")
+    torque: list[float] = key([], "largest torque of each joint, joint side", unit="Nm", bounds="positive")
 
     def limits(self, robot: JointLimits) -> JointLimits:
         """These, and the robot's where nothing is said."""
@@ -96,28 +97,23 @@ class JointLimitConfig:
 
 
 @dataclass(kw_only=True)
-class WallConfig:
+class WallConfig(Config):
     """A plane that the tool centre point stays in front of."""
 
-    point: list[float]  # on the plane, in W [m]
-    normal: list[float]  # towards the free side, in W
-    gamma: float = -1.0  # [m/s^2], < 0: deceleration towards it
-
-    def __post_init__(self) -> None:
-        if len(self.point) != 3:
-            raise invalid("point", self.point, "three numbers")
-        unit_normal(self.normal)
-        check_gamma("gamma", self.gamma)
+    point: list[float] = key(meaning="on the plane, in W", unit="m", size=3)
+    normal: list[float] = key(meaning="towards the free side, in W", bounds="not all zero", size=3)
+    gamma: float = key(-1.0, "deceleration towards it", unit="m/s^2", bounds="below zero")
 
 
 @dataclass(kw_only=True)
-class ConstraintConfig:
+class ConstraintConfig(Config):
     """A constraint of the user's: a class with `relative_degree` and `evaluate(motion)`, see `Constraint`."""
 
-    path: str  # "package.module:ClassName"
-    parameters: dict[str, Any] = field(default_factory=dict)
+    path: str = key(meaning="of the class: package.module:ClassName")
+    parameters: dict[str, Any] = key({}, "arguments of the class, by name")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         self.constraint()
 
     def constraint(self) -> Constraint:
@@ -141,47 +137,39 @@ class ConstraintConfig:
 
 
 @dataclass(kw_only=True)
-class OutputConfig:
+class OutputConfig(Config):
     """A Cartesian coordinate that is regulated beside the force."""
 
-    axis: list[float]  # in W, perpendicular to the normal and to other axes
-    displacement: float  # set point from the start [m]
-    gamma: float = -0.1  # [m/s^2], < 0: deceleration towards it
-
-    def __post_init__(self) -> None:
-        unit_normal(self.axis, "axis")
-        check("displacement", self.displacement)
-        check_gamma("gamma", self.gamma)
+    axis: list[float] = key(
+        meaning="in W, perpendicular to the normal and to other axes", bounds="not all zero", size=3
+    )
+    displacement: float = key(meaning="set point from the start", unit="m")
+    gamma: float = key(-0.1, "deceleration towards it", unit="m/s^2", bounds="below zero")
 
 
 @dataclass(kw_only=True)
-class InvarianceRobotConfig:
+class InvarianceRobotConfig(Config):
     """Scenario part `!InvarianceRobot`."""
 
-    gamma: float = -0.1  # [m/s^2], < 0: deceleration towards the constraint
-    upper_acceleration: float | None = None  # [m/s^2], > 0; null: -gamma
-    compliance_error: float = 1.0  # C_T_hat / C_T, > 0
-    adaptation: Adaptation | None = None  # of the environment's compliance; null: known
-    nominal_gain: float | None = None  # K_I [1/s], > 0, of an integral law to be corrected; null: no such law
-    maximum_force: float = inf  # [N], > 0
-    tracking_bandwidth: float = 30.0  # w [1/s], > 0, of the unconstrained directions
-    tracking_acceleration: float = 2.0  # [m/s^2], > 0, in the unconstrained directions
-    limits: JointLimitConfig = field(default_factory=JointLimitConfig)
-    walls: list[WallConfig] = field(default_factory=list)
-    constraints: list[ConstraintConfig] = field(default_factory=list)
-    outputs: list[OutputConfig] = field(default_factory=list)
-    solver: str = DEFAULT_SOLVER  # of the quadratic program: daqp, clarabel, osqp, ...
-
-    def __post_init__(self) -> None:
-        check_gamma("gamma", self.gamma)
-        for name in ("upper_acceleration", "nominal_gain"):
-            if getattr(self, name) is not None:
-                check(name, getattr(self, name), "positive")
-        for name in ("compliance_error", "tracking_bandwidth", "tracking_acceleration"):
-            check(name, getattr(self, name), "positive")
-        if not self.maximum_force > 0:
-            raise invalid("maximum_force", self.maximum_force, "above zero")
-        check_solver(self.solver)
+    gamma: float = key(-0.1, "deceleration towards the constraint", unit="m/s^2", bounds="below zero")
+    upper_acceleration: float | None = key(
+        None, "largest acceleration away from rest; null: -gamma", unit="m/s^2", bounds="positive"
+    )
+    compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="positive")
+    adaptation: Adaptation | None = key(None, "of the environment's compliance; null: it is known")
+    nominal_gain: float | None = key(
+        None, "K_I of an integral law to be corrected; null: no such law", unit="1/s", bounds="positive"
+    )
+    maximum_force: float = key(inf, "largest force", unit="N", bounds="above zero")
+    tracking_bandwidth: float = key(30.0, "w of the unconstrained directions", unit="1/s", bounds="positive")
+    tracking_acceleration: float = key(
+        2.0, "largest acceleration in the unconstrained directions", unit="m/s^2", bounds="positive"
+    )
+    limits: JointLimitConfig = key(JointLimitConfig, "of the joints; the robot's where none is given")
+    walls: list[WallConfig] = key([], "that the tool centre point stays in front of")
+    constraints: list[ConstraintConfig] = key([], "further ones, of the user's classes")
+    outputs: list[OutputConfig] = key([], "Cartesian coordinates that are regulated beside the force")
+    solver: str = key(DEFAULT_SOLVER, "of the quadratic program", choices=available_solvers)
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """Add the controller; without adaptation it believes in `compliance_error` times the true total compliance."""

@@ -13,12 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
 
-from forcectl.errors import about, invalid
+from forcectl.errors import about
 from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
-from forcectl.force.integral import check_limits
 from forcectl.force.linear_law import REGULATE, LinearForceLaw
 from forcectl.force.vrft.adaptive import add_tuned_law
 from forcectl.framework.batch import BatchParameter, LaneBlock, check
+from forcectl.framework.fields import Config, key
 from forcectl.framework.slots import slot
 from forcectl.motion.excitation import ExcitationConfig, TrapezoidalMovesConfig
 from forcectl.plant.plant_model import PlantModel
@@ -140,41 +140,32 @@ class VrftExperiment(Diagram):
 
 
 @dataclass(kw_only=True)
-class RecursiveVrftConfig:
+class RecursiveVrftConfig(Config):
     """Scenario part `!RecursiveVrft`: excite and tune, then regulate. (Sec. 4.5.2)
 
     Let the reference step after the hand-over: the command does not jump at the hand-over, whatever the error, so a
     reference that waits there is approached by the integral only.
     """
 
-    excitation: Any = slot("excitation", TrapezoidalMovesConfig)
-    reference_bandwidth: float = 1.5  # w_c of the reference model [rad/s], > 0
-    prefilter: bool = True  # false: as in Sec. 4.5
-    initial_covariance: float = 100.0  # P_0, > 0
-    forgetting: float = 1.0  # (0, 1]
-    data_resolution: float = 0.0  # the force is rounded to this for the tuning [N], >= 0
-    hand_over_time: float | None = None  # [s], >= 0; null: when the excitation is over
-    convergence_window: float | None = None  # [s], > 0; hand over earlier, when the gains have not changed for so long
-    convergence_tolerance: float = 0.01  # by more than this share of their value, >= 0
-    derivative_filter: float = 0.0  # T_D [s], >= 0; 0: the derivative of (4.20)
-    robot_compliance_error: float = 1.0  # C_R_hat / C_R, >= 0
-    lower_limit: float = -0.1  # [m], below zero: deepest command
-    upper_limit: float = 0.1  # [m], above zero: furthest retreat
-
-    def __post_init__(self) -> None:
-        for name in ("reference_bandwidth", "initial_covariance"):
-            check(name, getattr(self, name), "positive")
-        if not 0 < check("forgetting", self.forgetting) <= 1:
-            raise invalid("forgetting", self.forgetting, "above 0 and at most 1")
-        for name in ("data_resolution", "convergence_tolerance", "derivative_filter", "robot_compliance_error"):
-            check(name, getattr(self, name), "not negative")
-        if self.hand_over_time is not None:
-            check("hand_over_time", self.hand_over_time, "not negative")
-        if self.convergence_window is not None:
-            check("convergence_window", self.convergence_window, "positive")
-        if not isinstance(self.prefilter, bool):
-            raise invalid("prefilter", self.prefilter, "true or false")
-        check_limits(self.lower_limit, self.upper_limit)
+    excitation: Any = slot("excitation", TrapezoidalMovesConfig, meaning="open-loop displacement to learn from")
+    reference_bandwidth: float = key(1.5, "w_c of the reference model", unit="rad/s", bounds="positive")
+    prefilter: bool = key(True, "false: as in Sec. 4.5")
+    initial_covariance: float = key(100.0, "initial covariance P_0", bounds="positive")
+    forgetting: float = key(1.0, "forgetting factor per sample", bounds="above 0 and at most 1")
+    data_resolution: float = key(0.0, "the force is rounded to this for the tuning", unit="N", bounds="not negative")
+    hand_over_time: float | None = key(None, "null: when the excitation is over", unit="s", bounds="not negative")
+    convergence_window: float | None = key(
+        None, "hand over earlier, when the gains have not changed for so long; null: never", unit="s", bounds="positive"
+    )
+    convergence_tolerance: float = key(
+        0.01, "share of their value by which the gains may change then", bounds="not negative"
+    )
+    derivative_filter: float = key(
+        0.0, "time constant T_D; 0: the derivative of (4.20)", unit="s", bounds="not negative"
+    )
+    robot_compliance_error: float = key(1.0, "C_R_hat / C_R", bounds="not negative")
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero")
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero")
 
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth w_c [rad/s] of the reference model."""

@@ -11,7 +11,7 @@ when the station is built. The contact normal stays n; lateral forces of flanks 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -19,7 +19,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key
 from forcectl.framework.series_file import read_series
 from forcectl.plant.contact.surface_materials import MaterialsConfig
 
@@ -141,26 +141,23 @@ class SurfaceHeight(LeafSystem):
 
 
 @dataclass(kw_only=True)
-class GrooveConfig:
+class GrooveConfig(Config):
     """Scenario part `grooves`: equal grooves across the path."""
 
-    depth: float = 2e-4  # [m], > 0
-    width: float = 4e-3  # [m] from edge to edge
-    flank: float | None = None  # [m] width of one flank, 0 (a step) to width/2; null: width/2, a cosine
-    spacing: float = 0.02  # [m] from centre to centre, on both sides of the start but not at it
-    positions: list[float] = field(default_factory=list)  # [m] of the centres; empty: by the spacing
+    depth: float = key(2e-4, "of each groove", unit="m", bounds=f"positive, at most {_HIGHEST:g}")
+    width: float = key(4e-3, "from edge to edge", unit="m", bounds=f"at least {_NARROWEST:g}")
+    flank: float | None = key(
+        None, "width of one flank, 0 (a step) to width/2; null: width/2, a cosine", unit="m", bounds="not negative"
+    )
+    spacing: float = key(
+        0.02, "from centre to centre, on both sides of the start but not at it", unit="m", bounds="positive"
+    )
+    positions: list[float] = key([], "of the centres; empty: by the spacing", unit="m")
 
     def __post_init__(self) -> None:
-        for name in ("depth", "spacing"):
-            check(name, getattr(self, name), "positive")
-        if check("width", self.width) < _NARROWEST:
-            raise invalid("width", self.width, f"at least {_NARROWEST:g} m")
-        if self.depth > _HIGHEST:
-            raise invalid("depth", self.depth, f"at most {_HIGHEST:g} m")
-        if self.flank is not None and not 0 <= check("flank", self.flank) <= self.width / 2:
+        super().__post_init__()
+        if self.flank is not None and self.flank > self.width / 2:
             raise invalid("flank", self.flank, f"from 0 to width/2 = {self.width / 2:g} m")
-        for position in self.positions:
-            check("positions", position)
         if any(b - a < self.width for a, b in pairwise(sorted(self.positions))):
             raise invalid("positions", self.positions, f"apart by at least the width, {self.width:g} m")
         if self.spacing < self.width:
@@ -182,41 +179,42 @@ class GrooveConfig:
 
 
 @dataclass(kw_only=True)
-class RoughnessConfig:
+class RoughnessConfig(Config):
     """Scenario part `roughness`, see `rough_profile`. The ball smooths it further."""
 
-    rms: float = 5e-6  # [m], > 0
-    correlation_length: float = 1e-3  # [m] over which the correlation falls to 1/e
-    seed: int = 0  # its own: the surface is the same whatever the noise; >= 0
-
-    def __post_init__(self) -> None:
-        if check("rms", self.rms, "positive") > _HIGHEST:
-            raise invalid("rms", self.rms, f"at most {_HIGHEST:g} m")
-        if check("correlation_length", self.correlation_length) < _NARROWEST:
-            raise invalid("correlation_length", self.correlation_length, f"at least {_NARROWEST:g} m")
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
-            raise invalid("seed", self.seed, "a whole number, at least 0")
+    rms: float = key(5e-6, "root mean square of the height", unit="m", bounds=f"positive, at most {_HIGHEST:g}")
+    correlation_length: float = key(
+        1e-3, "over which the correlation falls to 1/e", unit="m", bounds=f"at least {_NARROWEST:g}"
+    )
+    seed: int = key(0, "its own: the surface is the same whatever the noise", bounds="not negative")
 
 
 @dataclass(kw_only=True)
-class SurfaceConfig:
+class SurfaceConfig(Config):
     """Scenario part `surface`: heights that are given are added up; flat when none are."""
 
-    direction: list[float] = field(default_factory=lambda: [1.0, 0.0, 0.0])  # of s in W, perpendicular to the normal
-    length: float = 0.2  # [m] the profile covers +-length of path and goes on level beyond
-    slope: float = 0.0  # [-] rise along n per path; positive: towards the robot
-    grooves: GrooveConfig | None = None
-    roughness: RoughnessConfig | None = None
-    materials: MaterialsConfig | None = None  # instead of one stiffness and damping everywhere
-    path: str = ""  # CSV file with the columns position and height [m], joined by straight lines
+    direction: list[float] = key(
+        [1.0, 0.0, 0.0], "of the path in W, perpendicular to the normal", bounds="not all zero", size=3
+    )
+    length: float = key(
+        0.2,
+        "the profile covers +-length of path and goes on level beyond",
+        unit="m",
+        bounds=f"from {_NARROWEST:g} to {_LONGEST:g}",
+    )
+    slope: float = key(
+        0.0,
+        "rise along n per path; positive: towards the robot",
+        unit="1",
+        bounds=f"from {-_STEEPEST:g} to {_STEEPEST:g}",
+    )
+    grooves: GrooveConfig | None = key(None, "across the path; null: none")
+    roughness: RoughnessConfig | None = key(None, "null: smooth")
+    materials: MaterialsConfig | None = key(None, "instead of one stiffness and damping everywhere; null: one material")
+    path: str = key("", "CSV file with the columns position and height [m], joined by straight lines")
 
     def __post_init__(self) -> None:
-        if len(self.direction) != 3 or not all(np.isfinite(d) for d in self.direction) or not any(self.direction):
-            raise invalid("direction", self.direction, "three finite numbers, not all zero")
-        if not _NARROWEST <= check("length", self.length) <= _LONGEST:
-            raise invalid("length", self.length, f"from {_NARROWEST:g} to {_LONGEST:g} m")
-        if abs(check("slope", self.slope)) > _STEEPEST:
-            raise invalid("slope", self.slope, f"from -{_STEEPEST:g} to {_STEEPEST:g}")
+        super().__post_init__()
         if self.roughness is not None and self.roughness.correlation_length > self.length:
             longest = f"at most the length, {self.length:g} m"
             raise invalid("roughness.correlation_length", self.roughness.correlation_length, longest)
