@@ -29,8 +29,7 @@ from forcectl.diagrams.fidelities.one_dimensional import OneDimensionalFidelity
 from forcectl.diagrams.sensors import WristForceConfig
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError, about, unknown
-from forcectl.framework.fields import Config, key
-from forcectl.framework.slots import named_slots, slot, slot_list
+from forcectl.framework.fields import Config, key, named_slots, slot, slot_list
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.contact.parts import EnvironmentPartsConfig
 
@@ -39,7 +38,6 @@ SHIPPED_FIDELITIES = {
     "Kinematic": KinematicFidelity,
     "Multibody": MultibodyFidelity,
 }
-SWITCHES = ("elastic_joints", "gravity", "self_collision")
 
 
 @dataclass(kw_only=True)

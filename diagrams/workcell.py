@@ -229,7 +229,8 @@ def _start_posture(config: StationConfig, robot: RobotModel) -> Vector:
 def holding_stiffness(drive: Any, robot: RobotModel) -> Vector:
     """Stiffness at which a drive holds its command at rest, shape (n_q,) [Nm/rad]; infinite where it does not tell."""
     told = getattr(drive, "holding_stiffness", None)
-    stiffness: Vector = np.full(robot.num_joints, np.inf) if told is None else told(robot)
+    with about(drive):
+        stiffness: Vector = np.full(robot.num_joints, np.inf) if told is None else told(robot)
     return stiffness
 
 

@@ -35,11 +35,6 @@ LARGEST_STEP = 0.002  # [s] of the plant, for the servo loops
 COMMANDS = ("joint_position_command", "joint_velocity_command", "joint_torque_feedforward")
 
 
-def _switch(name: str, value: object) -> None:
-    if not isinstance(value, bool):
-        raise invalid(name, value, "true or false")
-
-
 @dataclass(kw_only=True)
 class JointServoConfig(Config):
     """Scenario part `servo`: the position loops of the joints, see `forcectl.plant.drives.joint_servo`."""

@@ -17,7 +17,6 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LinearSystem, Multiplexer
 
-from forcectl.errors import invalid
 from forcectl.framework.batch import BatchParameter, Lane, check, check_order, lane_values
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_law import SampledLaw
@@ -167,11 +166,3 @@ class IntegralConfig(Config):
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> IntegralForceLaw:
         """Add the law; it believes in `compliance_error` times the true total compliance."""
         return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))
-
-
-def check_limits(lower: float, upper: float) -> None:
-    """Limits of a displacement command [m]: lower < 0 < upper."""
-    if not check("lower_limit", lower) < 0:
-        raise invalid("lower_limit", lower, "below zero")
-    if not check("upper_limit", upper) > 0:
-        raise invalid("upper_limit", upper, "above zero")

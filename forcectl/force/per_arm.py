@@ -10,8 +10,7 @@ from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.errors import BadInputError, about, invalid
 from forcectl.framework.enclosed import Enclosed
-from forcectl.framework.fields import Config
-from forcectl.framework.slots import named_slots
+from forcectl.framework.fields import Config, named_slots
 from forcectl.framework.wiring import stacked
 from forcectl.plant.plant_model import PlantModel
 

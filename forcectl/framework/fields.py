@@ -6,6 +6,9 @@
 
 The type is the annotation. From there come the check when a configuration is made, the error, `forcectl list !Integral`
 and the JSON Schema. What several keys must be together is checked in `__post_init__`, after that of `Config`.
+
+A slot is a key that any object with the right methods may fill. What may fill it by a short tag is listed in
+`forcectl.scenario.catalog`.
 """
 
 from __future__ import annotations
@@ -80,6 +83,38 @@ def key(
         return dataclasses.field(default=default, metadata=metadata)
     factory = default if callable(default) else lambda: copy.copy(default)
     return dataclasses.field(default_factory=factory, metadata=metadata)
+
+
+def slot(name: str, default: Callable[[], Any], meaning: str = "") -> Any:
+    """A field filled by one part.
+
+    Args:
+        name: of the slot, a key of the catalog's table.
+        default: makes what fills it where nothing else is said.
+        meaning: in words.
+    """
+    return dataclasses.field(default_factory=default, metadata={"slot": name, "key": Key(meaning)})
+
+
+def named_slots(name: str, default: Callable[[], dict[str, Any]] = dict, meaning: str = "") -> Any:
+    """A field filled by any number of parts, each with a name of its own.
+
+    Args:
+        name: of the slot, a key of the catalog's table.
+        default: makes what fills it where nothing else is said, by name.
+        meaning: in words.
+    """
+    return dataclasses.field(default_factory=default, metadata={"slots": name, "key": Key(meaning)})
+
+
+def slot_list(name: str, meaning: str = "") -> Any:
+    """A field filled by any number of parts, one after the other; empty by default.
+
+    Args:
+        name: of the slot, a key of the catalog's table.
+        meaning: in words.
+    """
+    return dataclasses.field(default_factory=list, metadata={"slot_list": name, "key": Key(meaning)})
 
 
 def key_of(field: dataclasses.Field[Any]) -> Key:

@@ -152,8 +152,3 @@ class ExcitationFileConfig(_Excitation, Config):
 
 
 ExcitationConfig = TrapezoidalMovesConfig | ExcitationFileConfig
-
-
-def _check_scale(scale: float | None) -> None:
-    if scale is not None:
-        check("scale", scale, "positive")

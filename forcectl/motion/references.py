@@ -3,6 +3,8 @@
 from __future__ import annotations
 
 import math
+from collections.abc import Iterator
+from contextlib import contextmanager
 from dataclasses import dataclass
 from itertools import pairwise
 
@@ -99,6 +101,15 @@ def _check_times(name: str, times: list[float]) -> None:
         raise invalid(name, times, f"strictly increasing, by at least {_SHORTEST:g} s")
 
 
+@contextmanager
+def _in_column(path: str, column: str) -> Iterator[None]:
+    """What is refused within is about a column of a file, which is that of the key `path`."""
+    try:
+        yield
+    except BadInputError as error:
+        raise BadInputError(f" = {path!r}: column {column}{error.text}", key="path") from None
+
+
 def read_signal(path: str, column: str) -> tuple[list[float], list[float]]:
     """The columns `time` [s] and `column` of a CSV file.
 
@@ -106,7 +117,8 @@ def read_signal(path: str, column: str) -> tuple[list[float], list[float]]:
         BadInputError: about `path`, see `forcectl.framework.series_file`; times below zero or too close.
     """
     times, values = (signal.tolist() for signal in read_series(path, "time", column))
-    _check_times(f"path = {path!r}: column time", times)
+    with _in_column(path, "time"):
+        _check_times("times", times)
     return times, values
 
 
@@ -205,7 +217,8 @@ class FileConfig(_ForceReference, Config):
         super().__post_init__()
         _, forces = read_signal(self.path, "force")
         for f in forces:
-            check(f"path = {self.path!r}: column force", f, "not negative")
+            with _in_column(self.path, "force"):
+                check("force", f, "not negative")
 
     def trajectory(self) -> PiecewisePolynomial | float:
         """The reference over time [N]."""

@@ -42,7 +42,7 @@ def tag_tables(tag: str) -> list[Table]:
     """
     from forcectl.scenario.keys import classes_of, keys_of
 
-    tables = []
+    tables: list[Table] = []
     for slot, cls in classes_of(tag).items():
         parts: dict[str, Table] = {}
         for words in keys_of(cls):

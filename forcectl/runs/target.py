@@ -9,10 +9,10 @@ from typing import Any
 from pydrake.systems.framework import System
 
 from forcectl.errors import BadInputError
+from forcectl.framework.yaml_tree import parse
 from forcectl.runs.run import with_shortcuts
 from forcectl.scenario.imported import call_for_diagram
 from forcectl.scenario.scenario import as_file, build, origins, resolve, select_variants
-from forcectl.scenario.yaml_tree import parse
 
 
 def parse_settings(settings: Iterable[str] | None) -> dict[str, Any]:

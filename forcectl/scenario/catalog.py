@@ -13,8 +13,8 @@ from typing import Any
 
 from forcectl import experiments
 from forcectl.errors import BadInputError, unknown
+from forcectl.framework.yaml_tree import Tagged, parse, place
 from forcectl.models import list_robots, list_tools
-from forcectl.scenario.yaml_tree import Tagged, parse
 
 _INVARIANCE = "forcectl.force.invariance"
 # What fills each slot of a scenario: tag -> import path of the configuration; the first of each table is the default.
@@ -128,10 +128,8 @@ class ScenarioFile:
             key: in the file; what is not in it stands where the part around it does.
             note: what else to say.
         """
-        while key and key not in self.tree.lines:
-            key = key.rpartition(".")[0]
-        line = f":{self.tree.lines[key]}" if key else ""
-        return f"{self.origin}{line}{note and ': '}{note}"
+        found = place(self.origin, self.tree.lines, key)
+        return f"{found}: {note}" if note else found
 
 
 def experiments_folder() -> Path:

@@ -11,8 +11,8 @@ from collections.abc import Callable, Iterator
 from typing import Any
 
 from forcectl.errors import BadInputError, parts_of
-from forcectl.scenario.schema import join
-from forcectl.scenario.yaml_tree import is_object
+from forcectl.framework.reader import join
+from forcectl.framework.yaml_tree import is_object
 
 
 def full_key(scenario: Any, error: BaseException, field: str = "") -> str:
@@ -43,8 +43,8 @@ def located(scenario: Any, error: BadInputError, where: Callable[[str], str]) ->
         error: caught while it was built.
         where: says for a dotted key where its value came from.
     """
-    key = full_key(scenario, error, error.field)
-    if not key:  # a name of no key: of a parameter inside a block
+    key = "" if error.where else full_key(scenario, error, error.field)
+    if not key:  # of another file, or a parameter inside a block
         key = full_key(scenario, error)
         error = BadInputError(str(error), value=error.value, allowed=error.allowed)
     return error.at(key, where(key))

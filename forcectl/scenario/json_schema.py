@@ -13,11 +13,11 @@ import typing
 from typing import Any
 
 from forcectl.framework.fields import REQUIRED, Key, default_of, interval, key_of, members
+from forcectl.framework.yaml_tree import as_json
 from forcectl.scenario.catalog import IMPORT, SLOTS, tags_of
 from forcectl.scenario.keys import default_tree
 from forcectl.scenario.scenario import Scenario
 from forcectl.scenario.schema import load_object, slot_of
-from forcectl.scenario.yaml_tree import as_json
 
 _TYPES = {float: "number", int: "integer", bool: "boolean", str: "string"}
 _INDEX = "^[0-9]+$"  # a key that stands for an element of a list, in a variant
@@ -127,7 +127,7 @@ def _value(kind: Any, declared: Key, found: Schema) -> Schema:
         return {"enum": list(arguments)}
     if isinstance(kind, type) and issubclass(kind, enum.Enum):
         return {"enum": list(kind.__members__)}
-    if dataclasses.is_dataclass(kind):
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         return _define(kind.__name__, found, lambda: _object(kind, found))
     if kind in (float, int):
         return {"type": _TYPES[kind]} | _bounds(declared)

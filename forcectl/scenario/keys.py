@@ -10,10 +10,11 @@ from typing import Any
 
 from forcectl.errors import unknown
 from forcectl.framework.fields import REQUIRED, Key, default_of, key_of, members
+from forcectl.framework.reader import describe, join
+from forcectl.framework.yaml_tree import as_json, dump
 from forcectl.scenario.catalog import IMPORT, SLOTS, tags_of
-from forcectl.scenario.schema import describe, join, load_object, slot_of
+from forcectl.scenario.schema import load_object, slot_of
 from forcectl.scenario.trees import to_tree
-from forcectl.scenario.yaml_tree import as_json, dump
 
 
 @dataclass(frozen=True)

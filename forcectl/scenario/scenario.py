@@ -19,17 +19,16 @@ from forcectl.diagrams.loop import Loop, LoopParts, build_loop
 from forcectl.diagrams.station import StationConfig
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.force.integral import IntegralConfig
-from forcectl.framework.fields import Config, key
-from forcectl.framework.slots import named_slots, slot
+from forcectl.framework.fields import Config, key, named_slots, slot
+from forcectl.framework.yaml_tree import Tagged, Tree, difference, is_object, merge, nest, plain
 from forcectl.motion.references import StepConfig
 from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.scenario import catalog
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.error_keys import full_key, located
 from forcectl.scenario.expectations import Expectation
-from forcectl.scenario.schema import Reader
+from forcectl.scenario.schema import ScenarioReader
 from forcectl.scenario.trees import default_tags, to_tree, tree_of_fields
-from forcectl.scenario.yaml_tree import Tagged, Tree, difference, is_object, merge, nest, plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -191,7 +190,7 @@ def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]
     """
     variants = file.tree.get("variants") or Tagged({ONLY_VARIANT: Tagged()})
     if not isinstance(variants, Tagged) or not all(isinstance(name, str) for name in variants):
-        raise Reader(file.where).invalid("variants", variants, "a mapping of names to values (quote names)")
+        raise ScenarioReader(file.where).invalid("variants", variants, "a mapping of names to values (quote names)")
     if variant is not None and variant not in variants:
         raise unknown(f"variant of {file.origin}", variant, variants)
     return list(variants) if variant is None else [variant]
@@ -204,7 +203,7 @@ def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[
         BadInputError: names file or option, dotted key, value and what is allowed.
     """
     layers = _Layers(file, variant, overrides or {})
-    reader = Reader(layers.where)
+    reader = ScenarioReader(layers.where)
     tree = layers.merged()
     _refuse_gone(reader, tree)
     _locate_files(tree, file.folder)
@@ -217,7 +216,7 @@ def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[
     return scenario
 
 
-def _refuse_gone(reader: Reader, tree: Tagged) -> None:
+def _refuse_gone(reader: ScenarioReader, tree: Tagged) -> None:
     """Keys of earlier versions are told with what to write instead."""
     for gone, instead in _GONE.items():
         part: Tree = tree
@@ -236,7 +235,7 @@ class _Layers:
         variants = file.tree.get("variants")
         changes = variants.get(variant) if isinstance(variants, Tagged) else None
         if changes is not None and not isinstance(changes, Tagged):
-            raise Reader(file.where).invalid(f"variants.{variant}", changes, "a mapping of scenario keys")
+            raise ScenarioReader(file.where).invalid(f"variants.{variant}", changes, "a mapping of scenario keys")
         forced, varied = nest(overrides), nest(changes or {})
         # A slot without a tag means its default, and stays that when a later layer changes only some of its keys.
         self._layers: list[tuple[Callable[[str], str], Tagged]] = [
@@ -247,7 +246,7 @@ class _Layers:
         ]
         name = self.merged().get("preset", catalog.DEFAULT_PRESET)
         if name not in catalog.list_presets():
-            raise Reader(self.where).unknown("preset", name, catalog.list_presets(), "preset")
+            raise ScenarioReader(self.where).unknown("preset", name, catalog.list_presets(), "preset")
         preset = catalog.find_preset(str(name))
         preset.tree.pop("description", None)
         self._layers.insert(1, (lambda key: preset.where(key, f"preset {name!r}"), preset.tree))

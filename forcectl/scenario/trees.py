@@ -11,9 +11,9 @@ from typing import Any
 
 from forcectl.errors import show
 from forcectl.framework.fields import default_of
+from forcectl.framework.yaml_tree import Tagged, Tree, is_object, tag_of
 from forcectl.scenario.catalog import IMPORT, SLOTS, tags_of
 from forcectl.scenario.schema import load_object, slot_of
-from forcectl.scenario.yaml_tree import Tagged, Tree, is_object, tag_of
 
 
 def to_tree(value: Any, slot: str | None = None, kind: Any = None) -> Tree:

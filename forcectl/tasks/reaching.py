@@ -19,9 +19,8 @@ from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
 from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.force.invariance.robot import ConstraintConfig, JointLimitConfig
-from forcectl.framework.fields import Config, key
+from forcectl.framework.fields import Config, key, named_slots
 from forcectl.framework.rotation_vector import RotationVector
-from forcectl.framework.slots import named_slots
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.motion.references import held_trajectory
 from forcectl.plant.plant_model import PlantModel

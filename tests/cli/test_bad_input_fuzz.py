@@ -12,10 +12,10 @@ import re
 import pytest
 
 from forcectl.errors import BadInputError
+from forcectl.framework.yaml_tree import Tagged, dump
 from forcectl.runs.simulate import simulate
 from forcectl.scenario.catalog import list_experiments, read_scenario
 from forcectl.scenario.scenario import as_file, build, origins, resolve, resolved_tree, select_variants
-from forcectl.scenario.yaml_tree import Tagged, dump
 
 NONSENSE = (
     None,

@@ -15,11 +15,11 @@ import re
 import pytest
 
 from forcectl.errors import BadInputError
+from forcectl.framework.yaml_tree import Tagged, parse
 from forcectl.scenario.catalog import SLOTS, experiments_folder, find_scenario, list_experiments, tags_of
 from forcectl.scenario.json_schema import custom_tags, scenario_schema
 from forcectl.scenario.scenario import Scenario, load_scenario
 from forcectl.scenario.schema import load_object
-from forcectl.scenario.yaml_tree import Tagged, parse
 
 SCHEMA = scenario_schema()
 TYPES = {

@@ -9,8 +9,7 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from forcectl.errors import BadInputError
-from forcectl.framework.fields import Config, key, key_of
-from forcectl.framework.slots import named_slots, slot, slot_list
+from forcectl.framework.fields import Config, key, key_of, named_slots, slot, slot_list
 from forcectl.scenario.catalog import SLOTS, tags_of
 from forcectl.scenario.keys import KeyWords, classes_of, keys_of
 from forcectl.scenario.scenario import Scenario

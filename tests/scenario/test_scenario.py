@@ -12,6 +12,7 @@ from forcectl.diagrams.station import SHIPPED_FIDELITIES
 from forcectl.errors import BadInputError
 from forcectl.force.adaptive_integral import AdaptiveIntegralConfig
 from forcectl.force.integral import IntegralConfig
+from forcectl.framework.yaml_tree import dump, parse
 from forcectl.motion.references import SequenceConfig, StepConfig
 from forcectl.scenario import catalog
 from forcectl.scenario.scenario import (
@@ -23,7 +24,6 @@ from forcectl.scenario.scenario import (
     resolved_tree,
     select_variants,
 )
-from forcectl.scenario.yaml_tree import dump, parse
 
 
 def write(folder, text, name="own.yaml"):

@@ -6,8 +6,8 @@ import pytest
 import forcectl as fc
 from forcectl.analysis.reaching import ReachAnalysis
 from forcectl.framework.euler_angles import angles_of
+from forcectl.framework.yaml_tree import parse
 from forcectl.robot.arms_motion import ArmsMotion
-from forcectl.scenario.yaml_tree import parse
 from forcectl.tasks.relative_task import RelativeMotion
 
 CELL = """

@@ -37,9 +37,8 @@ from forcectl.force.governor.program import (
 from forcectl.force.linear_law import VrftConfig
 from forcectl.framework.batch import BatchParameter, Lane, check, check_order, lane_values, whole_multiple
 from forcectl.framework.cache import scratch
-from forcectl.framework.fields import Config, key
+from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_law import SampledLaw
-from forcectl.framework.slots import slot
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status

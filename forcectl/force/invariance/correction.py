@@ -26,8 +26,7 @@ from forcectl.force.integral import IntegralConfig
 from forcectl.force.invariance.force_law import InvarianceForceLaw, InvarianceLimits, one_step_acceleration
 from forcectl.framework.batch import Lane
 from forcectl.framework.enclosed import Enclosed
-from forcectl.framework.fields import key
-from forcectl.framework.slots import slot
+from forcectl.framework.fields import key, slot
 from forcectl.plant.plant_model import PlantModel
 
 

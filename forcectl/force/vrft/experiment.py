@@ -18,8 +18,7 @@ from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 from forcectl.force.linear_law import REGULATE, LinearForceLaw
 from forcectl.force.vrft.adaptive import add_tuned_law
 from forcectl.framework.batch import BatchParameter, LaneBlock, check
-from forcectl.framework.fields import Config, key
-from forcectl.framework.slots import slot
+from forcectl.framework.fields import Config, key, slot
 from forcectl.motion.excitation import ExcitationConfig, TrapezoidalMovesConfig
 from forcectl.plant.plant_model import PlantModel
 

@@ -5,8 +5,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Any
 
-from forcectl.framework.fields import Config
-from forcectl.framework.slots import named_slots
+from forcectl.framework.fields import Config, named_slots
 
 
 @dataclass(kw_only=True)

@@ -178,6 +178,19 @@ def _values(tree: Tree) -> Iterator[Tree]:
             waiting.extend([*part.keys(), *part.values()] if isinstance(part, Tagged) else part)
 
 
+def place(origin: str, lines: Mapping[str, int], key: str) -> str:
+    """File and line of a dotted key, for messages; what is not in the file stands where the part around it does.
+
+    Args:
+        origin: file name.
+        lines: by dotted key, see `Tagged`.
+        key: with dots.
+    """
+    while key and key not in lines:
+        key = key.rpartition(".")[0]
+    return f"{origin}:{lines[key]}" if key else origin
+
+
 def _lines(root: yaml.Node) -> dict[str, int]:
     """The line, counted from 1, where each key of a mapping and element of a list stands, by dotted key."""
     found, waiting = {}, [(root, "")]
