@@ -159,12 +159,12 @@ def parse(text: str, origin: str) -> Tree:
             tree.lines = _lines(node)
         return tree
     except yaml.YAMLError as error:
-        raise BadInputError(f"{origin}: not valid YAML: {_one_line(error)}") from None
+        raise BadInputError(f"{origin}: not valid YAML: {_one_line(error, text)}") from None
     except RecursionError:
         raise BadInputError(f"{origin}: not valid YAML: nested too deeply") from None
     except (ValueError, TypeError, AttributeError) as error:
         # The parser's own slips on odd scalars and keys, for example a mapping used as a key.
-        raise BadInputError(f"{origin}: not valid YAML: {_one_line(error)}") from None
+        raise BadInputError(f"{origin}: not valid YAML: {_one_line(error, text)}") from None
 
 
 def _values(tree: Tree) -> Iterator[Tree]:
@@ -204,7 +204,11 @@ def _lines(root: yaml.Node) -> dict[str, int]:
     return found
 
 
-def _one_line(error: Exception) -> str:
+def _one_line(error: Exception, text: str) -> str:
+    if isinstance(error, yaml.reader.ReaderError):
+        before = text[: int(error.position)]
+        line, column = before.count("\n") + 1, len(before) - before.rfind("\n")
+        return f"{error.reason} (line {line}, column {column})"
     if isinstance(error, yaml.MarkedYAMLError) and error.problem:
         mark = error.problem_mark
         where = f" (line {mark.line + 1}, column {mark.column + 1})" if mark else ""

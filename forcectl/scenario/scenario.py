@@ -231,7 +231,7 @@ class _Layers:
     """The trees a scenario is made of, weakest first, each with the name that messages use."""
 
     def __init__(self, file: ScenarioFile, variant: str, overrides: Mapping[str, Any]):
-        self._file = file.origin
+        self._file = file
         variants = file.tree.get("variants")
         changes = variants.get(variant) if isinstance(variants, Tagged) else None
         if changes is not None and not isinstance(changes, Tagged):
@@ -264,7 +264,7 @@ class _Layers:
             for where, tree in reversed(self._layers):
                 if _holds(tree, parts[:length]):
                     return where(key)
-        return self._file
+        return self._file.where(key)
 
 
 def _holds(tree: Tree, parts: list[str]) -> bool:

@@ -12,9 +12,9 @@ import re
 import pytest
 
 from forcectl.errors import BadInputError
-from forcectl.framework.yaml_tree import Tagged, dump
+from forcectl.framework.yaml_tree import Tagged, dump, plain
 from forcectl.runs.simulate import simulate
-from forcectl.scenario.catalog import list_experiments, read_scenario
+from forcectl.scenario.catalog import SLOTS, list_experiments, read_scenario
 from forcectl.scenario.scenario import as_file, build, origins, resolve, resolved_tree, select_variants
 
 NONSENSE = (
@@ -109,6 +109,36 @@ def places(tree, path=()):
         yield from places(value, (*path, key))
 
 
+def fillers():
+    """A scenario for every tag of every slot, with all its keys, as far as one stands alone."""
+    robot = {"robot": "yumi/left", "fidelity": "Multibody", "environment": Tagged({}, "Parts"), "sensors": {}}
+    moves = {"station": robot, "controller": Tagged({}, "JointMoves"), "duration": 0.01}
+    wholes = {"estimator": "estimators", "signal": "signals", "analysis": "analyses"}
+    needed = {
+        "From": {"part": "station"},
+        "Load": {"wrenches": [[0.0, 0.0, 0.0, 1.0, 0.0, 0.0]]},
+        "ArmTask": {"arm": "arm"},
+        "RelativeTask": {"leader": "arm", "follower": "arm"},
+    }
+    for slot, tags in SLOTS.items():
+        for tag in tags:
+            part = Tagged(needed.get(tag, {}), tag)
+            if slot in ("fidelity", "drive", "environment"):
+                yield {"station": {slot: part}, "duration": 0.01}
+            elif slot in ("controller", "reference", "motion"):
+                yield {slot: part, "duration": 0.01}
+            elif slot in wholes:
+                yield moves | {wholes[slot]: {"mine": part}}
+            elif slot == "sensor":
+                yield moves | {"station": robot | {"sensors": {"mine": part}}}
+            elif slot in ("load", "fault"):
+                yield moves | {"station": robot | {f"{slot}s": [part]}}
+            elif slot == "excitation":
+                yield {"controller": Tagged({"excitation": part}, "RecursiveVrft"), "duration": 0.01}
+            elif slot == "task":
+                yield moves | {"controller": Tagged({"tasks": {"mine": part}}, "ReactiveReaching")}
+
+
 def misspell(word, rng):
     i = rng.randrange(len(word) + 1)
     return rng.choice([word[:i] + word[i + 1 :], word[:i] + rng.choice("aexz_. ") + word[i:], word.upper(), word[::-1]])
@@ -175,9 +205,9 @@ def try_out(path, rng):
     return "fine" if outcome.failure is None else "stopped"
 
 
-def mutants(count, seed):
+def mutants(count, seed, trees=None):
     rng = random.Random(seed)
-    trees = [full_tree(name) for name in list_experiments()]
+    trees = [full_tree(name) for name in list_experiments()] if trees is None else trees
     for _ in range(count):
         yield mutate(rng.choice(trees), rng), rng
 
@@ -194,10 +224,10 @@ def complete(error):
     return place and message[place.end() :].startswith(error.key) and told
 
 
-def check(count, seed, tmp_path):
+def check(count, seed, tmp_path, trees=None):
     path = tmp_path / "mutant.yaml"
     seen = {"fine": 0, "refused": 0, "stopped": 0}
-    for text, rng in mutants(count, seed):
+    for text, rng in mutants(count, seed, trees):
         path.write_text(text, encoding="utf-8", errors="surrogatepass")
         try:
             seen[try_out(path, rng)] += 1
@@ -219,6 +249,24 @@ def test_random_mutations_of_every_experiment_never_give_a_traceback(tmp_path, m
     # Most faults must be refused, and a test of nothing but refusals would not look deep.
     assert seen["refused"] > 130
     assert seen["fine"] > 20
+
+
+def complete_trees():
+    """Of every filler that can be read, the scenario with every key written out."""
+    for scenario in fillers():
+        try:
+            yield resolved_tree({"default": resolve(as_file(scenario))})
+        except BadInputError:  # a file that it needs is not there: as it is
+            yield plain(scenario)
+
+
+def test_every_slot_gives_a_line_or_a_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    trees = list(complete_trees())
+    assert len(trees) == sum(map(len, SLOTS.values()))
+    seen = check(200, 2, tmp_path, trees)
+    assert seen["refused"] > 60
+    assert seen["fine"] > 10
 
 
 @pytest.mark.slow

@@ -364,5 +364,7 @@ def _try(constraint: Any, start: RobotMotion, gamma: float) -> tuple[int, float]
     if not (np.isfinite(row).all() and all(np.isfinite(part).all() for part in together)):
         raise BadInputError(f"constraint {name}: is not finite in the start posture")
     if constraint.relative_degree > 0 and together[0].max() > 0:
-        raise BadInputError(f"constraint {name}: is violated in the start posture, by {together[0].max():.3g}")
+        raise BadInputError(
+            f"constraint {name}: is violated in the start posture, by {together[0].max():.3g}: must hold there"
+        )
     return rows, float(own)
