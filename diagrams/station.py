@@ -44,23 +44,17 @@ SHIPPED_FIDELITIES = {
 class StationConfig(Config):
     """Scenario part `station`."""
 
-    fidelity: Any = slot(
-        "fidelity", OneDimensionalFidelity, meaning="how the parts are realised; a shipped one also by name"
-    )
+    fidelity: Any = slot("fidelity", OneDimensionalFidelity, meaning="how the parts are realised; also by name")
     robot: str = key("comau_smart_six", "shipped robot, one arm of it (robot/arm), or a robot folder")
     tool: str | None = key("force_probe", "of every arm: shipped tool, tool folder, or null for the bare flange")
     stiffness_set: str = key("", "set of joint stiffness of the control facts; empty: their default")
     stiffness_scale: float = key(1.0, "factor on that joint stiffness", bounds="positive")
     elastic_joints: bool = key(True, "false: rigid joints, C_R = 0")
     posture_deg: list[float] = key([], "start posture of all arms; empty: the default", unit="deg")
-    normal: list[float] = key(
-        [0.0, 0.0, 1.0], "outward normal of surfaces without their own, in W", bounds="not all zero", size=3
-    )
+    normal: list[float] = key([0.0, 0.0, 1.0], "normal where a surface has none, in W", bounds="not all zero", size=3)
     gravity: bool = key(True, "false: the robot has no weight")
     self_collision: bool = key(False, "links that touch each other push each other (Multibody)")
-    period: float | None = key(
-        None, "control tick; null: that of the robot's control facts", unit="s", bounds="positive"
-    )
+    period: float | None = key(None, "control tick; null: that of the control facts", unit="s", bounds="positive")
     time_step: float = key(0.001, "step of the MultibodyPlant, divides the period", unit="s", bounds="positive")
     posture_period: float = key(
         0.04, "how often what depends on the posture only is renewed, whole periods", unit="s", bounds="positive"

@@ -39,12 +39,8 @@ COMMANDS = ("joint_position_command", "joint_velocity_command", "joint_torque_fe
 class JointServoConfig(Config):
     """Scenario part `servo`: the position loops of the joints, see `forcectl.plant.drives.joint_servo`."""
 
-    bandwidth: float | None = key(
-        None, "w; null: that of the control facts' reference filter", unit="rad/s", bounds="positive"
-    )
-    damping_ratio: float | None = key(
-        None, "zeta; null: that of the control facts' reference filter", unit="1", bounds="positive"
-    )
+    bandwidth: float | None = key(None, "w; null: that of the control facts", unit="rad/s", bounds="positive")
+    damping_ratio: float | None = key(None, "zeta; null: that of the control facts", unit="1", bounds="positive")
     integral_gain: float = key(15.0, "gain w_i of the integral", unit="1/s", bounds="not negative")
     rate: float = key(
         2000.0,

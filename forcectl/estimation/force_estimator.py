@@ -93,9 +93,7 @@ class ForceEstimatorConfig(Config):
     threshold_still: float = key(0.0, "tau_still / tau_C of joints at rest", bounds="not negative")
     limit_share: float = key(1.0, "share of the torque limits at which the residual stops", bounds="positive")
     moment: bool = key(True, "false: only forces act at the TCPs")
-    smallest_singular_value: float = key(
-        0.02, "singular value below which a direction is damped", unit="1", bounds="positive"
-    )
+    smallest_singular_value: float = key(0.02, "below which a direction is damped", unit="1", bounds="positive")
     tare_start: float = key(0.0, "start of the ticks whose mean becomes zero", unit="s", bounds="not negative")
     tare_duration: float = key(0.0, "of these ticks; 0: no taring", unit="s", bounds="not negative")
 

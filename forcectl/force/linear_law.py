@@ -162,20 +162,14 @@ class VrftConfig(Config):
     """Scenario part `!Vrft`: a controller that VRFT has tuned; the default is that of Sec. 4.3.4."""
 
     proportional_gain: float = key(-5.37e-5, "gain K_P", unit="m/N")
-    integral_gain: float = key(
-        -2.53e-4, "gain K_I; pressing is a negative displacement", unit="m/(N s)", bounds="at most 0"
-    )
+    integral_gain: float = key(-2.53e-4, "gain K_I; pressing is negative", unit="m/(N s)", bounds="at most 0")
     derivative_gain: float = key(1.62e-8, "gain K_D", unit="m s/N")
     fir: list[float] = key([], "further FIR coefficients f_0, f_1, ...", unit="m/N")
-    derivative_filter: float | None = key(
-        None, "time constant T_D; null: two control ticks", unit="s", bounds="not negative"
-    )
+    derivative_filter: float | None = key(None, "T_D; null: two control ticks", unit="s", bounds="not negative")
     robot_compliance_error: float = key(1.0, "C_R_hat / C_R", bounds="not negative")
     lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero")
     upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero")
-    reference_bandwidth: float = key(
-        1.5, "bandwidth of the reference model it was tuned for", unit="rad/s", bounds="positive"
-    )
+    reference_bandwidth: float = key(1.5, "of the reference model it was tuned for", unit="rad/s", bounds="positive")
 
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth [rad/s] of the reference model M(s) = w/(s + w)."""

@@ -109,9 +109,7 @@ class TrapezoidalMovesConfig(_Excitation, Config):
     acceleration: float = key(0.05, "of the moves", unit="m/s^2", bounds="positive")
     rest: float = key(2.0, "rest after each move", unit="s", bounds="not negative")
     start_rest: float = key(0.5, "rest before the first move", unit="s", bounds="not negative")
-    scale: float | None = key(
-        None, "factor on depths, speed and acceleration; null: 5900 N/m / K_E, same forces", bounds="positive"
-    )
+    scale: float | None = key(None, "factor on the moves; null: 5900 N/m / K_E, same forces", bounds="positive")
 
     def __post_init__(self) -> None:
         super().__post_init__()

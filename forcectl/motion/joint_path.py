@@ -196,9 +196,7 @@ class JointExcitationConfig(Config):
     duration: float = key(5.0, "at each of the speeds", unit="s", bounds="positive")
     frequency: float = key(0.5, "of the first joint", unit="Hz", bounds="positive")
     frequency_spread: float = key(1.8, "highest frequency / lowest", bounds="at least 1")
-    room_share: float = key(
-        0.6, "share of the way to the nearer joint limit that is used", bounds="above 0 and below 1"
-    )
+    room_share: float = key(0.6, "share of the way to the nearer limit", bounds="above 0 and below 1")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -95,9 +95,7 @@ class ControlFacts(Config):
     )
     coulomb_friction: np.ndarray = key(meaning="joint side", unit="Nm")
     viscous_friction: np.ndarray = key(meaning="joint side", unit="Nms/rad")
-    viscous_friction_backward: np.ndarray = key(
-        _empty, "at negative speeds; empty: as `viscous_friction`", unit="Nms/rad"
-    )
+    viscous_friction_backward: np.ndarray = key(_empty, "at negative speeds; empty: the same", unit="Nms/rad")
     friction_offset: np.ndarray = key(_empty, "empty: zero", unit="Nm")
     motor_coupling: list[MotorCoupling] = key([], "motors that also turn with another joint")
     link_compliance: dict[str, np.ndarray] = key(

@@ -1,7 +1,7 @@
 """What is there to choose from: experiments, presets, controllers, references, robots, tools and blocks.
 
-Reads files only and imports no Drake, so that `forcectl list` answers at once. A new controller or reference becomes a
-scenario tag by one line in `CONTROLLERS` or `REFERENCES`.
+Reads files only and imports no Drake, so that `forcectl list` answers at once. What fills a slot becomes a tag by one
+line in `SLOTS`.
 """
 
 from __future__ import annotations

@@ -70,9 +70,7 @@ class Scenario(Config):
     analyses: dict[str, Any] = named_slots("analysis", meaning="further metrics and figures, by name")
     duration: float = key(5.0, "simulated time", unit="s", bounds=f"positive, at most {LONGEST_DURATION:g}")
     seed: int = key(0, "of every random number in the run", bounds="from 0 to 9223372036854775807")
-    reference_model: float | None = key(
-        None, "bandwidth of the model M(s); null: the controller's own", unit="rad/s", bounds="positive"
-    )
+    reference_model: float | None = key(None, "of M(s); null: the controller's own", unit="rad/s", bounds="positive")
     model_error_window: float = key(4.1, "time T_w of the metric model_error_sd_N", unit="s", bounds="positive")
     variants: dict[str, Any] = key({}, "values that replace the scenario's, by the name of the variant")
     fidelities: list[str] = key(

@@ -106,7 +106,7 @@ class ReactiveReachingConfig(Config):
         "and obstacles, or to where the reflected mass of every arm is small",
         choices=NULL_SPACE,
     )
-    mass_direction: list[float] = key([0.0, 0.0, 1.0], "direction of `small_mass`, in W", bounds="not all zero", size=3)
+    mass_direction: list[float] = key([0.0, 0.0, 1.0], "of `small_mass`, in W", bounds="not all zero", size=3)
     link_distance: float = key(
         0.01, "of the links from each other and from boxes; 0: not kept, without boxes", unit="m", bounds="not negative"
     )

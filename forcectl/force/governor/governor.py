@@ -284,9 +284,7 @@ class GovernedConfig(Config):
     """
 
     law: Any = slot("controller", VrftConfig, meaning="controller of the force that is governed")
-    inner_bandwidth: float | None = key(
-        None, "(1-A)/Ts; null: what the law was tuned for", unit="rad/s", bounds="positive"
-    )
+    inner_bandwidth: float | None = key(None, "(1-A)/Ts; null: that of the law", unit="rad/s", bounds="positive")
     reference_bandwidth: float = key(
         7.5, "(1-At)/Ts: At = 0.985 at 2 ms; 4.5 is the 0.991 of the text", unit="rad/s", bounds="positive"
     )

@@ -120,9 +120,7 @@ class InvarianceControlConfig(InvarianceLimits):
         lambda: IntegralConfig(integral_gain=3.0),
         meaning="law to be corrected; the limits of the command of an integral law are not used",
     )
-    upper_acceleration: float | None = key(
-        10.0, "largest acceleration of the control; null: -gamma", unit="m/s^2", bounds="positive"
-    )
+    upper_acceleration: float | None = key(10.0, "of the control; null: -gamma", unit="m/s^2", bounds="positive")
 
     def reference_model_bandwidth(self) -> float | None:
         """That of the nominal law [rad/s]; None when it does not tell."""

@@ -225,9 +225,7 @@ class InvarianceLimits(Config):
     """What the configurations of laws with this constraint share."""
 
     gamma: float = key(-0.1, "deceleration towards the constraint", unit="m/s^2", bounds="below zero")
-    upper_acceleration: float | None = key(
-        None, "largest acceleration away from rest; null: -gamma", unit="m/s^2", bounds="positive"
-    )
+    upper_acceleration: float | None = key(None, "away from rest; null: -gamma", unit="m/s^2", bounds="positive")
     compliance_error: float = key(1.0, "C_T_hat / C_T of the constraint", bounds="positive")
     speed_limit: float = key(inf, "largest speed of the command", unit="m/s", bounds="above zero")
     lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero")

@@ -231,9 +231,7 @@ class FourthDegreeInvarianceConfig(Config):
     """Scenario part `!FourthDegreeInvariance`."""
 
     gamma: float = key(-1e5, "smallest fourth derivative of the force", unit="N/s^4", bounds="below zero")
-    upper: float | None = key(
-        None, "largest fourth derivative of the force; null: -gamma", unit="N/s^4", bounds="positive"
-    )
+    upper: float | None = key(None, "largest y^(4) of the force; null: -gamma", unit="N/s^4", bounds="positive")
     alpha: float = key(3.0, "factor of the virtual state", bounds="not negative")
     bandwidth: float | None = key(
         None, "w of the lag from command to force; null: that of the force sensor", unit="rad/s", bounds="positive"

@@ -218,9 +218,7 @@ class PredictiveInvarianceConfig(InvarianceConfig):
 
     surface_bandwidth: float = key(4.0, "w_s of the observer of the surface", unit="1/s", bounds="not negative")
     drive_bandwidth: float = key(1.0, "w_e of the correction for friction", unit="1/s", bounds="not negative")
-    search_speed: float = key(
-        0.005, "speed at which the surface is looked for without contact", unit="m/s", bounds="not negative"
-    )
+    search_speed: float = key(0.005, "at which the surface is looked for", unit="m/s", bounds="not negative")
     offset_limit: float = key(0.01, "largest value of either correction", unit="m", bounds="not negative")
     minimum_force: float = key(0.2, "force from which there is contact", unit="N", bounds="not negative")
     filter_bandwidth: float = key(75.4, "w of h", unit="rad/s", bounds="positive")

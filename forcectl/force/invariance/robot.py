@@ -140,9 +140,7 @@ class ConstraintConfig(Config):
 class OutputConfig(Config):
     """A Cartesian coordinate that is regulated beside the force."""
 
-    axis: list[float] = key(
-        meaning="in W, perpendicular to the normal and to other axes", bounds="not all zero", size=3
-    )
+    axis: list[float] = key(meaning="in W, perpendicular to normal and other axes", bounds="not all zero", size=3)
     displacement: float = key(meaning="set point from the start", unit="m")
     gamma: float = key(-0.1, "deceleration towards it", unit="m/s^2", bounds="below zero")
 
@@ -152,19 +150,13 @@ class InvarianceRobotConfig(Config):
     """Scenario part `!InvarianceRobot`."""
 
     gamma: float = key(-0.1, "deceleration towards the constraint", unit="m/s^2", bounds="below zero")
-    upper_acceleration: float | None = key(
-        None, "largest acceleration away from rest; null: -gamma", unit="m/s^2", bounds="positive"
-    )
+    upper_acceleration: float | None = key(None, "away from rest; null: -gamma", unit="m/s^2", bounds="positive")
     compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="positive")
     adaptation: Adaptation | None = key(None, "of the environment's compliance; null: it is known")
-    nominal_gain: float | None = key(
-        None, "K_I of an integral law to be corrected; null: no such law", unit="1/s", bounds="positive"
-    )
+    nominal_gain: float | None = key(None, "K_I of a law to be corrected; null: none", unit="1/s", bounds="positive")
     maximum_force: float = key(inf, "largest force", unit="N", bounds="above zero")
     tracking_bandwidth: float = key(30.0, "w of the unconstrained directions", unit="1/s", bounds="positive")
-    tracking_acceleration: float = key(
-        2.0, "largest acceleration in the unconstrained directions", unit="m/s^2", bounds="positive"
-    )
+    tracking_acceleration: float = key(2.0, "largest, in the unconstrained directions", unit="m/s^2", bounds="positive")
     limits: JointLimitConfig = key(JointLimitConfig, "of the joints; the robot's where none is given")
     walls: list[WallConfig] = key([], "that the tool centre point stays in front of")
     constraints: list[ConstraintConfig] = key([], "further ones, of the user's classes")

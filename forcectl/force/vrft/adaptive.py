@@ -66,9 +66,7 @@ class AdaptiveVrftConfig(VrftConfig):
     """Scenario part `!AdaptiveVrft`: starts with the gains of `!Vrft`."""
 
     forgetting: float = key(0.995, "forgetting factor per sample", bounds="above 0 and at most 1")
-    initial_covariance: float = key(
-        1e-9, "P_0, also the largest: how far the first samples may move the gains", bounds="positive"
-    )
+    initial_covariance: float = key(1e-9, "P_0, also the largest: how far gains may move at first", bounds="positive")
     minimum_force: float = key(8.0, "force below which nothing is learnt", unit="N", bounds="not negative")
     minimum_rate: float = key(1.0, "rate of the force below which nothing is learnt", unit="N/s", bounds="not negative")
     gain_range: float = key(10.0, "K_P and K_I stay within this factor of where they start", bounds="at least 1")

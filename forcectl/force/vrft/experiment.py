@@ -156,12 +156,8 @@ class RecursiveVrftConfig(Config):
     convergence_window: float | None = key(
         None, "hand over earlier, when the gains have not changed for so long; null: never", unit="s", bounds="positive"
     )
-    convergence_tolerance: float = key(
-        0.01, "share of their value by which the gains may change then", bounds="not negative"
-    )
-    derivative_filter: float = key(
-        0.0, "time constant T_D; 0: the derivative of (4.20)", unit="s", bounds="not negative"
-    )
+    convergence_tolerance: float = key(0.01, "share by which the gains may change then", bounds="not negative")
+    derivative_filter: float = key(0.0, "T_D; 0: the derivative of (4.20)", unit="s", bounds="not negative")
     robot_compliance_error: float = key(1.0, "C_R_hat / C_R", bounds="not negative")
     lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero")
     upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero")

@@ -149,9 +149,7 @@ class GrooveConfig(Config):
     flank: float | None = key(
         None, "width of one flank, 0 (a step) to width/2; null: width/2, a cosine", unit="m", bounds="not negative"
     )
-    spacing: float = key(
-        0.02, "from centre to centre, on both sides of the start but not at it", unit="m", bounds="positive"
-    )
+    spacing: float = key(0.02, "from centre to centre, none at the start", unit="m", bounds="positive")
     positions: list[float] = key([], "of the centres; empty: by the spacing", unit="m")
 
     def __post_init__(self) -> None:
@@ -183,9 +181,7 @@ class RoughnessConfig(Config):
     """Scenario part `roughness`, see `rough_profile`. The ball smooths it further."""
 
     rms: float = key(5e-6, "root mean square of the height", unit="m", bounds=f"positive, at most {_HIGHEST:g}")
-    correlation_length: float = key(
-        1e-3, "over which the correlation falls to 1/e", unit="m", bounds=f"at least {_NARROWEST:g}"
-    )
+    correlation_length: float = key(1e-3, "where the correlation is 1/e", unit="m", bounds=f"at least {_NARROWEST:g}")
     seed: int = key(0, "its own: the surface is the same whatever the noise", bounds="not negative")
 
 
@@ -193,9 +189,7 @@ class RoughnessConfig(Config):
 class SurfaceConfig(Config):
     """Scenario part `surface`: heights that are given are added up; flat when none are."""
 
-    direction: list[float] = key(
-        [1.0, 0.0, 0.0], "of the path in W, perpendicular to the normal", bounds="not all zero", size=3
-    )
+    direction: list[float] = key([1.0, 0.0, 0.0], "of the path in W, across the normal", bounds="not all zero", size=3)
     length: float = key(
         0.2,
         "the profile covers +-length of path and goes on level beyond",
