@@ -15,7 +15,7 @@ import yaml
 
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key
 from forcectl.plant.drives.joint_friction import JointFriction
 from forcectl.plant.plant_model import PlantModel
 
@@ -25,21 +25,18 @@ NO_LAG = (1e4, 1.0, 0.0)
 
 
 @dataclass(kw_only=True)
-class ModelConfig:
+class ModelConfig(Config):
     """Scenario part `model`: how the model differs from the plant."""
 
-    robot_compliance: float = 1.0  # C_R of the model / C_R, > 0
-    environment_compliance: float = 1.0  # C_E of the model / C_E, > 0
-    friction: str = ""  # file of identified joint friction, see `FrictionIdentification`; empty: the plant's
-    friction_scale: float = 1.0  # factor on that friction, >= 0
-    inertia_scale: float = 1.0  # masses and inertias of the model / those of the robot, > 0
-    payload: float = 0.0  # mass at every TCP that only the model has [kg], >= 0
+    robot_compliance: float = key(1.0, "C_R of the model / C_R", bounds="positive")
+    environment_compliance: float = key(1.0, "C_E of the model / C_E", bounds="positive")
+    friction: str = key("", "file of identified joint friction, see `FrictionIdentification`; empty: the plant's")
+    friction_scale: float = key(1.0, "factor on that friction", bounds="not negative")
+    inertia_scale: float = key(1.0, "masses and inertias of the model / those of the robot", bounds="positive")
+    payload: float = key(0.0, "mass at every TCP that only the model has", unit="kg", bounds="not negative")
 
     def __post_init__(self) -> None:
-        for name in ("robot_compliance", "environment_compliance", "inertia_scale"):
-            check(name, getattr(self, name), "positive")
-        for name in ("friction_scale", "payload"):
-            check(name, getattr(self, name), "not negative")
+        super().__post_init__()
         if self.friction:
             read_friction(self.friction)
 
@@ -147,7 +144,7 @@ def read_friction(path: str) -> dict[str, Any]:
             data = yaml.safe_load(file)
     except (OSError, UnicodeDecodeError, yaml.YAMLError) as error:
         reason = getattr(error, "strerror", None) or "it is not YAML text"
-        raise BadInputError(f"friction = {path!r}: cannot be read: {reason}") from None
+        raise BadInputError(f" = {path!r}: cannot be read: {reason}", key="friction") from None
     wanted = ("joints", *FRICTION_KEYS)
     if not isinstance(data, dict) or set(data) != set(wanted):
         raise invalid("friction", path, f"a file with the keys {', '.join(wanted)}")

@@ -134,7 +134,7 @@ def build_controller(config: Any, model: PlantModel) -> ForceController | Enclos
     try:
         made = checked_system(config.add_to(builder, model), "controller")
     except BadInputError as error:
-        if model.size == 0 and str(error).startswith("size = 0"):
+        if model.size == 0 and error.key == "size":
             raise BadInputError(_NO_SURFACE) from None
         raise
     if "joint_position_command" in output_names(made):

@@ -30,7 +30,7 @@ from forcectl.diagrams.mechanics.truth import CONTACT_FORCE
 from forcectl.diagrams.signals import SignalChoice, Signals
 from forcectl.diagrams.station import StationConfig, build_station
 from forcectl.diagrams.workcell import Workcell, describe
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, about, invalid
 from forcectl.framework.enclosed import Enclosed
 from forcectl.framework.wiring import checked_system, input_names
 from forcectl.plant.plant_model import PlantModel
@@ -78,11 +78,13 @@ class LoopParts:
         Raises:
             BadInputError: a station that cannot be built.
         """
-        cell = describe(self.station)
+        with about(self.station):
+            cell = describe(self.station)
         chosen = self.signals.get("measured_force")
         lag = getattr(chosen, "force_lag", None)
         truth = plant_model(cell, None if lag is None else lag(self.estimators))
-        return Setting(cell, self.model.applied(truth), truth)
+        with about(self.model):
+            return Setting(cell, self.model.applied(truth), truth)
 
 
 @dataclass(frozen=True)
@@ -150,20 +152,24 @@ def build_loop(parts: LoopParts) -> Loop:
     builder = DiagramBuilder()
     readings = getattr(parts.station.drive, "readings", {})
     signals = Signals(builder, TRUTH | readings.keys(), readings)
-    controller = build_controller(parts.controller, model)
+    with about(parts.controller):
+        controller = build_controller(parts.controller, model)
     sources = _add_sources(builder, parts, setting, input_names(controller))
     for name, system in sources.items():
         signals.add(name, system)
     builder.AddNamedSystem("controller", controller)
-    station = builder.AddNamedSystem("station", build_station(cell, parts.seed))
+    with about(parts.station):
+        station = builder.AddNamedSystem("station", build_station(cell, parts.seed))
     signals.add("station", station)
     estimators = _add_estimators(builder, parts, model)
     for name, system in estimators.items():
         signals.add(name, system)
     for name, choice in parts.signals.items():
-        port = choice.choose(name, builder, signals, model)
+        with about(choice):
+            port = choice.choose(name, builder, signals, model)
         if not isinstance(port, OutputPort):
-            raise BadInputError(f"signals.{name}: choose must return an output port, not {type(port).__name__}")
+            fault = f"choose must return an output port, not {type(port).__name__}"
+            raise BadInputError(fault, key=f"signals.{name}")
         signals.choose(name, port)
     for name, system in estimators.items():
         signals.connect(f"estimators.{name}", system)
@@ -183,17 +189,20 @@ def _add_sources(
     """References, as far as the controller wants them."""
     cell, sources = setting.cell, {}
     if "desired_force" in wanted:
-        largest = parts.reference.largest_force()
+        with about(parts.reference):
+            largest = parts.reference.largest_force()
         limits = [sensor.range for sensor in parts.station.sensors.values() if hasattr(sensor, "range")]
         if not isinstance(largest, int | float):
-            raise BadInputError(f"reference: largest_force must return a number, not {type(largest).__name__}")
+            raise BadInputError(f"largest_force must return a number, not {type(largest).__name__}", key="reference")
         if limits and not largest <= min(limits):
             raise invalid("reference.force", largest, f"at most the sensor's range, {min(limits):g} N")
-        sources["reference"] = checked_system(parts.reference.add_to(builder, setting.model.size), "reference")
+        with about(parts.reference):
+            sources["reference"] = checked_system(parts.reference.add_to(builder, setting.model.size), "reference")
     if "unconstrained_reference" in wanted:
         contact = cell.contacts[0]
-        made = parts.motion.add_to(builder, contact.robot, cell.start, contact.n)
-        sources["motion"] = checked_system(made, "motion")
+        with about(parts.motion):
+            made = parts.motion.add_to(builder, contact.robot, cell.start, contact.n)
+            sources["motion"] = checked_system(made, "motion")
     return sources
 
 
@@ -201,7 +210,8 @@ def _add_estimators(builder: DiagramBuilder, parts: LoopParts, model: PlantModel
     added: dict[str, System] = {}
     for name, config in parts.estimators.items():
         inner = DiagramBuilder()
-        system = checked_system(config.add_to(inner, model), f"estimators.{name}")
+        with about(config):
+            system = checked_system(config.add_to(inner, model), f"estimators.{name}")
         added[name] = builder.AddNamedSystem(f"{name}_estimator", Enclosed(inner, system))
     return added
 
@@ -219,7 +229,8 @@ def _command(builder: DiagramBuilder, controller: Diagram, station: Diagram) -> 
             continue
         wanted = station.GetInputPort(name).size()
         if port.size() != wanted:
-            raise BadInputError(f"controller: {name} has size {port.size()}: must be {wanted}, as the station takes it")
+            fault = f"{name} has size {port.size()}: must be {wanted}, as the station takes it"
+            raise BadInputError(fault, key="controller")
         builder.Connect(port, station.GetInputPort(name))
 
 

@@ -10,7 +10,7 @@ Context (`set_lanes`) and the noise of its own seed, and gives what the same loo
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
@@ -22,6 +22,7 @@ from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.slot import ControllerConfig
 from forcectl.framework.batch import LaneBlock, check
+from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import input_names
 from forcectl.motion.references import ForceReferenceConfig, StepConfig
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
@@ -32,24 +33,26 @@ from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 
 
 @dataclass(kw_only=True)
-class OneDimensionalLoopConfig:
+class OneDimensionalLoopConfig(Config):
     """What the loop is made of; the defaults are the calibrated plant of the design's targets."""
 
-    controller: ControllerConfig = field(default_factory=IntegralConfig)
-    reference: ForceReferenceConfig = field(default_factory=StepConfig)
-    environment: EnvironmentConfig = field(default_factory=EnvironmentConfig)
-    robot_compliance: float = 3.2e-5  # C_R [m/N], >= 0
-    position_loop: PositionLoopConfig = field(default_factory=PositionLoopConfig)
-    servo: ServoConfig = field(default_factory=ServoConfig)
-    force_sensor: ForceSensorConfig = field(default_factory=ForceSensorConfig)
-    period: float = 0.002  # control tick [s]
+    controller: ControllerConfig = key(IntegralConfig, "force law")
+    reference: ForceReferenceConfig = key(StepConfig, "of the force")
+    environment: EnvironmentConfig = key(EnvironmentConfig, "surface that is pressed on")
+    robot_compliance: float = key(3.2e-5, "compliance C_R of the robot", unit="m/N", bounds="not negative")
+    position_loop: PositionLoopConfig = key(PositionLoopConfig, "filter and delay of the command")
+    servo: ServoConfig = key(ServoConfig, "position loop of the drive")
+    force_sensor: ForceSensorConfig = key(ForceSensorConfig, "force sensor")
+    period: float = key(0.002, "control tick", unit="s", bounds="positive")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         check("robot_compliance", self.robot_compliance, "not negative")
         check("period", self.period, "positive")
         if not self.environment.surface.uniform:
             raise BadInputError(
-                "environment.surface is not flat and of one material: must be, a loop without a robot does not move"
+                " is not flat and of one material: must be, a loop without a robot does not move",
+                key="environment.surface",
             )
 
     @staticmethod
@@ -117,7 +120,7 @@ def build_one_dimensional_loop(
         raise invalid("size", size, "a whole number, at least 1")
     seeds = list(range(size)) if seeds is None else list(seeds)
     if len(seeds) != size:
-        raise BadInputError(f"seeds has {len(seeds)} values: must have one per lane, {size}")
+        raise BadInputError(f" has {len(seeds)} values: must have one per lane, {size}", key="seeds")
     builder = DiagramBuilder()
     connect = builder.Connect
     sensor_config = config.force_sensor

@@ -8,10 +8,11 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.diagrams.mechanics.site import Site
-from forcectl.errors import BadInputError
-from forcectl.framework.batch import check
+from forcectl.diagrams.workcell import Workcell
+from forcectl.errors import BadInputError, about
+from forcectl.framework.fields import Config, key
 from forcectl.plant.sensors.force_sensor import ForceSensorConfig
-from forcectl.plant.sensors.joint_sensors import JointSensors
+from forcectl.plant.sensors.joint_sensors import JointSensors, ReadingFault
 from forcectl.plant.sensors.wrist_sensor import WristSensor
 from forcectl.plant.tip_kinematics import ForceToWrench
 
@@ -92,7 +93,7 @@ class WristForce(Diagram):
         weld = None if parts is None else parts.arms[contact.arm].sensor_weld
         if plant is None or weld is None:
             raise BadInputError(
-                "tool: has no sensor_weld: must name one for a wrist sensor in station.fidelity = Multibody"
+                "has no sensor_weld: must name one for a wrist sensor in station.fidelity = Multibody", key="tool"
             )
         mounting = site.mountings[0]
         if mounting is None:
@@ -135,24 +136,31 @@ class WristForce(Diagram):
         builder.BuildInto(self)
 
 
+def _faults(cell: Workcell) -> list[ReadingFault]:
+    found = []
+    for fault in cell.config.faults:
+        with about(fault):
+            found.append(fault.fault(cell.robot.facts.arm_joints))
+    return found
+
+
 @dataclass(kw_only=True)
-class JointReadingsConfig:
+class JointReadingsConfig(Config):
     """Scenario part `!JointReadings`: joint positions, speeds and motor torques as a robot's interface tells them."""
 
-    quantum: float = 1e-6  # [rad], >= 0; assumed: 16 bits per turn of a motor with a gear of 100
-    position_noise: float = 0.0  # [rad] standard deviation per tick, >= 0
-    torque_noise: float = 0.0  # [Nm] standard deviation per tick, >= 0
-    velocity_bandwidth: float = 250.0  # [rad/s] of the filter behind the differences of positions, > 0
-
-    def __post_init__(self) -> None:
-        for name in ("quantum", "position_noise", "torque_noise"):
-            check(name, getattr(self, name), "not negative")
-        check("velocity_bandwidth", self.velocity_bandwidth, "positive")
+    quantum: float = key(
+        1e-6,
+        "step of the positions; assumed: 16 bits per turn of a motor with a gear of 100",
+        unit="rad",
+        bounds="not negative",
+    )
+    position_noise: float = key(0.0, "standard deviation of the positions per tick", unit="rad", bounds="not negative")
+    torque_noise: float = key(0.0, "standard deviation of the torques per tick", unit="Nm", bounds="not negative")
+    velocity_bandwidth: float = key(250.0, "of the filter of differences of positions", unit="rad/s", bounds="positive")
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> JointSensors:
         """Add the block `joint_sensors`."""
         cell = site.cell
-        names = cell.robot.facts.arm_joints
         block = JointSensors(
             cell.num_joints,
             start=cell.motor_start,
@@ -163,6 +171,6 @@ class JointReadingsConfig:
             position_noise=self.position_noise,
             torque_noise=self.torque_noise,
             seed=site.seed,
-            faults=[fault.fault(names) for fault in cell.config.faults],
+            faults=_faults(cell),
         )
         return builder.AddNamedSystem("joint_sensors", block)

@@ -18,6 +18,7 @@ from pydrake.systems.primitives import MatrixGain
 from forcectl.conventions import SIGNALS
 from forcectl.diagrams.believed import force_lag
 from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.model import unit_normal
 
@@ -39,14 +40,16 @@ class SignalChoice(Protocol):
 
 
 @dataclass(kw_only=True)
-class FromConfig:
+class FromConfig(Config):
     """Scenario part `!From`: a signal that the named part puts out.
 
     Of several force sensors the lag that controllers are designed with is that of the first.
     """
 
-    part: str  # station, reference, motion, or the name of an estimator
-    signal: str = ""  # its name there; empty: the same. A second sensor's begin with its name: other_measured_force
+    part: str = key(meaning="that puts the signal out: station, reference, motion, or the name of an estimator")
+    signal: str = key(
+        "", "its name there; empty: the same. A second sensor's begin with its name: other_measured_force"
+    )
 
     def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
         """The port of that part.
@@ -57,25 +60,27 @@ class FromConfig:
         wanted = self.signal or name
         offers = {offer.part: offer.port for offer in signals.offers(wanted)}
         if not offers:
-            raise BadInputError(f"signals.{name}: nothing puts out {wanted}: must be a signal that can be measured")
+            fault = f"nothing puts out {wanted}: must be a signal that can be measured"
+            raise BadInputError(fault, key=f"signals.{name}")
         if self.part not in offers:
             raise unknown("part", self.part, offers)
         return offers[self.part]
 
 
 @dataclass(kw_only=True)
-class ProjectionConfig:
+class ProjectionConfig(Config):
     """Scenario part `!Projection`: the force along a direction, of wrenches at the TCPs.
 
     One force for each surface that is pressed on, of the arm that presses; (6a,) [Nm, N] becomes (k,) [N].
     """
 
-    of: str = "estimated_wrench"  # a signal of shape (6a,): wrenches at the TCPs in the world
-    arm: str = ""  # of this arm only; empty: of the arms that press
-    along: str | list[float] = "normal"  # of the surface, or a vector in W
-    factor: float = 1.0  # on the force
+    of: str = key("estimated_wrench", "signal of shape (6a,): wrenches at the TCPs in the world")
+    arm: str = key("", "of this arm only; empty: of the arms that press")
+    along: str | list[float] = key("normal", "normal of the surface, or a vector in W")
+    factor: float = key(1.0, "factor on the force")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if isinstance(self.along, str):
             if self.along != "normal":
                 raise invalid("along", self.along, "normal, or three numbers")

@@ -17,7 +17,7 @@ The station starts at rest, the tool just touching each surface with zero force.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 from pydrake.systems.framework import Diagram
@@ -28,59 +28,49 @@ from forcectl.diagrams.fidelities.multibody import MultibodyFidelity
 from forcectl.diagrams.fidelities.one_dimensional import OneDimensionalFidelity
 from forcectl.diagrams.sensors import WristForceConfig
 from forcectl.diagrams.workcell import Workcell
-from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.framework.batch import check
-from forcectl.framework.slots import named_slots, slot, slot_list
+from forcectl.errors import BadInputError, about, unknown
+from forcectl.framework.fields import Config, key, named_slots, slot, slot_list
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
-from forcectl.robot.model import unit_normal
 
 SHIPPED_FIDELITIES = {
     "Multibody": MultibodyFidelity,
     "Kinematic": KinematicFidelity,
     "OneDimensional": OneDimensionalFidelity,
 }
-SWITCHES = ("elastic_joints", "gravity", "self_collision")
 
 
 @dataclass(kw_only=True)
-class StationConfig:
+class StationConfig(Config):
     """Scenario part `station`."""
 
-    fidelity: Any = slot("fidelity", MultibodyFidelity)  # how the parts are realised; a shipped one also by name
-    robot: str = "comau_smart_six"  # shipped robot, one arm of it (robot/arm), or a robot folder
-    tool: str | None = "force_probe"  # of every arm: shipped tool, tool folder, or null for the bare flange
-    stiffness_set: str = ""  # joint stiffness of the control facts; empty: their default
-    stiffness_scale: float = 1.0  # factor on that joint stiffness, > 0
-    elastic_joints: bool = True  # false: rigid joints, C_R = 0
-    posture_deg: list[float] = field(default_factory=list)  # start posture of all arms [deg]; empty: the default
-    normal: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])  # of surfaces without their own, in W
-    gravity: bool = True
-    self_collision: bool = False  # links that touch each other push each other (Multibody)
-    period: float | None = None  # control tick [s]; null: that of the robot's control facts
-    time_step: float = 0.001  # step of the MultibodyPlant [s], divides the period
-    posture_period: float = 0.04  # [s] how often what depends on the posture only is renewed, whole periods
-    singularity_limit: float = 20.0  # largest |J^-1 n| used undamped [rad/m]
-    drive: Any = slot("drive", PositionDriveConfig)  # what the controller commands
-    environment: Any = slot("environment", EnvironmentConfig)  # one part, or several: !Parts
-    sensors: dict[str, Any] = named_slots("sensor", lambda: {"force": WristForceConfig()})
-    loads: list[Any] = slot_list("load")  # on the robot, over time
-    faults: list[Any] = slot_list("fault")  # of the joint readings
+    fidelity: Any = slot("fidelity", MultibodyFidelity, meaning="how the parts are realised; also by name")
+    robot: str = key("comau_smart_six", "shipped robot, one arm of it (robot/arm), or a robot folder")
+    tool: str | None = key("force_probe", "of every arm: shipped tool, tool folder, or null for the bare flange")
+    stiffness_set: str = key("", "set of joint stiffness of the control facts; empty: their default")
+    stiffness_scale: float = key(1.0, "factor on that joint stiffness", bounds="positive")
+    elastic_joints: bool = key(True, "false: rigid joints, C_R = 0")
+    posture_deg: list[float] = key([], "start posture of all arms; empty: the default", unit="deg")
+    normal: list[float] = key([0.0, 0.0, 1.0], "normal where a surface has none, in W", bounds="not all zero", size=3)
+    gravity: bool = key(True, "false: the robot has no weight")
+    self_collision: bool = key(False, "links that touch each other push each other (Multibody)")
+    period: float | None = key(None, "control tick; null: that of the control facts", unit="s", bounds="positive")
+    time_step: float = key(0.001, "step of the MultibodyPlant, divides the period", unit="s", bounds="positive")
+    posture_period: float = key(
+        0.04, "how often what depends on the posture only is renewed, whole periods", unit="s", bounds="positive"
+    )
+    singularity_limit: float = key(20.0, "largest |J^-1 n| used undamped", unit="rad/m", bounds="positive")
+    drive: Any = slot("drive", PositionDriveConfig, meaning="what the controller commands")
+    environment: Any = slot("environment", EnvironmentConfig, meaning="one part, or several: !Parts")
+    sensors: dict[str, Any] = named_slots("sensor", lambda: {"force": WristForceConfig()}, meaning="by name")
+    loads: list[Any] = slot_list("load", meaning="on the robot, over time")
+    faults: list[Any] = slot_list("fault", meaning="of the joint readings, over time")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if isinstance(self.fidelity, str):
             if self.fidelity not in SHIPPED_FIDELITIES:
                 raise unknown("fidelity", self.fidelity, SHIPPED_FIDELITIES)
             self.fidelity = SHIPPED_FIDELITIES[self.fidelity]()
-        for name in SWITCHES:
-            if not isinstance(getattr(self, name), bool):
-                raise invalid(name, getattr(self, name), "true or false")
-        for name in ("stiffness_scale", "time_step", "posture_period", "singularity_limit"):
-            check(name, getattr(self, name), "positive")
-        if self.period is not None:
-            check("period", self.period, "positive")
-        for angle in self.posture_deg:
-            check("posture_deg", angle)
-        unit_normal(self.normal)
 
     def environment_parts(self) -> dict[str, Any]:
         """The parts of the environment by name."""
@@ -103,7 +93,10 @@ def build_station(cell: Workcell, seed: int = 0) -> Diagram:
     Raises:
         BadInputError: a part that does not fit, or that the fidelity cannot realise.
     """
-    station = cell.config.fidelity.build(cell, seed)
+    fidelity = cell.config.fidelity
+    with about(fidelity):
+        station = fidelity.build(cell, seed)
     if not isinstance(station, Diagram):
-        raise BadInputError(f"fidelity: build must return a Diagram, not {type(station).__name__}")
+        fault = f"build must return a Diagram, not {type(station).__name__}"
+        raise BadInputError(fault, key="fidelity")
     return station

@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiagramBuilder, System
 
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, about, invalid
 from forcectl.force.kinematic_inversion import check_start_posture
 from forcectl.framework.batch import whole_multiple
 from forcectl.framework.wiring import checked_system
@@ -112,7 +112,7 @@ class Workcell:
             BadInputError: there is another number of them.
         """
         if len(self.contacts) != 1:
-            raise BadInputError(f"environment: has {len(self.contacts)} surfaces: must have one here")
+            raise BadInputError(f" has {len(self.contacts)} surfaces: must have one here", key="environment")
         return self.contacts[0]
 
     @property
@@ -204,14 +204,17 @@ def describe(config: StationConfig) -> Workcell:
     start = _start_posture(config, robot)
     parts = config.environment_parts()
     obstacles = {name: part for name, part in parts.items() if hasattr(part, "pose")}
-    contacts = tuple(
-        _contact(config, robot, start, name, part) for name, part in parts.items() if name not in obstacles
-    )
+    contacts = []
+    for name, part in parts.items():
+        if name not in obstacles:
+            with about(part):
+                contacts.append(_contact(config, robot, start, name, part))
     pressed = [each.arm for each in contacts]
     if len(set(pressed)) < len(pressed):
         raise invalid("environment", sorted(parts), "at most one surface for each arm")
-    cell = Workcell(config, robot, start, period, _posture_period(config, period), contacts, obstacles)
-    config.fidelity.check(cell)
+    cell = Workcell(config, robot, start, period, _posture_period(config, period), tuple(contacts), obstacles)
+    with about(config.fidelity):
+        config.fidelity.check(cell)
     return cell
 
 
@@ -232,27 +235,28 @@ def _start_posture(config: StationConfig, robot: RobotModel) -> Vector:
     posture = robot.facts.default_posture
     if config.posture_deg:
         if len(config.posture_deg) != robot.num_joints:
-            raise BadInputError(f"posture_deg has {len(config.posture_deg)} angles: must have {robot.num_joints}")
+            wrong = f" has {len(config.posture_deg)} angles: must have {robot.num_joints}"
+            raise BadInputError(wrong, key="posture_deg")
         posture = np.radians(config.posture_deg)
     outside = (posture < robot.limits.position_lower) | (posture > robot.limits.position_upper)
     if outside.any():
         joint = int(np.argmax(outside))
         low, high = np.degrees([robot.limits.position_lower[joint], robot.limits.position_upper[joint]])
-        raise invalid(f"posture_deg[{joint}]", float(np.degrees(posture[joint])), f"from {low:.4g} to {high:.4g}")
+        raise invalid(f"posture_deg.{joint}", float(np.degrees(posture[joint])), f"from {low:.4g} to {high:.4g}")
     return posture
 
 
 def holding_stiffness(drive: Any, robot: RobotModel) -> Vector:
     """Stiffness at which a drive holds its command at rest, shape (n_q,) [Nm/rad]; infinite where it does not tell."""
     told = getattr(drive, "holding_stiffness", None)
-    stiffness: Vector = np.full(robot.num_joints, np.inf) if told is None else told(robot)
+    with about(drive):
+        stiffness: Vector = np.full(robot.num_joints, np.inf) if told is None else told(robot)
     return stiffness
 
 
 def _contact(config: StationConfig, robot: RobotModel, start: Vector, name: str, part: Any) -> Contact:
     if not callable(getattr(part, "add_to", None)) or not hasattr(part, "first_stiffness"):
-        kind = type(part).__name__
-        raise BadInputError(f"{kind}: must be a part that fills the slot environment, with add_to and first_stiffness")
+        raise invalid("environment", part, "a part that fills the slot environment, with add_to and first_stiffness")
     arm = getattr(part, "arm", "") or next(iter(robot.parts.arms))
     own = robot.for_arm(arm)
     n = unit_normal(getattr(part, "normal", None) or config.normal)

@@ -8,14 +8,13 @@ from __future__ import annotations
 import sys
 import warnings
 from pathlib import Path
-from typing import TYPE_CHECKING, Annotated, Any
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from forcectl.errors import BadInputError, ForcectlError, unknown
 
 if TYPE_CHECKING:
-    from pydrake.systems.framework import System
     from rich.console import Console
 
 app = typer.Typer(
@@ -72,17 +71,44 @@ def _options(
 
 
 @app.command("list")
-def list_() -> None:
-    """Show experiments, presets, stations, controllers, references and blocks.
+def list_(
+    tag: Annotated[
+        str | None, typer.Argument(metavar="[!TAG]", help="Show the keys of what this tag stands for.")
+    ] = None,
+) -> None:
+    """Show experiments, presets, slots and what fills them, and blocks; or the keys of one part.
 
-    Example: forcectl list
+    Example: forcectl list '!Integral'
     """
-    from forcectl.runs.listing import catalog_tables
+    from forcectl.runs.listing import catalog_tables, tag_tables
 
     console = _console()
-    for table in catalog_tables():
+    for table in tag_tables(tag) if tag else catalog_tables():
         console.print(table)
         console.print()
+
+
+@app.command()
+def schema(
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="File to write (replaced if it exists).")] = None,
+) -> None:
+    """Print the JSON Schema of scenario files, for completion and checks in an editor.
+
+    Example: forcectl schema --out scenario.schema.json
+    """
+    import json
+
+    from forcectl.scenario.json_schema import scenario_schema
+
+    text = json.dumps(scenario_schema(), indent=1, ensure_ascii=False, allow_nan=False)
+    if out is None:
+        typer.echo(text)
+        return
+    try:
+        out.write_text(f"{text}\n", encoding="utf-8")
+    except OSError as error:
+        raise BadInputError(f"--out {str(out)!r} cannot be written: {error.strerror}") from None
+    typer.echo(f"wrote {out}")
 
 
 @app.command()
@@ -111,6 +137,7 @@ def run(
     from forcectl.runs.progress import ProgressBars
     from forcectl.runs.run import run as simulate
     from forcectl.runs.tables import metrics_table, verdict_table
+    from forcectl.runs.target import parse_settings
     from forcectl.scenario.catalog import find_scenario
 
     file = find_scenario(scenario)
@@ -119,7 +146,7 @@ def run(
         result = simulate(
             file,
             variant=variant,
-            overrides=parse_settings(settings or []),
+            overrides=parse_settings(settings),
             seed=seed,
             fidelity=fidelity,
             out=directory,
@@ -163,11 +190,12 @@ def graph(
     """
     from forcectl.graph.export import FORMATS, export
     from forcectl.graph.formats.render import format_of
+    from forcectl.runs.target import named_diagram
 
     chosen = format_ or (format_of(out) if out is not None and out.suffix else "svg")
     if chosen not in FORMATS:
         raise unknown("format", chosen, FORMATS)
-    name, diagram = _diagram(scenario, variant, settings, fidelity)
+    name, diagram = named_diagram(scenario, variant, settings, fidelity)
     target = out or Path(f"{name}.{'mmd' if chosen == 'mermaid' else chosen}")
     partial = target.with_name(f".partial-{target.name}")
     try:
@@ -199,8 +227,10 @@ def check(
 
     Example: forcectl check fig_2_7 --from station.measured_force --to station/plant.joint_position_command
     """
-    _, diagram = _diagram(scenario, variant, settings, fidelity)
     from forcectl.doctor import examine, render
+    from forcectl.runs.target import named_diagram
+
+    _, diagram = named_diagram(scenario, variant, settings, fidelity)
 
     report = examine(diagram, sensor=source, command=target, scheme=scheme)
     render(report, _console(), verbose=verbose)
@@ -323,39 +353,6 @@ def vrft(
     typer.echo("\n".join([*report_lines(tuned.fit, tuned.record), *(f"warning: {text}" for text in tuned.warnings)]))
     typer.echo(f"results in {directory}: {CONTROLLER}, summary.json, figures/")
     typer.echo(f"next: forcectl run {directory / CONTROLLER}")
-
-
-def parse_settings(settings: list[str]) -> dict[str, Any]:
-    """`["a.b=1e-3", ...]` as {"a.b": 0.001}; values are YAML.
-
-    Raises:
-        BadInputError: no equals sign, no key, or a value that is not YAML.
-    """
-    from forcectl.scenario.yaml_tree import parse
-
-    found = {}
-    for text in settings:
-        key, equals, value = text.partition("=")
-        key = key.strip()
-        if not equals or not all(key.split(".")):
-            raise BadInputError(f"--set {text!r}: must be key=value, for example station.environment.stiffness=2e5")
-        found[key] = parse(value, f"--set {key}")
-    return found
-
-
-def _diagram(target: str, variant: str | None, settings: list[str] | None, fidelity: str | None) -> tuple[str, System]:
-    """A file name and the diagram or block behind a scenario or an import path."""
-    if ":" in target and not Path(target).exists():
-        from forcectl.scenario.imported import call_for_diagram
-
-        return target.rpartition(":")[2], call_for_diagram(target)
-    from forcectl.runs.run import with_shortcuts
-    from forcectl.scenario.scenario import as_file, build, origins, resolve, select_variants
-
-    file = as_file(target)
-    overrides = with_shortcuts(parse_settings(settings or []), None, fidelity)
-    name = select_variants(file, variant)[0]
-    return file.name, build(resolve(file, name, overrides), origins(file, name, overrides)).diagram
 
 
 def _console() -> Console:

@@ -9,8 +9,11 @@ A message is one line and names the field or file, the value and what is allowed
 
 from __future__ import annotations
 
+import copy
 import difflib
-from collections.abc import Iterable
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from typing import Any
 
 
 class ForcectlError(Exception):
@@ -18,21 +21,90 @@ class ForcectlError(Exception):
 
 
 class BadInputError(ForcectlError, ValueError):
-    """A scenario, a parameter, a file or an argument that cannot be used."""
+    """A scenario, a parameter, a file or an argument that cannot be used: `where: key text`.
+
+    Args:
+        text: what is wrong; one that begins with a space goes on after the key, others follow a colon.
+        key: that it is about, with dots; "" for none.
+        field: name of the key in a text that does not begin with it.
+        value: that was given.
+        allowed: what it must be.
+
+    Attributes:
+        where: file and line, or option, that the value is from; "" where that is not known.
+    """
+
+    def __init__(self, text: str, *, key: str = "", field: str = "", value: Any = None, allowed: str = ""):
+        super().__init__(text)
+        self.text, self.key, self.field, self.value, self.allowed = text, key, key or field, value, allowed
+        self.where = ""
+
+    def __str__(self) -> str:
+        text = f"{self.key}{'' if self.text.startswith(' ') else ': '}{self.text}" if self.key else self.text.strip()
+        return f"{self.where}: {text}" if self.where else text
+
+    def __repr__(self) -> str:
+        return f"{type(self).__name__}({str(self)!r})"
+
+    def at(self, key: str, where: str = "") -> BadInputError:
+        """The same error with its full key.
+
+        Args:
+            key: with dots.
+            where: file and line, or option, that the value is from.
+        """
+        other = copy.copy(self)
+        other.key, other.field, other.where = key, key, where
+        return other
 
 
 class RunFailedError(ForcectlError, RuntimeError):
     """A simulation that had to stop; the log up to that time is kept."""
 
 
-def invalid(field: str, value: object, allowed: str) -> BadInputError:
-    """The error for a value that is not allowed: `field = value: must be ...`."""
-    return BadInputError(f"{field} = {value!r}: must be {allowed}")
+def show(value: object) -> str:
+    """A value for a message: one line, at most 60 characters, of which those in the middle are left out."""
+    try:
+        text = " ".join(repr(value).split())
+    except (RecursionError, ValueError):
+        text = f"a {type(value).__name__} too large to print"
+    return text if len(text) <= 60 else f"{text[:28]}...{text[-29:]}"
 
 
-def unknown(kind: str, name: str, known: Iterable[str]) -> BadInputError:
-    """The error for a name that does not exist, with the nearest ones that do."""
-    names = sorted(str(k) for k in known)
-    near = difflib.get_close_matches(name, names, n=1, cutoff=0.5)
-    hint = f"did you mean {near[0]!r}? " if near else ""
-    return BadInputError(f"unknown {kind} {name!r}: {hint}known: {', '.join(names)}")
+def invalid(key: str, value: object, allowed: str) -> BadInputError:
+    """The error for a value that is not allowed: `key = value: must be ...`."""
+    return BadInputError(f" = {show(value)}: must be {allowed}", key=key, value=value, allowed=allowed)
+
+
+def unknown(kind: str, name: object, known: Iterable[str]) -> BadInputError:
+    """The error for a name that does not exist, with the nearest one that does.
+
+    Args:
+        kind: what the name is of; also the name of the key, where there is one.
+        name: that was given.
+        known: names that there are.
+    """
+    names = [str(k) for k in known]
+    lower = {k.lower(): k for k in names}
+    near = difflib.get_close_matches(str(name).lower(), lower, n=1, cutoff=0.5)
+    hint = f"did you mean {lower[near[0]]!r}? " if near else ""
+    allowed = f"one of {', '.join(names)}"
+    text = f"unknown {kind} {show(name)}: {hint}known: {', '.join(names)}"
+    field = kind.partition(" (")[0].partition(" of ")[0].replace(" ", "_")
+    return BadInputError(text, field=field, value=name, allowed=allowed)
+
+
+@contextmanager
+def about(part: object) -> Iterator[None]:
+    """Errors raised within are about keys of this part of a configuration, or of a part within it."""
+    try:
+        yield
+    except (Exception, SystemExit) as error:  # Drake's failed preconditions arrive as SystemExit
+        parts_of(error).append(part)
+        raise
+
+
+def parts_of(error: BaseException) -> list[object]:
+    """The parts of a configuration that an error is about, see `about`; innermost first."""
+    parts: list[object] = error.__dict__.setdefault("parts", [])
+    return parts

@@ -15,7 +15,7 @@ different joints are left out; friction does not depend on load or temperature.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import ClassVar
 
 import numpy as np
@@ -25,7 +25,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key
 from forcectl.plant.drives.joint_friction import JointFriction
 from forcectl.plant.drives.joint_servo import JointServo, servo_gains
 from forcectl.plant.drives.motor_motion import MotorMotion
@@ -36,48 +36,36 @@ LARGEST_STEP = 0.002  # [s] of the plant, for the servo loops
 COMMANDS = ("joint_position_command", "joint_velocity_command", "joint_torque_feedforward")
 
 
-def _switch(name: str, value: object) -> None:
-    if not isinstance(value, bool):
-        raise invalid(name, value, "true or false")
-
-
 @dataclass(kw_only=True)
-class JointServoConfig:
+class JointServoConfig(Config):
     """Scenario part `servo`: the position loops of the joints, see `forcectl.plant.drives.joint_servo`."""
 
-    bandwidth: float | None = None  # w [rad/s]; null: that of the control facts' reference filter
-    damping_ratio: float | None = None  # zeta [1]; null: that of the control facts' reference filter
-    integral_gain: float = 15.0  # w_i [1/s], >= 0
-    rate: float = 2000.0  # of the loops [1/s]: as often as goes into a time step of the plant, at least once
-    torque_limits: bool = True  # false: motors without limit
-
-    def __post_init__(self) -> None:
-        for name in ("bandwidth", "damping_ratio"):
-            if getattr(self, name) is not None:
-                check(name, getattr(self, name), "positive")
-        check("integral_gain", self.integral_gain, "not negative")
-        check("rate", self.rate, "positive")
-        _switch("torque_limits", self.torque_limits)
+    bandwidth: float | None = key(None, "w; null: that of the control facts", unit="rad/s", bounds="positive")
+    damping_ratio: float | None = key(None, "zeta; null: that of the control facts", unit="1", bounds="positive")
+    integral_gain: float = key(15.0, "gain w_i of the integral", unit="1/s", bounds="not negative")
+    rate: float = key(
+        2000.0,
+        "of the loops: as often as goes into a time step of the plant, at least once",
+        unit="1/s",
+        bounds="positive",
+    )
+    torque_limits: bool = key(True, "false: motors without limit")
 
 
 @dataclass(kw_only=True)
-class JointFrictionConfig:
+class JointFrictionConfig(Config):
     """Scenario part `friction`: (5.2) with the numbers of the control facts."""
 
-    scale: float = 1.0  # of all its numbers, >= 0
-    sticks: bool = True  # false: sat(130 q') for the sign of q', which creeps at rest as (5.2) does
-
-    def __post_init__(self) -> None:
-        check("scale", self.scale, "not negative")
-        _switch("sticks", self.sticks)
+    scale: float = key(1.0, "factor on all its numbers", bounds="not negative")
+    sticks: bool = key(True, "false: sat(130 q') for the sign of q', which creeps at rest as (5.2) does")
 
 
 @dataclass(kw_only=True)
-class JointInterfaceConfig:
+class JointInterfaceConfig(Config):
     """Scenario part `drive: !JointInterface`."""
 
-    servo: JointServoConfig = field(default_factory=JointServoConfig)
-    friction: JointFrictionConfig = field(default_factory=JointFrictionConfig)
+    servo: JointServoConfig = key(JointServoConfig, "position loops of the joints")
+    friction: JointFrictionConfig = key(JointFrictionConfig, "of the joints")
 
     moves_links = True  # rigid joints get their torque directly
     # Exact, so only the simulation knows them; who wants them gets the readings of the interface.
@@ -101,7 +89,9 @@ class JointInterfaceConfig:
         """
         config = site.cell.config
         if not site.cell.has_dynamics:
-            raise BadInputError("drive = !JointInterface: must have a fidelity with dynamics, such as Multibody")
+            raise BadInputError(
+                " = !JointInterface: must have a fidelity with dynamics, such as Multibody", key="drive"
+            )
         if config.time_step > LARGEST_STEP:
             raise invalid("time_step", config.time_step, f"at most {LARGEST_STEP:g} s, for the servo loops")
         if config.elastic_joints and not self.friction.sticks:

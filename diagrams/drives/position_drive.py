@@ -12,7 +12,7 @@ one plant step late, because simultaneous events read the state before them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,6 +24,7 @@ from forcectl.diagrams.drives.torque_interface import TorqueInterface
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import invalid
+from forcectl.framework.fields import Config, key
 from forcectl.plant.drives.drive import Drive, joint_to_motor
 from forcectl.plant.drives.joint_impedance import JointImpedanceConfig
 from forcectl.plant.drives.position_loop import PositionLoop, PositionLoopConfig
@@ -36,11 +37,11 @@ _LARGEST_DRIVE_STEP = 0.5e-3  # [s] friction sticks and slips with a time of its
 
 
 @dataclass(kw_only=True)
-class PositionDriveConfig:
+class PositionDriveConfig(Config):
     """Scenario part `drive: !PositionLoop`: the drives are told positions, which their servos follow."""
 
-    position_loop: PositionLoopConfig = field(default_factory=PositionLoopConfig)
-    servo: ServoConfig = field(default_factory=ServoConfig)
+    position_loop: PositionLoopConfig = key(PositionLoopConfig, "filter and delay of the joint references")
+    servo: ServoConfig = key(ServoConfig, "position loops of the motors")
 
     def delays(self) -> dict[str, float]:
         """Delays [s] by key of the station."""

@@ -115,13 +115,15 @@ def _check_sampling(
     worst = int(np.argmax(taken))
     if taken[worst] > _MOST_TAKEN:
         raise BadInputError(
-            f"drive: damping and torque loop of joint {worst + 1} take {taken[worst]:.3g} of its motor's speed per "
+            f"damping and torque loop of joint {worst + 1} take {taken[worst]:.3g} of its motor's speed per "
             f"tick: must be at most {_MOST_TAKEN} (lower stiffness, damping_ratio or torque_gain, or a shorter period "
-            "or time_step)"
+            "or time_step)",
+            key="drive",
         )
     worst = int(np.argmax(stiffness * tick / damping))
     if stiffness[worst] * tick > damping[worst]:
         raise BadInputError(
-            f"drive: damping of joint {worst + 1}, {damping[worst]:.3g} Nms/rad: must be at least its stiffness "
-            f"times the period, {stiffness[worst] * tick:.3g} Nms/rad (higher damping_ratio, or a shorter period)"
+            f"damping of joint {worst + 1}, {damping[worst]:.3g} Nms/rad: must be at least its stiffness "
+            f"times the period, {stiffness[worst] * tick:.3g} Nms/rad (higher damping_ratio, or a shorter period)",
+            key="drive",
         )

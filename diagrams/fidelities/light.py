@@ -11,7 +11,7 @@ from forcectl.diagrams.mechanics.assembly import Assembly
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.mechanics.truth import add_contact_state
 from forcectl.diagrams.workcell import Vector, Workcell
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, about
 from forcectl.framework.wiring import affine, checked_system
 from forcectl.plant.tip_kinematics import LinkPosition
 
@@ -28,13 +28,13 @@ def check_light(cell: Workcell, name: str) -> None:
     """
     needs = f"a fidelity with dynamics, such as Multibody, not {name}"
     if len(cell.contacts) != 1:
-        raise BadInputError(f"environment: has {len(cell.contacts)} surfaces: must have one, or {needs}")
+        raise BadInputError(f" has {len(cell.contacts)} surfaces: must have one, or {needs}", key="environment")
     if cell.obstacles:
-        raise BadInputError(f"environment: has boxes ({', '.join(cell.obstacles)}): must have {needs}")
+        raise BadInputError(f" has boxes ({', '.join(cell.obstacles)}): must have {needs}", key="environment")
     if cell.config.loads:
-        raise BadInputError(f"loads: must be empty, or have {needs}")
+        raise BadInputError(f"must be empty, or have {needs}", key="loads")
     if cell.config.faults:
-        raise BadInputError(f"faults: must be empty, or have {needs}")
+        raise BadInputError(f"must be empty, or have {needs}", key="faults")
 
 
 def add_drive(assembly: Assembly, cell: Workcell, seed: int) -> System:
@@ -43,11 +43,12 @@ def add_drive(assembly: Assembly, cell: Workcell, seed: int) -> System:
     Raises:
         BadInputError: it lacks the motor side's position.
     """
-    drive = checked_system(cell.config.drive.add_to(assembly.builder, Site(cell, seed)), "drive")
+    with about(cell.config.drive):
+        drive = checked_system(cell.config.drive.add_to(assembly.builder, Site(cell, seed)), "drive")
     assembly.add(drive)
     for name in ("motor_position", "motor_velocity"):
         if name not in assembly.signals:
-            raise BadInputError(f"drive {drive.get_name()!r} has no output {name}: must have it in this fidelity")
+            raise BadInputError(f" has no output {name}: must have it in this fidelity", key="drive")
     return drive
 
 
@@ -106,7 +107,8 @@ def add_sensors(assembly: Assembly, site: Site) -> None:
     """
     for i, (name, sensor) in enumerate(site.cell.config.sensors.items()):
         before = set(assembly.signals)
-        system = checked_system(sensor.add_to(assembly.builder, site.with_seed(i)), f"sensors.{name}")
+        with about(sensor):
+            system = checked_system(sensor.add_to(assembly.builder, site.with_seed(i)), f"sensors.{name}")
         assembly.add_sensor(system, name)
         if set(assembly.signals) == before:
-            raise BadInputError(f"sensors.{name}: has no output port: must measure something")
+            raise BadInputError(" has no output port: must measure something", key=f"sensors.{name}")

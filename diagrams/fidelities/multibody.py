@@ -42,7 +42,7 @@ from forcectl.diagrams.mechanics.station_surface import add_surface, is_uniform
 from forcectl.diagrams.mechanics.truth import add_contact_state
 from forcectl.diagrams.mechanics.world import add_world
 from forcectl.diagrams.workcell import Contact, Workcell
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, about
 from forcectl.framework.enclosed import Enclosed
 from forcectl.framework.wiring import checked_system, stacked
 from forcectl.motion.loads import add_loads, loaded_frames
@@ -164,7 +164,8 @@ def selector(size: int, rows: list[int], name: str) -> Selector:
 def _add_drive(assembly: Assembly, site: Site) -> None:
     """The drive, and its coupling to the plant."""
     builder, cell, plant, parts = assembly.builder, site.cell, site.plant, site.parts
-    drive = checked_system(cell.config.drive.add_to(builder, site), "drive")
+    with about(cell.config.drive):
+        drive = checked_system(cell.config.drive.add_to(builder, site), "drive")
     assembly.add(drive)
     signals, instance = assembly.signals, parts.instance
     n, elastic = cell.num_joints, cell.config.elastic_joints
@@ -189,7 +190,7 @@ def _add_drive(assembly: Assembly, site: Site) -> None:
         builder.Connect(signals["motor_state"], springs.get_input_port())
         builder.Connect(springs.get_output_port(), plant.get_desired_state_input_port(instance))
     else:
-        raise BadInputError(f"drive {drive.get_name()!r}: must have the outputs motor_position and motor_velocity")
+        raise BadInputError("must have the outputs motor_position and motor_velocity", key="drive")
     for name, link in (("motor_position", "link_position"), ("motor_velocity", "link_velocity")):
         if name not in signals:
             assembly.offer(name, signals[link])
@@ -279,7 +280,8 @@ def _add_own_surface(assembly: Assembly, cell: Workcell, contact: Contact) -> Ou
     place = builder.AddNamedSystem(f"place_on_{contact.name}", place)
     builder.Connect(assembly.signals["link_position"], place.GetInputPort("motor_position"))
     inner = DiagramBuilder()
-    own = contact.add_to(inner, cell.config.time_step, robot_compliance=0.0)
+    with about(contact.environment):
+        own = contact.add_to(inner, cell.config.time_step, robot_compliance=0.0)
     surface = builder.AddNamedSystem(f"surface_{contact.name}", Enclosed(inner, own))
     builder.Connect(place.GetOutputPort("displacement"), surface.GetInputPort("displacement"))
     return surface.GetOutputPort("contact_force")

@@ -40,7 +40,7 @@ class Assembly:
         """
         if name in self.signals:
             first, second = self.signals[name].get_system().get_name(), port.get_system().get_name()
-            raise BadInputError(f"sensors: both {first!r} and {second!r} put out {name}: must be one of them")
+            raise BadInputError(f"both {first!r} and {second!r} put out {name}: must be one of them", key="sensors")
         self.signals[name] = port
 
     def add(self, system: System) -> None:

@@ -85,7 +85,7 @@ def add_environment(plant: MultibodyPlant, cell: Workcell, contact: Contact) -> 
     plant.set_gravity_enabled(instance, False)
     if not compliance > 0:
         largest = 1 / (1 / config.stiffness - compliance)
-        raise BadInputError(f"stiffness = {config.stiffness:g}: must be below {largest:.4g} N/m in Multibody")
+        raise BadInputError(f" = {config.stiffness:g}: must be below {largest:.4g} N/m in Multibody", key="stiffness")
     # Drake puts ball and surface in series and adds their relaxation times: their damping is to be D_E.
     material = contact_material(1 / compliance, damping * (compliance + BALL_COMPLIANCE))
     # Thick, so that the ball never comes out of the other side of a soft surface.
@@ -112,7 +112,7 @@ def _springs(cell: Workcell, contact: Contact) -> list[float]:
     rest = _missing_compliance(cell, contact) - _SKIN_COMPLIANCE
     for stiffness in given:
         if not 1 / stiffness + rest > 0:
-            raise BadInputError(f"stiffness = {stiffness:g}: must be below {-1 / rest:.4g} N/m in Multibody")
+            raise BadInputError(f" = {stiffness:g}: must be below {-1 / rest:.4g} N/m in Multibody", key="stiffness")
     return [1 / (1 / stiffness + rest) for stiffness in given]
 
 

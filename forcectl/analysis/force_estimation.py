@@ -20,8 +20,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.diagrams.believed import Setting
-from forcectl.errors import invalid
-from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
 
 if TYPE_CHECKING:
@@ -34,20 +33,13 @@ _CONTACT_BEGINS = 0.2  # [s] of a contact that are not judged
 
 
 @dataclass(kw_only=True)
-class ForceAnalysis:
+class ForceAnalysis(Config):
     """Scenario part `!ForceEstimation`: needs an estimator in the loop."""
 
-    average: float = 0.5  # [s], > 0
-    settle: float = 0.3  # [s], >= 0
-    begin: float = 0.5  # [s], >= 0
-    fast_share: float = 0.2  # of the joint speed limits, (0, 1)
-
-    def __post_init__(self) -> None:
-        check("average", self.average, "positive")
-        for name in ("settle", "begin"):
-            check(name, getattr(self, name), "not negative")
-        if not 0 < check("fast_share", self.fast_share) < 1:
-            raise invalid("fast_share", self.fast_share, "above 0 and below 1")
+    average: float = key(0.5, "over which the last samples of a load are averaged", unit="s", bounds="positive")
+    settle: float = key(0.3, "after a change of the load, that is not judged", unit="s", bounds="not negative")
+    begin: float = key(0.5, "of the run, that is not judged", unit="s", bounds="not negative")
+    fast_share: float = key(0.2, "of the joint speed limits, above which a joint is fast", bounds="above 0 and below 1")
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """The metrics of force estimation in `ANALYSIS_METRICS`, of all arms and of each; none without an estimator."""

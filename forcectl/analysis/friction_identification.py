@@ -11,7 +11,7 @@ import yaml
 from forcectl.diagrams.believed import FRICTION_KEYS, Setting
 from forcectl.errors import BadInputError
 from forcectl.figures.motion import one_variant
-from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key
 from forcectl.plant.drives.joint_friction import JointFriction, friction_torque
 from forcectl.tuning.friction_identification import (
     FrictionFit,
@@ -28,18 +28,14 @@ _GRID = 201  # speeds at which curves are compared
 
 
 @dataclass(kw_only=True)
-class FrictionAnalysis:
+class FrictionAnalysis(Config):
     """Scenario part `!FrictionIdentification`: of an excitation run without loads.
 
     It knows the exact dynamics and the readings, as `ForceEstimator` does.
     """
 
-    slowest: float = 0.05  # [rad/s] slower ticks are left out, >= 0
-    begin: float = 0.0  # [s] earlier ticks are left out, >= 0
-
-    def __post_init__(self) -> None:
-        for name in ("slowest", "begin"):
-            check(name, getattr(self, name), "not negative")
+    slowest: float = key(0.05, "slower ticks are left out", unit="rad/s", bounds="not negative")
+    begin: float = key(0.0, "earlier ticks are left out", unit="s", bounds="not negative")
 
     def fit(self, log: Any, setting: Setting) -> FrictionFit:
         """What the readings of one variant say.

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -12,12 +12,10 @@ from pydrake.geometry import Box
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
 from forcectl.diagrams.believed import Setting
-from forcectl.errors import invalid
-from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key
 from forcectl.framework.rotation_vector import RotationVector
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.arms_motion import ArmsMotion
-from forcectl.robot.model import unit_normal
 from forcectl.tasks.null_space import TowardsSmallMass
 
 if TYPE_CHECKING:
@@ -27,16 +25,11 @@ Array = NDArray[np.float64]
 
 
 @dataclass(kw_only=True)
-class ReachAnalysis:
+class ReachAnalysis(Config):
     """Scenario part `!Reaching`: of a run of `!ReactiveReaching` to whole poses. Of another run there is nothing."""
 
-    mass_direction: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])  # of the reflected mass, in W
-    every: int = 4  # ticks between postures whose distances and masses are computed
-
-    def __post_init__(self) -> None:
-        unit_normal(self.mass_direction, "mass_direction")
-        if check("every", self.every, "positive") != int(self.every):
-            raise invalid("every", self.every, "a whole number")
+    mass_direction: list[float] = key([0.0, 0.0, 1.0], "of the reflected mass, in W", bounds="not all zero", size=3)
+    every: int = key(4, "between postures whose distances and masses are computed", unit="ticks", bounds="at least 1")
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """Those of `REACH_METRICS`."""

@@ -11,10 +11,10 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Multiplexer, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
 
-from forcectl.errors import invalid, unknown
+from forcectl.errors import unknown
 from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.wrench import WrenchEstimator
-from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.model import RobotModel
 
@@ -92,33 +92,27 @@ class ForceEstimator(Diagram):
 
 
 @dataclass(kw_only=True)
-class ForceEstimatorConfig:
+class ForceEstimatorConfig(Config):
     """Scenario part `!ForceEstimator`: momentum observer and wrench estimates.
 
     It knows the exact dynamics, and `friction_scale` times the friction that the joints have. The threshold (5.3)* is
     given in shares of Coulomb's friction of each joint.
     """
 
-    gain: float = 25.0  # K_R [1/s], > 0
-    friction_scale: float = 1.0  # believed friction / true friction, >= 0
-    threshold_move: float = 0.0  # tau_move / tau_C, >= 0
-    threshold_still: float = 0.0  # tau_still / tau_C, >= 0
-    limit_share: float = 1.0  # of the torque limits, at which the residual stops, > 0
-    moment: bool = True  # false: only forces act at the TCPs
-    # Axes of the wrenches, which act at the TCPs: world; else they are estimated_local_wrench, in tcp (each in its own)
-    # or in any frame or body of the robot's model.
-    expressed_in: str = "world"
-    smallest_singular_value: float = 0.02  # below which a direction is damped [1], > 0
-    tare_start: float = 0.0  # [s] of the ticks whose mean becomes zero, >= 0
-    tare_duration: float = 0.0  # [s], >= 0; 0: no taring
-
-    def __post_init__(self) -> None:
-        for name in ("gain", "limit_share", "smallest_singular_value"):
-            check(name, getattr(self, name), "positive")
-        for name in ("friction_scale", "threshold_move", "threshold_still", "tare_start", "tare_duration"):
-            check(name, getattr(self, name), "not negative")
-        if not isinstance(self.moment, bool):
-            raise invalid("moment", self.moment, "true or false")
+    gain: float = key(25.0, "gain K_R of the momentum observer", unit="1/s", bounds="positive")
+    friction_scale: float = key(1.0, "believed friction / true friction", bounds="not negative")
+    threshold_move: float = key(0.0, "tau_move / tau_C of moving joints", bounds="not negative")
+    threshold_still: float = key(0.0, "tau_still / tau_C of joints at rest", bounds="not negative")
+    limit_share: float = key(1.0, "share of the torque limits at which the residual stops", bounds="positive")
+    moment: bool = key(True, "false: only forces act at the TCPs")
+    expressed_in: str = key(
+        "world",
+        "axes of the wrenches, which act at the TCPs: world; else they are estimated_local_wrench, in tcp (each in its "
+        "own) or in any frame or body of the robot's model",
+    )
+    smallest_singular_value: float = key(0.02, "below which a direction is damped", unit="1", bounds="positive")
+    tare_start: float = key(0.0, "start of the ticks whose mean becomes zero", unit="s", bounds="not negative")
+    tare_duration: float = key(0.0, "of these ticks; 0: no taring", unit="s", bounds="not negative")
 
     def force_lag(self) -> tuple[float, float, float]:
         """Lag of the estimated forces as that of a sensor: bandwidth [rad/s], damping ratio [1] and delay [s].
@@ -174,5 +168,5 @@ class ForceEstimatorConfig:
             return tcp if self.expressed_in == "tcp" else None
         if not robot.plant.HasFrameNamed(self.expressed_in, instance):
             bodies = [robot.plant.get_body(index).name() for index in robot.plant.GetBodyIndices(instance)]
-            raise unknown("expressed_in", self.expressed_in, ["world", "tcp", *bodies])
+            raise unknown("expressed_in", self.expressed_in, ["world", "tcp", *sorted(bodies)])
         return robot.plant.GetFrameByName(self.expressed_in, instance)

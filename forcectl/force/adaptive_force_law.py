@@ -7,9 +7,10 @@ from dataclasses import dataclass
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
-from forcectl.framework.batch import check, whole_multiple
+from forcectl.framework.batch import whole_multiple
+from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
@@ -71,20 +72,13 @@ class AdaptiveForceLaw(Diagram):
 
 
 @dataclass(kw_only=True)
-class Adaptation:
+class Adaptation(Config):
     """What the configurations of adaptive laws share: the estimator and what it starts from."""
 
-    compliance_error: float = 0.8  # initial C_E_hat / C_E, > 0; 1/1.2 = stiffness 20 % too high
-    forgetting: float = 0.995  # mu, (0, 1]
-    initial_covariance: float = 1e-6  # P_0 [1/N^2], > 0
-    minimum_force: float = 0.2  # [N], >= 0
-
-    def __post_init__(self) -> None:
-        check("compliance_error", self.compliance_error, "positive")
-        check("initial_covariance", self.initial_covariance, "positive")
-        check("minimum_force", self.minimum_force, "not negative")
-        if not 0 < check("forgetting", self.forgetting) <= 1:
-            raise invalid("forgetting", self.forgetting, "above 0 and at most 1")
+    compliance_error: float = key(0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="positive")
+    forgetting: float = key(0.995, "forgetting factor mu", bounds="above 0 and at most 1")
+    initial_covariance: float = key(1e-6, "initial covariance P_0", unit="1/N^2", bounds="positive")
+    minimum_force: float = key(0.2, "force below which nothing is learnt", unit="N", bounds="not negative")
 
     def estimator(self, model: PlantModel) -> EnvironmentComplianceEstimator:
         """The estimator, starting from `compliance_error` times the true environment compliance."""

@@ -7,8 +7,8 @@ from dataclasses import dataclass
 from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
-from forcectl.force.integral import IntegralForceLaw, check_limits
-from forcectl.framework.batch import check
+from forcectl.force.integral import IntegralForceLaw
+from forcectl.framework.fields import key
 from forcectl.plant.plant_model import PlantModel
 
 
@@ -16,16 +16,10 @@ from forcectl.plant.plant_model import PlantModel
 class AdaptiveIntegralConfig(Adaptation):
     """Scenario part `!AdaptiveIntegral`."""
 
-    integral_gain: float = 1.5  # K_I [1/s], >= 0
-    dead_zone: float = 0.0  # [N], >= 0
-    lower_limit: float = -0.1  # [m], below zero
-    upper_limit: float = 0.1  # [m], above zero
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("integral_gain", "dead_zone"):
-            check(name, getattr(self, name), "not negative")
-        check_limits(self.lower_limit, self.upper_limit)
+    integral_gain: float = key(1.5, "gain K_I", unit="1/s", bounds="not negative")
+    dead_zone: float = key(0.0, "force error that is left alone", unit="N", bounds="not negative")
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero")
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero")
 
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth K_I [rad/s] of the nominal closed loop."""

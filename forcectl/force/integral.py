@@ -17,8 +17,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LinearSystem, Multiplexer
 
-from forcectl.errors import invalid
 from forcectl.framework.batch import BatchParameter, Lane, check, check_order, lane_values
+from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.plant.plant_model import PlantModel
 
@@ -138,20 +138,14 @@ class LinearIntegralForceLaw(Diagram):
 
 
 @dataclass(kw_only=True)
-class IntegralConfig:
+class IntegralConfig(Config):
     """Scenario part `!Integral`."""
 
-    integral_gain: float = 1.5  # K_I [1/s], >= 0
-    compliance_error: float = 1.0  # C_T_hat / C_T, > 0
-    dead_zone: float = 0.0  # [N], >= 0
-    lower_limit: float = -0.1  # [m], below zero: deepest command
-    upper_limit: float = 0.1  # [m], above zero: furthest retreat
-
-    def __post_init__(self) -> None:
-        check("integral_gain", self.integral_gain, "not negative")
-        check("compliance_error", self.compliance_error, "positive")
-        check("dead_zone", self.dead_zone, "not negative")
-        check_limits(self.lower_limit, self.upper_limit)
+    integral_gain: float = key(1.5, "gain K_I", unit="1/s", bounds="not negative")
+    compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="positive")
+    dead_zone: float = key(0.0, "force error that is left alone", unit="N", bounds="not negative")
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero")
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero")
 
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth K_I [rad/s] of the nominal closed loop M(s) = K_I/(s + K_I)."""
@@ -190,11 +184,3 @@ class IntegralConfig:
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> IntegralForceLaw:
         """Add the law; it believes in `compliance_error` times the true total compliance."""
         return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))
-
-
-def check_limits(lower: float, upper: float) -> None:
-    """Limits of a displacement command [m]: lower < 0 < upper."""
-    if not check("lower_limit", lower) < 0:
-        raise invalid("lower_limit", lower, "below zero")
-    if not check("upper_limit", upper) > 0:
-        raise invalid("upper_limit", upper, "above zero")

@@ -79,8 +79,9 @@ def check_start_posture(robot: RobotModel, posture: Vector, n: Vector, limit: fl
     if not size <= limit:
         degrees = np.round(np.degrees(posture), 3).tolist()
         raise BadInputError(
-            f"posture_deg = {degrees}: is singular for motion along {n.tolist()} "
-            f"(|J^-1 n| = {size:.3g} rad/m, must be at most {limit:g})"
+            f" = {degrees}: is singular for motion along {n.tolist()} "
+            f"(|J^-1 n| = {size:.3g} rad/m, must be at most {limit:g})",
+            key="posture_deg",
         )
     return direction
 

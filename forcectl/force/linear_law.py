@@ -12,15 +12,15 @@ fed back positively: what is left of the plant is the environment, whatever the 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, DiagramBuilder, System
 
-from forcectl.errors import BadInputError, invalid
-from forcectl.force.integral import check_limits
-from forcectl.framework.batch import BatchParameter, Lane, check, check_order
+from forcectl.errors import BadInputError
+from forcectl.framework.batch import BatchParameter, Lane, check_order
+from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.plant.plant_model import PlantModel
 
@@ -158,31 +158,18 @@ class LinearForceLaw(SampledLaw):
 
 
 @dataclass(kw_only=True)
-class VrftConfig:
+class VrftConfig(Config):
     """Scenario part `!Vrft`: a controller that VRFT has tuned; the default is that of Sec. 4.3.4."""
 
-    proportional_gain: float = -5.37e-5  # K_P [m/N]
-    integral_gain: float = -2.53e-4  # K_I [m/(N s)], <= 0
-    derivative_gain: float = 1.62e-8  # K_D [m s/N]
-    fir: list[float] = field(default_factory=list)  # further FIR coefficients f_0, f_1, ... [m/N]
-    derivative_filter: float | None = None  # T_D [s], >= 0; null: two control ticks
-    robot_compliance_error: float = 1.0  # C_R_hat / C_R, >= 0
-    lower_limit: float = -0.1  # [m], below zero: deepest command
-    upper_limit: float = 0.1  # [m], above zero: furthest retreat
-    reference_bandwidth: float = 1.5  # of the reference model it was tuned for [rad/s], > 0
-
-    def __post_init__(self) -> None:
-        for name in GAINS:
-            check(name, getattr(self, name))
-        if self.integral_gain > 0:
-            raise invalid("integral_gain", self.integral_gain, "zero or below: pressing is a negative displacement")
-        for value in self.fir:
-            check("fir", value)
-        if self.derivative_filter is not None:
-            check("derivative_filter", self.derivative_filter, "not negative")
-        check("robot_compliance_error", self.robot_compliance_error, "not negative")
-        check("reference_bandwidth", self.reference_bandwidth, "positive")
-        check_limits(self.lower_limit, self.upper_limit)
+    proportional_gain: float = key(-5.37e-5, "gain K_P", unit="m/N")
+    integral_gain: float = key(-2.53e-4, "gain K_I; pressing is negative", unit="m/(N s)", bounds="at most 0")
+    derivative_gain: float = key(1.62e-8, "gain K_D", unit="m s/N")
+    fir: list[float] = key([], "further FIR coefficients f_0, f_1, ...", unit="m/N")
+    derivative_filter: float | None = key(None, "T_D; null: two control ticks", unit="s", bounds="not negative")
+    robot_compliance_error: float = key(1.0, "C_R_hat / C_R", bounds="not negative")
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero")
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero")
+    reference_bandwidth: float = key(1.5, "of the reference model it was tuned for", unit="rad/s", bounds="positive")
 
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth [rad/s] of the reference model M(s) = w/(s + w)."""

@@ -8,9 +8,9 @@ from typing import Any
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer
 
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, about, invalid
 from forcectl.framework.enclosed import Enclosed
-from forcectl.framework.slots import named_slots
+from forcectl.framework.fields import Config, named_slots
 from forcectl.framework.wiring import stacked
 from forcectl.plant.plant_model import PlantModel
 
@@ -18,10 +18,10 @@ _INPUTS = ("desired_force", "measured_force", "motor_displacement", "path_displa
 
 
 @dataclass(kw_only=True)
-class PerArmConfig:
+class PerArmConfig(Config):
     """Scenario part `!PerArm`: force laws by the name of the arm that presses."""
 
-    laws: dict[str, Any] = named_slots("controller")
+    laws: dict[str, Any] = named_slots("controller", meaning="by the name of the arm")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> PerArm:
         """Add the laws.
@@ -62,10 +62,11 @@ class PerArm(Diagram):
         added: list[System] = []
         for i, arm in enumerate(model.arms):
             inner = DiagramBuilder()
-            law = laws[arm].add_to(inner, model.loop(i))
+            with about(laws[arm]):
+                law = laws[arm].add_to(inner, model.loop(i))
             if not law.HasOutputPort("displacement_command"):
                 raise BadInputError(
-                    f"laws.{arm}: {type(law).__name__} has no displacement_command: must be a force law"
+                    f"{type(law).__name__} has no displacement_command: must be a force law", key=f"laws.{arm}"
                 )
             added.append(builder.AddNamedSystem(arm, Enclosed(inner, law)))
         for name in _INPUTS:

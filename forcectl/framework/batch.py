@@ -79,7 +79,7 @@ def lane_values(name: str, value: ArrayLike, size: int, allowed: str = "finite")
     except (TypeError, ValueError):
         raise invalid(name, value, "a number or a list of numbers") from None
     if array.ndim > 1 or array.size not in (1, size):
-        raise BadInputError(f"{name} has shape {array.shape}: must be one number or shape ({size},)")
+        raise BadInputError(f" has shape {array.shape}: must be one number or shape ({size},)", key=name)
     array = np.broadcast_to(array.ravel(), size).astype(float)
     # Infinity is a legal "no limit" wherever only a sign is asked for; NaN never is.
     if np.isnan(array).any() or not _CHECKS[allowed](array).all():

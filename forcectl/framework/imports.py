@@ -35,13 +35,13 @@ def import_object(path: str, field_name: str = "path") -> Any:
         module = importlib.import_module(module_name)
     except Exception as error:  # whatever the user's module does while it is imported
         reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise BadInputError(f"{field_name} = {path!r}: must be importable, but: {reason}") from error
+        raise BadInputError(f" = {path!r}: must be importable, but: {reason}", key=field_name) from error
     finally:
         if added:
             sys.path.remove(here)
     if not hasattr(module, name):
         raise BadInputError(
-            f"{field_name} = {path!r}: " + str(unknown(f"name in {module_name}", name, _public(module)))
+            f" = {path!r}: " + str(unknown(f"name in {module_name}", name, _public(module))), key=field_name
         )
     found = getattr(module, name)
     if callable(found) and _standard(getattr(found, "__module__", None) or type(found).__module__):

@@ -29,7 +29,7 @@ def read_series(path: str, along: str, value: str) -> tuple[Array, Array]:
         raise invalid("path", path, "a readable CSV file in UTF-8") from None
     table = csv.DictReader(text.splitlines(), skipinitialspace=True)
     if not {along, value} <= set(table.fieldnames or ()):
-        raise BadInputError(f"path = {path!r} has columns {table.fieldnames}: must have {along} and {value}")
+        raise BadInputError(f" = {path!r} has columns {table.fieldnames}: must have {along} and {value}", key="path")
     rows: list[tuple[float, float]] = []
     for number, row in enumerate(table, start=2):
         try:
@@ -38,12 +38,12 @@ def read_series(path: str, along: str, value: str) -> tuple[Array, Array]:
             pair = (math.nan, math.nan)
         if not all(math.isfinite(one) for one in pair):
             told = f"{along} = {row[along]!r}, {value} = {row[value]!r}"
-            raise BadInputError(f"path = {path!r} line {number}: {told}: must be finite numbers")
+            raise BadInputError(f" = {path!r} line {number}: {told}: must be finite numbers", key="path")
         if rows and not pair[0] > rows[-1][0]:
             last = f"{along} = {pair[0]:g}: must be above the last one, strictly increasing"
-            raise BadInputError(f"path = {path!r} line {number}: {last}")
+            raise BadInputError(f" = {path!r} line {number}: {last}", key="path")
         rows.append(pair)
     if len(rows) < 2:
-        raise BadInputError(f"path = {path!r} has {len(rows)} rows: must have at least 2")
+        raise BadInputError(f" = {path!r} has {len(rows)} rows: must have at least 2", key="path")
     first, second = np.array(rows).T
     return first, second

@@ -25,7 +25,7 @@ def checked_system(made: object, part: str) -> System:
         BadInputError: it is something else.
     """
     if not isinstance(made, System):
-        raise BadInputError(f"{part}: add_to must return a Drake system, not {type(made).__name__}")
+        raise BadInputError(f"add_to must return a Drake system, not {type(made).__name__}", key=part)
     return made
 
 

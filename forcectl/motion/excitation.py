@@ -8,7 +8,7 @@ another contact they are scaled so that they press with the same force.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -19,6 +19,7 @@ from pydrake.trajectories import PiecewisePolynomial
 
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key
 from forcectl.motion.references import Reference, linear_trajectory, read_signal
 
 SPRING_STIFFNESS = 5900.0  # [N/m] that the default moves are made for
@@ -98,24 +99,22 @@ class _Excitation:
 
 
 @dataclass(kw_only=True)
-class TrapezoidalMovesConfig(_Excitation):
+class TrapezoidalMovesConfig(_Excitation, Config):
     """Scenario part `!TrapezoidalMoves`: rest-to-rest moves along n."""
 
-    depths: list[float] = field(
-        default_factory=lambda: [0.0, 1e-3, 2e-3, 3e-3, 4e-3, 3e-3, 2e-3, 1e-3, 0.0]
-    )  # into the surface, first where it begins [m]
-    speed: float = 0.005  # [m/s], > 0
-    acceleration: float = 0.05  # [m/s^2], > 0
-    rest: float = 2.0  # after each move [s], >= 0
-    start_rest: float = 0.5  # before the first one [s], >= 0
-    scale: float | None = None  # factor on depths, speed and acceleration, > 0; null: 5900 N/m / K_E, same forces
+    depths: list[float] = key(
+        [0.0, 1e-3, 2e-3, 3e-3, 4e-3, 3e-3, 2e-3, 1e-3, 0.0], "into the surface, first where it begins", unit="m"
+    )
+    speed: float = key(0.005, "of the moves", unit="m/s", bounds="positive")
+    acceleration: float = key(0.05, "of the moves", unit="m/s^2", bounds="positive")
+    rest: float = key(2.0, "rest after each move", unit="s", bounds="not negative")
+    start_rest: float = key(0.5, "rest before the first move", unit="s", bounds="not negative")
+    scale: float | None = key(None, "factor on the moves; null: 5900 N/m / K_E, same forces", bounds="positive")
 
     def __post_init__(self) -> None:
-        _check_scale(self.scale)
-        for depth in self.depths:
-            check("depths", depth)
+        super().__post_init__()
         if len(self.depths) < 2 or len(set(self.depths)) < 2:
-            raise BadInputError(f"depths = {self.depths}: must be at least two, not all equal")
+            raise BadInputError(f" = {self.depths}: must be at least two, not all equal", key="depths")
         for name in ("speed", "acceleration"):
             check(name, getattr(self, name), "positive")
         for name in ("rest", "start_rest"):
@@ -130,22 +129,20 @@ class TrapezoidalMovesConfig(_Excitation):
 
 
 @dataclass(kw_only=True)
-class ExcitationFileConfig(_Excitation):
+class ExcitationFileConfig(_Excitation, Config):
     """Scenario part `!ExcitationFile`: a CSV file with the columns `time` [s] and `displacement` [m], < 0 pressing.
 
     The points are joined by straight lines.
     """
 
-    path: str = ""  # relative to the working directory, or absolute
-    scale: float | None = 1.0  # factor on the displacement, > 0; null: 5900 N/m / K_E
+    path: str = key("", "of the CSV file: absolute, or relative to the scenario or the working directory")
+    scale: float | None = key(1.0, "factor on the displacement; null: 5900 N/m / K_E", bounds="positive")
 
     def __post_init__(self) -> None:
-        _check_scale(self.scale)
+        super().__post_init__()
         _, displacements = read_signal(self.path, "displacement")
-        for x in displacements:
-            check(f"path = {self.path!r}: column displacement", x)
         if len(set(displacements)) < 2:
-            raise BadInputError(f"path = {self.path!r}: column displacement is constant: must move, to excite")
+            raise BadInputError(f" = {self.path!r}: column displacement is constant: must move, to excite", key="path")
 
     def trajectory(self) -> PiecewisePolynomial:
         """Displacement over time before scaling [m]."""
@@ -153,8 +150,3 @@ class ExcitationFileConfig(_Excitation):
 
 
 ExcitationConfig = TrapezoidalMovesConfig | ExcitationFileConfig
-
-
-def _check_scale(scale: float | None) -> None:
-    if scale is not None:
-        check("scale", scale, "positive")

@@ -10,7 +10,7 @@ sticking: friction of a joint that moves is known, friction of one at rest may b
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -18,8 +18,8 @@ from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, DiagramBuilder, LeafSystem
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.batch import check
 from forcectl.framework.cache import BlockCache
+from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
 
 Array = NDArray[np.float64]
@@ -115,19 +115,18 @@ def path_at(time: float, start: Array, parts: Sequence[Move | Sines]) -> tuple[A
 
 
 @dataclass(kw_only=True)
-class DitherConfig:
+class DitherConfig(Config):
     """Small sines of all joints, that keep them from sticking."""
 
-    amplitude_deg: float = 0.0  # [deg], >= 0; 0: none
-    frequency: float = 3.0  # [Hz], > 0; the joints differ a little, so that they do not reverse together
-    start: float = 0.0  # [s], >= 0
-    ramp: float = 0.3  # [s], > 0
-
-    def __post_init__(self) -> None:
-        for name in ("amplitude_deg", "start"):
-            check(name, getattr(self, name), "not negative")
-        for name in ("frequency", "ramp"):
-            check(name, getattr(self, name), "positive")
+    amplitude_deg: float = key(0.0, "of the sines; 0: none", unit="deg", bounds="not negative")
+    frequency: float = key(
+        3.0,
+        "of the sines; the joints differ a little, so that they do not reverse together",
+        unit="Hz",
+        bounds="positive",
+    )
+    start: float = key(0.0, "of the dither", unit="s", bounds="not negative")
+    ramp: float = key(0.3, "over which the dither grows", unit="s", bounds="positive")
 
     def parts(self, size: int) -> list[Sines]:
         """The sines of `size` joints."""
@@ -140,28 +139,23 @@ class DitherConfig:
 
 
 @dataclass(kw_only=True)
-class PostureConfig:
+class PostureConfig(Config):
     """One entry of `postures`."""
 
-    posture_deg: list[float] = field(default_factory=list)  # of all joints [deg]
-    start: float = 0.0  # of the move there [s], >= 0
-    duration: float = 1.0  # of the move there [s], > 0
-
-    def __post_init__(self) -> None:
-        check("start", self.start, "not negative")
-        check("duration", self.duration, "positive")
-        for angle in self.posture_deg:
-            check("posture_deg", angle)
+    posture_deg: list[float] = key([], "of all joints", unit="deg")
+    start: float = key(0.0, "of the move there", unit="s", bounds="not negative")
+    duration: float = key(1.0, "of the move there", unit="s", bounds="positive")
 
 
 @dataclass(kw_only=True)
-class JointMovesConfig:
+class JointMovesConfig(Config):
     """Scenario part `!JointMoves`: from posture to posture, with a dither."""
 
-    postures: list[PostureConfig] = field(default_factory=list)  # in the order of time; none: stay
-    dither: DitherConfig = field(default_factory=DitherConfig)
+    postures: list[PostureConfig] = key([], "in the order of time; none: stay")
+    dither: DitherConfig = key(DitherConfig, "small sines of all joints")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         for before, after in zip(self.postures, self.postures[1:], strict=False):
             if after.start < before.start + before.duration:
                 raise invalid("postures", after.start, f"after the move before, {before.start + before.duration:g} s")
@@ -178,11 +172,11 @@ class JointMovesConfig:
                 raise BadInputError(f"postures[{i}] has {len(one.posture_deg)} angles: must have {model.num_joints}")
             there = np.radians(one.posture_deg)
             if np.any((there < limits.position_lower) | (there > limits.position_upper)):
-                raise invalid(f"postures[{i}]", one.posture_deg, "within the joint limits")
+                raise invalid(f"postures.{i}.posture_deg", one.posture_deg, "within the joint limits")
             move = Move(one.start, one.duration, there - last)
             if np.any(1.875 * np.abs(move.step) > one.duration * limits.velocity):
                 need = float(np.max(1.875 * np.abs(move.step) / limits.velocity))
-                raise invalid(f"postures[{i}]: duration", one.duration, f"at least {need:.3g} s, for the joint speeds")
+                raise invalid(f"postures.{i}.duration", one.duration, f"at least {need:.3g} s, for the joint speeds")
             parts.append(move)
             last = there
         return builder.AddNamedSystem(
@@ -191,31 +185,23 @@ class JointMovesConfig:
 
 
 @dataclass(kw_only=True)
-class JointExcitationConfig:
+class JointExcitationConfig(Config):
     """Scenario part `!JointExcitation`: sines of all joints at several speeds, for the identification of friction.
 
     Each of `speed_shares` lasts `duration`; the frequencies of the joints are spread from `frequency` to
     `frequency_spread` times it, so that they are independent of each other.
     """
 
-    speed_shares: list[float] = field(default_factory=lambda: [0.1, 0.3, 0.6])  # of the joint speed limits, (0, 1]
-    duration: float = 5.0  # [s] of each, > 0
-    frequency: float = 0.5  # [Hz], > 0
-    frequency_spread: float = 1.8  # >= 1
-    room_share: float = 0.6  # of the way to the nearer joint limit, (0, 1)
+    speed_shares: list[float] = key([0.1, 0.3, 0.6], "of the joint speed limits", bounds="above 0 and at most 1")
+    duration: float = key(5.0, "at each of the speeds", unit="s", bounds="positive")
+    frequency: float = key(0.5, "of the first joint", unit="Hz", bounds="positive")
+    frequency_spread: float = key(1.8, "highest frequency / lowest", bounds="at least 1")
+    room_share: float = key(0.6, "share of the way to the nearer limit", bounds="above 0 and below 1")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.speed_shares:
             raise invalid("speed_shares", self.speed_shares, "at least one")
-        for share in self.speed_shares:
-            if not 0 < check("speed_shares", share) <= 1:
-                raise invalid("speed_shares", share, "above 0 and at most 1")
-        for name in ("duration", "frequency"):
-            check(name, getattr(self, name), "positive")
-        if check("frequency_spread", self.frequency_spread) < 1:
-            raise invalid("frequency_spread", self.frequency_spread, "at least 1")
-        if not 0 < check("room_share", self.room_share) < 1:
-            raise invalid("room_share", self.room_share, "above 0 and below 1")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> JointPath:
         """Add the path, around the start."""

@@ -7,15 +7,16 @@ A load of the list acts from `start` on: each of its wrenches for `hold`, with a
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context, DiagramBuilder, DiscreteValues, LeafSystem, OutputPort
 
-from forcectl.errors import invalid, unknown
-from forcectl.framework.batch import check, check_count
+from forcectl.errors import about, invalid, unknown
+from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key
 from forcectl.robot.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -23,34 +24,27 @@ _ROUNDING = 1e-9  # [s] of the times of ticks
 
 
 @dataclass(kw_only=True)
-class LoadConfig:
+class LoadConfig(Config):
     """One entry of the station's part `loads`."""
 
-    arm: str = ""  # at whose TCP; empty: the first one's
-    body: str = ""  # instead: a body or frame of the robot's model, at its origin
-    start: float = 0.0  # [s], >= 0
-    hold: float = 1.0  # [s] of each wrench, > 0, ramps included
-    pause: float = 0.0  # [s] after each wrench, >= 0
-    ramp: float = 0.0  # [s], >= 0 and at most half of `hold`
-    wrenches: list[list[float]] = field(default_factory=list)  # each [torque; force] in the world [Nm, N]
-    repeats: int = 1  # >= 1
-    every: float = 0.0  # [s] from the start of one repeat to the next
+    arm: str = key("", "at whose TCP; empty: the first one's")
+    body: str = key("", "instead: a body or frame of the robot's model, at its origin")
+    start: float = key(0.0, "of the first wrench", unit="s", bounds="not negative")
+    hold: float = key(1.0, "time of each wrench, ramps included", unit="s", bounds="positive")
+    pause: float = key(0.0, "time after each wrench", unit="s", bounds="not negative")
+    ramp: float = key(0.0, "time of each ramp, at most half of `hold`", unit="s", bounds="not negative")
+    wrenches: list[list[float]] = key([], "each [torque; force] in the world", unit="Nm, N", size=6)
+    repeats: int = key(1, "how often the wrenches follow each other", bounds="at least 1")
+    every: float = key(0.0, "from the start of one repeat to the next", unit="s", bounds="not negative")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.arm and self.body:
             raise invalid("body", self.body, "left out where there is an arm")
-        for name in ("start", "pause", "ramp", "every"):
-            check(name, getattr(self, name), "not negative")
-        check_count("repeats", self.repeats)
-        if check("hold", self.hold, "positive") < 2 * self.ramp:
+        if self.hold < 2 * self.ramp:
             raise invalid("ramp", self.ramp, f"at most half of hold, {self.hold / 2:g} s")
         if not self.wrenches:
             raise invalid("wrenches", self.wrenches, "at least one wrench")
-        for wrench in self.wrenches:
-            if len(wrench) != 6:
-                raise invalid("wrenches", wrench, "six numbers each, [torque; force]")
-            for value in wrench:
-                check("wrenches", value)
         if self.repeats > 1 and self.every < self.duration:
             raise invalid("every", self.every, f"at least what one repeat lasts, {self.duration:g} s")
 
@@ -120,11 +114,13 @@ def loaded_frames(loads: Sequence[LoadConfig], robot: RobotModel) -> dict[str, F
     """
     instance = robot.parts.instance
     frames = {}
-    for name in dict.fromkeys(load.body for load in loads if load.body):
-        if not robot.plant.HasFrameNamed(name, instance):
-            bodies = [robot.plant.get_body(index).name() for index in robot.plant.GetBodyIndices(instance)]
-            raise unknown("body", name, bodies)
-        frames[name] = robot.plant.GetFrameByName(name, instance)
+    for load in loads:
+        with about(load):
+            if load.body and not robot.plant.HasFrameNamed(load.body, instance):
+                bodies = [robot.plant.get_body(index).name() for index in robot.plant.GetBodyIndices(instance)]
+                raise unknown("body", load.body, bodies)
+            if load.body:
+                frames[load.body] = robot.plant.GetFrameByName(load.body, instance)
     return frames
 
 
@@ -149,7 +145,8 @@ def add_loads(
     arms, bodies = list(robot.parts.arms), list(loaded_frames(loads, robot))
     for load in loads:
         if load.arm and load.arm not in arms:
-            raise unknown("arm", load.arm, arms)
+            with about(load):
+                raise unknown("arm", load.arm, arms)
     at_tips = [(arms.index(load.arm or arms[0]), load) for load in loads if not load.body]
     on_bodies = [(bodies.index(load.body), load) for load in loads if load.body]
     found = {}

@@ -3,7 +3,9 @@
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from collections.abc import Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -14,6 +16,7 @@ from pydrake.trajectories import FunctionHandleTrajectory, PiecewisePolynomial, 
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key
 from forcectl.framework.series_file import read_series
 
 _SHORTEST = 1e-9  # time between two points of a reference [s]
@@ -98,6 +101,15 @@ def _check_times(name: str, times: list[float]) -> None:
         raise invalid(name, times, f"strictly increasing, by at least {_SHORTEST:g} s")
 
 
+@contextmanager
+def _in_column(path: str, column: str) -> Iterator[None]:
+    """What is refused within is about a column of a file, which is that of the key `path`."""
+    try:
+        yield
+    except BadInputError as error:
+        raise BadInputError(f" = {path!r}: column {column}{error.text}", key="path") from None
+
+
 def read_signal(path: str, column: str) -> tuple[list[float], list[float]]:
     """The columns `time` [s] and `column` of a CSV file.
 
@@ -105,21 +117,18 @@ def read_signal(path: str, column: str) -> tuple[list[float], list[float]]:
         BadInputError: about `path`, see `forcectl.framework.series_file`; times below zero or too close.
     """
     times, values = (signal.tolist() for signal in read_series(path, "time", column))
-    _check_times(f"path = {path!r}: column time", times)
+    with _in_column(path, "time"):
+        _check_times("times", times)
     return times, values
 
 
 @dataclass(kw_only=True)
-class StepConfig(_ForceReference):
+class StepConfig(_ForceReference, Config):
     """Scenario part `!Step`: `initial_force` until `start_time`, then `force`."""
 
-    force: float = 15.0  # [N], >= 0
-    start_time: float = 0.0  # [s], >= 0
-    initial_force: float = 0.0  # [N], >= 0
-
-    def __post_init__(self) -> None:
-        for name in ("force", "start_time", "initial_force"):
-            check(name, getattr(self, name), "not negative")
+    force: float = key(15.0, "from `start_time` on", unit="N", bounds="not negative")
+    start_time: float = key(0.0, "of the step", unit="s", bounds="not negative")
+    initial_force: float = key(0.0, "until the step", unit="N", bounds="not negative")
 
     def trajectory(self) -> PiecewisePolynomial | float:
         """The reference over time [N]."""
@@ -129,18 +138,13 @@ class StepConfig(_ForceReference):
 
 
 @dataclass(kw_only=True)
-class RampConfig(_ForceReference):
+class RampConfig(_ForceReference, Config):
     """Scenario part `!Ramp`: from `initial_force` at `start_time` with `rate` up or down to `force`."""
 
-    force: float = 15.0  # [N], >= 0
-    rate: float = 5.0  # [N/s], > 0
-    start_time: float = 0.0  # [s], >= 0
-    initial_force: float = 0.0  # [N], >= 0
-
-    def __post_init__(self) -> None:
-        check("rate", self.rate, "positive")
-        for name in ("force", "start_time", "initial_force"):
-            check(name, getattr(self, name), "not negative")
+    force: float = key(15.0, "at the end of the ramp", unit="N", bounds="not negative")
+    rate: float = key(5.0, "of the ramp, up or down", unit="N/s", bounds="positive")
+    start_time: float = key(0.0, "of the ramp", unit="s", bounds="not negative")
+    initial_force: float = key(0.0, "until the ramp", unit="N", bounds="not negative")
 
     def trajectory(self) -> PiecewisePolynomial | float:
         """The reference over time [N]."""
@@ -153,18 +157,16 @@ class RampConfig(_ForceReference):
 
 
 @dataclass(kw_only=True)
-class SineConfig:
+class SineConfig(Config):
     """Scenario part `!Sine`: `force` until `start_time`, from then on force + amplitude sin(2 pi frequency t)."""
 
-    force: float = 15.0  # [N], >= amplitude: mean
-    amplitude: float = 5.0  # [N], >= 0
-    frequency: float = 0.5  # [Hz], > 0
-    start_time: float = 0.0  # [s], >= 0
+    force: float = key(15.0, "mean, at least the amplitude", unit="N", bounds="not negative")
+    amplitude: float = key(5.0, "of the sine", unit="N", bounds="not negative")
+    frequency: float = key(0.5, "of the sine", unit="Hz", bounds="positive")
+    start_time: float = key(0.0, "of the sine", unit="s", bounds="not negative")
 
     def __post_init__(self) -> None:
-        for name in ("force", "amplitude", "start_time"):
-            check(name, getattr(self, name), "not negative")
-        check("frequency", self.frequency, "positive")
+        super().__post_init__()
         if self.amplitude > self.force:
             raise invalid("amplitude", self.amplitude, f"at most force = {self.force:g}: a contact cannot pull")
 
@@ -184,18 +186,18 @@ class SineConfig:
 
 
 @dataclass(kw_only=True)
-class SequenceConfig(_ForceReference):
+class SequenceConfig(_ForceReference, Config):
     """Scenario part `!Sequence`: steps to `forces[i]` at `times[i]`, zero before the first."""
 
-    times: list[float] = field(default_factory=lambda: [0.0, 5.0])  # [s], increasing
-    forces: list[float] = field(default_factory=lambda: [15.0, 25.0])  # [N], >= 0
+    times: list[float] = key([0.0, 5.0], "of the steps, strictly increasing", unit="s", bounds="not negative")
+    forces: list[float] = key([15.0, 25.0], "from each of the times on", unit="N", bounds="not negative")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         _check_times("times", self.times)
-        for f in self.forces:
-            check("forces", f, "not negative")
         if len(self.forces) != len(self.times):
-            raise BadInputError(f"forces has {len(self.forces)} values: must have as many as times, {len(self.times)}")
+            wrong = f" has {len(self.forces)} values: must have as many as times, {len(self.times)}"
+            raise BadInputError(wrong, key="forces")
 
     def trajectory(self) -> PiecewisePolynomial | float:
         """The reference over time [N]."""
@@ -205,16 +207,18 @@ class SequenceConfig(_ForceReference):
 
 
 @dataclass(kw_only=True)
-class FileConfig(_ForceReference):
+class FileConfig(_ForceReference, Config):
     """Scenario part `!File`: a CSV file with the columns `time` [s] and `force` [N], joined by straight lines."""
 
-    path: str = ""  # relative to the working directory, or absolute
-    hold: bool = False  # true: keep each value until the next time instead of joining them
+    path: str = key("", "of the CSV file: absolute, or relative to the scenario or the working directory")
+    hold: bool = key(False, "true: keep each value until the next time instead of joining them")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         _, forces = read_signal(self.path, "force")
         for f in forces:
-            check(f"path = {self.path!r}: column force", f, "not negative")
+            with _in_column(self.path, "force"):
+                check("force", f, "not negative")
 
     def trajectory(self) -> PiecewisePolynomial | float:
         """The reference over time [N]."""

@@ -14,7 +14,8 @@ from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuil
 from pydrake.trajectories import PiecewisePolynomial
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.batch import SCALAR_MATH, check
+from forcectl.framework.batch import SCALAR_MATH
+from forcectl.framework.fields import key
 from forcectl.motion.references import Reference, held_trajectory
 from forcectl.motion.tangential import LineConfig, line_postures
 from forcectl.motion.velocity_generator import VelocityGenerator, velocity_step
@@ -91,13 +92,11 @@ class SurfaceVelocity(Diagram):
 class SurfaceVelocityConfig(LineConfig):
     """Scenario part `!VelocityAlongSurface`: speeds along the surface over time, reached as fast as is allowed."""
 
-    times: list[float]  # [s] from which each speed is wanted: from 0 on, increasing
-    velocities: list[float]  # [m/s]; backwards where negative; the last one zero
+    times: list[float] = key(meaning="from which each speed is wanted: from 0 on, increasing", unit="s")
+    velocities: list[float] = key(meaning="backwards where negative; the last one zero", unit="m/s")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for value in self.velocities:
-            check("velocities", value)
         if not any(self.velocities) or self.velocities[-1] != 0:
             raise invalid("velocities", self.velocities, "speeds that are not all zero, the last one zero")
         if len(self.times) != len(self.velocities) or self.times[0] != 0 or not (np.diff(self.times) > 0).all():
@@ -134,7 +133,7 @@ class SurfaceVelocityConfig(LineConfig):
             try:
                 sides.append((knots, line_postures(robot, start, knots[:, None] * per_metre) - start))
             except BadInputError as error:
-                raise BadInputError(str(error).replace("distance", "velocities", 1)) from None
+                raise error.at("velocities") from None
         (back, back_motion), (ahead, ahead_motion) = sides
         knots = np.concatenate([back[:0:-1], ahead])
         motion = np.vstack([back_motion[:0:-1], ahead_motion])

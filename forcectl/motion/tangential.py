@@ -7,7 +7,7 @@ dq_uc(t) of (2.12).
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
@@ -15,7 +15,7 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key
 from forcectl.motion.references import Reference
 from forcectl.robot.model import RobotModel
 
@@ -74,27 +74,27 @@ def line_postures(robot: RobotModel, start: Vector, offsets: Vector) -> Vector:
             q = q + np.linalg.lstsq(robot.jacobian(context), error, rcond=None)[0]
         else:
             reached = np.round(offset, 6).tolist()
-            raise BadInputError(f"distance: the tool cannot be moved by {reached} m with its orientation kept")
+            raise BadInputError(f"the tool cannot be moved by {reached} m with its orientation kept", key="distance")
         if np.any(q < robot.limits.position_lower) or np.any(q > robot.limits.position_upper):
-            raise BadInputError(f"distance: a joint limit is passed at {np.round(offset, 6).tolist()} m from the start")
+            raise BadInputError(
+                f"a joint limit is passed at {np.round(offset, 6).tolist()} m from the start", key="distance"
+            )
         postures.append(q)
     return np.array(postures)
 
 
 @dataclass(kw_only=True)
-class LineConfig:
+class LineConfig(Config):
     """A straight line along the surface."""
 
-    direction: list[float] = field(default_factory=lambda: [1.0, 0.0, 0.0])  # in W, perpendicular to the normal
-    acceleration: float = 0.05  # [m/s^2], > 0
-    slope: float = 0.0  # [-] rise of the path along n: that of the surface, as far as it is known
-
-    def __post_init__(self) -> None:
-        if len(self.direction) != 3 or not all(np.isfinite(d) for d in self.direction) or not any(self.direction):
-            raise invalid("direction", self.direction, "three finite numbers, not all zero")
-        check("acceleration", self.acceleration, "positive")
-        if abs(check("slope", self.slope)) > _STEEPEST:
-            raise invalid("slope", self.slope, f"from -{_STEEPEST:g} to {_STEEPEST:g}")
+    direction: list[float] = key([1.0, 0.0, 0.0], "in W, perpendicular to the normal", bounds="not all zero", size=3)
+    acceleration: float = key(0.05, "at the start and the end", unit="m/s^2", bounds="positive")
+    slope: float = key(
+        0.0,
+        "rise of the path along n: that of the surface, as far as it is known",
+        unit="1",
+        bounds=f"from {-_STEEPEST:g} to {_STEEPEST:g}",
+    )
 
     def per_metre(self, n: Vector) -> Vector:
         """What the tool moves per metre of path, in W (3,) [1].
@@ -113,15 +113,9 @@ class LineConfig:
 class TangentialMotionConfig(LineConfig):
     """Scenario part `!AlongSurface`: move along the surface while the force is controlled. Distance 0: stay."""
 
-    distance: float = 0.0  # [m], >= 0
-    speed: float = 0.002  # [m/s], > 0
-    start_time: float = 0.0  # [s], >= 0
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        check("speed", self.speed, "positive")
-        for name in ("distance", "start_time"):
-            check(name, getattr(self, name), "not negative")
+    distance: float = key(0.0, "0: stay", unit="m", bounds="not negative")
+    speed: float = key(0.002, "largest speed", unit="m/s", bounds="positive")
+    start_time: float = key(0.0, "of the motion", unit="s", bounds="not negative")
 
     def interval(self) -> tuple[float, float] | None:
         """Begin and end of the motion [s]; None without one."""

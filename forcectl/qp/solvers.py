@@ -124,7 +124,9 @@ def check_solver(name: str) -> str:
         BadInputError: it is unknown, or this Drake lacks it or may not use it.
     """
     if not isinstance(name, str) or name not in available_solvers():
-        raise BadInputError(f"solver = {name!r}: must be one of {', '.join(available_solvers())} (available here)")
+        raise BadInputError(
+            f" = {name!r}: must be one of {', '.join(available_solvers())} (available here)", key="solver"
+        )
     return name
 
 

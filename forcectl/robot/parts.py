@@ -111,7 +111,7 @@ def add_robot(
     facts = load_control_facts(folder)
     if arm is not None:
         facts = facts.only(arm)
-    arms = facts.arms or {"arm": ArmFacts(facts.flange_frame, facts.arm_joints)}
+    arms = facts.arms or {"arm": ArmFacts(flange_frame=facts.flange_frame, joints=facts.arm_joints)}
     whole = _ModelFile.look(folder / facts.model)
     models, filters = {whole.name: whole}, []
     tool_facts, tools = None, {}  # the latter: what each arm's tool is called in the plant

@@ -1,4 +1,7 @@
-"""What there is to choose from, as tables in the terminal; like `catalog`, without importing Drake."""
+"""What there is to choose from, as tables in the terminal; like `catalog`, without importing Drake.
+
+Only the keys behind a tag need the classes, and with them Drake.
+"""
 
 from __future__ import annotations
 
@@ -28,11 +31,36 @@ def catalog_tables() -> list[Table]:
     return [scenarios, presets, parts, blocks]
 
 
+def tag_tables(tag: str) -> list[Table]:
+    """The keys of what a tag stands for: for each slot that has it one table, and one for each part within.
+
+    Args:
+        tag: as in `!Integral`.
+
+    Raises:
+        BadInputError: no slot has the tag.
+    """
+    from forcectl.scenario.keys import classes_of, keys_of
+
+    tables: list[Table] = []
+    for slot, cls in classes_of(tag).items():
+        parts: dict[str, Table] = {}
+        for words in keys_of(cls):
+            part, _, name = words.key.rpartition(".")
+            title = f"!{tag.removeprefix('!')}: {part}" if part else f"!{tag.removeprefix('!')}, fills the slot {slot}"
+            table = parts.setdefault(part, new_table(title, "key", "default", "value", "meaning"))
+            kind = f"{words.kind} [{words.unit}]" if words.unit else words.kind
+            value = f"{kind}, {words.allowed}" if words.allowed else kind
+            table.add_row(*map(escape, (name, words.default, value, words.meaning)))
+        tables += parts.values()
+    return tables
+
+
 def new_table(title: str, *columns: str) -> Table:
     """An empty table without borders; only targets and texts are wrapped."""
     table = Table(
         title=title or None, title_justify="left", title_style="bold", header_style="bold", box=None, pad_edge=False
     )
     for i, column in enumerate(columns):
-        table.add_column(column, no_wrap=i == 0 and column != "target")
+        table.add_column(column, no_wrap=i == 0 and column != "target", overflow="fold")
     return table

@@ -12,6 +12,8 @@ from pydrake.systems.framework import Diagram
 
 from forcectl.analysis.force_metrics import find_steps, force_distance
 from forcectl.errors import BadInputError, RunFailedError
+from forcectl.framework.reader import join
+from forcectl.framework.yaml_tree import Tagged, Tree, as_json, dump, nest
 from forcectl.runs.directory import FAILED, check_free, manifest, write_json, write_whole
 from forcectl.runs.logs import stack, write_netcdf
 from forcectl.runs.simulate import VariantOutcome, simulate
@@ -26,9 +28,7 @@ from forcectl.scenario.scenario import (
     resolved_tree,
     select_variants,
 )
-from forcectl.scenario.schema import join
 from forcectl.scenario.trees import part_tree
-from forcectl.scenario.yaml_tree import Tagged, Tree, as_json, dump, nest
 
 Progress = Callable[[str, float], None]  # (variant, share done)
 

@@ -15,11 +15,11 @@ from typing import Any
 import numpy as np
 
 from forcectl.errors import BadInputError, invalid
+from forcectl.framework.reader import Reader
+from forcectl.framework.yaml_tree import Tagged, dump, parse
 from forcectl.runs.directory import SUMMARY, check_free, write_json, write_whole
 from forcectl.runs.recorded import LONG_REST, Recorded, read_record
 from forcectl.runs.tuning_report import summary
-from forcectl.scenario.schema import Reader
-from forcectl.scenario.yaml_tree import Tagged, dump, parse
 from forcectl.tuning.controller_basis import ControllerBasis, continuous_pid, discrete_pid, fir
 from forcectl.tuning.fit import VrftFit
 from forcectl.tuning.reference_model import ReferenceModel, ReferenceModelConfig

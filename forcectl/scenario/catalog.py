@@ -1,7 +1,7 @@
 """What is there to choose from: experiments, presets, controllers, references, robots, tools and blocks.
 
-Reads files only and imports no Drake, so that `forcectl list` answers at once. A new controller or reference becomes a
-scenario tag by one line in `CONTROLLERS` or `REFERENCES`.
+Reads files only and imports no Drake, so that `forcectl list` answers at once. What fills a slot becomes a tag by one
+line in `SLOTS`.
 """
 
 from __future__ import annotations
@@ -13,8 +13,8 @@ from typing import Any
 
 from forcectl import experiments
 from forcectl.errors import BadInputError, unknown
+from forcectl.framework.yaml_tree import Tagged, parse, place
 from forcectl.models import list_robots, list_tools
-from forcectl.scenario.yaml_tree import Tagged, parse
 
 _INVARIANCE = "forcectl.force.invariance"
 _NULL_SPACE = "forcectl.tasks.null_space_parts"
@@ -153,6 +153,16 @@ class ScenarioFile:
     tree: Tagged
     folder: Path
 
+    def where(self, key: str, note: str = "") -> str:
+        """Where the value at a dotted key stands: file, line and note, for messages.
+
+        Args:
+            key: in the file; what is not in it stands where the part around it does.
+            note: what else to say.
+        """
+        found = place(self.origin, self.tree.lines, key)
+        return f"{found}: {note}" if note else found
+
 
 def experiments_folder() -> Path:
     """The folder of the shipped experiments."""
@@ -258,7 +268,9 @@ def scenario_tree(tree: Any, origin: str) -> Tagged:
         raise BadInputError(
             f"{origin} is {kind}: must be a mapping of scenario keys, such as station, controller, duration"
         )
-    return Tagged({k: v for k, v in tree.items() if not str(k).startswith("_")})
+    root = Tagged({k: v for k, v in tree.items() if not str(k).startswith("_")})
+    root.lines = tree.lines
+    return root
 
 
 def list_models() -> dict[str, list[str]]:

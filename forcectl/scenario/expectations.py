@@ -4,12 +4,12 @@ from __future__ import annotations
 
 import difflib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 
 from forcectl.analysis.force_metrics import PAIR_METRICS, is_metric, metric_names
 from forcectl.analysis.motion_metrics import MOTION_METRICS
 from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key
 
 Metrics = Mapping[str, float | None]
 _NAMED = 12  # metrics in a message
@@ -18,38 +18,33 @@ Distance = Callable[[str, str, float], float | None]
 
 
 @dataclass(kw_only=True)
-class Term:
+class Term(Config):
     """A metric of a variant."""
 
-    metric: str
-    variant: str | None = None  # null: the variant of the expectation
+    metric: str = key(meaning="name of a metric")
+    variant: str | None = key(None, "null: the variant of the expectation")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         _check_metric(self.metric)
 
 
 @dataclass(kw_only=True)
-class Other:
+class Other(Config):
     """The variant whose force is compared with, and for how long."""
 
-    variant: str
-    until_pct: float = 100.0  # of the last step, until the other one has first made this much of it
-
-    def __post_init__(self) -> None:
-        if not 0 < check("until_pct", self.until_pct) <= 100:
-            raise invalid("until_pct", self.until_pct, "above 0 and at most 100")
+    variant: str = key(meaning="whose force is compared with")
+    until_pct: float = key(
+        100.0, "of the last step, until the other one has first made this much of it", bounds="above 0 and at most 100"
+    )
 
 
 @dataclass(kw_only=True)
-class Tolerance:
+class Tolerance(Config):
     """Allowed distance from a number: the larger of the two."""
 
-    absolute: float = 0.0  # in the unit of the metric
-    relative: float = 0.0  # of the number
-
-    def __post_init__(self) -> None:
-        for name in ("absolute", "relative"):
-            check(name, getattr(self, name), "not negative")
+    absolute: float = key(0.0, "in the unit of the metric", bounds="not negative")
+    relative: float = key(0.0, "of the number", bounds="not negative")
 
     def width(self, number: float) -> float:
         """Allowed distance from `number`."""
@@ -60,7 +55,7 @@ DRIFT = Tolerance(relative=0.05)  # where a line says nothing else
 
 
 @dataclass(kw_only=True)
-class Expectation:
+class Expectation(Config):
     """One line of `expect`.
 
     The value judged is metric(variant), less that of `minus`, or divided by that of `ratio`; the metric
@@ -70,25 +65,25 @@ class Expectation:
     away and stay there, but a change of the code that moves a number shows.
     """
 
-    target: str  # names the line
-    metric: str
-    variant: str | None = None  # null: the only one
-    minus: Term | None = None
-    ratio: Term | None = None
-    distance_to: Other | None = None
-    published: float | str | None = None  # the thesis' number, or its statement in words
-    # What the run gave when it was written: on the first of the fidelities, or on each that is named.
-    expected: float | dict[str, float] | None = None
-    drift: Tolerance | None = None  # more than this away from `expected` is drift; null: 5 % of it
-    tolerance: Tolerance | None = None
-    minimum: float | None = None
-    maximum: float | None = None
-    strict: bool = False
-    fidelities: list[str] = field(
-        default_factory=list
-    )  # judged on these, only reported on others; empty: judged on all
+    target: str = key(meaning="name of the line")
+    metric: str = key(meaning="name of a metric")
+    variant: str | None = key(None, "null: the only one")
+    minus: Term | None = key(None, "metric that is subtracted")
+    ratio: Term | None = key(None, "metric that is divided by")
+    distance_to: Other | None = key(None, "variant that force_distance_N is the distance from")
+    published: float | str | None = key(None, "the thesis' number, or its statement in words")
+    expected: float | dict[str, float] | None = key(
+        None, "what the run gave when it was written: on the first of the fidelities, or on each that is named"
+    )
+    drift: Tolerance | None = key(None, "more than this away from `expected` is drift; null: 5 % of it")
+    tolerance: Tolerance | None = key(None, "around `published`")
+    minimum: float | None = key(None, "of the value")
+    maximum: float | None = key(None, "of the value")
+    strict: bool = key(False, "true: minimum and maximum themselves do not pass")
+    fidelities: list[str] = key([], "judged on these, only reported on others; empty: judged on all")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if self.metric not in PAIR_METRICS:
             _check_metric(self.metric)
         if (self.distance_to is not None) != (self.metric in PAIR_METRICS):
@@ -104,10 +99,10 @@ class Expectation:
         """The variant of each term, by key; a term without one takes that of the expectation, then the first."""
         own = self.variant if self.variant is not None else names[0]
         found = {"variant": own}
-        for key in ("minus", "ratio", "distance_to"):
-            term = getattr(self, key)
+        for name in ("minus", "ratio", "distance_to"):
+            term = getattr(self, name)
             if term is not None:
-                found[f"{key}.variant"] = term.variant if term.variant is not None else own
+                found[f"{name}.variant"] = term.variant if term.variant is not None else own
         return found
 
 
@@ -204,13 +199,13 @@ def _value(
         value = look_up(expectation.metric, where["variant"])
     if value is None:
         return None, f"{expectation.metric} of {where['variant']!r} is undefined"
-    for key, term in (("minus", expectation.minus), ("ratio", expectation.ratio)):
+    for name, term in (("minus", expectation.minus), ("ratio", expectation.ratio)):
         if term is None:
             continue
-        other = look_up(term.metric, where[f"{key}.variant"])
-        if other is None or (key == "ratio" and other == 0):
-            return None, f"{term.metric} of {where[f'{key}.variant']!r} is undefined or zero"
-        value = value - other if key == "minus" else value / other
+        other = look_up(term.metric, where[f"{name}.variant"])
+        if other is None or (name == "ratio" and other == 0):
+            return None, f"{term.metric} of {where[f'{name}.variant']!r} is undefined or zero"
+        value = value - other if name == "minus" else value / other
     return value, ""
 
 
@@ -247,4 +242,6 @@ def _check_metric(name: str) -> None:
         # All of them would fill a page: those that look most like it.
         names = sorted({*metric_names(), *MOTION_METRICS})
         near = difflib.get_close_matches(name, names, n=_NAMED, cutoff=0.0)
-        raise BadInputError(f"metric = {name!r}: {unknown('metric', name, near)} and {len(names) - len(near)} more")
+        raise BadInputError(
+            f" = {name!r}: {unknown('metric', name, near)} and {len(names) - len(near)} more", key="metric"
+        )

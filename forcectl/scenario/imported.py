@@ -24,7 +24,7 @@ def call_for_diagram(path: str) -> System:
         diagram = function()
     except Exception as error:  # whatever the user's function does
         reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise BadInputError(f"diagram = {path!r}: must return a Drake Diagram, but raised {reason}") from error
+        raise BadInputError(f" = {path!r}: must return a Drake Diagram, but raised {reason}", key="diagram") from error
     if not isinstance(diagram, System):
-        raise BadInputError(f"diagram = {path!r}: must return a Drake Diagram, not {type(diagram).__name__}")
+        raise BadInputError(f" = {path!r}: must return a Drake Diagram, not {type(diagram).__name__}", key="diagram")
     return diagram

@@ -7,7 +7,7 @@ variant, overrides (`--set` on the command line).
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping
-from dataclasses import dataclass, field, fields
+from dataclasses import dataclass, fields
 from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -18,19 +18,18 @@ from forcectl.analysis.slot import run_figures, run_metrics
 from forcectl.diagrams.believed import ModelConfig, Setting
 from forcectl.diagrams.loop import Loop, LoopParts, build_loop
 from forcectl.diagrams.station import StationConfig
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, invalid, show, unknown
 from forcectl.force.integral import IntegralConfig
-from forcectl.framework.batch import check
-from forcectl.framework.slots import named_slots, slot
+from forcectl.framework.fields import Config, key, named_slots, slot
+from forcectl.framework.yaml_tree import Tagged, Tree, difference, is_object, merge, nest, plain
 from forcectl.motion.references import StepConfig
 from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.scenario import catalog
 from forcectl.scenario.catalog import ScenarioFile
-from forcectl.scenario.error_keys import full_key
+from forcectl.scenario.error_keys import full_key, located
 from forcectl.scenario.expectations import Expectation
-from forcectl.scenario.schema import Reader
+from forcectl.scenario.schema import ScenarioReader
 from forcectl.scenario.trees import default_tags, to_tree, tree_of_fields
-from forcectl.scenario.yaml_tree import Tagged, Tree, difference, is_object, merge, nest, plain
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -55,41 +54,30 @@ _GONE = {
 
 
 @dataclass(kw_only=True)
-class Scenario:
+class Scenario(Config):
     """One simulation, complete: a scenario file after presets, one variant and overrides."""
 
-    title: str = ""
-    source: str = ""  # figure or table of the thesis
-    description: str = ""
-    preset: str = catalog.DEFAULT_PRESET  # name of a file in experiments/presets
-    station: StationConfig = field(default_factory=StationConfig)
-    model: ModelConfig = field(default_factory=ModelConfig)  # how the model of the plant differs from it
-    estimators: dict[str, Any] = named_slots("estimator")
-    controller: Any = slot("controller", IntegralConfig)
-    reference: Any = slot("reference", StepConfig)  # of the force
-    motion: Any = slot("motion", TangentialMotionConfig)  # in the unconstrained directions
-    signals: dict[str, Any] = named_slots("signal")  # choices and projections, by the name of the signal
-    analyses: dict[str, Any] = named_slots("analysis")
-    duration: float = 5.0  # [s], > 0
-    seed: int = 0  # of every random number in the run, >= 0
-    reference_model: float | None = None  # [rad/s] bandwidth of the model M(s); null: the controller's own
-    model_error_window: float = 4.1  # T_w [s] of model_error_sd_N
-    variants: dict[str, Any] = field(default_factory=dict)  # name -> values that replace the scenario's
-    fidelities: list[str] = field(default_factory=list)  # that `reproduce` runs; empty: the station's own
-    expect: list[Expectation] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        if check("duration", self.duration, "positive") > LONGEST_DURATION:
-            raise invalid("duration", self.duration, f"at most {LONGEST_DURATION:g} s")
-        if not 0 <= self.seed < 2**63:
-            raise invalid("seed", self.seed, "a whole number from 0 to 2^63 - 1")
-        check("model_error_window", self.model_error_window, "positive")
-        if self.reference_model is not None:
-            check("reference_model", self.reference_model, "positive")
-        known = catalog.tags_of("fidelity")
-        for name in self.fidelities:
-            if name not in known:
-                raise BadInputError(f"fidelities = {self.fidelities}: {unknown('fidelity', name, known)}")
+    title: str = key("", "heading of tables and figures")
+    source: str = key("", "figure or table of the thesis")
+    description: str = key("", "what is to be seen")
+    preset: str = key(catalog.DEFAULT_PRESET, "name of a file in experiments/presets")
+    station: StationConfig = key(StationConfig, "robot, drives, environment and sensors")
+    model: ModelConfig = key(ModelConfig, "how the model of the plant differs from it")
+    estimators: dict[str, Any] = named_slots("estimator", meaning="by name")
+    controller: Any = slot("controller", IntegralConfig, meaning="force law, or controller of joints")
+    reference: Any = slot("reference", StepConfig, meaning="of the force")
+    motion: Any = slot("motion", TangentialMotionConfig, meaning="motion in the unconstrained directions")
+    signals: dict[str, Any] = named_slots("signal", meaning="choices and projections, by the name of the signal")
+    analyses: dict[str, Any] = named_slots("analysis", meaning="further metrics and figures, by name")
+    duration: float = key(5.0, "simulated time", unit="s", bounds=f"positive, at most {LONGEST_DURATION:g}")
+    seed: int = key(0, "of every random number in the run", bounds="from 0 to 9223372036854775807")
+    reference_model: float | None = key(None, "of M(s); null: the controller's own", unit="rad/s", bounds="positive")
+    model_error_window: float = key(4.1, "time T_w of the metric model_error_sd_N", unit="s", bounds="positive")
+    variants: dict[str, Any] = key({}, "values that replace the scenario's, by the name of the variant")
+    fidelities: list[str] = key(
+        [], "that `reproduce` runs; empty: the station's own", choices=lambda: catalog.tags_of("fidelity")
+    )
+    expect: list[Expectation] = key([], "what is expected of the metrics")
 
     @property
     def fidelity(self) -> str:
@@ -145,7 +133,8 @@ class Scenario:
             found = self._asked(name, "metrics", log, setting)
             for metric, value in found.items():
                 if value is not None and not isinstance(value, Real):
-                    raise invalid(f"analyses.{name}: metric {metric}", value, "a number or None")
+                    fault = f"metric {metric} = {show(value)}: must be a number or None"
+                    raise BadInputError(fault, key=f"analyses.{name}")
             own |= found
         return own
 
@@ -174,9 +163,10 @@ class Scenario:
             raise
         except Exception as error:  # whatever the user's analysis does
             reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise BadInputError(f"analyses.{name}: {method} raised {reason}") from error
+            raise BadInputError(f"{method} raised {reason}", key=f"analyses.{name}") from error
         if not isinstance(found, Mapping):
-            raise BadInputError(f"analyses.{name}: {method} must return a mapping, not {type(found).__name__}")
+            fault = f"{method} must return a mapping, not {type(found).__name__}"
+            raise BadInputError(fault, key=f"analyses.{name}")
         return dict(found)
 
 
@@ -222,9 +212,7 @@ def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]
     """
     variants = file.tree.get("variants") or Tagged({ONLY_VARIANT: Tagged()})
     if not isinstance(variants, Tagged) or not all(isinstance(name, str) for name in variants):
-        raise Reader(lambda key: file.origin).invalid(
-            "variants", variants, "a mapping of names to values (quote names)"
-        )
+        raise ScenarioReader(file.where).invalid("variants", variants, "a mapping of names to values (quote names)")
     if variant is not None and variant not in variants:
         raise unknown(f"variant of {file.origin}", variant, variants)
     return list(variants) if variant is None else [variant]
@@ -237,53 +225,53 @@ def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[
         BadInputError: names file or option, dotted key, value and what is allowed.
     """
     layers = _Layers(file, variant, overrides or {})
-    reader = Reader(layers.origin)
+    reader = ScenarioReader(layers.where)
     tree = layers.merged()
     _refuse_gone(reader, tree)
     _locate_files(tree, file.folder)
     scenario: Scenario = reader.dataclass(Scenario, tree, "")
     names = select_variants(file)
     for i, expectation in enumerate(scenario.expect):
-        for key, name in expectation.variants(names).items():
+        for term, name in expectation.variants(names).items():
             if name not in names:
-                raise reader.unknown(f"expect.{i}.{key}", name, names, "variant")
+                raise reader.unknown(f"expect.{i}.{term}", name, names, "variant")
     return scenario
 
 
-def _refuse_gone(reader: Reader, tree: Tagged) -> None:
+def _refuse_gone(reader: ScenarioReader, tree: Tagged) -> None:
     """Keys of earlier versions are told with what to write instead."""
-    for key, instead in _GONE.items():
+    for gone, instead in _GONE.items():
         part: Tree = tree
-        for name in key.split(".")[:-1]:
+        for name in gone.split(".")[:-1]:
             part = part.get(name) if isinstance(part, Tagged) else None
-        last = key.rpartition(".")[2]
+        last = gone.rpartition(".")[2]
         if isinstance(part, Tagged) and last in part:
-            raise reader.gone(key, instead)
+            raise reader.error(gone, f"is no key any more: {instead}")
 
 
 class _Layers:
     """The trees a scenario is made of, weakest first, each with the name that messages use."""
 
     def __init__(self, file: ScenarioFile, variant: str, overrides: Mapping[str, Any]):
-        self._file = file.origin
+        self._file = file
         variants = file.tree.get("variants")
         changes = variants.get(variant) if isinstance(variants, Tagged) else None
         if changes is not None and not isinstance(changes, Tagged):
-            raise Reader(lambda key: file.origin).invalid(f"variants.{variant}", changes, "a mapping of scenario keys")
+            raise ScenarioReader(file.where).invalid(f"variants.{variant}", changes, "a mapping of scenario keys")
         forced, varied = nest(overrides), nest(changes or {})
-        self._layers: list[tuple[str, Tagged]] = [
-            (file.origin, file.tree),
-            (f"{file.origin}: variant {variant!r}", varied),
-            ("override", forced),
-        ]
         # A slot without a tag means its default, and stays that when a later layer changes only some of its keys.
-        self._layers.insert(0, ("defaults", default_tags(Scenario)))
+        self._layers: list[tuple[Callable[[str], str], Tagged]] = [
+            (lambda key: file.origin, default_tags(Scenario)),
+            (file.where, file.tree),
+            (lambda key: file.where(f"variants.{variant}.{key}", f"variant {variant!r}"), varied),
+            (lambda key: "override", forced),
+        ]
         name = self.merged().get("preset", catalog.DEFAULT_PRESET)
         if name not in catalog.list_presets():
-            raise Reader(self.origin).unknown("preset", name, catalog.list_presets(), "preset")
-        preset = catalog.find_preset(str(name)).tree
-        preset.pop("description", None)
-        self._layers.insert(1, (f"preset {name!r}", preset))
+            raise ScenarioReader(self.where).unknown("preset", name, catalog.list_presets(), "preset")
+        preset = catalog.find_preset(str(name))
+        preset.tree.pop("description", None)
+        self._layers.insert(1, (lambda key: preset.where(key, f"preset {name!r}"), preset.tree))
 
     def merged(self) -> Tagged:
         result = Tagged()
@@ -291,14 +279,14 @@ class _Layers:
             result = merge(result, tree)
         return result
 
-    def origin(self, key: str) -> str:
-        """Where the value at a dotted key came from: the strongest layer that holds it, or holds the part around it."""
+    def where(self, key: str) -> str:
+        """Where the value at a dotted key is from: the strongest layer that holds it, or holds the part around it."""
         parts = key.split(".")
         for length in range(len(parts), 0, -1):
-            for label, tree in reversed(self._layers):
+            for where, tree in reversed(self._layers):
                 if _holds(tree, parts[:length]):
-                    return self._file if label == "defaults" else label
-        return self._file
+                    return where(key)
+        return self._file.where(key)
 
 
 def _holds(tree: Tree, parts: list[str]) -> bool:
@@ -322,12 +310,12 @@ def _locate_files(tree: Tree, folder: Path) -> None:
             _locate_files(part, folder)
 
 
-def build(scenario: Scenario, origin: Callable[[str], str] = lambda key: "") -> Loop:
+def build(scenario: Scenario, where: Callable[[str], str] = lambda key: "") -> Loop:
     """The loop of a scenario as a diagram.
 
     Args:
         scenario: complete.
-        origin: says for a dotted key where its value came from, see `origins`.
+        where: says for a dotted key where its value came from, see `origins`.
 
     Raises:
         BadInputError: values that are fine one by one but do not fit together, or a part of the user's that raises.
@@ -335,24 +323,25 @@ def build(scenario: Scenario, origin: Callable[[str], str] = lambda key: "") -> 
     try:
         return scenario.build()
     except BadInputError as error:
-        key, text = full_key(scenario, error)
-        raise BadInputError(f"{origin(key)}: {text}".removeprefix(": ")) from error.__cause__
+        raise located(scenario, error, where) from error.__cause__
     # What no check of ours foresaw: Drake refuses with a RuntimeError, its failed preconditions arrive as SystemExit,
     # a delay line of years does not fit into memory, and a part of the user's may raise anything.
     except (Exception, SystemExit, MemoryError) as error:
-        key, _ = full_key(scenario, error)
+        key = full_key(scenario, error)
         kind = "" if isinstance(error, RuntimeError) else f"{type(error).__name__}: "
         reason = " ".join(str(error).split())[:300]
-        name = origin(key) or f"scenario {scenario.title!r}"
-        where = f"{key}: " if key else ""
-        raise BadInputError(f"{name}: {where}cannot be built: {kind}{reason}") from error
+        origin = where(key) or f"scenario {scenario.title!r}"
+        raise BadInputError(f"cannot be built: {kind}{reason}").at(key, origin) from error
 
 
 def origins(
     file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[str, Any] | None = None
 ) -> Callable[[str], str]:
-    """What says for a dotted key of the scenario that `resolve` makes of the same which file or option it is from."""
-    return _Layers(file, variant, overrides or {}).origin
+    """What says for a dotted key of the scenario that `resolve` makes of the same where its value is from.
+
+    That is a file and line, or an option.
+    """
+    return _Layers(file, variant, overrides or {}).where
 
 
 def resolved_tree(scenarios: Mapping[str, Scenario]) -> Tagged:

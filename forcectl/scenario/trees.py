@@ -9,9 +9,11 @@ from collections.abc import Mapping
 from pathlib import Path
 from typing import Any
 
+from forcectl.errors import show
+from forcectl.framework.fields import default_of
+from forcectl.framework.yaml_tree import Tagged, Tree, is_object, tag_of
 from forcectl.scenario.catalog import IMPORT, SLOTS, tags_of
-from forcectl.scenario.schema import default_of, load_object, show, slot_of
-from forcectl.scenario.yaml_tree import Tagged, Tree, is_object, tag_of
+from forcectl.scenario.schema import load_object, slot_of
 
 
 def to_tree(value: Any, slot: str | None = None, kind: Any = None) -> Tree:

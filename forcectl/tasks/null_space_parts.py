@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 from forcectl.collision.distance import LinkDistance
-from forcectl.errors import BadInputError, invalid
-from forcectl.framework.slots import slot, slot_list
+from forcectl.errors import BadInputError, about, invalid
+from forcectl.framework.fields import Config, key, slot, slot_list
 from forcectl.plant.plant_model import PlantModel
-from forcectl.robot.model import JointLimits, unit_normal
+from forcectl.robot.model import JointLimits
 from forcectl.tasks.constraints.base import Constraint
 from forcectl.tasks.constraints.parts import made_constraint
 from forcectl.tasks.null_space import (
@@ -64,10 +64,10 @@ class PotentialPart(Protocol):
 
 
 @dataclass(kw_only=True)
-class JointSpeedConfig:
+class JointSpeedConfig(Config):
     """Scenario part `!JointSpeed`: the smallest joint speeds (5.19)."""
 
-    time_constant: float | None = None  # [s], > 0, with which they are approached; null: a tick
+    time_constant: float | None = key(None, "of the approach; null: a tick", unit="s", bounds="positive")
 
     def criterion(self, setting: JointSetting) -> JointSpeed:
         """See `NullSpacePart`."""
@@ -75,28 +75,32 @@ class JointSpeedConfig:
 
 
 @dataclass(kw_only=True)
-class EvasiveConfig:
+class EvasiveConfig(Config):
     """Scenario part `!Evasive`: joint speeds that lead down some potentials (5.20)."""
 
-    potentials: list[Any] = slot_list("potential")  # at least one; their speeds add up
-    speed: float = 1.0  # of the fastest joint at most [rad/s], > 0
-    time_constant: float | None = 0.1  # [s], > 0, with which they are approached; null: a tick
+    potentials: list[Any] = slot_list("potential", meaning="at least one; their speeds add up")
+    speed: float = key(1.0, "of the fastest joint at most", unit="rad/s", bounds="positive")
+    time_constant: float | None = key(0.1, "of the approach; null: a tick", unit="s", bounds="positive")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.potentials:
             raise invalid("potentials", self.potentials, "at least one")
 
     def criterion(self, setting: JointSetting) -> EvasiveMotion:
         """See `NullSpacePart`."""
-        made = [potential for part in self.potentials for potential in part.potentials(setting)]
+        made: list[Potential] = []
+        for part in self.potentials:
+            with about(part):
+                made += part.potentials(setting)
         return EvasiveMotion(made, self.speed, self.time_constant)
 
 
 @dataclass(kw_only=True)
-class JointLimitPotentialConfig:
+class JointLimitPotentialConfig(Config):
     """Scenario part `!AwayFromJointLimits`: to the middle of the range of each joint."""
 
-    speed: float = 1.0  # of a joint at its limit [rad/s], > 0
+    speed: float = key(1.0, "of a joint at its limit", unit="rad/s", bounds="positive")
 
     def potentials(self, setting: JointSetting) -> list[Potential]:
         """See `PotentialPart`."""
@@ -104,11 +108,11 @@ class JointLimitPotentialConfig:
 
 
 @dataclass(kw_only=True)
-class LinkPotentialConfig:
+class LinkPotentialConfig(Config):
     """Scenario part `!AwayFromLinks`: from links and boxes that the controller keeps a distance from."""
 
-    range: float = 0.1  # where it begins to matter [m], > 0
-    speed: float = 3.0  # with which links part at the least distance [m/s], > 0
+    range: float = key(0.1, "distance at which it begins to matter", unit="m", bounds="positive")
+    speed: float = key(3.0, "with which links part at the least distance", unit="m/s", bounds="positive")
 
     def potentials(self, setting: JointSetting) -> list[Potential]:
         """See `PotentialPart`."""
@@ -119,12 +123,12 @@ class LinkPotentialConfig:
 
 
 @dataclass(kw_only=True)
-class ConstraintPotentialConfig:
+class ConstraintPotentialConfig(Config):
     """Scenario part `!AwayFrom`: from a constraint of relative degree 2, which need not be kept otherwise."""
 
-    constraint: Any = slot("constraint")
-    range: float = 0.1  # where it begins to matter, in units of y [m], > 0
-    speed: float = 1.0  # with which y shrinks on the constraint [m/s], > 0
+    constraint: Any = slot("constraint", meaning="of relative degree 2, with the output y")
+    range: float = key(0.1, "-y at which it begins to matter", unit="unit of y", bounds="positive")
+    speed: float = key(1.0, "with which y shrinks on the constraint", unit="unit of y per s", bounds="positive")
 
     def potentials(self, setting: JointSetting) -> list[Potential]:
         """See `PotentialPart`."""
@@ -132,15 +136,12 @@ class ConstraintPotentialConfig:
 
 
 @dataclass(kw_only=True)
-class SmallMassPotentialConfig:
+class SmallMassPotentialConfig(Config):
     """Scenario part `!TowardsSmallMass`: to where a push at the TCP meets a small mass."""
 
-    arm: str = ""  # empty: each
-    direction: list[float] = field(default_factory=lambda: [0.0, 0.0, 1.0])  # of the push, in W
-    gain: float = 5.0  # speed per relative decrease of the mass per radian [rad^2/s], > 0
-
-    def __post_init__(self) -> None:
-        unit_normal(self.direction, "direction")
+    arm: str = key("", "name of the arm; empty: each")
+    direction: list[float] = key([0.0, 0.0, 1.0], "of the push, in W", bounds="not all zero", size=3)
+    gain: float = key(5.0, "speed per relative decrease of the mass per radian", unit="rad^2/s", bounds="positive")
 
     def potentials(self, setting: JointSetting) -> list[Potential]:
         """See `PotentialPart`."""
@@ -159,8 +160,9 @@ def criterion_of(part: NullSpacePart, setting: JointSetting) -> Criterion:
     Raises:
         BadInputError: its method returns something else.
     """
-    made = part.criterion(setting)
+    with about(part):
+        made = part.criterion(setting)
     if not isinstance(made, Criterion):
-        kind = type(made).__name__
-        raise BadInputError(f"null_space: criterion must return an object with cost(motion, period), not {kind}")
+        fault = f"criterion must return an object with cost(motion, period), not {type(made).__name__}"
+        raise BadInputError(fault, key="null_space")
     return made

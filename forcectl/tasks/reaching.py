@@ -5,7 +5,7 @@ A MotionController (see `forcectl.tasks.slot`): targets over time, generator and
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -16,15 +16,14 @@ from pydrake.systems.primitives import TrajectorySource
 
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.force.invariance.robot import JointLimitConfig
-from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key, named_slots, slot, slot_list
 from forcectl.framework.rotation_vector import RotationVector
-from forcectl.framework.slots import named_slots, slot, slot_list
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.motion.references import held_trajectory
 from forcectl.plant.plant_model import PlantModel
-from forcectl.qp.solvers import DEFAULT_SOLVER, check_solver
+from forcectl.qp.solvers import DEFAULT_SOLVER, available_solvers
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.constraints.parts import constraints_of
 from forcectl.tasks.coordinates import ArmTask
@@ -37,23 +36,18 @@ Array = NDArray[np.float64]
 
 
 @dataclass(kw_only=True)
-class ReachConfig:
+class ReachConfig(Config):
     """Where an arm is to go from a time on; until its first one it stays."""
 
-    arm: str
-    position: list[float]  # of the TCP in the world [m]
-    time: float = 0.0  # [s], >= 0
-    turn_deg: list[float] = field(default_factory=lambda: [0.0, 0.0, 0.0])  # rotation vector from the start, in W [deg]
+    arm: str = key(meaning="name of the arm")
+    position: list[float] = key(meaning="of the TCP in the world", unit="m", size=3)
+    time: float = key(0.0, "from which on this is the target", unit="s", bounds="not negative")
+    turn_deg: list[float] = key([0.0, 0.0, 0.0], "rotation vector from the start, in W", unit="deg", size=3)
 
     def __post_init__(self) -> None:
-        for name in ("position", "turn_deg"):
-            if len(getattr(self, name)) != 3:
-                raise invalid(name, getattr(self, name), "three numbers")
-            for value in getattr(self, name):
-                check(name, value)
+        super().__post_init__()
         if not np.linalg.norm(self.turn_deg) < 180:
             raise invalid("turn_deg", self.turn_deg, "of less than 180 degrees in all")
-        check("time", self.time, "not negative")
 
     def of_task(self) -> TaskTargetConfig:
         """The same, for the task of the whole pose of the arm."""
@@ -61,18 +55,15 @@ class ReachConfig:
 
 
 @dataclass(kw_only=True)
-class PaceConfig:
+class PaceConfig(Config):
     """Limits of the references, in metres and in radians."""
 
-    speed: float = 0.5  # [m/s], > 0
-    acceleration: float = 2.0  # [m/s^2], > 0
-    jerk: float = 20.0  # [m/s^3], > 0
-    turn_speed: float = 1.5  # [rad/s], > 0
-    turn_acceleration: float = 6.0  # [rad/s^2], > 0
-    turn_jerk: float = 60.0  # [rad/s^3], > 0
-
-    def __post_init__(self) -> None:
-        self.paces()
+    speed: float = key(0.5, "of positions", unit="m/s", bounds="positive")
+    acceleration: float = key(2.0, "of positions", unit="m/s^2", bounds="positive")
+    jerk: float = key(20.0, "of positions", unit="m/s^3", bounds="positive")
+    turn_speed: float = key(1.5, "of rotations", unit="rad/s", bounds="positive")
+    turn_acceleration: float = key(6.0, "of rotations", unit="rad/s^2", bounds="positive")
+    turn_jerk: float = key(60.0, "of rotations", unit="rad/s^3", bounds="positive")
 
     def paces(self) -> tuple[Pace, Pace]:
         """In metres, in radians."""
@@ -81,23 +72,24 @@ class PaceConfig:
 
 
 @dataclass(kw_only=True)
-class ReactiveReachingConfig:
+class ReactiveReachingConfig(Config):
     """Scenario part `!ReactiveReaching`."""
 
-    targets: list[ReachConfig] = field(default_factory=list)  # of whole poses; with `tasks` they have their own
-    tasks: dict[str, Any] = named_slots("task")  # by name; empty: the whole pose of every arm
-    pace: PaceConfig = field(default_factory=PaceConfig)
-    limits: JointLimitConfig = field(default_factory=JointLimitConfig)  # of the joints; the robot's where none is given
-    null_space: Any = slot("null_space", JointSpeedConfig)  # what joints do that the tasks leave free
-    link_distance: float = 0.01  # [m] of the links from each other and from boxes, >= 0; 0: not kept, without boxes
-    constraints: list[Any] = slot_list("constraint")  # further ones
-    solver: str = DEFAULT_SOLVER  # of the quadratic programs: daqp, clarabel, osqp, ...
+    targets: list[ReachConfig] = key([], "of whole poses; with `tasks` they have their own")
+    tasks: dict[str, Any] = named_slots("task", meaning="by name; empty: the whole pose of every arm")
+    pace: PaceConfig = key(PaceConfig, "limits of the references")
+    limits: JointLimitConfig = key(JointLimitConfig, "of the joints; the robot's where none is given")
+    null_space: Any = slot("null_space", JointSpeedConfig, meaning="what joints do that the tasks leave free")
+    link_distance: float = key(
+        0.01, "of the links from each other and from boxes; 0: not kept, without boxes", unit="m", bounds="not negative"
+    )
+    constraints: list[Any] = slot_list("constraint", meaning="further ones")
+    solver: str = key(DEFAULT_SOLVER, "of the quadratic programs", choices=available_solvers)
 
     def __post_init__(self) -> None:
-        check_solver(self.solver)
+        super().__post_init__()
         if self.tasks and self.targets:
             raise invalid("targets", self.targets, "empty beside tasks, which have targets of their own")
-        check("link_distance", self.link_distance, "not negative")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """A `ReactiveReaching`."""
@@ -127,9 +119,10 @@ class ReactiveReachingConfig:
             return [ArmTask(arm, orientation=RotationVector(start.arm(arm).rotation)) for arm in start.arm_names]
         made = []
         for name, part in self.tasks.items():
-            task = part.task(start)
+            with about(part):
+                task = part.task(start)
             if not isinstance(task, ArmTask):
-                raise BadInputError(f"tasks.{name}: task must return an ArmTask, not {type(task).__name__}")
+                raise BadInputError(f"task must return an ArmTask, not {type(task).__name__}", key=f"tasks.{name}")
             made.append(task)
         return made
 

@@ -3,12 +3,12 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Protocol
 
-from forcectl.errors import BadInputError, unknown
-from forcectl.framework.batch import check
+from forcectl.errors import BadInputError
 from forcectl.framework.euler_angles import EulerAngles, angles_of
+from forcectl.framework.fields import Config, key
 from forcectl.framework.rotation_vector import RotationVector
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.coordinates import COORDINATES, ArmTask, Orientation, Spatial
@@ -18,16 +18,11 @@ ORIENTATIONS = ("rotation_vector", "euler_angles")
 
 
 @dataclass(kw_only=True)
-class TaskTargetConfig:
+class TaskTargetConfig(Config):
     """Where task coordinates are to go from a time on; until the first one they stay."""
 
-    value: list[float]  # of each coordinate [m or rad]
-    time: float = 0.0  # [s], >= 0
-
-    def __post_init__(self) -> None:
-        for each in self.value:
-            check("value", each)
-        check("time", self.time, "not negative")
+    value: list[float] = key(meaning="of each coordinate", unit="m or rad")
+    time: float = key(0.0, "from which on this is the target", unit="s", bounds="not negative")
 
 
 class TaskPart(Protocol):
@@ -49,15 +44,11 @@ class TaskPart(Protocol):
 
 
 @dataclass(kw_only=True)
-class _TaskConfig:
-    coordinates: list[str] = field(default_factory=lambda: list(COORDINATES))  # some of them, in this order
-    orientation: str = "rotation_vector"  # from that of the start, or euler_angles of `EulerAngles`
-    priority: int = 1  # >= 1; 1 comes first
-    targets: list[TaskTargetConfig] = field(default_factory=list)
-
-    def __post_init__(self) -> None:
-        if self.orientation not in ORIENTATIONS:
-            raise unknown("orientation", self.orientation, ORIENTATIONS)
+class _TaskConfig(Config):
+    coordinates: list[str] = key(lambda: list(COORDINATES), "some of them, in this order", choices=COORDINATES)
+    orientation: str = key("rotation_vector", "how the orientation is written", choices=ORIENTATIONS)
+    priority: int = key(1, "1 comes first", bounds="at least 1")
+    targets: list[TaskTargetConfig] = key([], "over time; until the first one the coordinates stay")
 
     def _orientation(self, start: Spatial) -> Orientation:
         if self.orientation == "euler_angles":
@@ -69,7 +60,7 @@ class _TaskConfig:
 class ArmTaskConfig(_TaskConfig):
     """Scenario part `!ArmTask`: coordinates of the TCP of an arm in the world."""
 
-    arm: str
+    arm: str = key(meaning="name of the arm")
 
     def task(self, start: ArmsMotion) -> ArmTask:
         """See `TaskPart`."""
@@ -81,8 +72,8 @@ class ArmTaskConfig(_TaskConfig):
 class RelativeTaskConfig(_TaskConfig):
     """Scenario part `!RelativeTask`: coordinates of the TCP of one arm in the TCP frame of another, its leader."""
 
-    leader: str
-    follower: str
+    leader: str = key(meaning="name of the arm whose TCP frame is used")
+    follower: str = key(meaning="name of the arm that follows")
 
     def task(self, start: ArmsMotion) -> RelativeTask:
         """See `TaskPart`."""
@@ -108,7 +99,7 @@ def target_steps(
         for i, target in enumerate(own):
             if len(target.value) != size:
                 key = f"tasks.{name}.targets.{i}.value"
-                raise BadInputError(f"{key} has {len(target.value)} numbers: must have {size}, one per coordinate")
+                raise BadInputError(f" has {len(target.value)} numbers: must have {size}, one per coordinate", key=key)
             found.append((target.time, slice(begin, begin + size), list(target.value)))
         begin += size
     return sorted(found, key=lambda each: each[0])

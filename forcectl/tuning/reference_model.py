@@ -21,6 +21,7 @@ from scipy.signal import sosfilt, zpk2sos
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check, check_count
+from forcectl.framework.fields import Config, key
 
 _MOST_DELAY = 100_000  # [samples]
 
@@ -194,22 +195,23 @@ def from_discrete(numerator: ArrayLike, denominator: ArrayLike, period: float) -
 
 
 @dataclass(frozen=True, kw_only=True)
-class ReferenceModelConfig:
+class ReferenceModelConfig(Config):
     """A reference model as it is written in a scenario or on the command line: one of three ways.
 
     bandwidth [rad/s] and order; poles [rad/s, continuous]; numerator and denominator (continuous unless `discrete`).
     """
 
-    bandwidth: float | None = None  # w_c [rad/s], > 0
-    order: int = 1  # with bandwidth
-    exact: bool = False  # order 1: A = exp(-Ts w_c) instead of 1 - Ts w_c
-    poles: list[float | list[float]] | None = None  # [rad/s], each a number or [real part, imaginary part]
-    numerator: list[float] | None = None  # from the highest power down
-    denominator: list[float] | None = None
-    discrete: bool = False  # numerator and denominator are polynomials of z, not of s
-    delay: int = 0  # further samples
+    bandwidth: float | None = key(None, "w_c", unit="rad/s", bounds="positive")
+    order: int = key(1, "of the model with a bandwidth")
+    exact: bool = key(False, "order 1: A = exp(-Ts w_c) instead of 1 - Ts w_c")
+    poles: list[float | list[float]] | None = key(None, "each a number or [real part, imaginary part]", unit="rad/s")
+    numerator: list[float] | None = key(None, "coefficients from the highest power down")
+    denominator: list[float] | None = key(None, "coefficients from the highest power down")
+    discrete: bool = key(False, "numerator and denominator are polynomials of z, not of s")
+    delay: int = key(0, "further samples")
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         ways = [self.bandwidth is not None, self.poles is not None, self.numerator is not None]
         if sum(ways) != 1:
             raise BadInputError(

@@ -1,17 +1,21 @@
-"""Random mutations of scenario files: each loads, builds and runs, or is refused with one line; never a traceback."""
+"""Random mutations of scenario files: each loads, builds and runs, or is refused with one line; never a traceback.
+
+The line has the file, the line in it, the full key, the value or what is wrong with it, and what is allowed.
+"""
 
 from __future__ import annotations
 
 import copy
 import random
+import re
 
 import pytest
 
 from forcectl.errors import BadInputError
+from forcectl.framework.yaml_tree import Tagged, dump, plain
 from forcectl.runs.simulate import simulate
-from forcectl.scenario.catalog import list_experiments, read_scenario
-from forcectl.scenario.scenario import as_file, build, resolve, resolved_tree, select_variants
-from forcectl.scenario.yaml_tree import Tagged, dump
+from forcectl.scenario.catalog import SLOTS, list_experiments, read_scenario
+from forcectl.scenario.scenario import as_file, build, origins, resolve, resolved_tree, select_variants
 
 NONSENSE = (
     None,
@@ -105,6 +109,36 @@ def places(tree, path=()):
         yield from places(value, (*path, key))
 
 
+def fillers():
+    """A scenario for every tag of every slot, with all its keys, as far as one stands alone."""
+    robot = {"robot": "yumi/left", "fidelity": "Multibody", "environment": Tagged({}, "Parts"), "sensors": {}}
+    moves = {"station": robot, "controller": Tagged({}, "JointMoves"), "duration": 0.01}
+    wholes = {"estimator": "estimators", "signal": "signals", "analysis": "analyses"}
+    needed = {
+        "From": {"part": "station"},
+        "Load": {"wrenches": [[0.0, 0.0, 0.0, 1.0, 0.0, 0.0]]},
+        "ArmTask": {"arm": "arm"},
+        "RelativeTask": {"leader": "arm", "follower": "arm"},
+    }
+    for slot, tags in SLOTS.items():
+        for tag in tags:
+            part = Tagged(needed.get(tag, {}), tag)
+            if slot in ("fidelity", "drive", "environment"):
+                yield {"station": {slot: part}, "duration": 0.01}
+            elif slot in ("controller", "reference", "motion"):
+                yield {slot: part, "duration": 0.01}
+            elif slot in wholes:
+                yield moves | {wholes[slot]: {"mine": part}}
+            elif slot == "sensor":
+                yield moves | {"station": robot | {"sensors": {"mine": part}}}
+            elif slot in ("load", "fault"):
+                yield moves | {"station": robot | {f"{slot}s": [part]}}
+            elif slot == "excitation":
+                yield {"controller": Tagged({"excitation": part}, "RecursiveVrft"), "duration": 0.01}
+            elif slot == "task":
+                yield moves | {"controller": Tagged({"tasks": {"mine": part}}, "ReactiveReaching")}
+
+
 def misspell(word, rng):
     i = rng.randrange(len(word) + 1)
     return rng.choice([word[:i] + word[i + 1 :], word[:i] + rng.choice("aexz_. ") + word[i:], word.upper(), word[::-1]])
@@ -163,7 +197,7 @@ def try_out(path, rng):
     scenarios = {variant: resolve(file, variant, changes) for variant in select_variants(file)}
     variant = rng.choice(list(scenarios))
     scenario = scenarios[variant]
-    loop = build(scenario)
+    loop = build(scenario, origins(file, variant, changes))
     if scenario.duration > 0.02:
         return "fine"
     outcome = simulate(scenario, loop, variant)
@@ -171,24 +205,36 @@ def try_out(path, rng):
     return "fine" if outcome.failure is None else "stopped"
 
 
-def mutants(count, seed):
+def mutants(count, seed, trees=None):
     rng = random.Random(seed)
-    trees = [full_tree(name) for name in list_experiments()]
+    trees = [full_tree(name) for name in list_experiments()] if trees is None else trees
     for _ in range(count):
         yield mutate(rng.choice(trees), rng), rng
 
 
-def check(count, seed, tmp_path):
+def complete(error):
+    """Whether a message has file, line, key and what is allowed, in this order."""
+    message = str(error)
+    if not error.key:  # about the text as a whole
+        return re.match(r"mutant\.yaml(:| is )", message) and (
+            "must be a mapping" in message or "not usable" in message or re.search(r"\(line \d+, column \d+\)", message)
+        )
+    place = re.match(r"(mutant\.yaml:\d+: (variant .*?: )?|override: )", message)
+    told = "must " in message or "known: " in message or "cannot be " in message or "is no key any more" in message
+    return place and message[place.end() :].startswith(error.key) and told
+
+
+def check(count, seed, tmp_path, trees=None):
     path = tmp_path / "mutant.yaml"
     seen = {"fine": 0, "refused": 0, "stopped": 0}
-    for text, rng in mutants(count, seed):
+    for text, rng in mutants(count, seed, trees):
         path.write_text(text, encoding="utf-8", errors="surrogatepass")
         try:
             seen[try_out(path, rng)] += 1
         except BadInputError as error:
             message = str(error)
-            if "\n" in message or not 0 < len(message.strip()) < 1000:
-                pytest.fail(f"not one short line: {message}\nfrom\n{text}")
+            if "\n" in message or len(message) > 1000 or not complete(error):
+                pytest.fail(f"not one complete short line: {message}\nfrom\n{text}")
             seen["refused"] += 1
         except BaseException as error:
             if isinstance(error, KeyboardInterrupt):
@@ -203,6 +249,24 @@ def test_random_mutations_of_every_experiment_never_give_a_traceback(tmp_path, m
     # Most faults must be refused, and a test of nothing but refusals would not look deep.
     assert seen["refused"] > 130
     assert seen["fine"] > 20
+
+
+def complete_trees():
+    """Of every filler that can be read, the scenario with every key written out."""
+    for scenario in fillers():
+        try:
+            yield resolved_tree({"default": resolve(as_file(scenario))})
+        except BadInputError:  # a file that it needs is not there: as it is
+            yield plain(scenario)
+
+
+def test_every_slot_gives_a_line_or_a_run(tmp_path, monkeypatch):
+    monkeypatch.chdir(tmp_path)
+    trees = list(complete_trees())
+    assert len(trees) == sum(map(len, SLOTS.values()))
+    seen = check(200, 2, tmp_path, trees)
+    assert seen["refused"] > 60
+    assert seen["fine"] > 10
 
 
 @pytest.mark.slow

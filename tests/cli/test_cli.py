@@ -11,7 +11,7 @@ import pytest
 from forcectl.runs.logs import read_netcdf
 from forcectl.scenario import catalog
 
-COMMANDS = ("list", "run", "graph", "check", "reproduce")
+COMMANDS = ("list", "schema", "run", "graph", "check", "reproduce")
 
 
 def test_help_names_every_command():
@@ -193,3 +193,49 @@ def test_check_finds_no_error_in_the_shipped_loop(forcectl, fidelity):
     code, out, err = forcectl("check", "fig_2_7", "--fidelity", fidelity)
     assert (code, err) == (0, "")
     assert "0 error" in out
+
+
+def test_list_of_a_tag_shows_its_keys_with_unit_bounds_default_and_meaning(forcectl, monkeypatch):
+    monkeypatch.setenv("COLUMNS", "80")
+    code, out, err = forcectl("list", "!AdaptiveIntegral")
+    assert (code, err) == (0, "")
+    assert max(map(len, out.splitlines())) <= 80
+    words = " ".join(out.split())
+    assert "fills the slot controller" in words
+    assert "integral_gain 1.5 a number [1/s], not gain K_I" in words
+    assert "forgetting 0.995 a number, above 0 and" in words
+
+
+def test_every_example_of_list_runs(forcectl):
+    _, help_text, _ = forcectl("list", "--help")
+    example = help_text.split("Example: forcectl ")[1].split("\n")[0]
+    assert example == "list '!Integral'"
+    code, out, _ = forcectl("list", "!Integral")
+    assert (code, "integral_gain" in out) == (0, True)
+
+
+@pytest.mark.parametrize("tag", [tag for slot in catalog.SLOTS for tag in catalog.SLOTS[slot]])
+def test_every_tag_can_be_listed_without_a_part_being_cut(forcectl, monkeypatch, tag):
+    monkeypatch.setenv("COLUMNS", "80")
+    code, out, err = forcectl("list", f"!{tag}")
+    assert (code, err, "…" in out) == (0, "", False)
+    assert max(map(len, out.splitlines()), default=0) <= 80
+
+
+def test_a_tag_that_does_not_exist_is_refused(forcectl):
+    code, out, err = forcectl("list", "!Integrall")
+    assert (code, out) == (2, "")
+    assert err.startswith("error: unknown tag '!Integrall': did you mean '!Integral'? known: ")
+
+
+def test_schema_is_printed_or_written(forcectl, tmp_path):
+    code, out, _ = forcectl("schema")
+    assert code == 0
+    assert forcectl("schema", "--out", "own.json")[1] == "wrote own.json\n"
+    assert json.loads((tmp_path / "own.json").read_text()) == json.loads(out)
+    code, out, err = forcectl("schema", "--out", "no/such/folder/own.json")
+    assert (code, out, err) == (
+        2,
+        "",
+        "error: --out 'no/such/folder/own.json' cannot be written: No such file or directory\n",
+    )

@@ -331,7 +331,7 @@ def test_feedforward_is_torque():
         ({"robot": "yumi/middle"}, "'middle'"),
         ({"tool": "hand"}, "'hand': known: "),
         ({"posture_deg": [1.0, 2.0]}, "posture_deg has 2 angles: must have 14"),
-        ({"posture_deg": [400.0] * 14}, "posture_deg[0] = 400"),
+        ({"posture_deg": [400.0] * 14}, "posture_deg.0 = 400"),
         ({"time_step": 0.004}, "time_step = 0.004: must be at most 0.002"),
         ({"time_step": 0.0015}, "whole multiple of time_step"),
         ({"elastic_joints": 1}, "elastic_joints = 1: must be true or false"),
@@ -354,7 +354,7 @@ def test_what_cannot_be_is_refused_by_name(options, message):
     ("options", "message"),
     [
         ({"size": [1.0, 1.0]}, "size = [1.0, 1.0]: must be three numbers"),
-        ({"size": [1.0, 0.0, 1.0]}, "size = 0"),
+        ({"size": [1.0, 0.0, 1.0]}, "size.1 = 0"),
         ({"stiffness": 1e8}, "stiffness"),
         ({"damping": -1.0}, "damping"),
     ],

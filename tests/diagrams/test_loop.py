@@ -217,7 +217,7 @@ def test_loads_act_when_they_are_said_to():
     ("options", "message"),
     [
         ({"wrenches": []}, "at least one wrench"),
-        ({"wrenches": [[1.0, 2.0]]}, "six numbers each"),
+        ({"wrenches": [[1.0, 2.0]]}, "wrenches.0 = [1.0, 2.0]: must be six numbers"),
         ({"hold": 0.1, "ramp": 0.2}, "ramp = 0.2: must be at most half of hold"),
         ({"repeats": 2, "every": 0.5}, "every = 0.5: must be at least"),
         ({"start": -1.0}, "start = -1"),

@@ -19,11 +19,11 @@ from forcectl.diagrams.one_dimensional_loop import OneDimensionalLoopConfig
 from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig, build_station
 from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.errors import BadInputError
+from forcectl.framework.yaml_tree import Tagged
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.contact.surface import GrooveConfig, RoughnessConfig, SurfaceConfig
 from forcectl.plant.drives.servo import ServoConfig
 from forcectl.scenario.trees import to_tree
-from forcectl.scenario.yaml_tree import Tagged
 from forcectl.testing import run_diagram
 from tests.examples.station_runs import closed_loop, command_for, compliance_of, quiet_sensor, signal
 from tests.examples.stations import pressing

@@ -7,7 +7,7 @@ import pytest
 
 import forcectl as fc
 from forcectl.conventions import SIGNALS, TRUTH
-from forcectl.scenario.yaml_tree import parse
+from forcectl.framework.yaml_tree import parse
 
 ARM = """
 station:

@@ -8,7 +8,7 @@ from pathlib import Path
 import numpy as np
 
 import forcectl as fc
-from forcectl.scenario.yaml_tree import parse
+from forcectl.framework.yaml_tree import parse
 
 PAGE = (Path(__file__).parents[2] / "docs" / "joint_interface.md").read_text(encoding="utf-8")
 WATCHED, SENSORLESS = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)

@@ -211,7 +211,7 @@ def test_what_does_not_fit_a_slot_is_told_in_one_line(folder, slot):
     }
     (folder / "not_a_part.py").write_text("class Thing:\n    pass\n")
     part = {"path": "not_a_part:Thing"}
-    from forcectl.scenario.yaml_tree import Tagged
+    from forcectl.framework.yaml_tree import Tagged
 
     with pytest.raises(fc.BadInputError) as caught:
         fc.run({"duration": 0.1}, overrides={places[slot]: Tagged(part, "Import")}, out="result")

@@ -79,7 +79,7 @@ def test_a_dither_never_lets_all_joints_rest():
     ("options", "message"),
     [
         ({"speed_shares": []}, "speed_shares = \\[\\]: must be at least one"),
-        ({"speed_shares": [1.5]}, "speed_shares = 1.5"),
+        ({"speed_shares": [1.5]}, "speed_shares.0 = 1.5"),
         ({"frequency_spread": 0.5}, "frequency_spread = 0.5"),
         ({"room_share": 1.0}, "room_share = 1.0"),
         ({"duration": 0.0}, "duration = 0"),

@@ -130,7 +130,7 @@ def test_without_a_distance_nothing_moves() -> None:
     [
         ({"direction": [0.0, 0.0, 0.0]}, "direction"),
         ({"direction": [1.0, 0.0]}, "direction"),
-        ({"direction": [1.0, np.nan, 0.0]}, "direction"),
+        ({"direction": [1.0, np.nan, 0.0]}, "direction.1"),
         ({"distance": -0.1}, "distance"),
         ({"distance": np.inf}, "distance"),
         ({"speed": 0.0}, "speed"),

@@ -41,13 +41,17 @@ def test_every_shipped_tool_has_good_facts(tool):
 
 
 MISTAKES = [
-    ("period: 0.004", "perod: 0.004", "unknown key in planar.control.yaml: 'perod': did you mean 'period'?"),
+    ("period: 0.004", "perod: 0.004", "planar.control.yaml:13: perod: unknown key 'perod': did you mean 'period'?"),
     ("damping_ratio: 0.9", "damping: 0.9", "did you mean 'damping_ratio'?"),
-    ("period: 0.004\n", "", "key 'period' is missing"),
-    ("period: 0.004", "period: 0", "period = 0.0: must be a positive finite number"),
+    ("period: 0.004\n", "", "planar.control.yaml: period is missing: must be a number (control sampling [s])"),
+    ("period: 0.004", "period: 0", "planar.control.yaml:13: period = 0.0: must be positive"),
     ("period: 0.004", "period: fast", "period = 'fast': must be a number"),
     ("period: 0.004", "period: [0.004]", "period = [0.004]: must be a number"),
-    ("natural_frequency: 50", "natural_frequency: -50", "natural_frequency = -50.0: must be a positive"),
+    (
+        "natural_frequency: 50",
+        "natural_frequency: -50",
+        "control.yaml:12: reference_filter.natural_frequency = -50.0: must be positive",
+    ),
     (
         "soft: [1000, 800, 600]",
         "soft: [1000, -800, 600]",
@@ -67,23 +71,27 @@ MISTAKES = [
     (
         "period: 0.004",
         "period: 0.004\nmotor_coupling: [{motor_of: thumb, driven_by: elbow, factor: 1}]",
-        "motor_coupling.motor_of = 'thumb': must be one of the arm joints",
+        "motor_coupling.0.motor_of = 'thumb': must be one of the arm joints",
     ),
     (
         "period: 0.004",
         "period: 0.004\nmotor_coupling: [{motor_of: elbow, driven_by: elbow, factor: 1}]",
         "must be another joint than motor_of",
     ),
-    ("model: planar.urdf", "model: [", "cannot be read"),
+    ("model: planar.urdf", "model: [", "not valid YAML"),
     ("model: planar.urdf", "model: 3", "model = 3: must be text"),
     ("[shoulder, elbow, wrist]", "", "arm_joints = None: must be a list"),
     ("[100, -100, 50]", "[a, -100, 50]", "gear_ratio = ['a', -100, 50]: must be a list of numbers"),
     ("[100, -100, 50]", "[true, -100, 50]", "must be a list of numbers"),
-    ("{natural_frequency: 50, damping_ratio: 0.9}", "50", "reference_filter = 50: must be keys and values"),
+    (
+        "{natural_frequency: 50, damping_ratio: 0.9}",
+        "50",
+        "reference_filter = 50: must be a mapping with keys out of",
+    ),
     (
         "joint_stiffness:\n  soft: [1000, 800, 600]\n  stiff: [10000, 8000, 6000]",
         "joint_stiffness: 5",
-        "names and values",
+        "joint_stiffness = 5: must be a mapping",
     ),
 ]
 
@@ -96,6 +104,30 @@ def test_a_mistake_is_named_in_one_line(tmp_path, old, new, message):
         load_control_facts(folder)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
+
+
+def test_everything_that_is_missing_is_told_at_once_with_its_meaning(tmp_path):
+    folder = write_planar_robot(tmp_path)
+    (folder / "planar.urdf").unlink()
+    lines = CONTROL.replace(", damping_ratio: 0.9", "").splitlines()
+    text = "\n".join(line for line in lines if not line.startswith(("period", "gear_ratio")))
+    (folder / "planar.control.yaml").write_text(text)
+    with pytest.raises(BadInputError) as caught:
+        load_control_facts(folder)
+    assert str(caught.value) == (
+        "planar.control.yaml:12: reference_filter.damping_ratio is missing: must be a number (z [1]); "
+        "period is missing: must be a number (control sampling [s]); "
+        "gear_ratio is missing: must be a list of numbers (motor turns per joint turn, signed [1]); "
+        f"model = 'planar.urdf': there is no such file in folder {str(folder)!r}"
+    )
+
+
+def test_a_scenario_tells_file_and_line_of_the_robots_mistake(forcectl, tmp_path):
+    write_planar_robot(tmp_path / "planar", CONTROL.replace("period: 0.004", "period: 0"))
+    (tmp_path / "own.yaml").write_text("title: mine\nstation:\n  robot: planar\n")
+    code, _, err = forcectl("check", "own.yaml")
+    place = "own.yaml:2: station: planar.control.yaml:13"
+    assert (code, err) == (2, f"error: {place}: period = 0.0: must be positive\n")
 
 
 def test_a_file_that_is_not_a_mapping_is_refused(tmp_path):
@@ -121,7 +153,7 @@ def test_tool_facts_need_only_model_mount_and_tcp(tmp_path):
     with pytest.raises(BadInputError, match="contact_ball_radius"):
         load_tool_facts(tmp_path)
     file.write_text("model: hook.sdf\ntcp_frame: tip\n")
-    with pytest.raises(BadInputError, match="'mount_frame' is missing"):
+    with pytest.raises(BadInputError, match=r"^hook\.tool\.yaml: mount_frame is missing: must be text \(welded"):
         load_tool_facts(tmp_path)
 
 

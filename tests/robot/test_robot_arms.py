@@ -118,7 +118,7 @@ def test_a_tools_held_joints_are_checked(tmp_path):
         "finger_2_slide": 0.008,
     }
     (tmp_path / "bad.tool.yaml").write_text(facts.replace("finger_2_slide: 0.008", "finger_2_slide: .inf"))
-    with pytest.raises(BadInputError, match=r"held_joints\.finger_2_slide = inf: must be finite"):
+    with pytest.raises(BadInputError, match=r"held_joints\.finger_2_slide = inf: must be a finite number"):
         load_tool_facts(tmp_path)
 
 
@@ -141,12 +141,16 @@ def test_friction_that_is_left_out(tmp_path):
     [
         (ARMS, "", "flange_frame = '': must be a frame of the model (or give `arms`)"),
         ("arms:", "flange_frame: hand\narms:", "flange_frame = 'hand': must be left out beside `arms`"),
-        ("joints: [wrist]", "joints: []", "arms: joints = ['shoulder', 'elbow']: must be those of arm_joints"),
+        ("joints: [wrist]", "joints: []", "arms = ['shoulder', 'elbow']: must be those of arm_joints"),
         ("joints: [shoulder, elbow]", "joints: [elbow, shoulder]", "must be those of arm_joints, in the same order"),
         ("joints: [shoulder, elbow]", "joints: [shoulder, elbow, wrist]", "must be those of arm_joints"),
         ("joints: [wrist]", "joint: [wrist]", "did you mean 'joints'?"),
         ("period: 0.004", "period: 0.004\nheld_joints: {wrist: 0}", "must be another joint than the arm joints"),
-        ("period: 0.004", "period: 0.004\nheld_joints: {slide: .nan}", "held_joints.slide = nan: must be finite"),
+        (
+            "period: 0.004",
+            "period: 0.004\nheld_joints: {slide: .nan}",
+            "held_joints.slide = nan: must be a finite number",
+        ),
         ("period: 0.004", "period: 0.004\nheld_joints: {slide: 30}", "held joint slide [rad, m] = 30"),
         ("period: 0.004", "period: 0.004\nheld_joints: {slid: 0}", "unknown joint of planar 'slid'"),
         ("period: 0.004", "period: 0.004\nfriction_offset: [0, 0]", "friction_offset = [0.0, 0.0]: must be 3 finite"),

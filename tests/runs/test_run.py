@@ -15,10 +15,10 @@ import forcectl as fc
 from forcectl.analysis.force_metrics import metric_names
 from forcectl.errors import BadInputError, RunFailedError
 from forcectl.force.integral import IntegralConfig
+from forcectl.framework.yaml_tree import Tagged
 from forcectl.motion.references import SequenceConfig
 from forcectl.runs.logs import read_netcdf
 from forcectl.runs.run import StoppedRunError
-from forcectl.scenario.yaml_tree import Tagged
 
 SHORT = {"duration": 0.6}
 LAWS = """

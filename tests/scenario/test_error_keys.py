@@ -6,9 +6,9 @@ from dataclasses import dataclass, field
 
 import pytest
 
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.runs.run import run
-from forcectl.scenario.error_keys import full_key
+from forcectl.scenario.error_keys import located
 
 BAD = """
 controller: !Governed
@@ -27,14 +27,14 @@ variants:
     ("arguments", "start"),
     [
         # `delay` is a key of the force sensor, too.
-        (("--variant", "late"), "bad.yaml: variant 'late': controller.delay = 0.0031: must be"),
-        (("--variant", "hasty"), "bad.yaml: variant 'hasty': controller.inner_bandwidth = 900.0: must be"),
+        (("--variant", "late"), "bad.yaml:7: variant 'late': controller.delay = 0.0031: must be"),
+        (("--variant", "hasty"), "bad.yaml:8: variant 'hasty': controller.inner_bandwidth = 900.0: must be"),
         (("--variant", "as it is", "--set", "reference.force=1e6"), "override: reference.force = 1000000.0: must be"),
         (
             ("--variant", "as it is", "--set", "station.sensors.force.delay=0.0003"),
             "override: station.sensors.force.delay = 0.0003: must be",
         ),
-        (("--variant", "excited"), "bad.yaml: variant 'excited': controller.law.excitation"),
+        (("--variant", "excited"), "bad.yaml:9: variant 'excited': controller.law.excitation"),
     ],
 )
 def test_the_command_line_names_file_and_key(forcectl, tmp_path, arguments, start):
@@ -59,7 +59,8 @@ class Part:
     limit: float = 2.0
 
     def use(self):
-        raise invalid("gain", self.gain, "something else")
+        with about(self):
+            raise invalid("gain", self.gain, "something else")
 
 
 @dataclass
@@ -72,25 +73,48 @@ class Whole:
 def caught(scenario, action):
     with pytest.raises(BadInputError) as error:
         action(scenario)
-    return full_key(scenario, error.value)
+    found = located(scenario, error.value, lambda key: f"f.yaml, {key or 'nowhere'}")
+    return found.key, str(found)
 
 
-def raised(text):
-    raise BadInputError(text)
+def raised(error):
+    raise error
 
 
-def test_the_part_that_was_at_hand_is_named():
-    assert caught(Whole(), lambda w: w.other.use()) == ("other.gain", "other.gain = 1.0: must be something else")
+def test_the_part_that_was_at_work_is_named():
+    text = "f.yaml, other.gain: other.gain = 1.0: must be something else"
+    assert caught(Whole(), lambda w: w.other.use()) == ("other.gain", text)
     assert caught(Whole(), lambda w: w.one.use())[0] == "one.gain"
 
 
+def test_a_part_within_another_comes_first_and_only_where_it_has_such_a_key():
+    def use(whole, key):
+        with about(whole.other), about(whole.one):
+            raise invalid(key, 1, "2")
+
+    whole = Whole(one=Part(), other=Whole())
+    assert caught(whole, lambda w: use(w, "gain"))[0] == "one.gain"
+    assert caught(whole, lambda w: use(w, "speed"))[0] == "other.speed"
+
+
+def test_what_is_no_key_is_told_beside_the_part():
+    def use(whole):
+        with about(whole.one):
+            raise invalid("Block.width", 1, "2")
+
+    assert caught(Whole(), use) == ("one", "f.yaml, one: one: Block.width = 1: must be 2")
+
+
 def test_a_key_written_in_full_is_left_as_it_is():
-    assert caught(Whole(), lambda w: raised("one.limit = 2: must be 3")) == ("one.limit", "one.limit = 2: must be 3")
+    error = invalid("one.limit", 2, "3")
+    assert caught(Whole(), lambda w: raised(error)) == ("one.limit", "f.yaml, one.limit: one.limit = 2: must be 3")
 
 
 def test_what_is_about_no_key_keeps_its_text():
-    assert caught(Whole(), lambda w: raised("the parts do not fit")) == ("", "the parts do not fit")
-    assert caught(Whole(), lambda w: raised("gain = 1: must be 2")) == ("", "gain = 1: must be 2")
+    error = BadInputError("the parts do not fit")
+    assert caught(Whole(), lambda w: raised(error)) == ("", "f.yaml, nowhere: the parts do not fit")
+    error = invalid("gain", 1, "2")
+    assert caught(Whole(), lambda w: raised(error)) == ("", "f.yaml, nowhere: gain = 1: must be 2")
 
 
 def test_a_name_that_only_one_part_has_is_enough():
@@ -99,5 +123,20 @@ def test_a_name_that_only_one_part_has_is_enough():
         one: Part = field(default_factory=Part)
         other: Whole = field(default_factory=Whole)
 
-    key, text = caught(Two(), lambda w: raised("speed = 3: must be 4"))
-    assert (key, text) == ("other.speed", "other.speed = 3: must be 4")
+    error = invalid("speed", 3, "4")
+    key, text = caught(Two(), lambda w: raised(error))
+    assert (key, text) == ("other.speed", "f.yaml, other.speed: other.speed = 3: must be 4")
+
+
+def test_a_name_of_the_wrong_kind_is_about_the_key_of_that_kind():
+    @dataclass
+    class Robot:
+        stiffness_set: str = "a"
+
+    @dataclass
+    class Cell:
+        robot: Robot = field(default_factory=Robot)
+
+    key, text = caught(Cell(), lambda w: raised(unknown("stiffness set", "b", ["a"])))
+    assert key == "robot.stiffness_set"
+    assert text == "f.yaml, robot.stiffness_set: robot.stiffness_set: unknown stiffness set 'b': known: a"

@@ -117,7 +117,10 @@ def test_overrides_reach_every_part(short):
         ),
         ("station.loads: [{arm: middle, wrenches: [[0, 0, 0, 0, 0, 1]]}]", "unknown arm 'middle'"),
         ("station.loads: [{body: hand, wrenches: [[0, 0, 0, 0, 0, 1]]}]", "unknown body 'hand'"),
-        ("station.loads: [{wrenches: [[0, 0, 1]]}]", "station.loads.0.wrenches = [0.0, 0.0, 1.0]: must be six numbers"),
+        (
+            "station.loads: [{wrenches: [[0, 0, 1]]}]",
+            "station.loads.0.wrenches.0 = [0.0, 0.0, 1.0]: must be six numbers",
+        ),
         ("controller: !JointMoves {postures: [{posture_deg: [0]}]}", "postures[0] has 1 angles: must have 7"),
         ("signals: {joint_position: !From {part: sensors}}", "unknown part 'sensors': known: station"),
         ("model: {friction: none.yaml}", "model.friction = 'none.yaml': cannot be read"),

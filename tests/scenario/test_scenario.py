@@ -12,6 +12,7 @@ from forcectl.diagrams.station import SHIPPED_FIDELITIES
 from forcectl.errors import BadInputError
 from forcectl.force.adaptive_integral import AdaptiveIntegralConfig
 from forcectl.force.integral import IntegralConfig
+from forcectl.framework.yaml_tree import dump, parse
 from forcectl.motion.references import SequenceConfig, StepConfig
 from forcectl.scenario import catalog
 from forcectl.scenario.scenario import (
@@ -23,7 +24,6 @@ from forcectl.scenario.scenario import (
     resolved_tree,
     select_variants,
 )
-from forcectl.scenario.yaml_tree import dump, parse
 
 
 def write(folder, text, name="own.yaml"):
@@ -252,7 +252,7 @@ def test_a_wrong_import_is_one_line(own_module, tmp_path, controller, message):
 @pytest.mark.parametrize(
     ("name", "message"),
     [
-        ("Raises", "own.yaml: controller: cannot be built: AttributeError: "),
+        ("Raises", "own.yaml:1: controller: cannot be built: AttributeError: "),
         ("ReturnsNothing", "add_to must return a Drake system, not NoneType"),
     ],
 )
@@ -267,5 +267,5 @@ def test_a_controller_that_cannot_be_added_is_one_line(own_module, tmp_path, nam
 def test_an_estimator_that_cannot_be_added_is_told_as_the_estimator(own_module, tmp_path):
     path = tmp_path / "motion.yaml"
     path.write_text("estimators: {mine: !Import {path: 'own_laws:Raises'}}\n")
-    with pytest.raises(BadInputError, match=r"motion.yaml: estimators\.mine: cannot be built: AttributeError"):
+    with pytest.raises(BadInputError, match=r"motion.yaml:1: estimators\.mine: cannot be built: AttributeError"):
         fc.run(path)

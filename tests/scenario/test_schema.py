@@ -11,11 +11,12 @@ from typing import Literal
 import pytest
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.slots import slot
+from forcectl.framework.fields import slot
+from forcectl.framework.reader import describe
+from forcectl.framework.yaml_tree import Tagged, parse
 from forcectl.scenario import catalog
-from forcectl.scenario.schema import Reader, describe
+from forcectl.scenario.schema import ScenarioReader
 from forcectl.scenario.trees import to_tree
-from forcectl.scenario.yaml_tree import Tagged, parse
 
 
 class Colour(Enum):
@@ -65,7 +66,7 @@ def part_is_a_slot(monkeypatch):
     monkeypatch.setitem(catalog.CONTRACTS, "part", ())
 
 
-READER = Reader(lambda key: "f.yaml")
+READER = ScenarioReader(lambda key: "f.yaml")
 
 
 def read(text):

@@ -7,8 +7,8 @@ from typing import Any
 import pytest
 
 import forcectl as fc
+from forcectl.framework.yaml_tree import Tagged, parse
 from forcectl.scenario.catalog import CONTRACTS, SLOTS
-from forcectl.scenario.yaml_tree import Tagged, parse
 
 REACH = """
 station: {robot: yumi, tool: null, fidelity: Multibody, elastic_joints: false, time_step: 0.002,
@@ -27,7 +27,7 @@ PLACES: dict[str, tuple[str, str, bool]] = {
     "fidelity": ("{}", "station.fidelity", False),
     "drive": ("{}", "station.drive", False),
     "sensor": ("{}", "station.sensors.force", False),
-    "environment": ("{}", "station.environment", False),
+    "environment": ("station: {fidelity: Kinematic}", "station.environment", False),
     "surface": ("{}", "station.environment.surface.heights.a", False),
     "load": ("station: {fidelity: Multibody}", "station.loads", True),
     "fault": (REACH, "station.faults", True),
@@ -104,7 +104,7 @@ RETURNED = {
     "surface": "heights.a: heights(s) must return finite numbers of shape (20001,), like s, not shape ()",
     "load": "station.loads.0: cannot be built: AttributeError",
     "fault": "station.sensors.joints: cannot be built: AttributeError",
-    "excitation": "controller.excitation: cannot be built: AttributeError",
+    "excitation": "controller.excitation: cannot be built: TypeError",
     "task": "controller.tasks.a: task must return an ArmTask, not NoneType",
     "constraint": "controller.constraints.0: constraint must return an object with relative_degree",
     "null_space": "controller.null_space: criterion must return an object with cost(motion, period), not NoneType",

@@ -6,7 +6,7 @@ import numpy as np
 import pytest
 
 import forcectl
-from forcectl.scenario.yaml_tree import parse
+from forcectl.framework.yaml_tree import parse
 from tests.examples.experiment_runs import ExperimentRun, run_experiment
 
 CORRECTED = ("[56]", "[57]")

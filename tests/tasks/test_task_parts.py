@@ -6,8 +6,8 @@ import pytest
 import forcectl as fc
 from forcectl.analysis.reaching import ReachAnalysis
 from forcectl.framework.euler_angles import angles_of
+from forcectl.framework.yaml_tree import parse
 from forcectl.robot.arms_motion import ArmsMotion
-from forcectl.scenario.yaml_tree import parse
 from forcectl.tasks.relative_task import RelativeMotion
 
 CELL = """
@@ -56,7 +56,7 @@ def test_targets_as_tasks_are_the_same_run_as_targets_of_poses():
     [
         ("{a: !ArmTask {arm: middle}}", "middle"),
         ("{a: !ArmTask {arm: left, coordinates: [x, w]}}", "w"),
-        ("{a: !ArmTask {arm: left, orientation: quaternion}}", "controller.tasks.a: unknown orientation"),
+        ("{a: !ArmTask {arm: left, orientation: quaternion}}", "controller.tasks.a.orientation: unknown orientation"),
         ("{a: !ArmTask {arm: left, coordinates: [z], targets: [{value: [1, 2]}]}}", "tasks.a.targets.0.value has 2"),
         ("{a: !ArmTask {arm: left, targets: [{value: [.nan]}]}}", "controller.tasks.a.targets.0.value"),
         ("{a: !RelativeTask {leader: left, follower: left}}", "another arm than the leader"),

@@ -9,7 +9,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from copy import deepcopy
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import inf
 from typing import Any
 
@@ -18,7 +18,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.solvers import MathematicalProgram
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, about, invalid
 from forcectl.force.governor.program import (
     GovernorLimits,
     GovernorProgram,
@@ -37,11 +37,12 @@ from forcectl.force.governor.program import (
 from forcectl.force.linear_law import VrftConfig
 from forcectl.framework.batch import BatchParameter, Lane, check, check_order, lane_values, whole_multiple
 from forcectl.framework.cache import scratch
+from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
-from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, check_solver
+from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, available_solvers
 
 # What a tick is solved for, see `Situation`, as it is remembered.
 _POSED = ("posed_wanted_force", "posed_desired_force", "posed_free_force", "posed_last_reference")
@@ -276,41 +277,41 @@ class GovernedForceLaw(Diagram):
 
 
 @dataclass(kw_only=True)
-class GovernedConfig:
+class GovernedConfig(Config):
     """Scenario part `!Governed`; the default is that of Sec. 4.6.3.
 
     In front of any controller of the force; one that does not tell the bandwidth of its loop needs `inner_bandwidth`.
     """
 
-    law: Any = field(default_factory=VrftConfig, metadata={"slot": "controller"})
-    inner_bandwidth: float | None = None  # (1-A)/Ts [rad/s], > 0; null: what the law was tuned for
-    reference_bandwidth: float = 7.5  # (1-At)/Ts [rad/s], > 0: At = 0.985 at 2 ms; 4.5 is the 0.991 of the text
-    delay: float = 0.08  # T_d [s], >= 0, whole control ticks
-    output_weight: float = 1.0  # Q_y, >= 0
-    reference_weight: float = 1e-3  # Q_r, > 0
-    horizon: int = 1  # [ticks], 1 to 500; more than one: a quadratic program at every tick
-    lower_limit: float = -inf  # [N], of the reference of the law
-    upper_limit: float = inf  # [N]
-    rate_limit: float = inf  # [N/s], > 0
-    lower_force: float = -inf  # [N], of the predicted force; does not bound the reference nor what the model misses
-    upper_force: float = inf  # [N]
-    solver: str = DEFAULT_SOLVER  # of the quadratic program: daqp, clarabel, osqp, ...
+    law: Any = slot("controller", VrftConfig, meaning="controller of the force that is governed")
+    inner_bandwidth: float | None = key(None, "(1-A)/Ts; null: that of the law", unit="rad/s", bounds="positive")
+    reference_bandwidth: float = key(
+        7.5, "(1-At)/Ts: At = 0.985 at 2 ms; 4.5 is the 0.991 of the text", unit="rad/s", bounds="positive"
+    )
+    delay: float = key(0.08, "T_d, whole control ticks", unit="s", bounds="not negative")
+    output_weight: float = key(1.0, "weight Q_y", bounds="not negative")
+    reference_weight: float = key(1e-3, "weight Q_r", bounds="positive")
+    horizon: int = key(1, "more than one: a quadratic program at every tick", unit="ticks", bounds="from 1 to 500")
+    lower_limit: float = key(-inf, "smallest reference of the law", unit="N")
+    upper_limit: float = key(inf, "largest reference of the law", unit="N")
+    rate_limit: float = key(inf, "largest rate of the reference of the law", unit="N/s", bounds="positive")
+    lower_force: float = key(
+        -inf, "smallest predicted force; does not bound the reference nor what the model misses", unit="N"
+    )
+    upper_force: float = key(inf, "largest predicted force", unit="N")
+    solver: str = key(DEFAULT_SOLVER, "of the quadratic program", choices=available_solvers)
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if isinstance(self.law, GovernedConfig):
             raise invalid("law", "!Governed", "a law, not a second governor")
-        check("reference_bandwidth", self.reference_bandwidth, "positive")
-        lane_values("rate_limit", self.rate_limit, 1, "positive")
         inner = self._inner_bandwidth()
         if inner is None:
-            raise BadInputError("inner_bandwidth is missing: must be a number, because the law does not tell its own")
+            fault = " is missing: must be a number, because the law does not tell its own"
+            raise BadInputError(fault, key="inner_bandwidth")
         check("inner_bandwidth", inner, "positive")
-        check("delay", self.delay, "not negative")
-        check_weights(self.output_weight, check("reference_weight", self.reference_weight, "positive"))
-        check_horizon(self.horizon)
-        check_solver(self.solver)
         names = ("lower_limit", "upper_limit", "lower_force", "upper_force")
-        _check_limits({name: lane_values(name, getattr(self, name), 1, "a number") for name in names})
+        _check_limits({name: np.array([getattr(self, name)]) for name in names})
 
     def _inner_bandwidth(self) -> float | None:
         told = getattr(self.law, "reference_model_bandwidth", lambda: None)
@@ -354,5 +355,6 @@ class GovernedConfig:
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> GovernedForceLaw:
         """Add the governor and its law."""
         inner = DiagramBuilder()
-        law = self.law.add_to(inner, model)
+        with about(self.law):
+            law = self.law.add_to(inner, model)
         return builder.AddNamedSystem("force_law", GovernedForceLaw(inner, law, self.governor(model)))

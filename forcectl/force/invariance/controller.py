@@ -207,7 +207,7 @@ class InvarianceController(TickBlock):
         self._outputs = tuple(outputs)
         self._axes = np.vstack([model.n, *(output.axis for output in outputs)])
         if not np.allclose(self._axes @ self._axes.T, np.eye(len(self._axes)), atol=1e-6):
-            raise BadInputError("outputs: their axes must be perpendicular to the normal and to each other")
+            raise BadInputError("their axes must be perpendicular to the normal and to each other", key="outputs")
         for output in outputs:
             check_gamma("outputs.gamma", output.gamma)
         length = model.known_robot().facts.characteristic_length

@@ -20,12 +20,13 @@ from typing import Any
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
+from forcectl.errors import about
 from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.invariance.force_law import InvarianceForceLaw, InvarianceLimits, one_step_acceleration
 from forcectl.framework.batch import Lane
 from forcectl.framework.enclosed import Enclosed
-from forcectl.framework.slots import slot
+from forcectl.framework.fields import key, slot
 from forcectl.plant.plant_model import PlantModel
 
 
@@ -114,9 +115,12 @@ class InvarianceControl(Diagram):
 class InvarianceControlConfig(InvarianceLimits):
     """Scenario part `!InvarianceControl`."""
 
-    # Of an integral law the limits of the command are not used: the ones below are.
-    nominal: Any = slot("controller", lambda: IntegralConfig(integral_gain=3.0))
-    upper_acceleration: float | None = 10.0  # [m/s^2], > 0: of the control; null: -gamma
+    nominal: Any = slot(
+        "controller",
+        lambda: IntegralConfig(integral_gain=3.0),
+        meaning="law to be corrected; the limits of the command of an integral law are not used",
+    )
+    upper_acceleration: float | None = key(10.0, "of the control; null: -gamma", unit="m/s^2", bounds="positive")
 
     def reference_model_bandwidth(self) -> float | None:
         """That of the nominal law [rad/s]; None when it does not tell."""
@@ -130,7 +134,8 @@ class InvarianceControlConfig(InvarianceLimits):
         if unlimited is not None:
             return InvarianceControl(unlimited(model, believes=compliance is not None), correction)
         builder = DiagramBuilder()
-        nominal = self.nominal.add_to(builder, model)
+        with about(self.nominal):
+            nominal = self.nominal.add_to(builder, model)
         return InvarianceControl(Enclosed(builder, nominal), correction)
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> InvarianceControl | AdaptiveForceLaw:
@@ -142,11 +147,7 @@ class InvarianceControlConfig(InvarianceLimits):
 class AdaptiveInvarianceControlConfig(Adaptation, InvarianceControlConfig):
     """Scenario part `!AdaptiveInvarianceControl`: constraint and integral law with the estimated compliance. (3.56)"""
 
-    compliance_error: float = 0.8  # initial C_E_hat / C_E, > 0; 1/1.2 = stiffness 20 % too high
-
-    def __post_init__(self) -> None:
-        Adaptation.__post_init__(self)
-        InvarianceControlConfig.__post_init__(self)
+    compliance_error: float = key(0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="positive")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveForceLaw:
         """Add the law with its estimator."""

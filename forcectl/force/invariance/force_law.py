@@ -20,10 +20,9 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, DiagramBuilder
 
-from forcectl.errors import invalid
 from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
-from forcectl.force.integral import check_limits
-from forcectl.framework.batch import BatchParameter, Lane, check, check_order, lane_values
+from forcectl.framework.batch import BatchParameter, Lane, check_order, lane_values
+from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
@@ -222,25 +221,15 @@ _Law = TypeVar("_Law", bound=InvarianceForceLaw)
 
 
 @dataclass(kw_only=True)
-class InvarianceLimits:
+class InvarianceLimits(Config):
     """What the configurations of laws with this constraint share."""
 
-    gamma: float = -0.1  # [m/s^2], < 0: deceleration towards the constraint
-    upper_acceleration: float | None = None  # [m/s^2], > 0: away from rest; null: -gamma
-    compliance_error: float = 1.0  # C_T_hat / C_T, > 0, of the constraint
-    speed_limit: float = inf  # [m/s], > 0, of the command
-    lower_limit: float = -0.1  # [m], below zero: deepest command
-    upper_limit: float = 0.1  # [m], above zero: furthest retreat
-
-    def __post_init__(self) -> None:
-        if not check("gamma", self.gamma) < 0:
-            raise invalid("gamma", self.gamma, "below zero")
-        if self.upper_acceleration is not None:
-            check("upper_acceleration", self.upper_acceleration, "positive")
-        if not self.speed_limit > 0:
-            raise invalid("speed_limit", self.speed_limit, "above zero")
-        check("compliance_error", self.compliance_error, "positive")
-        check_limits(self.lower_limit, self.upper_limit)
+    gamma: float = key(-0.1, "deceleration towards the constraint", unit="m/s^2", bounds="below zero")
+    upper_acceleration: float | None = key(None, "away from rest; null: -gamma", unit="m/s^2", bounds="positive")
+    compliance_error: float = key(1.0, "C_T_hat / C_T of the constraint", bounds="positive")
+    speed_limit: float = key(inf, "largest speed of the command", unit="m/s", bounds="above zero")
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero")
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero")
 
     def block(self, kind: type[_Law], model: PlantModel, compliance: ArrayLike | None) -> _Law:
         """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
@@ -273,11 +262,7 @@ class InvarianceConfig(InvarianceLimits):
 class AdaptiveInvarianceConfig(Adaptation, InvarianceConfig):
     """Scenario part `!AdaptiveInvariance`: the constraint with the compliance estimated on line. (3.56)"""
 
-    compliance_error: float = 0.8  # initial C_E_hat / C_E, > 0; 1/1.2 = stiffness 20 % too high
-
-    def __post_init__(self) -> None:
-        Adaptation.__post_init__(self)
-        InvarianceConfig.__post_init__(self)
+    compliance_error: float = key(0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="positive")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveForceLaw:
         """Add the law with its estimator."""

@@ -24,9 +24,9 @@ from pydrake.systems.framework import Context, DiagramBuilder
 
 from forcectl.errors import invalid, unknown
 from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
-from forcectl.force.integral import check_limits
 from forcectl.force.invariance.functions import FLOAT_MATH, invariance_4
-from forcectl.framework.batch import BatchParameter, Lane, check, check_order, lane_values
+from forcectl.framework.batch import BatchParameter, Lane, check_order, lane_values
+from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.plant.drives.position_loop import first_order_hold, second_order
 from forcectl.plant.plant_model import PlantModel
@@ -227,37 +227,28 @@ class FourthDegreeForceLaw(SampledLaw):
 
 
 @dataclass(kw_only=True)
-class FourthDegreeInvarianceConfig:
+class FourthDegreeInvarianceConfig(Config):
     """Scenario part `!FourthDegreeInvariance`."""
 
-    gamma: float = -1e5  # [N/s^4], < 0
-    upper: float | None = None  # largest y^(4) [N/s^4], > 0; null: -gamma
-    alpha: float = 3.0  # virtual state, >= 0
-    bandwidth: float | None = None  # w [rad/s], > 0, of the lag from command to force; null: that of the force sensor
-    damping_ratio: float = 1.0  # of the same lag, > 0
-    derivatives: str = "difference"  # of the force: model or difference
-    compliance_error: float = 1.0  # C_T_hat / C_T, > 0
-    acceleration_limit: float = 0.1  # of the command [m/s^2], > 0
-    speed_limit: float = np.inf  # of the command [m/s], > 0; with differences never above `speed_window`
-    rest_region: float = 0.3  # [N], >= 0
-    lower_limit: float = -0.1  # [m], below zero: deepest command
-    upper_limit: float = 0.1  # [m], above zero: furthest retreat
-
-    def __post_init__(self) -> None:
-        if not check("gamma", self.gamma) < 0:
-            raise invalid("gamma", self.gamma, "below zero")
-        for name in ("upper", "bandwidth"):
-            if getattr(self, name) is not None:
-                check(name, getattr(self, name), "positive")
-        for name in ("damping_ratio", "compliance_error", "acceleration_limit"):
-            check(name, getattr(self, name), "positive")
-        if not self.speed_limit > 0:
-            raise invalid("speed_limit", self.speed_limit, "above zero")
-        for name in ("alpha", "rest_region"):
-            check(name, getattr(self, name), "not negative")
-        if self.derivatives not in DERIVATIVES:
-            raise unknown("derivatives", str(self.derivatives), DERIVATIVES)
-        check_limits(self.lower_limit, self.upper_limit)
+    gamma: float = key(-1e5, "smallest fourth derivative of the force", unit="N/s^4", bounds="below zero")
+    upper: float | None = key(None, "largest y^(4) of the force; null: -gamma", unit="N/s^4", bounds="positive")
+    alpha: float = key(3.0, "factor of the virtual state", bounds="not negative")
+    bandwidth: float | None = key(
+        None, "w of the lag from command to force; null: that of the force sensor", unit="rad/s", bounds="positive"
+    )
+    damping_ratio: float = key(1.0, "of the same lag", bounds="positive")
+    derivatives: str = key("difference", "where the derivatives of the force come from", choices=DERIVATIVES)
+    compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="positive")
+    acceleration_limit: float = key(0.1, "largest acceleration of the command", unit="m/s^2", bounds="positive")
+    speed_limit: float = key(
+        np.inf,
+        "largest speed of the command; with differences never above `speed_window`",
+        unit="m/s",
+        bounds="above zero",
+    )
+    rest_region: float = key(0.3, "force error within which the law rests", unit="N", bounds="not negative")
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero")
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero")
 
     def law(self, model: PlantModel, compliance: ArrayLike | None) -> FourthDegreeForceLaw:
         """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
@@ -287,11 +278,7 @@ class FourthDegreeInvarianceConfig:
 class AdaptiveFourthDegreeInvarianceConfig(Adaptation, FourthDegreeInvarianceConfig):
     """Scenario part `!AdaptiveFourthDegreeInvariance`: the same with the compliance estimated on line. (Fig. 3.10)"""
 
-    compliance_error: float = 2 / 3  # initial C_E_hat / C_E, > 0; 1/1.5 = stiffness 50 % too high
-
-    def __post_init__(self) -> None:
-        Adaptation.__post_init__(self)
-        FourthDegreeInvarianceConfig.__post_init__(self)
+    compliance_error: float = key(2 / 3, "initial C_E_hat / C_E; 1/1.5 = stiffness 50 % too high", bounds="positive")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveForceLaw:
         """Add the law with its estimator."""

@@ -29,9 +29,9 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, LinearSystem, Multiplexer
 
-from forcectl.errors import invalid
 from forcectl.force.invariance.force_law import InvarianceConfig
-from forcectl.framework.batch import BatchParameter, Lane, check, check_order, whole_multiple
+from forcectl.framework.batch import BatchParameter, Lane, check_order, whole_multiple
+from forcectl.framework.fields import key
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.drives.position_loop import LONGEST_DELAY, PositionLoop
@@ -216,23 +216,16 @@ class PredictiveForceLaw(Diagram):
 class PredictiveInvarianceConfig(InvarianceConfig):
     """Scenario part `!PredictiveInvariance`: [57] with the command corrected for surface and drive."""
 
-    surface_bandwidth: float = 4.0  # w_s [1/s], >= 0: of the observer of the surface
-    drive_bandwidth: float = 1.0  # w_e [1/s], >= 0: of the correction for friction
-    search_speed: float = 0.005  # [m/s], >= 0: at which the surface is looked for without contact
-    offset_limit: float = 0.01  # [m], >= 0: of either correction
-    minimum_force: float = 0.2  # [N], >= 0: from which there is contact
-    filter_bandwidth: float = 75.4  # w of h [rad/s], > 0
-    filter_damping_ratio: float = 1.0  # z of h [-], > 0
-    filter_delay: float = 0.002  # command delay of h [s], whole ticks
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for name in ("surface_bandwidth", "drive_bandwidth", "search_speed", "offset_limit", "minimum_force"):
-            check(name, getattr(self, name), "not negative")
-        for name in ("filter_bandwidth", "filter_damping_ratio"):
-            check(name, getattr(self, name), "positive")
-        if check("filter_delay", self.filter_delay, "not negative") > LONGEST_DELAY:
-            raise invalid("filter_delay", self.filter_delay, f"at most {LONGEST_DELAY:g} s")
+    surface_bandwidth: float = key(4.0, "w_s of the observer of the surface", unit="1/s", bounds="not negative")
+    drive_bandwidth: float = key(1.0, "w_e of the correction for friction", unit="1/s", bounds="not negative")
+    search_speed: float = key(0.005, "at which the surface is looked for", unit="m/s", bounds="not negative")
+    offset_limit: float = key(0.01, "largest value of either correction", unit="m", bounds="not negative")
+    minimum_force: float = key(0.2, "force from which there is contact", unit="N", bounds="not negative")
+    filter_bandwidth: float = key(75.4, "w of h", unit="rad/s", bounds="positive")
+    filter_damping_ratio: float = key(1.0, "z of h", unit="1", bounds="positive")
+    filter_delay: float = key(
+        0.002, "command delay of h, whole ticks", unit="s", bounds=f"not negative, at most {LONGEST_DELAY:g}"
+    )
 
     def position_loop(self, model: PlantModel) -> PositionLoop:
         """The model of the joint-reference filter and its delay."""

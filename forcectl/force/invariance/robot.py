@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from math import inf
 from typing import Any
 
@@ -10,18 +10,18 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.force.adaptive_force_law import Adaptation
-from forcectl.force.invariance.controller import InvarianceController, check_gamma
+from forcectl.force.invariance.controller import InvarianceController
 from forcectl.force.invariance.regulated_output import RegulatedCoordinate
 from forcectl.force.sensor_lag import SensorLag
-from forcectl.framework.batch import check, whole_multiple
-from forcectl.framework.slots import slot_list
+from forcectl.framework.batch import whole_multiple
+from forcectl.framework.fields import Config, key, slot_list
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import sensor_filter
-from forcectl.qp.solvers import DEFAULT_SOLVER, check_solver
+from forcectl.qp.solvers import DEFAULT_SOLVER, available_solvers
 from forcectl.robot.model import JointLimits, unit_normal
 from forcectl.tasks.constraints.parts import constraints_of
 
@@ -71,14 +71,14 @@ class AdaptiveInvarianceController(Diagram):
 
 
 @dataclass(kw_only=True)
-class JointLimitConfig:
+class JointLimitConfig(Config):
     """Joint limits that replace the robot's: one number per joint, or none at all for the robot's."""
 
-    position_lower: list[float] = field(default_factory=list)  # [rad]
-    position_upper: list[float] = field(default_factory=list)  # [rad]
-    velocity: list[float] = field(default_factory=list)  # [rad/s], > 0
-    acceleration: list[float] = field(default_factory=list)  # [rad/s^2], > 0
-    torque: list[float] = field(default_factory=list)  # joint side [Nm], > 0
+    position_lower: list[float] = key([], "lowest position of each joint", unit="rad")
+    position_upper: list[float] = key([], "highest position of each joint", unit="rad")
+    velocity: list[float] = key([], "largest speed of each joint", unit="rad/s", bounds="positive")
+    acceleration: list[float] = key([], "largest acceleration of each joint", unit="rad/s^2", bounds="positive")
+    torque: list[float] = key([], "largest torque of each joint, joint side", unit="Nm", bounds="positive")
 
     def limits(self, robot: JointLimits) -> JointLimits:
         """These, and the robot's where nothing is said."""
@@ -86,52 +86,38 @@ class JointLimitConfig:
         for name in ("position_lower", "position_upper", "velocity", "acceleration", "torque"):
             given, own = getattr(self, name), getattr(robot, name)
             if given and len(given) != len(own):
-                raise BadInputError(f"limits.{name} has {len(given)} values: must have {len(own)}, one per joint")
+                raise BadInputError(
+                    f" has {len(given)} values: must have {len(own)}, one per joint", key=f"limits.{name}"
+                )
             chosen[name] = np.array(given, dtype=float) if given else own
         return JointLimits(**chosen)
 
 
 @dataclass(kw_only=True)
-class OutputConfig:
+class OutputConfig(Config):
     """A Cartesian coordinate that is regulated beside the force."""
 
-    axis: list[float]  # in W, perpendicular to the normal and to other axes
-    displacement: float  # set point from the start [m]
-    gamma: float = -0.1  # [m/s^2], < 0: deceleration towards it
-
-    def __post_init__(self) -> None:
-        unit_normal(self.axis, "axis")
-        check("displacement", self.displacement)
-        check_gamma("gamma", self.gamma)
+    axis: list[float] = key(meaning="in W, perpendicular to normal and other axes", bounds="not all zero", size=3)
+    displacement: float = key(meaning="set point from the start", unit="m")
+    gamma: float = key(-0.1, "deceleration towards it", unit="m/s^2", bounds="below zero")
 
 
 @dataclass(kw_only=True)
-class InvarianceRobotConfig:
+class InvarianceRobotConfig(Config):
     """Scenario part `!InvarianceRobot`."""
 
-    gamma: float = -0.1  # [m/s^2], < 0: deceleration towards the constraint
-    upper_acceleration: float | None = None  # [m/s^2], > 0; null: -gamma
-    compliance_error: float = 1.0  # C_T_hat / C_T, > 0
-    adaptation: Adaptation | None = None  # of the environment's compliance; null: known
-    nominal_gain: float | None = None  # K_I [1/s], > 0, of an integral law to be corrected; null: no such law
-    maximum_force: float = inf  # [N], > 0
-    tracking_bandwidth: float = 30.0  # w [1/s], > 0, of the unconstrained directions
-    tracking_acceleration: float = 2.0  # [m/s^2], > 0, in the unconstrained directions
-    limits: JointLimitConfig = field(default_factory=JointLimitConfig)
-    constraints: list[Any] = slot_list("constraint")  # beside those of joints and force
-    outputs: list[OutputConfig] = field(default_factory=list)
-    solver: str = DEFAULT_SOLVER  # of the quadratic program: daqp, clarabel, osqp, ...
-
-    def __post_init__(self) -> None:
-        check_gamma("gamma", self.gamma)
-        for name in ("upper_acceleration", "nominal_gain"):
-            if getattr(self, name) is not None:
-                check(name, getattr(self, name), "positive")
-        for name in ("compliance_error", "tracking_bandwidth", "tracking_acceleration"):
-            check(name, getattr(self, name), "positive")
-        if not self.maximum_force > 0:
-            raise invalid("maximum_force", self.maximum_force, "above zero")
-        check_solver(self.solver)
+    gamma: float = key(-0.1, "deceleration towards the constraint", unit="m/s^2", bounds="below zero")
+    upper_acceleration: float | None = key(None, "away from rest; null: -gamma", unit="m/s^2", bounds="positive")
+    compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="positive")
+    adaptation: Adaptation | None = key(None, "of the environment's compliance; null: it is known")
+    nominal_gain: float | None = key(None, "K_I of a law to be corrected; null: none", unit="1/s", bounds="positive")
+    maximum_force: float = key(inf, "largest force", unit="N", bounds="above zero")
+    tracking_bandwidth: float = key(30.0, "w of the unconstrained directions", unit="1/s", bounds="positive")
+    tracking_acceleration: float = key(2.0, "largest, in the unconstrained directions", unit="m/s^2", bounds="positive")
+    limits: JointLimitConfig = key(JointLimitConfig, "of the joints; the robot's where none is given")
+    constraints: list[Any] = slot_list("constraint", "beside those of joints and force")
+    outputs: list[OutputConfig] = key([], "Cartesian coordinates that are regulated beside the force")
+    solver: str = key(DEFAULT_SOLVER, "of the quadratic program", choices=available_solvers)
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """Add the controller; without adaptation it believes in `compliance_error` times the true total compliance."""

@@ -14,7 +14,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 from forcectl.force.linear_law import LinearForceLaw, VrftConfig
-from forcectl.framework.batch import check
+from forcectl.framework.fields import key
 from forcectl.plant.plant_model import PlantModel
 
 
@@ -65,22 +65,15 @@ class AdaptiveVrft(Diagram):
 class AdaptiveVrftConfig(VrftConfig):
     """Scenario part `!AdaptiveVrft`: starts with the gains of `!Vrft`."""
 
-    forgetting: float = 0.995  # per sample, (0, 1]
-    initial_covariance: float = 1e-9  # P_0, > 0, also the largest: how far the first samples may move the gains
-    minimum_force: float = 8.0  # [N], >= 0, below which nothing is learnt
-    minimum_rate: float = 1.0  # of the force [N/s], >= 0, below which nothing is learnt
-    gain_range: float = 10.0  # K_P and K_I stay within this factor of where they start, >= 1
-    data_resolution: float = 0.0039  # the force is rounded to this for the tuning [N], >= 0
+    forgetting: float = key(0.995, "forgetting factor per sample", bounds="above 0 and at most 1")
+    initial_covariance: float = key(1e-9, "P_0, also the largest: how far gains may move at first", bounds="positive")
+    minimum_force: float = key(8.0, "force below which nothing is learnt", unit="N", bounds="not negative")
+    minimum_rate: float = key(1.0, "rate of the force below which nothing is learnt", unit="N/s", bounds="not negative")
+    gain_range: float = key(10.0, "K_P and K_I stay within this factor of where they start", bounds="at least 1")
+    data_resolution: float = key(0.0039, "the force is rounded to this for the tuning", unit="N", bounds="not negative")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check("initial_covariance", self.initial_covariance, "positive")
-        for name in ("minimum_force", "minimum_rate", "data_resolution"):
-            check(name, getattr(self, name), "not negative")
-        if not 0 < check("forgetting", self.forgetting) <= 1:
-            raise invalid("forgetting", self.forgetting, "above 0 and at most 1")
-        if check("gain_range", self.gain_range) < 1:
-            raise invalid("gain_range", self.gain_range, "at least 1")
         if not (self.proportional_gain < 0 and self.integral_gain < 0):
             gains = f"proportional_gain = {self.proportional_gain:g}, integral_gain = {self.integral_gain:g}"
             raise BadInputError(f"{gains}: must both be below zero, they set the range to stay within")

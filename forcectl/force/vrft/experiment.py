@@ -13,13 +13,12 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
 
-from forcectl.errors import invalid
+from forcectl.errors import about
 from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
-from forcectl.force.integral import check_limits
 from forcectl.force.linear_law import REGULATE, LinearForceLaw
 from forcectl.force.vrft.adaptive import add_tuned_law
 from forcectl.framework.batch import BatchParameter, LaneBlock, check
-from forcectl.framework.slots import slot
+from forcectl.framework.fields import Config, key, slot
 from forcectl.motion.excitation import ExcitationConfig, TrapezoidalMovesConfig
 from forcectl.plant.plant_model import PlantModel
 
@@ -124,7 +123,8 @@ class VrftExperiment(Diagram):
         super().__init__()
         self.sample_delay = dict(law.sample_delay)
         builder = DiagramBuilder()
-        source = excitation.add_to(builder, compliance).GetOutputPort("excitation")
+        with about(excitation):
+            source = excitation.add_to(builder, compliance).GetOutputPort("excitation")
         add_tuned_law(builder, law, tuner)
         builder.AddNamedSystem("sequencer", sequencer)
         mode = sequencer.GetOutputPort("mode")
@@ -139,41 +139,28 @@ class VrftExperiment(Diagram):
 
 
 @dataclass(kw_only=True)
-class RecursiveVrftConfig:
+class RecursiveVrftConfig(Config):
     """Scenario part `!RecursiveVrft`: excite and tune, then regulate. (Sec. 4.5.2)
 
     Let the reference step after the hand-over: the command does not jump at the hand-over, whatever the error, so a
     reference that waits there is approached by the integral only.
     """
 
-    excitation: Any = slot("excitation", TrapezoidalMovesConfig)
-    reference_bandwidth: float = 1.5  # w_c of the reference model [rad/s], > 0
-    prefilter: bool = True  # false: as in Sec. 4.5
-    initial_covariance: float = 100.0  # P_0, > 0
-    forgetting: float = 1.0  # (0, 1]
-    data_resolution: float = 0.0  # the force is rounded to this for the tuning [N], >= 0
-    hand_over_time: float | None = None  # [s], >= 0; null: when the excitation is over
-    convergence_window: float | None = None  # [s], > 0; hand over earlier, when the gains have not changed for so long
-    convergence_tolerance: float = 0.01  # by more than this share of their value, >= 0
-    derivative_filter: float = 0.0  # T_D [s], >= 0; 0: the derivative of (4.20)
-    robot_compliance_error: float = 1.0  # C_R_hat / C_R, >= 0
-    lower_limit: float = -0.1  # [m], below zero: deepest command
-    upper_limit: float = 0.1  # [m], above zero: furthest retreat
-
-    def __post_init__(self) -> None:
-        for name in ("reference_bandwidth", "initial_covariance"):
-            check(name, getattr(self, name), "positive")
-        if not 0 < check("forgetting", self.forgetting) <= 1:
-            raise invalid("forgetting", self.forgetting, "above 0 and at most 1")
-        for name in ("data_resolution", "convergence_tolerance", "derivative_filter", "robot_compliance_error"):
-            check(name, getattr(self, name), "not negative")
-        if self.hand_over_time is not None:
-            check("hand_over_time", self.hand_over_time, "not negative")
-        if self.convergence_window is not None:
-            check("convergence_window", self.convergence_window, "positive")
-        if not isinstance(self.prefilter, bool):
-            raise invalid("prefilter", self.prefilter, "true or false")
-        check_limits(self.lower_limit, self.upper_limit)
+    excitation: Any = slot("excitation", TrapezoidalMovesConfig, meaning="open-loop displacement to learn from")
+    reference_bandwidth: float = key(1.5, "w_c of the reference model", unit="rad/s", bounds="positive")
+    prefilter: bool = key(True, "false: as in Sec. 4.5")
+    initial_covariance: float = key(100.0, "initial covariance P_0", bounds="positive")
+    forgetting: float = key(1.0, "forgetting factor per sample", bounds="above 0 and at most 1")
+    data_resolution: float = key(0.0, "the force is rounded to this for the tuning", unit="N", bounds="not negative")
+    hand_over_time: float | None = key(None, "null: when the excitation is over", unit="s", bounds="not negative")
+    convergence_window: float | None = key(
+        None, "hand over earlier, when the gains have not changed for so long; null: never", unit="s", bounds="positive"
+    )
+    convergence_tolerance: float = key(0.01, "share by which the gains may change then", bounds="not negative")
+    derivative_filter: float = key(0.0, "T_D; 0: the derivative of (4.20)", unit="s", bounds="not negative")
+    robot_compliance_error: float = key(1.0, "C_R_hat / C_R", bounds="not negative")
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero")
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero")
 
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth w_c [rad/s] of the reference model."""
@@ -199,9 +186,11 @@ class RecursiveVrftConfig:
             prefilter=self.prefilter,
             period=model.period,
         )
+        with about(self.excitation):
+            end = float(self.excitation.end_time())
         sequencer = ExperimentSequencer(
             model.size,
-            hand_over_time=self.excitation.end_time() if self.hand_over_time is None else self.hand_over_time,
+            hand_over_time=end if self.hand_over_time is None else self.hand_over_time,
             window=np.inf if self.convergence_window is None else self.convergence_window,
             tolerance=self.convergence_tolerance,
             period=model.period,

@@ -20,7 +20,8 @@ from pydrake.systems.primitives import AffineSystem, Demultiplexer, LinearSystem
 from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.excited_compliance import ExcitedCompliance
 from forcectl.force.linear_law import GAINS, LinearForceLaw, VrftConfig
-from forcectl.framework.batch import check, whole_multiple
+from forcectl.framework.batch import whole_multiple
+from forcectl.framework.fields import key
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import sensor_filter
 
@@ -94,22 +95,22 @@ class ScaledVrft(Diagram):
 class ScaledVrftConfig(VrftConfig):
     """Scenario part `!ScaledVrft`: starts with the gains of `!Vrft`; the rest as in `ExcitedCompliance`."""
 
-    drift_bandwidth: float = 3.0  # w_h [rad/s], > 0: slower changes of height and compliance of the robot drop out
-    surface_deviation: float = 1e-5  # [m], > 0: what the surface adds within 1/w_h; more makes learning slower
-    memory: float = 3.0  # T [s], > 0
-    minimum_excitation: float = 0.2  # of the reference model's response [N], >= 0, below which nothing is learnt
-    minimum_force: float = 2.0  # [N], >= 0, below which nothing is learnt
-    gain_range: float = 10.0  # C_E stays within this factor of where it starts, >= 1
-    gain_rate: float = 3.0  # [1/s], > 0: largest relative change of C_E
+    drift_bandwidth: float = key(
+        3.0, "w_h: slower changes of height and compliance of the robot drop out", unit="rad/s", bounds="positive"
+    )
+    surface_deviation: float = key(
+        1e-5, "what the surface adds within 1/w_h; more makes learning slower", unit="m", bounds="positive"
+    )
+    memory: float = key(3.0, "memory T of the estimate", unit="s", bounds="positive")
+    minimum_excitation: float = key(
+        0.2, "response of the reference model below which nothing is learnt", unit="N", bounds="not negative"
+    )
+    minimum_force: float = key(2.0, "force below which nothing is learnt", unit="N", bounds="not negative")
+    gain_range: float = key(10.0, "C_E stays within this factor of where it starts", bounds="at least 1")
+    gain_rate: float = key(3.0, "largest relative change of C_E", unit="1/s", bounds="positive")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        for name in ("drift_bandwidth", "surface_deviation", "memory", "gain_rate"):
-            check(name, getattr(self, name), "positive")
-        for name in ("minimum_excitation", "minimum_force"):
-            check(name, getattr(self, name), "not negative")
-        if check("gain_range", self.gain_range) < 1:
-            raise invalid("gain_range", self.gain_range, "at least 1")
         if not (self.proportional_gain < 0 and self.integral_gain < 0):
             gains = f"proportional_gain = {self.proportional_gain:g}, integral_gain = {self.integral_gain:g}"
             raise BadInputError(f"{gains}: must both be below zero, they tell the compliance and the lag")

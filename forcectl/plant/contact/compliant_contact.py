@@ -13,7 +13,7 @@ environment relaxes by itself.
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -23,8 +23,8 @@ from pydrake.systems.primitives import Gain
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import BatchParameter, Lane, LaneBlock, check, lane_values
+from forcectl.framework.fields import Config, key
 from forcectl.plant.contact.surface import SurfaceConfig
-from forcectl.robot.model import unit_normal
 
 
 def elastic_force(dx: Lane, stiffness: Lane, m: Any = np) -> Lane:
@@ -174,23 +174,18 @@ class LinearContact(Diagram):
 
 
 @dataclass(kw_only=True)
-class EnvironmentConfig:
+class EnvironmentConfig(Config):
     """Scenario part `environment: !Surface`: what the tool of an arm presses on, touching it at the start."""
 
-    arm: str = ""  # which arm presses; empty: the first
-    normal: list[float] = field(default_factory=list)  # outward, in W; empty: the station's
-    stiffness: float = 5.9e3  # K_E [N/m], > 0; where surface.materials does not say otherwise
-    damping: float = 0.0  # D_E [N s/m], >= 0; the same
-    one_sided: bool = True  # false: the linear two-sided spring (OneDimensional only)
-    surface: SurfaceConfig = field(default_factory=SurfaceConfig)  # flat by default
+    arm: str = key("", "which arm presses; empty: the first")
+    normal: list[float] = key([], "outward normal in W; empty: the station's", bounds="not all zero", size=3)
+    stiffness: float = key(5.9e3, "K_E where surface.materials does not say otherwise", unit="N/m", bounds="positive")
+    damping: float = key(0.0, "D_E where surface.materials does not say otherwise", unit="N s/m", bounds="not negative")
+    one_sided: bool = key(True, "false: the linear two-sided spring (OneDimensional only)")
+    surface: SurfaceConfig = key(SurfaceConfig, "its shape and materials; flat by default")
 
     def __post_init__(self) -> None:
-        if self.normal:
-            unit_normal(self.normal)
-        check("stiffness", self.stiffness, "positive")
-        check("damping", self.damping, "not negative")
-        if not isinstance(self.one_sided, bool):
-            raise invalid("one_sided", self.one_sided, "true or false")
+        super().__post_init__()
         if not self.one_sided and self.damping:
             raise invalid("damping", self.damping, "0 with one_sided = false")
         if not self.one_sided and self.surface.materials is not None:

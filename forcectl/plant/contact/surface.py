@@ -11,7 +11,7 @@ when the station is built. The contact normal stays n; lateral forces of flanks 
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Protocol
 
@@ -20,9 +20,8 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key, named_slots
 from forcectl.framework.series_file import read_series
-from forcectl.framework.slots import named_slots
 from forcectl.plant.contact.surface_materials import MaterialsConfig
 
 Array = NDArray[np.float64]
@@ -158,26 +157,21 @@ class HeightPart(Protocol):
 
 
 @dataclass(kw_only=True)
-class GrooveConfig:
+class GrooveConfig(Config):
     """Scenario part `!Grooves`: equal grooves across the path."""
 
-    depth: float = 2e-4  # [m], > 0
-    width: float = 4e-3  # [m] from edge to edge
-    flank: float | None = None  # [m] width of one flank, 0 (a step) to width/2; null: width/2, a cosine
-    spacing: float = 0.02  # [m] from centre to centre, on both sides of the start but not at it
-    positions: list[float] = field(default_factory=list)  # [m] of the centres; empty: by the spacing
+    depth: float = key(2e-4, "of each groove", unit="m", bounds=f"positive, at most {_HIGHEST:g}")
+    width: float = key(4e-3, "from edge to edge", unit="m", bounds=f"at least {_NARROWEST:g}")
+    flank: float | None = key(
+        None, "width of one flank, 0 (a step) to width/2; null: width/2, a cosine", unit="m", bounds="not negative"
+    )
+    spacing: float = key(0.02, "from centre to centre, none at the start", unit="m", bounds="positive")
+    positions: list[float] = key([], "of the centres; empty: by the spacing", unit="m")
 
     def __post_init__(self) -> None:
-        for name in ("depth", "spacing"):
-            check(name, getattr(self, name), "positive")
-        if check("width", self.width) < _NARROWEST:
-            raise invalid("width", self.width, f"at least {_NARROWEST:g} m")
-        if self.depth > _HIGHEST:
-            raise invalid("depth", self.depth, f"at most {_HIGHEST:g} m")
-        if self.flank is not None and not 0 <= check("flank", self.flank) <= self.width / 2:
+        super().__post_init__()
+        if self.flank is not None and self.flank > self.width / 2:
             raise invalid("flank", self.flank, f"from 0 to width/2 = {self.width / 2:g} m")
-        for position in self.positions:
-            check("positions", position)
         if any(b - a < self.width for a, b in pairwise(sorted(self.positions))):
             raise invalid("positions", self.positions, f"apart by at least the width, {self.width:g} m")
         if self.spacing < self.width:
@@ -210,20 +204,12 @@ class GrooveConfig:
 
 
 @dataclass(kw_only=True)
-class RoughnessConfig:
+class RoughnessConfig(Config):
     """Scenario part `!Roughness`, see `rough_profile`. The ball smooths it further."""
 
-    rms: float = 5e-6  # [m], > 0
-    correlation_length: float = 1e-3  # [m] over which the correlation falls to 1/e
-    seed: int = 0  # its own: the surface is the same whatever the noise; >= 0
-
-    def __post_init__(self) -> None:
-        if check("rms", self.rms, "positive") > _HIGHEST:
-            raise invalid("rms", self.rms, f"at most {_HIGHEST:g} m")
-        if check("correlation_length", self.correlation_length) < _NARROWEST:
-            raise invalid("correlation_length", self.correlation_length, f"at least {_NARROWEST:g} m")
-        if isinstance(self.seed, bool) or not isinstance(self.seed, int) or self.seed < 0:
-            raise invalid("seed", self.seed, "a whole number, at least 0")
+    rms: float = key(5e-6, "root mean square of the height", unit="m", bounds=f"positive, at most {_HIGHEST:g}")
+    correlation_length: float = key(1e-3, "where the correlation is 1/e", unit="m", bounds=f"at least {_NARROWEST:g}")
+    seed: int = key(0, "its own: the surface is the same whatever the noise", bounds="not negative")
 
     def heights(self, s: Array) -> Array:
         """See `HeightPart`."""
@@ -233,17 +219,11 @@ class RoughnessConfig:
 
 
 @dataclass(kw_only=True)
-class WaveConfig:
+class WaveConfig(Config):
     """Scenario part `!Waves`: a sine along the path, zero and rising at the start."""
 
-    amplitude: float = 1e-4  # [m], > 0
-    wavelength: float = 0.02  # [m]
-
-    def __post_init__(self) -> None:
-        if check("amplitude", self.amplitude, "positive") > _HIGHEST:
-            raise invalid("amplitude", self.amplitude, f"at most {_HIGHEST:g} m")
-        if check("wavelength", self.wavelength) < _NARROWEST:
-            raise invalid("wavelength", self.wavelength, f"at least {_NARROWEST:g} m")
+    amplitude: float = key(1e-4, "of the height", unit="m", bounds=f"positive, at most {_HIGHEST:g}")
+    wavelength: float = key(0.02, "along the path", unit="m", bounds=f"at least {_NARROWEST:g}")
 
     def heights(self, s: Array) -> Array:
         """See `HeightPart`."""
@@ -252,10 +232,10 @@ class WaveConfig:
 
 
 @dataclass(kw_only=True)
-class ProfileFileConfig:
+class ProfileFileConfig(Config):
     """Scenario part `!ProfileFile`: heights from a CSV file, joined by straight lines."""
 
-    path: str  # with the columns position and height [m]
+    path: str = key(meaning="of a CSV file with the columns position and height [m]")
 
     def heights(self, s: Array) -> Array:
         """See `HeightPart`."""
@@ -263,22 +243,27 @@ class ProfileFileConfig:
 
 
 @dataclass(kw_only=True)
-class SurfaceConfig:
+class SurfaceConfig(Config):
     """Scenario part `surface`: its heights are added up; flat when there are none."""
 
-    direction: list[float] = field(default_factory=lambda: [1.0, 0.0, 0.0])  # of s in W, perpendicular to the normal
-    length: float = 0.2  # [m] the profile covers +-length of path and goes on level beyond
-    slope: float = 0.0  # [-] rise along n per path; positive: towards the robot
-    heights: dict[str, Any] = named_slots("surface")  # by name
-    materials: MaterialsConfig | None = None  # instead of one stiffness and damping everywhere
+    direction: list[float] = key([1.0, 0.0, 0.0], "of the path in W, across the normal", bounds="not all zero", size=3)
+    length: float = key(
+        0.2,
+        "the profile covers +-length of path and goes on level beyond",
+        unit="m",
+        bounds=f"from {_NARROWEST:g} to {_LONGEST:g}",
+    )
+    slope: float = key(
+        0.0,
+        "rise along n per path; positive: towards the robot",
+        unit="1",
+        bounds=f"from {-_STEEPEST:g} to {_STEEPEST:g}",
+    )
+    heights: dict[str, Any] = named_slots("surface", meaning="by name")
+    materials: MaterialsConfig | None = key(None, "instead of one stiffness and damping everywhere; null: one material")
 
     def __post_init__(self) -> None:
-        if len(self.direction) != 3 or not all(np.isfinite(d) for d in self.direction) or not any(self.direction):
-            raise invalid("direction", self.direction, "three finite numbers, not all zero")
-        if not _NARROWEST <= check("length", self.length) <= _LONGEST:
-            raise invalid("length", self.length, f"from {_NARROWEST:g} to {_LONGEST:g} m")
-        if abs(check("slope", self.slope)) > _STEEPEST:
-            raise invalid("slope", self.slope, f"from -{_STEEPEST:g} to {_STEEPEST:g}")
+        super().__post_init__()
         self._added(self._grid())
 
     @property
@@ -325,19 +310,20 @@ class SurfaceConfig:
         """Sum of the heights at path coordinates s, shape (k,) [m]."""
         total = np.zeros(len(s))
         for name, part in self.heights.items():
-            key = f"heights.{name}"
+            place = f"heights.{name}"
             try:
                 z = np.asarray(part.heights(s), dtype=float)
             except BadInputError as error:
-                raise BadInputError(f"{key}.{error}") from None
+                raise error.at(f"{place}.{error.key}") from None
             except Exception as error:  # whatever a user's part does
                 reason = " ".join(f"{type(error).__name__}: {error}".split())
-                raise BadInputError(f"{key}: heights(s) must return heights, but raised {reason}") from error
+                raise BadInputError(f"heights(s) must return heights, but raised {reason}", key=place) from error
             if z.shape != s.shape or not np.isfinite(z).all():
                 wanted = f"finite numbers of shape {s.shape}, like s"
-                raise BadInputError(f"{key}: heights(s) must return {wanted}, not shape {z.shape}")
+                raise BadInputError(f"heights(s) must return {wanted}, not shape {z.shape}", key=place)
             if np.abs(z).max() > _HIGHEST:
-                raise BadInputError(f"{key}: must be in metres, at most {_HIGHEST:g} m, not {np.abs(z).max():g}")
+                fault = f"must be in metres, at most {_HIGHEST:g} m, not {np.abs(z).max():g}"
+                raise BadInputError(fault, key=place)
             total += z
         return total
 
@@ -357,7 +343,9 @@ def read_profile(path: str) -> tuple[Array, Array]:
     for x, z in zip(positions, heights, strict=True):
         if abs(z) > _HIGHEST:
             told = f"position = {x:g}, height = {z:g}"
-            raise BadInputError(f"path = {path!r}: {told}: must be in metres, at most {_HIGHEST:g} m")
+            raise BadInputError(f" = {path!r}: {told}: must be in metres, at most {_HIGHEST:g} m", key="path")
     if positions[-1] - positions[0] > 2 * _LONGEST:
-        raise BadInputError(f"path = {path!r}: positions span {positions[-1] - positions[0]:g}: must be in metres")
+        raise BadInputError(
+            f" = {path!r}: positions span {positions[-1] - positions[0]:g}: must be in metres", key="path"
+        )
     return positions, heights

@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from bisect import bisect_right
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
@@ -20,6 +20,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key
 
 Array = NDArray[np.float64]
 # K_E [N/m] of the plates on which Table 4.2 was measured, calibrated: effective values, with what bears the plate.
@@ -29,26 +30,24 @@ _LARGEST_HEIGHT = 0.05  # [m]
 
 
 @dataclass(kw_only=True)
-class SegmentConfig:
+class SegmentConfig(Config):
     """Scenario part of `materials.segments`: one material along the path."""
 
-    material: str  # plastic, wood, aluminium or springs; any other name with a stiffness of its own
-    start: float  # [m] path coordinate
-    end: float  # [m] > start
-    stiffness: float | None = None  # K_E [N/m], > 0; null: that of the material
-    damping: float = 0.0  # D_E [N s/m], >= 0
-    height: float = 0.0  # [m] above the rest of the surface
+    material: str = key(meaning="plastic, wood, aluminium or springs; any other name with a stiffness of its own")
+    start: float = key(meaning="path coordinate", unit="m")
+    end: float = key(meaning="path coordinate, above `start`", unit="m")
+    stiffness: float | None = key(None, "K_E; null: that of the material", unit="N/m", bounds="positive")
+    damping: float = key(0.0, "D_E", unit="N s/m", bounds="not negative")
+    height: float = key(
+        0.0, "above the rest of the surface", unit="m", bounds=f"from {-_LARGEST_HEIGHT:g} to {_LARGEST_HEIGHT:g}"
+    )
 
     def __post_init__(self) -> None:
-        if self.stiffness is not None:
-            check("stiffness", self.stiffness, "positive")
-        elif self.material not in MATERIALS:
-            raise BadInputError(f"{unknown('material', self.material, MATERIALS)}; any other needs its stiffness")
-        check("damping", self.damping, "not negative")
-        if abs(check("height", self.height)) > _LARGEST_HEIGHT:
-            raise invalid("height", self.height, f"within {_LARGEST_HEIGHT:g} m")
-        check("start", self.start)
-        if check("end", self.end) <= self.start:
+        super().__post_init__()
+        if self.stiffness is None and self.material not in MATERIALS:
+            error = unknown("material", self.material, MATERIALS)
+            raise BadInputError(f"{error}; any other needs its stiffness", key="material")
+        if self.end <= self.start:
             raise invalid("end", self.end, f"above start = {self.start:g} m")
 
     @property
@@ -89,13 +88,19 @@ class MaterialPath:
 
 
 @dataclass(kw_only=True)
-class MaterialsConfig:
+class MaterialsConfig(Config):
     """Scenario part `materials`: what the surface is made of along the path; the outermost go on beyond their ends."""
 
-    segments: list[SegmentConfig] = field(default_factory=list)  # in any order, without gap or overlap
-    blend: float = 0.002  # [m] length over which materials go over into each other, at most the shortest between joints
+    segments: list[SegmentConfig] = key([], "in any order, without gap or overlap")
+    blend: float = key(
+        0.002,
+        "length over which materials go over into each other, at most the shortest between joints",
+        unit="m",
+        bounds="not negative",
+    )
 
     def __post_init__(self) -> None:
+        super().__post_init__()
         if not self.segments:
             raise invalid("segments", self.segments, "at least one segment")
         check("blend", self.blend, "not negative")

@@ -15,7 +15,7 @@ damping ratio of 0.2 at most.
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
@@ -26,6 +26,7 @@ from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import BatchParameter, Lane, check, lane_values
 from forcectl.framework.cache import BlockCache
+from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_law import SampledLaw
 from forcectl.robot.model import RobotModel, has_moved
 
@@ -173,26 +174,22 @@ class GravityCompensation(LeafSystem):
 
 
 @dataclass(kw_only=True)
-class JointImpedanceConfig:
+class JointImpedanceConfig(Config):
     """Scenario part `drive: !JointImpedance`: the drives are told torques, and impedance control holds the joints.
 
     Empty lists stand for gains that suit the inertias. D_q = 2 z sqrt(K_q I), with the inertia I of motor and link in
     the start posture.
     """
 
-    stiffness: list[float] = field(default_factory=list)  # K_q per joint [Nm/rad], > 0; empty: `bandwidth`^2 B
-    bandwidth: float = 60.0  # [rad/s], > 0: of the motors alone, of inertia B, on the default stiffness
-    damping_ratio: float = 0.7  # z, > 0
-    torque_gain: float = 4.0  # of the torque loop in the drives, >= 0: it divides their friction by one more than this
-    friction_bandwidth: float = 100.0  # of the friction observer in the drives [rad/s], >= 0; 0: none
-
-    def __post_init__(self) -> None:
-        if self.stiffness:
-            lane_values("stiffness", self.stiffness, len(self.stiffness), "positive and finite")
-        for name in ("bandwidth", "damping_ratio"):
-            check(name, getattr(self, name), "positive")
-        for name in ("torque_gain", "friction_bandwidth"):
-            check(name, getattr(self, name), "not negative")
+    stiffness: list[float] = key([], "K_q per joint; empty: `bandwidth`^2 B", unit="Nm/rad", bounds="positive")
+    bandwidth: float = key(
+        60.0, "of the motors alone, of inertia B, on the default stiffness", unit="rad/s", bounds="positive"
+    )
+    damping_ratio: float = key(0.7, "damping ratio z", bounds="positive")
+    torque_gain: float = key(
+        4.0, "of the torque loop in the drives: it divides their friction by one more than this", bounds="not negative"
+    )
+    friction_bandwidth: float = key(100.0, "of the friction observer; 0: none", unit="rad/s", bounds="not negative")
 
     def joint_stiffness(self, motor_inertia: Vector) -> Vector:
         """K_q, shape (n,) [Nm/rad].
@@ -206,7 +203,7 @@ class JointImpedanceConfig:
         if not self.stiffness:
             return self.bandwidth**2 * motor_inertia
         if len(self.stiffness) != len(motor_inertia):
-            raise BadInputError(f"interface.stiffness has {len(self.stiffness)} values: must have {len(motor_inertia)}")
+            raise BadInputError(f" has {len(self.stiffness)} values: must have {len(motor_inertia)}", key="stiffness")
         return np.array(self.stiffness)
 
     def joint_damping(self, stiffness: Vector, inertia: Vector) -> Vector:

@@ -18,6 +18,7 @@ from scipy.linalg import block_diag, expm
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import check, lane_values, whole_multiple
+from forcectl.framework.fields import Config, key
 
 Matrix = NDArray[np.float64]
 LONGEST_DELAY = 1.0  # [s] a delay line keeps every sample
@@ -131,18 +132,14 @@ class PositionLoop(Diagram):
 
 
 @dataclass(kw_only=True)
-class PositionLoopConfig:
+class PositionLoopConfig(Config):
     """Scenario part `position_loop`."""
 
-    bandwidth: float = 75.4  # [rad/s], > 0
-    damping_ratio: float = 1.0  # [-], > 0
-    delay: float = 0.002  # [s] command delay T_t, whole ticks
-
-    def __post_init__(self) -> None:
-        check("bandwidth", self.bandwidth, "positive")
-        check("damping_ratio", self.damping_ratio, "positive")
-        if check("delay", self.delay, "not negative") > LONGEST_DELAY:
-            raise invalid("delay", self.delay, f"at most {LONGEST_DELAY:g} s")
+    bandwidth: float = key(75.4, "w of the filter", unit="rad/s", bounds="positive")
+    damping_ratio: float = key(1.0, "z of the filter", unit="1", bounds="positive")
+    delay: float = key(
+        0.002, "command delay T_t, whole ticks", unit="s", bounds=f"not negative, at most {LONGEST_DELAY:g}"
+    )
 
     def add_to(
         self, builder: DiagramBuilder, size: int, period: float, initial_command: ArrayLike = 0.0, unit: str = "rad"

@@ -23,7 +23,6 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import Demultiplexer
 
-from forcectl.errors import invalid, unknown
 from forcectl.framework.batch import (
     FEW_LANES,
     SCALAR_MATH,
@@ -34,6 +33,7 @@ from forcectl.framework.batch import (
     check_count,
     lane_values,
 )
+from forcectl.framework.fields import Config, key
 
 Vector = NDArray[np.float64]
 TUNINGS = ("axes", "rotors")
@@ -222,29 +222,26 @@ class Servo(Diagram):
 
 
 @dataclass(kw_only=True)
-class ServoConfig:
+class ServoConfig(Config):
     """Scenario part `servo`. `ideal: true` leaves the servo out: the drive follows the filtered reference exactly."""
 
-    ideal: bool = False
-    position_gain: float = 25.0  # [1/s]
-    velocity_gain: float = 200.0  # [1/s]
-    integral_gain: float = 15.0  # [1/s]
-    coulomb_friction: float = 1.6  # [m/s^2] along the pressed direction (OneDimensional, Kinematic)
-    friction_scale: float = 1.0  # [-] factor on the joint friction of the control facts (Multibody)
-    # What the velocity loops of the joints are tuned for (Multibody): "axes", the inertia that the control facts give,
-    # or "rotors", that of the rotors alone.
-    tuned_for: str = "axes"
-    substeps: int = 4  # inner steps per control tick, each at most 0.5 ms
-
-    def __post_init__(self) -> None:
-        for name in ("position_gain", "velocity_gain"):
-            check(name, getattr(self, name), "positive")
-        for name in ("integral_gain", "coulomb_friction", "friction_scale"):
-            check(name, getattr(self, name), "not negative")
-        if self.tuned_for not in TUNINGS:
-            raise unknown("tuned_for", str(self.tuned_for), TUNINGS)
-        if isinstance(self.substeps, bool) or not isinstance(self.substeps, int) or not 1 <= self.substeps <= 100:
-            raise invalid("substeps", self.substeps, "a whole number from 1 to 100")
+    ideal: bool = key(False, "true: the drive follows the filtered reference exactly")
+    position_gain: float = key(25.0, "of the position loop", unit="1/s", bounds="positive")
+    velocity_gain: float = key(200.0, "of the velocity loop", unit="1/s", bounds="positive")
+    integral_gain: float = key(15.0, "of the velocity loop", unit="1/s", bounds="not negative")
+    coulomb_friction: float = key(
+        1.6, "along the pressed direction (OneDimensional, Kinematic)", unit="m/s^2", bounds="not negative"
+    )
+    friction_scale: float = key(
+        1.0, "factor on the joint friction of the control facts (Multibody)", unit="1", bounds="not negative"
+    )
+    tuned_for: str = key(
+        "axes",
+        "what the velocity loops of the joints are tuned for: the inertia that the control facts give, or that of the "
+        "rotors alone (Multibody)",
+        choices=TUNINGS,
+    )
+    substeps: int = key(4, "inner steps per control tick, each at most 0.5 ms", bounds="from 1 to 100")
 
     def rotor_velocity_gain(self, rotor_inertia: Vector, loop_inertia: Vector) -> Vector:
         """w_v of each drive on its rotor (n,) [1/s].

@@ -22,6 +22,7 @@ from pydrake.systems.primitives import LinearSystem
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import BatchParameter, Lane, LaneBlock, check, lane_values, whole_multiple
+from forcectl.framework.fields import Config, key
 from forcectl.plant.drives.position_loop import (
     LONGEST_DELAY,
     first_order_hold,
@@ -304,30 +305,20 @@ class ForceSensor(Diagram):
 
 
 @dataclass(kw_only=True)
-class ForceSensorConfig:
+class ForceSensorConfig(Config):
     """Parameters of a force sensor. Force values; torque channels use the same numbers times `torque_ratio`."""
 
-    bandwidth: float = 12.6  # [rad/s], > 0
-    damping_ratio: float = 1.0  # [-], > 0
-    noise_std: float = 0.05  # [N] per sample, before the filter, >= 0
-    quantum: float = 0.05  # [N], >= 0
-    bias: float = 0.0  # [N]
-    tare: bool = True  # make the first reading the zero
-    delay: float = 0.0  # [s] transport delay, whole control ticks
-    range: float = 400.0  # [N] saturation, > 0
-    torque_ratio: float = 0.05  # [m] torque noise, quantum and range relative to force, > 0
-
-    def __post_init__(self) -> None:
-        for name in ("bandwidth", "damping_ratio", "torque_ratio"):
-            check(name, getattr(self, name), "positive")
-        for name in ("noise_std", "quantum"):
-            check(name, getattr(self, name), "not negative")
-        if check("delay", self.delay, "not negative") > LONGEST_DELAY:
-            raise invalid("delay", self.delay, f"at most {LONGEST_DELAY:g} s")
-        check("bias", self.bias)
-        lane_values("range", self.range, 1, "positive")
-        if not isinstance(self.tare, bool):
-            raise invalid("tare", self.tare, "true or false")
+    bandwidth: float = key(12.6, "w of the filter", unit="rad/s", bounds="positive")
+    damping_ratio: float = key(1.0, "z of the filter", unit="1", bounds="positive")
+    noise_std: float = key(0.05, "standard deviation per sample, before the filter", unit="N", bounds="not negative")
+    quantum: float = key(0.05, "step of the readings; 0: none", unit="N", bounds="not negative")
+    bias: float = key(0.0, "offset of the readings", unit="N")
+    tare: bool = key(True, "true: the first reading becomes zero")
+    delay: float = key(
+        0.0, "transport delay, whole control ticks", unit="s", bounds=f"not negative, at most {LONGEST_DELAY:g}"
+    )
+    range: float = key(400.0, "largest force that can be read", unit="N", bounds="positive or infinite")
+    torque_ratio: float = key(0.05, "torque noise, quantum and range relative to force", unit="m", bounds="positive")
 
     def force_lag(self) -> tuple[float, float, float]:
         """Lag of the measured force: bandwidth [rad/s], damping ratio [1] and delay [s]."""

@@ -5,24 +5,18 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from forcectl.errors import unknown
-from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key
 from forcectl.plant.sensors.joint_sensors import FAULTS, ReadingFault
 
 
 @dataclass(kw_only=True)
-class ReadingFaultConfig:
+class ReadingFaultConfig(Config):
     """A fault of the readings, see `forcectl.plant.sensors.joint_sensors.ReadingFault`."""
 
-    kind: str = "nan"  # nan, frozen or lost
-    joint: str = ""  # by name; empty: all joints
-    start: float = 0.0  # [s], >= 0
-    duration: float = 0.1  # [s], > 0
-
-    def __post_init__(self) -> None:
-        if self.kind not in FAULTS:
-            raise unknown("kind", str(self.kind), FAULTS)
-        check("start", self.start, "not negative")
-        check("duration", self.duration, "positive")
+    kind: str = key("nan", "what happens to the readings", choices=FAULTS)
+    joint: str = key("", "by name; empty: all joints")
+    start: float = key(0.0, "of the fault", unit="s", bounds="not negative")
+    duration: float = key(0.1, "of the fault", unit="s", bounds="positive")
 
     def fault(self, joints: list[str]) -> ReadingFault:
         """The fault of a robot.

@@ -155,7 +155,7 @@ def sensor_frame(robot: RobotModel) -> Frame:
         BadInputError: the tool has no wrist sensor.
     """
     if robot.parts.sensor_frame is None or robot.parts.sensor_weld is None:
-        raise BadInputError("tool: has no wrist sensor: its facts must name a sensor_frame and a sensor_weld")
+        raise BadInputError("has no wrist sensor: its facts must name a sensor_frame and a sensor_weld", key="tool")
     return robot.parts.sensor_frame
 
 

@@ -184,7 +184,9 @@ def checked_limits(limits: JointLimits, start: RobotMotion) -> JointLimits:
         upper = limits.position_upper.tolist()
         raise invalid("limits.position_lower", limits.position_lower.tolist(), f"below position_upper = {upper}")
     if not ((limits.position_lower <= q) & (q <= limits.position_upper)).all():
-        raise BadInputError(f"limits: the start posture {np.round(q, 4).tolist()} rad is outside the position limits")
+        raise BadInputError(
+            f"the start posture {np.round(q, 4).tolist()} rad is outside the position limits", key="limits"
+        )
     if not (np.abs(start.load) < limits.torque).all():
         load = np.round(start.load, 1).tolist()
         raise invalid("limits.torque", limits.torque.tolist(), f"enough to hold the start posture, {load} Nm")
@@ -362,5 +364,7 @@ def _try(constraint: Any, start: RobotMotion, gamma: float) -> tuple[int, float]
     if not (np.isfinite(row).all() and all(np.isfinite(part).all() for part in together)):
         raise BadInputError(f"constraint {name}: is not finite in the start posture")
     if constraint.relative_degree > 0 and together[0].max() > 0:
-        raise BadInputError(f"constraint {name}: is violated in the start posture, by {together[0].max():.3g}")
+        raise BadInputError(
+            f"constraint {name}: is violated in the start posture, by {together[0].max():.3g}: must hold there"
+        )
     return rows, float(own)

@@ -3,19 +3,17 @@
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, field
+from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
 
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import RobotShapes
-from forcectl.errors import BadInputError, invalid
-from forcectl.framework.batch import check
-from forcectl.framework.slots import slot
+from forcectl.errors import BadInputError, about
+from forcectl.framework.fields import Config, key, slot
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.arms_motion import ArmsMotion
-from forcectl.robot.model import unit_normal
 from forcectl.tasks.constraints.base import CartesianWall, Constraint
 from forcectl.tasks.constraints.of_arm import OfArm
 from forcectl.tasks.constraints.robust import Errors, RobustConstraint
@@ -48,38 +46,35 @@ def constraints_of(parts: Sequence[ConstraintPart], model: PlantModel) -> list[C
     return [made_constraint(part, model, f"constraints.{i}") for i, part in enumerate(parts)]
 
 
-def made_constraint(part: ConstraintPart, model: PlantModel, key: str) -> Constraint:
+def made_constraint(part: ConstraintPart, model: PlantModel, place: str) -> Constraint:
     """The constraint of one part.
 
     Args:
         part: what fills the slot.
         model: of the plant.
-        key: of the part, for the message.
+        place: key of the part, for the message.
 
     Raises:
         BadInputError: its method returns something else.
     """
-    made = part.constraint(model)
+    with about(part):
+        made = part.constraint(model)
     if not isinstance(made, Constraint):
         wanted = "an object with relative_degree and evaluate(motion)"
-        raise BadInputError(f"{key}: constraint must return {wanted}, not {type(made).__name__}")
+        raise BadInputError(f"constraint must return {wanted}, not {type(made).__name__}", key=place)
     return made
 
 
 @dataclass(kw_only=True)
-class WallConfig:
+class WallConfig(Config):
     """Scenario part `!Wall`: a plane that the TCP of an arm stays in front of."""
 
-    point: list[float]  # on the plane, in W [m]
-    normal: list[float]  # towards the free side, in W
-    arm: str = ""  # empty: the first
-    gamma: float | None = None  # [m/s^2], < 0: deceleration towards it; null: the controller's
-
-    def __post_init__(self) -> None:
-        if len(self.point) != 3:
-            raise invalid("point", self.point, "three numbers")
-        unit_normal(self.normal)
-        _check_gamma(self.gamma)
+    point: list[float] = key(meaning="on the plane, in W", unit="m", size=3)
+    normal: list[float] = key(meaning="towards the free side, in W", bounds="not all zero", size=3)
+    arm: str = key("", "name of the arm; empty: the first")
+    gamma: float | None = key(
+        None, "deceleration towards it; null: the controller's", unit="m/s^2", bounds="below zero"
+    )
 
     def constraint(self, model: PlantModel) -> Constraint:
         """See `ConstraintPart`."""
@@ -91,17 +86,16 @@ class WallConfig:
 
 
 @dataclass(kw_only=True)
-class RangeConfig:
+class RangeConfig(Config):
     """Scenario part `!Range`: task coordinates stay between limits."""
 
-    task: Any = slot("task")  # whose coordinates
-    lower: list[float | None] = field(default_factory=list)  # of each [m or rad]; null: none; empty: none at all
-    upper: list[float | None] = field(default_factory=list)
-    gamma: float | None = None  # [m or rad, per s^2], < 0; null: the controller's
-    slack_weight: float | None = None  # > 0, of soft rows; null: hard
-
-    def __post_init__(self) -> None:
-        _check_gamma(self.gamma)
+    task: Any = slot("task", meaning="whose coordinates")
+    lower: list[float | None] = key([], "of each coordinate; null: none; empty: none at all", unit="m or rad")
+    upper: list[float | None] = key([], "of each coordinate; null: none; empty: none at all", unit="m or rad")
+    gamma: float | None = key(
+        None, "deceleration towards a limit; null: the controller's", unit="m/s^2 or rad/s^2", bounds="below zero"
+    )
+    slack_weight: float | None = key(None, "of soft rows; null: hard", bounds="positive")
 
     def constraint(self, model: PlantModel) -> TaskRange:
         """See `ConstraintPart`."""
@@ -111,12 +105,12 @@ class RangeConfig:
 
 
 @dataclass(kw_only=True)
-class SpeedLimitConfig:
+class SpeedLimitConfig(Config):
     """Scenario part `!SpeedLimit`: task coordinates change no faster than limits."""
 
-    task: Any = slot("task")  # whose coordinates
-    limit: list[float]  # of each, or one for all [m/s or rad/s], > 0
-    slack_weight: float | None = None  # > 0, of soft rows; null: hard
+    task: Any = slot("task", meaning="whose coordinates")
+    limit: list[float] = key(meaning="of each, or one for all", unit="m/s or rad/s", bounds="positive")
+    slack_weight: float | None = key(None, "of soft rows; null: hard", bounds="positive")
 
     def constraint(self, model: PlantModel) -> TaskSpeedLimit:
         """See `ConstraintPart`."""
@@ -125,15 +119,11 @@ class SpeedLimitConfig:
 
 
 @dataclass(kw_only=True)
-class LinkDistanceConfig:
+class LinkDistanceConfig(Config):
     """Scenario part `!LinkDistance`: the links of the robot keep a distance from each other."""
 
-    minimum: float = 0.01  # [m], > 0
-    gamma: float = -1.0  # [m/s^2], < 0: deceleration towards it
-
-    def __post_init__(self) -> None:
-        check("minimum", self.minimum, "positive")
-        _check_gamma(self.gamma)
+    minimum: float = key(0.01, "distance that is kept", unit="m", bounds="positive")
+    gamma: float = key(-1.0, "deceleration towards it", unit="m/s^2", bounds="below zero")
 
     def constraint(self, model: PlantModel) -> LinkDistance:
         """See `ConstraintPart`."""
@@ -142,21 +132,13 @@ class LinkDistanceConfig:
 
 
 @dataclass(kw_only=True)
-class RobustConfig:
+class RobustConfig(Config):
     """Scenario part `!Robust`: a constraint of relative degree 2, kept in spite of bounded errors (5.21)-(5.27)."""
 
-    of: Any = slot("constraint")
-    braking: float  # gamma_p, always possible, > 0 [unit of y per s^2]
-    measurement_error: list[float] = field(default_factory=lambda: [0.0, 0.0])  # of y and y', >= 0
-    model_error: list[float] = field(default_factory=lambda: [0.0, 0.0])  # of y and y' after a tick, >= 0
-
-    def __post_init__(self) -> None:
-        check("braking", self.braking, "positive")
-        for name in ("measurement_error", "model_error"):
-            if len(getattr(self, name)) != 2:
-                raise invalid(name, getattr(self, name), "two numbers, of y and of y'")
-            for value in getattr(self, name):
-                check(name, value, "not negative")
+    of: Any = slot("constraint", meaning="that is kept")
+    braking: float = key(meaning="gamma_p, always possible", unit="unit of y per s^2", bounds="positive")
+    measurement_error: list[float] = key([0.0, 0.0], "largest, of y and of y'", bounds="not negative", size=2)
+    model_error: list[float] = key([0.0, 0.0], "largest, of y and of y' after a tick", bounds="not negative", size=2)
 
     def constraint(self, model: PlantModel) -> RobustConstraint:
         """See `ConstraintPart`."""
@@ -171,16 +153,12 @@ def _start(model: PlantModel) -> ArmsMotion:
 
 
 def _task(part: Any, model: PlantModel) -> ArmTask:
-    task = part.task(_start(model))
+    with about(part):
+        task = part.task(_start(model))
     if not isinstance(task, ArmTask):
-        raise BadInputError(f"task: task must return an ArmTask, not {type(task).__name__}")
+        raise BadInputError(f"task must return an ArmTask, not {type(task).__name__}", key="task")
     return task
 
 
 def _limits(values: Sequence[float | None], none: float) -> list[float] | float:
     return [none if value is None else value for value in values] if values else none
-
-
-def _check_gamma(gamma: float | None) -> None:
-    if gamma is not None and not check("gamma", gamma) < 0:
-        raise invalid("gamma", gamma, "below zero")

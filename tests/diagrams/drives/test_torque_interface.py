@@ -21,11 +21,11 @@ from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.errors import BadInputError
 from forcectl.estimation.recursive_vrft import GAINS
 from forcectl.force.integral import IntegralConfig
+from forcectl.framework.yaml_tree import Tagged
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.drives.servo import ServoConfig
 from forcectl.runs.run import RunResult
 from forcectl.scenario.scenario import Scenario, load_scenario
-from forcectl.scenario.yaml_tree import Tagged
 from forcectl.testing import (
     Log,
     assert_feedthrough,

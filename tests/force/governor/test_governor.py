@@ -16,12 +16,12 @@ from forcectl.force.governor.program import closed_form, coefficients, free_forc
 from forcectl.force.governor.stability import feedback_weight, stability_report
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.linear_law import VrftConfig
+from forcectl.framework.yaml_tree import Tagged
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
 from forcectl.runs.run import run
 from forcectl.scenario.catalog import SLOTS
 from forcectl.scenario.scenario import load_scenario
-from forcectl.scenario.yaml_tree import Tagged
 from forcectl.testing import assert_passes_no_nan, assert_ports, run_diagram
 
 PERIOD = 0.002

@@ -18,10 +18,10 @@ from forcectl.force.invariance.correction import (
     InvarianceCorrection,
 )
 from forcectl.force.invariance.force_law import AdaptiveInvarianceConfig
+from forcectl.framework.yaml_tree import parse
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
 from forcectl.scenario.scenario import load_scenario
-from forcectl.scenario.yaml_tree import parse
 from forcectl.testing import assert_passes_no_nan, assert_ports, run_diagram
 
 PERIOD, C_R, C_E = 0.002, 3e-5, 1.7e-4

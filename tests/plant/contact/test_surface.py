@@ -258,7 +258,7 @@ BAD = [
     (GrooveConfig, {"spacing": 0.003}, "spacing"),
     (GrooveConfig, {"spacing": 0.0}, "spacing"),
     (GrooveConfig, {"positions": [0.01, 0.012]}, "positions"),
-    (GrooveConfig, {"positions": [math.nan]}, "positions"),
+    (GrooveConfig, {"positions": [math.nan]}, "positions.0"),
     (RoughnessConfig, {"rms": -1e-6}, "rms"),
     (RoughnessConfig, {"rms": 0.0}, "rms"),
     (RoughnessConfig, {"correlation_length": 1e-5}, "correlation_length"),

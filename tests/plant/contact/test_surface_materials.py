@@ -108,12 +108,12 @@ PLASTIC = {"material": "plastic", "start": -0.1, "end": 0.02}
 @pytest.mark.parametrize(
     ("changes", "message"),
     [
-        ({"material": "wod"}, "segments.1: unknown material 'wod': did you mean 'wood'?"),
+        ({"material": "wod"}, "segments.1.material: unknown material 'wod': did you mean 'wood'?"),
         ({"material": "cork"}, "any other needs its stiffness"),
         ({"stiffness": -1.0}, "segments.1.stiffness = -1.0: must be positive"),
         ({"stiffness": 0.0}, "segments.1.stiffness = 0.0: must be positive"),
         ({"damping": -1.0}, "segments.1.damping = -1.0: must be not negative"),
-        ({"height": 1.0}, "segments.1.height = 1.0: must be within 0.05 m"),
+        ({"height": 1.0}, "segments.1.height = 1.0: must be from -0.05 to 0.05"),
         ({"end": 0.01}, "segments.1.end = 0.01: must be above start = 0.02 m"),
         ({"start": 0.01}, "segments.1.start = 0.01: must be 0.02 m, where plastic ends: there is an overlap"),
         ({"start": 0.03}, "segments.1.start = 0.03: must be 0.02 m, where plastic ends: there is a gap"),

@@ -8,8 +8,8 @@ import numpy as np
 import pytest
 
 import forcectl as fc
+from forcectl.framework.yaml_tree import parse
 from forcectl.robot.arms_motion import ArmsMotion
-from forcectl.scenario.yaml_tree import parse
 
 REACHING = """
 station: {robot: yumi, tool: null, fidelity: Multibody, elastic_joints: false, time_step: 0.002,

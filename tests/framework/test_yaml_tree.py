@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from forcectl.errors import BadInputError
-from forcectl.scenario.yaml_tree import Tagged, difference, dump, merge, nest, parse, tag_of
+from forcectl.framework.yaml_tree import Tagged, difference, dump, merge, nest, parse, place, tag_of
 
 AWKWARD = "a1.e-+~<=:#'\"{}[],!&*%@`|>? \n\t\u00e9\u2028"
 scalars = (
@@ -141,3 +141,18 @@ def test_text_that_is_no_tree_is_one_line_with_the_place(text, what):
     assert message.startswith("some.yaml: not ")
     assert what in message
     assert "\n" not in message
+
+
+def test_every_key_has_the_line_where_it_stands():
+    text = "a: 1\nb: &b\n  c: [1,\n    2]\n  d.e: {f: 3}\ng:\n  <<: *b\n  c: 4\nh: !T\n  i: 5\n"
+    lines = parse(text, "f").lines
+    assert lines["a"] == 1
+    assert (lines["b"], lines["b.c"], lines["b.c.0"], lines["b.c.1"]) == (2, 3, 3, 4)
+    assert lines["b.d.e.f"] == 5
+    assert (lines["g"], lines["g.d.e.f"], lines["g.c"]) == (6, 5, 8)
+    assert (lines["h"], lines["h.i"]) == (9, 10)
+
+
+def test_what_is_not_in_a_file_stands_where_the_part_around_it_does():
+    lines = parse("a:\n  b: 1\n", "f").lines
+    assert [place("f", lines, key) for key in ("a.b", "a.c.d", "x", "")] == ["f:2", "f:1", "f", "f"]

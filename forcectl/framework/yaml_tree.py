@@ -33,12 +33,19 @@ class Tagged(dict[str, Any]):
         values: keys and values.
         tag: without the `!`.
         given: the object that the values change, None where there is none.
+
+    Attributes:
+        lines: of the text that the tree was read from, where each dotted key stands; only the root has them.
     """
 
     def __init__(self, values: Mapping[str, Any] | None = None, tag: str | None = None, given: Any = None):
         super().__init__(values or {})
         self.tag = tag
         self.given = given
+        self.lines: dict[str, int] = {}
+
+    def __repr__(self) -> str:
+        return f"!{self.tag}" if self.tag and not self else super().__repr__()
 
 
 def tag_of(tree: Tree) -> str | None:
@@ -138,7 +145,9 @@ def parse(text: str, origin: str) -> Tree:
         BadInputError: the text is not YAML; the message names the line and column.
     """
     try:
-        tree = yaml.load(text, Loader=_Loader)
+        loader = _Loader(text)
+        node = loader.get_single_node()
+        tree = None if node is None else loader.construct_document(node)
         count = 0
         for part in _values(tree):
             count += 1
@@ -146,14 +155,16 @@ def parse(text: str, origin: str) -> Tree:
                 raise BadInputError(f"{origin}: not usable: control character in {part[:40]!r}")
         if count >= _MOST_VALUES:
             raise BadInputError(f"{origin}: not usable: more than {_MOST_VALUES} values, or an alias that holds itself")
+        if isinstance(tree, Tagged) and node is not None:
+            tree.lines = _lines(node)
         return tree
     except yaml.YAMLError as error:
-        raise BadInputError(f"{origin}: not valid YAML: {_one_line(error)}") from None
+        raise BadInputError(f"{origin}: not valid YAML: {_one_line(error, text)}") from None
     except RecursionError:
         raise BadInputError(f"{origin}: not valid YAML: nested too deeply") from None
     except (ValueError, TypeError, AttributeError) as error:
         # The parser's own slips on odd scalars and keys, for example a mapping used as a key.
-        raise BadInputError(f"{origin}: not valid YAML: {_one_line(error)}") from None
+        raise BadInputError(f"{origin}: not valid YAML: {_one_line(error, text)}") from None
 
 
 def _values(tree: Tree) -> Iterator[Tree]:
@@ -167,7 +178,37 @@ def _values(tree: Tree) -> Iterator[Tree]:
             waiting.extend([*part.keys(), *part.values()] if isinstance(part, Tagged) else part)
 
 
-def _one_line(error: Exception) -> str:
+def place(origin: str, lines: Mapping[str, int], key: str) -> str:
+    """File and line of a dotted key, for messages; what is not in the file stands where the part around it does.
+
+    Args:
+        origin: file name.
+        lines: by dotted key, see `Tagged`.
+        key: with dots.
+    """
+    while key and key not in lines:
+        key = key.rpartition(".")[0]
+    return f"{origin}:{lines[key]}" if key else origin
+
+
+def _lines(root: yaml.Node) -> dict[str, int]:
+    """The line, counted from 1, where each key of a mapping and element of a list stands, by dotted key."""
+    found, waiting = {}, [(root, "")]
+    for node, key in waiting:  # which grows
+        entries = node.value if not isinstance(node, yaml.ScalarNode) else []
+        for i, entry in enumerate(entries):
+            name, part = entry if isinstance(node, yaml.MappingNode) else (None, entry)
+            inner = f"{key}.{name.value if name else i}".removeprefix(".")
+            found[inner] = (name or part).start_mark.line + 1
+            waiting.append((part, inner))
+    return found
+
+
+def _one_line(error: Exception, text: str) -> str:
+    if isinstance(error, yaml.reader.ReaderError):
+        before = text[: int(error.position)]
+        line, column = before.count("\n") + 1, len(before) - before.rfind("\n")
+        return f"{error.reason} (line {line}, column {column})"
     if isinstance(error, yaml.MarkedYAMLError) and error.problem:
         mark = error.problem_mark
         where = f" (line {mark.line + 1}, column {mark.column + 1})" if mark else ""

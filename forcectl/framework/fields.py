@@ -1,0 +1,229 @@
+"""Keys of configurations: type, unit, bounds, default and meaning of each stand once, at its field.
+
+    @dataclass(kw_only=True)
+    class IntegralConfig(Config):
+        integral_gain: float = key(1.5, "gain K_I", unit="1/s", bounds="not negative")
+
+The type is the annotation. From there come the check when a configuration is made, the error, `forcectl list !Integral`
+and the JSON Schema. What several keys must be together is checked in `__post_init__`, after that of `Config`.
+
+A slot is a key that any object with the right methods may fill. What may fill it by a short tag is listed in
+`forcectl.scenario.catalog`.
+"""
+
+from __future__ import annotations
+
+import copy
+import dataclasses
+import math
+import re
+import types
+import typing
+from collections.abc import Callable, Iterable
+from functools import cache
+from numbers import Integral, Real
+from pathlib import PurePath
+from typing import Any
+
+from forcectl.errors import invalid, unknown
+
+REQUIRED: Any = dataclasses.MISSING
+_NUMBERS = {2: "two", 3: "three", 6: "six"}
+_BOUND = re.compile(r"(above|at least|from|below|at most|to) (zero|[-+.\de]+)")
+_WORDS = {"positive or infinite": "above zero", "positive": "above zero", "not negative": "at least zero"}
+
+
+@dataclasses.dataclass(frozen=True)
+class Key:
+    """What there is to say of a key beside its type and default.
+
+    Attributes:
+        meaning: in words; begins with what the default does not say by itself.
+        unit: of numbers, as in "rad/s"; "" for none.
+        bounds: of a number, or of each one in a list: "positive", "not negative", "above 0 and at most 1",
+            "from -1 to 1", "positive or infinite"; of a list also "not all zero".
+        choices: of a text, or of each one in a list; may be a function, called when they are needed.
+        size: of a list, or of each of the innermost ones; None for any.
+    """
+
+    meaning: str = ""
+    unit: str = ""
+    bounds: str = ""
+    choices: Iterable[str] | Callable[[], Iterable[str]] = ()
+    size: int | None = None
+
+    def chosen(self) -> list[str]:
+        """The choices there are; empty for any text."""
+        return list(self.choices() if callable(self.choices) else self.choices)
+
+
+def key(
+    default: Any = REQUIRED,
+    meaning: str = "",
+    *,
+    unit: str = "",
+    bounds: str = "",
+    choices: Iterable[str] | Callable[[], Iterable[str]] = (),
+    size: int | None = None,
+) -> Any:
+    """A field of a configuration, see `Key`.
+
+    Args:
+        default: a value, which is copied, or a function that makes one; left out: the key must be given.
+        meaning: in words.
+        unit: of numbers.
+        bounds: of numbers.
+        choices: of a text.
+        size: of a list.
+    """
+    metadata = {"key": Key(meaning, unit, bounds, choices, size)}
+    if default is REQUIRED:
+        return dataclasses.field(metadata=metadata)
+    if not callable(default) and not isinstance(default, list | dict):
+        return dataclasses.field(default=default, metadata=metadata)
+    factory = default if callable(default) else lambda: copy.copy(default)
+    return dataclasses.field(default_factory=factory, metadata=metadata)
+
+
+def slot(name: str, default: Callable[[], Any] | None = None, meaning: str = "") -> Any:
+    """A field filled by one part.
+
+    Args:
+        name: of the slot, a key of the catalog's table.
+        default: makes what fills it where nothing else is said; None: it must be said.
+        meaning: in words.
+    """
+    metadata = {"slot": name, "key": Key(meaning)}
+    if default is None:
+        return dataclasses.field(metadata=metadata)
+    return dataclasses.field(default_factory=default, metadata=metadata)
+
+
+def named_slots(name: str, default: Callable[[], dict[str, Any]] = dict, meaning: str = "") -> Any:
+    """A field filled by any number of parts, each with a name of its own.
+
+    Args:
+        name: of the slot, a key of the catalog's table.
+        default: makes what fills it where nothing else is said, by name.
+        meaning: in words.
+    """
+    return dataclasses.field(default_factory=default, metadata={"slots": name, "key": Key(meaning)})
+
+
+def slot_list(name: str, meaning: str = "") -> Any:
+    """A field filled by any number of parts, one after the other; empty by default.
+
+    Args:
+        name: of the slot, a key of the catalog's table.
+        meaning: in words.
+    """
+    return dataclasses.field(default_factory=list, metadata={"slot_list": name, "key": Key(meaning)})
+
+
+def key_of(field: dataclasses.Field[Any]) -> Key:
+    """What is declared of a field of a dataclass; nothing of one that is no `key`."""
+    declared: Key = field.metadata.get("key", Key())
+    return declared
+
+
+def default_of(field: dataclasses.Field[Any]) -> Any:
+    """The default of a field of a dataclass; `REQUIRED` without one."""
+    return field.default if field.default_factory is dataclasses.MISSING else field.default_factory()
+
+
+@dataclasses.dataclass(frozen=True)
+class Interval:
+    """Numbers between two bounds; an end that is left out does not belong to it."""
+
+    low: float = -math.inf
+    high: float = math.inf
+    without_low: bool = False
+    without_high: bool = False
+
+    def holds(self, value: float) -> bool:
+        """Whether a number is within."""
+        above = value > self.low if self.without_low else value >= self.low
+        return above and (value < self.high if self.without_high else value <= self.high)
+
+
+@cache
+def interval(bounds: str) -> Interval:
+    """The interval that bounds in words stand for; all numbers for "" and "not all zero"."""
+    found: dict[str, Any] = {}
+    for word, number in _BOUND.findall(" ".join(_WORDS.get(part, part) for part in re.split(r"(?:, | and )", bounds))):
+        end = "low" if word in ("above", "at least", "from") else "high"
+        found[end] = 0.0 if number == "zero" else float(number)
+        found[f"without_{end}"] = word in ("above", "below")
+    return Interval(**found)
+
+
+class Config:
+    """A configuration whose keys check themselves when it is made."""
+
+    def __post_init__(self) -> None:
+        cls: Any = type(self)
+        for name, declared, kind, default in _keys(cls):
+            _check(name, getattr(self, name), declared, kind, default)
+
+
+@cache
+def _keys(cls: type) -> list[tuple[str, Key, Any, Any]]:
+    """Name, declaration, type and default of every key of a configuration."""
+    hints = typing.get_type_hints(cls)
+    fields = [f for f in dataclasses.fields(cls) if "key" in f.metadata and "slot" not in f.metadata]
+    return [(f.name, key_of(f), hints[f.name], default_of(f)) for f in fields]
+
+
+def members(kind: Any) -> list[Any]:
+    """The types that a union is of; one type for others."""
+    union = typing.get_origin(kind) in (typing.Union, types.UnionType)
+    return list(typing.get_args(kind)) if union else [kind]
+
+
+def _check(name: str, value: Any, declared: Key, kind: Any, default: Any) -> None:
+    """BadInputError unless a value is of the type and within the bounds of its key."""
+    kinds = members(kind)
+    if value is None and type(None) in kinds:
+        return
+    kinds = [each for each in kinds if each is not type(None)]
+    if len(kinds) > 1:
+        return
+    kind = kinds[0]
+    if typing.get_origin(kind) is list:
+        if not (value == [] and default == []):
+            _check_list(name, value, declared, typing.get_args(kind)[0])
+    elif kind in (float, int):
+        _check_number(name, value, declared, kind, _endless(declared, default))
+    elif kind is bool and not isinstance(value, bool):
+        raise invalid(name, value, "true or false")
+    elif kind is str and not isinstance(value, str | PurePath):
+        raise invalid(name, value, "text")
+    elif kind is str and declared.chosen() and value not in declared.chosen():
+        raise unknown(name, value, declared.chosen()).at(name)
+
+
+def _endless(declared: Key, default: Any) -> bool:
+    """Whether a number may be infinite, which means "no limit": only where the declaration or the default says so."""
+    return declared.bounds.endswith(" or infinite") or (isinstance(default, float) and math.isinf(default))
+
+
+def _check_list(name: str, values: Any, declared: Key, kind: Any) -> None:
+    nested = typing.get_origin(kind) is list
+    if not isinstance(values, list | tuple):
+        raise invalid(name, values, "a list")
+    if declared.size not in (None, len(values)) and not nested:
+        numbers = f"{_NUMBERS.get(declared.size, declared.size)} numbers"
+        raise invalid(name, values, f"{numbers}, {declared.bounds}" if declared.bounds else numbers)
+    for i, value in enumerate(values):
+        _check(f"{name}.{i}", value, declared, kind, REQUIRED)
+    if declared.bounds == "not all zero" and math.hypot(*values) < 1e-9:
+        raise invalid(name, values, declared.bounds)
+
+
+def _check_number(name: str, value: Any, declared: Key, kind: type, endless: bool) -> None:
+    whole, bounds = kind is int, declared.bounds
+    number = isinstance(value, Integral if whole else Real) and not isinstance(value, bool)
+    if not number or math.isnan(value) or (math.isinf(value) and not endless):
+        raise invalid(name, value, "a whole number" if whole else "a finite number")
+    if not interval(bounds).holds(value):
+        raise invalid(name, value, f"a whole number {bounds}" if whole else bounds)

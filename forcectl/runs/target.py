@@ -1,0 +1,53 @@
+"""What the arguments of a command name: values of keys, and the diagram of a scenario or of one's own."""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from pathlib import Path
+from typing import Any
+
+from pydrake.systems.framework import System
+
+from forcectl.errors import BadInputError
+from forcectl.framework.yaml_tree import parse
+from forcectl.runs.run import with_shortcuts
+from forcectl.scenario.imported import call_for_diagram
+from forcectl.scenario.scenario import as_file, build, origins, resolve, select_variants
+
+
+def parse_settings(settings: Iterable[str] | None) -> dict[str, Any]:
+    """`["a.b=1e-3", ...]` as {"a.b": 0.001}; values are YAML.
+
+    Raises:
+        BadInputError: no equals sign, no key, or a value that is not YAML.
+    """
+    found = {}
+    for text in settings or ():
+        key, equals, value = text.partition("=")
+        key = key.strip()
+        if not equals or not all(key.split(".")):
+            raise BadInputError(f"--set {text!r}: must be key=value, for example station.environment.stiffness=2e5")
+        found[key] = parse(value, f"--set {key}")
+    return found
+
+
+def named_diagram(
+    target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None
+) -> tuple[str, System]:
+    """A file name and the diagram or block behind a scenario or an import path.
+
+    Args:
+        target: name of a shipped experiment, path of a YAML file, or "package.module:function".
+        variant: of the scenario; the first one when None.
+        settings: as for `parse_settings`.
+        fidelity: instead of the scenario's.
+
+    Raises:
+        BadInputError: there is no such scenario or function, or it cannot be built.
+    """
+    if ":" in target and not Path(target).exists():
+        return target.rpartition(":")[2], call_for_diagram(target)
+    file = as_file(target)
+    overrides = with_shortcuts(parse_settings(settings), None, fidelity)
+    name = select_variants(file, variant)[0]
+    return file.name, build(resolve(file, name, overrides), origins(file, name, overrides)).diagram

@@ -1,0 +1,146 @@
+"""The JSON Schema (draft 2020-12) of a scenario file, made of the declarations of its keys.
+
+A tag is no part of JSON, so a slot may be any of what fills it: an editor offers the keys of all, and refuses those of
+none. What only makes sense in a whole scenario (keys that must be given, together or not at all) is left to the Reader.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+import enum
+import math
+import typing
+from typing import Any
+
+from forcectl.framework.fields import REQUIRED, Key, default_of, interval, key_of, members
+from forcectl.framework.yaml_tree import as_json
+from forcectl.scenario.catalog import IMPORT, SLOTS, tags_of
+from forcectl.scenario.keys import default_tree
+from forcectl.scenario.scenario import Scenario
+from forcectl.scenario.schema import load_object, slot_of
+
+_TYPES = {float: "number", int: "integer", bool: "boolean", str: "string"}
+_INDEX = "^[0-9]+$"  # a key that stands for an element of a list, in a variant
+
+Schema = dict[str, Any]
+
+
+def scenario_schema() -> Schema:
+    """The schema of a scenario file, with what installed packages register."""
+    found: Schema = {}
+    root = _object(Scenario, found)
+    variant = {"description": "values that replace the scenario's", "type": ["object", "null"]}
+    found["variant"] = variant | {
+        "properties": {name: part for name, part in root["properties"].items() if name != "variants"},
+        "patternProperties": {r"\.": {}},
+        "additionalProperties": False,
+    }
+    root["properties"]["variants"] = root["properties"]["variants"] | {
+        "additionalProperties": {"$ref": "#/$defs/variant"}
+    }
+    for slot in SLOTS:
+        _define(f"slot {slot}", found, lambda slot=slot: _slot(slot, found))
+    return {
+        "$schema": "https://json-schema.org/draft/2020-12/schema",
+        **root,
+        "title": "forcectl scenario",
+        "$comment": f"yaml.customTags: {', '.join(custom_tags())}",
+        "patternProperties": {"^_": {}},
+        "$defs": found,
+    }
+
+
+def custom_tags() -> list[str]:
+    """What the setting `yaml.customTags` of the YAML language server must list."""
+    tags = dict.fromkeys([*(tag for slot in SLOTS for tag in tags_of(slot)), IMPORT])
+    return [f"!{tag} {kind}" for tag in tags for kind in ("mapping", "scalar")]
+
+
+def _define(name: str, found: Schema, make: Any) -> Schema:
+    """A reference to a definition, which is made when it is first asked for."""
+    if name not in found:
+        found[name] = {}  # a part may hold itself
+        found[name] = make()
+    return {"$ref": f"#/$defs/{name.replace(' ', '%20')}"}
+
+
+def _slot(slot: str, found: Schema) -> Schema:
+    fillers = []
+    for tag, path in tags_of(slot).items():
+        cls = load_object(path)
+        if dataclasses.is_dataclass(cls):
+            fillers.append(_define(f"{slot} !{tag}", found, lambda cls=cls, tag=tag: _object(cls, found, f"!{tag}")))
+    names = [f"!{tag}" for tag in tags_of(slot)]
+    imported = {
+        "title": f"!{IMPORT}",
+        "type": "object",
+        "properties": {"path": {"type": "string"}, "parameters": {"type": "object"}, "repr": {"type": "string"}},
+        "additionalProperties": False,
+    }
+    alone = {"type": ["string", "null"], "description": f"a tag alone: {', '.join(names)}"}
+    return {"anyOf": [*fillers, imported, alone]}
+
+
+def _object(cls: Any, found: Schema, title: str = "") -> Schema:
+    """The keys of a configuration; none is required, for a preset or a default may give it."""
+    hints = typing.get_type_hints(cls)
+    keys = {f.name: _field(f, hints[f.name], found) for f in dataclasses.fields(cls) if f.init}
+    text = " ".join((cls.__doc__ or "").split("\n\n")[0].split())
+    told = {"title": title or cls.__name__, "description": text}
+    return told | {"type": "object", "properties": keys, "additionalProperties": False}
+
+
+def _field(field: dataclasses.Field[Any], kind: Any, found: Schema) -> Schema:
+    declared, data = key_of(field), field.metadata
+    unit = f" [{declared.unit}]" if declared.unit else ""
+    text = f"{declared.meaning}{unit}{', ' if declared.bounds else ''}{declared.bounds}".strip()
+    told: Schema = {"description": text} if text else {}
+    default = default_of(field)
+    tree = as_json(default_tree(field))
+    if default is not REQUIRED and not (isinstance(default, float) and math.isinf(default)):
+        told["default"] = tree
+    slot = slot_of(field) or data.get("slots") or data.get("slot_list")
+    if slot is None:
+        return told | _value(kind, declared, found)
+    part = _define(f"slot {slot}", found, lambda: _slot(slot, found))
+    if "slots" in data:
+        return told | {"type": "object", "additionalProperties": part}
+    return told | (_list(part) if "slot_list" in data else part)
+
+
+def _list(items: Schema, size: int | None = None) -> Schema:
+    length = {} if size is None else {"maxItems": size}
+    by_index = {"type": "object", "patternProperties": {_INDEX: items}, "additionalProperties": False}
+    return {"anyOf": [{"type": "array", "items": items} | length, by_index]}
+
+
+def _value(kind: Any, declared: Key, found: Schema) -> Schema:
+    """The schema of a type, with the bounds of a key."""
+    kinds = members(kind)
+    if len(kinds) > 1:
+        return {"anyOf": [{"type": "null"} if k is type(None) else _value(k, declared, found) for k in kinds]}
+    base, arguments = typing.get_origin(kind), typing.get_args(kind)
+    if base is list:
+        nested = typing.get_origin(arguments[0]) is list
+        return _list(_value(arguments[0], declared, found), None if nested else declared.size)
+    if base is typing.Literal:
+        return {"enum": list(arguments)}
+    if isinstance(kind, type) and issubclass(kind, enum.Enum):
+        return {"enum": list(kind.__members__)}
+    if isinstance(kind, type) and dataclasses.is_dataclass(kind):
+        return _define(kind.__name__, found, lambda: _object(kind, found))
+    if kind in (float, int):
+        return {"type": _TYPES[kind]} | _bounds(declared)
+    if kind is str and declared.chosen():
+        return {"enum": declared.chosen()}
+    return {"type": _TYPES.get(kind, "object")} if kind in _TYPES or base is dict else {}
+
+
+def _bounds(declared: Key) -> Schema:
+    span = interval(declared.bounds)
+    found: Schema = {}
+    if math.isfinite(span.low):
+        found["exclusiveMinimum" if span.without_low else "minimum"] = span.low
+    if math.isfinite(span.high):
+        found["exclusiveMaximum" if span.without_high else "maximum"] = span.high
+    return found

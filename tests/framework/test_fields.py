@@ -1,0 +1,147 @@
+"""Keys of configurations check themselves: types, bounds, choices, sizes, and messages that name the key."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, fields
+
+import pytest
+
+from forcectl.errors import BadInputError
+from forcectl.framework.fields import REQUIRED, Config, Interval, Key, default_of, interval, key, key_of
+
+
+@dataclass(kw_only=True)
+class Inner(Config):
+    width: float = key(2.0, "of it", unit="m", bounds="positive")
+
+
+@dataclass(kw_only=True)
+class Outer(Config):
+    needed: float = key(meaning="always given")
+    gain: float = key(1.5, "gain K", unit="1/s", bounds="not negative")
+    limit: float = key(math.inf, "largest", bounds="positive")
+    reach: float = key(4.0, bounds="positive or infinite")
+    share: float = key(0.5, bounds="above 0 and at most 1")
+    slope: float | None = key(None, bounds="from -0.3 to 0.3")
+    count: int = key(2, bounds="from 1 to 9")
+    switch: bool = key(True)
+    name: str = key("x")
+    mode: str = key("fast", choices=("fast", "slow"))
+    late: str = key("a", choices=lambda: ["a", "b"])
+    times: list[float] = key([], unit="s", bounds="not negative")
+    normal: list[float] = key([0.0, 0.0, 1.0], bounds="not all zero", size=3)
+    wrenches: list[list[float]] = key([], size=2)
+    part: Inner = key(Inner, "within")
+    plain: float = -1.0
+
+    def __post_init__(self):
+        super().__post_init__()
+        if self.gain > self.limit:
+            raise BadInputError(" is above the limit", key="gain")
+
+
+@pytest.mark.parametrize(
+    ("values", "message"),
+    [
+        ({"gain": -0.1}, "gain = -0.1: must be not negative"),
+        ({"gain": "1"}, "gain = '1': must be a finite number"),
+        ({"gain": True}, "gain = True: must be a finite number"),
+        ({"gain": None}, "gain = None: must be a finite number"),
+        ({"gain": math.nan}, "gain = nan: must be a finite number"),
+        ({"gain": math.inf}, "gain = inf: must be a finite number"),
+        ({"gain": 3.0, "limit": 2}, "gain is above the limit"),
+        ({"limit": 0}, "limit = 0: must be positive"),
+        ({"limit": math.nan}, "limit = nan: must be a finite number"),
+        ({"reach": 0.0}, "reach = 0.0: must be positive or infinite"),
+        ({"share": 0.0}, "share = 0.0: must be above 0 and at most 1"),
+        ({"share": 1.1}, "share = 1.1: must be above 0 and at most 1"),
+        ({"slope": -0.31}, "slope = -0.31: must be from -0.3 to 0.3"),
+        ({"count": 10}, "count = 10: must be a whole number from 1 to 9"),
+        ({"count": 2.0}, "count = 2.0: must be a whole number"),
+        ({"count": False}, "count = False: must be a whole number"),
+        ({"switch": 1}, "switch = 1: must be true or false"),
+        ({"name": 7}, "name = 7: must be text"),
+        ({"mode": "fats"}, "mode: unknown mode 'fats': did you mean 'fast'? known: fast, slow"),
+        ({"late": "c"}, "late: unknown late 'c': known: a, b"),
+        ({"times": 3.0}, "times = 3.0: must be a list"),
+        ({"times": [0.0, -1.0]}, "times.1 = -1.0: must be not negative"),
+        ({"times": [0.0, math.inf]}, "times.1 = inf: must be a finite number"),
+        ({"normal": []}, "normal = []: must be three numbers, not all zero"),
+        ({"normal": [0.0, 0.0, 0.0]}, "normal = [0.0, 0.0, 0.0]: must be not all zero"),
+        ({"wrenches": [[1.0, 2.0], [1.0]]}, "wrenches.1 = [1.0]: must be two numbers"),
+        ({"wrenches": [[1.0, "a"]]}, "wrenches.0.1 = 'a': must be a finite number"),
+    ],
+)
+def test_a_wrong_value_is_refused_by_name(values, message):
+    with pytest.raises(BadInputError) as caught:
+        Outer(needed=0.0, **values)
+    assert str(caught.value) == message
+
+
+@pytest.mark.parametrize(
+    "values",
+    [
+        {"gain": 0},
+        {"limit": math.inf},
+        {"reach": math.inf},
+        {"share": 1.0},
+        {"slope": -0.3},
+        {"count": 9},
+        {"mode": "slow"},
+        {"late": "b"},
+        {"times": [0.0, 2]},
+        {"wrenches": []},
+        {"wrenches": [[1.0, -2.0]]},
+        {"plain": "anything"},
+    ],
+)
+def test_what_is_allowed_is_taken_as_it_is(values):
+    outer = Outer(needed=0.0, **values)
+    assert {name: getattr(outer, name) for name in values} == values
+
+
+def test_defaults_are_copied_and_parts_are_made_anew():
+    one, other = Outer(needed=1.0), Outer(needed=1.0)
+    one.normal.append(7.0)
+    one.part.width = 3.0
+    assert (other.normal, other.part.width) == ([0.0, 0.0, 1.0], 2.0)
+
+
+def test_a_dataclass_made_of_a_configuration_checks_the_keys_of_both():
+    @dataclass(kw_only=True)
+    class Mine(Inner):
+        height: float = key(1.0, bounds="positive")
+
+    for values in ({"width": 0.0}, {"height": 0.0}):
+        with pytest.raises(BadInputError, match="must be positive"):
+            Mine(**values)
+
+
+def test_a_field_says_what_it_is():
+    by_name = {f.name: f for f in fields(Outer)}
+    assert key_of(by_name["gain"]) == Key("gain K", "1/s", "not negative")
+    assert key_of(by_name["plain"]) == Key()
+    assert key_of(by_name["late"]).chosen() == ["a", "b"]
+    assert default_of(by_name["needed"]) is REQUIRED
+    assert default_of(by_name["part"]) == Inner()
+
+
+@pytest.mark.parametrize(
+    ("bounds", "expected"),
+    [
+        ("", Interval()),
+        ("positive", Interval(low=0.0, without_low=True)),
+        ("not negative", Interval(low=0.0)),
+        ("below zero", Interval(high=0.0, without_high=True)),
+        ("above 0 and below 1", Interval(0.0, 1.0, True, True)),
+        ("from -1e-3 to 2", Interval(-1e-3, 2.0)),
+        ("positive, at most 86400", Interval(0.0, 86400.0, True)),
+    ],
+)
+def test_bounds_in_words_are_an_interval(bounds, expected):
+    assert interval(bounds) == expected
+
+
+def test_an_interval_may_leave_out_its_ends():
+    assert [Interval(0.0, 1.0, True, False).holds(x) for x in (-0.1, 0.0, 0.5, 1.0, 1.1)] == [0, 0, 1, 1, 0]

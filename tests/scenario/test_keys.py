@@ -1,0 +1,81 @@
+"""The keys of a part in words, for what is shipped and for what an installed package registers."""
+
+from __future__ import annotations
+
+import dataclasses
+from dataclasses import dataclass
+from importlib.metadata import EntryPoint
+
+import pytest
+
+from forcectl.errors import BadInputError
+from forcectl.framework.fields import Config, key, key_of, named_slots, slot, slot_list
+from forcectl.scenario.catalog import SLOTS, tags_of
+from forcectl.scenario.keys import KeyWords, classes_of, keys_of
+from forcectl.scenario.scenario import Scenario
+from forcectl.scenario.schema import load_object
+
+
+@dataclass(kw_only=True)
+class Inner(Config):
+    width: float = key(2.5, "of it", unit="m", bounds="positive")
+
+
+@dataclass(kw_only=True)
+class Own(Config):
+    needed: int = key(meaning="how many")
+    mode: str = key("a", choices=("a", "b"))
+    point: list[float] = key([1.0, 2.0], unit="m", size=2)
+    part: Inner = key(Inner, "one")
+    other: Inner | None = key(None)
+    several: list[Inner] = key([], "more")
+    law: object = slot("reference", load_object(SLOTS["reference"]["Step"]), "filled")
+    named: dict[str, object] = named_slots("reference", meaning="by name")
+    listed: list[object] = slot_list("reference")
+
+
+def test_every_key_is_told_in_words():
+    assert keys_of(Own) == [
+        KeyWords("needed", "a whole number", "", "", "", "how many"),
+        KeyWords("mode", "text", "", "one of a, b", "a", ""),
+        KeyWords("point", "a list, each a number", "m", "2 values", "[1.0, 2.0]", ""),
+        KeyWords("part", "a mapping", "", "", "", "one"),
+        KeyWords("part.width", "a number", "m", "positive", "2.5", "of it"),
+        KeyWords("other", "a mapping or null", "", "", "null", ""),
+        KeyWords("other.width", "a number", "m", "positive", "2.5", "of it"),
+        KeyWords("several", "a list, each a mapping", "", "", "[]", "more"),
+        KeyWords("several.0.width", "a number", "m", "positive", "2.5", "of it"),
+        KeyWords("law", "a part of the slot reference", "", "", "!Step", "filled"),
+        KeyWords("named", "names, each with a part of the slot reference", "", "", "{}", "by name"),
+        KeyWords("listed", "a list of parts of the slot reference", "", "", "[]", ""),
+    ]
+
+
+def test_a_class_that_is_no_dataclass_has_no_keys():
+    assert keys_of(int) == []
+
+
+def test_a_tag_of_an_installed_package_is_found(monkeypatch):
+    point = EntryPoint("Own", f"{__name__}:Own", "forcectl.load")
+    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [point] if group == "forcectl.load" else [])
+    assert classes_of("!Own") == {"load": Own}
+
+
+def test_a_tag_that_no_slot_has_is_refused():
+    with pytest.raises(BadInputError, match=r"^unknown tag '!Sten': did you mean '!Step'\?"):
+        classes_of("Sten")
+
+
+def every_configuration():
+    waiting = [Scenario, *(load_object(path) for slot in SLOTS for path in tags_of(slot).values())]
+    for cls in waiting:
+        for kind in cls.__annotations__.values():
+            inner = getattr(__import__(cls.__module__, fromlist=["x"]), str(kind).split("[")[-1].rstrip("]"), None)
+            if dataclasses.is_dataclass(inner) and inner not in waiting:
+                waiting.append(inner)
+    return waiting
+
+
+@pytest.mark.parametrize("cls", every_configuration(), ids=lambda cls: cls.__name__)
+def test_every_key_has_a_meaning(cls):
+    assert [f.name for f in dataclasses.fields(cls) if not key_of(f).meaning] == []
