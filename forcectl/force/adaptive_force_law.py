@@ -9,8 +9,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
+from forcectl.force.law import ForceLaw
 from forcectl.framework.batch import check, whole_multiple
-from forcectl.framework.sampled_law import SampledLaw
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import sensor_filter
@@ -34,7 +34,7 @@ class AdaptiveForceLaw(Diagram):
     Sampling: every `period` [s]; no delay beyond that of the law, whose compliance is one tick old.
 
     Args:
-        law: a `SampledLaw` or diagram of one, with the ports of the force law's slot and the input `compliance`.
+        law: a `ForceLaw` or diagram of one, with the ports of the force law's slot and the input `compliance`.
 
     Raises:
         BadInputError: the law has no such input.
@@ -42,7 +42,7 @@ class AdaptiveForceLaw(Diagram):
 
     def __init__(
         self,
-        law: SampledLaw | Diagram,
+        law: ForceLaw | Diagram,
         estimator: EnvironmentComplianceEstimator,
         *,
         filter_bandwidth: ArrayLike,
@@ -99,7 +99,7 @@ class Adaptation:
             period=model.period,
         )
 
-    def adapt(self, builder: DiagramBuilder, model: PlantModel, law: SampledLaw | Diagram) -> AdaptiveForceLaw:
+    def adapt(self, builder: DiagramBuilder, model: PlantModel, law: ForceLaw | Diagram) -> AdaptiveForceLaw:
         """Add the law with the estimator."""
         block = AdaptiveForceLaw(
             law,
