@@ -187,11 +187,11 @@ class LaneBlock(LeafSystem):
         values = tuple(self.lane(context.get_numeric_parameter(i).CopyToVector()) for i in self._index.values())
         value.set_value(self.derive(values))
 
-    def choose(self, condition: Lane, new: Mapping[str, Any], old: Mapping[str, Any]) -> dict[str, Any]:
+    def choose(self, condition: Lane, new: dict[str, Any], old: Mapping[str, Any]) -> dict[str, Any]:
         """The new lane values in the lanes where the condition holds, the old ones of the same names elsewhere."""
         if self._shape:
             return {name: np.where(condition, value, old[name]) for name, value in new.items()}
-        return dict(new if condition else old)
+        return new if condition else {name: old[name] for name in new}
 
     def lane(self, vector: NDArray[np.float64]) -> Lane:
         """A vector of shape (n,) as the equations want it."""

@@ -17,11 +17,11 @@ from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, InputPort, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, InputPort, LeafSystem, OutputPort
 
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import LaneBlock, check, lane_values
-from forcectl.framework.cache import values_of_tick
+from forcectl.framework.cache import BlockCache, values_of_tick
 
 Vector = NDArray[np.float64]
 
@@ -72,9 +72,11 @@ class SampledBlock(LeafSystem):
                 tick.
         """
         self._period = check("period", period, "positive")
+        self._soonest = 0.999 * period  # after a tick; rounding of the times of the ticks is far below the margin
         self._inputs = {port.get_name(): port for port in inputs}
         self._optional = [name for name in self.optional_inputs if name in self._inputs]
         self._wide = [port.get_name() for port in inputs if port.size() > math.prod(self._shape)]
+        self._all_floats = not self._shape and not self._optional and not self._wide
         self._names = tuple(memory)
         initial = {name: self._initial(name, value) for name, value in memory.items()}
         self._numbers = ["time", *(name for name, value in initial.items() if value.shape == self._shape)]
@@ -88,16 +90,19 @@ class SampledBlock(LeafSystem):
         state = self.DeclareDiscreteState(self._pack({**initial, "time": -self._period}))
         self._reads: set[Any] = {port.ticket() for port in inputs}
         self._reads |= {self.time_ticket(), self.all_parameters_ticket(), self.discrete_state_ticket(state)}
-        self._memory = int(state)  # looked up in half of the time
+        self._state, self._memory = state, int(state)  # a number is looked up in half of the time
         self._kept = {name: self.DeclareDiscreteState(part) for name, part in (kept or {}).items()}
         if self.keeps_start:
             self._start = self.DeclareDiscreteState(self._length + sum(port.size() for port in inputs))
-        # A block that remembers nothing but its output needs no cache beside that of its port.
-        self._now = None if len(memory) == 1 else values_of_tick(self, self._reads)
+        self._now: BlockCache | None = None
+        self._port: OutputPort | None = None
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._period, offset_sec=0.0, update=self._hold)
 
     def show(self, *names: str) -> None:
         """Declare output ports that show quantities of the memory after the tick, under their names."""
+        # A block that remembers nothing but its output needs no cache beside that of its port.
+        if self._now is None and len(self._names) > 1:
+            self._now = values_of_tick(self, self._reads)
         for name in names:
             self._declare_output(name)
 
@@ -119,6 +124,28 @@ class SampledBlock(LeafSystem):
 
         put = put_number if vector is None and not self._shape else put_vector
         self._port = self.DeclareVectorOutputPort(name, size, put, prerequisites_of_calc=reads)
+
+    def show_held(self, name: str, vector: str | None = None, element: int = 0, factor: float = 1.0) -> None:
+        """Declare an output port with a number of the memory as the tick before left it: no direct feedthrough.
+
+        Args:
+            name: of the port, and of the number unless it is an element of a vector.
+            vector: of the memory.
+            element: of it.
+            factor: times which it is shown.
+        """
+        state, size = self._memory, math.prod(self._shape)
+        row = self._vectors[vector].start + element if vector else self._numbers.index(name)
+        first = 1 + (row - 1) * size
+
+        def put(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(context.get_discrete_state(state).value()[first : first + size] * factor)
+
+        def put_number(context: Context, output: BasicVector) -> None:
+            output.SetAtIndex(0, context.get_discrete_state(state).GetAtIndex(first) * factor)
+
+        reads: Any = {self.discrete_state_ticket(self._state)}
+        self.DeclareVectorOutputPort(name, size, put if self._shape else put_number, prerequisites_of_calc=reads)
 
     def show_kept(self, *names: str) -> None:
         """Declare output ports with what was kept in the tick before; by Drake, without a call into Python."""
@@ -147,7 +174,7 @@ class SampledBlock(LeafSystem):
         """
         now = context.get_time()
         memory = self._unpack(context.get_discrete_state(self._memory).CopyToVector())
-        if self._is_due(now, memory):
+        if now - memory["time"] >= self._soonest:
             return TickStart(memory, self._read(context))
         if memory["time"] < 0.0:
             raise BadInputError(f"{self.get_name()}: there was no tick yet at t = {now:g} s")
@@ -158,11 +185,6 @@ class SampledBlock(LeafSystem):
         for name in self._unconnected(context):
             del inputs[name]
         return TickStart(self._unpack(before), inputs)
-
-    def _is_due(self, now: float, memory: Memory) -> bool:
-        # Rounding of the times of the ticks is far below the margin.
-        due: bool = now - memory["time"] >= 0.999 * self._period
-        return due
 
     def _read(self, context: Context) -> Memory:
         missing = self._unconnected(context) if self._optional else ()
@@ -188,7 +210,7 @@ class SampledBlock(LeafSystem):
     def _compute(self, context: Context) -> Memory:
         # A copy: a view that is handed on, unchanged, would keep the context alive from within its own cache.
         memory, now = self._unpack(context.get_discrete_state(self._memory).CopyToVector()), context.get_time()
-        if not self._is_due(now, memory):
+        if now - memory["time"] < self._soonest:
             return memory
         after = self.step(context, memory, self._read(context))
         after["time"] = now
@@ -198,6 +220,8 @@ class SampledBlock(LeafSystem):
         if self._now:
             after: Memory = self._now.Eval(context)
             return after
+        if self._port is None:
+            return self._compute(context)
         (name,), value = self._names, self._port.Eval(context)
         tick = math.floor(context.get_time() / self._period + 1e-3)
         return {"time": tick * self._period, name: value if self._shape or self._vectors else value.item()}
@@ -235,14 +259,14 @@ class SampledBatch(SampledBlock, LaneBlock):
         return lane_values(f"initial {name}", value, self._size).reshape(self._shape)
 
     def _read(self, context: Context) -> Memory:
-        if not self._shape and not self._optional and not self._wide:
+        if self._all_floats:
             return {name: port.Eval(context).item() for name, port in self._inputs.items()}
         inputs = super()._read(context)
         return {name: self.lanes(value) if name in self._wide else self.lane(value) for name, value in inputs.items()}
 
     def _unpack(self, packed: Vector) -> dict[str, Any]:
         rows = [packed.item(0), *packed[1:].reshape(-1, *self._shape)] if self._shape else packed.tolist()
-        memory = dict(zip(self._numbers, rows, strict=False))
+        memory = dict(zip(self._numbers, rows))  # noqa: B905, the argument takes longer than the rest
         for name, place in self._vectors.items():
             memory[name] = rows[place]
         return memory
