@@ -26,9 +26,11 @@ from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.fields import Config, key
+from forcectl.framework.wiring import export_outputs
 from forcectl.plant.drives.joint_friction import JointFriction
 from forcectl.plant.drives.joint_servo import JointServo, servo_gains
 from forcectl.plant.drives.motor_motion import MotorMotion
+from forcectl.plant.drives.motors import MOTOR_PORTS
 from forcectl.robot.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -150,8 +152,7 @@ class JointInterface(Diagram):
             builder.Connect(motors.GetOutputPort("motor_position"), servo.GetInputPort("position"))
             builder.Connect(motors.GetOutputPort("motor_velocity"), servo.GetInputPort("velocity"))
             builder.ExportInput(motors.GetInputPort("spring_torque"), "spring_torque")
-            for name in ("motor_state", "motor_position", "motor_velocity"):
-                builder.ExportOutput(motors.GetOutputPort(name), name)
+            export_outputs(builder, {name: motors.GetOutputPort(name) for name in MOTOR_PORTS})
         else:
             builder.ExportInput(servo.GetInputPort("position"), "link_position")
             builder.ExportInput(servo.GetInputPort("velocity"), "link_velocity")

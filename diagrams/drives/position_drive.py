@@ -17,7 +17,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
-from pydrake.systems.primitives import Demultiplexer, LinearSystem
+from pydrake.systems.primitives import LinearSystem
 
 from forcectl.diagrams.drives.motor_side import MotorSide
 from forcectl.diagrams.drives.torque_interface import TorqueInterface
@@ -25,14 +25,14 @@ from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
-from forcectl.plant.drives.drive import Drive, joint_to_motor
+from forcectl.framework.wiring import export_outputs
 from forcectl.plant.drives.joint_impedance import JointImpedanceConfig
+from forcectl.plant.drives.motors import MOTOR_PORTS, export_motion, joint_to_motor, rotor_inertia
 from forcectl.plant.drives.position_loop import PositionLoop, PositionLoopConfig
 from forcectl.plant.drives.servo import ServoConfig
 from forcectl.robot.model import RobotModel
 
 Vector = NDArray[np.float64]
-MOTOR_PORTS = ("motor_state", "motor_position", "motor_velocity")
 _LARGEST_DRIVE_STEP = 0.5e-3  # [s] friction sticks and slips with a time of its own
 
 
@@ -57,7 +57,7 @@ class PositionDriveConfig(Config):
     def _servo(self, cell: Workcell) -> System:
         robot, gains, step = cell.robot, self.servo, cell.config.time_step
         facts = robot.facts
-        rotors = facts.rotor_inertia * facts.gear_ratio**2
+        rotors = rotor_inertia(robot)
         return Drive(
             rotors,
             joint_to_motor(robot),
@@ -82,8 +82,7 @@ class JointImpedanceDriveConfig(JointImpedanceConfig, PositionDriveConfig):
 
     def holding_stiffness(self, robot: RobotModel) -> Vector:
         """K_q, shape (n,) [Nm/rad]."""
-        facts = robot.facts
-        return self.joint_stiffness(facts.rotor_inertia * facts.gear_ratio**2)
+        return self.joint_stiffness(rotor_inertia(robot))
 
     def _servo(self, cell: Workcell) -> System:
         return TorqueInterface(cell, self, self.servo.friction_scale)
@@ -148,17 +147,12 @@ class PositionDrive(Diagram):
         connect(hold.get_output_port(), filter_.GetInputPort("command"))
         reference = filter_.GetOutputPort("reference")
         if servo is None:
-            halves = add("position_and_velocity", Demultiplexer([n, n]))
-            connect(reference, halves.get_input_port())
-            ports = {"motor_state": reference}
-            ports |= {"motor_position": halves.get_output_port(0), "motor_velocity": halves.get_output_port(1)}
+            export_motion(builder, reference)
         else:
             add("servo", servo)
             connect(reference, servo.GetInputPort("reference"))
             builder.ExportInput(servo.GetInputPort("spring_torque"), "spring_torque")
-            ports = {name: servo.GetOutputPort(name) for name in MOTOR_PORTS}
-        for name in MOTOR_PORTS:
-            builder.ExportOutput(ports[name], name)
+            export_outputs(builder, {name: servo.GetOutputPort(name) for name in MOTOR_PORTS})
         builder.BuildInto(self)
 
 

@@ -11,8 +11,9 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError
-from forcectl.plant.drives.drive import joint_to_motor
+from forcectl.framework.wiring import export_outputs
 from forcectl.plant.drives.joint_impedance import GravityCompensation, JointImpedance, JointImpedanceConfig
+from forcectl.plant.drives.motors import MOTOR_PORTS, joint_to_motor, rotor_inertia
 from forcectl.plant.drives.torque_drive import TorqueDrive
 
 Vector = NDArray[np.float64]
@@ -48,7 +49,7 @@ class TorqueInterface(Diagram):
         super().__init__()
         step, robot, n = cell.config.time_step, cell.robot, cell.num_joints
         facts, springs = robot.facts, cell.spring_stiffness
-        inertia = facts.rotor_inertia * facts.gear_ratio**2
+        inertia = rotor_inertia(robot)
         stiffness = cell.drive_stiffness
         links = np.diag(robot.mass_matrix(cell.start_context()))
         damping = interface.joint_damping(stiffness, inertia + links)
@@ -88,8 +89,7 @@ class TorqueInterface(Diagram):
         connect(impedance.GetOutputPort("torque_command"), drive.GetInputPort("torque_command"))
         builder.ExportInput(impedance.GetInputPort("reference"), "reference")
         builder.ExportInput(drive.GetInputPort("spring_torque"), "spring_torque")
-        for name in ("motor_state", "motor_position", "motor_velocity"):
-            builder.ExportOutput(drive.GetOutputPort(name), name)
+        export_outputs(builder, {name: drive.GetOutputPort(name) for name in MOTOR_PORTS})
         builder.ExportOutput(impedance.GetOutputPort("torque_command"), "torque_command")
         builder.ExportOutput(drive.GetOutputPort("motor_torque"), "motor_torque")
         builder.BuildInto(self)

@@ -17,13 +17,20 @@ from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues
+from pydrake.systems.framework import Context
 
 from forcectl.errors import invalid
-from forcectl.framework.batch import BatchParameter, Lane, LaneBlock, check, lane_values
+from forcectl.framework.batch import BatchParameter, Lane, check, lane_values
+from forcectl.framework.sampled_block import Memory, SampledBatch
+
+# C_E, P, what is put out, whether it learns, time until it may, F_M; x, F and z, then the last x, F and F_M.
+_MEMORY = (
+    *("estimate", "covariance", "environment_compliance", "learning", "wait", "model"),
+    *("x", "f", "z", "last_x", "last_f", "last_model"),
+)
 
 
-class ExcitedCompliance(LaneBlock):
+class ExcitedCompliance(SampledBatch):
     """Estimate of the compliance of the environment of n contacts, from moves of the desired force.
 
     ```
@@ -90,17 +97,13 @@ class ExcitedCompliance(LaneBlock):
                 "rate": BatchParameter(rate, "positive", "1/s"),
             },
         )
-        self._inputs = [
+        inputs = [
             self.DeclareVectorInputPort(name, size) for name in ("desired_force", "measured_force", "displacement")
         ]
-        # C_E, P, what is put out, whether it learns, time until it may, F_M; x, F and z, then the last x, F and F_M.
-        zero = np.zeros(size)
-        start = [self._first, self._first**2, self._first, *[zero] * 9]
-        self._memory = self.DeclareDiscreteState(np.concatenate(start))
-        reads = {self.discrete_state_ticket(self._memory)}
-        self.DeclareVectorOutputPort("environment_compliance", size, self._show_compliance, prerequisites_of_calc=reads)
-        self.DeclareVectorOutputPort("learning", size, self._show_learning, prerequisites_of_calc=reads)
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
+        start = {"estimate": self._first, "covariance": self._first**2, "environment_compliance": self._first}
+        self.declare_memory(dict.fromkeys(_MEMORY, 0.0) | start, inputs, period)
+        self.show_held("environment_compliance")
+        self.show_held("learning")
 
     def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
         """Both filters are stable and do not alternate; the range is one."""
@@ -120,18 +123,20 @@ class ExcitedCompliance(LaneBlock):
             *(excitation, force, change, first / span, first * span, rate * period, 1 / w_h),
         )
 
-    def _update(self, context: Context, next_state: DiscreteValues) -> None:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Lane]:
+        """One sample."""
         m = self.math
-        approach, decay, robot, noise, forgetting, *guards = self._values.Eval(context)
+        approach, decay, robot, noise, forgetting, *guards = self.values(context)
         excitation, least, change, low, high, rate, pause = guards
-        desired, force, dx = (self.lane(port.Eval(context)) for port in self._inputs)
-        old = self.lanes(context.get_discrete_state(self._memory).value())
-        c, p, shown, _, wait, model, x, f, z, x_1, f_1, model_1 = old
-        now = -dx - robot * force
+        c, p, shown, model = memory["estimate"], memory["covariance"], memory["environment_compliance"], memory["model"]
+        force = inputs["measured_force"]
+        now = -inputs["displacement"] - robot * force
         # What was before the first sample is rest at zero force and displacement.
-        x, f, z = decay * x + (now - x_1), decay * f + (force - f_1), decay * z + (model - model_1)
-        after = model + approach * (desired - model)
-        wait = m.where(force < least, pause, m.maximum(wait - self._period, 0.0))
+        x = decay * memory["x"] + (now - memory["last_x"])
+        f = decay * memory["f"] + (force - memory["last_f"])
+        z = decay * memory["z"] + (model - memory["last_model"])
+        after = model + approach * (inputs["desired_force"] - model)
+        wait = m.where(force < least, pause, m.maximum(memory["wait"] - self._period, 0.0))
         learn = (abs(z) >= excitation) & (wait <= 0)
 
         most = change * abs(z) * c
@@ -142,18 +147,8 @@ class ExcitedCompliance(LaneBlock):
         p = p + forgetting * (new**2 - p)
         step = rate * shown
         shown = shown + m.minimum(m.maximum(new - shown, -step), step)
-        values = [new, p, shown, m.where(learn, 1.0, 0.0), wait, after, x, f, z, now, force, model]
+        values = (new, p, shown, m.where(learn, 1.0, 0.0), wait, after, x, f, z, now, force, model)
         # Infinity minus infinity is not a number, so one comparison catches both NaN and overflow.
         total = now + force + after + x + f + new + p
         good = total - total == 0
-        if self._size == 1:
-            values = values if good else old
-        else:
-            values = [np.where(good, a, b) for a, b in zip(values, old, strict=True)]
-        next_state.set_value(self._memory, self.stack(*values))
-
-    def _show_compliance(self, context: Context, output: BasicVector) -> None:
-        self.write(output, self.lanes(context.get_discrete_state(self._memory).value())[2])
-
-    def _show_learning(self, context: Context, output: BasicVector) -> None:
-        self.write(output, self.lanes(context.get_discrete_state(self._memory).value())[3])
+        return self.choose(good, dict(zip(_MEMORY, values, strict=True)), memory)

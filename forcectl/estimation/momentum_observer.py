@@ -21,22 +21,31 @@ that swings at 1 rad/s shows three times as much of what is not there.
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
-from typing import Any
+from collections.abc import Mapping
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError
-from forcectl.framework.batch import BatchParameter, Lane, check, lane_values
+from forcectl.framework.batch import BatchParameter, check, lane_values
 from forcectl.framework.cache import scratch
-from forcectl.framework.kernels import largest, smallest
-from forcectl.framework.sampled_law import SampledLaw
+from forcectl.framework.kernels import all_finite, largest, smallest
+from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.plant.drives.joint_friction import JointFriction, friction_threshold, mean_features
 from forcectl.robot.momentum_model import MomentumModel
 
 Array = NDArray[np.float64]
+
+_MEMORY = (
+    *("external_torque", "residual", "reading_ok", "frozen"),
+    # Of the last good sample; its time is negative before the first one, and the same for all joints.
+    *("sample_time", "position", "velocity", "torque", "momentum", "force"),
+    # Behind the filter of the speeds, and the mean torque before it.
+    *("late_position", "late_torque", "mean_torque", "raw_speed"),
+    # Torque since that sample, and the time that it is known of.
+    *("impulse", "covered"),
+)
 
 
 def residual_step(residual: Array, mean_torque: Array, gain: Array | float, elapsed: float) -> Array:
@@ -51,7 +60,7 @@ def dead_band(residual: Array, threshold: Array) -> Array:
     return beyond
 
 
-class MomentumObserver(SampledLaw):
+class MomentumObserver(SampledBatch):
     """External joint torques of n joints by the momentum observer (5.6)*, less what may be friction (5.3)*.
 
     ```
@@ -84,7 +93,7 @@ class MomentumObserver(SampledLaw):
       all joints. Beyond `longest_gap` such readings are believed, once per gap.
     Of a tick whose torque is lost it is taken to be between those before and after.
 
-    Sampling: every `period` [s]; no delay from motor_torque to residual, see `SampledLaw`. The first tick
+    Sampling: every `period` [s]; no delay from motor_torque to residual, see `SampledBlock`. The first tick
     only starts it.
 
     Args:
@@ -93,6 +102,7 @@ class MomentumObserver(SampledLaw):
             [rad/s]; None: the speeds are those of the tick.
     """
 
+    on_arrays = True
     optional_inputs = ("reset",)
 
     def __init__(
@@ -126,8 +136,8 @@ class MomentumObserver(SampledLaw):
                 "still": BatchParameter(still, "not negative", "Nm"),
                 "limit": BatchParameter(limit, "positive", "Nm"),
             },
-            period,
         )
+        self._period = check("period", period, "positive")
         self._model = model
         self._lag = None if velocity_bandwidth is None else check("velocity_bandwidth", velocity_bandwidth, "positive")
         self._settle = 0.0 if self._lag is None else 10.0 / self._lag
@@ -147,38 +157,11 @@ class MomentumObserver(SampledLaw):
             "residual": "Nm",
             "reading_ok": "1",
         }
-        self._position = self.DeclareVectorInputPort("joint_position", n)
-        self._velocity = self.DeclareVectorInputPort("joint_velocity", n)
-        self._torque = self.DeclareVectorInputPort("motor_torque", n)
-        self._reset = self.DeclareVectorInputPort("reset", 1)
+        inputs = [self.DeclareVectorInputPort(name, n) for name in ("joint_position", "joint_velocity", "motor_torque")]
+        inputs.append(self.DeclareVectorInputPort("reset", 1))
         self._scratch = scratch(self, "plant context", model.create_context)
-        inputs = (self._position, self._velocity, self._torque, self._reset)
-        self.declare_command(
-            "external_torque",
-            {port.ticket() for port in inputs},
-            further={
-                "residual": 0.0,
-                "reading_ok": 0.0,
-                "frozen": 0.0,
-                # Of the last good sample; its time is repeated for every joint, negative before the first one.
-                "time": -1.0,
-                "position": 0.0,
-                "velocity": 0.0,
-                "torque": 0.0,
-                "momentum": 0.0,
-                "force": 0.0,
-                # Behind the filter of the speeds, and the mean torque before it.
-                "late_position": 0.0,
-                "late_torque": 0.0,
-                "mean_torque": 0.0,
-                "raw_speed": 0.0,
-                # Torque since that sample, and the time that it is known of.
-                "impulse": 0.0,
-                "covered": 0.0,
-            },
-        )
-        self.declare_output("residual")
-        self.declare_output("reading_ok")
+        self.declare_memory(dict.fromkeys(_MEMORY, 0.0) | {"sample_time": -1.0}, inputs, period)
+        self.show("external_torque", "residual", "reading_ok")
 
     def check_together(self, values: Mapping[str, Array]) -> None:
         """Infinite friction is none that can be subtracted."""
@@ -186,28 +169,22 @@ class MomentumObserver(SampledLaw):
             if not np.isfinite(values[name]).all():
                 raise BadInputError(f"{name} = {values[name].tolist()}: must be finite")
 
-    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
-        """The parameters as arrays, also for one joint: the model works on arrays."""
-        return tuple(np.atleast_1d(value) for value in values)
-
-    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Array]:
         """One tick of the observer."""
-        after = self._tick(context, held if self._size > 1 else np.reshape(held, (-1, 1)))
-        return after if self._size > 1 else [value.item() for value in after]
-
-    def _tick(self, context: Context, held: Any) -> list[Any]:
-        external, residual, ok, frozen, since, *memory, impulse, covered = held
-        q_last, v_last, torque_last, p_last, force_last, late_q, late_torque, mean_last, raw_speed = memory
+        residual, frozen, since = memory["residual"], memory["frozen"], memory["sample_time"].item(0)
+        impulse, covered = memory["impulse"], memory["covered"]
+        q_last, v_last, torque_last = memory["position"], memory["velocity"], memory["torque"]
+        q, v, torque = inputs["joint_position"], inputs["joint_velocity"], inputs["motor_torque"]
         now = context.get_time()
-        q, v, torque = self._position.Eval(context), self._velocity.Eval(context), self._torque.Eval(context)
-        if self._reset.HasValue(context) and self._reset.Eval(context)[0] > 0.5:
-            residual, external, frozen, since = 0.0 * residual, 0.0 * external, 0.0 * frozen, 0.0 * since - 1.0
-        started, elapsed, moved = since.item(0) >= 0, now - since.item(0), q - q_last
+        external = memory["external_torque"]
+        if "reset" in inputs and inputs["reset"].item() > 0.5:
+            residual = external = frozen = self._nothing
+            since = -1.0
+        started, elapsed, moved = since >= 0, now - since, q - q_last
 
         lost = False
-        # Nearly always everything is well; sums of squares and one comparison tell it in a fifth of the time.
-        well = started and math.isfinite(q.dot(q) + v.dot(v) + torque.dot(torque))
-        well = well and not (largest(moved == 0.0) or largest(frozen))
+        # Nearly always everything is well, which takes a fifth of the time to find out.
+        well = started and all_finite(q, v, torque) and not (largest(moved == 0.0) or largest(frozen))
         if well and self._jumps:
             well = smallest(np.abs(v - v_last) <= self._jump * elapsed)
         if well:
@@ -218,7 +195,7 @@ class MomentumObserver(SampledLaw):
             if started:
                 same = (moved == 0.0) | ~np.isfinite(q)
                 # Speeds that are late say of a joint that has just come to stick that it moves: there positions tell.
-                speed = np.maximum(np.abs(v), np.abs(v_last)) if self._lag is None else np.abs(raw_speed)
+                speed = np.maximum(np.abs(v), np.abs(v_last)) if self._lag is None else np.abs(memory["raw_speed"])
                 moving = speed > self._frozen_speed
                 jump = np.abs(v - v_last) > self._jump * elapsed
                 standing = same & (moving | (frozen > 0))
@@ -234,9 +211,18 @@ class MomentumObserver(SampledLaw):
                 covered = covered + np.where(known, self._period, 0.0)
             ok = fine.astype(float)
             if not fine.all():
-                return [external, residual, ok, frozen, since, *memory, impulse, covered]
+                return {
+                    **memory,
+                    "external_torque": external,
+                    "residual": residual,
+                    "reading_ok": ok,
+                    "frozen": frozen,
+                    "sample_time": since * self._good,
+                    "impulse": impulse,
+                    "covered": covered,
+                }
 
-        gain, offset, coulomb, forward, backward, move, still, limit = self._values.Eval(context)
+        gain, offset, coulomb, forward, backward, move, still, limit = self.values(context)
         going_on = started and bool(lost or elapsed <= self._longest)
         mean_torque = torque
         # The torque of one tick is its mean.
@@ -247,19 +233,34 @@ class MomentumObserver(SampledLaw):
         else:
             pole = math.exp(-self._lag * elapsed)
             share = 0.5 * (1.0 - pole)
-            late_q = pole * late_q + share * (q + q_last)
-            late_torque = pole * late_torque + share * (mean_torque + mean_last)
+            late_q = pole * memory["late_position"] + share * (q + q_last)
+            late_torque = pole * memory["late_torque"] + share * (mean_torque + memory["mean_torque"])
         momentum, force = self._model.terms(self._scratch.Eval(context), late_q, v)
         if going_on:
             sign, ahead, back = mean_features(v_last, v)
             friction = offset + coulomb * sign + forward * ahead + backward * back
-            mean = (momentum - p_last) / elapsed - late_torque - 0.5 * (force + force_last) + friction
+            mean = (momentum - memory["momentum"]) / elapsed - late_torque
+            mean = mean - 0.5 * (force + memory["force"]) + friction
             stepped = residual_step(residual, mean, gain, elapsed)
             # An overflow of absurd readings holds the residual too.
-            if not math.isfinite(stepped.dot(stepped)):
-                stepped = np.where(np.isfinite(stepped), stepped, residual)
+            stepped = np.where(np.isfinite(stepped), stepped, residual)
             residual = np.minimum(np.maximum(stepped, -limit), limit)
         external = dead_band(residual, friction_threshold(v, move, still))
-        raw_speed = moved / elapsed if started else self._nothing
-        memory = [q, v, torque, momentum, force, late_q, late_torque, mean_torque, raw_speed]
-        return [external, residual, ok, frozen, now * self._good, *memory, self._nothing, self._nothing]
+        return {
+            "external_torque": external,
+            "residual": residual,
+            "reading_ok": ok,
+            "frozen": frozen,
+            "sample_time": now * self._good,
+            "position": q,
+            "velocity": v,
+            "torque": torque,
+            "momentum": momentum,
+            "force": force,
+            "late_position": late_q,
+            "late_torque": late_torque,
+            "mean_torque": mean_torque,
+            "raw_speed": moved / elapsed if started else self._nothing,
+            "impulse": self._nothing,
+            "covered": self._nothing,
+        }

@@ -14,14 +14,14 @@ from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
 from typing import Any
-from weakref import ref
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues
+from pydrake.systems.framework import Context
 
 from forcectl.errors import invalid
-from forcectl.framework.batch import SCALAR_MATH, BatchParameter, Lane, LaneBlock, check, lane_values
+from forcectl.framework.batch import SCALAR_MATH, BatchParameter, Lane, check, lane_values
+from forcectl.framework.sampled_block import Memory, SampledBatch
 
 GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
 _WAIT = 3.0  # samples after a gap until the differences no longer reach across it
@@ -131,7 +131,7 @@ def recursive_vrft(
     return np.array(learnt) * [1.0, 1.0 / period, period]
 
 
-class RecursiveVrft(LaneBlock):
+class RecursiveVrft(SampledBatch):
     """Tunes the PID gains of n force loops while their experiment runs.
 
     ```
@@ -198,30 +198,21 @@ class RecursiveVrft(LaneBlock):
             },
         )
         self._prefilter = prefilter
-        self._output = self.DeclareVectorInputPort("controller_output", size)
-        self._force = self.DeclareVectorInputPort("measured_force", size)
-        self._mode = None if always else self.DeclareVectorInputPort("mode", size)
-        zero, rest_known = np.zeros(size), np.full(size, float(always))
+        names = ("controller_output", "measured_force", *(() if always else ("mode",)))
+        inputs = [self.DeclareVectorInputPort(name, size) for name in names]
+        data = np.zeros((_DATA, size))
+        data[0] = always  # rest is known
         # theta, D, U, the smoothed rate and the data, see `rls_step` and `regressor_step`.
-        start = [*self._first, *[self._highest] * 3, *[zero] * 4, rest_known, *[zero] * (_DATA - 1)]
-        self._memory = self.DeclareDiscreteState(np.concatenate(start))
-        for i, (name, factor) in enumerate(zip(GAINS, (1.0, 1.0 / period, period), strict=True)):
-            self._declare_gain(name, i, factor)
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
-
-    def _declare_gain(self, name: str, index: int, factor: float) -> None:
-        block, reads = ref(self), {self.discrete_state_ticket(self._memory)}
-
-        def show(context: Context, output: BasicVector) -> None:
-            tuner: Any = block()
-            memory = context.get_discrete_state(tuner._memory)
-            first = index * tuner._size
-            if tuner._size == 1:
-                output.SetAtIndex(0, memory.GetAtIndex(first) * factor)
-            else:
-                output.SetFromVector(memory.value()[first : first + tuner._size] * factor)
-
-        self.DeclareVectorOutputPort(name, self._size, show, prerequisites_of_calc=reads)
+        memory = {
+            "theta": np.array(self._first),
+            "diagonal": np.tile(self._highest, (3, 1)),
+            "upper": np.zeros((3, size)),
+            "rate": 0.0,
+            "data": data,
+        }
+        self.declare_memory(memory, inputs, period)
+        for i, (name, unit) in enumerate(zip(GAINS, (1.0, 1.0 / period, period), strict=True)):
+            self.show_held(name, "theta", i, unit)
 
     def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
         """(A, forgetting, resolution, least force and rate, bounds of K_P and K_I Ts or None, P_0)."""
@@ -239,22 +230,22 @@ class RecursiveVrft(LaneBlock):
             limit = f"below 1/period = {1 / self._period:g} rad/s"
             raise invalid("bandwidth", values["bandwidth"].tolist(), limit)
 
-    def _update(self, context: Context, next_state: DiscreteValues) -> None:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
+        """One sample."""
         m = self.math
-        decay, forgetting, resolution, least, slowest, bounds, highest = self._values.Eval(context)
-        u, y = self.lane(self._output.Eval(context)), self.lane(self._force.Eval(context))
-        y = rounded(y, resolution, m)
-        memory = self.lanes(context.get_discrete_state(self._memory).value())
-        theta, diagonal, upper, rate, data = memory[:3], memory[3:6], memory[6:9], memory[9], memory[10:]
-        phi, target, learn, after = regressor_step(data, u, y, decay, self._prefilter, m)
+        decay, forgetting, resolution, least, slowest, bounds, highest = self.values(context)
+        y, data, rate = rounded(inputs["measured_force"], resolution, m), memory["data"], memory["rate"]
+        phi, target, learn, after = regressor_step(data, inputs["controller_output"], y, decay, self._prefilter, m)
         rate = rate + _SMOOTHING * ((after[4] - data[4]) / self._period - rate)
         learn = learn & (abs(after[4]) >= least) & (abs(rate) >= slowest)
-        kept: Sequence[Lane] = [rate, *after]
-        if self._mode is not None:
-            running = self.lane(self._mode.Eval(context)) < 0.5
+        kept: dict[str, Any] = {"rate": rate, "data": after}
+        if "mode" in inputs:
+            running = inputs["mode"] < 0.5
             learn = learn & running
-            kept = self._choose(running, kept, memory[9:])
-        estimate, diagonal, upper = rls_step(theta, diagonal, upper, phi, target, forgetting)
+            kept = self.choose(running, kept, memory)
+        estimate, diagonal, upper = rls_step(
+            memory["theta"], memory["diagonal"], memory["upper"], phi, target, forgetting
+        )
         diagonal = [m.minimum(d, highest) for d in diagonal]
         if bounds is not None:
             within = [m.minimum(m.maximum(g, low), high) for g, (low, high) in zip(estimate, bounds, strict=False)]
@@ -262,10 +253,5 @@ class RecursiveVrft(LaneBlock):
         # Infinity minus infinity is not a number, so one comparison catches both NaN and overflow.
         total = estimate[0] + estimate[1] + estimate[2]
         learn = learn & (total - total == 0)
-        learnt = self._choose(learn, [*estimate, *diagonal, *upper], memory[:9])
-        next_state.set_value(self._memory, self.stack(*learnt, *kept))
-
-    def _choose(self, condition: Lane, new: Sequence[Lane], old: Sequence[Lane]) -> Sequence[Lane]:
-        if self._size == 1:
-            return new if condition else old
-        return [np.where(condition, a, b) for a, b in zip(new, old, strict=True)]
+        learnt = self.choose(learn, {"theta": estimate, "diagonal": diagonal, "upper": upper}, memory)
+        return {**learnt, **kept}

@@ -47,11 +47,11 @@ def wrench_from_torques(jacobian: Array, torque: Array, *, smallest: float, leng
     rows = len(jacobian)
     scale = np.ones(rows)
     scale[-3:] = 1.0 / length
-    square = np.outer(scale, scale) * jacobian.dot(jacobian.T)
+    square = np.outer(scale, scale) * (jacobian @ jacobian.T)
     # Usually all singular values are above the limit. To square them squares the condition, too.
     wide = smallest**2 > _LEAST * np.trace(square)
     if wide and is_definite(square - smallest**2 * np.eye(rows)):
-        found = dposv(square, scale * jacobian.dot(torque))[1]
+        found = dposv(square, scale * (jacobian @ torque))[1]
         return scale * found, False
     # LAPACK itself: half the time of numpy's wrapper for so small a matrix.
     U, s, Vt, _ = dgesdd(scale[:, None] * jacobian, full_matrices=0)

@@ -9,9 +9,9 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from forcectl.errors import BadInputError
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
+from forcectl.force.law import ForceLaw
 from forcectl.framework.batch import whole_multiple
 from forcectl.framework.fields import Config, key
-from forcectl.framework.sampled_law import SampledLaw
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import sensor_filter
@@ -35,7 +35,7 @@ class AdaptiveForceLaw(Diagram):
     Sampling: every `period` [s]; no delay beyond that of the law, whose compliance is one tick old.
 
     Args:
-        law: a `SampledLaw` or diagram of one, with the ports of the force law's slot and the input `compliance`.
+        law: a `ForceLaw` or diagram of one, with the ports of the force law's slot and the input `compliance`.
 
     Raises:
         BadInputError: the law has no such input.
@@ -43,7 +43,7 @@ class AdaptiveForceLaw(Diagram):
 
     def __init__(
         self,
-        law: SampledLaw | Diagram,
+        law: ForceLaw | Diagram,
         estimator: EnvironmentComplianceEstimator,
         *,
         filter_bandwidth: ArrayLike,
@@ -93,7 +93,7 @@ class Adaptation(Config):
             period=model.period,
         )
 
-    def adapt(self, builder: DiagramBuilder, model: PlantModel, law: SampledLaw | Diagram) -> AdaptiveForceLaw:
+    def adapt(self, builder: DiagramBuilder, model: PlantModel, law: ForceLaw | Diagram) -> AdaptiveForceLaw:
         """Add the law with the estimator."""
         block = AdaptiveForceLaw(
             law,

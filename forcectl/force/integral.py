@@ -8,18 +8,18 @@ The minus sign goes with F = -dx/C_T (2.8). e(.) is an optional dead zone agains
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from typing import Any
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LinearSystem, Multiplexer
 
-from forcectl.framework.batch import BatchParameter, Lane, check, check_order, lane_values
+from forcectl.force.law import ForceLaw
+from forcectl.framework.batch import BatchParameter, Lane, check, lane_values
 from forcectl.framework.fields import Config, key
-from forcectl.framework.sampled_law import SampledLaw
+from forcectl.framework.sampled_block import Memory
 from forcectl.plant.plant_model import PlantModel
 
 
@@ -38,7 +38,7 @@ def integral_step(command: Lane, error: Lane, gain: Lane, lower: Lane, upper: La
     return m.minimum(m.maximum(command - gain * error, lower), upper)
 
 
-class IntegralForceLaw(SampledLaw):
+class IntegralForceLaw(ForceLaw):
     """Integral force controller for n independent force loops.
 
     ```
@@ -57,7 +57,7 @@ class IntegralForceLaw(SampledLaw):
 
     A force that is not a number holds the last command.
 
-    Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledBlock`.
     """
 
     def __init__(
@@ -74,37 +74,25 @@ class IntegralForceLaw(SampledLaw):
         parameters = {
             "integral_gain": BatchParameter(integral_gain, "not negative", "1/s"),
             "dead_zone": BatchParameter(dead_zone, "not negative", "N"),
-            "lower_limit": BatchParameter(lower_limit, "a number", "m"),
-            "upper_limit": BatchParameter(upper_limit, "a number", "m"),
         }
-        if compliance is not None:
-            parameters["compliance"] = BatchParameter(compliance, "positive and finite", "m/N")
-        super().__init__(size, parameters, period)
-        self.sample_delay = {("measured_force", "displacement_command"): 0.0}
-        self._desired = self.DeclareVectorInputPort("desired_force", size)
-        self._measured = self.DeclareVectorInputPort("measured_force", size)
-        self._compliance = self.DeclareVectorInputPort("compliance", size) if compliance is None else None
-        inputs = [self._desired, self._measured, *([self._compliance] if self._compliance else [])]
-        self.declare_command("displacement_command", {port.ticket() for port in inputs})
+        super().__init__(
+            size, parameters, {}, period, lower_limit=lower_limit, upper_limit=upper_limit, compliance=compliance
+        )
 
     def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
         """(K_I Ts [C_T_hat], dead zone, limits)."""
         gain, width, lower, upper, *compliance = values
         return gain * self._period * (compliance[0] if compliance else 1.0), width, lower, upper
 
-    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
-        """The limits are in order."""
-        check_order("lower_limit", "upper_limit", values)
-
-    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Lane]:
         """One tick of the law."""
-        (last,) = held
-        gain, width, lower, upper = self._values.Eval(context)
-        if self._compliance is not None:
-            gain = gain * self.lane(self._compliance.Eval(context))
-        error = self.lane(self._desired.Eval(context)) - self.lane(self._measured.Eval(context))
+        last = memory["displacement_command"]
+        gain, width, lower, upper = self.values(context)
+        if "compliance" in inputs:
+            gain = gain * inputs["compliance"]
+        error = inputs["desired_force"] - inputs["measured_force"]
         after = integral_step(last, dead_zone(error, width, self.math), gain, lower, upper, self.math)
-        return (self.math.where(after == after, after, last),)
+        return {"displacement_command": self.math.where(after == after, after, last)}
 
 
 class LinearIntegralForceLaw(Diagram):

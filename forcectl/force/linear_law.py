@@ -11,17 +11,18 @@ fed back positively: what is left of the plant is the environment, whatever the 
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, DiagramBuilder, System
 
 from forcectl.errors import BadInputError
-from forcectl.framework.batch import BatchParameter, Lane, check_order
+from forcectl.force.law import ForceLaw
+from forcectl.framework.batch import BatchParameter, Lane
 from forcectl.framework.fields import Config, key
-from forcectl.framework.sampled_law import SampledLaw
+from forcectl.framework.sampled_block import Memory
 from forcectl.plant.plant_model import PlantModel
 
 GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
@@ -29,7 +30,7 @@ GAIN_UNITS = {"proportional_gain": "m/N", "integral_gain": "m/(N s)", "derivativ
 EXCITE, REGULATE = 0.0, 1.0  # values of `mode`
 
 
-class LinearForceLaw(SampledLaw):
+class LinearForceLaw(ForceLaw):
     """PID and FIR force controller with feedback of the robot's compliance, for n independent force loops.
 
     ```
@@ -37,8 +38,8 @@ class LinearForceLaw(SampledLaw):
     input_ports: [desired_force, measured_force, proportional_gain (optional), integral_gain (optional),
         derivative_gain (optional), excitation (optional), mode (optional)]
     output_ports: [displacement_command, controller_output]
-    parameters: [robot_compliance, derivative_filter, lower_limit, upper_limit, proportional_gain (optional),
-        integral_gain (optional), derivative_gain (optional), fir_0 (optional), fir_1 (optional), fir_2 (optional)]
+    parameters: [robot_compliance, derivative_filter, proportional_gain (optional), integral_gain (optional),
+        derivative_gain (optional), fir_0 (optional), fir_1 (optional), fir_2 (optional), lower_limit, upper_limit]
     ```
 
     desired_force, measured_force: shape (n,) [N].
@@ -51,14 +52,14 @@ class LinearForceLaw(SampledLaw):
     controller_output: shape (n,), u_hat = dx_bar + C_R_hat F [m] as commanded, after the limits.
     All outputs are feedthrough of all inputs at the tick.
 
-    Parameters (Context, shape (n,)): robot_compliance C_R_hat [m/N] >= 0, derivative_filter T_D [s] >= 0, lower_limit
-    and upper_limit of dx_bar [m], the three gains, and fir_0, fir_1, ... [m/N], as many as are given.
+    Parameters (Context, shape (n,)): robot_compliance C_R_hat [m/N] >= 0, derivative_filter T_D [s] >= 0, the three
+    gains, and fir_0, fir_1, ... [m/N], as many as are given, lower_limit and upper_limit of dx_bar [m].
 
     It starts at dx_bar = 0 under the force it finds. At a limit the integral stands still unless it leads away from it.
     A force, gain or excitation that is not a number holds the last command and everything remembered. Lost contact
     reads as F = 0: the command goes after the surface, down to its lower limit.
 
-    Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledBlock`.
 
     Args:
         gains: K_P, K_I, K_D, each a number or shape (n,); None: from ports. fir: f_0, f_1, ..., each a number or shape
@@ -69,6 +70,7 @@ class LinearForceLaw(SampledLaw):
     """
 
     port_units = GAIN_UNITS | {"excitation": "m", "controller_output": "m", "mode": "1"}
+    uses_compliance = False
 
     def __init__(
         self,
@@ -86,57 +88,51 @@ class LinearForceLaw(SampledLaw):
         parameters = {
             "robot_compliance": BatchParameter(robot_compliance, "not negative", "m/N"),
             "derivative_filter": BatchParameter(derivative_filter, "not negative", "s"),
-            "lower_limit": BatchParameter(lower_limit, "a number", "m"),
-            "upper_limit": BatchParameter(upper_limit, "a number", "m"),
         }
         if gains is not None:
             if len(gains) != len(GAINS):
                 raise BadInputError(f"gains has {len(gains)} values: must have {len(GAINS)}, {', '.join(GAINS)}")
             parameters |= {n: BatchParameter(v, "finite", GAIN_UNITS[n]) for n, v in zip(GAINS, gains, strict=True)}
         parameters |= {f"fir_{i}": BatchParameter(value, "finite", "m/N") for i, value in enumerate(fir)}
-        super().__init__(size, parameters, period)
-        self.sample_delay = {("measured_force", "displacement_command"): 0.0}
-        self._desired = self.DeclareVectorInputPort("desired_force", size)
-        self._measured = self.DeclareVectorInputPort("measured_force", size)
-        self._gains = None if gains is not None else [self.DeclareVectorInputPort(name, size) for name in GAINS]
-        loop = ("excitation", "mode") if open_loop else ()
-        self._open_loop = [self.DeclareVectorInputPort(name, size) for name in loop]
-        inputs = [self._desired, self._measured, *(self._gains or []), *self._open_loop]
-        past = [f"error_{i}" for i in range(1, max(len(fir), 2))]
-        own = ("controller_output", "started", "integral", "proportional", "derivative", *past)
-        further = dict.fromkeys(own, 0.0)
-        self.declare_command("displacement_command", {port.ticket() for port in inputs}, further=further)
-        self.declare_output("controller_output")
+        self._own_gains, self._open_loop = gains is not None, open_loop
+        own = ("controller_output", "started", "integral", "proportional", "derivative")
+        super().__init__(
+            size,
+            parameters,
+            {**dict.fromkeys(own, 0.0), "last_errors": np.zeros((max(len(fir) - 1, 1), 1))},
+            period,
+            lower_limit=lower_limit,
+            upper_limit=upper_limit,
+            inputs=[*(GAINS if gains is None else ()), *(("excitation", "mode") if open_loop else ())],
+            shows=("controller_output",),
+        )
 
-    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
-        """The limits are in order."""
-        check_order("lower_limit", "upper_limit", values)
-
-    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Lane]:
         """One tick of the law."""
         m, period = self.math, self._period
-        robot, filter_time, lower, upper, *coefficients = self._values.Eval(context)
-        force = self.lane(self._measured.Eval(context))
-        error = self.lane(self._desired.Eval(context)) - force
+        robot, filter_time, *coefficients, lower, upper = self.values(context)
+        force = inputs["measured_force"]
+        error = inputs["desired_force"] - force
         gains, fir = coefficients[:3], coefficients[3:]
-        if self._gains is not None:
-            gains, fir = [self.lane(port.Eval(context)) for port in self._gains], coefficients
+        if not self._own_gains:
+            gains, fir = [inputs[name] for name in GAINS], coefficients
         kp, ki, kd = gains
         good = (abs(error) < np.inf) & (abs(force) < np.inf) & (abs(kp) + abs(ki) + abs(kd) < np.inf)
         if self._open_loop:
-            excitation, mode = (self.lane(port.Eval(context)) for port in self._open_loop)
-            regulate = mode >= 0.5 * (EXCITE + REGULATE)
+            excitation = inputs["excitation"]
+            regulate = inputs["mode"] >= 0.5 * (EXCITE + REGULATE)
             good = good & (regulate | (abs(excitation) < np.inf))
             excitation = m.where(good, excitation, 0.0)
         error, force = m.where(good, error, 0.0), m.where(good, force, 0.0)
         kp, ki, kd = m.where(good, kp, 0.0), m.where(good, ki, 0.0), m.where(good, kd, 0.0)
 
-        _, _, started, integral, proportional, derivative, *past = held
+        past = memory["last_errors"]
         feedback = robot * force
         # A change of K_P goes into the integral; so does the force at the start.
-        integral = m.where(started > 0, integral + (proportional - kp * past[0]), feedback)
+        integral = memory["integral"] + (memory["proportional"] - kp * past[0])
+        integral = m.where(memory["started"] > 0, integral, feedback)
         proportional = kp * error
-        derivative = (filter_time * derivative + kd * (error - past[0])) / (filter_time + period)
+        derivative = (filter_time * memory["derivative"] + kd * (error - past[0])) / (filter_time + period)
         moving: Lane = 0.0
         for coefficient, e in zip(fir, (error, *past), strict=False):
             moving = moving + coefficient * e
@@ -150,11 +146,17 @@ class LinearForceLaw(SampledLaw):
         if self._open_loop:
             command = m.where(regulate, command, m.minimum(m.maximum(excitation - feedback, lower), upper))
             integral = m.where(regulate, integral, command - others)
-        new = (command, command + feedback, 1.0, integral, proportional, derivative, error, *past[:-1])
+        new = {
+            "displacement_command": command,
+            "controller_output": command + feedback,
+            "started": 1.0,
+            "integral": integral,
+            "proportional": proportional,
+            "derivative": derivative,
+            "last_errors": [error, *past[:-1]],
+        }
         good = good & (abs(free) < np.inf)
-        if self._size == 1:
-            return new if good else held
-        return [np.where(good, a, b) for a, b in zip(new, held, strict=True)]
+        return self.choose(good, new, memory)
 
 
 @dataclass(kw_only=True)

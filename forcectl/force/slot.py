@@ -12,7 +12,7 @@ Controller of joints
          any further outputs are diagnostics
 
 A force law is made a controller of joints by the kinematic inversion. Everything runs every `model.period` from t = 0.
-Let outputs be feedthrough at the tick and held, as `SampledLaw` does: the robot then takes the command of a tick in
+Let outputs be feedthrough at the tick and held, as `SampledBlock` does: the robot then takes the command of a tick in
 that tick; what is a state of the filler it takes one tick later.
 """
 

@@ -123,13 +123,16 @@ class LaneBlock(LeafSystem):
 
     parameter_names: Sequence[str] = ()
     parameter_units: Mapping[str, str] = {}
+    # Whether the equations want arrays also of one lane.
+    on_arrays = False
 
     def __init__(self, size: int, parameters: Mapping[str, BatchParameter]):
         super().__init__()
         if size < 1:
             raise invalid("size", size, "at least 1")
         self._size = size
-        self.math = SCALAR_MATH if size == 1 else np
+        self._shape: tuple[int, ...] = (size,) if size > 1 or self.on_arrays else ()
+        self.math = np if self._shape else SCALAR_MATH
         self._allowed = {name: p.allowed for name, p in parameters.items()}
         self._index = {}
         for name, p in parameters.items():
@@ -172,6 +175,10 @@ class LaneBlock(LeafSystem):
             raise unknown(f"parameter of {type(self).__name__}", name, self._index)
         return self._index[name]
 
+    def values(self, context: Context) -> Any:
+        """The parameters in this block's context, as `derive` gives them."""
+        return self._values.Eval(context)
+
     def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
         """What the equations need of the parameters; computed once per change, not per tick."""
         return values
@@ -180,21 +187,27 @@ class LaneBlock(LeafSystem):
         values = tuple(self.lane(context.get_numeric_parameter(i).CopyToVector()) for i in self._index.values())
         value.set_value(self.derive(values))
 
+    def choose(self, condition: Lane, new: dict[str, Any], old: Mapping[str, Any]) -> dict[str, Any]:
+        """The new lane values in the lanes where the condition holds, the old ones of the same names elsewhere."""
+        if self._shape:
+            return {name: np.where(condition, value, old[name]) for name, value in new.items()}
+        return new if condition else {name: old[name] for name in new}
+
     def lane(self, vector: NDArray[np.float64]) -> Lane:
         """A vector of shape (n,) as the equations want it."""
-        return vector.item() if self._size == 1 else vector
+        return vector if self._shape else vector.item()
 
     def lanes(self, vector: NDArray[np.float64]) -> Any:
         """A stacked vector of shape (k n,) as k lane values."""
-        return vector.tolist() if self._size == 1 else vector.reshape(-1, self._size)
+        return vector.reshape(-1, self._size) if self._shape else vector.tolist()
 
     def write(self, vector: BasicVector, value: Lane) -> None:
         """Put one lane value into a vector of shape (n,)."""
-        if self._size == 1:
-            vector.SetAtIndex(0, value)
-        else:
+        if self._shape:
             vector.SetFromVector(value)
+        else:
+            vector.SetAtIndex(0, value)
 
     def stack(self, *values: Lane) -> NDArray[np.float64]:
         """k lane values as one vector of shape (k n,)."""
-        return np.array(values) if self._size == 1 else np.concatenate(values)
+        return np.concatenate(values) if self._shape else np.array(values)

@@ -51,7 +51,7 @@ class RotationVector:
 
     def state(self, rotation: Vector, angular_velocity: Vector) -> OrientationState:
         """Of the orientation R (3, 3) that turns at w (3,) [rad/s]."""
-        x, y, z = _rotation_vector(rotation.dot(self._back).tolist())
+        x, y, z = _rotation_vector((rotation @ self._back).tolist())
         wx, wy, wz = angular_velocity.tolist()
         square = x * x + y * y + z * z
         t = math.sqrt(square)

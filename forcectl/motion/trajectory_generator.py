@@ -11,14 +11,15 @@ from pydrake.systems.framework import Context
 
 from forcectl.framework.batch import BatchParameter, Lane, lane_values
 from forcectl.framework.cache import scratch
-from forcectl.framework.sampled_law import SampledLaw
+from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.motion.group_planner import GroupPlanner, check_groups
-from forcectl.motion.trajectory import Limits, begin, check_limits_together
+from forcectl.motion.trajectory import Limits, TrajectoryState, begin, check_limits_together
 
+_TARGET = ("target_position", "target_velocity", "velocity_mode")
 _START = ("start_position", "start_velocity", "start_acceleration")
 
 
-class TrajectoryGenerator(SampledLaw):
+class TrajectoryGenerator(SampledBatch):
     """Moves n components to targets that may change at every tick, within limits of velocity, acceleration and jerk.
 
     ```
@@ -50,7 +51,7 @@ class TrajectoryGenerator(SampledLaw):
     met but caught up with: at 0.2 u/s it is still 1.7e-3 u ahead after two seconds, and half of that after eight. A
     target further than two hours away cannot be planned.
 
-    Sampling: every `period` [s]; no delay from the target to the motion, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from the target to the motion, see `SampledBlock`.
 
     Args:
         initial_position: where it stands at first without a start, shape (n,) [u]. synchronized: see `Planner`.
@@ -61,6 +62,7 @@ class TrajectoryGenerator(SampledLaw):
         BadInputError: values out of range, or groups that do not add up to n.
     """
 
+    on_arrays = True
     optional_inputs = ("target_velocity", "velocity_mode", *_START)
 
     def __init__(
@@ -82,22 +84,16 @@ class TrajectoryGenerator(SampledLaw):
                 "acceleration_limit": BatchParameter(acceleration_limit, "positive and finite", "u/s^2"),
                 "jerk_limit": BatchParameter(jerk_limit, "positive and finite", "u/s^3"),
             },
-            period,
         )
         self.sample_delay = {("target_position", "position"): 0.0}
         self.port_units = {"velocity_mode": "1", "arrived": "1", "braking": "1"}
-        self._inputs = [
-            self.DeclareVectorInputPort(name, size) for name in ("target_position", "target_velocity", "velocity_mode")
-        ]
-        self._start = [self.DeclareVectorInputPort(name, size) for name in _START]
+        inputs = [self.DeclareVectorInputPort(name, size) for name in (*_TARGET, *_START)]
         sizes = check_groups(groups, size)
         self._planner = scratch(self, "planner", lambda: GroupPlanner(sizes, synchronized))
         self._none = np.zeros(size)
-        first = begin(lane_values("initial_position", initial_position, size))._asdict()
-        reads = {port.ticket() for port in (*self._inputs, *self._start)}
-        self.declare_command("position", reads, first.pop("position"), further=first)
-        for name in ("velocity", "acceleration", "arrived", "braking"):
-            self.declare_output(name)
+        memory = begin(lane_values("initial_position", initial_position, size))._asdict()
+        self.declare_memory(memory, inputs, period)
+        self.show("position", "velocity", "acceleration", "arrived", "braking")
 
     def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
         """The velocity limit can be reached."""
@@ -107,17 +103,15 @@ class TrajectoryGenerator(SampledLaw):
         """The limits as one array (3, n)."""
         return np.array(values).reshape(3, -1)
 
-    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
         """One tick of the generator."""
-        start = [port.Eval(context) for port in self._start if port.HasValue(context)]
-        position, *optional = self._inputs
-        further = [port.Eval(context) if port.HasValue(context) else self._none for port in optional]
+        start = [inputs[name] for name in _START if name in inputs]
         planner: GroupPlanner = self._planner.Eval(context)
-        after: Any = planner.follow(
-            np.reshape(held, (-1, self._size)),
-            start if len(start) == len(self._start) else None,
-            np.array([position.Eval(context), *further]),
-            self._values.Eval(context),
+        after = planner.follow(
+            np.array([memory[name] for name in TrajectoryState._fields]),
+            start if len(start) == len(_START) else None,
+            np.array([inputs.get(name, self._none) for name in _TARGET]),
+            self.values(context),
             self._period,
         )
-        return after if self._size > 1 else after[:, 0].tolist()
+        return dict(zip(TrajectoryState._fields, after, strict=True))

@@ -10,7 +10,6 @@ with an admittance filter.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import Any
 
 import numpy as np
@@ -18,7 +17,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context
 
 from forcectl.framework.batch import BatchParameter, Lane
-from forcectl.framework.sampled_law import SampledLaw
+from forcectl.framework.sampled_block import Memory, SampledBatch
 
 
 def velocity_step(
@@ -47,7 +46,7 @@ def velocity_step(
     return position + period * velocity + 0.5 * period**2 * acceleration, after, acceleration
 
 
-class VelocityGenerator(SampledLaw):
+class VelocityGenerator(SampledBatch):
     """Algorithm 3 from its own state, for n components.
 
     ```
@@ -67,7 +66,7 @@ class VelocityGenerator(SampledLaw):
 
     A target velocity that is not a number keeps the last one (zero at first); one beyond the limit is the limit.
 
-    Sampling: every `period` [s]; no delay from target_velocity to position, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from target_velocity to position, see `SampledBlock`.
 
     Args:
         initial_position: where it stands at first, shape (n,) [u].
@@ -88,24 +87,19 @@ class VelocityGenerator(SampledLaw):
                 "velocity_limit": BatchParameter(velocity_limit, "positive", "u/s"),
                 "acceleration_limit": BatchParameter(acceleration_limit, "positive", "u/s^2"),
             },
-            period,
         )
         self.sample_delay = {("target_velocity", "position"): 0.0}
-        self._target = self.DeclareVectorInputPort("target_velocity", size)
-        self.declare_command(
-            "position",
-            {self._target.ticket()},
-            initial_position,
-            further={"velocity": 0.0, "acceleration": 0.0, "target": 0.0},
-        )
-        self.declare_output("velocity")
-        self.declare_output("acceleration")
+        inputs = [self.DeclareVectorInputPort("target_velocity", size)]
+        memory = {"position": initial_position, "velocity": 0.0, "acceleration": 0.0, "target": 0.0}
+        self.declare_memory(memory, inputs, period)
+        self.show("position", "velocity", "acceleration")
 
-    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Lane]:
         """One tick of Algorithm 3."""
-        position, velocity, _, last = held
-        velocity_limit, acceleration_limit = self._values.Eval(context)
-        given = self.lane(self._target.Eval(context))
-        target = self.math.where(abs(given) < np.inf, given, last)
-        after = velocity_step(position, velocity, target, velocity_limit, acceleration_limit, self._period, self.math)
-        return (*after, target)
+        given = inputs["target_velocity"]
+        target = self.math.where(abs(given) < np.inf, given, memory["target"])
+        limits = self.values(context)
+        position, velocity, acceleration = velocity_step(
+            memory["position"], memory["velocity"], target, limits[0], limits[1], self._period, self.math
+        )
+        return {"position": position, "velocity": velocity, "acceleration": acceleration, "target": target}

@@ -13,7 +13,7 @@ from __future__ import annotations
 from collections.abc import Sequence
 from copy import deepcopy
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -24,7 +24,7 @@ from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check, lane_values
 from forcectl.framework.cache import scratch
 from forcectl.framework.kernels import largest
-from forcectl.framework.tick_block import TickBlock, TickStart
+from forcectl.framework.sampled_block import Memory, SampledBlock, TickStart
 from forcectl.qp.constrained_program import Outcome
 from forcectl.qp.quadratic_program import Status
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver
@@ -44,20 +44,11 @@ Vector = NDArray[np.float64]
 _ABSURD = 1e6  # [m or rad, per s] a reference beyond is no number
 _ROUNDING = 1e-12  # violations below are none
 
-
-class Diagnostics(NamedTuple):
-    """What is put out besides the references, one number each, see `ReactiveController`."""
-
-    status: float
-    active_constraints: float
-    slack: float
-    constraint_violation: float
-    tracking_error: float
-    near_singular: float
-    levels_solved: float
-    holding: float
-    reached: float
-    stalled: float
+# What is put out besides the references, one number each, see `ReactiveController`.
+_DIAGNOSTICS = (
+    *("status", "active_constraints", "slack", "constraint_violation", "tracking_error", "near_singular"),
+    *("levels_solved", "holding", "reached", "stalled"),
+)
 
 
 class Tick(NamedTuple):
@@ -92,7 +83,7 @@ class Supervision:
 _DEFAULT_WEIGHTS, _DEFAULT_SUPERVISION = Weights(), Supervision()
 
 
-class ReactiveController(TickBlock):
+class ReactiveController(SampledBlock):
     """Reactive controller of a robot with any number of arms.
 
     ```
@@ -135,7 +126,7 @@ class ReactiveController(TickBlock):
     lost samples leave the command alone. Constraints that contradict each other at a tick: soft rows give way; then the
     joints brake. Limits that contradict each other or the start posture are an error when it is built.
 
-    Sampling: every `period` [s]; no delay, see `SampledLaw`: what the tick computes is put out at once and held.
+    Sampling: every `period` [s]; no delay, see `SampledBlock`: what the tick computes is put out at once and held.
 
     Args:
         robot: kinematics, inertia, limits.
@@ -154,7 +145,8 @@ class ReactiveController(TickBlock):
         BadInputError: values out of range, or that contradict each other or the start posture.
     """
 
-    port_units = dict.fromkeys(Diagnostics._fields, "1") | {"slack": "", "constraint_violation": "", "reading_ok": "1"}
+    port_units = dict.fromkeys(_DIAGNOSTICS, "1") | {"slack": "", "constraint_violation": "", "reading_ok": "1"}
+    keeps_start = True
     optional_inputs = ("task_acceleration_reference", "task_target", "joint_position", "joint_velocity")
 
     def __init__(
@@ -239,10 +231,10 @@ class ReactiveController(TickBlock):
             "read_position": np.full(n, np.nan),
             "read_command": start,
             "reading_ok": np.ones(n),
-            "reading_gap": np.zeros(1),
+            "reading_gap": 0.0,
             "target": np.full(k, np.nan),
             "progress": np.array([np.inf, 0.0, 0.0, 0.0]),
-            "diagnostics": np.zeros(len(Diagnostics._fields)),
+            **dict.fromkeys(_DIAGNOSTICS, 0.0),
             "stage_costs": np.zeros(self._tasks_program.size),
         }
         kept = {"task_position": task_start, "task_velocity": np.zeros(k), "task_acceleration": np.zeros(k)}
@@ -251,14 +243,9 @@ class ReactiveController(TickBlock):
         self._program = scratch(self, "quadratic programs", lambda: deepcopy(program))
         self._task_start = task_start
         self.declare_memory(memory, [*references, target, *measured], self._period, kept)
-        for name in ("joint_position_command", "joint_velocity_command"):
-            self.show(name)
-        for name in kept:
-            self.show_kept(name)
-        for i, name in enumerate(Diagnostics._fields):
-            self.show(name, "diagnostics", i)
-        for name in ("reading_ok", "stage_costs"):
-            self.show(name)
+        self.show("joint_position_command", "joint_velocity_command")
+        self.show_kept(*kept)
+        self.show(*_DIAGNOSTICS, "reading_ok", "stage_costs")
 
     def program(self, context: Context, level: int | None = None) -> MathematicalProgram:
         """The quadratic program of one level of the last tick, with all its rows; everything in it has a name.
@@ -281,13 +268,13 @@ class ReactiveController(TickBlock):
         program: TaskProgram = self._program.Eval(context)
         return program.program(posed, level)
 
-    def step(self, context: Context, start: TickStart) -> dict[str, Vector]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
         """The memory after a tick."""
-        Ts, (memory, inputs) = self._period, start
+        Ts = self._period
         q, v = memory["joint_position_command"], memory["joint_velocity_command"]
         position, velocity = inputs["task_position_reference"], inputs["task_velocity_reference"]
         target = inputs.get("task_target")
-        rows, state, readings, posed = self._tick(context, start)
+        rows, state, readings, posed = self._tick(context, TickStart(memory, inputs))
         if posed is None:
             found = Outcome(self._constraints.brake(v, rows), Status.NOT_FINITE, 0.0, 0, 0, 0.0)
         else:
@@ -309,30 +296,27 @@ class ReactiveController(TickBlock):
         if target is not None:
             progress = self._progress.look(progress, target, x, rate)
         violation = max(rows.violation, found.beyond)
-        told = Diagnostics(
-            status=found.status,
-            active_constraints=found.active,
-            slack=found.slack,
-            constraint_violation=violation if violation > _ROUNDING else 0.0,
-            tracking_error=missed,
-            near_singular=posed is not None and posed.near_singular,
-            levels_solved=found.levels,
-            holding=found.levels == 0,
-            reached=progress.reached,
-            stalled=progress.stalled,
-        )
         after = v + Ts * u
         return {
+            "status": float(found.status),
+            "active_constraints": found.active,
+            "slack": found.slack,
+            "constraint_violation": violation if violation > _ROUNDING else 0.0,
+            "tracking_error": missed,
+            "near_singular": float(posed is not None and posed.near_singular),
+            "levels_solved": found.levels,
+            "holding": float(found.levels == 0),
+            "reached": float(progress.reached),
+            "stalled": float(progress.stalled),
             "joint_position_command": q + 0.5 * Ts * (v + after),
             "joint_velocity_command": after,
             "foreseen": self._constraints.foresee(rows, u),
             "read_position": readings.position,
             "read_command": readings.command,
             "reading_ok": readings.good,
-            "reading_gap": np.array([readings.gap]),
+            "reading_gap": readings.gap,
             "target": progress.target,
             "progress": np.array(progress[1:]),
-            "diagnostics": np.array(told, dtype=float),
             "stage_costs": costs,
             **dict(zip(("task_position", "task_velocity", "task_acceleration"), led, strict=True)),
         }
@@ -360,7 +344,7 @@ class ReactiveController(TickBlock):
             position=memory["read_position"],
             command=memory["read_command"],
             good=memory["reading_ok"],
-            gap=memory["reading_gap"].item(),
+            gap=memory["reading_gap"],
         )
         if "joint_position" not in inputs:
             return past, False

@@ -13,7 +13,7 @@ from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig
 from forcectl.errors import BadInputError
 from forcectl.estimation.force_estimator import ForceEstimatorConfig
 from forcectl.force.integral import IntegralConfig
-from forcectl.framework.sampled_law import SampledLaw
+from forcectl.framework.sampled_block import SampledBlock
 from forcectl.motion.joint_path import DitherConfig, JointMovesConfig, PostureConfig
 from forcectl.motion.loads import LoadConfig
 from forcectl.motion.references import StepConfig
@@ -30,16 +30,16 @@ COMMANDS = ("joint_position_command", "joint_velocity_command")
 FREE = {"friction": {"scale": 0.0}, "sensors": {"quantum": 0.0}}
 
 
-class Echo(SampledLaw):
+class Echo(SampledBlock):
     """The position it reads plus 1 mrad, from 20 ms on; its command of a tick."""
 
     def __init__(self, size: int, start: np.ndarray):
-        super().__init__(size, {}, TICK)
-        self._position = self.DeclareVectorInputPort("joint_position", size)
-        self.declare_command(COMMANDS[0], {self._position.ticket()}, initial=start)
+        super().__init__()
+        self.declare_memory({COMMANDS[0]: start}, [self.DeclareVectorInputPort("joint_position", size)], TICK)
+        self.show(COMMANDS[0])
 
-    def step(self, context, held):
-        return [self._position.Eval(context) + 1e-3 * (context.get_time() > 0.018)]
+    def step(self, context, memory, inputs):
+        return {COMMANDS[0]: inputs["joint_position"] + 1e-3 * (context.get_time() > 0.018)}
 
 
 class Filler:

@@ -101,8 +101,8 @@ def test_years_at_rest_keep_the_covariance_at_what_is_believed_at_first() -> Non
     context = estimator.CreateDefaultContext()
     for name in ("desired_force", "measured_force", "displacement"):
         estimator.GetInputPort(name).FixValue(context, [0.0])
-    state = context.get_discrete_state(0).value()
-    assert state[1] == pytest.approx(state[0] ** 2)
+    memory = estimator.memory(context)
+    assert memory["covariance"] == pytest.approx(memory["estimate"] ** 2)
 
 
 @pytest.mark.parametrize("name", ["desired_force", "measured_force", "displacement"])

@@ -153,12 +153,12 @@ LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str
         {
             "robot_compliance": NOT_NEGATIVE,
             "derivative_filter": NOT_NEGATIVE,
-            "lower_limit": NUMBER,
-            "upper_limit": NUMBER,
             "proportional_gain": FINITE,
             "integral_gain": FINITE,
             "derivative_gain": FINITE,
             "fir_0": FINITE,
+            "lower_limit": NUMBER,
+            "upper_limit": NUMBER,
         },
     ),
     ExcitedCompliance: (

@@ -28,9 +28,9 @@ from forcectl.diagrams.mechanics.assembly import STATION_INPUTS
 from forcectl.errors import BadInputError
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.force.integral import IntegralForceLaw
+from forcectl.force.law import ForceLaw
 from forcectl.framework.batch import LaneBlock
-from forcectl.framework.sampled_law import SampledLaw
-from forcectl.framework.tick_block import TickBlock
+from forcectl.framework.sampled_block import SampledBatch, SampledBlock
 from forcectl.plant.contact.tip_contact import TipContact
 from forcectl.plant.sensors.force_sensor import SensorElectronics
 from forcectl.plant.sensors.wrist_sensor import WristSensor
@@ -50,7 +50,7 @@ CASES = [
 STATIONS = (OneDimensionalStation, KinematicStation, MultibodyStation)
 
 
-BASES = {LaneBlock, SampledLaw, SensorElectronics, TickBlock}
+BASES = {ForceLaw, LaneBlock, SampledBatch, SampledBlock, SensorElectronics}
 BLOCKS = {kind.__name__: kind for kind in EXAMPLES}
 EVERY_BLOCK = pytest.mark.parametrize(
     "kind", sorted(EXAMPLES, key=lambda kind: kind.__name__), ids=lambda kind: kind.__name__

@@ -38,17 +38,17 @@ from forcectl.force.linear_law import VrftConfig
 from forcectl.framework.batch import BatchParameter, Lane, check, check_order, lane_values, whole_multiple
 from forcectl.framework.cache import scratch
 from forcectl.framework.fields import Config, key, slot
-from forcectl.framework.sampled_law import SampledLaw
+from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, available_solvers
 
-# What a tick is solved for, see `Situation`, as it is remembered.
+# What a tick is solved for, see `Situation`, as it is remembered to be looked at.
 _POSED = ("posed_wanted_force", "posed_desired_force", "posed_free_force", "posed_last_reference")
 
 
-class CommandGovernor(SampledLaw):
+class CommandGovernor(SampledBatch):
     """Chooses the references of n independent force loops, tick by tick. (4.31), (4.33)*
 
     ```
@@ -71,7 +71,7 @@ class CommandGovernor(SampledLaw):
     inner loop predicts, not the reference, which is beyond them while the force is on its way (lower_limit and
     upper_limit are for that), and not what the true loop does otherwise than its model.
 
-    Sampling: every `period` [s]; no delay from measured_force to governed_reference, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from measured_force to governed_reference, see `SampledBlock`.
 
     Args:
         size: lanes n.
@@ -129,19 +129,22 @@ class CommandGovernor(SampledLaw):
             "lower_force": BatchParameter(lower_force, "a number", "N"),
             "upper_force": BatchParameter(upper_force, "a number", "N"),
         }
-        super().__init__(size, parameters, period)
+        super().__init__(size, parameters)
+        self._period = period
         self.sample_delay = {("measured_force", "governed_reference"): 0.0}
-        self._desired = self.DeclareVectorInputPort("desired_force", size)
-        self._measured = self.DeclareVectorInputPort("measured_force", size)
-        start = lane_values("initial_force", initial_force, size)
-        memory: dict[str, ArrayLike] = {"wanted_force": start, "status": 0.0}
-        memory |= {f"reference_{i}_ticks_ago": start for i in range(1, self._ticks + 1)}
-        # What the last tick was solved for, of which the next one reads nothing.
-        memory |= dict.fromkeys(_POSED, 0.0)
+        inputs = [self.DeclareVectorInputPort(name, size) for name in ("desired_force", "measured_force")]
         self._program = scratch(self, "quadratic program", lambda: deepcopy(program))
-        reads = {self._desired.ticket(), self._measured.ticket()}
-        self.declare_command("governed_reference", reads, start, memory)
-        self.declare_output("status")
+        start = lane_values("initial_force", initial_force, size)
+        memory = {
+            "governed_reference": start,
+            "status": 0.0,
+            "wanted_force": start,
+            # The last ones of so many ticks, the newest first.
+            "references": np.tile(start, (max(1, self._ticks), 1)),
+            **dict.fromkeys(_POSED, 0.0),
+        }
+        self.declare_memory(memory, inputs, period)
+        self.show("governed_reference", "status")
 
     def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
         """The poles are within (0, 1), the weights finite, the limits in order."""
@@ -162,26 +165,30 @@ class CommandGovernor(SampledLaw):
         c = coefficients(inner, wanted, self._ticks, output, reference)
         return c, None if limits.none else limits, lanes
 
-    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
         """One tick of the governor."""
         m = self.math
-        last, wanted, _, *further = held
-        past = further[: self._ticks]
-        numbers, limits, lanes = self._values.Eval(context)
-        desired, force = self.lane(self._desired.Eval(context)), self.lane(self._measured.Eval(context))
-        free = free_force(numbers, force, past)
+        numbers, limits, lanes = self.values(context)
+        wanted, last, past = memory["wanted_force"], memory["governed_reference"], memory["references"]
+        desired = inputs["desired_force"]
+        free = free_force(numbers, inputs["measured_force"], past[: self._ticks])
+        posed = Situation(wanted, desired, free, last)
         reference = closed_form(numbers, wanted, desired, free)
         fine = abs(reference) < inf
         status = m.where(fine, float(Status.OPTIMAL), float(Status.NOT_FINITE))
-        posed = Situation(wanted, desired, free, last)
         if self._horizon > 1:
             reference, status = self._solve(context, lanes, posed)
         elif limits is not None:
             reference = limits.nearest(numbers, reference, last, free, m)
         after = model_step(numbers, wanted, desired)
         reference = m.where(fine, reference, last)
-        sent = [reference, *past][: self._ticks]
-        return reference, m.where(abs(after) < inf, after, wanted), status, *sent, *posed
+        return {
+            "governed_reference": reference,
+            "status": status,
+            "wanted_force": m.where(abs(after) < inf, after, wanted),
+            "references": [reference, *past[:-1]],
+            **dict(zip(_POSED, posed, strict=True)),
+        }
 
     def program(self, context: Context, lane: int = 0) -> MathematicalProgram:
         """The quadratic program of the last tick of one lane, in r[t], ..., r[t+h-1] [N]; everything in it has a name.
@@ -199,10 +206,10 @@ class CommandGovernor(SampledLaw):
         """
         if lane not in range(self._size):
             raise invalid("lane", lane, f"from 0 to {self._size - 1}")
-        posed = Situation(*(np.ravel(self.remembered(context, name))[lane].item() for name in _POSED))
-        _, _, lanes = self._values.Eval(context)
+        memory, (_, _, lanes) = self.memory(context), self.values(context)
+        posed = _by_lane([memory[name] for name in _POSED])[lane]
         program: GovernorProgram = self._program.Eval(context)
-        return program.program(lanes[lane][0], posed, lanes[lane][1])
+        return program.program(lanes[lane][0], Situation(*posed), lanes[lane][1])
 
     def _solve(
         self, context: Context, lanes: Sequence[tuple[Horizon, GovernorLimits]], posed: Situation

@@ -18,7 +18,7 @@ from __future__ import annotations
 import math
 from collections.abc import Sequence
 from copy import deepcopy
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -39,7 +39,7 @@ from forcectl.force.sensor_lag import SensorLag
 from forcectl.framework.batch import check
 from forcectl.framework.cache import scratch
 from forcectl.framework.kernels import all_finite
-from forcectl.framework.tick_block import TickBlock, TickStart
+from forcectl.framework.sampled_block import Memory, SampledBlock, TickStart
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.constrained_program import ConstrainedProgram, Outcome, Problem
 from forcectl.qp.quadratic_program import Status
@@ -68,19 +68,6 @@ _DIAGNOSTICS = {
 }
 
 
-class InvarianceDiagnostics(NamedTuple):
-    """What is put out besides the command, see `InvarianceController`."""
-
-    displacement_command: float
-    invariance_function: float
-    status: float
-    active_constraints: float
-    slack: float
-    constraint_violation: float
-    near_singular: float
-    contact_lost: float
-
-
 class InvarianceTick(NamedTuple):
     """A tick up to its program.
 
@@ -103,7 +90,7 @@ class InvarianceTick(NamedTuple):
     references: tuple[Vector, Vector]
 
 
-class InvarianceController(TickBlock):
+class InvarianceController(SampledBlock):
     """Invariance controller of a robot.
 
     ```
@@ -132,7 +119,7 @@ class InvarianceController(TickBlock):
     All outputs are feedthrough of desired_force, measured_force, unconstrained_reference and compliance at the tick.
     All outputs are feedthrough of motor_position when it is read.
 
-    Sampling: every `period` [s]; no delay, see `SampledLaw`: what the tick computes is put out at once and held.
+    Sampling: every `period` [s]; no delay, see `SampledBlock`: what the tick computes is put out at once and held.
 
     Args:
         model: of the plant, with a robot.
@@ -156,6 +143,7 @@ class InvarianceController(TickBlock):
     """
 
     port_units = _DIAGNOSTICS
+    keeps_start = True
 
     def __init__(
         self,
@@ -251,17 +239,15 @@ class InvarianceController(TickBlock):
             "last_reference": np.zeros(n),
             "reference_before": np.zeros(n),
             "course": np.zeros(len(ReferenceState._fields)),
-            "touched": np.zeros(1),
+            "touched": 0.0,
             "in_sensor": np.zeros(self._seen_size),
             # The rates that the tick led to as far as it knew.
             "foreseen_outputs": np.zeros(len(self._axes)),
             "foreseen_rows": np.zeros(self._constraints.foreseen_size),
-            "diagnostics": np.zeros(len(_DIAGNOSTICS)),
+            **dict.fromkeys(_DIAGNOSTICS, 0.0),
         }
         self.declare_memory(memory, inputs, self._period)
-        self.show("joint_position_command")
-        for i, name in enumerate(InvarianceDiagnostics._fields):
-            self.show(name, "diagnostics", i)
+        self.show("joint_position_command", *_DIAGNOSTICS)
 
     def program(self, context: Context) -> MathematicalProgram:
         """The quadratic program of the last tick, with all its rows; variables, rows and costs have names.
@@ -293,15 +279,15 @@ class InvarianceController(TickBlock):
             return straight_place(self._origin, q)
         return place(self._model.known_robot(), self._scratch[1].Eval(context), q)
 
-    def step(self, context: Context, start: TickStart) -> dict[str, Vector]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
         """The memory after a tick."""
-        Ts, memory = self._period, start.memory
+        Ts = self._period
         q, v = memory["joint_position_command"], memory["joint_velocity_command"]
-        tick = self._tick(context, start)
+        tick = self._tick(context, TickStart(memory, inputs))
         rows, along, x, force = tick.rows, tick.along, tick.x, tick.force
-        touched, lost = memory["touched"].item(), 0.0
+        touched, lost = memory["touched"], 0.0
         if tick.problem is None or force is None:
-            phi = InvarianceDiagnostics(*memory["diagnostics"].tolist()).invariance_function
+            phi = memory["invariance_function"]
             found = Outcome(self._constraints.brake(v, rows), Status.NOT_FINITE, 0.0, 0, 0, 0.0)
         else:
             found = self._program.Eval(context).solve(tick.problem)
@@ -314,27 +300,24 @@ class InvarianceController(TickBlock):
         u = found.u
         violation = max(rows.violation, found.beyond)
         bending = along.rows @ u + along.bias
-        told = InvarianceDiagnostics(
-            displacement_command=x[0] + Ts * tick.rate.item(0) + 0.5 * Ts**2 * bending.item(0),
-            invariance_function=phi,
-            status=float(found.status),
-            active_constraints=found.active,
-            slack=found.slack,
-            constraint_violation=violation if violation > _ROUNDING else 0.0,
-            near_singular=tick.near,
-            contact_lost=lost,
-        )
         return {
+            "displacement_command": x[0] + Ts * tick.rate.item(0) + 0.5 * Ts**2 * bending.item(0),
+            "invariance_function": phi,
+            "status": float(found.status),
+            "active_constraints": found.active,
+            "slack": found.slack,
+            "constraint_violation": violation if violation > _ROUNDING else 0.0,
+            "near_singular": float(tick.near),
+            "contact_lost": lost,
             "joint_position_command": q + Ts * v + 0.5 * Ts**2 * u,
             "joint_velocity_command": v + Ts * u,
             "last_reference": tick.references[0],
             "reference_before": tick.references[1],
-            "course": np.array(tick.course),
-            "touched": np.array([touched]),
-            "in_sensor": np.array(tick.in_sensor),
+            "course": tick.course,
+            "touched": touched,
+            "in_sensor": tick.in_sensor,
             "foreseen_outputs": tick.rate + Ts * bending,
             "foreseen_rows": self._constraints.foresee(rows, u),
-            "diagnostics": np.array(told, dtype=float),
         }
 
     def _tick(self, context: Context, start: TickStart) -> InvarianceTick:
@@ -346,7 +329,7 @@ class InvarianceController(TickBlock):
         good = math.isfinite(desired + measured) and 0.0 < compliance < math.inf
         if not good:  # no number then that depends on it
             measured = compliance = math.nan
-        first, now, last = memory["time"].item() < 0.0, inputs["unconstrained_reference"], memory["last_reference"]
+        first, now, last = memory["time"] < 0.0, inputs["unconstrained_reference"], memory["last_reference"]
         if first:
             last = now
         if not all_finite(now):

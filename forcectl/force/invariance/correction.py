@@ -12,13 +12,12 @@ so only the changes of the nominal command count: where the correction has left 
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Any
 
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from forcectl.errors import about
 from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
@@ -27,6 +26,7 @@ from forcectl.force.invariance.force_law import InvarianceForceLaw, InvarianceLi
 from forcectl.framework.batch import Lane
 from forcectl.framework.enclosed import Enclosed
 from forcectl.framework.fields import key, slot
+from forcectl.framework.sampled_block import Memory
 from forcectl.plant.plant_model import PlantModel
 
 
@@ -47,27 +47,22 @@ class InvarianceCorrection(InvarianceForceLaw):
     upper_acceleration [m/s^2] > 0 limits the control in both directions. While the constraint is violated, as after a
     step down, the command returns within gamma or as fast as the nominal law asks for, whichever is faster. (3.57)
 
-    Sampling: every `period` [s]; no delay from nominal_command to displacement_command, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from nominal_command to displacement_command, see `SampledBlock`.
     """
 
+    own_inputs = ("nominal_command",)
     own_memory = ("nominal",)
 
-    def declare_own_inputs(self) -> set[Any]:
-        """The nominal command."""
-        self._nominal = self.DeclareVectorInputPort("nominal_command", self._size)
-        return {self._nominal.ticket()}
-
     def decide(
-        self, context: Context, y: Lane, rate: Lane, v: Lane, gamma: Lane, upper: Lane, own: Sequence[Lane]
-    ) -> tuple[Lane, Sequence[Lane]]:
+        self, memory: Memory, inputs: Memory, y: Lane, rate: Lane, gamma: Lane, upper: Lane
+    ) -> tuple[Lane, Memory]:
         """The nominal acceleration, at most the largest that keeps the constraint."""
         m, period = self.math, self._period
-        (last,) = own
-        nominal = self.lane(self._nominal.Eval(context))
+        last, nominal = memory["nominal"], inputs["nominal_command"]
         nominal = m.where(abs(nominal) < inf, nominal, last)
-        wanted = (v - (nominal - last) / period) / period
+        wanted = (memory["velocity"] - (nominal - last) / period) / period
         largest = one_step_acceleration(y, rate, gamma, m.where(y > 0.0, -gamma, upper), period, m)
-        return m.minimum(wanted, largest), (nominal,)
+        return m.minimum(wanted, largest), {"nominal": nominal}
 
 
 class InvarianceControl(Diagram):

@@ -11,22 +11,23 @@ The law knows the force through C_T_hat only: with a wrong one it ends at F = (C
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from math import inf
 from typing import Any, TypeVar
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, DiagramBuilder
 
 from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
-from forcectl.framework.batch import BatchParameter, Lane, check_order, lane_values
+from forcectl.force.law import ForceLaw
+from forcectl.framework.batch import BatchParameter, Lane, lane_values
 from forcectl.framework.fields import Config, key
-from forcectl.framework.sampled_law import SampledLaw
+from forcectl.framework.sampled_block import Memory
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
 
+_MEMORY = ("velocity", "invariance_function", "status", "desired", "slope", "bend")
 _NOT_FINITE = float(Status.NOT_FINITE)
 
 
@@ -82,7 +83,7 @@ def fall(
     return slope, bend, speed, m.minimum(-compliance * m.minimum(m.maximum(bend, last_bend), 0.0), 0.9 * opposite)
 
 
-class InvarianceForceLaw(SampledLaw):
+class InvarianceForceLaw(ForceLaw):
     """Invariance force controller [57] for n independent force loops.
 
     ```
@@ -118,10 +119,13 @@ class InvarianceForceLaw(SampledLaw):
     within gamma and holds it there. Lost contact does not show in what the law knows: the command stays at its set
     point, and so does the force when contact is back.
 
-    Sampling: every `period` [s]; no delay from desired_force to displacement_command, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from desired_force to displacement_command, see `SampledBlock`.
     """
 
     port_units = {"invariance_function": "m", "status": "1"}
+    follows = "desired_force"
+    # Inputs of a subclass after the forces, and what it remembers; these have other names.
+    own_inputs: tuple[str, ...] = ()
     own_memory: tuple[str, ...] = ()
 
     def __init__(
@@ -142,67 +146,58 @@ class InvarianceForceLaw(SampledLaw):
             "gamma": BatchParameter(gamma, "negative and finite", "m/s^2"),
             "upper_acceleration": BatchParameter(upper_acceleration, "positive and finite", "m/s^2"),
             "speed_limit": BatchParameter(speed_limit, "positive", "m/s"),
-            "lower_limit": BatchParameter(lower_limit, "a number", "m"),
-            "upper_limit": BatchParameter(upper_limit, "a number", "m"),
         }
-        if compliance is not None:
-            parameters["compliance"] = BatchParameter(compliance, "positive and finite", "m/N")
-        super().__init__(size, parameters, period)
-        self.sample_delay = {("desired_force", "displacement_command"): 0.0}
-        self._desired = self.DeclareVectorInputPort("desired_force", size)
-        self._measured = self.DeclareVectorInputPort("measured_force", size)
-        own = self.declare_own_inputs()
-        self._compliance = self.DeclareVectorInputPort("compliance", size) if compliance is None else None
-        reads = {self._desired.ticket(), self._measured.ticket(), *own}
-        if self._compliance is not None:
-            reads.add(self._compliance.ticket())
-        memory = ("velocity", "invariance_function", "status", "desired", "slope", "bend", *self.own_memory)
-        self.declare_command("displacement_command", reads, further=dict.fromkeys(memory, 0.0))
-        self.declare_output("invariance_function")
-        self.declare_output("status")
-
-    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
-        """The limits are in order."""
-        check_order("lower_limit", "upper_limit", values)
+        super().__init__(
+            size,
+            parameters,
+            dict.fromkeys((*_MEMORY, *self.own_memory), 0.0),
+            period,
+            lower_limit=lower_limit,
+            upper_limit=upper_limit,
+            compliance=compliance,
+            inputs=self.own_inputs,
+            shows=("invariance_function", "status"),
+        )
 
     def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
         """The parameters, with -gamma and the largest acceleration of the command."""
         gamma, upper, *rest = values
         return gamma, -gamma, upper, self.math.maximum(upper, -gamma), *rest
 
-    def declare_own_inputs(self) -> set[Any]:
-        """Declare the inputs of a subclass after those of the slot; their tickets."""
-        return set()
-
     def decide(
-        self, context: Context, y: Lane, rate: Lane, v: Lane, gamma: Lane, upper: Lane, own: Sequence[Lane]
-    ) -> tuple[Lane, Sequence[Lane]]:
+        self, memory: Memory, inputs: Memory, y: Lane, rate: Lane, gamma: Lane, upper: Lane
+    ) -> tuple[Lane, Memory]:
         """The acceleration y'' of a new tick, and the subclass' own memory after it.
 
         Args:
-            y, rate: constraint output [m] and its rate [m/s]. v: velocity of the command [m/s]. gamma, upper: bounds of
-                y'' relative to the set point [m/s^2]. own: the subclass' own memory.
+            memory: of the tick before.
+            inputs: of the tick.
+            y: constraint output [m].
+            rate: its rate [m/s].
+            gamma: lower bound of y'' relative to the set point [m/s^2].
+            upper: upper bound of it [m/s^2].
         """
-        return one_step_acceleration(y, rate, gamma, upper, self._period, self.math), own
+        return one_step_acceleration(y, rate, gamma, upper, self._period, self.math), {}
 
-    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Lane]:
         """One tick of the law."""
         maximum, minimum, where, period = self.math.maximum, self.math.minimum, self.math.where, self._period
-        gamma, opposite, upper, most, speed_limit, lower_limit, upper_limit, *fixed = self._values.Eval(context)
-        x, v, _, _, last, last_slope, last_bend, *own = held
-        desired = self.lane(self._desired.Eval(context))
-        measured = self.lane(self._measured.Eval(context))
-        compliance = fixed[0] if self._compliance is None else self.lane(self._compliance.Eval(context))
+        gamma, opposite, upper, most, speed_limit, lower_limit, upper_limit, *fixed = self.values(context)
+        x, v, last = memory["displacement_command"], memory["velocity"], memory["desired"]
+        desired, measured = inputs["desired_force"], inputs["measured_force"]
+        compliance = fixed[0] if fixed else inputs["compliance"]
         good = (abs(desired) + abs(measured) + compliance < inf) & (compliance > 0.0)
         desired, compliance = where(good, desired, last), where(good, compliance, 0.0)
 
         free = -compliance * desired
         target = minimum(maximum(free, lower_limit), upper_limit)
         follow = where(free == target, compliance, 0.0)
-        slope, bend, falls, retreat = fall(desired, last, last_slope, last_bend, follow, opposite, period, self.math)
+        slope, bend, falls, retreat = fall(
+            desired, last, memory["slope"], memory["bend"], follow, opposite, period, self.math
+        )
         rate = falls - v
         y = target - x
-        chosen, own_after = self.decide(context, y, rate, v, gamma + retreat, upper, own)
+        chosen, own = self.decide(memory, inputs, y, rate, gamma + retreat, upper)
         braked = v - minimum(maximum(v, period * gamma), period * opposite)
         wanted = where(good, v - period * (chosen - retreat), braked)
 
@@ -214,7 +209,16 @@ class InvarianceForceLaw(SampledLaw):
         inside = minimum(maximum(after, minimum(x, lower_limit)), maximum(x, upper_limit))
         velocity = where(inside == after, wanted, 0.0)
         phi = y + 0.5 * maximum(rate, 0.0) * rate / opposite
-        return inside, velocity, phi, where(good, 0.0, _NOT_FINITE), desired, slope, bend, *own_after
+        return {
+            "displacement_command": inside,
+            "velocity": velocity,
+            "invariance_function": phi,
+            "status": where(good, 0.0, _NOT_FINITE),
+            "desired": desired,
+            "slope": slope,
+            "bend": bend,
+            **own,
+        }
 
 
 _Law = TypeVar("_Law", bound=InvarianceForceLaw)

@@ -25,9 +25,10 @@ from pydrake.systems.framework import Context, DiagramBuilder
 from forcectl.errors import invalid, unknown
 from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
 from forcectl.force.invariance.functions import FLOAT_MATH, invariance_4
-from forcectl.framework.batch import BatchParameter, Lane, check_order, lane_values
+from forcectl.force.law import ForceLaw
+from forcectl.framework.batch import BatchParameter, Lane, lane_values
 from forcectl.framework.fields import Config, key
-from forcectl.framework.sampled_law import SampledLaw
+from forcectl.framework.sampled_block import Memory
 from forcectl.plant.drives.position_loop import first_order_hold, second_order
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
@@ -74,7 +75,7 @@ def speed_window(
     return low, m.where((y < 0) & absent, 0.0, back)
 
 
-class FourthDegreeForceLaw(SampledLaw):
+class FourthDegreeForceLaw(ForceLaw):
     """Invariance force controller of relative degree 4 for n independent force loops.
 
     ```
@@ -109,7 +110,7 @@ class FourthDegreeForceLaw(SampledLaw):
     Far below the |gamma| or above the bandwidth that fit the plant, friction holds: gamma = -1e3 and w = 75.4 rad/s
     behind a filter of 12.6 rad/s never get beyond 1 N at 1e4 N/m. The reference 0 ends up to 0.1 mm off the surface.
 
-    Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledBlock`.
 
     Args:
         derivatives: "model" or "difference", see above.
@@ -149,28 +150,24 @@ class FourthDegreeForceLaw(SampledLaw):
             "acceleration_limit": BatchParameter(acceleration_limit, "positive", "m/s^2"),
             "speed_limit": BatchParameter(speed_limit, "positive", "m/s"),
             "rest_region": BatchParameter(rest_region, "not negative", "N"),
-            "lower_limit": BatchParameter(lower_limit, "a number", "m"),
-            "upper_limit": BatchParameter(upper_limit, "a number", "m"),
         }
-        if compliance is not None:
-            parameters["compliance"] = BatchParameter(compliance, "positive and finite", "m/N")
-        super().__init__(size, parameters, period)
+        own = ("model_position", "model_velocity") if self._from_model else ("last_force", "last_rate", "samples")
+        super().__init__(
+            size,
+            parameters,
+            dict.fromkeys(("invariance_function", "status", "velocity", *own), 0.0),
+            period,
+            lower_limit=lower_limit,
+            upper_limit=upper_limit,
+            compliance=compliance,
+            shows=("invariance_function", "status"),
+        )
         if size == 1:
             self.math = FLOAT_MATH
-        self.sample_delay = {("measured_force", "displacement_command"): 0.0}
-        self._desired = self.DeclareVectorInputPort("desired_force", size)
-        self._measured = self.DeclareVectorInputPort("measured_force", size)
-        self._compliance = self.DeclareVectorInputPort("compliance", size) if compliance is None else None
-        inputs = [self._desired, self._measured, *([self._compliance] if self._compliance else [])]
-        own = ("model_position", "model_velocity") if self._from_model else ("last_force", "last_rate", "samples")
-        further = dict.fromkeys(("invariance_function", "status", "velocity", *own), 0.0)
-        self.declare_command("displacement_command", {port.ticket() for port in inputs}, further=further)
-        self.declare_output("invariance_function")
-        self.declare_output("status")
 
     def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
         """The limits are in order, alpha is finite."""
-        check_order("lower_limit", "upper_limit", values)
+        super().check_together(values)
         if not np.isfinite(values["alpha"]).all():
             raise invalid("alpha", values["alpha"].tolist(), "finite")
 
@@ -182,25 +179,26 @@ class FourthDegreeForceLaw(SampledLaw):
             models.append(np.concatenate([phi.ravel(), start.ravel(), change.ravel()]))
         return *values, tuple(self.lane(entry) for entry in np.transpose(models))
 
-    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Lane]:
         """One tick of the law."""
         m, period = self.math, self._period
-        gamma, upper, alpha, w, z, limit, speed, rest, lowest, highest, *fixed, model = self._values.Eval(context)
-        x, _, _, v, *own = held
-        desired = self.lane(self._desired.Eval(context))
-        force = self.lane(self._measured.Eval(context))
-        compliance = fixed[0] if self._compliance is None else self.lane(self._compliance.Eval(context))
+        gamma, upper, alpha, w, z, limit, speed, rest, lowest, highest, *fixed, model = self.values(context)
+        x, v = memory["displacement_command"], memory["velocity"]
+        desired, force = inputs["desired_force"], inputs["measured_force"]
+        compliance = fixed[0] if fixed else inputs["compliance"]
         good = (abs(desired) < np.inf) & (abs(force) < np.inf) & (compliance > 0.0) & (compliance < np.inf)
         force, desired, c = m.where(good, force, 0.0), m.where(good, desired, 0.0), m.where(good, compliance, 1.0)
 
         y = force - desired
         if self._from_model:
-            y1, y2 = -own[1] / c, -w * (w * (x - own[0]) - 2 * z * own[1]) / c
+            position, rate = memory["model_position"], memory["model_velocity"]
+            y1, y2 = -rate / c, -w * (w * (x - position) - 2 * z * rate) / c
         else:
-            last_force, last_rate, samples = own
-            y1 = m.where(samples > 0, (force - last_force) / period, 0.0)
-            y2 = m.where(samples > 1, (y1 - last_rate) / period, 0.0)
-            own = [force, y1, m.where(good, m.minimum(samples + 1.0, 2.0), 0.0)]
+            samples = memory["samples"]
+            y1 = m.where(samples > 0, (force - memory["last_force"]) / period, 0.0)
+            y2 = m.where(samples > 1, (y1 - memory["last_rate"]) / period, 0.0)
+            samples = m.where(good, m.minimum(samples + 1.0, 2.0), 0.0)
+            own = {"last_force": force, "last_rate": y1, "samples": samples}
         y3 = -w * (w * v / c + w * y1 + 2 * z * y2)
         y4, phi = fourth_derivative((y, y1, y2, y3), alpha, gamma, upper, m)
         a = -c * (y4 / (w * w) + y2 + 2 * z * y3 / w)
@@ -217,13 +215,18 @@ class FourthDegreeForceLaw(SampledLaw):
         velocity = m.where(inside == after, v + period * a, 0.0)
         if self._from_model:
             p11, p12, p21, p22, g1, g2, d1, d2 = model
-            position, rate, change = own[0], own[1], inside - x
-            own = [
-                p11 * position + p12 * rate + g1 * x + d1 * change,
-                p21 * position + p22 * rate + g2 * x + d2 * change,
-            ]
-        status = m.where(good, 0.0, float(Status.NOT_FINITE))
-        return inside, m.where(good, phi, 0.0), status, velocity, *own
+            change = inside - x
+            own = {
+                "model_position": p11 * position + p12 * rate + g1 * x + d1 * change,
+                "model_velocity": p21 * position + p22 * rate + g2 * x + d2 * change,
+            }
+        return {
+            "displacement_command": inside,
+            "invariance_function": m.where(good, phi, 0.0),
+            "status": m.where(good, 0.0, float(Status.NOT_FINITE)),
+            "velocity": velocity,
+            **own,
+        }
 
 
 @dataclass(kw_only=True)

@@ -20,7 +20,7 @@ F_bar exactly, because x ends at u + s:  C_T_hat F = s - x = -u.
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 from math import inf
 
@@ -32,14 +32,14 @@ from pydrake.systems.primitives import Demultiplexer, LinearSystem, Multiplexer
 from forcectl.force.invariance.force_law import InvarianceConfig
 from forcectl.framework.batch import BatchParameter, Lane, check_order, whole_multiple
 from forcectl.framework.fields import key
-from forcectl.framework.sampled_law import SampledLaw
+from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.drives.position_loop import LONGEST_DELAY, PositionLoop
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import sensor_filter
 
 
-class PredictiveCorrection(SampledLaw):
+class PredictiveCorrection(SampledBatch):
     """Surface height and drive error of n independent force loops, added to a law's command.
 
     ```
@@ -68,7 +68,7 @@ class PredictiveCorrection(SampledLaw):
     While an input is not finite nothing is learnt, and s and e stay; the command follows u, or is held when u is not
     finite.
 
-    Sampling: every `period` [s]; no delay from nominal_command to displacement_command, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from nominal_command to displacement_command, see `SampledBlock`.
     """
 
     port_units = {"felt_displacements": "m,m", "planned_command": "m", "surface_offset": "m", "drive_offset": "m"}
@@ -101,16 +101,14 @@ class PredictiveCorrection(SampledLaw):
             "upper_limit": BatchParameter(upper_limit, "a number", "m"),
             "drive_compliance": BatchParameter(drive_compliance, "not negative", "m/N"),
         }
-        super().__init__(size, parameters, period)
+        super().__init__(size, parameters)
         self.sample_delay = {("nominal_command", "displacement_command"): 0.0}
         names = ("measured_force", "motor_displacement", "path_displacement", "planned_displacement", "nominal_command")
-        self._inputs = [self.DeclareVectorInputPort(name, size) for name in names]
-        self._felt = self.DeclareVectorInputPort("felt_displacements", 2 * size)
-        memory = ("planned_command", "surface_offset", "drive_offset", "height", "rate", "nominal")
-        reads = {port.ticket() for port in (*self._inputs, self._felt)}
-        self.declare_command("displacement_command", reads, further=dict.fromkeys(memory, 0.0))
-        for name in memory[:3]:
-            self.declare_output(name)
+        inputs = [self.DeclareVectorInputPort(name, size) for name in names]
+        inputs.append(self.DeclareVectorInputPort("felt_displacements", 2 * size))
+        shown = ("displacement_command", "planned_command", "surface_offset", "drive_offset")
+        self.declare_memory(dict.fromkeys((*shown, "height", "rate", "nominal"), 0.0), inputs, period)
+        self.show(*shown)
 
     def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
         """The limits are in order."""
@@ -123,18 +121,18 @@ class PredictiveCorrection(SampledLaw):
         gains = 1.0 - pole * pole, (1.0 - pole) ** 2 / self._period, drive * self._period, search * self._period
         return compliance, *(self.lane(np.atleast_1d(gain)) for gain in gains), *rest
 
-    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Lane]:
         """One tick of the correction."""
         maximum, minimum, where = self.math.maximum, self.math.minimum, self.math.where
-        values = self._values.Eval(context)
+        values = self.values(context)
         compliance, gain, rate_gain, drive_gain, search, lead, contact, most, lower, upper, drive = values
-        _, _, last_surface, owed, height, rate, last_nominal = held
-        force, motor, path, planned, nominal = [self.lane(port.Eval(context)) for port in self._inputs]
-        felt_motor, felt_path = self.lanes(self._felt.Eval(context))
+        rate, force, nominal = memory["rate"], inputs["measured_force"], inputs["nominal_command"]
+        motor, path = inputs["motor_displacement"], inputs["path_displacement"]
+        felt_motor, felt_path = inputs["felt_displacements"]
 
-        ahead = height + self._period * rate
+        ahead = memory["height"] + self._period * rate
         error = (compliance - drive) * force + felt_motor - felt_path - ahead
-        drive_error = motor - drive * force - path - planned
+        drive_error = motor - drive * force - path - inputs["planned_displacement"]
         good = (abs(error) < inf) & (abs(drive_error) < inf) & (abs(nominal) < inf)
         error, drive_error = where(good, error, 0.0), where(good, drive_error, 0.0)
 
@@ -144,12 +142,20 @@ class PredictiveCorrection(SampledLaw):
         # At its limit the height does not move, whatever rate would be learnt there.
         learnt = where(touching, rate + rate_gain * error, minimum(rate, 0.0))
         rate = where(good, where(abs(after) < most, learnt, 0.0), rate)
-        height = where(good, after, height)
-        surface = where(good, minimum(maximum(height + lead * rate, -most), most), last_surface)
-        owed = minimum(maximum(owed + drive_gain * drive_error, -most), most)
-        nominal = where(abs(nominal) < inf, nominal, last_nominal)
+        height = where(good, after, memory["height"])
+        surface = where(good, minimum(maximum(height + lead * rate, -most), most), memory["surface_offset"])
+        owed = minimum(maximum(memory["drive_offset"] + drive_gain * drive_error, -most), most)
+        nominal = where(abs(nominal) < inf, nominal, memory["nominal"])
         plan = nominal + surface
-        return minimum(maximum(plan - owed, lower), upper), plan, surface, owed, height, rate, nominal
+        return {
+            "displacement_command": minimum(maximum(plan - owed, lower), upper),
+            "planned_command": plan,
+            "surface_offset": surface,
+            "drive_offset": owed,
+            "height": height,
+            "rate": rate,
+            "nominal": nominal,
+        }
 
 
 class PredictiveForceLaw(Diagram):

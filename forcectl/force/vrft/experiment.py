@@ -11,21 +11,22 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from forcectl.errors import about
 from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 from forcectl.force.linear_law import REGULATE, LinearForceLaw
 from forcectl.force.vrft.adaptive import add_tuned_law
-from forcectl.framework.batch import BatchParameter, LaneBlock, check
+from forcectl.framework.batch import BatchParameter, Lane, check
 from forcectl.framework.fields import Config, key, slot
+from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.motion.excitation import ExcitationConfig, TrapezoidalMovesConfig
 from forcectl.plant.plant_model import PlantModel
 
 _MEMORY = ("mode", "excitation", "since", *(f"{name}_then" for name in GAINS[:2]))
 
 
-class ExperimentSequencer(LaneBlock):
+class ExperimentSequencer(SampledBatch):
     """Decides for n loops when Step 1 is over: at a time, or at rest once the gains have converged.
 
     ```
@@ -66,29 +67,25 @@ class ExperimentSequencer(LaneBlock):
             },
         )
         self._half_tick = 0.5 * check("period", period, "positive")
-        self._inputs = [self.DeclareVectorInputPort(name, size) for name in ("excitation", *GAINS[:2])]
-        self._memory = self.DeclareDiscreteState(np.zeros(len(_MEMORY) * size))
-        reads: Any = {self.discrete_state_ticket(self._memory)}
-        self.DeclareVectorOutputPort("mode", size, self._show, prerequisites_of_calc=reads)
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
+        inputs = [self.DeclareVectorInputPort(name, size) for name in ("excitation", *GAINS[:2])]
+        self.declare_memory(dict.fromkeys(_MEMORY, 0.0), inputs, period)
+        self.show_held("mode")
 
-    def _update(self, context: Context, next_state: DiscreteValues) -> None:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Lane]:
+        """One tick of the decision."""
         m, time = self.math, context.get_time()
-        hand_over_time, window, tolerance = self._values.Eval(context)
-        excitation, kp, ki = (self.lane(port.Eval(context)) for port in self._inputs)
+        hand_over_time, window, tolerance = self.values(context)
+        excitation, kp, ki = inputs["excitation"], *(inputs[name] for name in GAINS[:2])
         known = (abs(kp) < np.inf) & (abs(ki) < np.inf)
         kp, ki = m.where(known, kp, 0.0), m.where(known, ki, 0.0)
-        mode, last, since, kp_then, ki_then = self.lanes(context.get_discrete_state(self._memory).value())
+        mode, last, since, kp_then, ki_then = (memory[name] for name in _MEMORY)
         changed = (abs(kp - kp_then) > tolerance * abs(kp)) | (abs(ki - ki_then) > tolerance * abs(ki))
         since = m.where(changed, time, since)
         kp_then, ki_then = m.where(changed, kp, kp_then), m.where(changed, ki, ki_then)
         over = time >= hand_over_time - self._half_tick
         converged = (time - since >= window) & (excitation == last)
         mode = m.where((over | converged) & (ki < 0), REGULATE, mode)
-        next_state.set_value(self._memory, self.stack(mode, excitation, since, kp_then, ki_then))
-
-    def _show(self, context: Context, output: BasicVector) -> None:
-        self.write(output, self.lanes(context.get_discrete_state(self._memory).value())[0])
+        return dict(zip(_MEMORY, (mode, excitation, since, kp_then, ki_then), strict=True))
 
 
 class VrftExperiment(Diagram):

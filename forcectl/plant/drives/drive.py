@@ -3,19 +3,14 @@
     B phi'' = B w_v [(v_r - phi') + w_i int(v_r - phi')] - S^-T tau_spring - b phi' - c sign(phi')
     v_r     = K_v (r - phi) + r'
 
-phi = S q_m are the motor angles divided by the gear ratios: S is the identity but for the couplings between motors, and
-B = diag(J_m N^2) is the inertia of the rotors at the joints. A velocity loop tuned for an inertia J has w_v in
+phi = S q_m and B as in `forcectl.plant.drives.motors`. A velocity loop tuned for an inertia J has w_v in
 proportion to J/B, so each axis has its own. At first friction holds an axis back by c/(B w_v K_v) [rad]: with
 J = B one that moves heavy links sticks while the others move (docs/hunting.md).
 
-The step of `forcectl.plant.drives.servo`, written as a linear system and a saturation, because
-soft(s, c) = s - sat(s, -c, c):
+The step of `forcectl.plant.drives.servo`, written as a linear system and a saturation:
 
     s  = linear in phi, phi', the integral, r, r', tau_spring
-    v+ = (s - sat(s, -dt c/B, dt c/B)) / (1 + dt (w_v (1 + w_i dt) + b/B))
-
-Both are C++ blocks: beside a multibody plant a Python callback runs with cold caches and costs three times as much, and
-this one runs more often than any other. A sticking axis stands still exactly: s and sat(s) are then the same number.
+    v+ = soft(s, dt c/B) / (1 + dt (w_v (1 + w_i dt) + b/B))
 """
 
 from __future__ import annotations
@@ -25,12 +20,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort
-from pydrake.systems.primitives import Demultiplexer, LinearSystem, MatrixGain, Multiplexer, Saturation
+from pydrake.systems.primitives import LinearSystem, Multiplexer
 
-from forcectl.errors import invalid
 from forcectl.framework.batch import check, check_count, lane_values
+from forcectl.plant.drives.motors import Motors
 from forcectl.plant.drives.servo import ServoCoefficients, servo_gains
-from forcectl.robot.model import RobotModel
 
 Matrix = NDArray[np.float64]
 
@@ -124,50 +118,37 @@ class Drive(Diagram):
         initial_torque: Matrix,
     ):
         super().__init__()
-        n = len(to_motor)
-        if to_motor.shape != (n, n) or not np.linalg.cond(to_motor) < 1e6:
-            raise invalid("to_motor", to_motor.tolist(), "a square matrix that can be inverted")
-        start = lane_values("initial_position", initial_position, n)
+        motors = Motors(inertia, to_motor, coulomb_friction, viscous_friction)
+        n, B, back = motors.size, motors.inertia, motors.to_joint
         torque = lane_values("initial_torque", initial_torque, n)
-        B = lane_values("inertia", inertia, n, "positive and finite")
-        coulomb = lane_values("coulomb_friction", coulomb_friction, n, "not negative")
-        viscous = lane_values("viscous_friction", viscous_friction, n, "not negative")
         w_v = lane_values("velocity_gain", velocity_gain, n, "positive and finite")
         for name, gain in (("position", position_gain), ("integral", integral_gain)):
             check(f"{name}_gain", gain, "positive")
         dt = check("period", period, "positive") / check_count("substeps", substeps)
         k_v, w_i = np.full(n, position_gain), np.full(n, integral_gain)
-        gains = servo_gains(k_v, w_v, w_i, coulomb / B, viscous / B, dt)
-        back = np.linalg.inv(to_motor)
+        gains = servo_gains(k_v, w_v, w_i, motors.coulomb / B, motors.viscous / B, dt)
         step = inner_step(gains, to_motor, -(dt / B)[:, None] * back.T)
         frees, after = unrolled_steps(step, dt, substeps)
         inputs = (3 + substeps) * n
         axes = LinearSystem(after[:, : 3 * n], after[:, 3 * n :], np.eye(3 * n), np.zeros((3 * n, inputs)), period)
         # At rest the integral of the servo carries the springs' torque.
         integral = back.T @ torque / (B * w_v * integral_gain)
-        axes.configure_default_state(np.concatenate([to_motor @ start, np.zeros(n), integral]))
+        axes.configure_default_state(np.concatenate([motors.at_rest(initial_position), np.zeros(n), integral]))
 
         self.port_units = {"reference": "rad,rad/s"}
         builder = DiagramBuilder()
         add, connect, export = builder.AddNamedSystem, builder.Connect, builder.ExportInput
         add("axes", axes)
-        eye, unlimited = np.eye(n), np.full(n, np.inf)
         slips: list[OutputPort] = []
         readers: list[list[InputPort]] = [[], []]
         for i, free in enumerate(frees, start=1):
             known = add(f"known_{i}", Multiplexer([3 * n, 2 * n, n] + [n] * len(slips)))
-            # s and -s; only the second half is limited, so that their sum is s - sat(s), exactly zero when sticking.
-            speed = add(f"free_speed_{i}", MatrixGain(np.vstack([free, -free])))
-            limit = np.concatenate([unlimited, gains.stick])
-            friction = add(f"friction_{i}", Saturation(-limit, limit))
-            slip = add(f"slip_{i}", MatrixGain(np.hstack([eye, eye])))
+            speed, slip = motors.add_friction(builder, free, gains.stick, f"_{i}")
             connect(axes.get_output_port(), known.get_input_port(0))
             for j, earlier in enumerate(slips):
                 connect(earlier, known.get_input_port(3 + j))
-            connect(known.get_output_port(), speed.get_input_port())
-            connect(speed.get_output_port(), friction.get_input_port())
-            connect(friction.get_output_port(), slip.get_input_port())
-            slips.append(slip.get_output_port())
+            connect(known.get_output_port(), speed)
+            slips.append(slip)
             for reader, index in zip(readers, (1, 2), strict=True):
                 reader.append(known.get_input_port(index))
         both = add("axes_inputs", Multiplexer([2 * n, n] + [n] * substeps))
@@ -178,18 +159,5 @@ class Drive(Diagram):
             outside = export(both.get_input_port(index), name)
             for read in reader:
                 builder.ConnectInput(outside, read)
-        zero = np.zeros((n, n))
-        state = add("motor_state", MatrixGain(np.block([[back, zero, zero], [zero, back, zero]])))
-        halves = add("position_and_velocity", Demultiplexer([n, n]))
-        connect(axes.get_output_port(), state.get_input_port())
-        connect(state.get_output_port(), halves.get_input_port())
-        builder.ExportOutput(state.get_output_port(), "motor_state")
-        builder.ExportOutput(halves.get_output_port(0), "motor_position")
-        builder.ExportOutput(halves.get_output_port(1), "motor_velocity")
+        motors.export_motion(builder, axes)
         builder.BuildInto(self)
-
-
-def joint_to_motor(robot: RobotModel) -> Matrix:
-    """S: motor angles over gear ratios per joint angles, shape (n, n) [1]."""
-    matrix: Matrix = robot.motor_from_joint / robot.facts.gear_ratio[:, None]
-    return matrix

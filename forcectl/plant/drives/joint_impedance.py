@@ -14,7 +14,6 @@ damping ratio of 0.2 at most.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -27,7 +26,7 @@ from forcectl.errors import BadInputError
 from forcectl.framework.batch import BatchParameter, Lane, check, lane_values
 from forcectl.framework.cache import BlockCache
 from forcectl.framework.fields import Config, key
-from forcectl.framework.sampled_law import SampledLaw
+from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.robot.model import RobotModel, has_moved
 
 Vector = NDArray[np.float64]
@@ -42,7 +41,7 @@ def impedance_torque(error: Lane, rate_error: Lane, stiffness: Lane, damping: La
     return stiffness * error + damping * rate_error
 
 
-class JointImpedance(SampledLaw):
+class JointImpedance(SampledBatch):
     """Joint impedance control of n joints.
 
     ```
@@ -61,7 +60,7 @@ class JointImpedance(SampledLaw):
     A joint whose reference is not finite is held where it was last told to be; one whose state or gravity torque is not
     finite keeps its last torque.
 
-    Sampling: every `period` [s]; no delay from motor_state to torque_command, see `SampledLaw`.
+    Sampling: every `period` [s]; no delay from motor_state to torque_command, see `SampledBlock`.
 
     Args:
         initial_reference: q_bar at rest, shape (n,) or a number [rad]. initial_torque: tau there [Nm].
@@ -88,26 +87,24 @@ class JointImpedance(SampledLaw):
             "stiffness": BatchParameter(stiffness, "not negative", "Nm/rad"),
             "damping": BatchParameter(damping, "not negative", "Nms/rad"),
         }
-        super().__init__(size, parameters, period)
+        super().__init__(size, parameters)
         self.sample_delay = {("motor_state", "torque_command"): 0.0}
-        self._reference = self.DeclareVectorInputPort("reference", 2 * size)
-        self._state = self.DeclareVectorInputPort("motor_state", 2 * size)
-        self._gravity = self.DeclareVectorInputPort("gravity_torque", size)
-        reads = {port.ticket() for port in (self._reference, self._state, self._gravity)}
-        self.declare_command("torque_command", reads, initial_torque, {"reference": initial_reference})
+        sizes = {"reference": 2 * size, "motor_state": 2 * size, "gravity_torque": size}
+        inputs = [self.DeclareVectorInputPort(name, width) for name, width in sizes.items()]
+        self.declare_memory({"torque_command": initial_torque, "reference": initial_reference}, inputs, period)
+        self.show("torque_command")
 
-    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Lane]:
         """One tick of the law."""
         m = self.math
-        last, goal = held
-        stiffness, damping = self._values.Eval(context)
-        wanted, rate = self.lanes(self._reference.Eval(context))
-        q, speed = self.lanes(self._state.Eval(context))
-        gravity = self.lane(self._gravity.Eval(context))
+        stiffness, damping = self.values(context)
+        wanted, rate = inputs["reference"]
+        q, speed = inputs["motor_state"]
         told = abs(wanted) + abs(rate) < np.inf
-        goal, rate = m.where(told, wanted, goal), m.where(told, rate, 0.0)
-        torque = impedance_torque(goal - q, rate - speed, stiffness, damping) + gravity
-        return m.where(abs(torque) < np.inf, torque, last), goal
+        goal, rate = m.where(told, wanted, memory["reference"]), m.where(told, rate, 0.0)
+        torque = impedance_torque(goal - q, rate - speed, stiffness, damping) + inputs["gravity_torque"]
+        torque = m.where(abs(torque) < np.inf, torque, memory["torque_command"])
+        return {"torque_command": torque, "reference": goal}
 
 
 class GravityCompensation(LeafSystem):

@@ -11,10 +11,11 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import AffineSystem, Demultiplexer, LinearSystem, Multiplexer
+from pydrake.systems.primitives import AffineSystem, LinearSystem, Multiplexer
 
 from forcectl.framework.batch import check, lane_values
 from forcectl.plant.drives.joint_friction import JointFriction, StickingSpeed
+from forcectl.plant.drives.motors import export_motion
 
 
 class MotorMotion(Diagram):
@@ -49,21 +50,17 @@ class MotorMotion(Diagram):
         state = LinearSystem(after, taken, np.eye(2 * n), np.zeros((2 * n, n)), step)
         state.configure_default_state(np.concatenate([lane_values("start", start, n), np.zeros(n)]))
         motion = add("motion", state)
-        halves = add("position_and_velocity", Demultiplexer([n, n]))
         known = add("known", Multiplexer([n, n, n]))
         free = add(
             "free_speed",
             AffineSystem(D=np.hstack([eye, np.diag(rate), -np.diag(rate)]), y0=-rate * friction.offset),
         )
         speed = add("sticking_speed", StickingSpeed(friction, rate))
-        connect(motion.get_output_port(), halves.get_input_port())
-        connect(halves.get_output_port(1), known.get_input_port(0))
+        _, speeds = export_motion(builder, motion.get_output_port())
+        connect(speeds, known.get_input_port(0))
         connect(known.get_output_port(), free.get_input_port())
         connect(free.get_output_port(), speed.GetInputPort("free_speed"))
         connect(speed.GetOutputPort("speed"), motion.get_input_port())
         builder.ExportInput(known.get_input_port(1), "motor_torque")
         builder.ExportInput(known.get_input_port(2), "spring_torque")
-        builder.ExportOutput(motion.get_output_port(), "motor_state")
-        builder.ExportOutput(halves.get_output_port(0), "motor_position")
-        builder.ExportOutput(halves.get_output_port(1), "motor_velocity")
         builder.BuildInto(self)

@@ -24,8 +24,6 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, Discrete
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.framework.batch import (
-    FEW_LANES,
-    SCALAR_MATH,
     BatchParameter,
     Lane,
     LaneBlock,
@@ -91,35 +89,6 @@ def servo_steps(
     return x, v, i
 
 
-def each_lane(gains: ServoCoefficients, size: int) -> tuple[ServoCoefficients, ...]:
-    """Array coefficients as one set of floats per lane."""
-    return tuple(ServoCoefficients(*[np.broadcast_to(g, size).item(lane) for g in gains]) for lane in range(size))
-
-
-def few_servo_steps(
-    state: Vector, reference: Vector, push: list[float] | None, gains: tuple[ServoCoefficients, ...], count: int
-) -> Vector:
-    """`servo_steps` for a few joints one by one on floats: half the time of numpy, the same bits.
-
-    Args:
-        state: x, v, i, shape (3n,). reference: r and its rate, shape (2n,). push: per joint, or None without load.
-        gains: per joint. count: inner steps.
-
-    Returns:
-        the state after the steps, shape (3n,).
-    """
-    n = len(gains)
-    after, target = state.tolist(), reference.tolist()
-    for lane, lane_gains in enumerate(gains):
-        x, v, i = after[lane::n]
-        r, rate = target[lane::n]
-        load = push[lane] if push else 0.0
-        # A joint at rest without load stays at rest.
-        if v != 0 or rate != 0 or i != 0 or x != r or load != 0:
-            after[lane::n] = servo_steps(x, v, i, r, rate, load, lane_gains, count, SCALAR_MATH)
-    return np.array(after)
-
-
 class ServoCore(LaneBlock):
     """Cascaded servo with sticking friction, without load: contact is a small disturbance to a stiff drive (Sec. 2.1).
 
@@ -174,20 +143,14 @@ class ServoCore(LaneBlock):
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
 
     def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
-        """Coefficients of one inner step; lane by lane for a few lanes."""
+        """Coefficients of one inner step."""
         position, velocity, integral, coulomb, viscous = values
-        gains = servo_gains(position, velocity, integral, coulomb, viscous, self._step)
-        return each_lane(gains, self._size) if 1 < self._size <= FEW_LANES else gains
+        return servo_gains(position, velocity, integral, coulomb, viscous, self._step)
 
     def _update(self, context: Context, next_state: DiscreteValues) -> None:
-        reference = self._reference.Eval(context)
-        state = context.get_discrete_state(self._state).value()
-        gains = self._values.Eval(context)
-        if 1 < self._size <= FEW_LANES:
-            next_state.set_value(few_servo_steps(state, reference, None, gains, self._substeps))
-            return
-        r, rate = self.lanes(reference)
-        x, v, i = self.lanes(state)
+        gains = self.values(context)
+        r, rate = self.lanes(self._reference.Eval(context))
+        x, v, i = self.lanes(context.get_discrete_state(self._state).value())
         next_state.set_value(self.stack(*servo_steps(x, v, i, r, rate, 0.0, gains, self._substeps, self.math)))
 
 

@@ -11,12 +11,12 @@ is a drive with 1/(1 + k) of the inertia and of the friction, and of the latter 
     B/(1 + k) phi'' = S^-T (tau_bar - tau_spring) - (tau_F - tau_F_hat)/(1 + k)
 
 A stuck drive is loaded with w_F (1 + k) times the error of the torque per second, until it moves: at rest the springs
-have the torque that is told. phi, S and B as in `forcectl.plant.drives.drive`. The torques are held over a step, which
+have the torque that is told. phi, S and B as in `forcectl.plant.drives.motors`. The torques are held over a step, which
 is implicit in the friction:
 
     v+ = soft(v + dt/B (tau_m - S^-T tau_spring), dt c/B) / (1 + dt b/B),    phi+ = phi + dt v+
 
-so sticking is exact. C++ blocks, as there. Sensors of torque and speed are taken for exact.
+so sticking is exact. Sensors of torque and speed are taken for exact.
 """
 
 from __future__ import annotations
@@ -24,10 +24,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import Demultiplexer, LinearSystem, MatrixGain, Multiplexer, Saturation
+from pydrake.systems.primitives import LinearSystem, MatrixGain, Multiplexer, Saturation
 
-from forcectl.errors import invalid
 from forcectl.framework.batch import check, lane_values
+from forcectl.plant.drives.motors import Motors
 
 Matrix = NDArray[np.float64]
 
@@ -71,19 +71,13 @@ class TorqueDrive(Diagram):
         initial_position: ArrayLike,
     ):
         super().__init__()
-        n = len(to_motor)
-        if to_motor.shape != (n, n) or not np.linalg.cond(to_motor) < 1e6:
-            raise invalid("to_motor", to_motor.tolist(), "a square matrix that can be inverted")
-        start = lane_values("initial_position", initial_position, n)
-        B = lane_values("inertia", inertia, n, "positive and finite")
-        coulomb = lane_values("coulomb_friction", coulomb_friction, n, "not negative")
-        viscous = lane_values("viscous_friction", viscous_friction, n, "not negative")
+        motors = Motors(inertia, to_motor, coulomb_friction, viscous_friction)
+        n, B, back = motors.size, motors.inertia, motors.to_joint
         limit = lane_values("torque_limit", torque_limit, n, "positive")
         gain, dt = check("torque_gain", torque_gain, "not negative"), check("period", period, "positive")
-        back = np.linalg.inv(to_motor)
         seen = -np.expm1(-dt * check("friction_bandwidth", friction_bandwidth, "not negative"))
         eye, zero = np.eye(n), np.zeros((n, n))
-        slowed = np.diag(1 / (1 + dt * viscous / B))
+        slowed = np.diag(1 / (1 + dt * motors.viscous / B))
         inert = seen * np.diag(B / dt)
         # x = [phi, phi', tau_F_hat]; inputs: s - sat(s), tau_m and the springs' torque on the motors.
         axes = LinearSystem(
@@ -93,7 +87,7 @@ class TorqueDrive(Diagram):
             np.zeros((3 * n, 3 * n)),
             period,
         )
-        axes.configure_default_state(np.concatenate([to_motor @ start, np.zeros(2 * n)]))
+        axes.configure_default_state(np.concatenate([motors.at_rest(initial_position), np.zeros(2 * n)]))
 
         self.port_units = {"torque_command": "Nm"}
         builder = DiagramBuilder()
@@ -102,41 +96,29 @@ class TorqueDrive(Diagram):
         load = add("springs_on_motors", MatrixGain(-back.T))
         asked = add("asked", Multiplexer([n, n, 3 * n]))
         loop = add("torque_loop", MatrixGain(np.hstack([(1 + gain) * back.T, gain * eye, zero, zero, eye])))
-        motors = add("motors", Saturation(-limit, limit))
+        torque = add("motors", Saturation(-limit, limit))
         known = add("known", Multiplexer([3 * n, n, n]))
-        # s and -s; only the second half is limited, so that their sum is s - sat(s), exactly zero when sticking.
         rate = np.diag(dt / B)
         free = np.hstack([zero, eye, zero, rate, rate])
-        free_speed = add("free_speed", MatrixGain(np.vstack([free, -free])))
-        bounds = np.concatenate([np.full(n, np.inf), dt * coulomb / B])
-        friction = add("friction", Saturation(-bounds, bounds))
-        slip = add("slip", MatrixGain(np.hstack([eye, eye])))
+        free_speed, slip = motors.add_friction(builder, free, dt * motors.coulomb / B)
         acting = add("acting", Multiplexer([n, n, n]))
-        state = add("motor_state", MatrixGain(np.block([[back, zero, zero], [zero, back, zero]])))
-        halves = add("position_and_velocity", Demultiplexer([n, n]))
+        connect(known.get_output_port(), free_speed)
+        connect(slip, acting.get_input_port(0))
         for source, block, index in (
             (load, asked, 1),
             (axes, asked, 2),
             (asked, loop, 0),
-            (loop, motors, 0),
+            (loop, torque, 0),
             (axes, known, 0),
-            (motors, known, 1),
+            (torque, known, 1),
             (load, known, 2),
-            (known, free_speed, 0),
-            (free_speed, friction, 0),
-            (friction, slip, 0),
-            (slip, acting, 0),
-            (motors, acting, 1),
+            (torque, acting, 1),
             (load, acting, 2),
             (acting, axes, 0),
-            (axes, state, 0),
-            (state, halves, 0),
         ):
             connect(source.get_output_port(), block.get_input_port(index))
         builder.ExportInput(asked.get_input_port(0), "torque_command")
         builder.ExportInput(load.get_input_port(), "spring_torque")
-        builder.ExportOutput(state.get_output_port(), "motor_state")
-        builder.ExportOutput(halves.get_output_port(0), "motor_position")
-        builder.ExportOutput(halves.get_output_port(1), "motor_velocity")
-        builder.ExportOutput(motors.get_output_port(), "motor_torque")
+        motors.export_motion(builder, axes)
+        builder.ExportOutput(torque.get_output_port(), "motor_torque")
         builder.BuildInto(self)

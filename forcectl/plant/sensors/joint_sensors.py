@@ -21,12 +21,13 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
 from forcectl.errors import invalid, unknown
-from forcectl.framework.batch import BatchParameter, Lane, check, lane_values
-from forcectl.framework.sampled_law import SampledLaw
+from forcectl.framework.batch import BatchParameter, check, lane_values
+from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.plant.sensors.force_sensor import white_noise
 
 Array = NDArray[np.float64]
 FAULTS = ("nan", "frozen", "lost")
+_READINGS = ("joint_position", "joint_velocity", "motor_torque")
 _ROUNDING = 1e-9  # [s] of the times of ticks
 
 
@@ -56,7 +57,7 @@ def quantised(values: Array, quantum: Array) -> Array:
     return rounded
 
 
-class JointSensors(SampledLaw):
+class JointSensors(SampledBatch):
     """Readings of n joints.
 
     ```
@@ -81,6 +82,8 @@ class JointSensors(SampledLaw):
         torque: motor torque before it, shape (n,) [Nm]. seed: of the noise. faults: of the readings.
     """
 
+    on_arrays = True
+
     def __init__(
         self,
         size: int,
@@ -102,9 +105,8 @@ class JointSensors(SampledLaw):
                 "position_noise": BatchParameter(position_noise, "not negative", "rad"),
                 "torque_noise": BatchParameter(torque_noise, "not negative", "Nm"),
             },
-            period,
         )
-        n = size
+        n, period = size, check("period", period, "positive")
         self._pole = float(np.exp(-check("bandwidth", bandwidth, "positive") * period))
         if isinstance(seed, bool) or not isinstance(seed, int) or seed < 0:
             raise invalid("seed", seed, "a whole number, not negative")
@@ -118,35 +120,26 @@ class JointSensors(SampledLaw):
         self.sample_delay = {("motor_position", "joint_position"): 0.0}
         self.port_units = {"motor_position": "rad", "torque_integral": "Nms"}
         self.port_units |= {"joint_position": "rad", "joint_velocity": "rad/s", "motor_torque": "Nm"}
-        self._inputs = [self.DeclareVectorInputPort(name, n) for name in ("motor_position", "torque_integral")]
+        inputs = [self.DeclareVectorInputPort(name, n) for name in ("motor_position", "torque_integral")]
         at_rest = quantised(lane_values("start", start, n), lane_values("quantum", quantum, n, "not negative"))
         load = lane_values("torque", torque, n)
-        self.declare_command(
-            "joint_position",
-            {port.ticket() for port in self._inputs},
-            initial=at_rest,
-            further={
-                "joint_velocity": 0.0,
-                "motor_torque": load,
-                # What the electronics remember, whatever is told.
-                "impulse": -period * load,
-                "position": at_rest,
-                "speed": 0.0,
-            },
-        )
-        self.declare_output("joint_velocity")
-        self.declare_output("motor_torque")
+        memory = {
+            "joint_position": at_rest,
+            "joint_velocity": 0.0,
+            "motor_torque": load,
+            # Of the electronics, whatever is reported.
+            "impulse": -period * load,
+            "position": at_rest,
+            "speed": 0.0,
+        }
+        self.declare_memory(memory, inputs, period)
+        self.show(*_READINGS)
 
-    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
-        """The parameters as arrays, also for one joint."""
-        return tuple(np.atleast_1d(value) for value in values)
-
-    def step(self, context: Context, held: Sequence[Lane]) -> Sequence[Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Array]:
         """The readings of a tick."""
-        *told, impulse_last, last, speed = (np.atleast_1d(value) for value in held)
-        position, impulse = (port.Eval(context) for port in self._inputs)
-        quantum, position_noise, torque_noise = self._values.Eval(context)
-        torque = (impulse - impulse_last) / self._period
+        position, impulse, last = inputs["motor_position"], inputs["torque_integral"], memory["position"]
+        quantum, position_noise, torque_noise = self.values(context)
+        torque = (impulse - memory["impulse"]) / self._period
         if position_noise.any() or torque_noise.any():
             noise = white_noise(self._sources, round(context.get_time() / self._period))
             position = position + position_noise * noise[: self._size]
@@ -157,15 +150,15 @@ class JointSensors(SampledLaw):
             if fault.kind == "frozen":
                 which = slice(None) if fault.joint is None else fault.joint
                 position[which] = last[which]
-        speed = self._pole * speed + (1 - self._pole) * (position - last) / self._period
+        speed = self._pole * memory["speed"] + (1 - self._pole) * (position - last) / self._period
         readings = [position, speed, torque]
         for fault in acting:
             if fault.kind == "nan":
                 readings[:2] = [_without(values, fault.joint) for values in readings[:2]]
         if any(fault.kind == "lost" for fault in acting):
-            readings = told
-        after = [*readings, impulse, position, speed]
-        return after if self._size > 1 else [value.item() for value in after]
+            readings = [memory[name] for name in _READINGS]
+        reported = dict(zip(_READINGS, readings, strict=True))
+        return {**reported, "impulse": impulse, "position": position, "speed": speed}
 
 
 def _without(values: Array, joint: int | None) -> Array:

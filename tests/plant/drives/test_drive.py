@@ -8,7 +8,8 @@ import numpy as np
 import pytest
 
 from forcectl.errors import BadInputError
-from forcectl.plant.drives.drive import Drive, joint_to_motor
+from forcectl.plant.drives.drive import Drive
+from forcectl.plant.drives.motors import joint_to_motor
 from forcectl.plant.drives.servo import servo_gains, servo_steps
 from forcectl.robot.model import RobotModel
 from forcectl.testing import assert_ports, run_diagram
@@ -130,14 +131,6 @@ def test_no_friction_and_no_load_is_the_linear_servo():
     drive = make(1, inertia=[2.0], coulomb_friction=[0.0], viscous_friction=[0.0])
     log = run_diagram(drive, 3.0, period=0.005, inputs={"reference": [0.1, 0.0], "spring_torque": [40.0]})
     assert log["motor_position"][-1, 0] == pytest.approx(0.1, rel=1e-6)
-
-
-def test_couplings_of_the_comau_wrist(robot):
-    """Facts: motor 6 turns 50 q6 - 1 q5, all others with their own joint."""
-    S = joint_to_motor(robot)
-    expected = np.eye(6)
-    expected[5, 4] = -0.02
-    np.testing.assert_allclose(S, expected, atol=1e-15)
 
 
 def test_motor_6_turns_with_joint_5(robot):

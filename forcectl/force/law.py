@@ -1,0 +1,66 @@
+"""What the scalar force laws share: their ports, the limits of the command, a compliance that is given or read."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+
+from forcectl.framework.batch import BatchParameter, check_order
+from forcectl.framework.sampled_block import SampledBatch
+
+
+class ForceLaw(SampledBatch):
+    """Base of the laws of n independent force loops: forces in, a limited displacement command out.
+
+    Inputs: desired_force, measured_force, the `inputs` of the law, and compliance where it is used and not given. The
+    parameters of a law are followed by lower_limit, upper_limit and a given compliance. The command starts at zero.
+
+    Args:
+        size: n.
+        parameters: of the law itself.
+        memory: what it remembers besides the command, by name, as it is before the first tick.
+        period: tick [s].
+        lower_limit: of the command, a number or shape (n,) [m].
+        upper_limit: the same.
+        compliance: C_T_hat, a number or shape (n,) [m/N]; None: from the port.
+        inputs: further ones, of shape (n,).
+        shows: outputs besides the command, by what is remembered under the same names.
+    """
+
+    # Whether the law believes in a compliance, and the force that the command follows within the tick.
+    uses_compliance = True
+    follows = "measured_force"
+
+    def __init__(
+        self,
+        size: int,
+        parameters: Mapping[str, BatchParameter],
+        memory: Mapping[str, ArrayLike],
+        period: float,
+        *,
+        lower_limit: ArrayLike,
+        upper_limit: ArrayLike,
+        compliance: ArrayLike | None = None,
+        inputs: Sequence[str] = (),
+        shows: Sequence[str] = (),
+    ):
+        further = {
+            "lower_limit": BatchParameter(lower_limit, "a number", "m"),
+            "upper_limit": BatchParameter(upper_limit, "a number", "m"),
+        }
+        names = ["desired_force", "measured_force", *inputs]
+        if compliance is not None:
+            further["compliance"] = BatchParameter(compliance, "positive and finite", "m/N")
+        elif self.uses_compliance:
+            names.append("compliance")
+        super().__init__(size, {**parameters, **further})
+        self.sample_delay = {(self.follows, "displacement_command"): 0.0}
+        ports = [self.DeclareVectorInputPort(name, size) for name in names]
+        self.declare_memory({"displacement_command": 0.0, **memory}, ports, period)
+        self.show("displacement_command", *shows)
+
+    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """The limits are in order."""
+        check_order("lower_limit", "upper_limit", values)

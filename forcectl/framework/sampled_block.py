@@ -1,0 +1,278 @@
+"""Blocks that compute at ticks, with outputs that act in the tick they are computed in and are held after it.
+
+A command kept in discrete state reaches sampled plants one tick late. One computed in an unrestricted update does not,
+but such an event copies the state of the whole diagram and throws away everything computed so far in the tick: a
+multibody plant would solve its step twice. Here the outputs are computed from the inputs at the tick and kept as state
+for the rest of it: no delay and nothing computed twice. A continuous plant's integrator, too, sees the new command when
+its step ends on a tick: runge_kutta3 gives that a sixth of the step.
+"""
+
+from __future__ import annotations
+
+import math
+from abc import abstractmethod
+from collections.abc import Callable, Mapping, Sequence
+from typing import Any, NamedTuple
+from weakref import ref
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, InputPort, LeafSystem, OutputPort
+
+from forcectl.errors import BadInputError
+from forcectl.framework.batch import LaneBlock, check, lane_values
+from forcectl.framework.cache import BlockCache, values_of_tick
+
+Vector = NDArray[np.float64]
+
+# Quantities by their names: each a number or an array.
+Memory = Mapping[str, Any]
+
+
+class TickStart(NamedTuple):
+    """What a tick starts from.
+
+    memory: of the tick before, and its "time" [s], below zero before the first one.
+    inputs: by the names of their ports, without those that are left unconnected.
+    """
+
+    memory: Memory
+    inputs: Memory
+
+
+class SampledBlock(LeafSystem):
+    """Base of such blocks: a tick makes a new memory of the one before and the inputs.
+
+    A subclass declares its input ports, its memory and the outputs that `show` it, and gives the tick in `step`, where
+    every quantity has a name. In the Context one vector holds them: the time of the tick, then numbers, then vectors. A
+    group of the state for each would make the tick of a small block half as long again; `memory` has them by name.
+    """
+
+    # Names of inputs that may be left unconnected.
+    optional_inputs: Sequence[str] = ()
+    # Whether the Context also holds what the last tick started from, see `last_tick`.
+    keeps_start = False
+    # What a number of the memory is in `step`: a float, or an array of this shape.
+    _shape: tuple[int, ...] = ()
+
+    def declare_memory(
+        self,
+        memory: Memory,
+        inputs: Sequence[InputPort],
+        period: float,
+        kept: Mapping[str, Vector] | None = None,
+    ) -> None:
+        """Declare the memory and its event.
+
+        Args:
+            memory: what a tick knows of the one before, by name, as it is before the first tick: numbers and vectors.
+            inputs: all that `step` reads.
+            period: tick [s].
+            kept: what else is known after a tick, which the next one does not read, by name, as it is before the first
+                tick.
+        """
+        self._period = check("period", period, "positive")
+        self._soonest = 0.999 * period  # after a tick; rounding of the times of the ticks is far below the margin
+        self._inputs = {port.get_name(): port for port in inputs}
+        self._optional = [name for name in self.optional_inputs if name in self._inputs]
+        self._wide = [port.get_name() for port in inputs if port.size() > math.prod(self._shape)]
+        self._all_floats = not self._shape and not self._optional and not self._wide
+        self._names = tuple(memory)
+        initial = {name: self._initial(name, value) for name, value in memory.items()}
+        self._numbers = ["time", *(name for name, value in initial.items() if value.shape == self._shape)]
+        self._vectors: dict[str, slice] = {}
+        end = len(self._numbers)
+        for name, value in initial.items():
+            if name not in self._numbers:
+                self._vectors[name] = slice(end, end + len(value))
+                end += len(value)
+        self._length = (end - 1) * math.prod(self._shape) + 1
+        state = self.DeclareDiscreteState(self._pack({**initial, "time": -self._period}))
+        self._reads: set[Any] = {port.ticket() for port in inputs}
+        self._reads |= {self.time_ticket(), self.all_parameters_ticket(), self.discrete_state_ticket(state)}
+        self._state, self._memory = state, int(state)  # a number is looked up in half of the time
+        self._kept = {name: self.DeclareDiscreteState(part) for name, part in (kept or {}).items()}
+        if self.keeps_start:
+            self._start = self.DeclareDiscreteState(self._length + sum(port.size() for port in inputs))
+        self._now: BlockCache | None = None
+        self._port: OutputPort | None = None
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._period, offset_sec=0.0, update=self._hold)
+
+    def show(self, *names: str) -> None:
+        """Declare output ports that show quantities of the memory after the tick, under their names."""
+        # A block that remembers nothing but its output needs no cache beside that of its port.
+        if self._now is None and len(self._names) > 1:
+            self._now = values_of_tick(self, self._reads)
+        for name in names:
+            self._declare_output(name)
+
+    def _declare_output(self, name: str) -> None:
+        vector = self._vectors.get(name)
+        size = math.prod(self._shape) * (1 if vector is None else vector.stop - vector.start)
+        after: Callable[[Context], Memory]
+        if self._now:
+            after, reads = self._now.Eval, {self._now.ticket()}
+        else:
+            block: Any = ref(self)
+            after, reads = lambda context: block()._compute(context), self._reads
+
+        def put_number(context: Context, output: BasicVector) -> None:
+            output.SetAtIndex(0, after(context)[name])
+
+        def put_vector(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(after(context)[name])
+
+        put = put_number if vector is None and not self._shape else put_vector
+        self._port = self.DeclareVectorOutputPort(name, size, put, prerequisites_of_calc=reads)
+
+    def show_held(self, name: str, vector: str | None = None, element: int = 0, factor: float = 1.0) -> None:
+        """Declare an output port with a number of the memory as the tick before left it: no direct feedthrough.
+
+        Args:
+            name: of the port, and of the number unless it is an element of a vector.
+            vector: of the memory.
+            element: of it.
+            factor: times which it is shown.
+        """
+        state, size = self._memory, math.prod(self._shape)
+        row = self._vectors[vector].start + element if vector else self._numbers.index(name)
+        first = 1 + (row - 1) * size
+
+        def put(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(context.get_discrete_state(state).value()[first : first + size] * factor)
+
+        def put_number(context: Context, output: BasicVector) -> None:
+            output.SetAtIndex(0, context.get_discrete_state(state).GetAtIndex(first) * factor)
+
+        reads: Any = {self.discrete_state_ticket(self._state)}
+        self.DeclareVectorOutputPort(name, size, put if self._shape else put_number, prerequisites_of_calc=reads)
+
+    def show_kept(self, *names: str) -> None:
+        """Declare output ports with what was kept in the tick before; by Drake, without a call into Python."""
+        for name in names:
+            self.DeclareStateOutputPort(name, self._kept[name])
+
+    @abstractmethod
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
+        """The memory after a tick, and what is kept, by name.
+
+        Args:
+            context: for parameters and places to work in; what else a tick depends on are the others.
+            memory: of the tick before, and its "time" [s], below zero before the first one.
+            inputs: by the names of their ports, without those that are left unconnected.
+        """
+
+    def memory(self, context: Context) -> dict[str, Any]:
+        """The memory after the tick that the outputs show, by name, with the "time" of that tick [s]."""
+        return dict(self._after(context))
+
+    def last_tick(self, context: Context) -> TickStart:
+        """What the tick started from whose values the outputs show; of a block that keeps it.
+
+        Raises:
+            BadInputError: there was none yet.
+        """
+        now = context.get_time()
+        memory = self._unpack(context.get_discrete_state(self._memory).CopyToVector())
+        if now - memory["time"] >= self._soonest:
+            return TickStart(memory, self._read(context))
+        if memory["time"] < 0.0:
+            raise BadInputError(f"{self.get_name()}: there was no tick yet at t = {now:g} s")
+        start = context.get_discrete_state(self._start).CopyToVector()
+        ends = np.cumsum([self._length, *(port.size() for port in self._inputs.values())])
+        before, *readings = np.split(start, ends[:-1])
+        inputs = dict(zip(self._inputs, readings, strict=True))
+        for name in self._unconnected(context):
+            del inputs[name]
+        return TickStart(self._unpack(before), inputs)
+
+    def _read(self, context: Context) -> Memory:
+        missing = self._unconnected(context) if self._optional else ()
+        return {name: port.Eval(context) for name, port in self._inputs.items() if name not in missing}
+
+    def _unconnected(self, context: Context) -> list[str]:
+        return [name for name in self._optional if not self._inputs[name].HasValue(context)]
+
+    def _initial(self, name: str, value: Any) -> Vector:
+        """A quantity before the first tick, of the shape it has in `step`."""
+        return np.asarray(value, dtype=float)
+
+    def _unpack(self, packed: Vector) -> dict[str, Any]:
+        memory = dict(zip(self._numbers, packed[: len(self._numbers)].tolist(), strict=True))
+        for name, place in self._vectors.items():
+            memory[name] = packed[place]
+        return memory
+
+    def _pack(self, memory: Memory) -> Vector:
+        numbers = [memory[name] for name in self._numbers]
+        return np.concatenate([numbers, *(memory[name] for name in self._vectors)])
+
+    def _compute(self, context: Context) -> Memory:
+        # A copy: a view that is handed on, unchanged, would keep the context alive from within its own cache.
+        memory, now = self._unpack(context.get_discrete_state(self._memory).CopyToVector()), context.get_time()
+        if now - memory["time"] < self._soonest:
+            return memory
+        after = self.step(context, memory, self._read(context))
+        after["time"] = now
+        return after
+
+    def _after(self, context: Context) -> Memory:
+        if self._now:
+            after: Memory = self._now.Eval(context)
+            return after
+        if self._port is None:
+            return self._compute(context)
+        (name,), value = self._names, self._port.Eval(context)
+        tick = math.floor(context.get_time() / self._period + 1e-3)
+        return {"time": tick * self._period, name: value if self._shape or self._vectors else value.item()}
+
+    def _hold(self, context: Context, next_state: DiscreteValues) -> None:
+        after = self._after(context)
+        next_state.set_value(self._memory, self._pack(after))
+        for name, state in self._kept.items():
+            next_state.set_value(state, after[name])
+        if self.keeps_start:
+            before = context.get_discrete_state(self._memory).CopyToVector()
+            # An event that is forced between two ticks changes nothing.
+            if before.item(0) != after["time"]:
+                next_state.set_value(self._start, np.concatenate([before, *self._readings(context)]))
+
+    def _readings(self, context: Context) -> list[Vector]:
+        """All inputs; those that are left unconnected are not numbers."""
+        missing = self._unconnected(context)
+        return [
+            np.full(port.size(), np.nan) if name in missing else port.Eval(context)
+            for name, port in self._inputs.items()
+        ]
+
+
+class SampledBatch(SampledBlock, LaneBlock):
+    """Base of sampled blocks of n batch elements.
+
+    In `step` a quantity that is declared as a number, or as one per element, is a lane value, and so is an input of
+    shape (n,). A quantity that is declared with shape (k, n) is k of them, and so is an input of shape (k n,).
+    """
+
+    def _initial(self, name: str, value: Any) -> Vector:
+        if np.ndim(value) == 2:
+            return np.broadcast_to(value, (len(value), self._size)).reshape(-1, *self._shape)
+        return lane_values(f"initial {name}", value, self._size).reshape(self._shape)
+
+    def _read(self, context: Context) -> Memory:
+        if self._all_floats:
+            return {name: port.Eval(context).item() for name, port in self._inputs.items()}
+        inputs = super()._read(context)
+        return {name: self.lanes(value) if name in self._wide else self.lane(value) for name, value in inputs.items()}
+
+    def _unpack(self, packed: Vector) -> dict[str, Any]:
+        rows = [packed.item(0), *packed[1:].reshape(-1, *self._shape)] if self._shape else packed.tolist()
+        memory = dict(zip(self._numbers, rows))  # noqa: B905, the argument takes longer than the rest
+        for name, place in self._vectors.items():
+            memory[name] = rows[place]
+        return memory
+
+    def _pack(self, memory: Memory) -> Vector:
+        rows = [memory[name] for name in self._numbers]
+        for name in self._vectors:
+            rows.extend(memory[name])
+        return np.concatenate([rows[:1], *rows[1:]]) if self._shape else np.array(rows)

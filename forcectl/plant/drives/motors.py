@@ -1,0 +1,95 @@
+"""The motors of a robot with elastic joints, which the drives of both kinds share.
+
+phi = S q_m are the motor angles divided by the gear ratios: S is the identity but for the couplings between motors, and
+B = diag(J_m N^2) is the inertia of the rotors at the joints. Friction sticks in a step of dt with
+
+    soft(s, c) = s - sat(s, -c, c),    v+ = soft(s, dt c/B) / (1 + ...)
+
+where s is the speed that the step would reach without it. A sticking axis stands still exactly: s and sat(s) are then
+the same number. All of it are C++ blocks: beside a multibody plant a Python callback runs with cold caches and costs
+three times as much, and these run more often than any other.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, System
+from pydrake.systems.primitives import Demultiplexer, MatrixGain, Saturation
+
+from forcectl.errors import invalid
+from forcectl.framework.batch import lane_values
+from forcectl.framework.wiring import export_outputs
+from forcectl.robot.model import RobotModel
+
+Matrix = NDArray[np.float64]
+Vector = NDArray[np.float64]
+
+# What a drive puts out of the motion of its motors, joint side: (2n,) [rad, rad/s], then its halves.
+MOTOR_PORTS = ("motor_state", "motor_position", "motor_velocity")
+
+
+class Motors:
+    """n motors at the joints: `inertia` B [kg m^2], friction `coulomb` c [Nm] and `viscous` b [Nms/rad], shape (n,).
+
+    `to_joint` is the inverse of S.
+
+    Raises:
+        BadInputError: an S that cannot be inverted, or a value that is not allowed.
+    """
+
+    def __init__(self, inertia: ArrayLike, to_motor: Matrix, coulomb: ArrayLike, viscous: ArrayLike):
+        n = self.size = len(to_motor)
+        if to_motor.shape != (n, n) or not np.linalg.cond(to_motor) < 1e6:
+            raise invalid("to_motor", to_motor.tolist(), "a square matrix that can be inverted")
+        self.to_motor, self.to_joint = to_motor, np.linalg.inv(to_motor)
+        self.inertia = lane_values("inertia", inertia, n, "positive and finite")
+        self.coulomb = lane_values("coulomb_friction", coulomb, n, "not negative")
+        self.viscous = lane_values("viscous_friction", viscous, n, "not negative")
+
+    def at_rest(self, position: ArrayLike) -> Vector:
+        """phi where the motors are at these positions of the joints, shape (n,) [rad]."""
+        angles: Vector = self.to_motor @ lane_values("initial_position", position, self.size)
+        return angles
+
+    def add_friction(
+        self, builder: DiagramBuilder, free: Matrix, stick: Vector, suffix: str = ""
+    ) -> tuple[InputPort, OutputPort]:
+        """Blocks for soft(s, `stick`), s = `free` times what they read; their input and output."""
+        limit = np.concatenate([np.full(self.size, np.inf), stick])
+        # s and -s; only the second half is limited, so that their sum is s - sat(s), exactly zero when sticking.
+        speed = builder.AddNamedSystem(f"free_speed{suffix}", MatrixGain(np.vstack([free, -free])))
+        friction = builder.AddNamedSystem(f"friction{suffix}", Saturation(-limit, limit))
+        slip = builder.AddNamedSystem(f"slip{suffix}", MatrixGain(np.tile(np.eye(self.size), 2)))
+        builder.Connect(speed.get_output_port(), friction.get_input_port())
+        builder.Connect(friction.get_output_port(), slip.get_input_port())
+        return speed.get_input_port(), slip.get_output_port()
+
+    def export_motion(self, builder: DiagramBuilder, axes: System) -> None:
+        """Export the motion of axes with the state phi, phi' and n more."""
+        gain = np.kron(np.eye(2, 3), self.to_joint)
+        state = builder.AddNamedSystem("motor_state", MatrixGain(gain))
+        builder.Connect(axes.get_output_port(), state.get_input_port())
+        export_motion(builder, state.get_output_port())
+
+
+def export_motion(builder: DiagramBuilder, state: OutputPort) -> tuple[OutputPort, OutputPort]:
+    """Export the motion of motors as `MOTOR_PORTS`; `state` is of shape (2n,). Returns its halves."""
+    n = state.size() // 2
+    halves = builder.AddNamedSystem("position_and_velocity", Demultiplexer([n, n]))
+    builder.Connect(state, halves.get_input_port())
+    position, velocity = halves.get_output_port(0), halves.get_output_port(1)
+    export_outputs(builder, dict(zip(MOTOR_PORTS, (state, position, velocity), strict=True)))
+    return position, velocity
+
+
+def joint_to_motor(robot: RobotModel) -> Matrix:
+    """S: motor angles over gear ratios per joint angles, shape (n, n) [1]."""
+    matrix: Matrix = robot.motor_from_joint / robot.facts.gear_ratio[:, None]
+    return matrix
+
+
+def rotor_inertia(robot: RobotModel) -> Vector:
+    """B: of each rotor at its joint, shape (n,) [kg m^2]."""
+    inertia: Vector = robot.facts.rotor_inertia * robot.facts.gear_ratio**2
+    return inertia
