@@ -26,6 +26,7 @@ from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_outputs
+from forcectl.plant.drives.drive import Drive
 from forcectl.plant.drives.joint_impedance import JointImpedanceConfig
 from forcectl.plant.drives.motors import MOTOR_PORTS, export_motion, joint_to_motor, rotor_inertia
 from forcectl.plant.drives.position_loop import PositionLoop, PositionLoopConfig
