@@ -240,7 +240,9 @@ class Reader:
                 raise self.invalid(key, tree, "a list")
             return [self.filler(listed, part, f"{key}.{i}") for i, part in enumerate(tree)]
         slot = slot_of(field)
-        return self.value(kind, tree, key, start) if slot is None else self.filler(slot, tree, key, start)
+        if slot is None:
+            return self.value(kind, tree, key, start)
+        return self.filler(slot, tree, key, None if start is _MISSING else start)
 
     def _named(self, slot: str, tree: Tree, key: str, start: Any) -> dict[str, Any]:
         """Parts with names; without a tag one is that of the same name in `start`."""
