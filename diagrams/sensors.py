@@ -8,10 +8,11 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.diagrams.mechanics.site import Site
+from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import check
 from forcectl.plant.sensors.force_sensor import ForceSensorConfig
-from forcectl.plant.sensors.joint_sensors import JointSensors
+from forcectl.plant.sensors.joint_sensors import JointSensors, ReadingFault
 from forcectl.plant.sensors.wrist_sensor import WristSensor
 from forcectl.plant.tip_kinematics import ForceToWrench
 
@@ -163,6 +164,14 @@ class JointReadingsConfig:
             position_noise=self.position_noise,
             torque_noise=self.torque_noise,
             seed=site.seed,
-            faults=[fault.fault(names) for fault in cell.config.faults],
+            faults=_faults(cell, names),
         )
         return builder.AddNamedSystem("joint_sensors", block)
+
+
+def _faults(cell: Workcell, joints: list[str]) -> list[ReadingFault]:
+    made = [part.fault(joints) for part in cell.config.faults]
+    for i, fault in enumerate(made):
+        if not isinstance(fault, ReadingFault):
+            raise BadInputError(f"faults.{i}: fault must return a ReadingFault, not {type(fault).__name__}")
+    return made

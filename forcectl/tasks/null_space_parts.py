@@ -54,7 +54,7 @@ class NullSpacePart(Protocol):
 class PotentialPart(Protocol):
     """A filler of the slot `potential`."""
 
-    def potentials(self, setting: JointSetting) -> Sequence[Potential]:
+    def potentials(self, setting: JointSetting) -> list[Potential]:
         """One potential or several.
 
         Args:
@@ -88,7 +88,12 @@ class EvasiveConfig:
 
     def criterion(self, setting: JointSetting) -> EvasiveMotion:
         """See `NullSpacePart`."""
-        made = [potential for part in self.potentials for potential in part.potentials(setting)]
+        made: list[Potential] = []
+        for i, part in enumerate(self.potentials):
+            found = part.potentials(setting)
+            if not isinstance(found, list):
+                raise BadInputError(f"potentials.{i}: potentials must return a list, not {type(found).__name__}")
+            made += found
         return EvasiveMotion(made, self.speed, self.time_constant)
 
 

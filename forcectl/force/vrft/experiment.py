@@ -20,6 +20,7 @@ from forcectl.force.linear_law import REGULATE, LinearForceLaw
 from forcectl.force.vrft.adaptive import add_tuned_law
 from forcectl.framework.batch import BatchParameter, LaneBlock, check
 from forcectl.framework.slots import slot
+from forcectl.framework.wiring import checked_system
 from forcectl.motion.excitation import ExcitationConfig, TrapezoidalMovesConfig
 from forcectl.plant.plant_model import PlantModel
 
@@ -124,7 +125,7 @@ class VrftExperiment(Diagram):
         super().__init__()
         self.sample_delay = dict(law.sample_delay)
         builder = DiagramBuilder()
-        source = excitation.add_to(builder, compliance).GetOutputPort("excitation")
+        source = checked_system(excitation.add_to(builder, compliance), "excitation").GetOutputPort("excitation")
         add_tuned_law(builder, law, tuner)
         builder.AddNamedSystem("sequencer", sequencer)
         mode = sequencer.GetOutputPort("mode")
