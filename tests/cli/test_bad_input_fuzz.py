@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import copy
 import random
+from pathlib import Path
 
 import pytest
 
@@ -81,7 +82,8 @@ BREAKS = (
     "---\n",
     "\ufeff",
 )
-TAGS = ("Integral", "AdaptiveIntegral", "Import", "Step", "Ramp", "Sequence", "File", "Nothing", "")
+OTHERS = sorted(map(str, (Path(__file__).parents[1] / "data").glob("slots_of_*.yaml")))
+TAGS = ("Wall", "Evasive", "Integral", "AdaptiveIntegral", "Import", "Step", "Ramp", "Sequence", "File", "Nothing", "")
 
 
 def full_tree(name):
@@ -173,7 +175,7 @@ def try_out(path, rng):
 
 def mutants(count, seed):
     rng = random.Random(seed)
-    trees = [full_tree(name) for name in list_experiments()]
+    trees = [full_tree(name) for name in (*list_experiments(), *OTHERS)]
     for _ in range(count):
         yield mutate(rng.choice(trees), rng), rng
 
