@@ -136,14 +136,6 @@ class WristForce(Diagram):
         builder.BuildInto(self)
 
 
-def _faults(cell: Workcell) -> list[ReadingFault]:
-    found = []
-    for fault in cell.config.faults:
-        with about(fault):
-            found.append(fault.fault(cell.robot.facts.arm_joints))
-    return found
-
-
 @dataclass(kw_only=True)
 class JointReadingsConfig(Config):
     """Scenario part `!JointReadings`: joint positions, speeds and motor torques as a robot's interface tells them."""
@@ -171,6 +163,17 @@ class JointReadingsConfig(Config):
             position_noise=self.position_noise,
             torque_noise=self.torque_noise,
             seed=site.seed,
-            faults=_faults(cell),
+            faults=_faults(cell, cell.robot.facts.arm_joints),
         )
         return builder.AddNamedSystem("joint_sensors", block)
+
+
+def _faults(cell: Workcell, joints: list[str]) -> list[ReadingFault]:
+    made = []
+    for i, part in enumerate(cell.config.faults):
+        with about(part):
+            fault = part.fault(joints)
+        if not isinstance(fault, ReadingFault):
+            raise BadInputError(f"fault must return a ReadingFault, not {type(fault).__name__}", key=f"faults.{i}")
+        made.append(fault)
+    return made

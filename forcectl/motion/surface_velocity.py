@@ -14,15 +14,15 @@ from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuil
 from pydrake.trajectories import PiecewisePolynomial
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.batch import SCALAR_MATH
 from forcectl.framework.fields import key
 from forcectl.motion.references import Reference, held_trajectory
 from forcectl.motion.tangential import LineConfig, line_postures
-from forcectl.motion.velocity_generator import VelocityGenerator, velocity_step
+from forcectl.motion.velocity_generator import VelocityGenerator
 from forcectl.robot.model import RobotModel
 
 Vector = NDArray[np.float64]
 _KNOT = 1e-3  # distance of the points of the line that are solved [m]
+_LONGEST = 2.0  # path [m]
 
 
 class LinePosture(LeafSystem):
@@ -112,24 +112,34 @@ class SurfaceVelocityConfig(LineConfig):
         period = robot.facts.period
         wanted = held_trajectory(self.times, self.velocities)
         generator = VelocityGenerator(1, acceleration_limit=self.acceleration, period=period)
-        line = self._line(robot, start, self.per_metre(n), self._places(wanted, period))
+        line = self._line(robot, start, self.per_metre(n), self._ends(period))
         return builder.AddNamedSystem("motion", SurfaceVelocity(wanted, generator, line))
 
-    def _places(self, wanted: PiecewisePolynomial, period: float) -> list[float]:
-        """Path coordinates of all ticks [m]."""
-        s, v, places = 0.0, 0.0, [0.0]
-        for tick in range(math.ceil(self.interval()[1] / period) + 1):
-            target = wanted.value(tick * period).item()
-            s, v, _ = velocity_step(s, v, target, math.inf, self.acceleration, period, SCALAR_MATH)
-            places.append(s)
-        return places
+    def _ends(self, period: float) -> tuple[float, float]:
+        """Lowest and highest path coordinate, with what ticks may add [m]."""
+        s, v, passed = 0.0, 0.0, [0.0]
+        for begin, end, target in zip(self.times, [*self.times[1:], math.inf], self.velocities, strict=True):
+            a = math.copysign(self.acceleration, target - v)
+            ramp = min(abs(target - v) / self.acceleration, end - begin)
+            turn = -v / a
+            if 0 < turn < ramp:
+                passed.append(s + 0.5 * v * turn)
+            s, v = s + ramp * (v + 0.5 * a * ramp), v + a * ramp
+            passed.append(s)
+            if end < math.inf:
+                s += v * (end - begin - ramp)
+                passed.append(s)
+        if not max(passed) - min(passed) < _LONGEST:
+            raise invalid("velocities", self.velocities, f"those of a path of at most {_LONGEST:g} m")
+        margin = period * max(abs(value) for value in self.velocities)
+        return min(passed) - margin, max(passed) + margin
 
     @staticmethod
-    def _line(robot: RobotModel, start: Vector, per_metre: Vector, places: list[float]) -> PiecewisePolynomial:
+    def _line(robot: RobotModel, start: Vector, per_metre: Vector, ends: tuple[float, float]) -> PiecewisePolynomial:
         """Joint motion over the path coordinate [rad]; each side is solved from the start outwards."""
         sides = []
-        for end in (min(places), max(places)):
-            knots = np.linspace(0.0, end, max(math.ceil(abs(end) / _KNOT), 1) + 1) if end else np.zeros(1)
+        for end in ends:
+            knots = np.linspace(0.0, end, math.ceil(abs(end) / _KNOT) + 1)
             try:
                 sides.append((knots, line_postures(robot, start, knots[:, None] * per_metre) - start))
             except BadInputError as error:

@@ -7,6 +7,7 @@ import importlib
 from typing import Any
 
 from forcectl.errors import BadInputError, show
+from forcectl.framework.fields import REQUIRED
 from forcectl.framework.imports import import_object
 from forcectl.framework.reader import Reader, join
 from forcectl.framework.yaml_tree import Tagged, Tree, is_object, tag_of
@@ -121,7 +122,9 @@ class ScenarioReader(Reader):
                 raise self.invalid(key, tree, "a list")
             return [self.filler(listed, part, f"{key}.{i}") for i, part in enumerate(tree)]
         slot = slot_of(field)
-        return super().field(field, kind, tree, key, start) if slot is None else self.filler(slot, tree, key, start)
+        if slot is None:
+            return super().field(field, kind, tree, key, start)
+        return self.filler(slot, tree, key, None if start is REQUIRED else start)
 
     def _named(self, slot: str, tree: Tree, key: str, start: Any) -> dict[str, Any]:
         """Parts with names; without a tag one is that of the same name in `start`."""

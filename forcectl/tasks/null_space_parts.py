@@ -54,7 +54,7 @@ class NullSpacePart(Protocol):
 class PotentialPart(Protocol):
     """A filler of the slot `potential`."""
 
-    def potentials(self, setting: JointSetting) -> Sequence[Potential]:
+    def potentials(self, setting: JointSetting) -> list[Potential]:
         """One potential or several.
 
         Args:
@@ -90,9 +90,13 @@ class EvasiveConfig(Config):
     def criterion(self, setting: JointSetting) -> EvasiveMotion:
         """See `NullSpacePart`."""
         made: list[Potential] = []
-        for part in self.potentials:
+        for i, part in enumerate(self.potentials):
             with about(part):
-                made += part.potentials(setting)
+                found = part.potentials(setting)
+            if not isinstance(found, list):
+                fault = f"potentials must return a list, not {type(found).__name__}"
+                raise BadInputError(fault, key=f"potentials.{i}")
+            made += found
         return EvasiveMotion(made, self.speed, self.time_constant)
 
 

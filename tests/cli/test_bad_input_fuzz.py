@@ -8,6 +8,7 @@ from __future__ import annotations
 import copy
 import random
 import re
+from pathlib import Path
 
 import pytest
 
@@ -85,7 +86,8 @@ BREAKS = (
     "---\n",
     "\ufeff",
 )
-TAGS = ("Integral", "AdaptiveIntegral", "Import", "Step", "Ramp", "Sequence", "File", "Nothing", "")
+OTHERS = sorted(map(str, (Path(__file__).parents[1] / "data").glob("slots_of_*.yaml")))
+TAGS = ("Wall", "Evasive", "Integral", "AdaptiveIntegral", "Import", "Step", "Ramp", "Sequence", "File", "Nothing", "")
 
 
 def full_tree(name):
@@ -207,7 +209,7 @@ def try_out(path, rng):
 
 def mutants(count, seed, trees=None):
     rng = random.Random(seed)
-    trees = [full_tree(name) for name in list_experiments()] if trees is None else trees
+    trees = [full_tree(name) for name in (*list_experiments(), *OTHERS)] if trees is None else trees
     for _ in range(count):
         yield mutate(rng.choice(trees), rng), rng
 

@@ -103,12 +103,12 @@ RETURNED = {
     "environment": "station.environment: add_to must return a Drake system, not NoneType",
     "surface": "heights.a: heights(s) must return finite numbers of shape (20001,), like s, not shape ()",
     "load": "station.loads.0: cannot be built: AttributeError",
-    "fault": "station.sensors.joints: cannot be built: AttributeError",
+    "fault": "station.faults.0: fault must return a ReadingFault, not NoneType",
     "excitation": "controller.excitation: cannot be built: TypeError",
     "task": "controller.tasks.a: task must return an ArmTask, not NoneType",
     "constraint": "controller.constraints.0: constraint must return an object with relative_degree",
     "null_space": "controller.null_space: criterion must return an object with cost(motion, period), not NoneType",
-    "potential": "controller.null_space.potentials.0: cannot be built: TypeError",
+    "potential": "controller.null_space.potentials.0: potentials must return a list, not NoneType",
 }
 
 

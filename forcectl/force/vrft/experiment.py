@@ -20,6 +20,7 @@ from forcectl.force.vrft.adaptive import add_tuned_law
 from forcectl.framework.batch import BatchParameter, Lane, check
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
+from forcectl.framework.wiring import checked_system
 from forcectl.motion.excitation import ExcitationConfig, TrapezoidalMovesConfig
 from forcectl.plant.plant_model import PlantModel
 
@@ -121,7 +122,8 @@ class VrftExperiment(Diagram):
         self.sample_delay = dict(law.sample_delay)
         builder = DiagramBuilder()
         with about(excitation):
-            source = excitation.add_to(builder, compliance).GetOutputPort("excitation")
+            made = checked_system(excitation.add_to(builder, compliance), "excitation")
+        source = made.GetOutputPort("excitation")
         add_tuned_law(builder, law, tuner)
         builder.AddNamedSystem("sequencer", sequencer)
         mode = sequencer.GetOutputPort("mode")
