@@ -38,6 +38,7 @@ class Delay(SampledBatch):
         inputs = [self.DeclareVectorInputPort("u", size), self.DeclareVectorInputPort("both", 2 * size)]
         self.declare_memory({"late": 0.0, "sum": 1.0, "line": np.zeros((3, 1))}, inputs, PERIOD)
         self.show("late", "sum")
+        self.show_held("earlier", "line", element=1, factor=-3.0)
 
     def step(self, context, memory, inputs):
         (gain,) = self.values(context)
@@ -122,6 +123,7 @@ def test_elements_are_numbers_alone_and_arrays_together(size):
         block.GetInputPort("both").FixValue(context, both[k])
         np.testing.assert_allclose(output(block, context, "sum"), totals[k])
         np.testing.assert_allclose(output(block, context, "late"), 2.0 * u[k - 3] if k >= 3 else np.zeros(size))
+        np.testing.assert_allclose(output(block, context, "earlier"), -3.0 * u[k - 2] if k >= 2 else np.zeros(size))
         simulator.AdvanceTo((k + 0.5) * PERIOD)
         assert type(block.memory(context)["sum"]) is (float if size == 1 else np.ndarray)
 
