@@ -6,7 +6,8 @@ variant, overrides (`--set` on the command line).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Iterator, Mapping
+from contextlib import contextmanager
 from dataclasses import dataclass, fields
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -17,7 +18,7 @@ from forcectl.analysis.slot import run_figures, run_metrics
 from forcectl.diagrams.believed import ModelConfig, Setting
 from forcectl.diagrams.loop import Loop, LoopParts, build_loop
 from forcectl.diagrams.station import StationConfig
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, RunFailedError, invalid, unknown
 from forcectl.force.integral import IntegralConfig
 from forcectl.framework.fields import Config, key, named_slots, slot
 from forcectl.framework.yaml_tree import Tagged, Tree, difference, is_object, merge, nest, plain
@@ -128,8 +129,9 @@ class Scenario(Config):
         """
         window, motion = self.model_error_window, self.motion.interval()
         own = run_metrics(log, setting, window=window, motion=motion, realtime_factor=realtime_factor)
-        for analysis in self.analyses.values():
-            own |= analysis.metrics(log, setting)
+        for name, analysis in self.analyses.items():
+            with _analysing(name):
+                own |= analysis.metrics(log, setting)
         return own
 
     def figures(self, log: xr.Dataset, title: str) -> dict[str, Figure]:
@@ -141,9 +143,19 @@ class Scenario(Config):
         """
         figures = run_figures(log, title)
         setting = self.setting() if self.analyses else None
-        for analysis in self.analyses.values():
-            figures |= analysis.figures(log, setting, title)
+        for name, analysis in self.analyses.items():
+            with _analysing(name):
+                figures |= analysis.figures(log, setting, title)
         return figures
+
+
+@contextmanager
+def _analysing(name: str) -> Iterator[None]:
+    try:
+        yield
+    except Exception as error:  # whatever a part of the user's does
+        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        raise RunFailedError(f"analyses.{name} cannot be computed of this run: {reason}") from error
 
 
 def load_scenario(
