@@ -148,12 +148,18 @@ class Interval:
 
 @cache
 def interval(bounds: str) -> Interval:
-    """The interval that bounds in words stand for; all numbers for "" and "not all zero"."""
+    """The interval that bounds in words stand for; all numbers for "" and "not all zero".
+
+    Raises:
+        ValueError: other words than those of `Key`.
+    """
     found: dict[str, Any] = {}
     for word, number in _BOUND.findall(" ".join(_WORDS.get(part, part) for part in re.split(r"(?:, | and )", bounds))):
         end = "low" if word in ("above", "at least", "from") else "high"
         found[end] = 0.0 if number == "zero" else float(number)
         found[f"without_{end}"] = word in ("above", "below")
+    if not found and bounds not in ("", "not all zero"):
+        raise ValueError(f"bounds = {bounds!r}: must be in the words of Key")
     return Interval(**found)
 
 

@@ -13,6 +13,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram
 
 from forcectl.diagrams.loop import Loop
+from forcectl.errors import RunFailedError
 from forcectl.runs.logs import ChunkedLog, first_fault, to_dataset
 from forcectl.scenario.scenario import Scenario
 
@@ -76,7 +77,10 @@ def simulate(
     if failure is not None:
         return VariantOutcome(variant, dataset, {}, failure, loop.diagram, cause)
     factor = scenario.duration / computing if computing > 0 else None
-    metrics = scenario.metrics(dataset, loop.setting, factor)
+    try:
+        metrics = scenario.metrics(dataset, loop.setting, factor)
+    except RunFailedError as error:
+        return VariantOutcome(variant, dataset, {}, str(error), loop.diagram, error)
     return VariantOutcome(variant, dataset, metrics, None, loop.diagram)
 
 

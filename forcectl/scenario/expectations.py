@@ -93,7 +93,9 @@ class Expectation(Config):
         if self.drift is not None and self.expected is None:
             raise BadInputError(f"target {self.target!r}: drift must go together with expected, from which it counts")
         if self.tolerance is None and self.minimum is None and self.maximum is None:
-            raise BadInputError(f"target {self.target!r} is missing what to judge by: tolerance, minimum or maximum")
+            raise BadInputError(
+                f"target {self.target!r} is missing what to judge by: must have tolerance, minimum or maximum"
+            )
 
     def variants(self, names: Sequence[str]) -> dict[str, str]:
         """The variant of each term, by key; a term without one takes that of the expectation, then the first."""

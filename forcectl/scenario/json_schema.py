@@ -12,10 +12,9 @@ import math
 import typing
 from typing import Any
 
-from forcectl.framework.fields import REQUIRED, Key, default_of, interval, key_of, members
-from forcectl.framework.yaml_tree import as_json
+from forcectl.framework.fields import REQUIRED, Key, interval, key_of, members
 from forcectl.scenario.catalog import IMPORT, SLOTS, tags_of
-from forcectl.scenario.keys import default_tree
+from forcectl.scenario.keys import default_value
 from forcectl.scenario.scenario import Scenario
 from forcectl.scenario.schema import load_object, slot_of
 
@@ -44,7 +43,7 @@ def scenario_schema() -> Schema:
         "$schema": "https://json-schema.org/draft/2020-12/schema",
         **root,
         "title": "forcectl scenario",
-        "$comment": f"yaml.customTags: {', '.join(custom_tags())}",
+        "yaml.customTags": custom_tags(),
         "patternProperties": {"^_": {}},
         "$defs": found,
     }
@@ -95,10 +94,9 @@ def _field(field: dataclasses.Field[Any], kind: Any, found: Schema) -> Schema:
     unit = f" [{declared.unit}]" if declared.unit else ""
     text = f"{declared.meaning}{unit}{', ' if declared.bounds else ''}{declared.bounds}".strip()
     told: Schema = {"description": text} if text else {}
-    default = default_of(field)
-    tree = as_json(default_tree(field))
+    default = default_value(field)
     if default is not REQUIRED and not (isinstance(default, float) and math.isinf(default)):
-        told["default"] = tree
+        told["default"] = default
     slot = slot_of(field) or data.get("slots") or data.get("slot_list")
     if slot is None:
         return told | _value(kind, declared, found)

@@ -11,8 +11,8 @@ from typing import Any
 from forcectl.errors import unknown
 from forcectl.framework.fields import REQUIRED, Key, default_of, key_of, members
 from forcectl.framework.reader import describe, join
-from forcectl.framework.yaml_tree import as_json, dump
-from forcectl.scenario.catalog import IMPORT, SLOTS, tags_of
+from forcectl.framework.yaml_tree import dump
+from forcectl.scenario.catalog import SLOTS, tags_of
 from forcectl.scenario.schema import load_object, slot_of
 from forcectl.scenario.trees import to_tree
 
@@ -72,7 +72,7 @@ def keys_of(cls: type, prefix: str = "") -> list[KeyWords]:
         name, declared, kind = join(prefix, field.name), key_of(field), hints[field.name]
         inner, place = part_of(kind)
         words = kind_words(field, kind)
-        default = _default_text(field, inner)
+        default = _default_text(field)
         found.append(KeyWords(name, words, declared.unit, allowed_words(declared), default, declared.meaning))
         if inner is not None:
             found += keys_of(inner, join(name, place))
@@ -114,25 +114,24 @@ def allowed_words(declared: Key) -> str:
     )
 
 
-def default_tree(field: dataclasses.Field[Any]) -> Any:
-    """The default of a field as the tree of a file; None where it has none, or cannot be written down."""
-    made = default_of(field)
-    data = field.metadata
-    if made is REQUIRED:
-        return None
-    if "slots" in data:
-        return {name: to_tree(part, data["slots"]) for name, part in made.items()}
-    return to_tree(made, slot_of(field))
+def default_value(field: dataclasses.Field[Any]) -> Any:
+    """The default of a field as a file would have it, with parts by their tags.
+
+    `REQUIRED` where a key must be given, and where it is a mapping whose keys have defaults of their own.
+    """
+    made, named = default_of(field), field.metadata.get("slots")
+    if named is not None:
+        return {name: f"!{to_tree(part, named).tag}" for name, part in made.items()}
+    slot = slot_of(field)
+    if slot is not None:
+        return f"!{to_tree(made, slot).tag}"
+    return REQUIRED if made is REQUIRED or dataclasses.is_dataclass(made) else to_tree(made)
 
 
-def _default_text(field: dataclasses.Field[Any], inner: type | None) -> str:
-    made, tree = default_of(field), default_tree(field)
-    if made is REQUIRED or (inner is not None and made is not None and not isinstance(made, list)):
-        return ""
-    if getattr(tree, "tag", None):
-        return f"!{tree.tag}" if tree.tag != IMPORT else f"!{IMPORT}"
-    if isinstance(tree, dict):
-        return ", ".join(f"{name}: !{part.tag}" for name, part in tree.items()) or "{}"
-    if isinstance(tree, float) and not math.isinf(tree):
-        return f"{tree:.6g}"
-    return dump(as_json(tree)).removesuffix("...\n").strip() if tree != "" else "''"
+def _default_text(field: dataclasses.Field[Any]) -> str:
+    value = default_value(field)
+    if value is REQUIRED or isinstance(value, dict):
+        return "" if value is REQUIRED else ", ".join(f"{name}: {tag}" for name, tag in value.items()) or "{}"
+    if isinstance(value, float) and math.isfinite(value):
+        return f"{value:.6g}"
+    return value or "''" if isinstance(value, str) else dump(value).removesuffix("...\n").strip()

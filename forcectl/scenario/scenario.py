@@ -18,7 +18,7 @@ from forcectl.analysis.slot import run_figures, run_metrics
 from forcectl.diagrams.believed import ModelConfig, Setting
 from forcectl.diagrams.loop import Loop, LoopParts, build_loop
 from forcectl.diagrams.station import StationConfig
-from forcectl.errors import BadInputError, invalid, show, unknown
+from forcectl.errors import BadInputError, RunFailedError, invalid, show, unknown
 from forcectl.force.integral import IntegralConfig
 from forcectl.framework.fields import Config, key, named_slots, slot
 from forcectl.framework.yaml_tree import Tagged, Tree, difference, is_object, merge, nest, plain
@@ -134,7 +134,7 @@ class Scenario(Config):
             for metric, value in found.items():
                 if value is not None and not isinstance(value, Real):
                     fault = f"metric {metric} = {show(value)}: must be a number or None"
-                    raise BadInputError(fault, key=f"analyses.{name}")
+                    raise RunFailedError(f"analyses.{name}: {fault}")
             own |= found
         return own
 
@@ -155,18 +155,15 @@ class Scenario(Config):
         """What a method of an analysis answers.
 
         Raises:
-            BadInputError: an analysis of the user's that raises, or answers something else than a mapping.
+            RunFailedError: an analysis of the user's that raises, or answers something else than a mapping.
         """
         try:
             found = getattr(self.analyses[name], method)(*arguments)
-        except BadInputError:
-            raise
         except Exception as error:  # whatever the user's analysis does
             reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise BadInputError(f"{method} raised {reason}", key=f"analyses.{name}") from error
+            raise RunFailedError(f"analyses.{name}: {method} raised {reason}") from error
         if not isinstance(found, Mapping):
-            fault = f"{method} must return a mapping, not {type(found).__name__}"
-            raise BadInputError(fault, key=f"analyses.{name}")
+            raise RunFailedError(f"analyses.{name}: {method} must return a mapping, not {type(found).__name__}")
         return dict(found)
 
 

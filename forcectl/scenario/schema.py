@@ -49,6 +49,8 @@ class ScenarioReader(Reader):
             return self.dataclass(type(given), tree, key)
         if isinstance(tree, str):  # the tag alone, as text
             tree = Tagged(tag=tree.removeprefix("!"))
+        if not isinstance(tree, Tagged):
+            raise self.invalid(key, tree, f"a part: one of {', '.join(f'!{tag}' for tag in tags_of(slot))}")
         tag = tag_of(tree)
         if tag == IMPORT:
             return self._imported(slot, tree, key)

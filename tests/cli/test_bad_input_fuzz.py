@@ -114,6 +114,7 @@ def places(tree, path=()):
 def fillers():
     """A scenario for every tag of every slot, with all its keys, as far as one stands alone."""
     robot = {"robot": "yumi/left", "fidelity": "Multibody", "environment": Tagged({}, "Parts"), "sensors": {}}
+    robot["drive"] = {"position_loop": {"delay": 0.0}}  # which its period divides
     moves = {"station": robot, "controller": Tagged({}, "JointMoves"), "duration": 0.01}
     wholes = {"estimator": "estimators", "signal": "signals", "analysis": "analyses"}
     needed = {

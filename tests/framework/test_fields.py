@@ -143,5 +143,10 @@ def test_bounds_in_words_are_an_interval(bounds, expected):
     assert interval(bounds) == expected
 
 
+def test_other_words_are_refused():
+    with pytest.raises(ValueError, match="bounds = 'positve': must be in the words of Key"):
+        interval("positve")
+
+
 def test_an_interval_may_leave_out_its_ends():
     assert [Interval(0.0, 1.0, True, False).holds(x) for x in (-0.1, 0.0, 0.5, 1.0, 1.1)] == [0, 0, 1, 1, 0]

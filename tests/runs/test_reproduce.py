@@ -124,7 +124,7 @@ def test_nothing_is_run_when_one_experiment_is_wrong_or_the_output_exists(files,
     (files / "wrong.yaml").write_text("duration: -1\n")
     code, output = call(["quick.yaml", "wrong.yaml", "--out", "here"], monkeypatch, capfd)
     assert code == 2
-    assert output.err == "error: wrong.yaml: duration = -1.0: must be positive\n"
+    assert output.err == "error: wrong.yaml:1: duration = -1.0: must be positive, at most 86400\n"
     (files / "here").mkdir()
     assert call(["quick.yaml", "--out", "here"], monkeypatch, capfd)[0] == 2
 

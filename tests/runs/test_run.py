@@ -208,7 +208,7 @@ def test_bad_input_in_any_variant_leaves_nothing_behind(tmp_path):
     path = tmp_path / "own.yaml"
     path.write_text("duration: 0.5\nvariants: {good: {}, bad: {station.environment.stiffness: -1}}\n")
     with pytest.raises(
-        BadInputError, match=r"own.yaml: variant 'bad': station.environment.stiffness = -1.0: must be positive"
+        BadInputError, match=r"own.yaml:2: variant 'bad': station.environment.stiffness = -1.0: must be positive"
     ):
         fc.run(path, out=tmp_path / "out")
     path.write_text("duration: 0.5\nvariants: {good: {}, bad: {reference.force: 5000}}\n")

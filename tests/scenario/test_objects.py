@@ -13,6 +13,7 @@ from forcectl.diagrams.fidelities.kinematic import KinematicFidelity, KinematicS
 from forcectl.diagrams.sensors import WristForceConfig
 from forcectl.diagrams.signals import FromConfig
 from forcectl.diagrams.station import StationConfig
+from forcectl.errors import RunFailedError
 from forcectl.estimation.force_estimator import ForceEstimatorConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.vrft.experiment import RecursiveVrftConfig
@@ -341,3 +342,15 @@ def test_the_run_directory_names_the_class_of_a_users_object(tmp_path):
     assert "1.25" in text
     again = load_scenario(tmp_path / "run" / "scenario.yaml")
     assert names(fc.build(again).diagram) == names(fc.build(scenario).diagram)
+
+
+@pytest.mark.parametrize("method", ["metrics", "figures"])
+def test_an_analysis_that_raises_is_one_line(method, tmp_path):
+    @dataclass
+    class Raises(MyAnalysis):
+        pass
+
+    setattr(Raises, method, lambda *_: {}["no such signal"])
+    said = rf"analyses\.mine: {method} raised KeyError: 'no such signal'"
+    with pytest.raises(RunFailedError, match=said):
+        fc.run(Scenario(duration=0.02, analyses={"mine": Raises()}), out=tmp_path / "run")

@@ -7,6 +7,7 @@ from typing import Any
 import pytest
 
 import forcectl as fc
+from forcectl.errors import ForcectlError
 from forcectl.framework.yaml_tree import Tagged, parse
 from forcectl.scenario.catalog import CONTRACTS, SLOTS
 
@@ -63,7 +64,7 @@ def scenario(slot: str, part: Any) -> tuple[dict[str, Any], dict[str, Any]]:
 
 def refusal(slot: str, part: Any) -> str:
     base, overrides = scenario(slot, part)
-    with pytest.raises(fc.BadInputError) as caught:
+    with pytest.raises(ForcectlError) as caught:
         fc.run(base, overrides=overrides)
     text = str(caught.value)
     assert "\n" not in text

@@ -20,6 +20,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 
 from forcectl.errors import BadInputError, about, invalid
 from forcectl.force.governor.program import (
+    LONGEST_HORIZON,
     GovernorLimits,
     GovernorProgram,
     Horizon,
@@ -298,7 +299,9 @@ class GovernedConfig(Config):
     delay: float = key(0.08, "T_d, whole control ticks", unit="s", bounds="not negative")
     output_weight: float = key(1.0, "weight Q_y", bounds="not negative")
     reference_weight: float = key(1e-3, "weight Q_r", bounds="positive")
-    horizon: int = key(1, "more than one: a quadratic program at every tick", unit="ticks", bounds="from 1 to 500")
+    horizon: int = key(
+        1, "above one: a quadratic program per tick", unit="ticks", bounds=f"from 1 to {LONGEST_HORIZON}"
+    )
     lower_limit: float = key(-inf, "smallest reference of the law", unit="N")
     upper_limit: float = key(inf, "largest reference of the law", unit="N")
     rate_limit: float = key(inf, "largest rate of the reference of the law", unit="N/s", bounds="positive")

@@ -38,7 +38,7 @@ Array = NDArray[np.float64]
 # A prediction over more ticks than this is a unit taken for another.
 MOST_TICKS = 10_000
 # The matrices of a horizon of h have 2 h^2 numbers, solved for at every tick.
-_LONGEST_HORIZON = 500
+LONGEST_HORIZON = 500
 
 # What one newton of r is worth to keep the predicted force within its limits, against one newton of tracking.
 _FORCE_WEIGHT = 1e4
@@ -78,8 +78,8 @@ def check_ticks(name: str, value: int, most: int = MOST_TICKS) -> int:
 
 def check_horizon(value: int) -> int:
     """A horizon [ticks], from 1 to what can be solved for at every tick, else BadInputError."""
-    if check_count("horizon", value) > _LONGEST_HORIZON:
-        raise invalid("horizon", value, f"at most {_LONGEST_HORIZON} ticks")
+    if check_count("horizon", value) > LONGEST_HORIZON:
+        raise invalid("horizon", value, f"at most {LONGEST_HORIZON} ticks")
     return int(value)
 
 

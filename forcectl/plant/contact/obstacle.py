@@ -20,7 +20,10 @@ class ObstacleConfig(Config):
     position: list[float] = key([0.5, 0.0, 0.0], "of its centre", unit="m", size=3)
     rotation_deg: list[float] = key([0.0, 0.0, 0.0], "roll, pitch, yaw", unit="deg", size=3)
     stiffness: float = key(
-        1e4, "at a point of contact, at most a tenth of the links' 1e7", unit="N/m", bounds="positive and at most 1e6"
+        1e4,
+        "at a point of contact",
+        unit="N/m",
+        bounds=f"positive and at most {0.1 * LARGEST_STIFFNESS:g}",
     )
     damping: float = key(50.0, "at a point of contact", unit="Ns/m", bounds="not negative")
     friction: float = key(0.2, "Coulomb's, against any link", unit="1", bounds="at least 0 and below 1")
