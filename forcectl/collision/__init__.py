@@ -1,1 +1,5 @@
 """Distances between the links of a robot, and to obstacles."""
+
+from forcectl.framework.lazy import lazy_names
+
+__getattr__, __dir__ = lazy_names(__name__, __file__)

@@ -13,3 +13,7 @@ __all__ = [
     "examine", "examine_builder", "build", "measure_delay", "render",
     "Report", "Finding", "FeedthroughRow", "PeriodicEvent", "DelayChain", "DelayRow",
 ]  # fmt: skip
+
+
+def __dir__() -> list[str]:
+    return sorted(__all__)

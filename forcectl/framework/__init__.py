@@ -1,1 +1,5 @@
 """What blocks are made of: sampling, parameters, batches, caches, rotations."""
+
+from forcectl.framework.lazy import lazy_names
+
+__getattr__, __dir__ = lazy_names(__name__, __file__)

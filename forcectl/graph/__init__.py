@@ -1,1 +1,26 @@
-"""Block-diagram graphs of any Drake diagram."""
+"""Block-diagram graphs of any Drake diagram; called, `forcectl.graph(diagram)`, it is `forcectl.graph.export.graph`."""
+
+from __future__ import annotations
+
+import sys
+from types import ModuleType
+from typing import TYPE_CHECKING, Any
+
+from forcectl.framework.lazy import lazy_names
+
+if TYPE_CHECKING:
+    from forcectl.graph.export import Graph
+
+__getattr__, __dir__ = lazy_names(__name__, __file__)
+
+
+class _Room(ModuleType):
+    """The room `graph` is an attribute of the package, and so is the function."""
+
+    def __call__(self, *args: Any, **options: Any) -> Graph:
+        from forcectl.graph.export import graph
+
+        return graph(*args, **options)
+
+
+sys.modules[__name__].__class__ = _Room

@@ -3,3 +3,7 @@
 The doctor, the block diagrams and the pytest plugin all read through this room, so they call a block by the same name:
 paths such as `station/plant`, ports such as `station/plant.net_actuation`.
 """
+
+from forcectl.framework.lazy import lazy_names
+
+__getattr__, __dir__ = lazy_names(__name__, __file__)

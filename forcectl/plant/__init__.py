@@ -1,1 +1,5 @@
 """The simulated world: drives, sensors, contact and compliance."""
+
+from forcectl.framework.lazy import lazy_names
+
+__getattr__, __dir__ = lazy_names(__name__, __file__)

@@ -1,1 +1,5 @@
 """Running scenarios: simulation, logs, run directories, reproduction, replay."""
+
+from forcectl.framework.lazy import lazy_names
+
+__getattr__, __dir__ = lazy_names(__name__, __file__)

@@ -1,1 +1,5 @@
 """Control of robot motion by prioritized tasks (Chapter 5)."""
+
+from forcectl.framework.lazy import lazy_names
+
+__getattr__, __dir__ = lazy_names(__name__, __file__)

@@ -1,0 +1,13 @@
+from forcectl.errors import BadInputError as BadInputError
+from forcectl.errors import ForcectlError as ForcectlError
+from forcectl.errors import RunFailedError as RunFailedError
+from forcectl.graph.export import graph as graph
+from forcectl.runs.reproduce import reproduce as reproduce
+from forcectl.runs.run import RunResult as RunResult
+from forcectl.runs.run import run as run
+from forcectl.scenario.catalog import list_experiments as list_experiments
+from forcectl.scenario.scenario import Scenario as Scenario
+from forcectl.scenario.scenario import build as build
+from forcectl.scenario.scenario import load_scenario as load_scenario
+
+__version__: str

@@ -1,0 +1,9 @@
+from forcectl.estimation.environment import EnvironmentComplianceEstimator as EnvironmentComplianceEstimator
+from forcectl.estimation.environment import ewrls_step as ewrls_step
+from forcectl.estimation.excited_compliance import ExcitedCompliance as ExcitedCompliance
+from forcectl.estimation.force_estimator import ForceEstimator as ForceEstimator
+from forcectl.estimation.force_estimator import ForceEstimatorConfig as ForceEstimatorConfig
+from forcectl.estimation.momentum_observer import MomentumObserver as MomentumObserver
+from forcectl.estimation.recursive_vrft import RecursiveVrft as RecursiveVrft
+from forcectl.estimation.wrench import WrenchEstimator as WrenchEstimator
+from forcectl.estimation.wrench import wrench_from_torques as wrench_from_torques

@@ -1,0 +1,15 @@
+from forcectl.graph.export import Graph as Graph
+from forcectl.graph.extract import block_graph as block_graph
+from forcectl.graph.formats.dot import to_dot as to_dot
+from forcectl.graph.formats.dot import to_pydot as to_pydot
+from forcectl.graph.formats.html import to_html as to_html
+from forcectl.graph.formats.mermaid import to_mermaid as to_mermaid
+from forcectl.graph.formats.print import to_pdf as to_pdf
+from forcectl.graph.formats.print import to_png as to_png
+from forcectl.graph.formats.svg import to_svg as to_svg
+from forcectl.graph.model import Block as Block
+from forcectl.graph.model import BlockGraph as BlockGraph
+from forcectl.graph.model import Edge as Edge
+from forcectl.graph.model import Endpoint as Endpoint
+from forcectl.graph.model import Parameter as Parameter
+from forcectl.graph.model import Port as Port

@@ -1,0 +1,15 @@
+from forcectl.qp.constrained_program import ConstrainedProgram as ConstrainedProgram
+from forcectl.qp.constrained_program import Outcome as Outcome
+from forcectl.qp.constrained_program import Problem as Problem
+from forcectl.qp.named_program import NamedProgram as NamedProgram
+from forcectl.qp.prioritized_program import Level as Level
+from forcectl.qp.prioritized_program import PrioritizedProgram as PrioritizedProgram
+from forcectl.qp.prioritized_program import PrioritizedSolution as PrioritizedSolution
+from forcectl.qp.quadratic_program import QuadraticProgram as QuadraticProgram
+from forcectl.qp.quadratic_program import Solution as Solution
+from forcectl.qp.quadratic_program import Status as Status
+from forcectl.qp.solvers import DaqpPackage as DaqpPackage
+from forcectl.qp.solvers import DrakeSolver as DrakeSolver
+from forcectl.qp.solvers import Solver as Solver
+from forcectl.qp.solvers import available_solvers as available_solvers
+from forcectl.qp.solvers import make_solver as make_solver

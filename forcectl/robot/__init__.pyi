@@ -1,0 +1,14 @@
+from forcectl.robot.arms_motion import ArmsMotion as ArmsMotion
+from forcectl.robot.facts import ArmFacts as ArmFacts
+from forcectl.robot.facts import ControlFacts as ControlFacts
+from forcectl.robot.facts import ToolFacts as ToolFacts
+from forcectl.robot.facts import load_control_facts as load_control_facts
+from forcectl.robot.facts import load_tool_facts as load_tool_facts
+from forcectl.robot.joint_tree import JointTree as JointTree
+from forcectl.robot.model import JointLimits as JointLimits
+from forcectl.robot.model import RobotModel as RobotModel
+from forcectl.robot.momentum_model import MomentumModel as MomentumModel
+from forcectl.robot.parts import ArmParts as ArmParts
+from forcectl.robot.parts import RobotParts as RobotParts
+from forcectl.robot.parts import add_robot as add_robot
+from forcectl.robot.robot_motion import RobotMotion as RobotMotion

@@ -1,0 +1,15 @@
+from forcectl.scenario.catalog import find_scenario as find_scenario
+from forcectl.scenario.catalog import list_blocks as list_blocks
+from forcectl.scenario.catalog import list_experiments as list_experiments
+from forcectl.scenario.catalog import list_models as list_models
+from forcectl.scenario.catalog import list_presets as list_presets
+from forcectl.scenario.catalog import read_scenario as read_scenario
+from forcectl.scenario.catalog import tags_of as tags_of
+from forcectl.scenario.expectations import Expectation as Expectation
+from forcectl.scenario.expectations import Verdict as Verdict
+from forcectl.scenario.expectations import judge as judge
+from forcectl.scenario.imported import call_for_diagram as call_for_diagram
+from forcectl.scenario.scenario import Scenario as Scenario
+from forcectl.scenario.scenario import build as build
+from forcectl.scenario.scenario import load_scenario as load_scenario
+from forcectl.scenario.scenario import resolved_tree as resolved_tree

@@ -1,0 +1,17 @@
+from forcectl.tuning.controller_basis import ControllerBasis as ControllerBasis
+from forcectl.tuning.controller_basis import PidGains as PidGains
+from forcectl.tuning.controller_basis import continuous_pid as continuous_pid
+from forcectl.tuning.controller_basis import discrete_pid as discrete_pid
+from forcectl.tuning.controller_basis import fir as fir
+from forcectl.tuning.fit import VrftFit as VrftFit
+from forcectl.tuning.friction_identification import FrictionFit as FrictionFit
+from forcectl.tuning.friction_identification import friction_samples as friction_samples
+from forcectl.tuning.friction_identification import identify_friction as identify_friction
+from forcectl.tuning.plant_model import IdentifiedPlant as IdentifiedPlant
+from forcectl.tuning.plant_model import identify_plants as identify_plants
+from forcectl.tuning.reference_model import ReferenceModel as ReferenceModel
+from forcectl.tuning.reference_model import ReferenceModelConfig as ReferenceModelConfig
+from forcectl.tuning.reference_model import first_order as first_order
+from forcectl.tuning.reference_model import from_bandwidth as from_bandwidth
+from forcectl.tuning.reference_model import from_poles as from_poles
+from forcectl.tuning.vrft import fit_vrft as fit_vrft
