@@ -29,7 +29,7 @@ def build(fidelity: str, **station: Any) -> Loop:
 
 
 def build_scalar(size: int = 1, linear: bool = False) -> OneDimensionalLoop:
-    """The scalar loop of Fig. 2.2 for `size` lanes, with its log."""
+    """The scalar loop of Fig. 2.2 for a batch of `size`, with its log."""
     config = OneDimensionalLoopConfig.linear() if linear else OneDimensionalLoopConfig()
     return build_one_dimensional_loop(config, size=size)
 

@@ -1,4 +1,4 @@
-"""Time per tick of the scalar force laws, one lane each, in a diagram that does nothing else.
+"""Time per tick of the scalar force laws, a batch of one each, in a diagram that does nothing else.
 
 The force changes at every tick, as in a loop. The time of the same diagram without a law is subtracted.
 """

@@ -1,4 +1,4 @@
-"""Time per tick of the command governor, one lane, in a diagram that does nothing else.
+"""Time per tick of the command governor, a batch of one, in a diagram that does nothing else.
 
 The force changes at every tick, as in a loop. The time of the same diagram without a governor is subtracted.
 """

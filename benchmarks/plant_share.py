@@ -44,7 +44,7 @@ def _prepare() -> tuple[list[Callable[[], None]], Callable[[], float]]:
 
     def replay(motion: PiecewisePolynomial) -> tuple[Callable[[], None], Callable[[], float]]:
         builder = DiagramBuilder()
-        site = add_world(builder, loop.cell, 0)
+        site = add_world(builder, loop.workcell, 0)
         plant, parts, (weld,) = site.plant, site.parts, site.mountings
         source = builder.AddSystem(TrajectorySource(motion, output_derivative_order=1))
         builder.Connect(source.get_output_port(), plant.get_desired_state_input_port(parts.instance))

@@ -83,14 +83,14 @@ def _control(distances: int) -> tuple[Any, Any]:
     from forcectl.tasks.reactive_motion import ReactiveMotion
 
     robot = RobotModel.load("yumi", "yumi_gripper")
-    start, n = robot.facts.default_posture, robot.num_joints
+    start, n = robot.parameters.default_posture, robot.num_joints
     here = ArmsMotion(robot, robot.create_context(), start, np.zeros(n))
     tasks = [ArmTask(arm, orientation=RotationVector(here.arm(arm).rotation)) for arm in here.arm_names]
     constraints: list[Constraint] = [TaskSpeedLimit(task, [0.4] * 3 + [1.6] * 3) for task in tasks]
     if distances:
         constraints.append(LinkDistance(RobotShapes.load("yumi", "yumi_gripper"), 0.005, rows=distances))
     controller = ReactiveController(robot, tasks, constraints=constraints)
-    friction = JointFriction.of_facts(robot.facts)
+    friction = JointFriction.of_parameters(robot.parameters)
     builder = DiagramBuilder()
     reactive = builder.AddSystem(ReactiveMotion(controller))
     observer = builder.AddSystem(
@@ -140,7 +140,7 @@ def _recorded(distances: int) -> tuple[Any, Any]:
 
     control, controller = _control(distances)
     robot = RobotModel.load("yumi", "yumi_gripper")
-    start, n, context = robot.facts.default_posture, robot.num_joints, robot.create_context()
+    start, n, context = robot.parameters.default_posture, robot.num_joints, robot.create_context()
 
     def place(k: int) -> Any:
         motion = ArmsMotion(robot, context, start + 0.5 * np.sin(np.arange(n) * (k + 1.0)), np.zeros(n))

@@ -14,7 +14,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 
 from benchmarks._measure import Row, interleaved_medians, main
 
-LANES = 200
+BATCH = 200
 DURATION = 5.0  # [s]
 REQUIRED = {"OneDimensional": "", "Kinematic": ">= 30", "Multibody": ">= 5"}
 GOAL = {"Multibody": "15"}
@@ -23,20 +23,22 @@ GOAL = {"Multibody": "15"}
 def benchmark(repeats: int) -> Iterator[Row]:
     from benchmarks._loops import SHIPPED_FIDELITIES, build, build_scalar, runner
 
-    linear, sticking, lanes, linear_lanes = interleaved_medians(
+    linear, sticking, elements, linear_batch = interleaved_medians(
         [
             runner(build_scalar(linear=True).diagram, DURATION),
             runner(build_scalar().diagram, DURATION),
-            runner(build_scalar(LANES).diagram, DURATION),
-            runner(build_scalar(LANES, linear=True).diagram, DURATION),
+            runner(build_scalar(BATCH).diagram, DURATION),
+            runner(build_scalar(BATCH, linear=True).diagram, DURATION),
         ],
         repeats,
     )
     yield Row("1-D loop, linear", DURATION / linear, "x real time", ">= 150")
     yield Row("1-D loop, sticking friction, noise", DURATION / sticking, "x real time", ">= 50")
-    yield Row(f"{LANES} lanes of it, cost of one lane", lanes / sticking, "x", note="one diagram, sticking friction")
-    yield Row(f"{LANES} lanes, per lane", LANES * DURATION / lanes, "x real time")
-    yield Row(f"{LANES} linear lanes, per lane", LANES * DURATION / linear_lanes, "x real time")
+    yield Row(
+        f"a batch of {BATCH}, cost of one element", elements / sticking, "x", note="one diagram, sticking friction"
+    )
+    yield Row(f"a batch of {BATCH}, per element", BATCH * DURATION / elements, "x real time")
+    yield Row(f"a linear batch of {BATCH}, per element", BATCH * DURATION / linear_batch, "x real time")
     times = interleaved_medians([runner(build(fidelity).diagram, DURATION) for fidelity in SHIPPED_FIDELITIES], repeats)
     for fidelity, spent in zip(SHIPPED_FIDELITIES, times, strict=True):
         goal = GOAL.get(fidelity, "")

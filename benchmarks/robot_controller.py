@@ -52,20 +52,22 @@ def _build(config: Any) -> Any:
     from pydrake.systems.framework import DiagramBuilder
     from pydrake.systems.primitives import ConstantVectorSource
 
-    from forcectl.diagrams.believed import plant_model
     from forcectl.diagrams.force_controller import build_controller
+    from forcectl.diagrams.model import plant_model
     from forcectl.diagrams.station import StationConfig
     from forcectl.diagrams.workcell import describe
     from forcectl.motion.references import SequenceConfig
     from forcectl.motion.tangential import TangentialMotionConfig
 
-    cell = describe(StationConfig(fidelity="Kinematic"))
+    workcell = describe(StationConfig(fidelity="Kinematic"))
     builder = DiagramBuilder()
-    control = builder.AddNamedSystem("controller", build_controller(config, plant_model(cell)))
+    control = builder.AddNamedSystem("controller", build_controller(config, plant_model(workcell)))
     steps = SequenceConfig(times=[0.0, 0.7, 1.4], forces=[15.0, 5.0, 20.0]).add_to(builder, 1)
-    motion = TangentialMotionConfig(distance=0.05, speed=0.02).add_to(builder, cell.robot, cell.start, cell.contact.n)
+    motion = TangentialMotionConfig(distance=0.05, speed=0.02).add_to(
+        builder, workcell.robot, workcell.start, workcell.contact.n
+    )
     force = builder.AddSystem(ConstantVectorSource([10.0]))
-    posture = builder.AddSystem(ConstantVectorSource(cell.motor_start))
+    posture = builder.AddSystem(ConstantVectorSource(workcell.motor_start))
     for source, name in (
         (steps, "desired_force"),
         (motion, "unconstrained_reference"),

@@ -76,7 +76,7 @@ def _functions(repeats: int) -> Iterator[Row]:
     rng, n = np.random.default_rng(1), robot.num_joints
     motions = []
     for _ in range(CALLS):
-        q = robot.facts.default_posture + rng.uniform(-0.3, 0.3, n)
+        q = robot.parameters.default_posture + rng.uniform(-0.3, 0.3, n)
         motion = ArmsMotion(robot, robot.create_context(), q, rng.normal(size=n))
         pair = [motion.arm(name) for name in motion.arm_names]
         for one in pair:
@@ -93,17 +93,17 @@ def _functions(repeats: int) -> Iterator[Row]:
         for _, follower in motions:
             angles.state(follower.rotation, follower.velocity[:3])
 
-    planner, course = Planner(COMPONENTS), begin(np.zeros(COMPONENTS))
+    planner, state = Planner(COMPONENTS), begin(np.zeros(COMPONENTS))
     limits, none = limits_of(COMPONENTS, 0.5, 2.0, 20.0), np.zeros(COMPONENTS)
     targets = [Target(rng.normal(size=COMPONENTS), none, none) for _ in range(CALLS)]
 
     def goes_on() -> None:
-        now = course
+        now = state
         for _ in targets:
             now = planner.follow(now, targets[0], limits, PERIOD)
 
     def new_plans() -> None:
-        now = course
+        now = state
         for target in targets:
             now = planner.follow(now, target, limits, PERIOD)
 

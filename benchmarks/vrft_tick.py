@@ -1,4 +1,5 @@
-"""Time per tick of the law that VRFT tunes and of recursive VRFT, one lane each, in a diagram that does nothing else.
+"""Time per tick of the law that VRFT tunes and of recursive VRFT, a batch of one each, in a diagram that does nothing
+else.
 
 The force and the displacement change at every tick. The time of the same diagram without the block is subtracted.
 """

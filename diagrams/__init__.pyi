@@ -1,7 +1,3 @@
-from forcectl.diagrams.believed import ModelConfig as ModelConfig
-from forcectl.diagrams.believed import Setting as Setting
-from forcectl.diagrams.believed import plant_model as plant_model
-from forcectl.diagrams.believed import read_friction as read_friction
 from forcectl.diagrams.drives.joint_interface import JointFrictionConfig as JointFrictionConfig
 from forcectl.diagrams.drives.joint_interface import JointInterface as JointInterface
 from forcectl.diagrams.drives.joint_interface import JointInterfaceConfig as JointInterfaceConfig
@@ -24,6 +20,10 @@ from forcectl.diagrams.loop import Loop as Loop
 from forcectl.diagrams.loop import LoopParts as LoopParts
 from forcectl.diagrams.loop import build_loop as build_loop
 from forcectl.diagrams.mechanics.site import Site as Site
+from forcectl.diagrams.model import ModelConfig as ModelConfig
+from forcectl.diagrams.model import Setting as Setting
+from forcectl.diagrams.model import plant_model as plant_model
+from forcectl.diagrams.model import read_friction as read_friction
 from forcectl.diagrams.one_dimensional_loop import OneDimensionalLoop as OneDimensionalLoop
 from forcectl.diagrams.one_dimensional_loop import OneDimensionalLoopConfig as OneDimensionalLoopConfig
 from forcectl.diagrams.one_dimensional_loop import build_one_dimensional_loop as build_one_dimensional_loop

@@ -15,7 +15,8 @@ from forcectl.conventions import unit_of
 class LoggedSignal:
     """Where a signal stands in the log vector; `labels` names its components, None for a scalar.
 
-    dimension: what its components are; None: joints, or its own.
+    Attributes:
+        dimension: what its components are; None: joints, or its own.
     """
 
     rows: slice
@@ -40,7 +41,8 @@ class SignalLog:
 class LoggedLoop:
     """A diagram ready to simulate, with its log.
 
-    period: control tick and log period [s].
+    Attributes:
+        period: control tick and log period [s].
     """
 
     diagram: Diagram
@@ -73,8 +75,9 @@ def add_log(
     A signal has the unit that its block gives the port of that name, or that of the conventions.
 
     Args:
-        ports: by signal name. labels: of the components of every port with more than one; or dimension and labels by
-            signal name, of the others too.
+        ports: by signal name.
+        labels: of the components of every port with more than one; or dimension and labels by signal name, of the
+            others too.
     """
     multiplexer = builder.AddNamedSystem("log_signals", Multiplexer([port.size() for port in ports.values()]))
     signals, row = {}, 0

@@ -1,11 +1,11 @@
-"""The loop of a scenario: references, estimators, controller and station, connected by the names of their signals.
+"""The loop of a scenario: references, estimators, controller and station, connected by the names of their signals::
 
     references --> controller --> station --> log
                       ^   ^          |
                       |   estimators <
                       +--------------+
 
-`forcectl.conventions` lists the signals. From a reading to the motion it causes:
+`forcectl.conventions` lists the signals. From a reading to the motion it causes::
 
     station to controller    none: readings are those of the tick
     estimators, controller   none, when their outputs are feedthrough at the tick and held
@@ -23,10 +23,10 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType, System
 
 from forcectl.conventions import TRUTH, unit_of
-from forcectl.diagrams.believed import ModelConfig, Setting, plant_model
 from forcectl.diagrams.force_controller import build_controller
 from forcectl.diagrams.log import LoggedLoop, add_log
 from forcectl.diagrams.mechanics.truth import CONTACT_FORCE
+from forcectl.diagrams.model import ModelConfig, Setting, plant_model
 from forcectl.diagrams.signals import SignalChoice, Signals
 from forcectl.diagrams.station import StationConfig, build_station
 from forcectl.diagrams.workcell import Workcell, describe
@@ -79,12 +79,12 @@ class LoopParts:
             BadInputError: a station that cannot be built.
         """
         with about(self.station):
-            cell = describe(self.station)
+            workcell = describe(self.station)
         chosen = self.signals.get("measured_force")
         lag = getattr(chosen, "force_lag", None)
-        truth = plant_model(cell, None if lag is None else lag(self.estimators))
+        truth = plant_model(workcell, None if lag is None else lag(self.estimators))
         with about(self.model):
-            return Setting(cell, self.model.applied(truth), truth)
+            return Setting(workcell, self.model.applied(truth), truth)
 
 
 @dataclass(frozen=True)
@@ -102,9 +102,9 @@ class Loop(LoggedLoop):
     station: Diagram
 
     @property
-    def cell(self) -> Workcell:
+    def workcell(self) -> Workcell:
         """The workcell."""
-        return self.setting.cell
+        return self.setting.workcell
 
     @property
     def model(self) -> PlantModel:
@@ -114,7 +114,7 @@ class Loop(LoggedLoop):
     @property
     def true_compliance(self) -> float:
         """C_T of the one surface at the start [m/N]."""
-        contact = self.cell.contact
+        contact = self.workcell.contact
         return contact.robot_compliance + contact.environment_compliance
 
     def derived(self, values: NDArray[np.float64]) -> dict[str, tuple[str, NDArray[np.float64]]]:
@@ -126,14 +126,14 @@ class Loop(LoggedLoop):
             values: the log, shape (n, k).
         """
         further: dict[str, tuple[str, NDArray[np.float64]]] = {}
-        if len(self.cell.contacts) != 1 or "contact_state" in self.signals:
+        if len(self.workcell.contacts) != 1 or "contact_state" in self.signals:
             return further
         touching = np.clip(values[self.signals["contact_force"].rows][0] / CONTACT_FORCE, 0.0, 1.0)
         further["contact_state"] = (unit_of("contact_state"), touching)
         if "contact_displacement" not in self.signals:
-            contact = self.cell.contact
+            contact = self.workcell.contact
             motors = values[self.signals["motor_position"].rows].T
-            displacement = tip_displacements(contact.robot, contact.n, self.cell.motor_start, motors)
+            displacement = tip_displacements(contact.robot, contact.n, self.workcell.motor_start, motors)
             further["contact_displacement"] = (unit_of("contact_displacement"), displacement)
         return further
 
@@ -148,7 +148,7 @@ def build_loop(parts: LoopParts) -> Loop:
         BadInputError: parts that do not fit each other.
     """
     setting = parts.setting()
-    cell, model = setting.cell, setting.model
+    workcell, model = setting.workcell, setting.model
     builder = DiagramBuilder()
     readings = getattr(parts.station.drive, "readings", {})
     signals = Signals(builder, TRUTH | readings.keys(), readings)
@@ -159,7 +159,7 @@ def build_loop(parts: LoopParts) -> Loop:
         signals.add(name, system)
     builder.AddNamedSystem("controller", controller)
     with about(parts.station):
-        station = builder.AddNamedSystem("station", build_station(cell, parts.seed))
+        station = builder.AddNamedSystem("station", build_station(workcell, parts.seed))
     signals.add("station", station)
     estimators = _add_estimators(builder, parts, model)
     for name, system in estimators.items():
@@ -176,18 +176,18 @@ def build_loop(parts: LoopParts) -> Loop:
     signals.connect("controller", controller, getattr(controller, "optional_inputs", ()))
     _command(builder, controller, station)
     ports = _logged(parts, sources, station, controller, estimators) | signals.chosen
-    log = add_log(builder, ports, cell.period, _labels(ports, cell))
+    log = add_log(builder, ports, workcell.period, _labels(ports, workcell))
     diagram = builder.Build()
     diagram.set_name("loop")
     bandwidth = getattr(parts.controller, "reference_model_bandwidth", lambda: None)()
-    return Loop(diagram, log, cell.period, setting, bandwidth, station)
+    return Loop(diagram, log, workcell.period, setting, bandwidth, station)
 
 
 def _add_sources(
     builder: DiagramBuilder, parts: LoopParts, setting: Setting, wanted: Sequence[str]
 ) -> dict[str, System]:
     """References, as far as the controller wants them."""
-    cell, sources = setting.cell, {}
+    workcell, sources = setting.workcell, {}
     if "desired_force" in wanted:
         with about(parts.reference):
             largest = parts.reference.largest_force()
@@ -199,9 +199,9 @@ def _add_sources(
         with about(parts.reference):
             sources["reference"] = checked_system(parts.reference.add_to(builder, setting.model.size), "reference")
     if "unconstrained_reference" in wanted:
-        contact = cell.contacts[0]
+        contact = workcell.contacts[0]
         with about(parts.motion):
-            made = parts.motion.add_to(builder, contact.robot, cell.start, contact.n)
+            made = parts.motion.add_to(builder, contact.robot, workcell.start, contact.n)
             sources["motion"] = checked_system(made, "motion")
     return sources
 
@@ -266,12 +266,12 @@ def _logged(
     return ports
 
 
-def _labels(ports: Mapping[str, OutputPort], cell: Workcell) -> dict[str, tuple[str, tuple[str, ...]]]:
+def _labels(ports: Mapping[str, OutputPort], workcell: Workcell) -> dict[str, tuple[str, tuple[str, ...]]]:
     """Dimension and names of the components of every port with more than one."""
-    joints = ("joint", tuple(cell.robot.facts.arm_joints))
-    arms = list(cell.robot.parts.arms)
+    joints = ("joint", tuple(workcell.robot.parameters.arm_joints))
+    arms = list(workcell.robot.parts.arms)
     wrenches = ("wrench_component", tuple(f"{arm}_{part}" for arm in arms for part in WRENCH_PARTS))
-    surfaces = ("surface", tuple(contact.name for contact in cell.contacts))
+    surfaces = ("surface", tuple(contact.name for contact in workcell.contacts))
     by_loop = ("desired_force", "measured_force", "contact_force", "contact_state", "contact_displacement")
     found = {}
     for name, port in ports.items():

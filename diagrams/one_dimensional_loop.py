@@ -1,10 +1,10 @@
-"""The one-dimensional force loop of Fig. 2.2/2.3, for n independent loops (lanes) at once.
+"""The one-dimensional force loop of Fig. 2.2/2.3, for a batch of n independent loops at once::
 
     desired_force -> force law -> position loop -> servo -> contact -> force sensor -+
                          ^-----------------------------------------------------------+
 
-The smallest loop there is: no robot, only its compliance. Lane i has the values of element i of every parameter in the
-Context (`set_lanes`) and the noise of its own seed, and gives what the same loop gives alone.
+The smallest loop there is: no robot, only its compliance. Element i of the batch has the values of element i of every
+parameter in the Context (`set_batch`) and the noise of its own seed, and gives what the same loop gives alone.
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from forcectl.diagrams.log import LoggedLoop, add_log
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.slot import ControllerConfig
-from forcectl.framework.batch import LaneBlock, check
+from forcectl.framework.batch import BatchBlock, check
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import input_names
 from forcectl.motion.references import ForceReferenceConfig, StepConfig
@@ -68,49 +68,49 @@ class OneDimensionalLoopConfig(Config):
 
 @dataclass(frozen=True)
 class OneDimensionalLoop(LoggedLoop):
-    """A loop ready to simulate; every logged signal has one row per lane."""
+    """A loop ready to simulate; every logged signal has one row per batch element."""
 
-    def set_lanes(self, context: Context, values: Mapping[str, ArrayLike]) -> None:
-        """Set parameters lane by lane in a root context of `diagram`.
+    def set_batch(self, context: Context, values: Mapping[str, ArrayLike]) -> None:
+        """Set parameters element by element in a root context of `diagram`.
 
         Args:
-            values: by "block.parameter" (`lane_parameters` lists them), a number or one per lane.
+            values: by "block.parameter" (`batch_parameters` lists them), a number or one per batch element.
 
         Raises:
             BadInputError: unknown name, wrong length or a value that is not allowed.
         """
-        known = self.lane_parameters()
+        known = self.batch_parameters()
         for name, value in values.items():
             if name not in known:
-                raise unknown("lane parameter", name, known)
+                raise unknown("batch parameter", name, known)
             block, parameter = name.split(".")
             system = self.diagram.GetSubsystemByName(block)
-            system = next(s for s in _lane_blocks(system) if parameter in s.parameter_names)
+            system = next(s for s in _batch_blocks(system) if parameter in s.parameter_names)
             system.set_parameter(system.GetMyMutableContextFromRoot(context), parameter, value)
 
-    def lane_parameters(self) -> list[str]:
-        """Names that `set_lanes` takes."""
+    def batch_parameters(self) -> list[str]:
+        """Names that `set_batch` takes."""
         return [
             f"{system.get_name()}.{parameter}"
             for system in self.diagram.GetSystems()
-            for block in _lane_blocks(system)
+            for block in _batch_blocks(system)
             for parameter in block.parameter_names
         ]
 
 
-def _lane_blocks(system: System) -> list[LaneBlock]:
+def _batch_blocks(system: System) -> list[BatchBlock]:
     if isinstance(system, Diagram):
-        return [block for inner in system.GetSystems() for block in _lane_blocks(inner)]
-    return [system] if isinstance(system, LaneBlock) else []
+        return [block for inner in system.GetSystems() for block in _batch_blocks(inner)]
+    return [system] if isinstance(system, BatchBlock) else []
 
 
 def build_one_dimensional_loop(
     config: OneDimensionalLoopConfig | None = None, *, size: int = 1, seeds: Sequence[int] | None = None
 ) -> OneDimensionalLoop:
-    """The loop for `size` lanes.
+    """The loop for a batch of `size`.
 
     Args:
-        seeds: of the sensor noise, one per lane; 0, 1, 2, ... when None.
+        seeds: of the sensor noise, one per batch element; 0, 1, 2, ... when None.
 
     Raises:
         BadInputError: parts that do not fit each other.
@@ -120,7 +120,7 @@ def build_one_dimensional_loop(
         raise invalid("size", size, "a whole number, at least 1")
     seeds = list(range(size)) if seeds is None else list(seeds)
     if len(seeds) != size:
-        raise BadInputError(f" has {len(seeds)} values: must have one per lane, {size}", key="seeds")
+        raise BadInputError(f" has {len(seeds)} values: must have one per batch element, {size}", key="seeds")
     builder = DiagramBuilder()
     connect = builder.Connect
     sensor_config = config.force_sensor
@@ -160,7 +160,7 @@ def build_one_dimensional_loop(
         "displacement_command": law.GetOutputPort("displacement_command"),
         "contact_displacement": displacement,
     }
-    log = add_log(builder, ports, config.period, [str(lane) for lane in range(size)])
+    log = add_log(builder, ports, config.period, [str(element) for element in range(size)])
     diagram = builder.Build()
     diagram.set_name("one_dimensional_loop")
     return OneDimensionalLoop(diagram, log, config.period)

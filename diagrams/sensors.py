@@ -23,7 +23,7 @@ class WristForceConfig(ForceSensorConfig):
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> Diagram:
         """Add the block `force_sensor`."""
-        made = WristForce(self, site) if site.cell.has_dynamics else NormalForce(self, site)
+        made = WristForce(self, site) if site.workcell.has_dynamics else NormalForce(self, site)
         return builder.AddNamedSystem("force_sensor", made)
 
 
@@ -41,7 +41,7 @@ class NormalForce(Diagram):
     measured_wrench: shape (6,), the same as a wrench, [torque; force] at the sensor frame S in S [Nm, N]. Feedthrough
     of motor_position. Feedthrough of contact_force when `delay` is 0.
 
-    Sampling: every `period` [s] of the cell. Delay: `delay` [s] plus the lag of the filter, see `ForceSensor`.
+    Sampling: every `period` [s] of the workcell. Delay: `delay` [s] plus the lag of the filter, see `ForceSensor`.
 
     Args:
         config: of the sensor.
@@ -50,7 +50,7 @@ class NormalForce(Diagram):
 
     def __init__(self, config: ForceSensorConfig, site: Site):
         super().__init__()
-        contact, builder = site.cell.contact, DiagramBuilder()
+        contact, builder = site.workcell.contact, DiagramBuilder()
         sensor = config.add_channels(builder, site.period, seed=site.seed)
         wrench = builder.AddNamedSystem("wrench", ForceToWrench(contact.robot, contact.n))
         builder.Connect(sensor.GetOutputPort("measured_force"), wrench.GetInputPort("measured_force"))
@@ -76,8 +76,8 @@ class WristForce(Diagram):
     measured_force: shape (1,), along n [N]. Feedthrough of reaction_forces when `delay` is 0.
     contact_force: shape (1,), true, along n [N]. Feedthrough of reaction_forces.
 
-    Sampling: every `period` [s] of the cell the filter; every `posture_period` [s] of the cell the orientation of the
-    sensor. Delay: `delay` [s] plus the lag of the filter, see `WristSensor`.
+    Sampling: every `period` [s] of the workcell the filter; every `posture_period` [s] of the workcell the orientation
+    of the sensor. Delay: `delay` [s] plus the lag of the filter, see `WristSensor`.
 
     Args:
         config: of the sensor.
@@ -89,7 +89,7 @@ class WristForce(Diagram):
 
     def __init__(self, config: ForceSensorConfig, site: Site):
         super().__init__()
-        cell, contact, plant, parts = site.cell, site.cell.contact, site.plant, site.parts
+        workcell, contact, plant, parts = site.workcell, site.workcell.contact, site.plant, site.parts
         weld = None if parts is None else parts.arms[contact.arm].sensor_weld
         if plant is None or weld is None:
             raise BadInputError(
@@ -109,8 +109,8 @@ class WristForce(Diagram):
                 mounting,
                 contact.robot,
                 contact.n,
-                cell.motor_start,
-                posture_period=cell.posture_period,
+                workcell.motor_start,
+                posture_period=workcell.posture_period,
                 electronics={
                     "bias": config.bias * scale,
                     "noise_std": config.noise_std * scale,
@@ -138,7 +138,7 @@ class WristForce(Diagram):
 
 @dataclass(kw_only=True)
 class JointReadingsConfig(Config):
-    """Scenario part `!JointReadings`: joint positions, speeds and motor torques as a robot's interface tells them."""
+    """Scenario part `!JointReadings`: joint positions, speeds and motor torques as a robot's interface reports them."""
 
     quantum: float = key(
         1e-6,
@@ -152,25 +152,25 @@ class JointReadingsConfig(Config):
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> JointSensors:
         """Add the block `joint_sensors`."""
-        cell = site.cell
+        workcell = site.workcell
         block = JointSensors(
-            cell.num_joints,
-            start=cell.motor_start,
+            workcell.num_joints,
+            start=workcell.motor_start,
             period=site.period,
             bandwidth=self.velocity_bandwidth,
-            torque=getattr(cell.config.drive, "resting_torque", lambda cell: cell.gravity_torque)(cell),
+            torque=getattr(workcell.config.drive, "resting_torque", lambda workcell: workcell.gravity_torque)(workcell),
             quantum=self.quantum,
             position_noise=self.position_noise,
             torque_noise=self.torque_noise,
             seed=site.seed,
-            faults=_faults(cell, cell.robot.facts.arm_joints),
+            faults=_faults(workcell, workcell.robot.parameters.arm_joints),
         )
         return builder.AddNamedSystem("joint_sensors", block)
 
 
-def _faults(cell: Workcell, joints: list[str]) -> list[ReadingFault]:
+def _faults(workcell: Workcell, joints: list[str]) -> list[ReadingFault]:
     made = []
-    for i, part in enumerate(cell.config.faults):
+    for i, part in enumerate(workcell.config.faults):
         with about(part):
             fault = part.fault(joints)
         if not isinstance(fault, ReadingFault):

@@ -1,8 +1,10 @@
 """Signals of a loop connect by name; where several parts put one out, the scenario chooses.
 
-signals:
-  measured_force: !Projection {of: estimated_wrench, along: normal}     # made of another signal
-  joint_position: !From {part: joint_sensors}                           # of the part of that name
+::
+
+    signals:
+      measured_force: !Projection {of: estimated_wrench, along: normal}     # made of another signal
+      joint_position: !From {part: joint_sensors}                           # of the part of that name
 """
 
 from __future__ import annotations
@@ -16,7 +18,7 @@ from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, Por
 from pydrake.systems.primitives import MatrixGain
 
 from forcectl.conventions import SIGNALS
-from forcectl.diagrams.believed import force_lag
+from forcectl.diagrams.model import force_lag
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel

@@ -1,4 +1,4 @@
-"""The station: robot, drives, environment and sensors, in any fidelity with the same ports.
+"""The station: robot, drives, environment and sensors, in any fidelity with the same ports::
 
     in     joint_position_command (n,) [rad]; joint_velocity_command (n,) [rad/s] and joint_torque_feedforward (n,) [Nm]
            of drives that take them; external_wrench (6a,) [torque; force] at the TCP of each arm [Nm, N], with dynamics
@@ -46,14 +46,14 @@ class StationConfig(Config):
     fidelity: Any = slot("fidelity", MultibodyFidelity, meaning="how the parts are realised; also by name")
     robot: str = key("comau_smart_six", "shipped robot, one arm of it (robot/arm), or a robot folder")
     tool: str | None = key("force_probe", "of every arm: shipped tool, tool folder, or null for the bare flange")
-    stiffness_set: str = key("", "set of joint stiffness of the control facts; empty: their default")
+    stiffness_set: str = key("", "set of joint stiffness of the control parameters; empty: their default")
     stiffness_scale: float = key(1.0, "factor on that joint stiffness", bounds="positive")
     elastic_joints: bool = key(True, "false: rigid joints, C_R = 0")
     posture_deg: list[float] = key([], "start posture of all arms; empty: the default", unit="deg")
     normal: list[float] = key([0.0, 0.0, 1.0], "normal where a surface has none, in W", bounds="not all zero", size=3)
     gravity: bool = key(True, "false: the robot has no weight")
     self_collision: bool = key(False, "links that touch each other push each other (Multibody)")
-    period: float | None = key(None, "control tick; null: that of the control facts", unit="s", bounds="positive")
+    period: float | None = key(None, "control tick; null: that of the control parameters", unit="s", bounds="positive")
     time_step: float = key(0.001, "step of the MultibodyPlant, divides the period", unit="s", bounds="positive")
     posture_period: float = key(
         0.04, "how often what depends on the posture only is renewed, whole periods", unit="s", bounds="positive"
@@ -83,19 +83,19 @@ class StationConfig(Config):
         return getattr(self.drive, "delays", dict)() | sensors
 
 
-def build_station(cell: Workcell, seed: int = 0) -> Diagram:
+def build_station(workcell: Workcell, seed: int = 0) -> Diagram:
     """The station of a workcell, in its configured fidelity.
 
     Args:
-        cell: see `forcectl.diagrams.workcell.describe`.
+        workcell: see `forcectl.diagrams.workcell.describe`.
         seed: of every random number of the station.
 
     Raises:
         BadInputError: a part that does not fit, or that the fidelity cannot realise.
     """
-    fidelity = cell.config.fidelity
+    fidelity = workcell.config.fidelity
     with about(fidelity):
-        station = fidelity.build(cell, seed)
+        station = fidelity.build(workcell, seed)
     if not isinstance(station, Diagram):
         fault = f"build must return a Diagram, not {type(station).__name__}"
         raise BadInputError(fault, key="fidelity")

@@ -83,7 +83,7 @@ class Workcell:
 
     Attributes:
         config: of the station.
-        robot: kinematics, dynamics and facts.
+        robot: kinematics, dynamics and parameters.
         start: link positions at the start, shape (n_q,) [rad].
         period: control tick [s].
         posture_period: how often what depends on the posture only is renewed [s].
@@ -199,7 +199,7 @@ def describe(config: StationConfig) -> Workcell:
     robot.joint_stiffness = config.stiffness_scale * robot.joint_stiffness
     if not config.gravity:
         robot.plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
-    period = robot.facts.period if config.period is None else config.period
+    period = robot.parameters.period if config.period is None else config.period
     _check_times(config, period)
     start = _start_posture(config, robot)
     parts = config.environment_parts()
@@ -212,10 +212,10 @@ def describe(config: StationConfig) -> Workcell:
     pressed = [each.arm for each in contacts]
     if len(set(pressed)) < len(pressed):
         raise invalid("environment", sorted(parts), "at most one surface for each arm")
-    cell = Workcell(config, robot, start, period, _posture_period(config, period), tuple(contacts), obstacles)
+    workcell = Workcell(config, robot, start, period, _posture_period(config, period), tuple(contacts), obstacles)
     with about(config.fidelity):
-        config.fidelity.check(cell)
-    return cell
+        config.fidelity.check(workcell)
+    return workcell
 
 
 def _check_times(config: StationConfig, period: float) -> None:
@@ -232,7 +232,7 @@ def _posture_period(config: StationConfig, period: float) -> float:
 
 
 def _start_posture(config: StationConfig, robot: RobotModel) -> Vector:
-    posture = robot.facts.default_posture
+    posture = robot.parameters.default_posture
     if config.posture_deg:
         if len(config.posture_deg) != robot.num_joints:
             wrong = f" has {len(config.posture_deg)} angles: must have {robot.num_joints}"
@@ -247,7 +247,8 @@ def _start_posture(config: StationConfig, robot: RobotModel) -> Vector:
 
 
 def holding_stiffness(drive: Any, robot: RobotModel) -> Vector:
-    """Stiffness at which a drive holds its command at rest, shape (n_q,) [Nm/rad]; infinite where it does not tell."""
+    """Stiffness at which a drive holds its command at rest, shape (n_q,) [Nm/rad]; infinite where it does not state
+    one."""
     told = getattr(drive, "holding_stiffness", None)
     with about(drive):
         stiffness: Vector = np.full(robot.num_joints, np.inf) if told is None else told(robot)

@@ -1,4 +1,4 @@
-"""Robot force control as Drake diagrams: plants, controllers, estimators, experiments and the tools to trust them.
+"""Robot force control as Drake diagrams: plants, controllers, estimators, experiments and the tools to trust them::
 
     import forcectl as fc
     result = fc.run("fig_2_7", overrides={"station.environment.stiffness": 2e5})

@@ -1,6 +1,7 @@
 """Signs, frames, reference points and units: one place for all of them.
 
-Signs (design equations, section 0)
+Signs (design equations, section 0)::
+
     n                     unit vector of the constrained direction, outward normal of the surface,
                           from the environment towards the robot, expressed in the world frame W.
     dx = x - x_0          displacement along n from the undeformed surface; pressing in means dx < 0.
@@ -28,7 +29,7 @@ class Signal(NamedTuple):
         unit: of its elements.
         shape: of the port.
         meaning: with frame and sign.
-        truth: only the simulation knows it; no controller or estimator is connected to it.
+        truth: exists in the simulation only; no controller or estimator is connected to it.
     """
 
     unit: str
@@ -57,7 +58,7 @@ SIGNALS: dict[str, Signal] = {
     "estimated_torque": Signal("Nm", "n", "external joint torques"),
     "estimated_wrench": Signal("Nm,N", "6a", "of the environment on the robot at each TCP in the world"),
     "estimated_local_wrench": Signal("Nm,N", "6a", "the same, in the axes of another frame that the estimator names"),
-    # what only the simulation knows
+    # what exists in the simulation only
     "contact_force": Signal("N", "k", "force of each surface on the tool along its normal, never negative", True),
     "contact_state": Signal("1", "k", "1 where the tool touches the surface", True),
     "contact_displacement": Signal("m", "k", "of the tool along each normal by the motors, from the start", True),
@@ -94,7 +95,7 @@ TRUTH = frozenset(name for name, signal in SIGNALS.items() if signal.truth)
 
 
 def unit_of(name: str, overrides: dict[str, str] | None = None) -> str:
-    """Unit of the signal called `name`, or "" when the table does not know it."""
+    """Unit of the signal called `name`, or "" when it is not in the table."""
     if overrides and name in overrides:
         return overrides[name]
     return SIGNAL_UNITS.get(name, "")

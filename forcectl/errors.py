@@ -1,4 +1,4 @@
-"""The exceptions forcectl raises for its users.
+"""The exceptions forcectl raises for its users::
 
     ForcectlError
       BadInputError      something the user wrote cannot be used (command line exit code 2)

@@ -1,8 +1,8 @@
 """The robots, tools and environments shipped with forcectl, and where to find them.
 
-A robot is a folder with one URDF or SDF and one `*.control.yaml` (see `forcectl.robot.facts`); a tool is a folder with
-one URDF or SDF and one `*.tool.yaml`. A user's own folder works wherever a shipped name does. Every shipped folder has
-a `package.xml`, so that `package://comau_smart_six/...` works after `add_packages`.
+A robot is a folder with one URDF or SDF and one `*.control.yaml` (see `forcectl.robot.parameters`); a tool is a folder
+with one URDF or SDF and one `*.tool.yaml`. A user's own folder works wherever a shipped name does. Every shipped folder
+has a `package.xml`, so that `package://comau_smart_six/...` works after `add_packages`.
 
 The name or path of a robot with several arms means all of them; "yumi/left" means its left arm alone.
 """
@@ -17,8 +17,8 @@ from forcectl.errors import BadInputError, unknown
 if TYPE_CHECKING:
     from pydrake.multibody.parsing import PackageMap
 
-ROBOT_FACTS = "*.control.yaml"
-TOOL_FACTS = "*.tool.yaml"
+ROBOT_PARAMETERS = "*.control.yaml"
+TOOL_PARAMETERS = "*.tool.yaml"
 
 
 def models_folder() -> Path:
@@ -28,12 +28,12 @@ def models_folder() -> Path:
 
 def list_robots() -> list[str]:
     """Names of the shipped robots, sorted."""
-    return _folders_with(ROBOT_FACTS)
+    return _folders_with(ROBOT_PARAMETERS)
 
 
 def list_tools() -> list[str]:
     """Names of the shipped tools, sorted."""
-    return _folders_with(TOOL_FACTS)
+    return _folders_with(TOOL_PARAMETERS)
 
 
 def robot_folder(name_or_path: str | Path) -> Path:
@@ -71,8 +71,8 @@ def tool_folder(name_or_path: str | Path) -> Path:
     return _folder("tool", name_or_path, list_tools())
 
 
-def facts_file(folder: Path, pattern: str) -> Path:
-    """The one file in `folder` that matches `pattern` (`ROBOT_FACTS` or `TOOL_FACTS`).
+def parameter_file(folder: Path, pattern: str) -> Path:
+    """The one file in `folder` that matches `pattern` (`ROBOT_PARAMETERS` or `TOOL_PARAMETERS`).
 
     Raises:
         BadInputError: no such file, or more than one.

@@ -1,4 +1,4 @@
-"""The drives of a robot behind a research interface: `drive: !JointInterface`.
+"""The drives of a robot behind a joint interface: `drive: !JointInterface`.
 
 References of position, speed and torque are taken every control tick, by servo loops of 2 kHz of which the plant, at
 1 kHz, feels the mean: see `forcectl.plant.drives.joint_servo`. Friction (5.2) sticks.
@@ -42,8 +42,8 @@ COMMANDS = ("joint_position_command", "joint_velocity_command", "joint_torque_fe
 class JointServoConfig(Config):
     """Scenario part `servo`: the position loops of the joints, see `forcectl.plant.drives.joint_servo`."""
 
-    bandwidth: float | None = key(None, "w; null: that of the control facts", unit="rad/s", bounds="positive")
-    damping_ratio: float | None = key(None, "zeta; null: that of the control facts", unit="1", bounds="positive")
+    bandwidth: float | None = key(None, "w; null: that of the control parameters", unit="rad/s", bounds="positive")
+    damping_ratio: float | None = key(None, "zeta; null: that of the control parameters", unit="1", bounds="positive")
     integral_gain: float = key(15.0, "gain w_i of the integral", unit="1/s", bounds="not negative")
     rate: float = key(
         2000.0,
@@ -56,7 +56,7 @@ class JointServoConfig(Config):
 
 @dataclass(kw_only=True)
 class JointFrictionConfig(Config):
-    """Scenario part `friction`: (5.2) with the numbers of the control facts."""
+    """Scenario part `friction`: (5.2) with the numbers of the control parameters."""
 
     scale: float = key(1.0, "factor on all its numbers", bounds="not negative")
     sticks: bool = key(True, "false: sat(130 q') for the sign of q', which creeps at rest as (5.2) does")
@@ -75,11 +75,11 @@ class JointInterfaceConfig(Config):
 
     def true_friction(self, robot: RobotModel) -> JointFriction:
         """Friction of the joints."""
-        return JointFriction.of_facts(robot.facts).scaled(self.friction.scale)
+        return JointFriction.of_parameters(robot.parameters).scaled(self.friction.scale)
 
-    def resting_torque(self, cell: Workcell) -> Array:
+    def resting_torque(self, workcell: Workcell) -> Array:
         """Motor torque at the start, shape (n,) [Nm]."""
-        torque: Array = cell.gravity_torque + self.true_friction(cell.robot).offset
+        torque: Array = workcell.gravity_torque + self.true_friction(workcell.robot).offset
         return torque
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> JointInterface:
@@ -89,8 +89,8 @@ class JointInterfaceConfig(Config):
             BadInputError: a fidelity without dynamics, a step too long for the servo loops, or elastic joints whose
                 friction does not stick.
         """
-        config = site.cell.config
-        if not site.cell.has_dynamics:
+        config = site.workcell.config
+        if not site.workcell.has_dynamics:
             raise BadInputError(
                 " = !JointInterface: must have a fidelity with dynamics, such as Multibody", key="drive"
             )
@@ -98,7 +98,7 @@ class JointInterfaceConfig(Config):
             raise invalid("time_step", config.time_step, f"at most {LARGEST_STEP:g} s, for the servo loops")
         if config.elastic_joints and not self.friction.sticks:
             raise invalid("drive.friction.sticks", False, "true with elastic joints, whose motors stick exactly")
-        return builder.AddNamedSystem("drive", JointInterface(site.cell, self))
+        return builder.AddNamedSystem("drive", JointInterface(site.workcell, self))
 
 
 class JointInterface(Diagram):
@@ -107,9 +107,9 @@ class JointInterface(Diagram):
     ```
     name: JointInterface
     input_ports: [joint_position_command, joint_velocity_command, joint_torque_feedforward, link_position (optional),
-      link_velocity (optional), spring_torque (optional)]
+    link_velocity (optional), spring_torque (optional)]
     output_ports: [joint_torque (optional), motor_state (optional), motor_position (optional),
-      motor_velocity (optional), torque_integral]
+    motor_velocity (optional), torque_integral]
     ```
 
     joint_position_command, joint_velocity_command, joint_torque_feedforward: shape (n,) [rad, rad/s, Nm], see
@@ -122,30 +122,30 @@ class JointInterface(Diagram):
     motor_state: shape (2n,), position and speed of the motors of elastic joints [rad, rad/s]. State.
     motor_position, motor_velocity: shape (n,), its halves [rad, rad/s]. State.
 
-    Sampling: every `period` [s] of the cell the commands, felt by the motors one step later; every `time_step` [s] of
-    the cell the rest.
+    Sampling: every `period` [s] of the workcell the commands, felt by the motors one step later; every `time_step` [s]
+    of the workcell the rest.
 
     Args:
-        cell: the workcell.
+        workcell: the workcell.
         config: of the drives.
     """
 
     optional_inputs = COMMANDS[1:]
 
-    def __init__(self, cell: Workcell, config: JointInterfaceConfig):
+    def __init__(self, workcell: Workcell, config: JointInterfaceConfig):
         super().__init__()
         builder = DiagramBuilder()
-        servo = builder.AddNamedSystem("servo", _servo(cell, config))
+        servo = builder.AddNamedSystem("servo", _servo(workcell, config))
         for name in COMMANDS:
             builder.ExportInput(servo.GetInputPort(name), name)
-        if cell.config.elastic_joints:
+        if workcell.config.elastic_joints:
             motors = builder.AddNamedSystem(
                 "motors",
                 MotorMotion(
-                    cell.rotor_inertia,
-                    config.true_friction(cell.robot),
-                    time_step=cell.config.time_step,
-                    start=cell.motor_start,
+                    workcell.rotor_inertia,
+                    config.true_friction(workcell.robot),
+                    time_step=workcell.config.time_step,
+                    start=workcell.motor_start,
                 ),
             )
             builder.Connect(servo.GetOutputPort("motor_torque"), motors.GetInputPort("motor_torque"))
@@ -161,18 +161,18 @@ class JointInterface(Diagram):
         builder.BuildInto(self)
 
 
-def _servo(cell: Workcell, config: JointInterfaceConfig) -> JointServo:
-    own, filter_ = config.servo, cell.robot.facts.reference_filter
+def _servo(workcell: Workcell, config: JointInterfaceConfig) -> JointServo:
+    own, filter_ = config.servo, workcell.robot.parameters.reference_filter
     bandwidth = filter_.natural_frequency if own.bandwidth is None else own.bandwidth
     damping_ratio = filter_.damping_ratio if own.damping_ratio is None else own.damping_ratio
-    limit = cell.robot.limits.torque if own.torque_limits else np.full(cell.num_joints, np.inf)
-    inertia = cell.rotor_inertia + np.diag(cell.robot.mass_matrix(cell.start_context()))
+    limit = workcell.robot.limits.torque if own.torque_limits else np.full(workcell.num_joints, np.inf)
+    inertia = workcell.rotor_inertia + np.diag(workcell.robot.mass_matrix(workcell.start_context()))
     return JointServo(
         servo_gains(inertia, bandwidth, damping_ratio, own.integral_gain),
         limit,
-        period=cell.period,
-        time_step=cell.config.time_step,
-        start=cell.motor_start,
-        torque=config.resting_torque(cell),
-        substeps=max(1, round(own.rate * cell.config.time_step)),
+        period=workcell.period,
+        time_step=workcell.config.time_step,
+        start=workcell.motor_start,
+        torque=config.resting_torque(workcell),
+        substeps=max(1, round(own.rate * workcell.config.time_step)),
     )

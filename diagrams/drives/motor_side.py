@@ -32,20 +32,20 @@ class MotorSide(Diagram):
     joint_position_command, motor_position: shape (n_q,) [rad]. motor_velocity: shape (n_q,) [rad/s].
     displacement: shape (1,), x along n by the constant Jacobian [m]. All outputs are state, no direct feedthrough.
 
-    Sampling: every `period` [s] of the cell; a command moves the motors one tick later.
+    Sampling: every `period` [s] of the workcell; a command moves the motors one tick later.
 
     Args:
-        cell: the workcell, with one surface.
+        workcell: the workcell, with one surface.
         loop: its position loops.
         servo: along the normal.
     """
 
-    def __init__(self, cell: Workcell, loop: PositionLoopConfig, servo: ServoConfig):
+    def __init__(self, workcell: Workcell, loop: PositionLoopConfig, servo: ServoConfig):
         super().__init__()
-        contact, n_q, q_0 = cell.contact, cell.num_joints, cell.motor_start
+        contact, n_q, q_0 = workcell.contact, workcell.num_joints, workcell.motor_start
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
-        filter_ = loop.add_to(builder, n_q, cell.period, initial_command=q_0)
+        filter_ = loop.add_to(builder, n_q, workcell.period, initial_command=q_0)
         builder.ExportInput(filter_.GetInputPort("command"), "joint_position_command")
         reference = filter_.GetOutputPort("reference")
 
@@ -57,7 +57,7 @@ class MotorSide(Diagram):
             connect(along.get_output_port(), parts.get_input_port())
             x, rate = parts.get_output_port(0), parts.get_output_port(1)
         else:
-            axis = servo.add_to(builder, 1, cell.period, unit="m")
+            axis = servo.add_to(builder, 1, workcell.period, unit="m")
             connect(along.get_output_port(), axis.GetInputPort("reference"))
             x, rate = axis.GetOutputPort("position"), axis.GetOutputPort("velocity")
 

@@ -39,7 +39,7 @@ _LARGEST_DRIVE_STEP = 0.5e-3  # [s] friction sticks and slips with a time of its
 
 @dataclass(kw_only=True)
 class PositionDriveConfig(Config):
-    """Scenario part `drive: !PositionLoop`: the drives are told positions, which their servos follow."""
+    """Scenario part `drive: !PositionLoop`: the drives take positions, which their servos follow."""
 
     position_loop: PositionLoopConfig = key(PositionLoopConfig, "filter and delay of the joint references")
     servo: ServoConfig = key(ServoConfig, "position loops of the motors")
@@ -50,14 +50,14 @@ class PositionDriveConfig(Config):
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> System:
         """Add the block `drive`."""
-        if not site.cell.has_dynamics:
-            return builder.AddNamedSystem("drive", MotorSide(site.cell, self.position_loop, self.servo))
-        servo = None if self.servo.ideal else self._servo(site.cell)
-        return builder.AddNamedSystem("drive", PositionDrive(site.cell, self.position_loop, servo))
+        if not site.workcell.has_dynamics:
+            return builder.AddNamedSystem("drive", MotorSide(site.workcell, self.position_loop, self.servo))
+        servo = None if self.servo.ideal else self._servo(site.workcell)
+        return builder.AddNamedSystem("drive", PositionDrive(site.workcell, self.position_loop, servo))
 
-    def _servo(self, cell: Workcell) -> System:
-        robot, gains, step = cell.robot, self.servo, cell.config.time_step
-        facts = robot.facts
+    def _servo(self, workcell: Workcell) -> System:
+        robot, gains, step = workcell.robot, self.servo, workcell.config.time_step
+        parameters = robot.parameters
         rotors = rotor_inertia(robot)
         return Drive(
             rotors,
@@ -65,18 +65,18 @@ class PositionDriveConfig(Config):
             period=step,
             substeps=max(1, math.ceil(step / _LARGEST_DRIVE_STEP - 1e-9)),
             position_gain=gains.position_gain,
-            velocity_gain=gains.rotor_velocity_gain(rotors, facts.velocity_loop_inertia),
+            velocity_gain=gains.rotor_velocity_gain(rotors, parameters.velocity_loop_inertia),
             integral_gain=gains.integral_gain,
-            coulomb_friction=gains.friction_scale * facts.coulomb_friction,
-            viscous_friction=gains.friction_scale * facts.viscous_friction,
-            initial_position=cell.motor_start,
-            initial_torque=cell.gravity_torque * cell.config.elastic_joints,
+            coulomb_friction=gains.friction_scale * parameters.coulomb_friction,
+            viscous_friction=gains.friction_scale * parameters.viscous_friction,
+            initial_position=workcell.motor_start,
+            initial_torque=workcell.gravity_torque * workcell.config.elastic_joints,
         )
 
 
 @dataclass(kw_only=True)
 class JointImpedanceDriveConfig(JointImpedanceConfig, PositionDriveConfig):
-    """Scenario part `drive: !JointImpedance`: the drives are told torques, and impedance control holds the joints.
+    """Scenario part `drive: !JointImpedance`: the drives take torques, and impedance control holds the joints.
 
     Torques with dynamics; without, impedance control is part of the joint springs, which are softer by it.
     """
@@ -85,8 +85,8 @@ class JointImpedanceDriveConfig(JointImpedanceConfig, PositionDriveConfig):
         """K_q, shape (n,) [Nm/rad]."""
         return self.joint_stiffness(rotor_inertia(robot))
 
-    def _servo(self, cell: Workcell) -> System:
-        return TorqueInterface(cell, self, self.servo.friction_scale)
+    def _servo(self, workcell: Workcell) -> System:
+        return TorqueInterface(workcell, self, self.servo.friction_scale)
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> System:
         """Add the block `drive`.
@@ -94,9 +94,9 @@ class JointImpedanceDriveConfig(JointImpedanceConfig, PositionDriveConfig):
         Raises:
             BadInputError: rigid joints or an ideal servo, where torques are controlled.
         """
-        if site.cell.has_dynamics:
+        if site.workcell.has_dynamics:
             because = "with drive = !JointImpedance"
-            if not site.cell.config.elastic_joints:
+            if not site.workcell.config.elastic_joints:
                 raise invalid("elastic_joints", False, f"true {because}: the torques in the joints are controlled")
             if self.servo.ideal:
                 raise invalid("drive.servo.ideal", True, f"false {because}")
@@ -117,22 +117,22 @@ class PositionDrive(Diagram):
     motor_state: shape (2n,), position and speed of the motors, joint side [rad, rad/s].
     motor_position, motor_velocity: shape (n,), its halves [rad, rad/s]. All outputs are state, no direct feedthrough.
 
-    Sampling: every `period` [s] of the cell the command; every `time_step` [s] of the cell the rest.
+    Sampling: every `period` [s] of the workcell the command; every `time_step` [s] of the workcell the rest.
 
     Args:
-        cell: the workcell.
+        workcell: the workcell.
         loop: its position loops.
         servo: with the ports of `Drive`; None: the motors follow the filtered command exactly.
     """
 
-    def __init__(self, cell: Workcell, loop: PositionLoopConfig, servo: System | None):
+    def __init__(self, workcell: Workcell, loop: PositionLoopConfig, servo: System | None):
         super().__init__()
-        n, q_0, step = cell.num_joints, cell.motor_start, cell.config.time_step
+        n, q_0, step = workcell.num_joints, workcell.motor_start, workcell.config.time_step
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
         # The command is held for a tick, then everything runs on at the plant's rate. Reading the hold takes one plant
         # step, which counts towards the command delay.
-        hold = add("command_hold", hold_line(cell.period, q_0))
+        hold = add("command_hold", hold_line(workcell.period, q_0))
         builder.ExportInput(hold.get_input_port(), "joint_position_command")
         filter_ = add(
             "position_loop",

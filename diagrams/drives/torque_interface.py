@@ -1,4 +1,4 @@
-"""The torque interface of a robot: joint impedance control on drives that are told torques.
+"""The torque interface of a robot: joint impedance control on drives that take torques.
 
 Has the ports of `forcectl.plant.drives.drive.Drive` and takes its place in the multibody station.
 """
@@ -21,7 +21,7 @@ _MOST_TAKEN = 1.7  # of a motor's speed per tick; it grows from 2 on
 
 
 class TorqueInterface(Diagram):
-    """Joint impedance control, gravity compensation and torque-controlled drives of a cell's robot.
+    """Joint impedance control, gravity compensation and torque-controlled drives of a workcell's robot.
 
     ```
     name: TorqueInterface
@@ -34,39 +34,41 @@ class TorqueInterface(Diagram):
     motor_torque: shape (n,) [Nm]. Feedthrough of all inputs.
     The others: see `TorqueDrive`. All outputs are state, no direct feedthrough.
 
-    Sampling: every `time_step` [s] of the cell the drives; every `period` [s] impedance and gravity compensation.
+    Sampling: every `time_step` [s] of the workcell the drives; every `period` [s] impedance and gravity compensation.
 
     Args:
-        cell: the workcell.
+        workcell: the workcell.
         interface: gains of impedance and torque control.
-        friction_scale: factor on the joint friction of the control facts [1].
+        friction_scale: factor on the joint friction of the control parameters [1].
 
     Raises:
         BadInputError: gains that are not stable with this sampling.
     """
 
-    def __init__(self, cell: Workcell, interface: JointImpedanceConfig, friction_scale: float):
+    def __init__(self, workcell: Workcell, interface: JointImpedanceConfig, friction_scale: float):
         super().__init__()
-        step, robot, n = cell.config.time_step, cell.robot, cell.num_joints
-        facts, springs = robot.facts, cell.spring_stiffness
+        step, robot, n = workcell.config.time_step, workcell.robot, workcell.num_joints
+        parameters, springs = robot.parameters, workcell.spring_stiffness
         inertia = rotor_inertia(robot)
-        stiffness = cell.drive_stiffness
-        links = np.diag(robot.mass_matrix(cell.start_context()))
+        stiffness = workcell.drive_stiffness
+        links = np.diag(robot.mass_matrix(workcell.start_context()))
         damping = interface.joint_damping(stiffness, inertia + links)
-        _check_sampling(cell.period, step, stiffness, damping, inertia / (1 + interface.torque_gain), springs)
+        _check_sampling(workcell.period, step, stiffness, damping, inertia / (1 + interface.torque_gain), springs)
         self.port_units = {"reference": "rad,rad/s", "torque_command": "Nm"}
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
-        gravity = add("gravity_compensation", GravityCompensation(robot, cell.start, springs, period=cell.period))
+        gravity = add(
+            "gravity_compensation", GravityCompensation(robot, workcell.start, springs, period=workcell.period)
+        )
         impedance = add(
             "joint_impedance",
             JointImpedance(
                 n,
                 stiffness=stiffness,
                 damping=damping,
-                initial_reference=cell.motor_start,
-                initial_torque=cell.gravity_torque,
-                period=cell.period,
+                initial_reference=workcell.motor_start,
+                initial_torque=workcell.gravity_torque,
+                period=workcell.period,
             ),
         )
         drive = add(
@@ -78,9 +80,9 @@ class TorqueInterface(Diagram):
                 torque_gain=interface.torque_gain,
                 friction_bandwidth=interface.friction_bandwidth,
                 torque_limit=robot.limits.torque,
-                coulomb_friction=friction_scale * facts.coulomb_friction,
-                viscous_friction=friction_scale * facts.viscous_friction,
-                initial_position=cell.motor_start,
+                coulomb_friction=friction_scale * parameters.coulomb_friction,
+                viscous_friction=friction_scale * parameters.viscous_friction,
+                initial_position=workcell.motor_start,
             ),
         )
         connect(drive.GetOutputPort("motor_position"), gravity.GetInputPort("motor_position"))

@@ -22,27 +22,27 @@ class KinematicFidelity:
     has_dynamics = False
     constant_jacobian = False
 
-    def check(self, cell: Workcell) -> None:
+    def check(self, workcell: Workcell) -> None:
         """Whether the workcell can be realised.
 
         Raises:
             BadInputError: it has a part that needs dynamics, or a two-sided spring.
         """
-        check_light(cell, "Kinematic")
-        check_one_sided(cell)
+        check_light(workcell, "Kinematic")
+        check_one_sided(workcell)
 
-    def build(self, cell: Workcell, seed: int) -> Diagram:
+    def build(self, workcell: Workcell, seed: int) -> Diagram:
         """The station."""
-        return KinematicStation(cell, seed)
+        return KinematicStation(workcell, seed)
 
 
-def check_one_sided(cell: Workcell) -> None:
+def check_one_sided(workcell: Workcell) -> None:
     """Two-sided springs are for one dimension only.
 
     Raises:
         BadInputError: there is one.
     """
-    for contact in cell.contacts:
+    for contact in workcell.contacts:
         if not getattr(contact.environment, "one_sided", True):
             raise invalid("environment.one_sided", False, "true unless station.fidelity = OneDimensional")
 
@@ -54,56 +54,56 @@ class KinematicStation(Diagram):
     name: KinematicStation
     input_ports: [joint_position_command]
     output_ports: [motor_position, motor_velocity, contact_force, contact_displacement, link_position,
-      (further outputs of drive and sensors; in any order), contact_state, surface_height (optional),
-      surface_damping (optional), surface_stiffness (optional)]
+    (further outputs of drive and sensors; in any order), contact_state, surface_height (optional),
+    surface_damping (optional), surface_stiffness (optional)]
     ```
 
     The ports: see `MultibodyStation`. All outputs are state, no direct feedthrough.
 
-    Sampling: every `period` [s] of the cell; every `posture_period` [s] what depends on the posture only.
+    Sampling: every `period` [s] of the workcell; every `posture_period` [s] what depends on the posture only.
 
     Args:
-        cell: the workcell, with one surface.
+        workcell: the workcell, with one surface.
         seed: of the sensors.
     """
 
-    def __init__(self, cell: Workcell, seed: int):
+    def __init__(self, workcell: Workcell, seed: int):
         super().__init__()
-        contact, q_0, builder = cell.contact, cell.motor_start, DiagramBuilder()
+        contact, q_0, builder = workcell.contact, workcell.motor_start, DiagramBuilder()
         assembly = Assembly(builder)
-        add_drive(assembly, cell, seed)
+        add_drive(assembly, workcell, seed)
         position = assembly.signals["motor_position"]
-        surface = add_surface(builder, cell, contact, position, q_0)
+        surface = add_surface(builder, workcell, contact, position, q_0)
         tip = builder.AddNamedSystem("tip_displacement", TipDisplacement(contact.robot, contact.n, q_0, period=None))
         builder.Connect(position, tip.GetInputPort("motor_position"))
         displacement = tip.GetOutputPort("displacement")
         if contact.surface is not None:
-            force = _tip_contact(builder, cell, position, surface)
+            force = _tip_contact(builder, workcell, position, surface)
         else:
             with about(contact.environment):
-                spring = contact.add_to(builder, cell.period, robot_compliance=contact.robot_compliance)
+                spring = contact.add_to(builder, workcell.period, robot_compliance=contact.robot_compliance)
             builder.Connect(displacement, spring.GetInputPort("displacement"))
             force = spring.GetOutputPort("contact_force")
-        finish_light_station(self, assembly, cell, seed, force, displacement, surface)
+        finish_light_station(self, assembly, workcell, seed, force, displacement, surface)
 
 
 def _tip_contact(
-    builder: DiagramBuilder, cell: Workcell, position: OutputPort, surface: dict[str, OutputPort]
+    builder: DiagramBuilder, workcell: Workcell, position: OutputPort, surface: dict[str, OutputPort]
 ) -> OutputPort:
-    contact = cell.contact
+    contact = workcell.contact
     stiffness, damping = contact.environment.contact_values
     block = builder.AddNamedSystem(
         "contact",
         TipContact(
             contact.robot,
             contact.n,
-            cell.motor_start,
-            cell.spring_stiffness,
+            workcell.motor_start,
+            workcell.spring_stiffness,
             stiffness=stiffness,
             damping=damping,
             uneven=not contact.environment.surface.flat,
-            period=cell.period,
-            posture_period=cell.posture_period,
+            period=workcell.period,
+            posture_period=workcell.posture_period,
         ),
     )
     builder.Connect(position, block.GetInputPort("motor_position"))

@@ -16,35 +16,35 @@ from forcectl.framework.wiring import affine, checked_system
 from forcectl.plant.tip_kinematics import LinkPosition
 
 
-def check_light(cell: Workcell, name: str) -> None:
+def check_light(workcell: Workcell, name: str) -> None:
     """Whether a workcell can be realised without dynamics.
 
     Args:
-        cell: the workcell.
+        workcell: the workcell.
         name: of the fidelity.
 
     Raises:
         BadInputError: a part that needs dynamics.
     """
     needs = f"a fidelity with dynamics, such as Multibody, not {name}"
-    if len(cell.contacts) != 1:
-        raise BadInputError(f" has {len(cell.contacts)} surfaces: must have one, or {needs}", key="environment")
-    if cell.obstacles:
-        raise BadInputError(f" has boxes ({', '.join(cell.obstacles)}): must have {needs}", key="environment")
-    if cell.config.loads:
+    if len(workcell.contacts) != 1:
+        raise BadInputError(f" has {len(workcell.contacts)} surfaces: must have one, or {needs}", key="environment")
+    if workcell.obstacles:
+        raise BadInputError(f" has boxes ({', '.join(workcell.obstacles)}): must have {needs}", key="environment")
+    if workcell.config.loads:
         raise BadInputError(f"must be empty, or have {needs}", key="loads")
-    if cell.config.faults:
+    if workcell.config.faults:
         raise BadInputError(f"must be empty, or have {needs}", key="faults")
 
 
-def add_drive(assembly: Assembly, cell: Workcell, seed: int) -> System:
+def add_drive(assembly: Assembly, workcell: Workcell, seed: int) -> System:
     """Add the drive of a station without dynamics.
 
     Raises:
         BadInputError: it lacks the motor side's position.
     """
-    with about(cell.config.drive):
-        drive = checked_system(cell.config.drive.add_to(assembly.builder, Site(cell, seed)), "drive")
+    with about(workcell.config.drive):
+        drive = checked_system(workcell.config.drive.add_to(assembly.builder, Site(workcell, seed)), "drive")
     assembly.add(drive)
     for name in ("motor_position", "motor_velocity"):
         if name not in assembly.signals:
@@ -69,7 +69,7 @@ def along_normal(builder: DiagramBuilder, row: Vector, start: Vector, position: 
 def finish_light_station(
     station: Diagram,
     assembly: Assembly,
-    cell: Workcell,
+    workcell: Workcell,
     seed: int,
     force: OutputPort,
     displacement: OutputPort,
@@ -80,18 +80,18 @@ def finish_light_station(
     Args:
         station: is built.
         assembly: with the drive.
-        cell: the workcell.
+        workcell: the workcell.
         seed: of the sensors.
         force: true contact force, shape (1,) [N].
         displacement: of the tool along n by the motors, shape (1,) [m].
         surface: truth of the surface, by name.
     """
-    builder, contact = assembly.builder, cell.contact
+    builder, contact = assembly.builder, workcell.contact
     for name, port in (("contact_force", force), ("contact_displacement", displacement)):
         assembly.offer(name, port)
-    links = builder.AddNamedSystem("link_position", LinkPosition(contact.robot, contact.n, cell.spring_stiffness))
+    links = builder.AddNamedSystem("link_position", LinkPosition(contact.robot, contact.n, workcell.spring_stiffness))
     assembly.add(links)
-    add_sensors(assembly, Site(cell, seed))
+    add_sensors(assembly, Site(workcell, seed))
     assembly.offer("contact_state", add_contact_state(builder, force))
     for name, port in surface.items():
         assembly.offer(name, port)
@@ -105,7 +105,7 @@ def add_sensors(assembly: Assembly, site: Site) -> None:
         assembly: of the station.
         site: without the seed of a sensor; every sensor has its own.
     """
-    for i, (name, sensor) in enumerate(site.cell.config.sensors.items()):
+    for i, (name, sensor) in enumerate(site.workcell.config.sensors.items()):
         before = set(assembly.signals)
         with about(sensor):
             system = checked_system(sensor.add_to(assembly.builder, site.with_seed(i)), f"sensors.{name}")

@@ -1,4 +1,4 @@
-"""Fidelity `Multibody`: the robot as a MultibodyPlant, with drives, contact and sensors.
+"""Fidelity `Multibody`: the robot as a MultibodyPlant, with drives, contact and sensors::
 
     joint_position_command -> drives (motor side) -> joint springs -> links -> tool -> contact
                                   ^ spring torque        wrist sensor <-'
@@ -60,17 +60,17 @@ class MultibodyFidelity:
     has_dynamics = True
     constant_jacobian = False
 
-    def check(self, cell: Workcell) -> None:
+    def check(self, workcell: Workcell) -> None:
         """Whether the workcell can be realised.
 
         Raises:
             BadInputError: it has a two-sided spring.
         """
-        check_one_sided(cell)
+        check_one_sided(workcell)
 
-    def build(self, cell: Workcell, seed: int) -> Diagram:
+    def build(self, workcell: Workcell, seed: int) -> Diagram:
         """The station."""
-        return MultibodyStation(cell, seed)
+        return MultibodyStation(workcell, seed)
 
 
 class MultibodyStation(Diagram):
@@ -79,13 +79,13 @@ class MultibodyStation(Diagram):
     ```
     name: MultibodyStation
     input_ports: [joint_position_command, joint_velocity_command (optional), joint_torque_feedforward (optional),
-      external_wrench (optional)]
+    external_wrench (optional)]
     output_ports: [link_position, link_velocity, motor_position, motor_velocity,
-      (further outputs of drive and sensors; in any order), measured_wrench (optional), measured_force (optional),
-      joint_position (optional), joint_velocity (optional), motor_torque (optional), contact_force (optional),
-      surface_height (optional), surface_damping (optional), surface_stiffness (optional),
-      contact_displacement (optional), contact_state (optional), applied_wrench (optional), external_torque (optional),
-      tip_wrench (optional), arm_contact_force (optional)]
+    (further outputs of drive and sensors; in any order), measured_wrench (optional), measured_force (optional),
+    joint_position (optional), joint_velocity (optional), motor_torque (optional), contact_force (optional),
+    surface_height (optional), surface_damping (optional), surface_stiffness (optional),
+    contact_displacement (optional), contact_state (optional), applied_wrench (optional), external_torque (optional),
+    tip_wrench (optional), arm_contact_force (optional)]
     ```
 
     joint_position_command, joint_velocity_command, joint_torque_feedforward: shape (n,) [rad, rad/s, Nm]; the last two
@@ -108,11 +108,11 @@ class MultibodyStation(Diagram):
     arm_contact_force: shape (a,), truth, sum of magnitudes [N]. Feedthrough of external_wrench.
     All outputs are state, as far as those of further sensors are.
 
-    Sampling: every `time_step` [s] of the cell the plant and its drives; every `period` [s] commands and readings;
+    Sampling: every `time_step` [s] of the workcell the plant and its drives; every `period` [s] commands and readings;
     every `posture_period` [s] what depends on the posture only.
 
     Args:
-        cell: the workcell.
+        workcell: the workcell.
         seed: of every random number of the station.
 
     Attributes:
@@ -122,11 +122,11 @@ class MultibodyStation(Diagram):
 
     optional_inputs = ("joint_velocity_command", "joint_torque_feedforward", "external_wrench")
 
-    def __init__(self, cell: Workcell, seed: int):
+    def __init__(self, workcell: Workcell, seed: int):
         super().__init__()
         builder = DiagramBuilder()
         assembly = Assembly(builder)
-        site = add_world(builder, cell, seed)
+        site = add_world(builder, workcell, seed)
         plant, parts = site.plant, site.parts
         self.plant, self.scene_graph = plant, site.scene_graph
         size, n_q = plant.num_multibody_states(), plant.num_positions()
@@ -141,7 +141,7 @@ class MultibodyStation(Diagram):
         assembly.offer("reaction_forces", plant.get_reaction_forces_output_port())
         add_sensors(assembly, site)
         own = _add_surfaces(assembly, site)
-        if "motor_torque" in assembly.signals or cell.config.loads or own is not None:
+        if "motor_torque" in assembly.signals or workcell.config.loads or own is not None:
             _add_loads(assembly, site, own)
         assembly.finish(self)
 
@@ -163,12 +163,12 @@ def selector(size: int, rows: list[int], name: str) -> Selector:
 
 def _add_drive(assembly: Assembly, site: Site) -> None:
     """The drive, and its coupling to the plant."""
-    builder, cell, plant, parts = assembly.builder, site.cell, site.plant, site.parts
-    with about(cell.config.drive):
-        drive = checked_system(cell.config.drive.add_to(builder, site), "drive")
+    builder, workcell, plant, parts = assembly.builder, site.workcell, site.plant, site.parts
+    with about(workcell.config.drive):
+        drive = checked_system(workcell.config.drive.add_to(builder, site), "drive")
     assembly.add(drive)
     signals, instance = assembly.signals, parts.instance
-    n, elastic = cell.num_joints, cell.config.elastic_joints
+    n, elastic = workcell.num_joints, workcell.config.elastic_joints
     if elastic:
         torque = _through(builder, "spring_torque", actuation_gain(plant, instance, parts.actuators).D().T)
         builder.Connect(plant.get_net_actuation_output_port(instance), torque.get_input_port())
@@ -196,7 +196,7 @@ def _add_drive(assembly: Assembly, site: Site) -> None:
             assembly.offer(name, signals[link])
     if "torque_integral" not in signals and elastic:
         # Torque sensors in the joints; a block that nothing reads costs nothing.
-        mean = builder.AddNamedSystem("torque_integral", DiscreteTimeIntegrator(n, cell.config.time_step))
+        mean = builder.AddNamedSystem("torque_integral", DiscreteTimeIntegrator(n, workcell.config.time_step))
         builder.Connect(signals["spring_torque"], mean.get_input_port())
         assembly.offer("torque_integral", mean.get_output_port())
 
@@ -210,18 +210,18 @@ def _through(builder: DiagramBuilder, name: str, matrix: Vector) -> System:
 
 def _connect_rigid(assembly: Assembly, site: Site) -> None:
     """Motor torque and friction of joints without springs."""
-    builder, cell, plant, parts = assembly.builder, site.cell, site.plant, site.parts
+    builder, workcell, plant, parts = assembly.builder, site.workcell, site.plant, site.parts
     connect, instance = builder.Connect, parts.instance
     motors = builder.AddNamedSystem("motors", actuation_gain(plant, instance, parts.actuators))
     connect(assembly.signals["joint_torque"], motors.get_input_port())
     connect(motors.get_output_port(), plant.get_actuation_input_port(instance))
-    rest = builder.AddNamedSystem("at_rest", ConstantVectorSource(np.zeros(2 * cell.num_joints)))
+    rest = builder.AddNamedSystem("at_rest", ConstantVectorSource(np.zeros(2 * workcell.num_joints)))
     sticking = builder.AddNamedSystem("sticking", desired_state_gain(plant, instance, site.friction))
     connect(rest.get_output_port(), sticking.get_input_port())
     connect(sticking.get_output_port(), plant.get_desired_state_input_port(instance))
     n_q, n_v = plant.num_positions(), plant.num_velocities()
     speeds = builder.AddNamedSystem("speeds", selector(n_q + n_v, list(range(n_q, n_q + n_v)), "velocity"))
-    true = cell.config.drive.true_friction(cell.robot)
+    true = workcell.config.drive.true_friction(workcell.robot)
     drag = builder.AddNamedSystem("friction", FrictionRest(plant, parts.joints, true))
     connect(plant.get_state_output_port(), speeds.get_input_port())
     connect(speeds.get_output_port(), drag.GetInputPort("velocity"))
@@ -234,28 +234,28 @@ def _add_surfaces(assembly: Assembly, site: Site) -> OutputPort | None:
     Returns:
         the wrenches of the latter at the TCPs, shape (6a,) [Nm, N]; None without.
     """
-    builder, cell, signals = assembly.builder, site.cell, assembly.signals
+    builder, workcell, signals = assembly.builder, site.workcell, assembly.signals
     forces: dict[int, OutputPort] = {}
     displacements = []
-    for i, (contact, mounting) in enumerate(zip(cell.contacts, site.mountings, strict=True)):
-        label = contact.name if len(cell.contacts) > 1 else ""
+    for i, (contact, mounting) in enumerate(zip(workcell.contacts, site.mountings, strict=True)):
+        label = contact.name if len(workcell.contacts) > 1 else ""
         if mounting is not None:
             # An uneven surface is raised to its height at the place of the links.
-            if len(cell.contacts) > 1 and not is_uniform(contact):
+            if len(workcell.contacts) > 1 and not is_uniform(contact):
                 raise BadInputError(
                     f"environment {contact.name!r}: must be flat and of one material beside other surfaces"
                 )
-            surface = add_surface(builder, cell, contact, signals["link_position"], cell.start)
-            drive_surface(builder, cell, contact, site.plant, mounting, surface)
+            surface = add_surface(builder, workcell, contact, signals["link_position"], workcell.start)
+            drive_surface(builder, workcell, contact, site.plant, mounting, surface)
             for name, port in surface.items():
                 assembly.offer(name, port)
         else:
-            forces[i] = _add_own_surface(assembly, cell, contact)
-        tip = TipDisplacement(contact.robot, contact.n, cell.motor_start, period=None)
+            forces[i] = _add_own_surface(assembly, workcell, contact)
+        tip = TipDisplacement(contact.robot, contact.n, workcell.motor_start, period=None)
         tip = builder.AddNamedSystem("_".join(filter(None, ("tip_displacement", label))), tip)
         builder.Connect(signals["motor_position"], tip.GetInputPort("motor_position"))
         displacements.append(tip.GetOutputPort("displacement"))
-    if not cell.contacts:
+    if not workcell.contacts:
         return None
     assembly.offer("contact_displacement", stacked(builder, "contact_displacements", displacements))
     if "contact_force" not in signals:
@@ -267,34 +267,34 @@ def _add_surfaces(assembly: Assembly, site: Site) -> OutputPort | None:
             for i, mounting in enumerate(site.mountings):
                 if mounting is not None:
                     forces[i] = truth.get_output_port(next(rows))
-        ordered = [forces[i] for i in range(len(cell.contacts))]
+        ordered = [forces[i] for i in range(len(workcell.contacts))]
         assembly.offer("contact_force", stacked(builder, "contact_forces", ordered))
     assembly.offer("contact_state", add_contact_state(builder, signals["contact_force"]))
-    return _own_wrenches(builder, cell, {i: port for i, port in forces.items() if site.mountings[i] is None})
+    return _own_wrenches(builder, workcell, {i: port for i, port in forces.items() if site.mountings[i] is None})
 
 
-def _add_own_surface(assembly: Assembly, cell: Workcell, contact: Contact) -> OutputPort:
+def _add_own_surface(assembly: Assembly, workcell: Workcell, contact: Contact) -> OutputPort:
     """A surface of a class of one's own: its force from the displacement of the links."""
     builder = assembly.builder
-    place = TipDisplacement(contact.robot, contact.n, cell.start, period=None)
+    place = TipDisplacement(contact.robot, contact.n, workcell.start, period=None)
     place = builder.AddNamedSystem(f"place_on_{contact.name}", place)
     builder.Connect(assembly.signals["link_position"], place.GetInputPort("motor_position"))
     inner = DiagramBuilder()
     with about(contact.environment):
-        own = contact.add_to(inner, cell.config.time_step, robot_compliance=0.0)
+        own = contact.add_to(inner, workcell.config.time_step, robot_compliance=0.0)
     surface = builder.AddNamedSystem(f"surface_{contact.name}", Enclosed(inner, own))
     builder.Connect(place.GetOutputPort("displacement"), surface.GetInputPort("displacement"))
     return surface.GetOutputPort("contact_force")
 
 
-def _own_wrenches(builder: DiagramBuilder, cell: Workcell, forces: dict[int, OutputPort]) -> OutputPort | None:
+def _own_wrenches(builder: DiagramBuilder, workcell: Workcell, forces: dict[int, OutputPort]) -> OutputPort | None:
     if not forces:
         return None
-    arms = list(cell.robot.parts.arms)
+    arms = list(workcell.robot.parts.arms)
     gain = np.zeros((6 * len(arms), len(forces)))
     for column, i in enumerate(forces):
-        row = 6 * arms.index(cell.contacts[i].arm) + 3
-        gain[row : row + 3, column] = cell.contacts[i].n
+        row = 6 * arms.index(workcell.contacts[i].arm) + 3
+        gain[row : row + 3, column] = workcell.contacts[i].n
     block = builder.AddNamedSystem("contact_wrench", MatrixGain(gain))
     builder.Connect(stacked(builder, "own_forces", list(forces.values())), block.get_input_port())
     return block.get_output_port()
@@ -302,14 +302,14 @@ def _own_wrenches(builder: DiagramBuilder, cell: Workcell, forces: dict[int, Out
 
 def _add_loads(assembly: Assembly, site: Site, own: OutputPort | None) -> None:
     """Loads on the robot, and what they and contacts do to its joints."""
-    builder, cell, plant, parts = assembly.builder, site.cell, site.plant, site.parts
-    loads, signals = cell.config.loads, assembly.signals
-    frames = loaded_frames(loads, cell.robot)
+    builder, workcell, plant, parts = assembly.builder, site.workcell, site.plant, site.parts
+    loads, signals = workcell.config.loads, assembly.signals
+    frames = loaded_frames(loads, workcell.robot)
     in_plant = [plant.GetFrameByName(name, parts.instance) for name in frames]
     load = builder.AddNamedSystem("load", TipLoad(parts, in_plant))
-    truth = builder.AddNamedSystem("truth", LoadTruth(cell.robot, plant, parts, list(frames.values())))
+    truth = builder.AddNamedSystem("truth", LoadTruth(workcell.robot, plant, parts, list(frames.values())))
     if loads:
-        for name, port in add_loads(builder, loads, cell.robot, cell.period).items():
+        for name, port in add_loads(builder, loads, workcell.robot, workcell.period).items():
             for block in (load, truth):
                 builder.Connect(port, block.GetInputPort(name))
             if name == "external_wrench":

@@ -20,17 +20,17 @@ class OneDimensionalFidelity:
     has_dynamics = False
     constant_jacobian = True
 
-    def check(self, cell: Workcell) -> None:
+    def check(self, workcell: Workcell) -> None:
         """Whether the workcell can be realised.
 
         Raises:
             BadInputError: it has a part that needs dynamics.
         """
-        check_light(cell, "OneDimensional")
+        check_light(workcell, "OneDimensional")
 
-    def build(self, cell: Workcell, seed: int) -> Diagram:
+    def build(self, workcell: Workcell, seed: int) -> Diagram:
         """The station."""
-        return OneDimensionalStation(cell, seed)
+        return OneDimensionalStation(workcell, seed)
 
 
 class OneDimensionalStation(Diagram):
@@ -40,34 +40,34 @@ class OneDimensionalStation(Diagram):
     name: OneDimensionalStation
     input_ports: [joint_position_command]
     output_ports: [motor_position, motor_velocity, contact_force, contact_displacement, link_position,
-      (further outputs of drive and sensors; in any order), contact_state, surface_height (optional),
-      surface_damping (optional), surface_stiffness (optional)]
+    (further outputs of drive and sensors; in any order), contact_state, surface_height (optional),
+    surface_damping (optional), surface_stiffness (optional)]
     ```
 
     The ports: see `MultibodyStation`. All outputs are state, no direct feedthrough.
 
-    Sampling: every `period` [s] of the cell.
+    Sampling: every `period` [s] of the workcell.
 
     Args:
-        cell: the workcell, with one surface.
+        workcell: the workcell, with one surface.
         seed: of the sensors.
     """
 
-    def __init__(self, cell: Workcell, seed: int):
+    def __init__(self, workcell: Workcell, seed: int):
         super().__init__()
-        contact, builder = cell.contact, DiagramBuilder()
+        contact, builder = workcell.contact, DiagramBuilder()
         assembly = Assembly(builder)
-        add_drive(assembly, cell, seed)
+        add_drive(assembly, workcell, seed)
         position = assembly.signals["motor_position"]
         displacement = assembly.signals.get("displacement")
         if displacement is None:
-            displacement = along_normal(builder, contact.row, cell.motor_start, position)
+            displacement = along_normal(builder, contact.row, workcell.motor_start, position)
         with about(contact.environment):
-            spring = contact.add_to(builder, cell.period, robot_compliance=contact.robot_compliance)
-        surface = add_surface(builder, cell, contact, position, cell.motor_start)
+            spring = contact.add_to(builder, workcell.period, robot_compliance=contact.robot_compliance)
+        surface = add_surface(builder, workcell, contact, position, workcell.motor_start)
         connect_material(builder, surface, spring)
         uneven = "surface_height" in surface
         depth = add_depth(builder, displacement, surface["surface_height"]) if uneven else displacement
         builder.Connect(depth, spring.GetInputPort("displacement"))
         force = spring.GetOutputPort("contact_force")
-        finish_light_station(self, assembly, cell, seed, force, displacement, surface)
+        finish_light_station(self, assembly, workcell, seed, force, displacement, surface)

@@ -39,12 +39,12 @@ _SKIN_COMPLIANCE = 1e-7  # of the contact on a surface of several materials [m/N
 _CARRIER_MASS = 0.1  # of such a surface [kg]
 
 
-def add_environment(plant: MultibodyPlant, cell: Workcell, contact: Contact) -> tuple[Joint, GeometryId]:
+def add_environment(plant: MultibodyPlant, workcell: Workcell, contact: Contact) -> tuple[Joint, GeometryId]:
     """Add the body that a contact's surface is, its top face through the TCP at the start.
 
     Args:
         plant: not finalized, with the robot.
-        cell: the workcell.
+        workcell: the workcell.
         contact: one of its contacts.
 
     Returns:
@@ -65,10 +65,10 @@ def add_environment(plant: MultibodyPlant, cell: Workcell, contact: Contact) -> 
     surface = plant.GetFrameByName("surface", instance)
     X_WE = RigidTransform(R_WE, tip)
     skin, X_BS = surface.body(), surface.GetFixedPoseInBodyFrame()
-    compliance, damping = 1 / config.stiffness + _missing_compliance(cell, contact), config.damping
+    compliance, damping = 1 / config.stiffness + _missing_compliance(workcell, contact), config.damping
     if config.surface.materials is not None:
         compliance, damping = _SKIN_COMPLIANCE, 0.0
-        p, d = max(_springs(cell, contact)), max(config.surface.materials.path().damping)
+        p, d = max(_springs(workcell, contact)), max(config.surface.materials.path().damping)
         inertia = SpatialInertia.SolidSphereWithMass(_CARRIER_MASS, 0.05)
         carrier = plant.AddRigidBody("surface_carrier", instance, inertia).body_frame()
         plant.WeldFrames(plant.world_frame(), surface, X_WE)
@@ -76,7 +76,7 @@ def add_environment(plant: MultibodyPlant, cell: Workcell, contact: Contact) -> 
     elif config.surface.flat:
         weld = plant.WeldFrames(plant.world_frame(), surface, X_WE)
     else:
-        p = 10.0 * surface.body().default_mass() / cell.config.time_step**2
+        p = 10.0 * surface.body().default_mass() / workcell.config.time_step**2
         # Without damping: the implicit step damps so stiff a drive by itself, and the plate is there a step later.
         weld = _add_slide(plant, instance, X_WE, surface, PdControllerGains(p=p, d=0.0))
         compliance -= 1 / p
@@ -105,11 +105,11 @@ def _add_slide(
     return plant.WeldFrames(frame, skin.body_frame())
 
 
-def _springs(cell: Workcell, contact: Contact) -> list[float]:
+def _springs(workcell: Workcell, contact: Contact) -> list[float]:
     """Stiffness of the springs below the skin that stand for the materials [N/m]."""
     materials = contact.environment.surface.materials
     given = materials.path().stiffness if materials is not None else []
-    rest = _missing_compliance(cell, contact) - _SKIN_COMPLIANCE
+    rest = _missing_compliance(workcell, contact) - _SKIN_COMPLIANCE
     for stiffness in given:
         if not 1 / stiffness + rest > 0:
             raise BadInputError(f" = {stiffness:g}: must be below {-1 / rest:.4g} N/m in Multibody", key="stiffness")
@@ -118,7 +118,7 @@ def _springs(cell: Workcell, contact: Contact) -> list[float]:
 
 def drive_surface(
     builder: DiagramBuilder,
-    cell: Workcell,
+    workcell: Workcell,
     contact: Contact,
     plant: MultibodyPlant,
     weld: Joint,
@@ -128,7 +128,7 @@ def drive_surface(
 
     Args:
         builder: of the station.
-        cell: the workcell.
+        workcell: the workcell.
         contact: the surface's.
         plant: finalized.
         weld: of `add_environment`.
@@ -139,11 +139,11 @@ def drive_surface(
         spring = builder.AddNamedSystem(
             "surface_spring",
             SurfaceSpring(
-                max(_springs(cell, contact)),
+                max(_springs(workcell, contact)),
                 max(materials.path().damping),
-                further_compliance=_missing_compliance(cell, contact) - _SKIN_COMPLIANCE,
+                further_compliance=_missing_compliance(workcell, contact) - _SKIN_COMPLIANCE,
                 uneven="surface_height" in surface,
-                period=cell.config.time_step,
+                period=workcell.config.time_step,
             ),
         )
         builder.Connect(plant.get_state_output_port(instance), spring.GetInputPort("carrier_state"))
@@ -156,14 +156,14 @@ def drive_surface(
         builder.Connect(at_rest.get_output_port(), plant.get_desired_state_input_port(instance))
 
 
-def _missing_compliance(cell: Workcell, contact: Contact) -> float:
-    """What the contact has to carry beside C_E so that the cell's compliance along n is C_R + C_E [m/N].
+def _missing_compliance(workcell: Workcell, contact: Contact) -> float:
+    """What the contact has to carry beside C_E so that the workcell's compliance along n is C_R + C_E [m/N].
 
     Links are rigid bodies here, so their bending n'C_L n is added; what is only as stiff as the step can resolve, the
     ball and the springs of rigid joints, is taken out.
     """
-    joints = float(np.sum(contact.row**2 / cell.spring_stiffness))
-    drive = float(np.sum(contact.row**2 / cell.drive_stiffness))
+    joints = float(np.sum(contact.row**2 / workcell.spring_stiffness))
+    drive = float(np.sum(contact.row**2 / workcell.drive_stiffness))
     return contact.robot_compliance - drive - joints - BALL_COMPLIANCE
 
 

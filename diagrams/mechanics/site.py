@@ -37,7 +37,7 @@ class Site:
     """The place of a part in a station that is being built.
 
     Attributes:
-        cell: the workcell.
+        workcell: the workcell.
         seed: of the part's random numbers.
         plant: finalized MultibodyPlant with robot and environment; None in fidelities without dynamics.
         scene_graph: of the plant; None where nothing can touch.
@@ -46,7 +46,7 @@ class Site:
         mountings: welds that carry the contact of each surface.
     """
 
-    cell: Workcell
+    workcell: Workcell
     seed: int
     plant: Any = None
     scene_graph: Any = None
@@ -57,7 +57,7 @@ class Site:
     @property
     def period(self) -> float:
         """Control tick [s]."""
-        return self.cell.period
+        return self.workcell.period
 
     def with_seed(self, index: int) -> Site:
         """The site of a further part, whose random numbers are its own.

@@ -21,7 +21,7 @@ from forcectl.plant.tip_kinematics import TipDisplacement
 
 def surface_profile(contact: Contact) -> SurfaceProfile:
     """The surface as the ball of the tool meets it."""
-    tool = contact.robot.tool_facts
+    tool = contact.robot.tool_parameters
     profile: SurfaceProfile = contact.environment.surface.profile(tool.contact_ball_radius if tool else 0.0)
     return profile
 
@@ -32,13 +32,13 @@ def is_uniform(contact: Contact) -> bool:
 
 
 def add_surface(
-    builder: DiagramBuilder, cell: Workcell, contact: Contact, joint_position: OutputPort, start: Vector
+    builder: DiagramBuilder, workcell: Workcell, contact: Contact, joint_position: OutputPort, start: Vector
 ) -> dict[str, OutputPort]:
     """Add the path coordinate and what the surface is there; nothing when it is flat and of one material.
 
     Args:
         builder: of the station.
-        cell: the workcell.
+        workcell: the workcell.
         contact: the surface's.
         joint_position: of the side that counts as the tool's, shape (n_q,) [rad].
         start: where it starts, s = 0, shape (n_q,) [rad].
@@ -51,11 +51,11 @@ def add_surface(
         return {}
     surface = contact.environment.surface
     d = surface.direction_across(contact.n)
-    if cell.config.fidelity.constant_jacobian:
+    if workcell.config.fidelity.constant_jacobian:
         row = (d @ contact.robot.jacobian(contact.start_context())[3:]).reshape(1, -1)
         path = builder.AddNamedSystem("path_position", affine(row, -row @ start))
     else:
-        tangent = TipDisplacement(contact.robot, d, start, period=cell.posture_period)
+        tangent = TipDisplacement(contact.robot, d, start, period=workcell.posture_period)
         path = builder.AddNamedSystem("path_position", tangent)
     builder.Connect(joint_position, path.get_input_port(0))
     blocks: list[System] = []

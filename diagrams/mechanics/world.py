@@ -41,7 +41,7 @@ _LINK_FRICTION = 0.5
 _SHARPEST = 1e-3  # [m] radius of a ball that stands for a point
 
 
-def add_world(builder: DiagramBuilder, cell: Workcell, seed: int) -> Site:
+def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
     """Robot and environment in a discrete plant.
 
     Rigid joints that a drive moves by torques get these at the `actuation` input of the robot's model instance, whose
@@ -49,13 +49,13 @@ def add_world(builder: DiagramBuilder, cell: Workcell, seed: int) -> Site:
 
     Args:
         builder: of the station.
-        cell: the workcell.
+        workcell: the workcell.
         seed: of the station.
     """
-    config = cell.config
-    solid = bool(cell.obstacles) or config.self_collision
+    config = workcell.config
+    solid = bool(workcell.obstacles) or config.self_collision
     scene_graph: SceneGraph | None = None
-    if solid or _touched(cell):
+    if solid or _touched(workcell):
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, config.time_step)
     else:
         # Without geometry there is nothing to look for.
@@ -76,25 +76,25 @@ def add_world(builder: DiagramBuilder, cell: Workcell, seed: int) -> Site:
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
     mountings: list[Joint | None] = []
     pressing: list[tuple[GeometryId, GeometryId]] = []
-    for contact in cell.contacts:
+    for contact in workcell.contacts:
         weld = None
         if contact.surface is not None:
-            weld, surface = add_environment(plant, cell, contact)
+            weld, surface = add_environment(plant, workcell, contact)
             pressing.append((_add_ball(plant, parts, contact), surface))
         mountings.append(weld)
-    friction = _add_joints(plant, parts, cell)
-    for joint, position in zip(parts.joints, cell.start, strict=True):
+    friction = _add_joints(plant, parts, workcell)
+    for joint, position in zip(parts.joints, workcell.start, strict=True):
         joint.set_default_positions(np.array([position]))
-    for i, obstacle in enumerate(cell.obstacles.values()):
+    for i, obstacle in enumerate(workcell.obstacles.values()):
         _add_obstacle(plant, obstacle, f"obstacle_{i + 1}")
     plant.Finalize()
     if scene_graph is not None:
         _filter(plant, scene_graph, pressing, solid, config.self_collision)
-    return Site(cell, seed, plant, scene_graph, parts, friction, tuple(mountings))
+    return Site(workcell, seed, plant, scene_graph, parts, friction, tuple(mountings))
 
 
-def _touched(cell: Workcell) -> bool:
-    return any(contact.surface is not None for contact in cell.contacts)
+def _touched(workcell: Workcell) -> bool:
+    return any(contact.surface is not None for contact in workcell.contacts)
 
 
 def _add_ball(plant: MultibodyPlant, parts: RobotParts, contact: Contact) -> GeometryId:
@@ -103,8 +103,8 @@ def _add_ball(plant: MultibodyPlant, parts: RobotParts, contact: Contact) -> Geo
     Inclined tools would touch with another point of the ball than the one whose kinematics the controllers know; the
     ball sits one radius along n from the TCP in the start posture, so that force and displacement are those of the TCP.
     """
-    facts = parts.tool_facts
-    radius = max(facts.contact_ball_radius if facts else 0.0, _SHARPEST)
+    parameters = parts.tool_parameters
+    radius = max(parameters.contact_ball_radius if parameters else 0.0, _SHARPEST)
     tcp = parts.arms[contact.arm].tcp_frame
     R_TW = contact.robot.pose(contact.start_context()).rotation().inverse()
     return plant.RegisterCollisionGeometry(
@@ -116,23 +116,25 @@ def _add_ball(plant: MultibodyPlant, parts: RobotParts, contact: Contact) -> Geo
     )
 
 
-def _add_joints(plant: MultibodyPlant, parts: RobotParts, cell: Workcell) -> tuple[JointActuator, ...]:
+def _add_joints(plant: MultibodyPlant, parts: RobotParts, workcell: Workcell) -> tuple[JointActuator, ...]:
     """Springs between motors and links, or rotors and friction of rigid joints; returns the actuators of friction."""
-    config, drive = cell.config, cell.config.drive
+    config, drive = workcell.config, workcell.config.drive
     for actuator in parts.actuators:
         # Drake would clamp the spring torque at the motor's limit otherwise; that is the drive's.
         actuator.set_effort_limit(np.inf)
     if config.elastic_joints or not getattr(drive, "moves_links", False):
-        stiffness = cell.spring_stiffness
-        damping = cell.robot.facts.transmission_damping if config.elastic_joints else stiffness * config.time_step
+        stiffness = workcell.spring_stiffness
+        damping = (
+            workcell.robot.parameters.transmission_damping if config.elastic_joints else stiffness * config.time_step
+        )
         for actuator, k, d in zip(parts.actuators, stiffness, damping, strict=True):
             actuator.set_controller_gains(PdControllerGains(p=float(k), d=float(d)))
         return ()
-    for actuator, rotor in zip(parts.actuators, cell.rotor_inertia, strict=True):
+    for actuator, rotor in zip(parts.actuators, workcell.rotor_inertia, strict=True):
         actuator.set_default_rotor_inertia(float(rotor))
         actuator.set_default_gear_ratio(1.0)
     steepness = np.inf if drive.friction.sticks else COULOMB_STEEPNESS
-    return add_coulomb_friction(plant, parts.joints, drive.true_friction(cell.robot), steepness)
+    return add_coulomb_friction(plant, parts.joints, drive.true_friction(workcell.robot), steepness)
 
 
 def _add_obstacle(plant: MultibodyPlant, obstacle: ObstacleConfig, name: str) -> None:

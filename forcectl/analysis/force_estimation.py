@@ -1,6 +1,6 @@
 """Force estimates in the log of a motion loop against the truth: static loads, pushes, contact, and nothing at all.
 
-Of each arm the log is cut into stretches by what really acts on it:
+Of each arm the log is cut into stretches by what really acts on it::
 
     static load   an applied wrench that stays the same for at least `average`; judged by the mean of its last `average`
     push          any other applied wrench
@@ -19,7 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.diagrams.believed import Setting
+from forcectl.diagrams.model import Setting
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
 

@@ -1,8 +1,8 @@
 """Metrics: one definition each, as plain functions of sampled signals.
 
 Signals are 1-D arrays over `time` [s], forces in [N]. A step metric looks at one `Step`: from the instant the desired
-force changes to the last sample before it changes again. Time counts from that instant. What cannot be told from the
-signals (a settling time when the force has not settled) is None.
+force changes to the last sample before it changes again. Time counts from that instant. What the signals do not
+determine (a settling time when the force has not settled) is None::
 
     overshoot   max(F) - F_ref of the measured force (thesis: OS = max(F)/F_ref - 1); min for a step down; from
                 where the force first comes to F_ref: what it was beyond it before the step does not count
@@ -38,7 +38,7 @@ STEP_METRICS: dict[str, tuple[str, str]] = {
     "time_to_90pct_s": ("s", "from the step to 90 % of it"),
     "settling_time_5pct_s": ("s", "last time outside 5 % of the reference"),
     "settling_time_2pct_s": ("s", "last time outside 2 % of the reference"),
-    "steady_state_error_N": ("N", "mean of reference less force over the last tenth of the step"),
+    "steady_state_error_N": ("N", "mean of reference minus force over the last tenth of the step"),
     "largest_drop_N": ("N", "furthest the force goes back after half of the step"),
     "touches_2pct": ("1", "how many times the force comes to 2 % of the reference, bounces included"),
     "max_abs_model_error_N": ("N", "largest distance from the reference model"),
@@ -177,7 +177,7 @@ def settling_time(time: Signal, force: Signal, step: Step, band: float) -> float
 
 
 def steady_state_error(force: Signal, step: Step) -> float:
-    """Mean of target less force [N] over the last tenth of the step."""
+    """Mean of target minus force [N] over the last tenth of the step."""
     first = step.end - max(1, round(_SETTLED_SHARE * (step.end - step.first)))
     return float(np.mean(step.target - force[first : step.end]))
 
@@ -203,7 +203,10 @@ def model_response(time: Signal, desired: Signal, bandwidth: float, initial: flo
     """Response F_M [N] of M(s) = w/(s + w) to the desired force, held between samples; exact for steps.
 
     Args:
-        time: [s]. desired: [N]. bandwidth: w [rad/s]. initial: F_M at the first sample [N].
+        time: [s].
+        desired: [N].
+        bandwidth: w [rad/s].
+        initial: F_M at the first sample [N].
     """
     decay = np.exp(-bandwidth * np.diff(time))
     response = np.empty_like(desired)
@@ -231,7 +234,10 @@ def step_metrics(
     """`STEP_METRICS` of one step.
 
     Args:
-        time: [s]. force: measured [N]. model: response of the reference model [N], or None. window: T_w [s].
+        time: [s].
+        force: measured [N].
+        model: response of the reference model [N], or None.
+        window: T_w [s].
     """
     beyond = overshoot(force, step)
     result: dict[str, float | None] = dict.fromkeys(STEP_METRICS)
@@ -277,8 +283,10 @@ def motion_metrics(
     """`MOTION_METRICS` of a motion.
 
     Args:
-        time: [s]. desired, force: desired and measured [N]. begin, end: of the motion [s]. initial: force at the start
-            [N].
+        time: [s].
+        desired, force: desired and measured [N].
+        begin, end: of the motion [s].
+        initial: force at the start [N].
     """
     result: dict[str, float | None] = dict.fromkeys(MOTION_METRICS)
     before, (first, last) = time < begin, np.searchsorted(time, [begin, end])
@@ -350,16 +358,17 @@ def metrics_of(
     """All metrics of one run.
 
     Args:
-        signals: arrays over time: `time`, `desired_force`, `measured_force`, `contact_force`,
-            and where they exist `model_force`, `contact_state`, `displacement_command`, `constraint_violation`.
+        signals: arrays over time: `time`, `desired_force`, `measured_force`, `contact_force`, and where they exist
+            `model_force`, `contact_state`, `displacement_command`, `constraint_violation`.
         window: T_w [s] of `model_error_sd_N`.
-        realtime_factor: measured by the caller. motion: begin and end of the motion along the surface [s].
+        realtime_factor: measured by the caller.
+        motion: begin and end of the motion along the surface [s].
 
     Returns:
         Name -> value; None where a metric is undefined. Never NaN.
     """
-    found = {name: np.asarray(signals[name], dtype=float) for name in _SIGNALS if name in signals}
-    time, desired, force, contact = (found[n] for n in ("time", "desired_force", "measured_force", "contact_force"))
+    found = {name: np.asarray(signals[name], dtype=float) for name in (*_ALWAYS, *_SOMETIMES) if name in signals}
+    time, desired, force, contact = (found[n] for n in _ALWAYS)
     model = found.get("model_force")
     steps = [step_metrics(time, force, s, model, window) for s in find_steps(time, desired, float(contact[0]))]
     result: dict[str, float | None] = dict(steps[-1]) if steps else dict.fromkeys(STEP_METRICS)
@@ -385,15 +394,5 @@ def metrics_of(
     return {name: value if value is None or np.isfinite(value) else None for name, value in result.items()}
 
 
-_SIGNALS = (
-    "time",
-    "desired_force",
-    "measured_force",
-    "contact_force",
-    "model_force",
-    "contact_state",
-    "displacement_command",
-    "constraint_violation",
-    "mode",
-    *GAINS,
-)
+_ALWAYS = ("time", "desired_force", "measured_force", "contact_force")
+_SOMETIMES = ("model_force", "contact_state", "displacement_command", "constraint_violation", "mode", *GAINS)

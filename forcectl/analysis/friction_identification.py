@@ -8,7 +8,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 import yaml
 
-from forcectl.diagrams.believed import FRICTION_KEYS, Setting
+from forcectl.diagrams.model import FRICTION_KEYS, Setting
 from forcectl.errors import BadInputError
 from forcectl.figures.motion import one_variant
 from forcectl.framework.fields import Config, key
@@ -31,7 +31,7 @@ _GRID = 201  # speeds at which curves are compared
 class FrictionAnalysis(Config):
     """Scenario part `!FrictionIdentification`: of an excitation run without loads.
 
-    It knows the exact dynamics and the readings, as `ForceEstimator` does.
+    It uses the exact dynamics and the readings, as `ForceEstimator` does.
     """
 
     slowest: float = key(0.05, "slower ticks are left out", unit="rad/s", bounds="not negative")
@@ -80,7 +80,7 @@ class FrictionAnalysis(Config):
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
         """One figure per arm with the joints side by side; of the first variant."""
         # Beside variants of another robot the joints come in another order.
-        one = one_variant(log).sel(joint=setting.cell.robot.facts.arm_joints)
+        one = one_variant(log).sel(joint=setting.workcell.robot.parameters.arm_joints)
         try:
             fit = self.fit(one, setting)
         except BadInputError:

@@ -1,7 +1,7 @@
 """Metrics of motion loops: one definition each, from the log.
 
-Every run has those of `LOOP_METRICS`; an analysis (`forcectl.analysis.slot`) adds its own, which it names
-in `ANALYSIS_METRICS`. `<joint or arm>.<metric>` is that metric of one joint or arm alone.
+Every run has those of `LOOP_METRICS`; an analysis (`forcectl.analysis.slot`) adds its own, which it names in
+`ANALYSIS_METRICS`. `<joint or arm>.<metric>` is that metric of one joint or arm alone.
 """
 
 from __future__ import annotations

@@ -11,7 +11,7 @@ from pydrake.geometry import Box
 
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
-from forcectl.diagrams.believed import Setting
+from forcectl.diagrams.model import Setting
 from forcectl.framework.fields import Config, key
 from forcectl.framework.rotation_vector import RotationVector
 from forcectl.plant.plant_model import PlantModel

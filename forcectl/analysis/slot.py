@@ -1,7 +1,7 @@
-"""What is asked of the log of a run: metrics and figures.
+"""Analyses of the log of a run: metrics and figures.
 
 Every run has the metrics and figures that its signals allow; an analysis of the scenario's part `analyses` adds its
-own. It is a dataclass with two methods,
+own. It is a dataclass with two methods::
 
     metrics(log, setting) -> {name: value or None}        log of one variant
     figures(log, setting, title) -> {file name: Figure}   log of one variant, or of several along `variant`
@@ -15,7 +15,7 @@ from typing import TYPE_CHECKING, Any
 
 from forcectl.analysis.force_metrics import metrics_of
 from forcectl.analysis.motion_metrics import joint_metrics
-from forcectl.diagrams.believed import Setting
+from forcectl.diagrams.model import Setting
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure

@@ -3,7 +3,7 @@
     y = minimum - distance <= 0       [m], of the k balls that need it most
 
 With the ball at x on link A, the core on link B (see `collision_shapes`), the unit vector n from the nearest point b of
-the core's box to x, and w the velocity of x as seen on B:
+the core's box to x, and w the velocity of x as seen on B::
 
     distance   = |x - b| - radii
     distance'  = n w
@@ -34,7 +34,7 @@ _HARDEST = 10.0  # times gamma, and a tenth of it is the softest
 _SLOWEST = 4  # rows
 _TURN_SHARE = 0.5  # of the accelerations, to turn away while the joints brake with the others
 _USABLE = 0.5  # of the acceleration limits: of an arm that is stretched, torques bind before
-_FREE = 1e6  # times as fast: without a limit
+_NO_LIMIT = 1e6  # times as fast: without a limit
 _THREE, _SIX = np.ones(3), np.ones(6)
 _LEAST_GAP = 1e-3  # [m], where the curvature of a core is not trusted any more
 _NEAR = 40  # pairs of a group and a core whose balls are looked at
@@ -50,13 +50,15 @@ class Posture(Protocol):
 class LinkDistance:
     """Pairs of shapes keep a distance: a constraint, see `forcectl.tasks.constraints.base.Constraint`.
 
+    ::
+
         shapes = RobotShapes.load("yumi", "yumi_gripper")
         constraints = [LinkDistance(shapes), LinkDistance(shapes.against([Obstacle(Sphere(0.1), X_WO)], ["left"]))]
 
     Every row is one of the k balls that may come least faster before braking at gamma is too late, not of the k nearest
     ones: what a tick of acceleration makes urgent is among them before it is. Where the joints cannot brake that hard,
     because they hardly move the two shapes against each other, y, y' and the row are multiplied by what is missing, up
-    to 10: so is a violation that a controller tells. A companion slows joints down that could not turn away in time.
+    to 10: so is a violation that a controller reports. A companion slows joints down that could not turn away in time.
 
     Rows are soft, for braking at gamma is not always possible to joints that turn at full speed; what a row then needs
     to stop in time, beyond the 2 gamma that constraints ask for at most, it asks for as well. With gamma = -1 two arms
@@ -66,8 +68,11 @@ class LinkDistance:
 
     Args:
         shapes: `RobotShapes.load(...)` for a robot with itself, its `against(obstacles)` for obstacles.
-        minimum: distance to keep [m], > 0. rows: k; fewer if there are fewer balls. gamma: braking [m/s^2], < 0.
-        period: tick Ts [s]. tolerance, box_tolerance: by how much distances may be too small, see `cover` [m], > 0.
+        minimum: distance to keep [m], > 0.
+        rows: k; fewer if there are fewer balls.
+        gamma: braking [m/s^2], < 0.
+        period: tick Ts [s].
+        tolerance, box_tolerance: by how much distances may be too small, see `cover` [m], > 0.
     """
 
     relative_degree = 2
@@ -95,14 +100,14 @@ class LinkDistance:
         fewest = np.sort(self._table.real.sum(axis=1)[self._table.pair_group])[: self._near].sum()
         self.rows = min(check_count("rows", rows), int(fewest))
         limits = np.concatenate([joint.acceleration_upper_limits() for joint in shapes.parts.joints])
-        self._room = _USABLE * np.where(np.isfinite(limits), limits, 20.0)
-        self.companions = (_SlowDown(self, self._room, self._period),)
+        self._acceleration = _USABLE * np.where(np.isfinite(limits), limits, 20.0)
+        self.companions = (_SlowDown(self, self._acceleration, self._period),)
 
     def evaluate(self, motion: Posture) -> tuple[Array, Array, Array, Array]:
         """(y, y', row, bias) of k balls, in the order of the pairs of shapes."""
         y, rate, row, bias = self.second_derivative(motion)
         # To brake at gamma/f, where that is all the joints can, is to keep f y with gamma.
-        least = _TURN_SHARE * (np.abs(row) @ self._room)
+        least = _TURN_SHARE * (np.abs(row) @ self._acceleration)
         f = self.gamma / np.clip(-least, self.gamma, self.gamma / _HARDEST)
         inside = f * (y + self.margin)
         rate = f * rate
@@ -171,30 +176,31 @@ class LinkDistance:
 class _SlowDown:
     """Joints turn no faster than they could be stopped in front of the minimum, all together and along their path.
 
-    On their path to rest, s = max |v_i|/a_i of their speeds long, y grows by y' s + y''(u = 0) s^2/2, less what half of
-    the accelerations a turn away meanwhile: turn s^2/2. At speeds z^(1/2) times as high y = 0 is not passed while
+    On their path to rest, s = max `|v_i|`/a_i of their speeds long, y grows by y' s + y''(u = 0) s^2/2, less what half
+    of the accelerations a turn away meanwhile: turn s^2/2. At speeds z^(1/2) times as high y = 0 is not passed while
 
         y + (y' s - turn s^2/2) z + y''(u = 0) s^2/2 z^2 <= 0
 
     It binds where a row is short: a fast motion along the other shape curves into it there, with more acceleration than
-    the joints have. Rows (v/|v|) u <= (z^(1/2) - 1) |v|/Ts of the joints that move the two shapes, of the balls that
-    need it most; they give way before the distance itself does, and to be too fast is no violation: y is told as 0.
+    the joints have. Rows (v/`|v|`) u <= (z^(1/2) - 1) `|v|`/Ts of the joints that move the two shapes, of the balls
+    that need it most; they give way before the distance itself does, and to be too fast is no violation: y is reported
+    as 0.
     """
 
     relative_degree = 1
     slack_weight = 1e-2 * LinkDistance.slack_weight
 
     def __init__(self, distance: LinkDistance, acceleration: Array, period: float):
-        self._distance, self._room, self._period = distance, acceleration, period
+        self._distance, self._acceleration, self._period = distance, acceleration, period
         self._count = min(_SLOWEST, distance.rows)
 
     def evaluate(self, motion: Posture) -> tuple[float, float, Array, Array]:
         """(0, 0, row, bias)."""
         y, rate, row, bias = self._distance.second_derivative(motion)
-        speeds, room = motion.v, self._room
-        ahead = max((np.abs(speeds) / room).max(), _TINY)
+        speeds, acceleration = motion.v, self._acceleration
+        ahead = max((np.abs(speeds) / acceleration).max(), _TINY)
         y = np.minimum(y + self._distance.margin, 0.0)
-        slope = rate * ahead - (0.5 * _TURN_SHARE * ahead * ahead) * (np.abs(row) @ room)
+        slope = rate * ahead - (0.5 * _TURN_SHARE * ahead * ahead) * (np.abs(row) @ acceleration)
         bend = bias * (ahead * ahead)
         square = slope * slope - 2.0 * bend * y
         root = np.sqrt(np.maximum(square, 0.0))
@@ -205,6 +211,6 @@ class _SlowDown:
         share = np.sqrt(np.where(square < 0.0, np.inf, reached))
         own = speeds * (row != 0.0)
         speed = np.maximum(np.sqrt((own * own).sum(axis=1)), _TINY)
-        limit = np.clip((np.minimum(share, _FREE) - 1.0) * speed / self._period, -speed / ahead, None)
+        limit = np.clip((np.minimum(share, _NO_LIMIT) - 1.0) * speed / self._period, -speed / ahead, None)
         worst = np.argpartition(limit, self._count - 1)[: self._count]
         return 0.0, 0.0, own[worst] / speed[worst, None], -limit[worst]

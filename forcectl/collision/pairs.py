@@ -33,10 +33,15 @@ _MOVING.reshape(6, 4, 4)[3:, :3, 3] = np.eye(3)
 class NearBalls(NamedTuple):
     """The balls of p pairs of a group and a core; vectors in W unless said otherwise.
 
-    pair: (p,). R: axes of the core in W, (p, 3, 3). x: centres, (p, b, 3) [m]. over: how far x is beside the box, along
-    its axes, negative within, (p, b, 3) [m]. gap: from the box to x, negative inside, (p, b) [m]. normal: unit vector
-    from the box to x, (p, b, 3). w: velocity of x as seen on the core's link, (p, b, 3) [m/s]. distance: between ball
-    and core, infinite for a copy, (p, b) [m].
+    Attributes:
+        pair: (p,).
+        R: axes of the core in W, (p, 3, 3).
+        x: centres, (p, b, 3) [m].
+        over: how far x is beside the box, along its axes, negative within, (p, b, 3) [m].
+        gap: from the box to x, negative inside, (p, b) [m].
+        normal: unit vector from the box to x, (p, b, 3).
+        w: velocity of x as seen on the core's link, (p, b, 3) [m/s].
+        distance: between ball and core, infinite for a copy, (p, b) [m].
     """
 
     pair: Indices
@@ -53,13 +58,23 @@ class PairTable:
     """Groups of balls (g of them, of b balls each, filled up with copies), cores (c), and pairs (p) of the two.
 
     Args:
-        shapes: whose pairs. tolerance, box_tolerance: see `cover` [m].
+        shapes: whose pairs.
+        tolerance, box_tolerance: see `cover` [m].
 
     Attributes:
-        group_link: (g,). balls: centres on the link (g, b, 3) [m]. real: (g, b), not a copy. core_link: (c,). X_LC:
-        (c, 4, 4). half: (c, 3) [m]. core_radius: (c,) [m]. pair_group, pair_core: (p,). pair: which of `shapes.pairs`
-        it is, (p,). on_ball, on_core: links, (p,). moves: 1 for the joints that move the ball and not the core, -1 for
-        those that move the core alone, else 0, (p, n). flat: directions in which the core's box is, (p, 3).
+        group_link: (g,).
+        balls: centres on the link (g, b, 3) [m].
+        real: (g, b), not a copy.
+        core_link: (c,).
+        X_LC: (c, 4, 4).
+        half: (c, 3) [m].
+        core_radius: (c,) [m].
+        pair_group, pair_core: (p,).
+        pair: which of `shapes.pairs` it is, (p,).
+        on_ball, on_core: links, (p,).
+        moves: 1 for the joints that move the ball and not the core, -1 for those that move the core alone, else 0, (p,
+            n).
+        flat: directions in which the core's box is, (p, 3).
 
     Raises:
         BadInputError: no pairs.
@@ -163,7 +178,9 @@ def speed_left(spare: Array, rate: Array, gamma: float) -> Array:
     """How much faster a distance may shrink before braking at gamma comes too late [m/s].
 
     Args:
-        spare: distance above the minimum [m]. rate: of the distance [m/s]. gamma: < 0 [m/s^2].
+        spare: distance above the minimum [m].
+        rate: of the distance [m/s].
+        gamma: < 0 [m/s^2].
     """
     left: Array = np.copysign(np.sqrt(np.abs(spare) * (-2.0 * gamma)), spare) + rate
     return left

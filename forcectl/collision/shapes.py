@@ -1,6 +1,6 @@
 """Collision shapes of a robot, read from its model, in the form in which distances of many pairs are cheap.
 
-Each pair of shapes is made of a *core* and of *balls*:
+Each pair of shapes is made of a *core* and of *balls*::
 
     core    the points within a radius of a box that is fixed on a link; the box may be flat in any direction, so that
             a capsule is the core with the box (0, 0, length/2), a sphere that with (0, 0, 0)
@@ -41,8 +41,12 @@ _ROW = 6  # balls at most
 class Solid:
     """A sphere, capsule or box on a link of the tree.
 
-    name: of the body and the shape. link: see `JointTree`. X_LC: pose of its middle on the link, (4, 4), z along a
-    capsule. half: half the size of the box (3,) [m]. radius: around it [m].
+    Attributes:
+        name: of the body and the shape.
+        link: see `JointTree`.
+        X_LC: pose of its middle on the link, (4, 4), z along a capsule.
+        half: half the size of the box (3,) [m].
+        radius: around it [m].
     """
 
     name: str
@@ -61,7 +65,10 @@ class Solid:
 class Obstacle:
     """Something in the world that is not a part of the robot.
 
-    shape: Drake's `Sphere`, `Capsule` or `Box`. X_WO: its pose. name: for messages.
+    Attributes:
+        shape: Drake's `Sphere`, `Capsule` or `Box`.
+        X_WO: its pose.
+        name: for messages.
     """
 
     shape: Shape
@@ -122,7 +129,10 @@ class RobotShapes:
     """The collision shapes of a robot with its tools, and the pairs of them that Drake would check.
 
     Args:
-        tree: of the plant whose link a shape is on. parts: of the robot. solids: its shapes. pairs: of solids.
+        tree: of the plant whose link a shape is on.
+        parts: of the robot.
+        solids: its shapes.
+        pairs: of solids.
 
     Attributes: as the arguments.
     """

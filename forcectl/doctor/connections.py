@@ -1,4 +1,4 @@
-"""Ports that nobody feeds, and ports that nobody reads."""
+"""Inputs that are not connected, and outputs that are not used."""
 
 from __future__ import annotations
 

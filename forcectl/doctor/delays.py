@@ -1,4 +1,4 @@
-"""Delays that nobody declared, that differ from what was declared, or from what is expected."""
+"""Delays that were not declared, that differ from what was declared, or from what is expected."""
 
 from __future__ import annotations
 

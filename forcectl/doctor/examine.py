@@ -43,8 +43,8 @@ def examine(
 
     Args:
         system: any Diagram or LeafSystem.
-        sensor: where the delay table begins: an output ("station.measured_force", or ("station", "measured_force"))
-            or an input of a block (then the block's own delay counts). Default: the output called `measured_force`.
+        sensor: where the delay table begins: an output ("station.measured_force", or ("station", "measured_force")) or
+            an input of a block (then the block's own delay counts). Default: the output called `measured_force`.
         command: where the delay table ends. Default: one of `inspect.delay.COMMANDS`.
         expected_delay: the delay that the way from `sensor` to `command` should have [s]; another one is an error.
         scheme: integration scheme it is to be simulated with, by Drake's name, or a simulator that has one.
@@ -75,8 +75,8 @@ def examine(
 def examine_builder(builder: DiagramBuilder) -> Report:
     """Examine what has been added to a builder so far, before `Build()`, which refuses algebraic loops.
 
-    Reports wiring, loops and feedthrough. Unused outputs, timing and delays need the built diagram: a builder does
-    not tell which outputs it exports.
+    Reports wiring, loops and feedthrough. Unused outputs, timing and delays need the built diagram: a builder does not
+    say which outputs it exports.
 
     Raises:
         BadInputError: the builder has already built its diagram.

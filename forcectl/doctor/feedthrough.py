@@ -1,4 +1,4 @@
-"""Outputs that never said what they depend on."""
+"""Outputs without declared prerequisites."""
 
 from __future__ import annotations
 

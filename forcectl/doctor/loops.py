@@ -57,7 +57,7 @@ def _loops(wiring: Wiring) -> Iterator[list[tuple[PortAddress, PortAddress]]]:
 
 
 def build(builder: DiagramBuilder) -> Diagram:
-    """`builder.Build()`, where an algebraic loop is told as a path.
+    """`builder.Build()`, where an algebraic loop is reported as a path.
 
     Raises:
         BadInputError: the diagram has an algebraic loop.

@@ -1,11 +1,11 @@
-"""Environment compliance by exponentially weighted recursive least squares (EWRLS).
+"""Environment compliance by exponentially weighted recursive least squares (EWRLS)::
 
     z = phi C_E,    z = -dx - C_R_hat F,    phi = F                                                    (2.10)*
     k = P phi/(mu + phi P phi),    C_E += k (z - phi C_E),    P = (P - k phi P)/mu
 
 The product form never divides by the force, which (2.10) as printed does. The displacement must be the actual
-motor-side
-one, seen through the same filter as the force: otherwise the force lags it and every transient biases the estimate.
+motor-side one, seen through the same filter as the force: otherwise the force lags it and every transient biases the
+estimate.
 """
 
 from __future__ import annotations
@@ -17,14 +17,20 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
-from forcectl.framework.batch import BatchParameter, Lane, LaneBlock, check, check_order, lane_values
+from forcectl.framework.batch import BatchBlock, BatchParameter, BatchValue, batch_values, check, check_order
 
 
-def ewrls_step(estimate: Lane, covariance: Lane, target: Lane, regressor: Lane, forgetting: Lane) -> tuple[Lane, Lane]:
+def ewrls_step(
+    estimate: BatchValue, covariance: BatchValue, target: BatchValue, regressor: BatchValue, forgetting: BatchValue
+) -> tuple[BatchValue, BatchValue]:
     """One update of a scalar EWRLS estimate.
 
     Args:
-        estimate: theta. covariance: P. target: z. regressor: phi. forgetting: mu, 0 < mu <= 1.
+        estimate: theta.
+        covariance: P.
+        target: z.
+        regressor: phi.
+        forgetting: mu, 0 < mu <= 1.
 
     Returns:
         theta and P after the sample.
@@ -33,7 +39,7 @@ def ewrls_step(estimate: Lane, covariance: Lane, target: Lane, regressor: Lane, 
     return estimate + gain * (target - regressor * estimate), (covariance - gain * regressor * covariance) / forgetting
 
 
-class EnvironmentComplianceEstimator(LaneBlock):
+class EnvironmentComplianceEstimator(BatchBlock):
     """EWRLS estimate of the environment compliance of n contacts.
 
     ```
@@ -57,9 +63,9 @@ class EnvironmentComplianceEstimator(LaneBlock):
     Sampling: every `period` [s]; the outputs change one tick after the samples they use.
 
     Args:
-        initial_compliance: C_E_hat at the start [m/N], > 0. initial_covariance: P_0 [1/N^2], > 0: not given by the
-            thesis
-            and decisive; 1e-6 reproduces its settling (targets, section 4).
+        initial_compliance: C_E_hat at the start [m/N], > 0.
+        initial_covariance: P_0 [1/N^2], > 0: not given by the thesis and decisive; 1e-6 reproduces its settling
+            (targets, section 4).
     """
 
     def __init__(
@@ -91,10 +97,10 @@ class EnvironmentComplianceEstimator(LaneBlock):
         self._force = self.DeclareVectorInputPort("measured_force", size)
         self._displacement = self.DeclareVectorInputPort("displacement", size)
         self._estimate = self.DeclareDiscreteState(
-            lane_values("initial_compliance", initial_compliance, size, "positive and finite")
+            batch_values("initial_compliance", initial_compliance, size, "positive and finite")
         )
         self._covariance = self.DeclareDiscreteState(
-            lane_values("initial_covariance", initial_covariance, size, "positive and finite")
+            batch_values("initial_covariance", initial_covariance, size, "positive and finite")
         )
         reads: Any = {self.discrete_state_ticket(self._estimate), self.all_parameters_ticket()}
         self.DeclareVectorOutputPort("environment_compliance", size, self._environment, prerequisites_of_calc=reads)
@@ -107,20 +113,20 @@ class EnvironmentComplianceEstimator(LaneBlock):
 
     def _update(self, context: Context, next_state: DiscreteValues) -> None:
         mu, robot, _, minimum, _, _ = self._values.Eval(context)
-        force = self.lane(self._force.Eval(context))
-        target = -self.lane(self._displacement.Eval(context)) - robot * force
-        old = self.lane(context.get_discrete_state(self._estimate).value())
-        old_covariance = self.lane(context.get_discrete_state(self._covariance).value())
+        force = self.batch_value(self._force.Eval(context))
+        target = -self.batch_value(self._displacement.Eval(context)) - robot * force
+        old = self.batch_value(context.get_discrete_state(self._estimate).value())
+        old_covariance = self.batch_value(context.get_discrete_state(self._covariance).value())
         new, covariance = ewrls_step(old, old_covariance, target, force, mu)
         # Infinity minus infinity is not a number, so one comparison catches both NaN and overflow.
         learn = (abs(force) >= minimum) & (new - new == 0) & (covariance - covariance == 0)
         next_state.set_value(self._estimate, self.stack(self.math.where(learn, new, old)))
         next_state.set_value(self._covariance, self.stack(self.math.where(learn, covariance, old_covariance)))
 
-    def _bounded(self, context: Context) -> Lane:
+    def _bounded(self, context: Context) -> BatchValue:
         *_, lower, upper = self._values.Eval(context)
         return self.math.minimum(
-            self.math.maximum(self.lane(context.get_discrete_state(self._estimate).value()), lower), upper
+            self.math.maximum(self.batch_value(context.get_discrete_state(self._estimate).value()), lower), upper
         )
 
     def _environment(self, context: Context, output: BasicVector) -> None:

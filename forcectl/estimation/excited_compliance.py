@@ -1,13 +1,13 @@
-"""Compliance of the environment from how the force answers its reference: EWRLS with an instrument, for any surface.
+"""Compliance of the environment from how the force answers its reference: EWRLS with an instrument, for any surface::
 
-    x = -dx - C_R_hat F = C_E F - h                       (2.10) with the height h of the surface, which nobody knows
+    x = -dx - C_R_hat F = C_E F - h                       (2.10) with the unknown height h of the surface
     F_M = M(z) F_bar                                      what the force is meant to be, the instrument
     k = P z/(R + z P z),    C_E += k (x - F C_E),    P -= k z P,    P += (Ts/T) (C_E^2 - P)
 
 Surface and friction move force and displacement together, in the ratio of the controller and not of the contact: least
-squares with F as regressor would believe them. F_M knows nothing of either. x, F and z = F_M pass the same high-pass
+squares with F as regressor would be biased by them. F_M contains neither. x, F and z = F_M pass the same high-pass
 w_h s/(s + w_h), so that slopes, the bending of the robot and an error of C_R in the weight of the tool drop out. The
-forgetting is bounded: in the time T without information P goes back to what is believed at first, C_E within 100 %.
+forgetting is bounded: in the time T without information P returns to its initial value, C_E within 100 %.
 dx is measured at the motors, behind friction and delay of the drives, and filtered like the force: x follows F at once.
 """
 
@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
 from forcectl.errors import invalid
-from forcectl.framework.batch import BatchParameter, Lane, check, lane_values
+from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check
 from forcectl.framework.sampled_block import Memory, SampledBatch
 
 # C_E, P, what is put out, whether it learns, time until it may, F_M; x, F and z, then the last x, F and F_M.
@@ -38,7 +38,7 @@ class ExcitedCompliance(SampledBatch):
     input_ports: [desired_force, measured_force, displacement]
     output_ports: [environment_compliance, learning]
     parameters: [bandwidth, drift_bandwidth, robot_compliance, surface_deviation, memory, minimum_excitation,
-        minimum_force, largest_change, range, rate]
+    minimum_force, largest_change, range, rate]
     ```
 
     desired_force, measured_force: shape (n,) [N].
@@ -81,7 +81,7 @@ class ExcitedCompliance(SampledBatch):
         period: float = 0.002,
     ):
         self._period = check("period", period, "positive")
-        self._first = lane_values("initial_compliance", initial_compliance, size, "positive and finite")
+        self._first = batch_values("initial_compliance", initial_compliance, size, "positive and finite")
         super().__init__(
             size,
             {
@@ -113,17 +113,17 @@ class ExcitedCompliance(SampledBatch):
         if not (values["range"] >= 1).all():
             raise invalid("range", values["range"].tolist(), "at least 1")
 
-    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+    def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:
         """Per tick: 1 - A, decay of the high-pass, C_R, R, forgetting, guards, bounds, change and time to wait."""
         w, w_h, robot, deviation, memory, excitation, force, change, span, rate = values
-        first, period = self.lane(self._first), self._period
+        first, period = self.batch_value(self._first), self._period
         noise = deviation**2 / (w_h * period)  # what the surface adds stays for 1/w_h
         return (
             *(w * period, 1 - w_h * period, robot, noise, self.math.minimum(period / memory, 1.0)),
             *(excitation, force, change, first / span, first * span, rate * period, 1 / w_h),
         )
 
-    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
         """One sample."""
         m = self.math
         approach, decay, robot, noise, forgetting, *guards = self.values(context)

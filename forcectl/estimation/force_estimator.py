@@ -31,16 +31,16 @@ class ForceEstimator(Diagram):
     name: ForceEstimator
     input_ports: [joint_position, joint_velocity, motor_torque]
     output_ports: [estimated_torque, estimated_wrench (optional), estimated_local_wrench (optional), residual,
-      reading_ok, near_singular]
+    reading_ok, near_singular]
     ```
 
     joint_position, joint_velocity, motor_torque: shape (n,), readings of the tick [rad, rad/s, Nm].
     estimated_torque: shape (n,), external joint torques beyond the threshold of the friction [Nm].
     estimated_wrench: shape (6a,), of the environment on the robot at each TCP in the world, [torque; force] [Nm, N].
     estimated_local_wrench: shape (6a,), the same in the axes of other frames [Nm, N]; the port exists instead when
-        `local`.
+    `local`.
     residual: shape (n,), r [Nm]. reading_ok: shape (n,) [1]. near_singular: shape (a,), 1 where a direction is damped
-        [1]. All outputs are feedthrough of all inputs at the tick.
+    [1]. All outputs are feedthrough of all inputs at the tick.
 
     Sampling: every `period` [s]; no delay. Speeds that are filtered make the estimate as late as they are.
 
@@ -95,7 +95,7 @@ class ForceEstimator(Diagram):
 class ForceEstimatorConfig(Config):
     """Scenario part `!ForceEstimator`: momentum observer and wrench estimates.
 
-    It knows the exact dynamics, and `friction_scale` times the friction that the joints have. The threshold (5.3)* is
+    It uses the exact dynamics, and `friction_scale` times the friction that the joints have. The threshold (5.3)* is
     given in shares of Coulomb's friction of each joint.
     """
 
@@ -147,7 +147,7 @@ class ForceEstimatorConfig(Config):
                 joints=arm.joints,
                 moment=self.moment,
                 smallest=self.smallest_singular_value,
-                length=robot.facts.characteristic_length,
+                length=robot.parameters.characteristic_length,
                 period=model.period,
             )
             for name, arm in robot.parts.arms.items()

@@ -1,15 +1,15 @@
-"""External joint torques from the generalized momentum, without accelerations and without a force sensor.
+"""External joint torques from the generalized momentum, without accelerations and without a force sensor::
 
     p = B(q) q',   p' = C'q' + tau_g - tau_F + tau + tau_ext                                           (5.4), (5.5)
     r = K_R [p - p(0) - int (tau + C'q' + tau_g - tau_F + r) dt],   so   r' = K_R (tau_ext - r)        (5.6)*, (5.7)
 
 tau_g is gravity as a force on the right-hand side. (5.6) is printed without p(0): its residual would start at K_R p(0).
 
-Sampled, the balance over a tick gives the mean external torque d in it, and (5.7) has an exact step for a mean:
+Sampled, the balance over a tick gives the mean external torque d in it, and (5.7) has an exact step for a mean::
 
     d_k = (p_k - p_{k-1} - int tau dt)/T - mean(C'q' + tau_g - tau_F),   r_k = r_{k-1} + (1 - e^{-K_R T})(d_k - r_{k-1})
 
-This is (5.6)* itself, differenced: nothing integrates for ever, p(0) is the first sample, and a lost sample makes T
+This is (5.6)* itself, differenced: no sum grows without end, p(0) is the first sample, and a lost sample makes T
 longer. The motor torque is the mean over each tick, as the robot measures it at the rate of its drives: torque sampled
 at the tick is off by 10-15 % of every transient.
 
@@ -28,7 +28,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError
-from forcectl.framework.batch import BatchParameter, check, lane_values
+from forcectl.framework.batch import BatchParameter, batch_values, check
 from forcectl.framework.cache import scratch
 from forcectl.framework.kernels import all_finite, largest, smallest
 from forcectl.framework.sampled_block import Memory, SampledBatch
@@ -61,7 +61,7 @@ def dead_band(residual: Array, threshold: Array) -> Array:
 
 
 class MomentumObserver(SampledBatch):
-    """External joint torques of n joints by the momentum observer (5.6)*, less what may be friction (5.3)*.
+    """External joint torques of n joints by the momentum observer (5.6)*, minus what may be friction (5.3)*.
 
     ```
     name: MomentumObserver
@@ -76,7 +76,7 @@ class MomentumObserver(SampledBatch):
     external_torque: shape (n,), the residual beyond the threshold of the friction [Nm].
     residual: shape (n,), r [Nm].
     reading_ok: shape (n,), 1 for a joint whose readings of this tick were used, else 0 [1].
-        All outputs are feedthrough of all inputs at the tick, and held.
+    All outputs are feedthrough of all inputs at the tick, and held.
 
     Parameters (Context, shape (n,)): gain K_R [1/s] > 0; offset tau_O [Nm], coulomb tau_C [Nm] >= 0, viscous_forward
     and viscous_backward D+, D- [Nms/rad] >= 0 of the friction (5.2); move and still [Nm] >= 0 of the threshold; limit
@@ -84,20 +84,23 @@ class MomentumObserver(SampledBatch):
 
     Bad readings never enter the residual: it is held, and what happened meanwhile is caught up on with the next good
     sample (the mean over the gap) or, after more than `longest_gap`, left out. Bad readings are
+
     - a number that is not finite: `reading_ok` is 0 for its joint;
     - a frozen encoder: a position that repeats bit for bit while the joint moves faster than `frozen_speed` (where
       speeds are differentiated: moved, in the tick before), and from then on until it changes, and 10/w_v longer where
       the speeds are differentiated: they jump when it does; `reading_ok` is 0 for its joint;
     - a speed that changes faster than `largest_acceleration`: `reading_ok` is 0 for its joint, and as long;
     - a lost sample: positions, speeds and torques all repeat bit for bit, though a joint moves; `reading_ok` is 0 for
-      all joints. Beyond `longest_gap` such readings are believed, once per gap.
+      all joints. Beyond `longest_gap` such readings are accepted, once per gap.
+
     Of a tick whose torque is lost it is taken to be between those before and after.
 
     Sampling: every `period` [s]; no delay from motor_torque to residual, see `SampledBlock`. The first tick
     only starts it.
 
     Args:
-        model: momentum terms of the n joints. friction: of (5.2), zero when None.
+        model: momentum terms of the n joints.
+        friction: of (5.2), zero when None.
         velocity_bandwidth: w_v of the first-order filter behind speeds differentiated from the positions of the ticks
             [rad/s]; None: the speeds are those of the tick.
     """
@@ -141,10 +144,10 @@ class MomentumObserver(SampledBatch):
         self._model = model
         self._lag = None if velocity_bandwidth is None else check("velocity_bandwidth", velocity_bandwidth, "positive")
         self._settle = 0.0 if self._lag is None else 10.0 / self._lag
-        self._jump = lane_values("largest_acceleration", largest_acceleration, n, "positive")
+        self._jump = batch_values("largest_acceleration", largest_acceleration, n, "positive")
         self._jumps = bool(np.isfinite(self._jump).any())
         self._good, self._nothing, self._span = np.ones(n), np.zeros(n), np.array(self._period)
-        self._frozen_speed = lane_values("frozen_speed", frozen_speed, n, "positive")
+        self._frozen_speed = batch_values("frozen_speed", frozen_speed, n, "positive")
         # Ticks are not exact; and without any gap there is still the tick itself.
         self._longest = max(check("longest_gap", longest_gap, "not negative"), period) + 0.5 * period
         self.sample_delay = {("motor_torque", "external_torque"): 0.0}

@@ -1,7 +1,7 @@
 """Recursive VRFT: the gains of a PID force controller from the data of an experiment, sample by sample (Sec. 4.5).
 
 The controller whose closed loop is M(z) = (1 - A) z^-1/(1 - A z^-1), A = 1 - Ts w_c, would have seen the virtual error
-e_v = (M^-1 - 1) y [N] and answered with the recorded u [m]. Least squares over K_P, K_I Ts and K_D/Ts of (4.20):
+e_v = (M^-1 - 1) y [N] and answered with the recorded u [m]. Least squares over K_P, K_I Ts and K_D/Ts of (4.20)::
 
     phi[k] = F(z) [y - y z^-1, y, y - 2 y z^-1 + y z^-2]/(1 - A),    target F(z) u[k-1]                (4.27)*
     F = 1 (Sec. 4.5),    or L = M (1 - M), which weighs the samples as the closed loop does (Sec. 4.2)
@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
 from forcectl.errors import invalid
-from forcectl.framework.batch import SCALAR_MATH, BatchParameter, Lane, check, lane_values
+from forcectl.framework.batch import SCALAR_MATH, BatchParameter, BatchValue, batch_values, check
 from forcectl.framework.sampled_block import Memory, SampledBatch
 
 GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
@@ -30,13 +30,16 @@ _DATA = 11  # numbers that `regressor_step` remembers
 
 
 def regressor_step(
-    memory: Sequence[Lane], u: Lane, y: Lane, decay: Lane, prefilter: bool, m: Any = np
-) -> tuple[tuple[Lane, Lane, Lane], Lane, Lane, list[Lane]]:
+    memory: Sequence[BatchValue], u: BatchValue, y: BatchValue, decay: BatchValue, prefilter: bool, m: Any = np
+) -> tuple[tuple[BatchValue, BatchValue, BatchValue], BatchValue, BatchValue, list[BatchValue]]:
     """One sample of the data in regressor form.
 
     Args:
-        memory: `_DATA` lanes, zero before the first sample. u: u_hat at this tick [m]. y: force at this tick [N].
-        decay: A. prefilter: F = M (1 - M) instead of 1.
+        memory: `_DATA` batch values, zero before the first sample.
+        u: u_hat at this tick [m].
+        y: force at this tick [N].
+        decay: A.
+        prefilter: F = M (1 - M) instead of 1.
 
     Returns:
         phi, target, whether to learn from them, and the memory.
@@ -58,7 +61,7 @@ def regressor_step(
     return phi, target, learn, [started, rest_u, rest_y, wait, y, slope_y, s, s - s1, u, slope_u, t]
 
 
-def rounded(value: Lane, quantum: Lane, m: Any = np) -> Lane:
+def rounded(value: BatchValue, quantum: BatchValue, m: Any = np) -> BatchValue:
     """`value` rounded to whole quanta; as it is where there is no quantum."""
     exists = quantum > 0
     size = m.where(exists, quantum, 1.0)
@@ -66,18 +69,22 @@ def rounded(value: Lane, quantum: Lane, m: Any = np) -> Lane:
 
 
 def rls_step(
-    theta: Sequence[Lane],
-    diagonal: Sequence[Lane],
-    upper: Sequence[Lane],
-    phi: Sequence[Lane],
-    target: Lane,
-    forgetting: Lane,
-) -> tuple[list[Lane], list[Lane], list[Lane]]:
+    theta: Sequence[BatchValue],
+    diagonal: Sequence[BatchValue],
+    upper: Sequence[BatchValue],
+    phi: Sequence[BatchValue],
+    target: BatchValue,
+    forgetting: BatchValue,
+) -> tuple[list[BatchValue], list[BatchValue], list[BatchValue]]:
     """One update of recursive least squares (4.19) with three parameters, in Bierman's form.
 
     Args:
-        theta: estimate (3). diagonal: of D (3). upper: U above its diagonal of ones (3), row by row.
-        phi: regressor (3). target: scalar. forgetting: lambda, 0 < lambda <= 1.
+        theta: estimate (3).
+        diagonal: of D (3).
+        upper: U above its diagonal of ones (3), row by row.
+        phi: regressor (3).
+        target: scalar.
+        forgetting: lambda, 0 < lambda <= 1.
 
     Returns:
         theta, D and U after the sample; P = U D U'.
@@ -115,8 +122,11 @@ def recursive_vrft(
     """Gains after each sample of a recorded experiment.
 
     Args:
-        u: u_hat (k,) [m]. y: force (k,) [N]; the first sample of both at rest. bandwidth: w_c of M [rad/s].
-        period: Ts [s]. initial_covariance: P_0 = this times the identity. The rest: see `RecursiveVrft`.
+        u: u_hat (k,) [m].
+        y: force (k,) [N]; the first sample of both at rest.
+        bandwidth: w_c of M [rad/s].
+        period: Ts [s].
+        initial_covariance: P_0 = this times the identity. The rest: see `RecursiveVrft`.
 
     Returns:
         K_P, K_I, K_D [m/N, m/(N s), m s/N], shape (k, 3).
@@ -143,9 +153,9 @@ class RecursiveVrft(SampledBatch):
 
     controller_output: shape (n,), u_hat as commanded [m]. measured_force: shape (n,) [N].
     mode: shape (n,) [1]; samples count while it is below 0.5 (`EXCITE`). The port does not exist with `always`; force
-        and displacement are then counted from zero, not from the first sample.
+    and displacement are then counted from zero, not from the first sample.
     proportional_gain, integral_gain, derivative_gain: shape (n,), K_P, K_I, K_D [m/N, m/(N s), m s/N];
-        `initial_gains` before the first sample. State, no direct feedthrough.
+    `initial_gains` before the first sample. State, no direct feedthrough.
 
     Parameters (Context, shape (n,)): bandwidth w_c [rad/s] > 0 of the reference model, below 1/period; forgetting in
     (0, 1], 1 for a surface that does not change; resolution [N] >= 0 that the force is rounded to before it is used, as
@@ -159,9 +169,10 @@ class RecursiveVrft(SampledBatch):
     Sampling: every `period` [s]; the outputs change one tick after the samples they use.
 
     Args:
-        prefilter: weigh with M (1 - M); without it, noise biases K_P. initial_covariance: P_0 is this times the
-            identity, > 0, for the gains K_P, K_I Ts, K_D/Ts and the data as in (4.27). initial_gains: K_P, K_I, K_D,
-            each a number or shape (n,).
+        prefilter: weigh with M (1 - M); without it, noise biases K_P.
+        initial_covariance: P_0 is this times the identity, > 0, for the gains K_P, K_I Ts, K_D/Ts and the data as in
+            (4.27).
+        initial_gains: K_P, K_I, K_D, each a number or shape (n,).
     """
 
     port_units = {"proportional_gain": "m/N", "integral_gain": "m/(N s)", "derivative_gain": "m s/N"}
@@ -183,9 +194,9 @@ class RecursiveVrft(SampledBatch):
         period: float = 0.002,
     ):
         self._period = check("period", period, "positive")
-        self._highest = lane_values("initial_covariance", initial_covariance, size, "positive and finite")
+        self._highest = batch_values("initial_covariance", initial_covariance, size, "positive and finite")
         units = zip(initial_gains, (1.0, period, 1.0 / period), strict=True)
-        self._first = [lane_values("initial_gains", value, size) * unit for value, unit in units]
+        self._first = [batch_values("initial_gains", value, size) * unit for value, unit in units]
         super().__init__(
             size,
             {
@@ -214,15 +225,23 @@ class RecursiveVrft(SampledBatch):
         for i, (name, unit) in enumerate(zip(GAINS, (1.0, 1.0 / period, period), strict=True)):
             self.show_held(name, "theta", i, unit)
 
-    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+    def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:
         """(A, forgetting, resolution, least force and rate, bounds of K_P and K_I Ts or None, P_0)."""
         m = self.math
         bandwidth, forgetting, resolution, force, rate, span = values
         bounds = None
         if np.all(np.isfinite(span)):
-            first = [self.lane(gain) for gain in self._first[:2]]
+            first = [self.batch_value(gain) for gain in self._first[:2]]
             bounds = [(m.minimum(g / span, g * span), m.maximum(g / span, g * span)) for g in first]
-        return 1.0 - self._period * bandwidth, forgetting, resolution, force, rate, bounds, self.lane(self._highest)
+        return (
+            1.0 - self._period * bandwidth,
+            forgetting,
+            resolution,
+            force,
+            rate,
+            bounds,
+            self.batch_value(self._highest),
+        )
 
     def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
         """The reference model is stable and does not alternate."""

@@ -38,7 +38,8 @@ def wrench_from_torques(jacobian: Array, torque: Array, *, smallest: float, leng
 
     Args:
         jacobian: of the frame, rows [rotation; translation] or translation alone, shape (6, n) or (3, n) [1; m].
-        torque: external joint torques, shape (n,) [Nm]. smallest: e, singular value below which is damped [1].
+        torque: external joint torques, shape (n,) [Nm].
+        smallest: e, singular value below which is damped [1].
         length: that translations are divided by [m].
 
     Returns:
@@ -71,9 +72,9 @@ class WrenchEstimator(LeafSystem):
 
     external_torque: shape (n,), from a `MomentumObserver` [Nm]. joint_position: shape (n,) [rad].
     tare: shape (1,) [1], may be left unconnected. Above 0.5 the wrench is zero and r_0 becomes the mean torque of the
-        ticks since it rose; below -0.5 r_0 is forgotten, zero.
+    ticks since it rose; below -0.5 r_0 is forgotten, zero.
     wrench: shape (6,), of the environment on the robot at the origin of `frame`, [torque; force] in `expressed_in`
-        [Nm, N]. near_singular: shape (1,), 1 while a direction is damped, else 0 [1].
+    [Nm, N]. near_singular: shape (1,), 1 while a direction is damped, else 0 [1].
     All outputs are feedthrough of all inputs at the tick.
 
     Torques or positions that are not finite hold the wrench of the last tick.
@@ -81,10 +82,13 @@ class WrenchEstimator(LeafSystem):
     Sampling: every `period` [s] what is held and the mean for r_0; no delay.
 
     Args:
-        model: the n joints. frame: where the wrench acts. expressed_in: any frame of the same plant; world when None.
+        model: the n joints.
+        frame: where the wrench acts.
+        expressed_in: any frame of the same plant; world when None.
         joints: of the n, those that move the frame; all by default. The torques of the others are left alone.
         moment: False if only a force acts at the frame: then the torque is zero and the force has less noise.
-        smallest: e [1]. length: of the arm, that translations are divided by [m].
+        smallest: e [1].
+        length: of the arm, that translations are divided by [m].
     """
 
     optional_inputs = ("tare",)

@@ -54,8 +54,8 @@ def force_figure(log: Any, title: str = "") -> Figure:
 
 
 def error_figure(log: Any, title: str = "") -> Figure:
-    """Measured force less reference model of every variant over time."""
-    figure, axes = _new(title, "force less reference model [N]")
+    """Measured force minus reference model of every variant over time."""
+    figure, axes = _new(title, "force minus reference model [N]")
     axes.axhline(0.0, color=_REFERENCE, lw=1.0, zorder=1)
     for (colour, dashes), (name, one) in zip(_styles(log), _variants(log), strict=True):
         axes.plot(one["time"], one["measured_force"] - one["model_force"], color=colour, ls=dashes, lw=1.6, label=name)

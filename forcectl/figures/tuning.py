@@ -18,7 +18,9 @@ def experiment_figure(time: Array, displacement: Array, force: Array, model_forc
     """The record over time, displacement above and force below, with what the plant model makes of the displacement.
 
     Args:
-        time: (k,) [s]. displacement: (k,) [m]. force, model_force: (k,) [N].
+        time: (k,) [s].
+        displacement: (k,) [m].
+        force, model_force: (k,) [N].
     """
     figure = Figure(figsize=(8.0, 5.0), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True)
@@ -40,7 +42,8 @@ def prediction_figure(time: Array, predicted: Array, model: Array, title: str = 
     """Force of the tuned loop as predicted, and of the reference model, for a step of the reference.
 
     Args:
-        time: (k,) [s]. predicted, model: (k,) [N]; the prediction may end in NaN.
+        time: (k,) [s].
+        predicted, model: (k,) [N]; the prediction may end in NaN.
     """
     figure = Figure(figsize=(8.0, 5.0), layout="constrained")
     above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))

@@ -10,7 +10,6 @@ from forcectl.force.integral import IntegralConfig as IntegralConfig
 from forcectl.force.integral import IntegralForceLaw as IntegralForceLaw
 from forcectl.force.integral import LinearIntegralForceLaw as LinearIntegralForceLaw
 from forcectl.force.invariance.controller import InvarianceController as InvarianceController
-from forcectl.force.invariance.controller import InvarianceDiagnostics as InvarianceDiagnostics
 from forcectl.force.invariance.correction import AdaptiveInvarianceControlConfig as AdaptiveInvarianceControlConfig
 from forcectl.force.invariance.correction import InvarianceControl as InvarianceControl
 from forcectl.force.invariance.correction import InvarianceControlConfig as InvarianceControlConfig
@@ -33,15 +32,14 @@ from forcectl.force.invariance.predictive import PredictiveInvarianceConfig as P
 from forcectl.force.invariance.regulated_output import RegulatedCoordinate as RegulatedCoordinate
 from forcectl.force.invariance.regulated_output import regulate_force as regulate_force
 from forcectl.force.invariance.robot import AdaptiveInvarianceController as AdaptiveInvarianceController
-from forcectl.force.invariance.robot import ConstraintConfig as ConstraintConfig
 from forcectl.force.invariance.robot import InvarianceRobotConfig as InvarianceRobotConfig
 from forcectl.force.invariance.robot import JointLimitConfig as JointLimitConfig
 from forcectl.force.invariance.robot import OutputConfig as OutputConfig
-from forcectl.force.invariance.robot import WallConfig as WallConfig
 from forcectl.force.invariance.tracking import Tracking as Tracking
 from forcectl.force.kinematic_inversion import ConstantKinematicInversion as ConstantKinematicInversion
 from forcectl.force.kinematic_inversion import KinematicInversion as KinematicInversion
 from forcectl.force.kinematic_inversion import joint_direction as joint_direction
+from forcectl.force.law import ForceLaw as ForceLaw
 from forcectl.force.linear_law import LinearForceLaw as LinearForceLaw
 from forcectl.force.linear_law import VrftConfig as VrftConfig
 from forcectl.force.per_arm import PerArm as PerArm

@@ -1,4 +1,4 @@
-"""Implicit integral force control.
+"""Implicit integral force control::
 
     dx_bar[k] = dx_bar[k-1] - C_T_hat K_I Ts e(F_bar - F[k])                                          (2.11)*
 
@@ -17,23 +17,27 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LinearSystem, Multiplexer
 
 from forcectl.force.law import ForceLaw
-from forcectl.framework.batch import BatchParameter, Lane, check, lane_values
+from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory
 from forcectl.plant.plant_model import PlantModel
 
 
-def dead_zone(error: Lane, width: Lane, m: Any = np) -> Lane:
+def dead_zone(error: BatchValue, width: BatchValue, m: Any = np) -> BatchValue:
     """The part of `error` [N] beyond +-width [N]."""
     return m.copysign(m.maximum(abs(error) - width, 0.0), error)
 
 
-def integral_step(command: Lane, error: Lane, gain: Lane, lower: Lane, upper: Lane, m: Any = np) -> Lane:
+def integral_step(
+    command: BatchValue, error: BatchValue, gain: BatchValue, lower: BatchValue, upper: BatchValue, m: Any = np
+) -> BatchValue:
     """One tick of the integral law.
 
     Args:
-        command: last displacement command dx_bar [m]. error: F_bar - F after the dead zone [N].
-        gain: C_T_hat K_I Ts [m/N]. lower, upper: limits of the command [m].
+        command: last displacement command dx_bar [m].
+        error: F_bar - F after the dead zone [N].
+        gain: C_T_hat K_I Ts [m/N].
+        lower, upper: limits of the command [m].
     """
     return m.minimum(m.maximum(command - gain * error, lower), upper)
 
@@ -79,12 +83,12 @@ class IntegralForceLaw(ForceLaw):
             size, parameters, {}, period, lower_limit=lower_limit, upper_limit=upper_limit, compliance=compliance
         )
 
-    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+    def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:
         """(K_I Ts [C_T_hat], dead zone, limits)."""
         gain, width, lower, upper, *compliance = values
         return gain * self._period * (compliance[0] if compliance else 1.0), width, lower, upper
 
-    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
         """One tick of the law."""
         last = memory["displacement_command"]
         gain, width, lower, upper = self.values(context)
@@ -112,8 +116,8 @@ class LinearIntegralForceLaw(Diagram):
 
     def __init__(self, size: int, *, integral_gain: ArrayLike, compliance: ArrayLike, period: float = 0.002):
         super().__init__()
-        gain = lane_values("integral_gain", integral_gain, size, "not negative")
-        gain = gain * lane_values("compliance", compliance, size, "positive") * check("period", period, "positive")
+        gain = batch_values("integral_gain", integral_gain, size, "not negative")
+        gain = gain * batch_values("compliance", compliance, size, "positive") * check("period", period, "positive")
         builder = DiagramBuilder()
         both = builder.AddNamedSystem("forces", Multiplexer([size, size]))
         eye, step = np.eye(size), np.hstack([np.diag(-gain), np.diag(gain)])
@@ -140,7 +144,7 @@ class IntegralConfig(Config):
         return self.integral_gain
 
     def law(self, model: PlantModel, compliance: ArrayLike | None, *, limited: bool = True) -> IntegralForceLaw:
-        """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
+        """The block whose model has this total compliance [m/N], or a port for it (None)."""
         return IntegralForceLaw(
             model.size,
             integral_gain=self.integral_gain,
@@ -156,7 +160,7 @@ class IntegralConfig(Config):
 
         Args:
             model: of the plant.
-            believes: whether it believes in `compliance_error` times the total compliance; else that is a port.
+            believes: whether its model has `compliance_error` times the total compliance; else that is a port.
         """
         return self.law(model, self.compliance_error * model.total_compliance if believes else None, limited=False)
 
@@ -170,5 +174,5 @@ class IntegralConfig(Config):
         )
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> IntegralForceLaw:
-        """Add the law; it believes in `compliance_error` times the true total compliance."""
+        """Add the law; its model has `compliance_error` times the true total compliance."""
         return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))

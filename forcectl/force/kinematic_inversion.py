@@ -2,7 +2,7 @@
 
     q_bar = q_0 + J(q)^-1 n dx_bar + dq_uc                                                     (2.9), (2.12)
 
-Near a singularity the joint motion per metre |J^-1 n| grows without bound; beyond a limit the inverse is damped,
+Near a singularity the joint motion per metre `|J^-1 n|` grows without bound; beyond a limit the inverse is damped::
 
     J^-1 n  ->  J' (J J' + lambda^2 I)^-1 n,     lambda^2 = lambda_max^2 (1 - limit/|J^-1 n|)
 
@@ -20,7 +20,7 @@ from pydrake.systems.primitives import Adder, ConstantVectorSource, MatrixGain
 from scipy.linalg.lapack import dgesv
 
 from forcectl.errors import BadInputError
-from forcectl.framework.batch import check, lane_values
+from forcectl.framework.batch import batch_values, check
 from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
 
 Vector = NDArray[np.float64]
@@ -31,7 +31,8 @@ def joint_direction(jacobian: Vector, n: Vector) -> Vector:
     """J^-1 n: joint motion per metre of tool motion along n, shape (n_q,) [rad/m].
 
     Args:
-        jacobian: J_WT, shape (6, n_q), rotations above translations (Drake's order). n: unit vector in W, shape (3,).
+        jacobian: J_WT, shape (6, n_q), rotations above translations (Drake's order).
+        n: unit vector in W, shape (3,).
 
     Returns:
         the least-squares solution for arms with other than six joints; infinite entries at a singularity.
@@ -46,11 +47,12 @@ def joint_direction(jacobian: Vector, n: Vector) -> Vector:
     return solution
 
 
-def guarded_direction(jacobian: Vector, n: Vector, limit: float, damping: float) -> tuple[Vector, bool]:
+def damped_direction(jacobian: Vector, n: Vector, limit: float, damping: float) -> tuple[Vector, bool]:
     """J^-1 n, damped when it exceeds `limit`.
 
     Args:
-        jacobian, n: see `joint_direction`. limit: largest |J^-1 n| that is used undamped [rad/m].
+        jacobian, n: see `joint_direction`.
+        limit: largest `|J^-1 n|` that is used undamped [rad/m].
         damping: lambda_max [m], of the size of the smallest singular value still trusted.
 
     Returns:
@@ -104,8 +106,11 @@ class KinematicInversion(LeafSystem):
     Sampling: J^-1 n is state, renewed every `period` [s] if the posture has changed: much slower than the force loop.
 
     Args:
-        robot: kinematics. n: unit normal in W, shape (3,). start: q_0, shape (n_q,) [rad].
-        limit: largest |J^-1 n| used undamped [rad/m]. damping: lambda_max [m].
+        robot: kinematics.
+        n: unit normal in W, shape (3,).
+        start: q_0, shape (n_q,) [rad].
+        limit: largest `|J^-1 n|` used undamped [rad/m].
+        damping: lambda_max [m].
     """
 
     def __init__(
@@ -119,7 +124,7 @@ class KinematicInversion(LeafSystem):
         damping: float = 0.05,
     ):
         super().__init__()
-        self._robot, self._n, self._start = robot, unit_normal(n), lane_values("start", start, robot.num_joints)
+        self._robot, self._n, self._start = robot, unit_normal(n), batch_values("start", start, robot.num_joints)
         self._limit, self._damping = check("limit", limit, "positive"), check("damping", damping, "positive")
         q = robot.num_joints
         self._command = self.DeclareVectorInputPort("displacement_command", 1)
@@ -129,7 +134,7 @@ class KinematicInversion(LeafSystem):
         self._posture = posture_cache(self, robot, self._position)
         context = robot.create_context()
         robot.set_positions(context, self._start)
-        first, damped = guarded_direction(robot.jacobian(context), self._n, self._limit, self._damping)
+        first, damped = damped_direction(robot.jacobian(context), self._n, self._limit, self._damping)
         self._direction = self.DeclareDiscreteState(first)
         self._near = self.DeclareDiscreteState([float(damped)])
         self._taken_at = self.DeclareDiscreteState(self._start)
@@ -145,7 +150,7 @@ class KinematicInversion(LeafSystem):
         if not has_moved(q, context.get_discrete_state(self._taken_at).value()):
             return
         jacobian = self._robot.jacobian(self._posture.Eval(context))
-        direction, damped = guarded_direction(jacobian, self._n, self._limit, self._damping)
+        direction, damped = damped_direction(jacobian, self._n, self._limit, self._damping)
         next_state.set_value(self._direction, direction)
         next_state.set_value(self._near, [float(damped)])
         next_state.set_value(self._taken_at, q)
@@ -161,7 +166,7 @@ class ConstantKinematicInversion(Diagram):
     """The same for small motion about one posture: J is that of the start, so it is a constant matrix.
 
     What the unconstrained reference has along n by this J is taken out: it is the curvature that one dimension leaves
-        out.
+    out.
 
     ```
     name: ConstantKinematicInversion

@@ -1,4 +1,4 @@
-"""Force control with a controller that is linear in its parameters, as VRFT tunes it (Secs. 4.3 and 4.5).
+"""Force control with a controller that is linear in its parameters, as VRFT tunes it (Secs. 4.3 and 4.5)::
 
     dx_bar = u_hat - C_R_hat F                                                                         (4.12)
     u_hat  = C_rho(z) (F_bar - F)                                                                      (4.13)
@@ -20,7 +20,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, System
 
 from forcectl.errors import BadInputError
 from forcectl.force.law import ForceLaw
-from forcectl.framework.batch import BatchParameter, Lane
+from forcectl.framework.batch import BatchParameter, BatchValue
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory
 from forcectl.plant.plant_model import PlantModel
@@ -36,18 +36,18 @@ class LinearForceLaw(ForceLaw):
     ```
     name: LinearForceLaw
     input_ports: [desired_force, measured_force, proportional_gain (optional), integral_gain (optional),
-        derivative_gain (optional), excitation (optional), mode (optional)]
+    derivative_gain (optional), excitation (optional), mode (optional)]
     output_ports: [displacement_command, controller_output]
     parameters: [robot_compliance, derivative_filter, proportional_gain (optional), integral_gain (optional),
-        derivative_gain (optional), fir_0 (optional), fir_1 (optional), fir_2 (optional), lower_limit, upper_limit]
+    derivative_gain (optional), fir_0 (optional), fir_1 (optional), fir_2 (optional), lower_limit, upper_limit]
     ```
 
     desired_force, measured_force: shape (n,) [N].
     proportional_gain, integral_gain, derivative_gain: shape (n,) [m/N, m/(N s), m s/N], ports when `gains` is None,
-        else parameters. When they change, u_hat does not jump.
+    else parameters. When they change, u_hat does not jump.
     excitation: shape (n,), u_hat of the open-loop experiment [m]; mode: shape (n,), `EXCITE` or `REGULATE` [1]. Both
-        exist with `open_loop`. In `EXCITE` the command follows the excitation, and the controller is kept such that it
-        takes over without a jump, whatever the force error is then.
+    exist with `open_loop`. In `EXCITE` the command follows the excitation, and the controller is kept such that it
+    takes over without a jump, whatever the force error is then.
     displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1).
     controller_output: shape (n,), u_hat = dx_bar + C_R_hat F [m] as commanded, after the limits.
     All outputs are feedthrough of all inputs at the tick.
@@ -62,8 +62,8 @@ class LinearForceLaw(ForceLaw):
     Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledBlock`.
 
     Args:
-        gains: K_P, K_I, K_D, each a number or shape (n,); None: from ports. fir: f_0, f_1, ..., each a number or shape
-            (n,).
+        gains: K_P, K_I, K_D, each a number or shape (n,); None: from ports.
+        fir: f_0, f_1, ..., each a number or shape (n,).
 
     Raises:
         BadInputError: not three gains, or a parameter that is not allowed.
@@ -107,7 +107,7 @@ class LinearForceLaw(ForceLaw):
             shows=("controller_output",),
         )
 
-    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
         """One tick of the law."""
         m, period = self.math, self._period
         robot, filter_time, *coefficients, lower, upper = self.values(context)
@@ -133,7 +133,7 @@ class LinearForceLaw(ForceLaw):
         integral = m.where(memory["started"] > 0, integral, feedback)
         proportional = kp * error
         derivative = (filter_time * memory["derivative"] + kd * (error - past[0])) / (filter_time + period)
-        moving: Lane = 0.0
+        moving: BatchValue = 0.0
         for coefficient, e in zip(fir, (error, *past), strict=False):
             moving = moving + coefficient * e
         others = proportional + derivative + moving - feedback
@@ -178,7 +178,7 @@ class VrftConfig(Config):
         return self.reference_bandwidth
 
     def law(self, model: PlantModel) -> LinearForceLaw:
-        """The block; it believes in `robot_compliance_error` times the true compliance of the robot."""
+        """The block; its model has `robot_compliance_error` times the true compliance of the robot."""
         return LinearForceLaw(
             model.size,
             gains=(self.proportional_gain, self.integral_gain, self.derivative_gain),

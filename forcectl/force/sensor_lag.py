@@ -1,6 +1,7 @@
-"""What the measured force does not show yet, through the known filter and delay of the sensor.
+"""Sensor-lag lead: the displacement that the measured force does not show yet, from the filter and delay of the
+sensor::
 
-    unseen = (p if p > 0 else p/4) + max(T d', 0)/2,    p = H dx_motor - min(dx_bar, dx_motor),
+    lead = (p if p > 0 else p/4) + max(T d', 0)/2,    p = H dx_motor - min(dx_bar, dx_motor),
     d = C_T_hat F + H dx_motor
 
 with H the filter and delay of the sensor and T their lag; in the unit of C_T_hat F/2, see `ForceLimit`. p is the depth
@@ -16,7 +17,7 @@ from forcectl.plant.sensors.force_sensor import sensor_filter
 
 _WAY_BACK = 0.25
 _SMOOTHING = 0.25  # of the rate d', in lags
-_NONSENSE = 10.0  # [m] nothing moves so far
+_MAX_DISPLACEMENT = 10.0  # [m] nothing moves so far
 
 
 class SensorLag:
@@ -25,7 +26,10 @@ class SensorLag:
     Without memory of its own: who uses it keeps `size` numbers, zeros at rest at 0.
 
     Args:
-        bandwidth: [rad/s], > 0. damping_ratio: [-], > 0. period: tick [s]. delay_ticks: transport delay in samples.
+        bandwidth: [rad/s], > 0.
+        damping_ratio: [-], > 0.
+        period: tick [s].
+        delay_ticks: transport delay in samples.
     """
 
     def __init__(self, bandwidth: float, damping_ratio: float, period: float, delay_ticks: int = 0):
@@ -43,24 +47,26 @@ class SensorLag:
         delay = whole_multiple("delay", model.sensor_delay, model.period, "period")
         return cls(model.sensor_bandwidth, model.sensor_damping_ratio, model.period, delay)
 
-    def unseen(self, memory: list[float], command: float, moved: float, depth: float) -> tuple[float, list[float]]:
+    def lead(self, memory: list[float], command: float, moved: float, depth: float) -> tuple[float, list[float]]:
         """What is to be added to C_T_hat F/2 [m], and the memory of the next tick.
 
         Args:
-            memory: `size` numbers. command: dx_bar [m]. moved: dx_motor [m]; the command if that is no number.
+            memory: `size` numbers.
+            command: dx_bar [m].
+            moved: dx_motor [m]; the command if that is no number.
             depth: C_T_hat F of the measured force [m]; if that is no number, the surface is taken to stay.
         """
         x, rate, surface, *line = memory
-        if not abs(moved) < _NONSENSE:
+        if not abs(moved) < _MAX_DISPLACEMENT:
             moved = command
         line.append(moved)
         late = line.pop(0)
         (a, b, c, d), (e, f) = self._a, self._b
         shown = x + self._direct * late
         rise = depth + shown - surface  # _SMOOTHING T d'
-        if not abs(rise) < _NONSENSE:
+        if not abs(rise) < _MAX_DISPLACEMENT:
             rise = 0.0
         beyond = shown - min(command, moved)
-        unseen = (beyond if beyond > 0.0 else _WAY_BACK * beyond) + max(rise, 0.0) / (2 * _SMOOTHING)
+        lead = (beyond if beyond > 0.0 else _WAY_BACK * beyond) + max(rise, 0.0) / (2 * _SMOOTHING)
         following = [a * x + b * rate + e * late, c * x + d * rate + f * late, surface + self._share * rise]
-        return unseen, following + line
+        return lead, following + line

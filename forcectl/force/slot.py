@@ -1,11 +1,13 @@
 """The slot of a controller: what fills it.
 
-ForceLaw (for k force loops at once)
+ForceLaw (for k force loops at once)::
+
     in   desired_force, measured_force: shape (k,) [N]
          motor_displacement, path_displacement: shape (k,) [m], optional
     out  displacement_command: shape (k,) [m]; any further outputs are diagnostics
 
-Controller of joints
+Controller of joints::
+
     in   any signals of `forcectl.conventions` that are no truth
     out  joint_position_command: shape (n,) [rad]
          joint_velocity_command: shape (n,) [rad/s], joint_torque_feedforward: shape (n,) [Nm], optional

@@ -1,10 +1,11 @@
-"""Lanes: n independent scalar loops inside one block.
+"""Batches: n independent scalar loops inside one block.
 
-A block of size n runs n loops side by side; lane i uses element i of every port, state and parameter. The equations are
-written once, with operators that mean the same on a float and on an array, and `LaneBlock` hands them floats when n = 1
-(numpy costs ten times more on single numbers) and arrays otherwise, so a lane equals the same loop run alone: bit for
-bit, and to rounding (1e-12) in blocks that are one of Drake's linear systems. In those (filters, position loops) a lane
-that is not a number reaches the others, as 0 NaN is NaN; everywhere else it stays alone.
+A block of size n runs n loops side by side; element i uses element i of every port, state and parameter. The equations
+are written once, with operators that mean the same on a float and on an array, and `BatchBlock` hands them floats when
+n = 1 (numpy costs ten times more on single numbers) and arrays otherwise, so a batch element equals the same loop run
+alone: bit for bit, and to rounding (1e-12) in blocks that are one of Drake's linear systems. In those (filters,
+position loops) a batch element that is not a number reaches the others, as 0 NaN is NaN; everywhere else it stays
+alone.
 """
 
 from __future__ import annotations
@@ -24,10 +25,10 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.cache import BlockCache
 
-Lane = Any  # a float when the block has one lane, else an array of shape (n,)
+BatchValue = Any  # a float when the batch has one element, else an array of shape (n,)
 
 # Up to here a loop over floats is faster than numpy; measured.
-FEW_LANES = 8
+SMALL_BATCH = 8
 
 # The few functions that operators cannot express, for floats; numpy itself serves arrays with the same results.
 SCALAR_MATH: Any = SimpleNamespace(
@@ -52,11 +53,13 @@ _CHECKS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.bool_]]] = {
 
 @dataclass(frozen=True)
 class BatchParameter:
-    """A value per lane that lives in the Context.
+    """A value per batch element that lives in the Context.
 
-    value: number or shape (n,). allowed: "positive", "not negative" or "a number" (each may be
-    infinite), "finite", "positive and finite", "negative and finite" or "above 0 and at most 1". unit: for
-    documentation and graphs.
+    Attributes:
+        value: number or shape (n,).
+        allowed: "positive", "not negative" or "a number" (each may be infinite), "finite", "positive and finite",
+            "negative and finite" or "above 0 and at most 1".
+        unit: for documentation and graphs.
     """
 
     value: ArrayLike
@@ -64,7 +67,7 @@ class BatchParameter:
     unit: str = ""
 
 
-def lane_values(name: str, value: ArrayLike, size: int, allowed: str = "finite") -> NDArray[np.float64]:
+def batch_values(name: str, value: ArrayLike, size: int, allowed: str = "finite") -> NDArray[np.float64]:
     """`value` as an array of shape (size,), checked.
 
     Raises:
@@ -91,7 +94,7 @@ def check(name: str, value: float, allowed: str = "finite") -> float:
     """`value` as a finite float when it is "positive", "not negative" or "finite", else BadInputError."""
     if isinstance(value, bool) or not isinstance(value, Real) or not math.isfinite(value):
         raise invalid(name, value, "a finite number")
-    return float(lane_values(name, value, 1, allowed)[0])
+    return float(batch_values(name, value, 1, allowed)[0])
 
 
 def check_count(name: str, value: int) -> int:
@@ -110,20 +113,20 @@ def whole_multiple(name: str, value: float, period: float, period_name: str) -> 
 
 
 def check_order(lower: str, upper: str, values: Mapping[str, NDArray[np.float64]]) -> None:
-    """BadInputError unless `lower` is at most `upper` in every lane."""
+    """BadInputError unless `lower` is at most `upper` in every batch element."""
     if np.any(values[lower] > values[upper]):
         raise invalid(lower, values[lower].tolist(), f"at most {upper} = {values[upper].tolist()}")
 
 
-class LaneBlock(LeafSystem):
-    """A LeafSystem of n lanes with named parameters in the Context.
+class BatchBlock(LeafSystem):
+    """A LeafSystem of a batch of n loops with named parameters in the Context.
 
-    `parameter_names` and `parameter_units` tell graphs and tools what the numeric parameters are.
+    `parameter_names` and `parameter_units` name the numeric parameters for graphs and tools.
     """
 
     parameter_names: Sequence[str] = ()
     parameter_units: Mapping[str, str] = {}
-    # Whether the equations want arrays also of one lane.
+    # Whether the equations want arrays also of one batch element.
     on_arrays = False
 
     def __init__(self, size: int, parameters: Mapping[str, BatchParameter]):
@@ -137,9 +140,9 @@ class LaneBlock(LeafSystem):
         self._index = {}
         for name, p in parameters.items():
             self._index[name] = self.DeclareNumericParameter(
-                BasicVector(lane_values(f"{type(self).__name__}.{name}", p.value, size, p.allowed))
+                BasicVector(batch_values(f"{type(self).__name__}.{name}", p.value, size, p.allowed))
             )
-        self.check_together({name: lane_values(name, p.value, size, p.allowed) for name, p in parameters.items()})
+        self.check_together({name: batch_values(name, p.value, size, p.allowed) for name, p in parameters.items()})
         self.parameter_names = tuple(parameters)
         self.parameter_units = {name: p.unit for name, p in parameters.items()}
         self._values = BlockCache(
@@ -152,13 +155,13 @@ class LaneBlock(LeafSystem):
 
     @property
     def size(self) -> int:
-        """Number of lanes."""
+        """Number of batch elements."""
         return self._size
 
     def set_parameter(self, context: Context, name: str, value: ArrayLike) -> None:
         """Set a parameter in this block's context, checked like at construction."""
         index = self._find(name)
-        checked = lane_values(f"{type(self).__name__}.{name}", value, self._size, self._allowed[name])
+        checked = batch_values(f"{type(self).__name__}.{name}", value, self._size, self._allowed[name])
         self.check_together({n: self.parameter(context, n) for n in self._index} | {name: checked})
         context.get_mutable_numeric_parameter(index).SetFromVector(checked)
 
@@ -179,35 +182,36 @@ class LaneBlock(LeafSystem):
         """The parameters in this block's context, as `derive` gives them."""
         return self._values.Eval(context)
 
-    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+    def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:
         """What the equations need of the parameters; computed once per change, not per tick."""
         return values
 
     def _collect(self, context: Context, value: AbstractValue) -> None:
-        values = tuple(self.lane(context.get_numeric_parameter(i).CopyToVector()) for i in self._index.values())
+        values = tuple(self.batch_value(context.get_numeric_parameter(i).CopyToVector()) for i in self._index.values())
         value.set_value(self.derive(values))
 
-    def choose(self, condition: Lane, new: dict[str, Any], old: Mapping[str, Any]) -> dict[str, Any]:
-        """The new lane values in the lanes where the condition holds, the old ones of the same names elsewhere."""
+    def choose(self, condition: BatchValue, new: dict[str, Any], old: Mapping[str, Any]) -> dict[str, Any]:
+        """The new batch values in the batch elements where the condition holds, the old ones of the same names
+        elsewhere."""
         if self._shape:
             return {name: np.where(condition, value, old[name]) for name, value in new.items()}
         return new if condition else {name: old[name] for name in new}
 
-    def lane(self, vector: NDArray[np.float64]) -> Lane:
+    def batch_value(self, vector: NDArray[np.float64]) -> BatchValue:
         """A vector of shape (n,) as the equations want it."""
         return vector if self._shape else vector.item()
 
-    def lanes(self, vector: NDArray[np.float64]) -> Any:
-        """A stacked vector of shape (k n,) as k lane values."""
+    def unstack(self, vector: NDArray[np.float64]) -> Any:
+        """A stacked vector of shape (k n,) as k batch values."""
         return vector.reshape(-1, self._size) if self._shape else vector.tolist()
 
-    def write(self, vector: BasicVector, value: Lane) -> None:
-        """Put one lane value into a vector of shape (n,)."""
+    def write(self, vector: BasicVector, value: BatchValue) -> None:
+        """Put one batch value into a vector of shape (n,)."""
         if self._shape:
             vector.SetFromVector(value)
         else:
             vector.SetAtIndex(0, value)
 
-    def stack(self, *values: Lane) -> NDArray[np.float64]:
-        """k lane values as one vector of shape (k n,)."""
+    def stack(self, *values: BatchValue) -> NDArray[np.float64]:
+        """k batch values as one vector of shape (k n,)."""
         return np.concatenate(values) if self._shape else np.array(values)

@@ -1,7 +1,7 @@
-"""Cache entries of Python blocks that let their block go.
+"""Cache entries of Python blocks that do not keep their block alive.
 
 Drake keeps what a cache entry calls, and a `CacheEntry` keeps its block, where Python's garbage collector cannot look:
-a block that stores its own entry, or gives it a bound method, lives for ever, and its diagram with it.
+a block that stores its own entry, or gives it a bound method, is never freed, and its diagram with it.
 """
 
 from __future__ import annotations
@@ -21,8 +21,10 @@ class BlockCache:
     """A cache entry of `block`, which the block may store.
 
     Args:
-        allocate: makes the value. calc: computes it, called with the block, its context and the value; a plain
-            function, not a method bound to the block. prerequisites: tickets the value depends on.
+        allocate: makes the value.
+        calc: computes it, called with the block, its context and the value; a plain function, not a method bound to the
+            block.
+        prerequisites: tickets the value depends on.
     """
 
     def __init__(

@@ -1,4 +1,4 @@
-"""Euler angles as task variables: [x y z phi theta psi] (XYZ), or [x y z phi theta] (XY) where turns about z are free.
+"""Euler angles as task variables: [x y z phi theta psi] (XYZ), or [x y z phi theta] (XY) where turns about z are free::
 
     R = Rx(phi) Ry(theta) Rz(psi),    w = E(phi, theta) [phi', theta', psi']
 
@@ -106,7 +106,7 @@ def rate_matrix_derivative(angles: ArrayLike, rates: ArrayLike) -> Array:
 
 
 def inverse_rate_matrix(angles: ArrayLike, smallest: float = SMALLEST) -> Array:
-    """E^-1, shape (3, 3), of the angles (3,) [rad]; damped where |cos theta| < `smallest`."""
+    """E^-1, shape (3, 3), of the angles (3,) [rad]; damped where `|cos theta|` < `smallest`."""
     phi, theta, _ = np.asarray(angles, dtype=float).tolist()
     a, s, t = math.cos(phi), math.sin(phi), math.sin(theta)
     k = _reciprocal(math.cos(theta), smallest)
@@ -117,7 +117,8 @@ def rates_bias(angles: ArrayLike, angular_velocity: ArrayLike, smallest: float =
     """(E^-1)' w, shape (3,) [rad/s^2]: the angles' second derivatives are E^-1 w' and this.
 
     Args:
-        angles: (3,) [rad]. angular_velocity: w (3,) [rad/s].
+        angles: (3,) [rad].
+        angular_velocity: w (3,) [rad/s].
     """
     theta = float(np.asarray(angles, dtype=float)[1])
     rates = inverse_rate_matrix(angles, smallest) @ np.asarray(angular_velocity, dtype=float)
@@ -128,7 +129,8 @@ def task_jacobian(jacobian: Array, angles: ArrayLike, *, axis_free: bool = False
     """Rows of the task variables' rates per joint speed, shape (6, n), or (5, n) with a free z axis [m, 1].
 
     Args:
-        jacobian: of the spatial velocity [rotation; translation], (6, n) [1; m]. angles: (3,) [rad].
+        jacobian: of the spatial velocity [rotation; translation], (6, n) [1; m].
+        angles: (3,) [rad].
     """
     rows = 2 if axis_free else 3
     return np.concatenate([jacobian[3:], inverse_rate_matrix(angles, smallest)[:rows] @ jacobian[:3]])
@@ -140,7 +142,8 @@ def task_bias(
     """J'q' of the task variables, shape (6,) or (5,) [m/s^2, rad/s^2]: x'' = J u + J'q' with J of `task_jacobian`.
 
     Args:
-        bias: J'q' of the spatial velocity, (6,) [rad/s^2; m/s^2]. velocity: the spatial velocity, (6,) [rad/s; m/s].
+        bias: J'q' of the spatial velocity, (6,) [rad/s^2; m/s^2].
+        velocity: the spatial velocity, (6,) [rad/s; m/s].
         angles: (3,) [rad].
     """
     rows = 2 if axis_free else 3
@@ -153,8 +156,9 @@ class EulerAngles:
 
     Args:
         base: R_0 (3, 3), for the angles of R_0' R; None: the identity. It moves the singularity away from where the
-            task is. about: angles (3,) [rad] that the values are nearest to, see `nearest`; None: the usual range.
-            smallest: e [1].
+            task is.
+        about: angles (3,) [rad] that the values are nearest to, see `nearest`; None: the usual range.
+        smallest: e [1].
 
     Raises:
         BadInputError: base is not a rotation, or smallest not above 0 and at most 1.

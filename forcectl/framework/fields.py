@@ -1,4 +1,4 @@
-"""Keys of configurations: type, unit, bounds, default and meaning of each stand once, at its field.
+"""Keys of configurations: type, unit, bounds, default and meaning of each stand once, at its field::
 
     @dataclass(kw_only=True)
     class IntegralConfig(Config):
@@ -40,8 +40,8 @@ class Key:
     Attributes:
         meaning: in words; begins with what the default does not say by itself.
         unit: of numbers, as in "rad/s"; "" for none.
-        bounds: of a number, or of each one in a list: "positive", "not negative", "above 0 and at most 1",
-            "from -1 to 1", "positive or infinite"; of a list also "not all zero".
+        bounds: of a number, or of each one in a list: "positive", "not negative", "above 0 and at most 1", "from -1 to
+            1", "positive or infinite"; of a list also "not all zero".
         choices: of a text, or of each one in a list; may be a function, called when they are needed.
         size: of a list, or of each of the innermost ones; None for any.
     """

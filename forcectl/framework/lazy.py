@@ -1,4 +1,4 @@
-"""Names that a package imports on first use: those of its stub, `__init__.pyi`, where each stands once.
+"""Names that a package imports on first use: those of its stub, `__init__.pyi`, where each stands once::
 
     __getattr__, __dir__ = lazy_names(__name__, __file__)
 

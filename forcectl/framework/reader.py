@@ -139,7 +139,7 @@ class Reader:
         return self.value(kind, tree, key, start)
 
     def construct(self, cls: Callable[..., Any], values: Mapping[str, Any], key: str) -> Any:
-        """`cls(**values)`, with its refusal told as one line about `key`."""
+        """`cls(**values)`, with its refusal as one line about `key`."""
         try:
             return cls(**values)
         except BadInputError as error:

@@ -1,4 +1,4 @@
-"""Orientation as a rotation vector: free of singularities up to a full turn away from its base.
+"""Orientation as a rotation vector: free of singularities up to a full turn away from its base::
 
     R = exp([phi]x) R_0,    phi' = A(phi) w,    phi'' = A w' + A' w
     A = 1 - [phi]x/2 + c [phi]x^2,    c = (1 - (t/2) cot(t/2))/t^2,    t = |phi|
@@ -25,7 +25,10 @@ _SMALL = 1e-3  # [rad]; below, the first terms of the series are exact to 1e-15
 class OrientationState(NamedTuple):
     """Three coordinates phi of an orientation, with phi' = rates w and phi'' = rates w' + bias.
 
-    value: (3,) [rad]. rates: (3, 3). bias: (3,) [rad/s^2].
+    Attributes:
+        value: (3,) [rad].
+        rates: (3, 3).
+        bias: (3,) [rad/s^2].
     """
 
     value: Vector

@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, InputPort, LeafSystem, OutputPort
 
 from forcectl.errors import BadInputError
-from forcectl.framework.batch import LaneBlock, check, lane_values
+from forcectl.framework.batch import BatchBlock, batch_values, check
 from forcectl.framework.cache import BlockCache, values_of_tick
 
 Vector = NDArray[np.float64]
@@ -32,8 +32,9 @@ Memory = Mapping[str, Any]
 class TickStart(NamedTuple):
     """What a tick starts from.
 
-    memory: of the tick before, and its "time" [s], below zero before the first one.
-    inputs: by the names of their ports, without those that are left unconnected.
+    Attributes:
+        memory: of the tick before, and its "time" [s], below zero before the first one.
+        inputs: by the names of their ports, without those that are left unconnected.
     """
 
     memory: Memory
@@ -65,7 +66,8 @@ class SampledBlock(LeafSystem):
         """Declare the memory and its event.
 
         Args:
-            memory: what a tick knows of the one before, by name, as it is before the first tick: numbers and vectors.
+            memory: what a tick remembers of the one before, by name, as it is before the first tick: numbers and
+                vectors.
             inputs: all that `step` reads.
             period: tick [s].
             kept: what else is known after a tick, which the next one does not read, by name, as it is before the first
@@ -246,23 +248,26 @@ class SampledBlock(LeafSystem):
         ]
 
 
-class SampledBatch(SampledBlock, LaneBlock):
+class SampledBatch(SampledBlock, BatchBlock):
     """Base of sampled blocks of n batch elements.
 
-    In `step` a quantity that is declared as a number, or as one per element, is a lane value, and so is an input of
+    In `step` a quantity that is declared as a number, or as one per element, is a batch value, and so is an input of
     shape (n,). A quantity that is declared with shape (k, n) is k of them, and so is an input of shape (k n,).
     """
 
     def _initial(self, name: str, value: Any) -> Vector:
         if np.ndim(value) == 2:
             return np.broadcast_to(value, (len(value), self._size)).reshape(-1, *self._shape)
-        return lane_values(f"initial {name}", value, self._size).reshape(self._shape)
+        return batch_values(f"initial {name}", value, self._size).reshape(self._shape)
 
     def _read(self, context: Context) -> Memory:
         if self._all_floats:
             return {name: port.Eval(context).item() for name, port in self._inputs.items()}
         inputs = super()._read(context)
-        return {name: self.lanes(value) if name in self._wide else self.lane(value) for name, value in inputs.items()}
+        return {
+            name: self.unstack(value) if name in self._wide else self.batch_value(value)
+            for name, value in inputs.items()
+        }
 
     def _unpack(self, packed: Vector) -> dict[str, Any]:
         rows = [packed.item(0), *packed[1:].reshape(-1, *self._shape)] if self._shape else packed.tolist()

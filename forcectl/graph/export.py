@@ -1,4 +1,4 @@
-"""Block diagrams of any Drake diagram that people want to look at.
+"""Block diagrams of any Drake diagram that people want to look at::
 
     from forcectl.graph.export import graph, export
     graph(diagram)                              # shows itself in a notebook

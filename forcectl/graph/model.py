@@ -1,4 +1,4 @@
-"""What a picture of a Drake diagram needs to know, as plain immutable values.
+"""The content of a picture of a Drake diagram, as plain immutable values.
 
 Nothing here keeps a reference to a Drake object: a graph can be stored, compared and drawn after its diagram is gone.
 """

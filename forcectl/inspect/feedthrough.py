@@ -1,4 +1,4 @@
-"""Which output passes on which input within the same instant, and what Drake knows of the reasons."""
+"""Which output passes on which input within the same instant, and the reasons that Drake reports."""
 
 from __future__ import annotations
 

@@ -16,6 +16,10 @@ from forcectl.motion.references import SineConfig as SineConfig
 from forcectl.motion.references import StepConfig as StepConfig
 from forcectl.motion.references import held_trajectory as held_trajectory
 from forcectl.motion.references import linear_trajectory as linear_trajectory
+from forcectl.motion.surface_velocity import LinePosture as LinePosture
+from forcectl.motion.surface_velocity import SurfaceVelocity as SurfaceVelocity
+from forcectl.motion.surface_velocity import SurfaceVelocityConfig as SurfaceVelocityConfig
+from forcectl.motion.tangential import LineConfig as LineConfig
 from forcectl.motion.tangential import TangentialMotionConfig as TangentialMotionConfig
 from forcectl.motion.tangential import trapezoidal_profile as trapezoidal_profile
 from forcectl.motion.trajectory import Limits as Limits

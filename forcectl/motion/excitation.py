@@ -40,8 +40,11 @@ def trapezoidal_moves(
     """Moves with trapezoidal velocity from each position to the next, and a rest after each.
 
     Args:
-        positions: [m]. speed: [m/s], > 0. acceleration: [m/s^2], > 0. rest: after each move [s]. start_rest: before the
-            first one [s].
+        positions: [m].
+        speed: [m/s], > 0.
+        acceleration: [m/s^2], > 0.
+        rest: after each move [s].
+        start_rest: before the first one [s].
 
     Returns:
         Trajectory of shape (1, 1) [m], constant before and after.
@@ -74,7 +77,7 @@ def stack_scaled(trajectory: PiecewisePolynomial, scale: NDArray[np.float64]) ->
 
 
 class _Excitation:
-    """What the configurations of excitations share: scaling, and adding themselves for n lanes."""
+    """What the configurations of excitations share: scaling, and adding themselves for a batch of n."""
 
     scale: float | None
 

@@ -1,4 +1,4 @@
-"""Courses of several groups of components, planned group by group and kept as one array; see `trajectory`."""
+"""Trajectory states of several groups of components, planned group by group and kept as one array; see `trajectory`."""
 
 from __future__ import annotations
 
@@ -22,7 +22,8 @@ class GroupPlanner:
     Holds no state but the last plans, to save time: results depend on the arguments only.
 
     Args:
-        sizes: how many components, one after the other, each group has; checked. synchronized: see `Planner`.
+        sizes: how many components, one after the other, each group has; checked.
+        synchronized: see `Planner`.
     """
 
     def __init__(self, sizes: Sequence[int], synchronized: bool = True):
@@ -37,45 +38,43 @@ class GroupPlanner:
         """Another one that has planned nothing."""
         return GroupPlanner(self._sizes, self._synchronized)
 
-    def follow(
-        self, course: Array, start: Sequence[Array] | None, target: Array, limits: Array, period: float
-    ) -> Array:
-        """The courses one `period` [s] later.
+    def follow(self, state: Array, start: Sequence[Array] | None, target: Array, limits: Array, period: float) -> Array:
+        """The trajectory states one `period` [s] later.
 
         Args:
-            course: rows as the fields of `TrajectoryState`, (16, n).
-            start: the motion to go on from, rows as the fields of `Motion`, (3, n); that of the course when None, or in
-                groups where it is not finite.
+            state: rows as the fields of `TrajectoryState`, (16, n).
+            start: the motion to go on from, rows as the fields of `Motion`, (3, n); that of the trajectory state when
+                None, or in groups where it is not finite.
             target: rows as the fields of `Target`, (3, n).
             limits: rows as the fields of `Limits`, (3, n).
         """
         # Nearly always everything is as it was, and then this comparison is a third of what there is to do.
         if (
-            (start is None or b"".join([row.tobytes() for row in start]) == course[:3].tobytes())
-            and target.tobytes() == course[7:10].tobytes()
-            and limits.tobytes() == course[10:13].tobytes()
-            and not largest(course[4])
+            (start is None or b"".join([row.tobytes() for row in start]) == state[:3].tobytes())
+            and target.tobytes() == state[7:10].tobytes()
+            and limits.tobytes() == state[10:13].tobytes()
+            and not largest(state[4])
         ):
-            return self._go_on(course, period)
+            return self._go_on(state, period)
         given = None if start is None else np.array(start)
         parts = []
         for place, planner in zip(self._groups, self._planners, strict=True):
-            own = TrajectoryState(*course[:, place])
+            own = TrajectoryState(*state[:, place])
             if given is not None and np.isfinite(given[:, place]).all():
                 own = begin_again(own, Motion(*given[:, place]))
             parts.append(planner.follow(own, Target(*target[:, place]), Limits(*limits[:, place]), period))
         return np.concatenate(parts, axis=1)
 
-    def _go_on(self, course: Array, period: float) -> Array:
+    def _go_on(self, state: Array, period: float) -> Array:
         """On the same plans."""
-        key = course[6:].tobytes()
+        key = state[6:].tobytes()
         if key != self._key:
             pairs = zip(self._groups, self._planners, strict=True)
-            self._key, self._plans = key, [planner.plan_of(course[6:, place]) for place, planner in pairs]
+            self._key, self._plans = key, [planner.plan_of(state[6:, place]) for place, planner in pairs]
             self._arrival = np.concatenate([plan.arrival for plan in self._plans])
             self._braking = np.concatenate([plan.braking for plan in self._plans])
             self._unit = np.tile(np.concatenate([plan.unit for plan in self._plans]), (3, 1))
-        after, elapsed = course.copy(), course[5] + period
+        after, elapsed = state.copy(), state[5] + period
         for place, plan in zip(self._groups, self._plans, strict=True):
             after[:3, place] = plan.rows(elapsed.item(place.start))
         after[:3] *= self._unit

@@ -80,12 +80,13 @@ class JointPath(LeafSystem):
     ```
 
     joint_position_command: shape (n,) [rad]. joint_velocity_command: shape (n,), its derivative [rad/s].
-        All outputs are functions of time.
+    All outputs are functions of time.
 
     Sampling: none; evaluated when read.
 
     Args:
-        start: position that the parts are added to, shape (n,) [rad]. parts: what is added to it.
+        start: position that the parts are added to, shape (n,) [rad].
+        parts: what is added to it.
     """
 
     def __init__(self, start: Array, parts: Sequence[Move | Sines]):

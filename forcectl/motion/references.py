@@ -64,7 +64,7 @@ class Reference(Diagram):
 
 
 class _ForceReference:
-    """What the reference configurations share: adding themselves for n lanes."""
+    """What the reference configurations share: adding themselves for a batch of n."""
 
     def trajectory(self) -> PiecewisePolynomial | float:
         raise NotImplementedError

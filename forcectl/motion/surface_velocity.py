@@ -109,7 +109,7 @@ class SurfaceVelocityConfig(LineConfig):
 
     def add_to(self, builder: DiagramBuilder, robot: RobotModel, start: Vector, n: Vector) -> SurfaceVelocity:
         """Add the block `motion`; its ticks are the control ticks of the robot."""
-        period = robot.facts.period
+        period = robot.parameters.period
         wanted = held_trajectory(self.times, self.velocities)
         generator = VelocityGenerator(1, acceleration_limit=self.acceleration, period=period)
         line = self._line(robot, start, self.per_metre(n), self._ends(period))

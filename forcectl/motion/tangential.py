@@ -28,7 +28,9 @@ def trapezoidal_profile(distance: float, speed: float, acceleration: float, time
     """Distance covered [m] at the times [s] of a rest-to-rest move with a speed and acceleration limit.
 
     Args:
-        distance: [m], >= 0. speed: [m/s], > 0. acceleration: [m/s^2], > 0.
+        distance: [m], >= 0.
+        speed: [m/s], > 0.
+        acceleration: [m/s^2], > 0.
     """
     ramp = ramp_duration(distance, speed, acceleration)
     top = acceleration * ramp
@@ -54,7 +56,8 @@ def line_postures(robot: RobotModel, start: Vector, offsets: Vector) -> Vector:
     """Joint positions that put the tool at offsets from its start, orientation kept, shape (k, n_q) [rad].
 
     Args:
-        start: start posture (n_q,) [rad]. offsets: of the TCP in W, shape (k, 3) [m], in small steps.
+        start: start posture (n_q,) [rad].
+        offsets: of the TCP in W, shape (k, 3) [m], in small steps.
 
     Raises:
         BadInputError: a point out of reach, or beyond a joint limit.

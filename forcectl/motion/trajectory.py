@@ -1,9 +1,9 @@
 """On-line trajectories with limited velocity, acceleration and jerk, planned by Ruckig from any state of motion.
 
-A course is a plan from a state of motion (its origin) to a target, and how far along it the motion is. It goes on
-until the target or a limit changes; then the motion of this tick is the origin of a new plan. Everything a generator
-remembers are the numbers of its `TrajectoryState`: the plan is computed from them, and `Planner` keeps the last one
-only to save time.
+A trajectory state is a plan from a state of motion (its origin) to a target, and how far along it the motion is. It
+goes on until the target or a limit changes; then the motion of this tick is the origin of a new plan. Everything a
+generator remembers are the numbers of its `TrajectoryState`: the plan is computed from them, and `Planner` keeps the
+last one only to save time.
 
 What Ruckig alone does not do, by measurement (0.19):
 
@@ -25,7 +25,7 @@ from numpy.typing import ArrayLike, NDArray
 from ruckig import ControlInterface, InputParameter, Result, Ruckig, RuckigError, Synchronization, Trajectory
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.batch import check_count, lane_values
+from forcectl.framework.batch import batch_values, check_count
 
 Array = NDArray[np.float64]
 
@@ -58,8 +58,11 @@ class Limits(NamedTuple):
 class Target(NamedTuple):
     """Where to go, each of shape (n,).
 
-    position: [u]. velocity: there [u/s]. velocity_mode: above 0.5 in components that take on the velocity, wherever
-    they are; their position counts for nothing [1].
+    Attributes:
+        position: [u].
+        velocity: there [u/s].
+        velocity_mode: above 0.5 in components that take on the velocity, wherever they are; their position counts for
+            nothing [1].
     """
 
     position: Array
@@ -68,20 +71,15 @@ class Target(NamedTuple):
 
 
 class TrajectoryState(NamedTuple):
-    """A motion and the plan it follows, as arrays of shape (n,); from `begin` and `Planner.follow`.
-
-    arrived: 1 in components that have reached their target. braking: 1 in components that could not be planned.
-    elapsed: since the origin [s]. What follows determines the plan. coasting: 1 in components that passed their target
-    before this plan and keep its velocity. The target and the limits are those of the plan.
-    """
+    """A motion and the plan it follows, as arrays of shape (n,); from `begin` and `Planner.follow`."""
 
     position: Array
     velocity: Array
     acceleration: Array
-    arrived: Array
-    braking: Array
-    elapsed: Array
-    coasting: Array
+    arrived: Array  # 1 in components that have reached their target
+    braking: Array  # 1 in components that could not be planned
+    elapsed: Array  # since the origin [s]; what follows determines the plan
+    coasting: Array  # 1 in components that passed their target before this plan and keep its velocity
     target_position: Array
     target_velocity: Array
     velocity_mode: Array
@@ -132,15 +130,15 @@ def limits_of(size: int, velocity: ArrayLike, acceleration: ArrayLike, jerk: Arr
         BadInputError: wrong length, not positive and finite, or a velocity limit more than 100 s from rest.
     """
     given = {"velocity_limit": velocity, "acceleration_limit": acceleration, "jerk_limit": jerk}
-    limits = Limits(*(lane_values(name, value, size, "positive and finite") for name, value in given.items()))
+    limits = Limits(*(batch_values(name, value, size, "positive and finite") for name, value in given.items()))
     check_limits_together(limits)
     for limit in limits:
-        limit.flags.writeable = False  # courses keep them
+        limit.flags.writeable = False  # trajectory states keep them
     return limits
 
 
 def begin(position: ArrayLike, velocity: ArrayLike = 0.0, acceleration: ArrayLike = 0.0) -> TrajectoryState:
-    """A course at this motion, each one number or shape (n,) [u, u/s, u/s^2], whose target is its position.
+    """A trajectory state at this motion, each one number or shape (n,) [u, u/s, u/s^2], whose target is its position.
 
     It has no plan yet: the first `Planner.follow` makes one.
 
@@ -149,29 +147,29 @@ def begin(position: ArrayLike, velocity: ArrayLike = 0.0, acceleration: ArrayLik
     """
     size = np.size(position)
     p, v, a = (
-        lane_values(name, value, size)
+        batch_values(name, value, size)
         for name, value in (("position", position), ("velocity", velocity), ("acceleration", acceleration))
     )
     none = np.zeros(size)
     return TrajectoryState(p, v, a, none, none, none, none, p, none, none, none, none, none, p, v, a)
 
 
-def begin_again(course: TrajectoryState, motion: Motion) -> TrajectoryState:
-    """The course if `motion` (finite) is its own but for rounding, else one that starts from `motion`.
+def begin_again(state: TrajectoryState, motion: Motion) -> TrajectoryState:
+    """The trajectory state if `motion` (finite) is its own but for rounding, else one that starts from `motion`.
 
     The target is kept, if there was a plan to one. So a generator can be led by what became of its last command, and
     still follows one plan as long as that command is carried out.
     """
-    if not course.velocity_limit.any():
+    if not state.velocity_limit.any():
         return begin(*motion)
-    if _equal(motion, course.motion):
-        return course
+    if _equal(motion, state.motion):
+        return state
     p, v, a = given = np.array(motion)  # a copy
-    if (np.abs(given - np.array(course.motion)) <= _SAME * (1.0 + np.abs(given))).all():
-        return course
+    if (np.abs(given - np.array(state.motion)) <= _SAME * (1.0 + np.abs(given))).all():
+        return state
     none = np.zeros(len(p))
     # Limits of zero are those of no plan.
-    return TrajectoryState(p, v, a, none, none, none, none, *course.target, none, none, none, p, v, a)
+    return TrajectoryState(p, v, a, none, none, none, none, *state.target, none, none, none, p, v, a)
 
 
 class Plan:
@@ -222,8 +220,9 @@ class Planner:
     Holds no state but the last plan, to save time: results depend on the arguments only.
 
     Args:
-        size: components n. synchronized: the components arrive together, and from rest on a straight line if their
-            limits are alike; False: each as early as it can. Components in velocity mode are always on their own.
+        size: components n.
+        synchronized: the components arrive together, and from rest on a straight line if their limits are alike; False:
+            each as early as it can. Components in velocity mode are always on their own.
     """
 
     def __init__(self, size: int, synchronized: bool = True):
@@ -273,30 +272,30 @@ class Planner:
                 return Plan(together, arrival, brakes, self._unit)
         return Plan(fastest, arrival, brakes, self._unit)
 
-    def follow(self, course: TrajectoryState, target: Target, limits: Limits, period: float) -> TrajectoryState:
-        """The course one `period` [s] later.
+    def follow(self, state: TrajectoryState, target: Target, limits: Limits, period: float) -> TrajectoryState:
+        """The trajectory state one `period` [s] later.
 
         Args:
             target: of this tick. A component with a number that is not finite keeps its last target.
             limits: of this tick, from `limits_of`.
         """
-        target, new = _next_target(course, target)
-        if new is None and _equal(limits, course.limits) and not any(course.braking.tolist()):
-            return self._go_on(np.array(course), period)
-        gone_by = course.arrived * (course.target_velocity != 0.0)
+        target, new = _next_target(state, target)
+        if new is None and _equal(limits, state.limits) and not any(state.braking.tolist()):
+            return self._go_on(np.array(state), period)
+        gone_by = state.arrived * (state.target_velocity != 0.0)
         coasting = gone_by if new is None else np.where(new, 0.0, gone_by)
         unknown = 0.0 * coasting
-        anew = (*course.motion, unknown, unknown, unknown, coasting, *target, *limits, *course.motion)
+        anew = (*state.motion, unknown, unknown, unknown, coasting, *target, *limits, *state.motion)
         return self._go_on(np.array(anew), period)
 
-    def _go_on(self, course: Array, period: float) -> TrajectoryState:
-        plan, elapsed = self.plan_of(course[6:]), course.item(5, 0) + period
-        course[:3], course[3] = plan.at(elapsed), plan.arrival <= elapsed
-        course[4], course[5] = plan.braking, elapsed
-        return TrajectoryState(*course)
+    def _go_on(self, state: Array, period: float) -> TrajectoryState:
+        plan, elapsed = self.plan_of(state[6:]), state.item(5, 0) + period
+        state[:3], state[3] = plan.at(elapsed), plan.arrival <= elapsed
+        state[4], state[5] = plan.braking, elapsed
+        return TrajectoryState(*state)
 
     def plan_of(self, rows: Array) -> Plan:
-        """The plan that a course is on, from the fields of `TrajectoryState` that determine it, (10, n)."""
+        """The plan that a trajectory state is on, from the fields of `TrajectoryState` that determine it, (10, n)."""
         key = rows.tobytes()
         if self._known is None or self._known[0] != key:
             coasting, *others = rows.copy()
@@ -381,9 +380,9 @@ def _equal(one: tuple[Array, Array, Array], other: tuple[Array, Array, Array]) -
     return a.tobytes() == d.tobytes() and b.tobytes() == e.tobytes() and c.tobytes() == f.tobytes()
 
 
-def _next_target(course: TrajectoryState, target: Target) -> tuple[Target, NDArray[np.bool_] | None]:
-    """The target that counts, and in which components it is not that of the course; None for nowhere."""
-    last = course.target
+def _next_target(state: TrajectoryState, target: Target) -> tuple[Target, NDArray[np.bool_] | None]:
+    """The target that counts, and in which components it is not that of the trajectory state; None for nowhere."""
+    last = state.target
     if _equal(target, last):
         return last, None
     now, before = np.array(target), np.array(last)

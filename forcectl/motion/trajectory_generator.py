@@ -9,7 +9,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
-from forcectl.framework.batch import BatchParameter, Lane, lane_values
+from forcectl.framework.batch import BatchParameter, BatchValue, batch_values
 from forcectl.framework.cache import scratch
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.motion.group_planner import GroupPlanner, check_groups
@@ -33,15 +33,15 @@ class TrajectoryGenerator(SampledBatch):
 
     target_position: shape (n,) [u]. target_velocity: velocity there, shape (n,) [u/s]; zero when not connected.
     velocity_mode: shape (n,) [1]; none when not connected. A component above 0.5 takes on the target velocity,
-        wherever it is.
+    wherever it is.
     start_position, start_velocity, start_acceleration: shape (n,), the motion to go on from in this tick [u, u/s,
-        u/s^2]; that of the generator itself when one of them is not connected, or in a group in which a number of them
-        is not finite.
+    u/s^2]; that of the generator itself when one of them is not connected, or in a group in which a number of them
+    is not finite.
     position, velocity, acceleration: shape (n,), at the END of the tick, x_gen[k+1] [u, u/s, u/s^2]: what a controller
-        has to reach with the command of this tick.
+    has to reach with the command of this tick.
     arrived: shape (n,), 1 when that is the target [1]. braking: shape (n,), 1 in a component that could not be planned
-        and brakes to rest, else 0 [1].
-        All outputs are feedthrough of all inputs at the tick, and held.
+    and brakes to rest, else 0 [1].
+    All outputs are feedthrough of all inputs at the tick, and held.
 
     Parameters (Context, shape (n,)): velocity_limit [u/s], acceleration_limit [u/s^2], jerk_limit [u/s^3], positive and
     finite; the velocity limit is within 100 s of rest. They may change while it moves.
@@ -54,7 +54,8 @@ class TrajectoryGenerator(SampledBatch):
     Sampling: every `period` [s]; no delay from the target to the motion, see `SampledBlock`.
 
     Args:
-        initial_position: where it stands at first without a start, shape (n,) [u]. synchronized: see `Planner`.
+        initial_position: where it stands at first without a start, shape (n,) [u].
+        synchronized: see `Planner`.
         groups: how many components, one after the other, are planned together, and apart from those of the other
             groups; None: all of them. They add up to n.
 
@@ -91,7 +92,7 @@ class TrajectoryGenerator(SampledBatch):
         sizes = check_groups(groups, size)
         self._planner = scratch(self, "planner", lambda: GroupPlanner(sizes, synchronized))
         self._none = np.zeros(size)
-        memory = begin(lane_values("initial_position", initial_position, size))._asdict()
+        memory = begin(batch_values("initial_position", initial_position, size))._asdict()
         self.declare_memory(memory, inputs, period)
         self.show("position", "velocity", "acceleration", "arrived", "braking")
 
@@ -99,7 +100,7 @@ class TrajectoryGenerator(SampledBatch):
         """The velocity limit can be reached."""
         check_limits_together(Limits(*values.values()))
 
-    def derive(self, values: tuple[Lane, ...]) -> Any:
+    def derive(self, values: tuple[BatchValue, ...]) -> Any:
         """The limits as one array (3, n)."""
         return np.array(values).reshape(3, -1)
 

@@ -1,4 +1,4 @@
-"""Velocity-based trajectory generation (Algorithm 3), element by element.
+"""Velocity-based trajectory generation (Algorithm 3), element by element::
 
     x_gen''[k] = clip((x'_trg - x'[k])/Ts, -x''_max, x''_max)
     x_gen'[k+1] = x'[k] + Ts x_gen''[k],    x_gen[k+1] = x[k] + Ts x'[k] + Ts^2/2 x_gen''[k]
@@ -16,24 +16,26 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context
 
-from forcectl.framework.batch import BatchParameter, Lane
+from forcectl.framework.batch import BatchParameter, BatchValue
 from forcectl.framework.sampled_block import Memory, SampledBatch
 
 
 def velocity_step(
-    position: Lane,
-    velocity: Lane,
-    target_velocity: Lane,
-    velocity_limit: Lane,
-    acceleration_limit: Lane,
+    position: BatchValue,
+    velocity: BatchValue,
+    target_velocity: BatchValue,
+    velocity_limit: BatchValue,
+    acceleration_limit: BatchValue,
     period: float,
     m: Any = np,
-) -> tuple[Lane, Lane, Lane]:
+) -> tuple[BatchValue, BatchValue, BatchValue]:
     """One tick of Algorithm 3 from the given state.
 
     Args:
-        position, velocity: x[k], x'[k] [u, u/s]. target_velocity: x'_trg, used within +-velocity_limit [u/s].
-        acceleration_limit: x''_max [u/s^2]. period: Ts [s].
+        position, velocity: x[k], x'[k] [u, u/s].
+        target_velocity: x'_trg, used within +-velocity_limit [u/s].
+        acceleration_limit: x''_max [u/s^2].
+        period: Ts [s].
 
     Returns:
         x_gen[k+1], x_gen'[k+1] and x_gen''[k] [u, u/s, u/s^2].
@@ -60,7 +62,7 @@ class VelocityGenerator(SampledBatch):
 
     target_velocity: shape (n,), x'_trg [u/s].
     position, velocity: shape (n,), at the END of the tick, x_gen[k+1], x_gen'[k+1] [u, u/s]. acceleration: shape (n,),
-        during the tick [u/s^2]. All outputs are feedthrough of target_velocity at the tick, and held.
+    during the tick [u/s^2]. All outputs are feedthrough of target_velocity at the tick, and held.
 
     Parameters (Context, shape (n,)): velocity_limit [u/s] and acceleration_limit [u/s^2], positive; infinite for none.
 
@@ -94,7 +96,7 @@ class VelocityGenerator(SampledBatch):
         self.declare_memory(memory, inputs, period)
         self.show("position", "velocity", "acceleration")
 
-    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
         """One tick of Algorithm 3."""
         given = inputs["target_velocity"]
         target = self.math.where(abs(given) < np.inf, given, memory["target"])

@@ -11,10 +11,12 @@ from forcectl.plant.contact.contact_monitor import ContactMonitorCore as Contact
 from forcectl.plant.contact.obstacle import ObstacleConfig as ObstacleConfig
 from forcectl.plant.contact.parts import EnvironmentPartsConfig as EnvironmentPartsConfig
 from forcectl.plant.contact.surface import GrooveConfig as GrooveConfig
+from forcectl.plant.contact.surface import ProfileFileConfig as ProfileFileConfig
 from forcectl.plant.contact.surface import RoughnessConfig as RoughnessConfig
 from forcectl.plant.contact.surface import SurfaceConfig as SurfaceConfig
 from forcectl.plant.contact.surface import SurfaceHeight as SurfaceHeight
 from forcectl.plant.contact.surface import SurfaceProfile as SurfaceProfile
+from forcectl.plant.contact.surface import WaveConfig as WaveConfig
 from forcectl.plant.contact.surface import read_profile as read_profile
 from forcectl.plant.contact.surface import rough_profile as rough_profile
 from forcectl.plant.contact.surface_materials import MaterialPath as MaterialPath

@@ -28,7 +28,8 @@ def joint_compliance(J: Array, stiffness: Array) -> Array:
     """C_J = J diag(1/k) J', shape (6, 6) [rad/Nm, m/N and mixed].
 
     Args:
-        J: J_WT, shape (6, n), rotations above translations. stiffness: k, shape (n,) [Nm/rad], > 0; infinite is rigid.
+        J: J_WT, shape (6, n), rotations above translations.
+        stiffness: k, shape (n,) [Nm/rad], > 0; infinite is rigid.
     """
     return (J / stiffness) @ J.T
 
@@ -37,7 +38,8 @@ def motion_to_tcp(X_WD: RigidTransform, p_WT: Array) -> Array:
     """Ad: small motion of frame D, in D's axes, to that of the TCP fixed to D, in W; both [rotation; translation].
 
     Args:
-        X_WD: pose of D in W. p_WT: position of the TCP in W [m].
+        X_WD: pose of D in W.
+        p_WT: position of the TCP in W [m].
     """
     R = X_WD.rotation().matrix()
     x, y, z = p_WT - X_WD.translation()
@@ -49,7 +51,8 @@ def link_compliance(X_WD: Sequence[RigidTransform], p_WT: Array, diagonals: Sequ
     """C_L = sum_i Ad_i diag(c_i) Ad_i', shape (6, 6) [rad/Nm, m/N and mixed].
 
     Args:
-        X_WD: pose in W of each link's distal frame. p_WT: position of the TCP in W [m].
+        X_WD: pose in W of each link's distal frame.
+        p_WT: position of the TCP in W [m].
         diagonals: per link three rotations [rad/Nm] and three translations [m/N] in the distal frame's axes.
     """
     total = np.zeros((6, 6))
@@ -63,7 +66,9 @@ def total_compliance(n: Array, C_J: Array, C_L: Array, C_E: float) -> float:
     """C_T = n'(C_J + C_L) n + C_E [m/N] (2.7).
 
     Args:
-        n: unit vector in W, shape (3,). C_J, C_L: shape (6, 6). C_E: compliance of the environment along n [m/N].
+        n: unit vector in W, shape (3,).
+        C_J, C_L: shape (6, 6).
+        C_E: compliance of the environment along n [m/N].
     """
     along = (C_J + C_L)[3:, 3:]
     return float(n @ along @ n) + C_E
@@ -76,9 +81,9 @@ def robot_compliance(robot: RobotModel, context: Context, stiffness: Array) -> A
         stiffness: joint stiffness, shape (n,) [Nm/rad].
     """
     compliance = joint_compliance(robot.jacobian(context), stiffness)
-    if robot.facts.link_compliance:
+    if robot.parameters.link_compliance:
         poses = robot.link_poses(context)
-        diagonals = [robot.facts.link_compliance[frame] for frame in poses]
+        diagonals = [robot.parameters.link_compliance[frame] for frame in poses]
         compliance += link_compliance(list(poses.values()), robot.pose(context).translation(), diagonals)
     return compliance
 

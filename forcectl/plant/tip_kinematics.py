@@ -1,4 +1,4 @@
-"""Displacement of the tool along the constrained direction, and the robot's compliance there.
+"""Displacement of the tool along the constrained direction, and the robot's compliance there::
 
     dx = n'(p(q) - p(q_0))                                                                         (2.1)
     C_R = n'(C_J(q) + C_L(q)) n                                                                    (2.7)
@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
-from forcectl.framework.batch import check, lane_values
+from forcectl.framework.batch import batch_values, check
 from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
 
 Vector = NDArray[np.float64]
@@ -51,7 +51,9 @@ class TipDisplacement(LeafSystem):
     Sampling: every `period` [s] the tangent, if the posture has changed; None: no state.
 
     Args:
-        robot: kinematics. n: unit normal in W, shape (3,). start: q_0, shape (n_q,) [rad].
+        robot: kinematics.
+        n: unit normal in W, shape (3,).
+        start: q_0, shape (n_q,) [rad].
     """
 
     def __init__(self, robot: RobotModel, n: ArrayLike, start: Vector, *, period: float | None = 0.02):
@@ -60,7 +62,7 @@ class TipDisplacement(LeafSystem):
         self._position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
         self._posture = posture_cache(self, robot, self._position)
         context = robot.create_context()
-        start = lane_values("start", start, robot.num_joints)
+        start = batch_values("start", start, robot.num_joints)
         robot.set_positions(context, start)
         self._origin = float(self._n @ robot.tip_position(context))
         if period is None:
@@ -123,7 +125,7 @@ class LinkPosition(LeafSystem):
     def __init__(self, robot: RobotModel, n: ArrayLike, stiffness: Vector):
         super().__init__()
         self._robot, self._n = robot, unit_normal(n)
-        self._stiffness = lane_values("stiffness", stiffness, robot.num_joints, "positive")
+        self._stiffness = batch_values("stiffness", stiffness, robot.num_joints, "positive")
         self._position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
         self._force = self.DeclareVectorInputPort("contact_force", 1)
         self._plant_context = posture_cache(self, robot, self._position)

@@ -129,19 +129,19 @@ class LoadTruth(LeafSystem):
     ```
     name: LoadTruth
     input_ports: [link_position, external_wrench, contact_wrench, body_wrench (optional), contact_results,
-      contact_torque]
+    contact_torque]
     output_ports: [external_torque, tip_wrench, arm_contact_force]
     ```
 
     link_position: shape (n,) [rad]. external_wrench, contact_wrench, body_wrench: those of `TipLoad`.
     contact_results: abstract, of the plant. contact_torque: shape (n_v,), its generalized contact forces on the model
-        instance of the robot [Nm]. Both may be left unconnected: no contacts.
+    instance of the robot [Nm]. Both may be left unconnected: no contacts.
     external_torque: shape (n,), joint torques of all loads and contacts [Nm]. Feedthrough of all inputs but
-        contact_results.
+    contact_results.
     tip_wrench: shape (6a,), of loads at the TCPs and of contacts of the bodies fixed to them, at each TCP in the world,
-        [torque; force] [Nm, N]. Feedthrough of all inputs but contact_torque.
-    arm_contact_force: shape (a,), sum of the magnitudes of the contact forces on each arm,
-        those between two arms included [N]. Feedthrough of all inputs but contact_torque.
+    [torque; force] [Nm, N]. Feedthrough of all inputs but contact_torque.
+    arm_contact_force: shape (a,), sum of the magnitudes of the contact forces on each arm, those between two arms
+    included [N]. Feedthrough of all inputs but contact_torque.
 
     Sampling: none; evaluated when read.
 

@@ -1,4 +1,4 @@
-"""The quadratic programs of controllers in joint accelerations u, under a robot's constraints: the core of them all.
+"""The quadratic programs of controllers in joint accelerations u, under a robot's constraints: the core of them all::
 
     level 1         min  u'H_1 u/2 + g_1'u    s.t.  R u <= r,  E u <= f,  lower <= u <= upper,  |M u + h| <= limit
     level 2, ...    see `PrioritizedProgram`
@@ -34,13 +34,14 @@ _HOLDS = -1e-9  # a row that is missed by less holds with equality
 
 
 class Problem(NamedTuple):
-    """What is asked for at one tick.
+    """The problem of one tick.
 
-    motion: the commanded motion.
-    rows: of the constraints.
-    levels: in order of priority.
-    further: R (k, n) and r (k,), in the order of their names; None where there are none.
-    settled: see `PrioritizedProgram.solve`.
+    Attributes:
+        motion: the commanded motion.
+        rows: of the constraints.
+        levels: in order of priority.
+        further: R (k, n) and r (k,), in the order of their names; None where there are none.
+        settled: see `PrioritizedProgram.solve`.
     """
 
     motion: RobotMotion
@@ -53,10 +54,11 @@ class Problem(NamedTuple):
 class Outcome(NamedTuple):
     """What the programs of one tick give.
 
-    u: (n,) [rad/s^2]; brakes and holds when `status` says so.
-    status, slack, levels: see `PrioritizedSolution`.
-    active: rows and bounds that hold with equality.
-    beyond: the largest violation of a row of relative degree 0 [its unit], a torque included; 0 when none is.
+    Attributes:
+        u: (n,) [rad/s^2]; brakes and holds when `status` says so.
+        status, slack, levels: see `PrioritizedSolution`.
+        active: rows and bounds that hold with equality.
+        beyond: the largest violation of a row of relative degree 0 [its unit], a torque included; 0 when none is.
     """
 
     u: Vector

@@ -23,7 +23,12 @@ _INF = np.array([np.inf])
 class Coefficients(NamedTuple):
     """The numbers of a program of v; bounds that are not wanted are infinite.
 
-    hessian: H, (n, n). gradient: f, (n,). matrix: E, (m, n). lower, upper: of E v, (m,). v_lower, v_upper: of v, (n,).
+    Attributes:
+        hessian: H, (n, n).
+        gradient: f, (n,).
+        matrix: E, (m, n).
+        lower, upper: of E v, (m,).
+        v_lower, v_upper: of v, (n,).
     """
 
     hessian: Array

@@ -1,4 +1,4 @@
-"""Quadratic programs in order of priority, with the same rows and bounds at every level: (5.14), (5.18), any number.
+"""Quadratic programs in order of priority, with the same rows and bounds at every level: (5.14), (5.18), any number::
 
     level 1      min  u'H_1 u/2 + g_1'u    s.t.  E u <= f,  u_lower <= u <= u_upper
     level k+1    min  u'H u/2 + g'u        s.t.  the same,  and  J_i u = J_i u_i  of all levels i above
@@ -40,7 +40,10 @@ _STEP_TOLERANCE = 1e-9  # a step by less than that is none
 class Level(NamedTuple):
     """What one level minimises, u'H u/2 + g'u, and the rows J whose J u the levels below it must not change.
 
-    hessian: positive definite (n, n). gradient: (n,). task: (k, n); not read of the last level.
+    Attributes:
+        hessian: positive definite (n, n).
+        gradient: (n,).
+        task: (k, n); not read of the last level.
     """
 
     hessian: Array

@@ -2,7 +2,7 @@
 
     min  u'H u/2 + f'u    s.t.  lower <= E u <= upper,    u_lower <= u <= u_upper
 
-What is returned, in this order:
+What is returned, in this order::
 
     OPTIMAL        the optimum
     SLACK          no point satisfies all rows: the soft rows were given a slack, weighted against the objective
@@ -51,7 +51,8 @@ class Status(IntEnum):
 class Solution(NamedTuple):
     """u: shape (n,), always finite when the fallback is. status: where it comes from.
 
-    slack: furthest that u is outside a soft row, in the unit of that row; 0 unless status is SLACK.
+    Attributes:
+        slack: furthest that u is outside a soft row, in the unit of that row; 0 unless status is SLACK.
     """
 
     u: Array

@@ -53,11 +53,12 @@ class ArmsMotion(_Beside):
     """The motion of all arms at one tick, and itself that of the first one's TCP.
 
     Args:
-        robot: with any number of arms. context: of `robot.plant`, overwritten; must stay in this posture while the
-            motion is in use. q, v: of all joints, (n,) [rad, rad/s].
+        robot: with any number of arms.
+        context: of `robot.plant`, overwritten; must stay in this posture while the motion is in use.
+        q, v: of all joints, (n,) [rad, rad/s].
 
     Attributes:
-        known: what was computed from this motion and may be wanted again in this tick, by whom it belongs to.
+        known: results computed from this motion that may be used again in this tick, by their owner.
     """
 
     def __init__(self, robot: RobotModel, context: Context, q: Vector, v: Vector):

@@ -1,7 +1,7 @@
 """Kinematics of all links of a robot at once, in numpy: poses, Jacobians, velocities, bias accelerations.
 
 Drake computes the same one frame at a time, 4 to 5 us for pose, Jacobian and bias acceleration of each; for the nearest
-points of many pairs of links that is most of a control tick. Here the links are the rows of an array:
+points of many pairs of links that is most of a control tick. Here the links are the rows of an array::
 
     X_i = X_parent(i) F_i J_i(q_i)          composed in log2(depth) products of all links together
     S_i = [w_i; l_i]                        axis of joint i: the motion it gives to the point that is at the origin of W
@@ -10,12 +10,12 @@ points of many pairs of links that is most of a control tick. Here the links are
 
 and the spatial velocity of a point p of link i is [w; l + w x p] (Featherstone, Rigid Body Dynamics Algorithms, 2.10).
 
-In a block of a robot with any number of arms, once:
+In a block of a robot with any number of arms, once::
 
     tree = JointTree(robot.plant, robot.parts.joints)
     tips = tree.frames([arm.tcp_frame for arm in robot.parts.arms.values()])
 
-and per tick:
+and per tick::
 
     motion = tree.at(q, v).of(tips)
     motion.poses            (k, 4, 4)   X_WF
@@ -73,8 +73,10 @@ def cross(a: Array, b: Array) -> Array:
 class FixedFrames:
     """k frames, each fixed on a link.
 
-    link: (k,), 0 for the world and 1 + i for what joint i moves. X_LF: pose on the link, (k, 4, 4). moved: (k, 1, n), 1
-    for the joints that move the frame.
+    Attributes:
+        link: (k,), 0 for the world and 1 + i for what joint i moves.
+        X_LF: pose on the link, (k, 4, 4).
+        moved: (k, 1, n), 1 for the joints that move the frame.
     """
 
     link: Indices
@@ -89,10 +91,12 @@ class JointTree:
     it. Vectors over joints have shape (n,), in the order of `joints`; other joints of the plant stay at their defaults.
 
     Args:
-        plant: finalized. joints: each revolute or prismatic; in any order, of any tree.
+        plant: finalized.
+        joints: each revolute or prismatic; in any order, of any tree.
 
     Attributes:
-        num_joints: n. moves: (n + 1, n), 1 where a joint (column) moves a link (row), else 0.
+        num_joints: n.
+        moves: (n + 1, n), 1 where a joint (column) moves a link (row), else 0.
 
     Raises:
         BadInputError: a joint that is neither revolute nor prismatic.
@@ -176,7 +180,8 @@ class JointTree:
         """Frames of the plant, or what is fixed in them.
 
         Args:
-            frames: of the plant. offsets: pose in each of them; identity when None.
+            frames: of the plant.
+            offsets: pose in each of them; identity when None.
         """
         links = np.array([self.link_of(frame) for frame in frames], dtype=np.intp)
         X_WF = np.empty((len(frames), 4, 4))
@@ -217,7 +222,8 @@ class TreeState:
     """All links of a `JointTree` at one q and v; spatial vectors are [rotation; translation] in W.
 
     Attributes:
-        q, v: joint positions and speeds, (n,). X_WL: pose of each link, world first, (n + 1, 4, 4) [m].
+        q, v: joint positions and speeds, (n,).
+        X_WL: pose of each link, world first, (n + 1, 4, 4) [m].
         screws: S, the motion of the point at the origin of W per speed of each joint, (n, 6) [1; m].
     """
 

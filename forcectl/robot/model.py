@@ -31,7 +31,7 @@ from pydrake.systems.framework import Context, InputPort, LeafSystem
 
 from forcectl.errors import invalid, unknown
 from forcectl.framework.cache import BlockCache
-from forcectl.robot.facts import ControlFacts
+from forcectl.robot.parameters import ControlParameters
 from forcectl.robot.parts import ArmParts, RobotParts, add_robot, frame_named
 
 __all__ = [
@@ -87,11 +87,12 @@ class RobotModel:
     arm's; `parts.arms` has the frames and joints of each, and the functions that end in `_of` take any frame.
 
     Holds no state: every function takes a context of `plant` (see `create_context`), so that a block can keep one in a
-    cache entry. Vectors over joints have shape (n,), n = `num_joints`, in the order of the control facts; other joints
-    of the model (a gripper, say) stay at their defaults. Spatial vectors are [rotation; translation], in the world W.
+    cache entry. Vectors over joints have shape (n,), n = `num_joints`, in the order of the control parameters; other
+    joints of the model (a gripper, say) stay at their defaults. Spatial vectors are [rotation; translation], in the
+    world W.
 
     Attributes:
-        facts, tool_facts: what the YAML files say; `tool_facts` is None without a tool.
+        parameters, tool_parameters: what the YAML files say; `tool_parameters` is None without a tool.
         plant: robot and tool, fixed to the world, continuous, without geometry, finalized.
         parts: joints, actuators and frames in `plant`.
         tcp_frame: tool centre point T, of the first arm.
@@ -108,19 +109,19 @@ class RobotModel:
 
     def __init__(self, plant: MultibodyPlant, parts: RobotParts, stiffness_set: str | None = None):
         """Use `load`."""
-        facts = parts.facts
-        self.facts = facts
-        self.tool_facts = parts.tool_facts
+        parameters = parts.parameters
+        self.parameters = parameters
+        self.tool_parameters = parts.tool_parameters
         self.plant = plant
         self.parts = parts
-        self.num_joints = facts.num_joints
+        self.num_joints = parameters.num_joints
         self._world = plant.world_frame()
         self.tcp_frame = parts.tcp_frame
         self.limits = _limits(parts)
-        self.stiffness_set = facts.default_stiffness_set if stiffness_set is None else stiffness_set
-        self.joint_stiffness = facts.stiffness(stiffness_set)
-        self.motor_from_joint = _motor_from_joint(facts)
-        self.motor_inertia = self.motor_from_joint.T @ np.diag(facts.rotor_inertia) @ self.motor_from_joint
+        self.stiffness_set = parameters.default_stiffness_set if stiffness_set is None else stiffness_set
+        self.joint_stiffness = parameters.stiffness(stiffness_set)
+        self.motor_from_joint = _motor_from_joint(parameters)
+        self.motor_inertia = self.motor_from_joint.T @ np.diag(parameters.rotor_inertia) @ self.motor_from_joint
         self._scratch = PlantForces(plant)
         self._q = np.array([joint.position_start() for joint in parts.joints])
         self._v = np.array([joint.velocity_start() for joint in parts.joints])
@@ -128,7 +129,8 @@ class RobotModel:
         every = np.arange(self.num_joints)
         self._arm_only = np.array_equal(self._q, every[: plant.num_positions()]) and plant.num_positions() == len(every)
         self._link_frames = {
-            frame: frame_named(plant, frame, parts.instance, "link_compliance frame") for frame in facts.link_compliance
+            frame: frame_named(plant, frame, parts.instance, "link_compliance frame")
+            for frame in parameters.link_compliance
         }
 
     @classmethod
@@ -143,10 +145,10 @@ class RobotModel:
         Args:
             robot: shipped robot or robot folder; "yumi/left" is one arm of a robot that has several.
             tool: shipped tool, tool folder, or None for the bare flange; every arm has one.
-            stiffness_set: which joint stiffness to use; the facts' default when None.
+            stiffness_set: which joint stiffness to use; the parameters' default when None.
 
         Raises:
-            BadInputError: unknown name, bad facts, or a model that does not fit them.
+            BadInputError: unknown name, bad parameters, or a model that does not fit them.
         """
         plant = MultibodyPlant(time_step=0.0)
         parts = add_robot(plant, robot, tool)
@@ -256,7 +258,7 @@ class RobotModel:
         return bias
 
     def link_poses(self, context: Context) -> dict[str, RigidTransform]:
-        """Poses in the world of the distal frames named in the facts' `link_compliance`."""
+        """Poses in the world of the distal frames named in the parameters' `link_compliance`."""
         return {name: frame.CalcPoseInWorld(context) for name, frame in self._link_frames.items()}
 
     def gravity_torque(self, context: Context) -> Array:
@@ -297,14 +299,14 @@ class RobotModel:
     def smallest_singular_value(self, context: Context) -> float:
         """Distance from a singular posture [1]: smallest singular value of the TCP Jacobian.
 
-        Translations are divided by the facts' `characteristic_length`. With fewer than six joints it tells whether the
-        joints move the TCP independently. Of several arms it is the least.
+        Translations are divided by the parameters' `characteristic_length`. With fewer than six joints it shows whether
+        the joints move the TCP independently. Of several arms it is the least.
         """
         return min(self._smallest_singular_value(context, arm) for arm in self.parts.arms.values())
 
     def _smallest_singular_value(self, context: Context, arm: ArmParts) -> float:
         J = self.jacobian_of(context, arm.tcp_frame)[:, arm.joints]
-        J[3:] /= self.facts.characteristic_length
+        J[3:] /= self.parameters.characteristic_length
         return float(np.linalg.svd(J, compute_uv=False)[-1])
 
 
@@ -342,11 +344,13 @@ def has_moved(q: Array, since: Array) -> bool:
     return bool(step @ step > _STILL**2)
 
 
-def _motor_from_joint(facts: ControlFacts) -> Array:
-    T = np.eye(facts.num_joints)
-    for coupling in facts.motor_coupling:
-        T[facts.arm_joints.index(coupling.motor_of), facts.arm_joints.index(coupling.driven_by)] = coupling.factor
-    return facts.gear_ratio[:, None] * T
+def _motor_from_joint(parameters: ControlParameters) -> Array:
+    T = np.eye(parameters.num_joints)
+    for coupling in parameters.motor_coupling:
+        T[parameters.arm_joints.index(coupling.motor_of), parameters.arm_joints.index(coupling.driven_by)] = (
+            coupling.factor
+        )
+    return parameters.gear_ratio[:, None] * T
 
 
 def _limits(parts: RobotParts) -> JointLimits:

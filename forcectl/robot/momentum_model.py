@@ -138,7 +138,8 @@ class MomentumModel:
         Rotations above translations, Drake's order.
 
         Args:
-            context: is left in the posture q, shape (n,) [rad]. expressed_in: frame the components are in.
+            context: is left in the posture q, shape (n,) [rad].
+            expressed_in: frame the components are in.
         """
         self._set_positions(context, q)
         plant = self.plant

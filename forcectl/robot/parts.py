@@ -23,7 +23,13 @@ from pydrake.multibody.tree import (
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.models import add_packages, robot_and_arm, tool_folder
-from forcectl.robot.facts import ArmFacts, ControlFacts, ToolFacts, load_control_facts, load_tool_facts
+from forcectl.robot.parameters import (
+    ArmParameters,
+    ControlParameters,
+    ToolParameters,
+    load_control_parameters,
+    load_tool_parameters,
+)
 
 
 @dataclass(frozen=True)
@@ -44,12 +50,12 @@ class ArmParts:
 class RobotParts:
     """A robot and its tools as they are in a plant.
 
-    Joints and actuators are those of all arms, in the order of the facts. `arms` has at least one entry; the properties
-    speak of the first.
+    Joints and actuators are those of all arms, in the order of the parameters. `arms` has at least one entry; the
+    properties speak of the first.
     """
 
-    facts: ControlFacts
-    tool_facts: ToolFacts | None
+    parameters: ControlParameters
+    tool_parameters: ToolParameters | None
     instance: ModelInstanceIndex
     joints: tuple[Joint, ...]
     actuators: tuple[JointActuator, ...]
@@ -96,7 +102,7 @@ def add_robot(
 ) -> RobotParts:
     """Parse a robot into `plant`, weld its base to the world and a tool to each flange, and set the default posture.
 
-    Joints that the facts hold (those of the other arms of "robot/arm" are) become welds.
+    Joints that the parameters hold (those of the other arms of "robot/arm" are) become welds.
 
     Args:
         plant: not yet finalized; gets the geometry too when it is registered with a scene graph.
@@ -105,30 +111,30 @@ def add_robot(
         X_WB: pose of the robot's base frame in the world; identity when None.
 
     Raises:
-        BadInputError: unknown robot, arm or tool, or a model that does not fit its facts.
+        BadInputError: unknown robot, arm or tool, or a model that does not fit its parameters.
     """
     folder, arm = robot_and_arm(robot)
-    facts = load_control_facts(folder)
+    parameters = load_control_parameters(folder)
     if arm is not None:
-        facts = facts.only(arm)
-    arms = facts.arms or {"arm": ArmFacts(flange_frame=facts.flange_frame, joints=facts.arm_joints)}
-    whole = _ModelFile.look(folder / facts.model)
+        parameters = parameters.only(arm)
+    arms = parameters.arms or {"arm": ArmParameters(flange_frame=parameters.flange_frame, joints=parameters.arm_joints)}
+    whole = _ModelFile.look(folder / parameters.model)
     models, filters = {whole.name: whole}, []
-    tool_facts, tools = None, {}  # the latter: what each arm's tool is called in the plant
+    tool_parameters, tools = None, {}  # the latter: what each arm's tool is called in the plant
     if tool is not None:
         tool_at = tool_folder(tool)
-        tool_facts = load_tool_facts(tool_at)
-        tool_file = _ModelFile.look(tool_at / tool_facts.model)
+        tool_parameters = load_tool_parameters(tool_at)
+        tool_file = _ModelFile.look(tool_at / tool_parameters.model)
         tools = {name: tool_file.name if len(arms) == 1 else f"{name}_{tool_file.name}" for name in arms}
         models |= dict.fromkeys(tools.values(), tool_file)
         filters = [(name, whole.name, arms[arm].tool_neighbours) for arm, name in tools.items()]
     instances = _parse(plant, models, filters)
     instance = instances[whole.name]
 
-    plant.WeldFrames(plant.world_frame(), frame_named(plant, facts.base_frame, instance), X_WB or RigidTransform())
-    _hold(plant, facts.held_joints, instance)
-    joints = tuple(_revolute_or_prismatic(plant, name, instance) for name in facts.arm_joints)
-    for joint, position in zip(joints, facts.default_posture, strict=True):
+    plant.WeldFrames(plant.world_frame(), frame_named(plant, parameters.base_frame, instance), X_WB or RigidTransform())
+    _hold(plant, parameters.held_joints, instance)
+    joints = tuple(_revolute_or_prismatic(plant, name, instance) for name in parameters.arm_joints)
+    for joint, position in zip(joints, parameters.default_posture, strict=True):
         if not joint.position_lower_limits()[0] <= position <= joint.position_upper_limits()[0]:
             raise invalid(f"default posture of {joint.name()} [rad]", float(position), "within the joint's limits")
         joint.set_default_positions(np.array([position]))
@@ -138,10 +144,10 @@ def add_robot(
     for name, one in arms.items():
         mine, flange = slice(first, first + len(one.joints)), frame_named(plant, one.flange_frame, instance)
         parts[name] = ArmParts(name, mine, flange, tcp_frame=flange)
-        if tool_facts is not None:
-            parts[name] = _with_tool(plant, parts[name], instances[tools[name]], tool_facts)
+        if tool_parameters is not None:
+            parts[name] = _with_tool(plant, parts[name], instances[tools[name]], tool_parameters)
         first = mine.stop
-    return RobotParts(facts, tool_facts, instance, joints, actuators, parts)
+    return RobotParts(parameters, tool_parameters, instance, joints, actuators, parts)
 
 
 @dataclass(frozen=True)
@@ -203,14 +209,14 @@ def _one_line(error: RuntimeError) -> str:
     return " ".join(str(error).split())
 
 
-def _with_tool(plant: MultibodyPlant, arm: ArmParts, tool: ModelInstanceIndex, facts: ToolFacts) -> ArmParts:
+def _with_tool(plant: MultibodyPlant, arm: ArmParts, tool: ModelInstanceIndex, parameters: ToolParameters) -> ArmParts:
     """`arm` with a tool welded to its flange."""
-    plant.WeldFrames(arm.flange_frame, frame_named(plant, facts.mount_frame, tool))
-    _hold(plant, facts.held_joints, tool)
-    ball, sensor, weld = facts.contact_ball_frame, facts.sensor_frame, facts.sensor_weld
+    plant.WeldFrames(arm.flange_frame, frame_named(plant, parameters.mount_frame, tool))
+    _hold(plant, parameters.held_joints, tool)
+    ball, sensor, weld = parameters.contact_ball_frame, parameters.sensor_frame, parameters.sensor_weld
     return replace(
         arm,
-        tcp_frame=frame_named(plant, facts.tcp_frame, tool),
+        tcp_frame=frame_named(plant, parameters.tcp_frame, tool),
         tool_instance=tool,
         contact_ball_frame=frame_named(plant, ball, tool) if ball else None,
         sensor_frame=frame_named(plant, sensor, tool) if sensor else None,

@@ -1,4 +1,4 @@
-"""What a controller in joint accelerations knows of the motion (q, q') it commands: pose, J, J'q', and M on demand.
+"""The commanded motion (q, q') of a controller in joint accelerations: pose, J, J'q', and M on demand.
 
     x' = J q',    x'' = J u + J'q',    u = q''
 
@@ -21,11 +21,14 @@ Vector = NDArray[np.float64]
 
 
 class ContactMotion(NamedTuple):
-    """What is known of the contact at one tick.
+    """The contact at one tick, from the controller's model and reading.
 
-    displacement: dx_bar along n [m], into the surface when negative. rate: its rate [m/s]; its second derivative is
-    row u + bias, with row (n,) [m/rad], bias [m/s^2]. compliance: C_T_hat [m/N]. measured_force: [N]. unseen: what the
-    measured force does not show yet [m], see `SensorLag`.
+    Attributes:
+        displacement: dx_bar along n [m], into the surface when negative.
+        rate: its rate [m/s]; its second derivative is row u + bias, with row (n,) [m/rad], bias [m/s^2].
+        compliance: C_T_hat [m/N].
+        measured_force: [N].
+        sensor_lag_lead: what the measured force does not show yet [m], see `SensorLag`.
     """
 
     displacement: float
@@ -34,7 +37,7 @@ class ContactMotion(NamedTuple):
     bias: float
     compliance: float
     measured_force: float
-    unseen: float = 0.0
+    sensor_lag_lead: float = 0.0
 
 
 class RobotMotion:
@@ -43,7 +46,9 @@ class RobotMotion:
     Attributes:
         q, v: joint positions and speeds, (n,) [rad, rad/s].
         position, rotation: of the TCP, (3,) [m] and (3, 3).
-        jacobian: J_WT, (6, n) [1; m]. velocity: J v, (6,) [rad/s; m/s]. bias: J'v, (6,) [rad/s^2; m/s^2].
+        jacobian: J_WT, (6, n) [1; m].
+        velocity: J v, (6,) [rad/s; m/s].
+        bias: J'v, (6,) [rad/s^2; m/s^2].
         contact: filled in by the controller.
     """
 
@@ -53,7 +58,7 @@ class RobotMotion:
         """`context`: of `robot.plant`, overwritten; must stay in this posture while the motion is in use."""
         self._robot, self._context = robot, context
         self.q, self.v = q, v
-        self.position, self.rotation = place(robot, context, q)
+        self.position, self.rotation = tip_pose(robot, context, q)
         robot.set_velocities(context, v)
         self.jacobian: Vector = robot.jacobian(context)
         self.velocity: Vector = self.jacobian.dot(v)
@@ -74,7 +79,7 @@ class RobotMotion:
         return self._robot.torque(self._context, u)
 
 
-class StraightMotion(RobotMotion):
+class ConstantJacobianMotion(RobotMotion):
     """The same about one posture q_0, with the Jacobian of that posture: what the one-dimensional station is made of.
 
     Args:
@@ -85,45 +90,45 @@ class StraightMotion(RobotMotion):
         self._robot, self._context = origin._robot, origin._context
         self.q, self.v = q, v
         self.jacobian, self.velocity, self.bias = origin.jacobian, origin.jacobian @ v, origin.bias
-        self.position, self.rotation = straight_place(origin, q)
+        self.position, self.rotation = constant_jacobian_pose(origin, q)
 
 
-class Place(NamedTuple):
+class TipPose(NamedTuple):
     """Position (3,) [m] and rotation (3, 3) of the TCP in W."""
 
     position: Vector
     rotation: Vector
 
 
-def place(robot: RobotModel, context: Context, q: Vector) -> Place:
+def tip_pose(robot: RobotModel, context: Context, q: Vector) -> TipPose:
     """Where the TCP is in posture q, (n,) [rad]; `context` is overwritten."""
     robot.set_positions(context, q)
     return pose_parts(robot.pose(context))
 
 
-def pose_parts(pose: RigidTransform) -> Place:
+def pose_parts(pose: RigidTransform) -> TipPose:
     """Position and rotation of a pose, at the cost of one call."""
     matrix = pose.GetAsMatrix34()
-    return Place(matrix[:, 3], matrix[:, :3])
+    return TipPose(matrix[:, 3], matrix[:, :3])
 
 
-def straight_place(origin: RobotMotion, q: Vector) -> Place:
-    """The same of a `StraightMotion`."""
+def constant_jacobian_pose(origin: RobotMotion, q: Vector) -> TipPose:
+    """The same of a `ConstantJacobianMotion`."""
     moved = origin.jacobian @ (q - origin.q)
     x, y, z = moved[:3]
-    # Rotation to first order: what `turn` reads off it is the difference of the rotation vectors.
+    # Rotation to first order: what `orientation_error` reads off it is the difference of the rotation vectors.
     rotation = (np.eye(3) + np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])) @ origin.rotation
-    return Place(origin.position + moved[3:], rotation)
+    return TipPose(origin.position + moved[3:], rotation)
 
 
-def turn(from_: Vector, to: Vector) -> Vector:
+def orientation_error(start: Vector, end: Vector) -> Vector:
     """Rotation vector from one orientation to another, exact for small angles and of the right sign below pi.
 
     Args:
-        from_, to: rotation matrices (3, 3).
+        start, end: rotation matrices (3, 3).
 
     Returns:
         sin(angle) * axis in W, (3,) [rad].
     """
-    (_, xy, xz), (yx, _, yz), (zx, zy, _) = (to @ from_.T).tolist()
+    (_, xy, xz), (yx, _, yz), (zx, zy, _) = (end @ start.T).tolist()
     return np.array([0.5 * (zy - yz), 0.5 * (xz - zx), 0.5 * (yx - xy)])

@@ -28,7 +28,8 @@ _NETCDF = (".nc", ".nc4", ".h5", ".hdf5", ".cdf")
 class Column:
     """One quantity: its name as written, its unit ("" when none is given) and its values (k,).
 
-    fault: where the first cell is that holds no number, "" when there is none; its value and empty ones are NaN.
+    Attributes:
+        fault: where the first cell is that holds no number, "" when there is none; its value and empty ones are NaN.
     """
 
     name: str
@@ -82,7 +83,8 @@ def read_columns(path: Path, variant: str | None = None) -> Columns:
     """All columns of a file.
 
     Args:
-        path: CSV, or NetCDF by its suffix. variant: which one of a log of several.
+        path: CSV, or NetCDF by its suffix.
+        variant: which one of a log of several.
 
     Raises:
         BadInputError: the file cannot be read, has no header or no rows, or a row has too many or too few cells.

@@ -1,4 +1,4 @@
-"""The directory of a run: everything about it, written under a temporary name and renamed when complete.
+"""The directory of a run: everything about it, written under a temporary name and renamed when complete::
 
     scenario.yaml    resolved: presets, defaults and overrides written out; runs again as it stands
     manifest.json    versions, seed, git state, hash of scenario.yaml, status

@@ -59,7 +59,8 @@ def to_dataset(
     """The log of one variant.
 
     Args:
-        times: (k,) [s]. values: (n, k).
+        times: (k,) [s].
+        values: (n, k).
         signals: name -> which `rows` (a slice), `unit` and component `labels` (None: a scalar).
         variant: name of the variant.
         model_bandwidth: of the reference model [rad/s]; adds its response `model_force` [N].
@@ -128,7 +129,8 @@ def first_fault(
     """The first sample that no healthy run has: (signal, time [s], value), or None.
 
     Args:
-        times: (k,) [s]. values: (n, k).
+        times: (k,) [s].
+        values: (n, k).
         signals: name -> rows.
         limits: name -> largest absolute value; every signal must be finite.
     """

@@ -44,9 +44,13 @@ _SAME = 1e-6  # of its range by which a saturated force may differ
 class Recorded:
     """An experiment.
 
-    origin: file name. input_name, output_name: as written in it. period: Ts [s].
-    u, y: displacement [m] and force [N] less their values at rest, shape (k,). u_rest, y_rest: those values.
-    resting: samples at the beginning that those values are from.
+    Attributes:
+        origin: file name.
+        input_name, output_name: as written in it.
+        period: Ts [s].
+        u, y: displacement [m] and force [N] minus their values at rest, shape (k,).
+        u_rest, y_rest: those values.
+        resting: samples at the beginning that those values are from.
     """
 
     origin: str
@@ -87,9 +91,10 @@ def read_record(
     """Read an experiment from a CSV file or the log of a run.
 
     Args:
-        path: the file. input_column, output_column: names of displacement and force where they are not found by name.
-        variant: which one of a log of several. flip_input: count displacements into the surface as negative, though
-            the file has them positive.
+        path: the file.
+        input_column, output_column: names of displacement and force where they are not found by name.
+        variant: which one of a log of several.
+        flip_input: count displacements into the surface as negative, though the file has them positive.
 
     Raises:
         BadInputError: one line that names the row or column and what to do; see `forcectl.runs.columns`, and

@@ -44,31 +44,31 @@ _LOOKS = {"tip_wrench": (0.010, _BLUE), "estimated_wrench": (0.007, _ORANGE)}  #
 _PLATE = np.array([0.3, 0.2])  # [m] length and width of the plate
 
 
-def write_replay(log: xr.Dataset, cell: Workcell, path: Path) -> None:
+def write_replay(log: xr.Dataset, workcell: Workcell, path: Path) -> None:
     """Write the replay of one variant.
 
     Args:
         log: over time, with `link_position` or `motor_position`, and forces.
-        cell: what was simulated.
+        workcell: what was simulated.
         path: HTML file to write.
     """
     try:
-        _draw(log, cell, path)
+        _draw(log, workcell, path)
     finally:
         # Drake ends the process when a Meshcat is destroyed in another thread than the one that made it, and a diagram
         # of Python is a cycle of references: left alone it would go in whichever thread collects it.
         gc.collect()
 
 
-def _draw(log: xr.Dataset, cell: Workcell, path: Path) -> None:
+def _draw(log: xr.Dataset, workcell: Workcell, path: Path) -> None:
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
-    parts = add_robot(plant, cell.config.robot, cell.config.tool)
-    plates = [_Plate(plant, contact, i) for i, contact in enumerate(cell.contacts)]
+    parts = add_robot(plant, workcell.config.robot, workcell.config.tool)
+    plates = [_Plate(plant, contact, i) for i, contact in enumerate(workcell.contacts)]
     plant.Finalize()
     scene = Scene(builder, plant, scene_graph)
     meshcat, own = scene.meshcat, scene.plant_context
-    for i, obstacle in enumerate(cell.obstacles.values()):
+    for i, obstacle in enumerate(workcell.obstacles.values()):
         meshcat.SetObject(f"obstacles/{i}", Box(*obstacle.size), _WOOD)
         meshcat.SetTransform(f"obstacles/{i}", obstacle.pose)
     for plate in plates:
@@ -197,7 +197,8 @@ class Scene:
         builder: holds `plant` and `scene_graph` only; it is built here.
 
     Attributes:
-        meshcat: for what is drawn beside the plant. plant_context: to set its positions in.
+        meshcat: for what is drawn beside the plant.
+        plant_context: to set its positions in.
     """
 
     def __init__(self, builder: DiagramBuilder, plant: MultibodyPlant, scene_graph: SceneGraph):
@@ -213,8 +214,9 @@ class Scene:
         """Write the pictures of a log.
 
         Args:
-            times: of its samples [s]. draw: sets `plant_context`, and what is drawn beside it, to sample k, at a time
-                [s]. path: HTML file to write.
+            times: of its samples [s].
+            draw: sets `plant_context`, and what is drawn beside it, to sample k, at a time [s].
+            path: HTML file to write.
         """
         self._visualizer.StartRecording()
         wanted = np.arange(0.0, times[-1] - times[0] + 0.5 / FRAMES, 1 / FRAMES)

@@ -80,7 +80,8 @@ def run(
         overrides: dotted key -> value on top of everything, for example {"station.environment.stiffness": 2e5} or
             {"controller": AdaptiveIntegralConfig(integral_gain=2.0)}; where several variants are run, of keys that none
             of them sets.
-        seed: short for the override of `seed`. fidelity: short for that of `station.fidelity`.
+        seed: short for the override of `seed`.
+        fidelity: short for that of `station.fidelity`.
         out: directory to write (see `run_directory`); None writes nothing.
         force: replace an earlier run in `out`.
         replay: also write each variant as an animation in three dimensions, one HTML page each.
@@ -120,7 +121,8 @@ def check_overrides(file: ScenarioFile, names: Sequence[str], overrides: Mapping
     """Refuse overrides that would make variants the same under different names.
 
     Args:
-        file: of the variants. names: of the ones to be run, each of which can be resolved.
+        file: of the variants.
+        names: of the ones to be run, each of which can be resolved.
         overrides: dotted key -> value.
 
     Raises:
@@ -256,7 +258,7 @@ def _write_replays(folder: Path, scenarios: Mapping[str, Scenario], outcomes: Se
     for number, outcome in enumerate(outcomes, start=1):
         if outcome.log.sizes["time"]:
             name = "replay.html" if len(scenarios) == 1 else f"replay_{number}.html"
-            write_replay(outcome.log, scenarios[outcome.variant].setting().cell, folder / name)
+            write_replay(outcome.log, scenarios[outcome.variant].setting().workcell, folder / name)
 
 
 def _write_pictures(folder: Path, log: xr.Dataset, scenario: Scenario, diagram: Diagram, title: str) -> None:

@@ -43,7 +43,8 @@ def simulate(
     """Simulate a scenario.
 
     Args:
-        scenario: complete (see `load_scenario`). loop: what `build` made of it.
+        scenario: complete (see `load_scenario`).
+        loop: what `build` made of it.
         variant: its name, for the log.
         realtime_rate: at most this many simulated seconds per second; 0: as fast as possible.
         progress: called with the variant and the share done, after every `CHUNK`.

@@ -36,7 +36,8 @@ _HYSTERESIS = 0.1  # that the static gain of the plant model may differ from tha
 class Tuned:
     """A tuned controller: its reference model, the record and the fit, and the directory with the results.
 
-    compensated: whether the robot's compliance was fed back in the experiment.
+    Attributes:
+        compensated: whether the robot's compliance was fed back in the experiment.
     """
 
     config: ReferenceModelConfig
@@ -140,15 +141,18 @@ def tune_vrft(
     """Tune a controller from a recorded experiment and write it.
 
     Args:
-        data: CSV file or log.nc. reference_model: bandwidth [rad/s], or the text of a mapping with the keys of
-            `ReferenceModelConfig`.
+        data: CSV file or log.nc.
+        reference_model: bandwidth [rad/s], or the text of a mapping with the keys of `ReferenceModelConfig`.
         form: "continuous" or "discrete" PID, or "fir:N" with N coefficients.
-        prefilter: L = M (1 - M). refine: take better gains than those of VRFT where a plant model made of the record is
-            good enough to tell; see `fit_vrft`. second: record of a second, equal experiment, used as instrument.
+        prefilter: L = M (1 - M).
+        refine: take better gains than those of VRFT where a plant model made of the record is good enough to tell; see
+            `fit_vrft`.
+        second: record of a second, equal experiment, used as instrument.
         input_column, output_column, variant, flip_input: see `read_record`.
-        compensated: whether the compliance of the robot was fed back in the experiment (4.12); None: by the name of
-            the input, which is not when it is `displacement_command`.
-        out: directory to write; None writes nothing. force: replace an earlier result there.
+        compensated: whether the compliance of the robot was fed back in the experiment (4.12); None: by the name of the
+            input, which is not when it is `displacement_command`.
+        out: directory to write; None writes nothing.
+        force: replace an earlier result there.
 
     Raises:
         BadInputError: data, model or directory cannot be used; nothing was written.

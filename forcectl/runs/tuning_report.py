@@ -1,4 +1,4 @@
-"""What is told of a tuned controller: a table and a few lines in the terminal, the same and more as plain values."""
+"""The report on a tuned controller: a table and a few lines in the terminal, the same and more as plain values."""
 
 from __future__ import annotations
 

@@ -206,7 +206,7 @@ def list_blocks() -> dict[str, str]:
     for file in dict.fromkeys(file for file, node in classes if node.name in systems):
         name = file.relative_to(root).with_suffix("").as_posix()
         if not name.startswith("framework/"):
-            found[name] = (ast.get_docstring(files[file]) or "").split("\n", 1)[0]
+            found[name] = (ast.get_docstring(files[file]) or "").split("\n", 1)[0].replace("::", ".")
     return found
 
 

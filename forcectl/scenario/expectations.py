@@ -58,7 +58,7 @@ DRIFT = Tolerance(relative=0.05)  # where a line says nothing else
 class Expectation(Config):
     """One line of `expect`.
 
-    The value judged is metric(variant), less that of `minus`, or divided by that of `ratio`; the metric
+    The value judged is metric(variant), minus that of `minus`, or divided by that of `ratio`; the metric
     `force_distance_N` is that of the variant's measured force from the one in `distance_to`. It passes when it lies
     within `tolerance` of `published` (if there is a tolerance) and between `minimum` and `maximum` (`strict`: not on
     them). Apart from that, it has drifted when it is further than `drift` from `expected`: from a thesis one may be

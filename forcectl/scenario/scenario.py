@@ -15,8 +15,8 @@ from typing import TYPE_CHECKING, Any
 import xarray as xr
 
 from forcectl.analysis.slot import run_figures, run_metrics
-from forcectl.diagrams.believed import ModelConfig, Setting
 from forcectl.diagrams.loop import Loop, LoopParts, build_loop
+from forcectl.diagrams.model import ModelConfig, Setting
 from forcectl.diagrams.station import StationConfig
 from forcectl.errors import BadInputError, RunFailedError, invalid, show, unknown
 from forcectl.force.integral import IntegralConfig
@@ -104,7 +104,7 @@ class Scenario(Config):
         return build_loop(self.parts)
 
     def setting(self) -> Setting:
-        """What analyses know beside the log."""
+        """What analyses are given beside the log."""
         return self.parts.setting()
 
     def limits(self) -> dict[str, float]:
@@ -236,7 +236,7 @@ def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[
 
 
 def _refuse_gone(reader: ScenarioReader, tree: Tagged) -> None:
-    """Keys of earlier versions are told with what to write instead."""
+    """Keys of earlier versions are refused with what to write instead."""
     for gone, instead in _GONE.items():
         part: Tree = tree
         for name in gone.split(".")[:-1]:

@@ -25,7 +25,10 @@ COORDINATES = ("x", "y", "z", "phi", "theta", "psi")
 class TaskState(NamedTuple):
     """k task coordinates at one tick.
 
-    value, rate: x, x', (k,) [m or rad, per s]. jacobian: J, (k, n). bias: J'q', (k,).
+    Attributes:
+        value, rate: x, x', (k,) [m or rad, per s].
+        jacobian: J, (k, n).
+        bias: J'q', (k,).
     """
 
     value: Vector
@@ -77,8 +80,10 @@ class ArmTask:
     A subclass says in `tool` what pose they are of.
 
     Args:
-        arm: its name. coordinates: of `COORDINATES`, in that order. orientation: makes phi, theta, psi; None where the
-            task has none of them. priority: the level that it belongs to, 1 is the first.
+        arm: its name.
+        coordinates: of `COORDINATES`, in that order.
+        orientation: makes phi, theta, psi; None where the task has none of them.
+        priority: the level that it belongs to, 1 is the first.
 
     Raises:
         BadInputError: unknown coordinates, or orientation without what makes it.

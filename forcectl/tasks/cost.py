@@ -1,4 +1,4 @@
-"""What a task costs at the next tick, as a function of the joint accelerations u: the cost (5.16) of (5.14).
+"""What a task costs at the next tick, as a function of the joint accelerations u: the cost (5.16) of (5.14)::
 
     e = x+ - x_gen,   e' = x'+ - x'_gen,   x+ = x + Ts x' + Ts^2 a/2,   x'+ = x' + Ts a,   a = J u + J'q'      (5.11)
     L = e'Q_p e/2 + e''Q_v e'/2 + e'Q_pv e' + g_p'e + g_v'e'                                                   (5.16)
@@ -36,9 +36,11 @@ def position_weight(rate: float, period: float) -> float:
 class Weights:
     """Of (5.16), relative to each other: numbers, diagonals (k,) or matrices (k, k) over the coordinates of a level.
 
-    position: Q_p; None: that of an error that dies out at `rate` [1/s], beside `velocity`. velocity: Q_v; None: 1 for
-    radians and 1/L^2 for metres, L the robot's characteristic length. cross: Q_pv. position_slope,
-    velocity_slope: g_p, g_v, (k,).
+    Attributes:
+        position: Q_p; None: that of an error that dies out at `rate` [1/s], beside `velocity`.
+        velocity: Q_v; None: 1 for radians and 1/L^2 for metres, L the robot's characteristic length.
+        cross: Q_pv.
+        position_slope, velocity_slope: g_p, g_v, (k,).
     """
 
     position: ArrayLike | None = None
@@ -69,8 +71,12 @@ class TaskCost:
     """The cost above for k task coordinates.
 
     Args:
-        size: k. period: tick Ts [s]. position: Q_p, (k, k), its diagonal (k,), or a number. velocity: Q_v. cross: Q_pv.
-            position_slope, velocity_slope: g_p, g_v, (k,) or a number.
+        size: k.
+        period: tick Ts [s].
+        position: Q_p, (k, k), its diagonal (k,), or a number.
+        velocity: Q_v.
+        cross: Q_pv.
+        position_slope, velocity_slope: g_p, g_v, (k,) or a number.
 
     Raises:
         BadInputError: wrong shapes, or weights that are not convex, or that leave a coordinate without any cost.

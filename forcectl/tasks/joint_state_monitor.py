@@ -1,9 +1,10 @@
-"""Whether a robot's own readings are fit to move by: numbers, no frozen encoder, no lost samples, near the command.
+"""Joint-state monitor: finds readings that are no numbers, frozen, lost, or too far from the command.
 
-A controller that integrates its own command does not need readings to compute it, but must not go on moving a robot
-that it does not see. So a few bad ticks are passed over, and more of them stop the motion until readings are good.
+A controller that integrates its own command does not need readings to compute it, but must not continue to move a robot
+whose readings are bad. So a few bad ticks are passed over, and more of them stop the motion until readings are good.
 
 Bad is, of a joint,
+
 - a position or speed that is not a number;
 - a frozen encoder: a position that repeats bit for bit while its command moves on by more than `frozen_distance`; lost
   samples show as this in all joints that move;
@@ -27,8 +28,11 @@ Vector = NDArray[np.float64]
 class Readings(NamedTuple):
     """What is remembered of the readings from tick to tick.
 
-    position: last one, (n,) [rad]; NaN before the first. command: commanded position when it last changed, (n,) [rad].
-    good: 1 for a joint whose reading was, else 0, (n,). gap: ticks since all were good.
+    Attributes:
+        position: last one, (n,) [rad]; NaN before the first.
+        command: commanded position when it last changed, (n,) [rad].
+        good: 1 for a joint whose reading was, else 0, (n,).
+        gap: ticks since all were good.
     """
 
     position: Vector
@@ -37,12 +41,15 @@ class Readings(NamedTuple):
     gap: float
 
 
-class ReadingGuard:
+class JointStateMonitor:
     """The rules above.
 
     Args:
-        size: joints n. longest_gap: bad readings that are passed over [s], >= 0. frozen_distance: [rad], > 0.
-            largest_error: [rad], > 0. period: tick [s].
+        size: joints n.
+        longest_gap: bad readings that are passed over [s], >= 0.
+        frozen_distance: [rad], > 0.
+        largest_error: [rad], > 0.
+        period: tick [s].
     """
 
     def __init__(self, size: int, longest_gap: float, frozen_distance: float, largest_error: float, period: float):
@@ -55,7 +62,8 @@ class ReadingGuard:
         """The readings after a tick.
 
         Args:
-            position, velocity: as read (n,) [rad, rad/s]. q: as commanded for this tick (n,) [rad].
+            position, velocity: as read (n,) [rad, rad/s].
+            q: as commanded for this tick (n,) [rad].
         """
         error, same = np.abs(position - q), position == past.position
         # Of a NaN every comparison is false: such a reading is not near.

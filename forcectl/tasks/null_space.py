@@ -1,4 +1,4 @@
-"""What the joints do with the freedom that the tasks leave: criteria of the last priority level, (5.19), (5.20).
+"""Null-space criteria: what the last priority level minimises in the motion that the tasks leave free, (5.19), (5.20)::
 
     min |q'+ - q0'|^2 ,   q'+ = q' + Ts u                                                              (5.20)
 
@@ -47,7 +47,7 @@ class Criterion(Protocol):
 
 @runtime_checkable
 class Potential(Protocol):
-    """Something the joints are led away from, forcectl's or a user's own."""
+    """A potential that the joints move down, forcectl's or a user's own."""
 
     def speed(self, motion: ArmsMotion) -> Vector:
         """Its share of q0', (n,) [rad/s]; downhill."""
@@ -77,8 +77,9 @@ class EvasiveMotion:
     """Joint speeds at the next tick near those that lead down some potentials (5.20).
 
     Args:
-        potentials: their speeds add up. speed: of q0' at most, its largest element [rad/s], > 0; before the tasks take
-            what is theirs of it, which is usually most.
+        potentials: their speeds add up.
+        speed: of q0' at most, its largest element [rad/s], > 0; before the tasks take what is theirs of it, which is
+            usually most.
         time_constant: T [s], > 0; None: a tick, as in (5.20).
 
     Raises:
@@ -109,7 +110,8 @@ class AwayFromJointLimits:
     """Downhill in sum((q - middle)^2/range^2)/2, scaled so that a joint at its limit is wanted to move at `speed`.
 
     Args:
-        lower, upper: limits (n,) [rad]; a joint without both is left alone. speed: [rad/s], > 0.
+        lower, upper: limits (n,) [rad]; a joint without both is left alone.
+        speed: [rad/s], > 0.
     """
 
     def __init__(self, lower: ArrayLike, upper: ArrayLike, speed: float = 0.2):
@@ -134,7 +136,9 @@ class AwayFrom:
     `speed` times the square of the row's length, a metre per radian or so.
 
     Args:
-        constraint: see `Constraint`. range: where it begins to matter, in units of y [m], > 0. speed: [y/s], > 0.
+        constraint: see `Constraint`.
+        range: where it begins to matter, in units of y [m], > 0.
+        speed: [y/s], > 0.
     """
 
     def __init__(self, constraint: Constraint, range: float = 0.1, speed: float = 1.0):
@@ -161,8 +165,10 @@ class TowardsSmallMass:
         d(1/m)/dq = 2 D_w j' - w' dM/dq w,    w' dM/dq w = 2 (D_w M w - C(q, w) w)
 
     Args:
-        robot: the controller's. arm: its name. direction: d in the world (3,). gain: speed per relative decrease of the
-            mass per radian [rad^2/s], > 0.
+        robot: the controller's.
+        arm: its name.
+        direction: d in the world (3,).
+        gain: speed per relative decrease of the mass per radian [rad^2/s], > 0.
     """
 
     def __init__(self, robot: RobotModel, arm: str, direction: ArrayLike, gain: float = 1.0):

@@ -1,4 +1,4 @@
-"""The programs of the reactive controller at one tick: tasks by priority, then the null space; (5.14), (5.18).
+"""The programs of the reactive controller at one tick: tasks by priority, then the null space; (5.14), (5.18)::
 
     level 1, 2, ...   L of the tasks of that priority (5.16) + damping |u - u_rest|^2/2
     last level        the criterion, (5.19), (5.20)
@@ -144,8 +144,8 @@ class TaskProgram:
     def pose(self, motion: ArmsMotion, rows: Rows, state: TaskState, position: Vector, velocity: Vector) -> Posed:
         """What is to be solved at a tick.
 
-        Where |u - u_rest|^2 is both what damps a single level of tasks and the criterion, level 1 settles both: what
-        J leaves free is then where the criterion wants it, unless a row stops it.
+        Where `|u - u_rest|^2` is both what damps a single level of tasks and the criterion, level 1 settles both: what
+        J leaves free then follows the criterion, unless a row stops it.
 
         Args:
             motion: the commanded one.

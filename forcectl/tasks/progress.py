@@ -1,4 +1,4 @@
-"""Whether a task's target is reached, or not going to be: nearer it does not come."""
+"""Progress of a task: whether its target is reached, or the distance to it has stopped decreasing."""
 
 from __future__ import annotations
 
@@ -19,8 +19,11 @@ _SLOW = 5.0  # [1/s] at the target the speed is below the tolerance times this
 class Progress(NamedTuple):
     """What is remembered from tick to tick.
 
-    target: (k,). nearest: distance when it last became smaller by a tenth, in tolerances [1]. ticks: since then.
-    reached, stalled: 1 or 0.
+    Attributes:
+        target: (k,).
+        nearest: distance when it last became smaller by a tenth, in tolerances [1].
+        ticks: since then.
+        reached, stalled: 1 or 0.
     """
 
     target: Vector
@@ -37,7 +40,9 @@ class TaskProgress:
     (`stalled`) once the distance has not become smaller by a tenth for `patience`; a target that changes starts anew.
 
     Args:
-        tolerance: of each coordinate (k,) [m or rad], > 0. patience: [s], > 0. period: tick [s].
+        tolerance: of each coordinate (k,) [m or rad], > 0.
+        patience: [s], > 0.
+        period: tick [s].
     """
 
     def __init__(self, tolerance: Vector, patience: float, period: float):
@@ -48,7 +53,8 @@ class TaskProgress:
         """The progress after a tick; as before while the target is not a number.
 
         Args:
-            target: (k,). value, rate: of the coordinates (k,).
+            target: (k,).
+            value, rate: of the coordinates (k,).
         """
         apart = largest(np.abs((value - target) * self._scale))
         if apart != apart:

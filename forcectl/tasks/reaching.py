@@ -29,7 +29,7 @@ from forcectl.tasks.constraints.parts import constraints_of
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig, criterion_of
 from forcectl.tasks.reactive_controller import ReactiveController
-from forcectl.tasks.reactive_motion import Pace, ReactiveMotion
+from forcectl.tasks.reactive_motion import MotionLimits, ReactiveMotion
 from forcectl.tasks.task_parts import TaskTargetConfig, target_steps
 
 Array = NDArray[np.float64]
@@ -55,7 +55,7 @@ class ReachConfig(Config):
 
 
 @dataclass(kw_only=True)
-class PaceConfig(Config):
+class MotionLimitsConfig(Config):
     """Limits of the references, in metres and in radians."""
 
     speed: float = key(0.5, "of positions", unit="m/s", bounds="positive")
@@ -65,10 +65,10 @@ class PaceConfig(Config):
     turn_acceleration: float = key(6.0, "of rotations", unit="rad/s^2", bounds="positive")
     turn_jerk: float = key(60.0, "of rotations", unit="rad/s^3", bounds="positive")
 
-    def paces(self) -> tuple[Pace, Pace]:
+    def linear_and_angular(self) -> tuple[MotionLimits, MotionLimits]:
         """In metres, in radians."""
-        linear = Pace(self.speed, self.acceleration, self.jerk)
-        return linear, Pace(self.turn_speed, self.turn_acceleration, self.turn_jerk)
+        linear = MotionLimits(self.speed, self.acceleration, self.jerk)
+        return linear, MotionLimits(self.turn_speed, self.turn_acceleration, self.turn_jerk)
 
 
 @dataclass(kw_only=True)
@@ -77,7 +77,7 @@ class ReactiveReachingConfig(Config):
 
     targets: list[ReachConfig] = key([], "of whole poses; with `tasks` they have their own")
     tasks: dict[str, Any] = named_slots("task", meaning="by name; empty: the whole pose of every arm")
-    pace: PaceConfig = key(PaceConfig, "limits of the references")
+    motion_limits: MotionLimitsConfig = key(MotionLimitsConfig, "limits of the references")
     limits: JointLimitConfig = key(JointLimitConfig, "of the joints; the robot's where none is given")
     null_space: Any = slot("null_space", JointSpeedConfig, meaning="what joints do that the tasks leave free")
     link_distance: float = key(
@@ -111,7 +111,7 @@ class ReactiveReachingConfig(Config):
             period=model.period,
             solver=self.solver,
         )
-        made = ReactiveReaching(controller, self._targets(start, controller), *self.pace.paces())
+        made = ReactiveReaching(controller, self._targets(start, controller), *self.motion_limits.linear_and_angular())
         return builder.AddNamedSystem("reactive_reaching", made)
 
     def _tasks(self, start: ArmsMotion) -> list[ArmTask]:
@@ -168,8 +168,8 @@ class ReactiveReaching(Diagram):
     name: ReactiveReaching
     input_ports: [joint_position, joint_velocity]
     output_ports: [joint_position_command, joint_velocity_command, task_position_reference, task_position,
-      task_velocity, task_acceleration, status, active_constraints, slack, constraint_violation, tracking_error,
-      near_singular, levels_solved, holding, reached, stalled, reading_ok, stage_costs, task_target]
+    task_velocity, task_acceleration, status, active_constraints, slack, constraint_violation, tracking_error,
+    near_singular, levels_solved, holding, reached, stalled, reading_ok, stage_costs, task_target]
     ```
 
     task_target: shape (k,), of the tasks [m or rad]. A function of time.
@@ -181,7 +181,9 @@ class ReactiveReaching(Diagram):
     Sampling: every `period` [s] of the controller; no delay from the readings to the references.
     """
 
-    def __init__(self, controller: ReactiveController, target: TrajectorySource, linear: Pace, angular: Pace):
+    def __init__(
+        self, controller: ReactiveController, target: TrajectorySource, linear: MotionLimits, angular: MotionLimits
+    ):
         super().__init__()
         builder = DiagramBuilder()
         source = builder.AddNamedSystem("target", target)

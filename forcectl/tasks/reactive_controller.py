@@ -1,10 +1,10 @@
-"""The reactive controller of a robot with several arms: from task references to joint references (Algorithm 2).
+"""The reactive controller of a robot with several arms: from task references to joint references (Algorithm 2)::
 
     min L(x+ - x_gen, x'+ - x'_gen)   s.t.   E u <= f                                    (5.14), (5.16)
     then, with J u as it is, the criterion of the null space                             (5.18)
     q[k+1] = q[k] + Ts q'[k] + Ts^2 u/2,    q'[k+1] = q'[k] + Ts u                       (5.15)
 
-q, q' are the commanded motion. The trajectory generator is led by what became of its last reference, see
+q, q' are the commanded motion. The trajectory generator is reset when its last reference was not reached, see
 `forcectl.tasks.reference_reset`.
 """
 
@@ -21,7 +21,7 @@ from pydrake.solvers import MathematicalProgram
 from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.batch import check, lane_values
+from forcectl.framework.batch import batch_values, check
 from forcectl.framework.cache import scratch
 from forcectl.framework.kernels import largest
 from forcectl.framework.sampled_block import Memory, SampledBlock, TickStart
@@ -33,15 +33,15 @@ from forcectl.robot.model import JointLimits, RobotModel
 from forcectl.tasks.constraints.base import Constraint, ConstraintSet, Rows, checked_limits
 from forcectl.tasks.coordinates import ArmTask, TaskState, gathered
 from forcectl.tasks.cost import Weights
-from forcectl.tasks.joint_state_monitor import ReadingGuard, Readings
+from forcectl.tasks.joint_state_monitor import JointStateMonitor, Readings
 from forcectl.tasks.null_space import Criterion, JointSpeed
 from forcectl.tasks.program import Posed, TaskProgram, task_levels
 from forcectl.tasks.progress import Progress, TaskProgress
-from forcectl.tasks.reference_reset import Leash
+from forcectl.tasks.reference_reset import ReferenceReset
 
 Vector = NDArray[np.float64]
 
-_ABSURD = 1e6  # [m or rad, per s] a reference beyond is no number
+_MAX_REFERENCE = 1e6  # [m or rad, per s] a reference beyond is no number
 _ROUNDING = 1e-12  # violations below are none
 
 # What is put out besides the references, one number each, see `ReactiveController`.
@@ -64,8 +64,12 @@ class Tick(NamedTuple):
 class Supervision:
     """When the motion is stopped, and what counts as reached.
 
-    longest_gap: bad readings that are passed over [s]. frozen_distance, largest_error: see `ReadingGuard` [rad].
-    position_tolerance [m], angle_tolerance [rad]: of the target. patience: see `TaskProgress` [s].
+    Attributes:
+        longest_gap: bad readings that are passed over [s].
+        frozen_distance, largest_error: see `JointStateMonitor` [rad].
+        position_tolerance: of the target [m].
+        angle_tolerance: of the target [rad].
+        patience: see `TaskProgress` [s].
     """
 
     longest_gap: float = 0.02
@@ -89,27 +93,27 @@ class ReactiveController(SampledBlock):
     ```
     name: ReactiveController
     input_ports: [task_position_reference, task_velocity_reference, task_acceleration_reference, task_target,
-      joint_position, joint_velocity]
+    joint_position, joint_velocity]
     output_ports: [joint_position_command, joint_velocity_command, task_position, task_velocity, task_acceleration,
-      status, active_constraints, slack, constraint_violation, tracking_error, near_singular, levels_solved, holding,
-      reached, stalled, reading_ok, stage_costs]
+    status, active_constraints, slack, constraint_violation, tracking_error, near_singular, levels_solved, holding,
+    reached, stalled, reading_ok, stage_costs]
     ```
 
     task_position_reference, task_velocity_reference: shape (k,), x_gen and x'_gen at the next tick, of the coordinates
-      of all tasks one after the other [m or rad, m/s or rad/s].
+    of all tasks one after the other [m or rad, m/s or rad/s].
     task_acceleration_reference: shape (k,), x''_gen at the next tick [m/s^2 or rad/s^2]; not followed, but handed back
-      in task_acceleration while the others are; may be left unconnected.
+    in task_acceleration while the others are; may be left unconnected.
     task_target: shape (k,), where they are to end [m or rad]; may be left unconnected, then reached and stalled are 0.
-    joint_position, joint_velocity: shape (n,), as measured [rad, rad/s]; only supervised, see `ReadingGuard`; may be
-      left unconnected.
+    joint_position, joint_velocity: shape (n,), as measured [rad, rad/s]; only supervised, see `JointStateMonitor`; may
+    be left unconnected.
     joint_position_command, joint_velocity_command: shape (n,), q and q' at the next tick [rad, rad/s].
     task_position, task_velocity, task_acceleration: shape (k,), the motion the next reference starts from, see this
-      module [m or rad, m/s or rad/s, m/s^2 or rad/s^2]. State, no direct feedthrough.
+    module [m or rad, m/s or rad/s, m/s^2 or rad/s^2]. State, no direct feedthrough.
     status: shape (1,), `Status` [1]; from INFEASIBLE on the joints brake and hold, so they do for bad readings.
     active_constraints: shape (1,), rows and bounds that hold with equality [1].
     slack: shape (1,), by how much soft rows are missed, in the unit of each [u].
     constraint_violation: shape (1,), largest violation of joint limits [rad, rad/s] and constraints [their units]
-      before the tick and of torques [Nm] in it; 0 for none.
+    before the tick and of torques [Nm] in it; 0 for none.
     tracking_error: shape (1,), largest miss of the reference at the next tick, in tolerances of the target [1].
     near_singular: shape (1,), 1 while the tasks of the first level are damped [1].
     levels_solved: shape (1,), of the priority levels, the criterion included; 0 while the joints brake [1].
@@ -117,7 +121,7 @@ class ReactiveController(SampledBlock):
     reached, stalled: shape (1,), 1 when the target is reached, and when it has not come nearer for a while [1].
     reading_ok: shape (n,), 1 for a joint whose reading of this tick is good, else 0 [1].
     stage_costs: shape (levels,), L of every level (5.16), then u'H u/2 + g'u of the criterion, in squares of
-      task accelerations [m^2/s^4 or rad^2/s^4].
+    task accelerations [m^2/s^4 or rad^2/s^4].
 
     All outputs are feedthrough of all inputs at the tick.
 
@@ -167,11 +171,11 @@ class ReactiveController(SampledBlock):
         super().__init__()
         self.sample_delay = {("task_position_reference", "joint_position_command"): 0.0}
         self._robot, self._n = robot, robot.num_joints
-        Ts = self._period = check("period", robot.facts.period if period is None else period, "positive")
+        Ts = self._period = check("period", robot.parameters.period if period is None else period, "positive")
         if not tasks:
             raise invalid("tasks", list(tasks), "at least one")
         self._tasks = tuple(tasks)
-        q0 = lane_values("start", robot.facts.default_posture if start is None else start, self._n)
+        q0 = batch_values("start", robot.parameters.default_posture if start is None else start, self._n)
         origin = ArmsMotion(robot, robot.create_context(), q0, np.zeros(self._n))
         state = gathered(self._tasks, origin)
         self._size = len(state.value)
@@ -182,16 +186,16 @@ class ReactiveController(SampledBlock):
         self._constraints = ConstraintSet(constraints, limits, origin, Ts, constraint_gamma)
         angular = np.concatenate([task.angular for task in tasks])
         self._tolerance = np.where(angular, supervision.angle_tolerance, supervision.position_tolerance)
-        scale = np.where(angular, robot.facts.characteristic_length, 1.0)
-        self._leash = Leash([task.size for task in tasks], scale)
-        levels = task_levels(tasks, weights, robot.facts.characteristic_length, Ts)
+        scale = np.where(angular, robot.parameters.characteristic_length, 1.0)
+        self._reference_reset = ReferenceReset([task.size for task in tasks], scale)
+        levels = task_levels(tasks, weights, robot.parameters.characteristic_length, Ts)
         chosen = JointSpeed() if criterion is None else criterion
         if not isinstance(chosen, Criterion):
             raise BadInputError(f"criterion {type(chosen).__name__} lacks cost(motion, period)")
         chosen.cost(origin, Ts)  # a criterion that does not fit the robot fails here
         joints = [joint.name() for joint in robot.parts.joints]
         self._tasks_program = TaskProgram(levels, chosen, self._constraints, limits.torque, Ts, solver, joints)
-        self._guard = ReadingGuard(
+        self._monitor = JointStateMonitor(
             self._n, supervision.longest_gap, supervision.frozen_distance, supervision.largest_error, Ts
         )
         self._progress = TaskProgress(self._tolerance, supervision.patience, Ts)
@@ -291,7 +295,9 @@ class ReactiveController(SampledBlock):
             missed = largest(np.abs(error) / self._tolerance)
             of_tasks = self._tasks_program.costs(error, rate - velocity)
             costs = np.array([*of_tasks, self._tasks_program.criterion(posed, u)])
-            led = self._leash.start(led, (position, velocity, inputs.get("task_acceleration_reference", a)), target)
+            led = self._reference_reset.start(
+                led, (position, velocity, inputs.get("task_acceleration_reference", a)), target
+            )
         progress = Progress(memory["target"], *memory["progress"].tolist())
         if target is not None:
             progress = self._progress.look(progress, target, x, rate)
@@ -332,7 +338,7 @@ class ReactiveController(SampledBlock):
         rows = self._constraints.rows(motion, memory["foreseen"])
         posed = None
         # Of a NaN every comparison is false.
-        good = largest(np.abs(position)) < _ABSURD and largest(np.abs(velocity)) < _ABSURD
+        good = largest(np.abs(position)) < _MAX_REFERENCE and largest(np.abs(velocity)) < _MAX_REFERENCE
         if good and not stops:
             posed = self._tasks_program.pose(motion, rows, state, position, velocity)
         return Tick(rows, state, readings, posed)
@@ -349,5 +355,5 @@ class ReactiveController(SampledBlock):
         if "joint_position" not in inputs:
             return past, False
         q, v = memory["joint_position_command"], memory["joint_velocity_command"]
-        readings = self._guard.look(past, inputs["joint_position"], inputs.get("joint_velocity", v), q)
-        return readings, self._guard.stops(readings)
+        readings = self._monitor.look(past, inputs["joint_position"], inputs.get("joint_velocity", v), q)
+        return readings, self._monitor.stops(readings)

@@ -1,4 +1,4 @@
-"""Motion control of Fig. 5.3 for a robot with any number of arms: targets, a generator, a controller.
+"""Motion control of Fig. 5.3 for a robot with any number of arms: targets, a generator, a controller::
 
     targets -> generator (x_gen, x_gen', x_gen'') -> reactive controller -> joint references
                generator <- motion of the tasks (state of the controller, no delay and no loop) <-
@@ -20,7 +20,7 @@ from forcectl.tasks.reactive_controller import ReactiveController
 
 
 @dataclass(frozen=True)
-class Pace:
+class MotionLimits:
     """Limits of the references of one kind of coordinate: velocity, acceleration, jerk [u/s, u/s^2, u/s^3], > 0."""
 
     velocity: float
@@ -32,7 +32,7 @@ class Pace:
             check(name, getattr(self, name), "positive")
 
 
-LINEAR, ANGULAR = Pace(0.5, 2.0, 20.0), Pace(1.5, 6.0, 60.0)  # in metres, in radians
+LINEAR, ANGULAR = MotionLimits(0.5, 2.0, 20.0), MotionLimits(1.5, 6.0, 60.0)  # in metres, in radians
 
 
 class ReactiveMotion(Diagram):
@@ -42,8 +42,8 @@ class ReactiveMotion(Diagram):
     name: ReactiveMotion
     input_ports: [task_target, joint_position, joint_velocity]
     output_ports: [joint_position_command, joint_velocity_command, task_position_reference, task_position,
-      task_velocity, task_acceleration, status, active_constraints, slack, constraint_violation, tracking_error,
-      near_singular, levels_solved, holding, reached, stalled, reading_ok, stage_costs]
+    task_velocity, task_acceleration, status, active_constraints, slack, constraint_violation, tracking_error,
+    near_singular, levels_solved, holding, reached, stalled, reading_ok, stage_costs]
     ```
 
     task_target: shape (k,), where the task coordinates are to go [m or rad]; may change at every tick.
@@ -55,12 +55,13 @@ class ReactiveMotion(Diagram):
     Sampling: every `period` [s] of the controller; no delay from the target or the readings to the references.
 
     Args:
-        controller: is built into this diagram. linear, angular: limits of the references.
+        controller: is built into this diagram.
+        linear, angular: limits of the references.
     """
 
     optional_inputs = ("joint_position", "joint_velocity")
 
-    def __init__(self, controller: ReactiveController, linear: Pace = LINEAR, angular: Pace = ANGULAR):
+    def __init__(self, controller: ReactiveController, linear: MotionLimits = LINEAR, angular: MotionLimits = ANGULAR):
         super().__init__()
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect

@@ -1,12 +1,13 @@
-"""What a trajectory generator goes on from when its last reference was not reached: led on a leash, task by task.
+"""Reference reset: what a trajectory generator continues from when its last reference was missed, task by task.
 
-Where the motion is within 5 mm of the reference (angles in characteristic lengths), the generator goes on from its own
-reference and follows one plan. Where constraints made the motion deviate further, it starts anew 5 mm ahead of the
+Where the motion is within 5 mm of the reference (angles in characteristic lengths), the generator continues from its
+own reference and follows one plan. Where constraints made the motion deviate further, it starts anew 5 mm ahead of the
 motion on the way to the target, with what the motion has of speed in that direction. Then the motion slides along what
-is in its way, and comes to rest where that leads no nearer. Without a target it starts from the motion itself.
+is in its way, and comes to rest where that brings it no closer to the target. Without a target it starts from the
+motion itself.
 
 To start from the motion itself always, as Algorithm 2 says, gives a time-optimal generator the speed along the obstacle
-as well: nothing brakes it, and at the border of its workspace an arm swings for ever.
+as well: nothing brakes it, and at the border of its workspace an arm oscillates without end.
 """
 
 from __future__ import annotations
@@ -23,11 +24,12 @@ LENGTH = 5e-3  # [m]
 _NEARER = 0.9  # a new start is that share of the length ahead, so that the generator goes on from it for some ticks
 
 
-class Leash:
+class ReferenceReset:
     """The rules above.
 
     Args:
-        sizes: number of coordinates of each task. scale: makes differences of coordinates comparable (k,) [1 or m/rad].
+        sizes: number of coordinates of each task.
+        scale: makes differences of coordinates comparable (k,) [1 or m/rad].
     """
 
     def __init__(self, sizes: Sequence[int], scale: Vector):
@@ -38,7 +40,9 @@ class Leash:
         """What the next reference starts from.
 
         Args:
-            motion: as it will be at the next tick. reference: what was asked for. target: of the coordinates (k,).
+            motion: as it will be at the next tick.
+            reference: what was asked for.
+            target: of the coordinates (k,).
         """
         way = self._scale * (motion[0] - reference[0])
         # Usually it is true of all tasks together.

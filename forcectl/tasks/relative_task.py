@@ -1,4 +1,4 @@
-"""Leader and follower: the motion of one frame in another that moves itself.
+"""Leader and follower: the motion of one frame in another that moves itself::
 
     p = R_L' d,    R = R_L' R_F,    d = p_F - p_L
     V = [R_L' (w_F - w_L); R_L' (d' - w_L x d)] = J q'
@@ -35,8 +35,11 @@ class FrameMotion:
     """The motion of any frame of a robot in the world; spatial vectors are [rotation; translation].
 
     Args:
-        robot: any number of arms. context: of `robot.plant`, with the joints' positions and speeds; must stay in this
-            posture while the motion is in use. frame: of `robot.plant`. v: the joints' speeds, (n,) [rad/s].
+        robot: any number of arms.
+        context: of `robot.plant`, with the joints' positions and speeds; must stay in this posture while the motion is
+            in use.
+        frame: of `robot.plant`.
+        v: the joints' speeds, (n,) [rad/s].
     """
 
     def __init__(self, robot: RobotModel, context: Context, frame: Frame, v: Array):
@@ -60,7 +63,8 @@ class RelativeMotion:
         leader, follower: their motions in the world, with Jacobians of the same joints.
 
     Attributes:
-        position, rotation: p and R, (3,) [m] and (3, 3). velocity: V, (6,) [rad/s; m/s].
+        position, rotation: p and R, (3,) [m] and (3, 3).
+        velocity: V, (6,) [rad/s; m/s].
     """
 
     def __init__(self, leader: Spatial, follower: Spatial):
@@ -101,7 +105,8 @@ class RelativeTask(ArmTask):
     """Task coordinates of the TCP of one arm in the TCP frame of another, see `ArmTask`.
 
     Args:
-        leader, follower: names of two arms. coordinates, orientation, priority: see `ArmTask`.
+        leader, follower: names of two arms.
+        coordinates, orientation, priority: see `ArmTask`.
 
     Raises:
         BadInputError: see `ArmTask`; or leader and follower are the same arm.
@@ -137,16 +142,17 @@ class RelativePose(LeafSystem):
     joint_position: shape (n,) [rad]. joint_velocity: shape (n,) [rad/s].
     relative_position: shape (3,), p of the follower's origin in the leader's axes [m].
     relative_angles: shape (3,), Euler angles phi, theta, psi of R [rad], see
-        `forcectl.framework.euler_angles.angles_of`; continuous but for the singularity.
+    `forcectl.framework.euler_angles.angles_of`; continuous but for the singularity.
     relative_velocity: shape (6,), V in the leader's axes, [rotation; translation] [rad/s, m/s].
-        All outputs are feedthrough of all inputs.
+    All outputs are feedthrough of all inputs.
 
     Readings that are not finite hold what was put out at the last tick.
 
     Sampling: every `period` [s] what is held; no delay.
 
     Args:
-        robot: its joints are those of the inputs. leader, follower: frames of its plant.
+        robot: its joints are those of the inputs.
+        leader, follower: frames of its plant.
 
     Raises:
         BadInputError: a frame of another plant.

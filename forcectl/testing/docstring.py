@@ -18,7 +18,7 @@ _OPTIONAL = re.compile(r"\s*\(optional\)$")
 def assert_docstring_matches(block: System) -> None:
     """The docstring of the block's class lists the ports and parameters that the block declares, in this order.
 
-    The list is YAML between two lines of three backticks:
+    The list is YAML between two lines of three backticks::
 
         name: RateLimiter
         input_ports: [command, limit (optional)]
@@ -29,7 +29,7 @@ def assert_docstring_matches(block: System) -> None:
     an attribute `parameter_names`, else by number; those of a diagram belong to its blocks and are not compared.
 
     Raises:
-        AssertionError: there is no such list, or it differs; all differences are told.
+        AssertionError: there is no such list, or it differs; all differences are listed.
     """
     __tracebackhide__ = True
     kind = type(block)

@@ -25,7 +25,7 @@ class MemoryRecord:
 
     Attributes:
         systems: how many systems one build makes.
-        checked_references: whether it could be told that each of them is gone.
+        checked_references: whether it could be checked that each of them is gone.
         growth_kb: growth of the process per build [kB].
     """
 

@@ -18,15 +18,13 @@ Model: TypeAlias = Callable[[Array], ArrayLike] | TransferFunction | LinearSyste
 
 
 def assert_matches_model(response: StepResponse, model: Model, *, atol: float = 0.0, rtol: float = 0.0) -> None:
-    """The response equals the model's at every sample: |y - y_model| <= atol + rtol * max |y_model|.
+    """The response equals the model's at every sample: `|y - y_model|` <= atol + rtol * max `|y_model|`.
 
     Args:
         response: from `step_response`.
-        model: one of
-            a function of time [s], shape (N,), that gives the response to this step, or one number;
-            (numerator, denominator) of a continuous transfer function, highest power first;
-            (numerator, denominator, period [s]) of a discrete one;
-            a Drake LinearSystem with one input and one output, continuous or discrete.
+        model: one of a function of time [s], shape (N,), that gives the response to this step, or one number;
+            (numerator, denominator) of a continuous transfer function, highest power first; (numerator, denominator,
+            period [s]) of a discrete one; a Drake LinearSystem with one input and one output, continuous or discrete.
         atol: allowed difference, unit of the output.
         rtol: allowed difference as a share of the model's largest value.
 

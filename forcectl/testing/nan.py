@@ -31,7 +31,7 @@ def assert_passes_no_nan(
         inputs: values of the inputs in normal operation, see `run_diagram`; default zero.
 
     Raises:
-        AssertionError: NaN came out (inputs, outputs and times are told), or it comes out without any going in.
+        AssertionError: NaN came out (inputs, outputs and times are named), or it comes out without any going in.
         BadInputError: the system has no vector input.
     """
     __tracebackhide__ = True

@@ -36,8 +36,10 @@ class CheckDiagram(Protocol):
 def run_diagram() -> Callable[..., Log]:
     """`forcectl.testing.run_diagram`: simulate any system, get its outputs by name.
 
-    log = run_diagram(diagram, 1.0, period=0.002, inputs={"desired_force": 15.0})
-    log.time, log["measured_force"]
+    ::
+
+        log = run_diagram(diagram, 1.0, period=0.002, inputs={"desired_force": 15.0})
+        log.time, log["measured_force"]
     """
     from forcectl.testing.runs import run_diagram
 

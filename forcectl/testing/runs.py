@@ -53,8 +53,8 @@ def run_diagram(
         system: any diagram or block.
         duration: [s], counted from the time of the context.
         period: distance of the samples [s].
-        inputs: input port name -> constant value, or function of time [s] that is sampled and held every `period`.
-            A number fills the whole port. Vector inputs that are not named are held at zero.
+        inputs: input port name -> constant value, or function of time [s] that is sampled and held every `period`. A
+            number fills the whole port. Vector inputs that are not named are held at zero.
         outputs: names of the vector outputs to log; default all.
         context: where to start; default the system's default context. It is changed.
         accuracy: of the integration of continuous states.

@@ -1,4 +1,4 @@
-"""Controllers that are linear in their parameters: C(z) = sum theta_i beta_i(z), acting on the force error.
+"""Controllers that are linear in their parameters: C(z) = sum theta_i beta_i(z), acting on the force error::
 
     discrete PID (4.20)     beta = [1, 1/(1 - z^-1), 1 - z^-1]                theta = [K_P, K_I Ts, K_D/Ts]
     continuous PID (4.3.3)  beta = [1, 1/s, s/(1 + s T_D)], T_D = 2 Ts, with s = (1 - z^-1)/Ts;  theta = [K_P, K_I, K_D]
@@ -28,8 +28,12 @@ Filter = tuple[tuple[float, ...], tuple[float, ...]]  # numerator and denominato
 class PidGains:
     """The same PID gains in both forms; a controller without one of the parts has zero there.
 
-    proportional: K_P [m/N]. integral: K_I [m/(N s)]. derivative: K_D [m s/N].
-    period: Ts [s] of the discrete form. derivative_time: T_D [s] of the derivative's filter; 0: none.
+    Attributes:
+        proportional: K_P [m/N].
+        integral: K_I [m/(N s)].
+        derivative: K_D [m s/N].
+        period: Ts [s] of the discrete form.
+        derivative_time: T_D [s] of the derivative's filter; 0: none.
     """
 
     proportional: float
@@ -49,7 +53,8 @@ class ControllerBasis:
     """The transfer functions beta_i(z) of a controller linear in its parameters.
 
     Args:
-        names: of the gains. units: of the gains.
+        names: of the gains.
+        units: of the gains.
         filters: beta_i as (numerator, denominator) in powers of z^-1, causal.
         period: Ts [s].
         form: "discrete PID", "continuous PID", "FIR", or a name of your own.

@@ -25,22 +25,26 @@ _STANDARD_ERRORS = 3.0  # nor is it when zero is within so many
 class VrftFit:
     """Gains and how far to trust them.
 
-    gains: theta in the form of `basis`, shape (p,). standard_errors: of theta, shape (p,), robust against correlated
-        residuals; they do not contain the bias that noise in the output causes; NaN of refined gains.
-    pid: the gains in discrete and continuous form; None for a basis that is no PID.
-    r_squared: share of the (filtered) input that the fit explains [-]. residual_rms: of what it does not [m].
-    condition_number: of the regressors, each scaled to length one [-].
-    excitation_order: persistent-excitation order of e_L, at most 10.
-    noise_rms: of the output where the input rests [N]; None when it never does.
-    noise_share: per gain, the share of noise in what tells it apart from the others [-]; None as above.
-    plant: model identified from the same record; it does not enter the gains unless they are refined.
-    predicted_step, model_step: unit step responses of the tuned loop on that plant and of the reference model,
-        shape (h,) [-]; NaN from where the loop has diverged. stable: whether it does not diverge.
-    model_error, record_mismatch: how far to trust the prediction, and the mismatch read off the record without a plant
-        model (None where that cannot be), both as `model_mismatch` [-]; see `forcectl.tuning.prediction`.
-    best_mismatch: the least that these gains can do on that plant [-]; None with more gains than are searched.
-    vrft_gains: the gains of VRFT where `gains` are refined ones, else None.
-    warnings: one line each.
+    Attributes:
+        gains: theta in the form of `basis`, shape (p,).
+        standard_errors: of theta, shape (p,), robust against correlated residuals; they do not contain the bias that
+            noise in the output causes; NaN of refined gains.
+        pid: the gains in discrete and continuous form; None for a basis that is no PID.
+        r_squared: share of the (filtered) input that the fit explains [-].
+        residual_rms: of what it does not [m].
+        condition_number: of the regressors, each scaled to length one [-].
+        excitation_order: persistent-excitation order of e_L, at most 10.
+        noise_rms: of the output where the input rests [N]; None when it never does.
+        noise_share: per gain, the share of noise in what tells it apart from the others [-]; None as above.
+        plant: model identified from the same record; it does not enter the gains unless they are refined.
+        predicted_step, model_step: unit step responses of the tuned loop on that plant and of the reference model,
+            shape (h,) [-]; NaN from where the loop has diverged.
+        stable: whether it does not diverge.
+        model_error, record_mismatch: how far to trust the prediction, and the mismatch read off the record without a
+            plant model (None where that cannot be), both as `model_mismatch` [-]; see `forcectl.tuning.prediction`.
+        best_mismatch: the least that these gains can do on that plant [-]; None with more gains than are searched.
+        vrft_gains: the gains of VRFT where `gains` are refined ones, else None.
+        warnings: one line each.
     """
 
     basis: ControllerBasis
@@ -69,7 +73,8 @@ class VrftFit:
 
     @property
     def model_mismatch(self) -> float:
-        """|s_T - s_M| over |1 - s_M|, the step responses of tuned loop and reference model [-]; infinite: unstable."""
+        """`|s_T - s_M|` over `|1 - s_M|`, the step responses of tuned loop and reference model [-]; infinite:
+        unstable."""
         return mismatch(self.predicted_step, self.model_step) if self.stable else np.inf
 
     @property
@@ -95,7 +100,7 @@ class VrftFit:
 
 
 def mismatch(step: Array, wanted: Array) -> float:
-    """|s_T - s_M| over |1 - s_M| of two unit step responses, shape (h,) [-]."""
+    """`|s_T - s_M|` over `|1 - s_M|` of two unit step responses, shape (h,) [-]."""
     return float(np.linalg.norm(step - wanted) / np.linalg.norm(1 - wanted))
 
 

@@ -2,7 +2,7 @@
 
     tau_F = tau_O + tau_C tanh(130 q') + D+ max(q', 0) + D- min(q', 0),   tau_C, D+, D- >= 0           (5.2)
 
-The friction torque of a tick is what the motor torque leaves over in the balance of the momentum,
+The friction torque of a tick is what the motor torque leaves over in the balance of the momentum::
 
     mean(tau_F) = mean(tau) + mean(C'q' + tau_g) - (p_k - p_{k-1})/T
 
@@ -45,7 +45,8 @@ class FrictionFit:
         friction: the parameters.
         deviation: standard error of tau_O, tau_C, D+ and D-, shape (4, n) [Nm, Nm, Nms/rad, Nms/rad]; that of a
             coefficient at its bound of zero is zero.
-        rms: of what the fit leaves over, shape (n,) [Nm]. explained: share of the variance of the torque, shape (n,).
+        rms: of what the fit leaves over, shape (n,) [Nm].
+        explained: share of the variance of the torque, shape (n,).
         move, still: levels of the threshold that cover 99 % of the ticks, shape (n,) [Nm].
         used: number of ticks, shape (n,).
         speed, torque: the ticks, mean joint speed and friction torque, shape (N, n) [rad/s, Nm].
@@ -87,8 +88,10 @@ def friction_samples(
     """Friction torque of every tick of a recorded run in free motion.
 
     Args:
-        model: momentum terms of the n joints. time: shape (N+1,) [s], increasing.
-        position, velocity: shape (N+1, n) [rad, rad/s]. motor_torque: mean over the tick that ends, (N+1, n) [Nm].
+        model: momentum terms of the n joints.
+        time: shape (N+1,) [s], increasing.
+        position, velocity: shape (N+1, n) [rad, rad/s].
+        motor_torque: mean over the tick that ends, (N+1, n) [Nm].
         velocity_bandwidth: of the filter behind speeds that were differentiated from the positions [rad/s], see
             `MomentumObserver`; None: the speeds are those of the tick.
 
@@ -135,8 +138,8 @@ def identify_friction(before: ArrayLike, after: ArrayLike, torque: ArrayLike, *,
     """Fit (5.2) to ticks, by non-negative least squares.
 
     Args:
-        before, after: joint speeds at the ends of each tick, shape (N, n) [rad/s]. torque: mean friction torque in it,
-            shape (N, n) [Nm]; see `friction_samples`.
+        before, after: joint speeds at the ends of each tick, shape (N, n) [rad/s].
+        torque: mean friction torque in it, shape (N, n) [Nm]; see `friction_samples`.
         slowest: speed below which a tick is left out [rad/s].
 
     Raises:

@@ -52,7 +52,7 @@ def noise_in_regressors(
 
 
 def resting_noise(u: Array, y: Array) -> tuple[Array, float]:
-    """What is left of y, less a parabola, in the second half of every stretch where u rests; zero elsewhere.
+    """What is left of y minus a parabola, in the second half of every stretch where u rests; zero elsewhere.
 
     Returns:
         The noise (k,) and the share of the record that it was read from, 0 when u never rests.

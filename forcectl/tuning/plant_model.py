@@ -1,11 +1,11 @@
-"""Plant models from the record of an experiment, to predict what a tuned loop will do before it is closed.
+"""Plant models from the record of an experiment, to predict what a tuned loop will do before it is closed::
 
     G(z) = z^-d B(z)/F(z),    orders 1 to 4, d >= 1:  smallest output error |y - G u|
 
 Only the input and what the model makes of it enter, so that noise of the output does not bias the models. Each is found
-by Steiglitz and McBride's iteration at several delays, then by Gauss and Newton's. Which order to believe is another
-question (`forcectl.tuning.prediction`): where friction bends the record, a higher order fits it better and predicts
-the loop worse.
+by Steiglitz and McBride's iteration at several delays, then by Gauss and Newton's. Which order to choose is another
+question (`forcectl.tuning.prediction`): where friction bends the record, a higher order fits it better and predicts the
+loop worse.
 """
 
 from __future__ import annotations
@@ -35,9 +35,13 @@ _EXACT = 1e-18  # of the output's power: a smaller misfit is rounding
 class IdentifiedPlant:
     """A plant identified from a record.
 
-    numerator, denominator: B (n,) [N/m] and F (n + 1,) in powers of z^-1. delay: d [samples]. period: Ts [s].
-    explained: share of the output's movement that the model reproduces from the input alone [-].
-    criterion: Bayes' information criterion of the order: the smaller one is the more likely, if residuals are noise.
+    Attributes:
+        numerator, denominator: B (n,) [N/m] and F (n + 1,) in powers of z^-1.
+        delay: d [samples].
+        period: Ts [s].
+        explained: share of the output's movement that the model reproduces from the input alone [-].
+        criterion: Bayes' information criterion of the order: the smaller one is the more likely, if residuals are
+            noise.
     """
 
     numerator: Array
@@ -78,7 +82,9 @@ def identify_plants(u: ArrayLike, y: ArrayLike, period: float) -> list[Identifie
     """The plants of order 1 to 4 that come nearest to a record of deviations from rest, lowest order first.
 
     Args:
-        u: input (k,), not constant. y: output (k,). period: Ts [s]. Looks at 12 000 samples from the first movement on.
+        u: input (k,), not constant.
+        y: output (k,).
+        period: Ts [s]. Looks at 12 000 samples from the first movement on.
     """
     u, y = from_first_movement(u, y)
     power = float(np.sum((y - y.mean()) ** 2))
@@ -186,7 +192,7 @@ def _shifted(x: Array, delays: range) -> list[Array]:
 
 
 def _least_squares(rows: Array, damping: float = 0.0) -> Array:
-    """x of the smallest |A x - b| for rows [A, b], in units of the columns' lengths held back by `damping`."""
+    """x of the smallest `|A x - b|` for rows [A, b], in units of the columns' lengths held back by `damping`."""
     (triangle,) = qr(np.asfortranarray(rows), mode="r", overwrite_a=True, check_finite=False)
     size = rows.shape[1] - 1
     triangle = np.pad(triangle[: size + 1], ((0, max(size + 1 - len(triangle), 0)), (0, 0)))

@@ -1,16 +1,16 @@
 """What a tuned loop will do, from the record it was tuned on: predicted with a plant model, and read off the record.
 
-A plant model G gives T = C G/(1 + C G) and its step response. Two figures tell how far to trust it, both of them from
+A plant model G gives T = C G/(1 + C G) and its step response. Two figures say how far to trust it, both of them from
 the record (u, y) itself. With the gains at hand the loop would have made exactly this record from the reference
 
     r = y + C^-1 u                                                          (the fictitious reference)
 
-because C (r - y) = u; this holds for any plant, friction included. Hence
+because C (r - y) = u; this holds for any plant, friction included. Hence::
 
     record mismatch   |y - M r| / |r - M r|         the reference model missed on r, without a plant model
     model error       |y - T r| / |r - M r|         the prediction missed on r;  y - T r = (y - G u)/(1 + C G)
 
-in units of the predicted mismatch |s_T - s_M| / |1 - s_M| of step responses. Where r is not to be had (C has a zero
+in units of the predicted mismatch `|s_T - s_M|` / `|1 - s_M|` of step responses. Where r is not to be had (C has a zero
 outside of the unit circle) the virtual reference y/M takes its place in the model error.
 """
 
@@ -44,7 +44,8 @@ _LONGEST_INVERSE = 200  # coefficients of C
 class PolynomialLoop:
     """A plant model in a loop with a controller, as polynomials in powers of z^-1.
 
-    above, below: T = above/(above + below), S = below/(above + below).
+    Attributes:
+        above, below: T = above/(above + below), S = below/(above + below).
     """
 
     above: Array
@@ -88,7 +89,8 @@ class RecordCheck:
     """The two figures, for a record and a reference model.
 
     Args:
-        u, y: deviations from rest (k,). model: M.
+        u, y: deviations from rest (k,).
+        model: M.
     """
 
     def __init__(self, u: ArrayLike, y: ArrayLike, model: ReferenceModel, basis: ControllerBasis):

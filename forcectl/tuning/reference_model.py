@@ -1,4 +1,4 @@
-"""Reference models: the closed loop that a controller is tuned for, as a sampled transfer function of any order.
+"""Reference models: the closed loop that a controller is tuned for, as a sampled transfer function of any order::
 
     M(z) = gain z^-delay prod(1 - z_i z^-1) / prod(1 - p_i z^-1)
     first order (4.23):  M(z) = (1 - A) z^-1/(1 - A z^-1),  A = 1 - Ts w_c, or exp(-Ts w_c) where it is to be exact
@@ -98,7 +98,7 @@ class ReferenceModel:
 
     @property
     def bandwidth(self) -> float:
-        """Where |M| has fallen to 1/sqrt(2) of its static value [rad/s]; of the first-order model w_c, about."""
+        """Where `|M|` has fallen to 1/sqrt(2) of its static value [rad/s]; of the first-order model w_c, about."""
         rates = np.geomspace(1e-5, 0.999 * np.pi, 4000) / self.period
         low = np.abs(self.frequency_response(rates)) < abs(self.static_gain) / np.sqrt(2)
         return float(rates[int(np.argmax(low))] if low.any() else rates[-1])
@@ -124,7 +124,8 @@ def first_order(bandwidth: float, period: float, *, exact: bool = False, delay: 
     """The first-order model (4.23), static gain 1.
 
     Args:
-        bandwidth: w_c [rad/s], > 0. period: Ts [s].
+        bandwidth: w_c [rad/s], > 0.
+        period: Ts [s].
         exact: A = exp(-Ts w_c), the sampled 1/(1 + s/w_c); otherwise A = 1 - Ts w_c, as in the thesis.
         delay: further samples of delay, >= 0.
 

@@ -1,4 +1,4 @@
-"""Gains that make the predicted loop follow its reference model best, by direct minimisation on a plant model.
+"""Gains that make the predicted loop follow its reference model best, by direct minimisation on a plant model::
 
     min over theta of |s_T - s_M|,    T = C G/(1 + C G),    dT/dtheta_i = beta_i G/(1 + C G)^2
 
@@ -29,7 +29,9 @@ def nearest_gains(plant: IdentifiedPlant, basis: ControllerBasis, start: Array, 
     """The gains whose predicted step response is nearest to a wanted one.
 
     Args:
-        plant: G. basis: beta, at most `MOST_GAINS` gains. start: gains to begin with, shape (p,).
+        plant: G.
+        basis: beta, at most `MOST_GAINS` gains.
+        start: gains to begin with, shape (p,).
         wanted: step response of the reference model, shape (h,) [-].
     """
     found = [_descend(plant, basis, np.asarray(start, dtype=float), wanted)]

@@ -1,4 +1,4 @@
-"""Virtual reference feedback tuning (VRFT): a controller from one experiment, without a model of the plant.
+"""Virtual reference feedback tuning (VRFT): a controller from one experiment, without a model of the plant::
 
     virtual error    e_v = (1/M - 1) y,  for the first-order model e_v[k] = (y[k+1] - y[k])/(1 - A)
     prefilter        L = M (1 - M) W
@@ -58,13 +58,15 @@ def fit_vrft(
     """Tune the gains of `basis` so that the closed loop behaves like `model`.
 
     Args:
-        u: input, shape (k,), dx_bar or u_hat [m]; y: output, shape (k,), force [N]; deviations from rest.
-        model: M. basis: beta. Both with the period of the data.
+        u: input, shape (k,), dx_bar or u_hat [m].
+        y: output, shape (k,), force [N]; deviations from rest.
+        model: M.
+        basis: beta. Both with the period of the data.
         prefilter: use L = M (1 - M) W; otherwise L = 1 (delayed), which noise biases strongly.
         weight: W of the prefilter as (numerator, denominator) in powers of z^-1; default 1.
         instrument: output (k,) [N] of a second experiment with the same input, for noisy data.
-        instrument_delay: use the regressors so many samples earlier as instruments instead; for noise that is
-            forgotten within that time.
+        instrument_delay: use the regressors so many samples earlier as instruments instead; for noise that is forgotten
+            within that time.
         refine: take gains whose step response comes nearer to the reference model's on the plant model (at most 20
             gains), where they do so by more than the plant model is wrong; `vrft_gains` then has those of VRFT.
 

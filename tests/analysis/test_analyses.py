@@ -13,14 +13,14 @@ import xarray as xr
 from forcectl.analysis.force_estimation import ForceAnalysis, stretches
 from forcectl.analysis.friction_identification import FrictionAnalysis, friction_metrics
 from forcectl.analysis.motion_metrics import FORCE_METRICS, FRICTION_METRICS, is_motion_metric, joint_metrics
-from forcectl.diagrams.believed import Setting
+from forcectl.diagrams.model import Setting
 from forcectl.errors import BadInputError
 from forcectl.figures.motion import motion_figures, one_variant
 from forcectl.plant.drives.joint_friction import JointFriction, mean_features
 from forcectl.plant.plant_model import PlantModel
 from forcectl.runs.logs import stack
 from tests.examples import stations
-from tests.examples.research_runs import describe
+from tests.examples.joint_interface_runs import describe
 
 TICK = 0.004
 COUNT = 1001  # four seconds
@@ -37,7 +37,7 @@ def model() -> PlantModel:
 
 def made_up(**signals: Any) -> xr.Dataset:
     """A log of one arm at rest in which nothing happens, but for the signals given."""
-    n, joints = 7, list(model().robot.facts.arm_joints)
+    n, joints = 7, list(model().robot.parameters.arm_joints)
     parts = [f"left_{kind}_{axis}" for kind in ("torque", "force") for axis in "xyz"]
     rows = {
         **dict.fromkeys(("joint_velocity", "link_velocity", "motor_torque"), np.zeros((COUNT, n))),

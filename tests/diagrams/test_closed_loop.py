@@ -12,8 +12,8 @@ from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import Adder, ConstantVectorSource, LogVectorOutput, TrajectorySource
 
 import forcectl
-from forcectl.diagrams.believed import plant_model
 from forcectl.diagrams.force_controller import build_controller
+from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig, build_station
 from forcectl.diagrams.workcell import describe
 from forcectl.force.adaptive_integral import AdaptiveIntegralConfig
@@ -44,17 +44,17 @@ def values(log: xr.Dataset, name: str, start: float = 0.0, end: float = np.inf) 
 def pulled_away(fidelity: str, damping: float, duration: float) -> dict[str, np.ndarray]:
     """Signals of a loop whose robot is sent 8 mm off the surface from 2 s to 3 s, behind the controller's back."""
     environment = EnvironmentConfig(stiffness=SPRINGS, damping=damping)
-    cell = describe(pressing(fidelity=fidelity, environment=environment, force_sensor=quiet_sensor()))
-    away = 8e-3 * cell.contact.direction
+    workcell = describe(pressing(fidelity=fidelity, environment=environment, force_sensor=quiet_sensor()))
+    away = 8e-3 * workcell.contact.direction
     path = held_trajectory([0.0, 2.0, 3.0], np.array([0 * away, away, 0 * away]).T)
     builder = DiagramBuilder()
     force = builder.AddNamedSystem("desired", ConstantVectorSource([FORCE]))
     rest = builder.AddNamedSystem("motion", ConstantVectorSource(np.zeros(len(away))))
     pull = builder.AddNamedSystem("pull", TrajectorySource(path))
     command = builder.AddNamedSystem("command", Adder(2, len(away)))
-    law = build_controller(IntegralConfig(integral_gain=1.5), plant_model(cell))
+    law = build_controller(IntegralConfig(integral_gain=1.5), plant_model(workcell))
     control = builder.AddNamedSystem("controller", law)
-    station = builder.AddNamedSystem("station", build_station(cell))
+    station = builder.AddNamedSystem("station", build_station(workcell))
     for source, name in (
         (force.get_output_port(), "desired_force"),
         (rest.get_output_port(), "unconstrained_reference"),
@@ -122,15 +122,15 @@ def test_the_tool_goes_where_the_motion_sends_it(fidelity: str, normal: list[flo
     along = np.array([0.0, 1.0, 0.0])
     motion = {"direction": along.tolist(), "distance": 0.02, "speed": 0.02, "start_time": 0.5}
     log = simulate(fidelity, 3.0, {"motion": motion}, station__normal=normal)
-    cell = describe(StationConfig(fidelity=fidelity, normal=normal))
-    context = cell.robot.create_context()
-    cell.robot.set_positions(context, cell.motor_start)
-    start = cell.robot.pose(context)
-    cell.robot.set_positions(context, values(log, "motor_position")[-1])
-    moved = cell.robot.pose(context)
+    workcell = describe(StationConfig(fidelity=fidelity, normal=normal))
+    context = workcell.robot.create_context()
+    workcell.robot.set_positions(context, workcell.motor_start)
+    start = workcell.robot.pose(context)
+    workcell.robot.set_positions(context, values(log, "motor_position")[-1])
+    moved = workcell.robot.pose(context)
     travel = moved.translation() - start.translation()
     assert travel @ along == pytest.approx(0.02, rel=0.03)
-    assert abs(travel @ np.cross(along, cell.contact.n)) < 0.03 * 0.02
+    assert abs(travel @ np.cross(along, workcell.contact.n)) < 0.03 * 0.02
     turned = (start.rotation().inverse() @ moved.rotation()).ToAngleAxis().angle()
     assert turned < np.radians(0.5)
 

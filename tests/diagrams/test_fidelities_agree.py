@@ -113,16 +113,16 @@ def test_exact_reference_is_what_an_integrator_of_another_kind_finds() -> None:
 @pytest.mark.parametrize(("gain", "normal"), [(3.0, OBLIQUE), (6.0, OBLIQUE)])
 def test_kinematic_station_follows_the_curved_kinematics_of_the_robot(gain: float, normal: tuple[float, ...]) -> None:
     """Reference: all six joint filters in continuous time, forward kinematics, spring and force filter."""
-    cell = describe(StationConfig(fidelity="Kinematic", normal=list(normal), elastic_joints=False))
-    robot, q_0, context = cell.robot, cell.start, cell.start_context()
-    start = float(cell.contact.n @ robot.pose(context).translation())
+    workcell = describe(StationConfig(fidelity="Kinematic", normal=list(normal), elastic_joints=False))
+    robot, q_0, context = workcell.robot, workcell.start, workcell.start_context()
+    start = float(workcell.contact.n @ robot.pose(context).translation())
     count, displacement = 500, 0.0
     z = np.concatenate([q_0, np.zeros(6), np.zeros(2)])  # joints, their rates, measured force and its rate
 
     def rates(_: float, z: np.ndarray, command: np.ndarray) -> np.ndarray:
         q, rate, f, df = z[:6], z[6:12], z[12], z[13]
         robot.set_positions(context, q)
-        force = max(0.0, -SPRINGS * (float(cell.contact.n @ robot.pose(context).translation()) - start))
+        force = max(0.0, -SPRINGS * (float(workcell.contact.n @ robot.pose(context).translation()) - start))
         bend = FILTER**2 * (command - q) - 2 * FILTER * rate
         return np.concatenate([rate, bend, [df, SENSOR**2 * (force - f) - 2 * SENSOR * df]])
 
@@ -131,7 +131,7 @@ def test_kinematic_station_follows_the_curved_kinematics_of_the_robot(gain: floa
         found.append(z[12])
         displacement -= gain * PERIOD * (FORCE - z[12]) / SPRINGS
         robot.set_positions(context, z[:6])
-        direction = np.linalg.solve(robot.jacobian(context), np.concatenate([np.zeros(3), cell.contact.n]))
+        direction = np.linalg.solve(robot.jacobian(context), np.concatenate([np.zeros(3), workcell.contact.n]))
         command = q_0 + direction * displacement
         z = solve_ivp(rates, (0.0, PERIOD), z, rtol=1e-7, atol=1e-9, args=(command,)).y[:, -1]
     force = measured("Kinematic", gain, SPRINGS, normal)[: count + 1]

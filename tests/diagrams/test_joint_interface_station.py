@@ -6,14 +6,14 @@ import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw
 
-from forcectl.diagrams.believed import plant_model
 from forcectl.diagrams.fidelities.multibody import MultibodyStation
 from forcectl.diagrams.mechanics.assembly import STATION_INPUTS
+from forcectl.diagrams.model import plant_model
 from forcectl.errors import BadInputError
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.sensors.reading_fault import ReadingFaultConfig
 from forcectl.testing import assert_memory_released
-from tests.examples.research_runs import INTERFACE_OUTPUTS, TICK, describe, run, whole_robot
+from tests.examples.joint_interface_runs import INTERFACE_OUTPUTS, TICK, describe, run, whole_robot
 from tests.examples.robot_folders import write_planar_robot
 
 KINDS = [pytest.param({}, id="rigid"), pytest.param({"elastic_joints": True}, id="elastic")]
@@ -22,20 +22,20 @@ NO_FRICTION = {"scale": 0.0}
 REACH = 0.035  # [m] of the collision shape of the last link beyond the flange
 
 
-def jacobian(cell, q):
-    context = cell.robot.create_context()
-    cell.robot.set_positions(context, q)
-    return cell.robot.jacobian(context)
+def jacobian(workcell, q):
+    context = workcell.robot.create_context()
+    workcell.robot.set_positions(context, q)
+    return workcell.robot.jacobian(context)
 
 
-def gravity(cell, q):
-    context = cell.robot.create_context()
-    cell.robot.set_positions(context, q)
-    return cell.robot.gravity_torque(context)
+def gravity(workcell, q):
+    context = workcell.robot.create_context()
+    workcell.robot.set_positions(context, q)
+    return workcell.robot.gravity_torque(context)
 
 
-def friction(cell):
-    return cell.config.drive.true_friction(cell.robot)
+def friction(workcell):
+    return workcell.config.drive.true_friction(workcell.robot)
 
 
 def names(station, side):
@@ -45,13 +45,13 @@ def names(station, side):
 
 @pytest.mark.parametrize("options", KINDS)
 def test_the_ports_are_those_of_the_interface(options):
-    cell = describe(**options)
-    station = MultibodyStation(cell, 0)
+    workcell = describe(**options)
+    station = MultibodyStation(workcell, 0)
     assert names(station, "input") == list(STATION_INPUTS)
     assert sorted(names(station, "output")) == sorted((*INTERFACE_OUTPUTS, "motor_position", "motor_velocity"))
     sizes = [station.GetOutputPort(name).size() for name in INTERFACE_OUTPUTS]
     assert sizes == [7, 7, 7, 7, 7, 7, 6, 1]
-    assert cell.period == TICK
+    assert workcell.period == TICK
 
 
 def test_two_arms_and_any_folder_fill_the_same_ports(tmp_path):
@@ -64,10 +64,10 @@ def test_two_arms_and_any_folder_fill_the_same_ports(tmp_path):
 
 @pytest.mark.parametrize("options", KINDS)
 def test_at_rest_it_stays_and_the_motors_carry_gravity(options):
-    cell = describe(**options)
-    log = run(cell, 0.2)
-    assert np.abs(log["link_position"] - cell.start).max() < 1e-9
-    carried = gravity(cell, cell.start) + friction(cell).offset
+    workcell = describe(**options)
+    log = run(workcell, 0.2)
+    assert np.abs(log["link_position"] - workcell.start).max() < 1e-9
+    carried = gravity(workcell, workcell.start) + friction(workcell).offset
     np.testing.assert_allclose(log["motor_torque"], np.tile(carried, (51, 1)), atol=1e-6)
     assert not log["external_torque"].any()
     assert not log["tip_wrench"].any()
@@ -76,28 +76,28 @@ def test_at_rest_it_stays_and_the_motors_carry_gravity(options):
 
 @pytest.mark.parametrize("options", KINDS)
 def test_without_friction_the_motors_take_up_a_static_load(options):
-    cell = describe(friction=NO_FRICTION, **options)
-    log = run(cell, 0.6, external_wrench=LOAD)
+    workcell = describe(friction=NO_FRICTION, **options)
+    log = run(workcell, 0.6, external_wrench=LOAD)
     q = log["link_position"][-1]
-    np.testing.assert_allclose(log["external_torque"][-1], jacobian(cell, q).T @ LOAD, atol=1e-9)
+    np.testing.assert_allclose(log["external_torque"][-1], jacobian(workcell, q).T @ LOAD, atol=1e-9)
     np.testing.assert_allclose(log["tip_wrench"][-1], LOAD)
-    np.testing.assert_allclose(log["motor_torque"][-1], gravity(cell, q) - log["external_torque"][-1], atol=0.01)
+    np.testing.assert_allclose(log["motor_torque"][-1], gravity(workcell, q) - log["external_torque"][-1], atol=0.01)
 
 
 def test_friction_hides_what_is_below_coulomb():
     """A load that no joint can be moved by leaves no trace in the motor torques."""
-    cell = describe()
+    workcell = describe()
     small = 0.1 * LOAD
-    assert (np.abs(jacobian(cell, cell.start).T @ small) < 0.5 * friction(cell).coulomb).all()
-    log = run(cell, 0.3, external_wrench=small)
+    assert (np.abs(jacobian(workcell, workcell.start).T @ small) < 0.5 * friction(workcell).coulomb).all()
+    log = run(workcell, 0.3, external_wrench=small)
     np.testing.assert_allclose(log["motor_torque"][-1], log["motor_torque"][0], atol=2e-3)
-    assert np.abs(log["link_position"][-1] - cell.start).max() < 1e-5
+    assert np.abs(log["link_position"][-1] - workcell.start).max() < 1e-5
 
 
 def test_friction_that_does_not_stick_shows_the_load():
-    cell = describe(friction={"sticks": False})
-    log = run(cell, 1.0, external_wrench=0.1 * LOAD)
-    expected = -jacobian(cell, cell.start).T @ (0.1 * LOAD)
+    workcell = describe(friction={"sticks": False})
+    log = run(workcell, 1.0, external_wrench=0.1 * LOAD)
+    expected = -jacobian(workcell, workcell.start).T @ (0.1 * LOAD)
     np.testing.assert_allclose(log["motor_torque"][-1] - log["motor_torque"][0], expected, atol=0.02)
 
 
@@ -105,12 +105,12 @@ def test_friction_that_does_not_stick_shows_the_load():
 @pytest.mark.parametrize("time_step", [0.0005, 0.001])
 def test_a_reference_is_felt_one_step_after_its_tick(options, time_step):
     """Delay table of the station: the speed of the motors changes in the second plant step, never earlier."""
-    cell = describe(time_step=time_step, friction=NO_FRICTION, **options)
+    workcell = describe(time_step=time_step, friction=NO_FRICTION, **options)
 
     def step(t):
-        return cell.motor_start + (0.01 if t > 0.5 * TICK else 0.0)
+        return workcell.motor_start + (0.01 if t > 0.5 * TICK else 0.0)
 
-    log = run(cell, 0.01, every=time_step, joint_position_command=step)
+    log = run(workcell, 0.01, every=time_step, joint_position_command=step)
     moving = np.abs(log["link_velocity"]).max(axis=1) > 1e-3
     first = log["time"][np.argmax(moving)]
     # The tick at 4 ms takes it; the torque is there one step later, and moves rigid links in the next one.
@@ -122,16 +122,17 @@ def test_a_reference_is_felt_one_step_after_its_tick(options, time_step):
 
 @pytest.mark.parametrize(("share", "lag"), [(0.0, 2 / 100.0 + TICK / 2 + 0.00075), (1.0, 0.0)])
 def test_the_lag_of_steady_motion(share, lag):
-    """2 zeta/w of the facts' filter and what the hold of the position costs; none with a speed reference that fits."""
-    cell = describe(friction=NO_FRICTION, servo={"integral_gain": 0.0}, gravity=False)
+    """2 zeta/w of the parameters' filter and what the hold of the position costs; none with a speed reference that
+    fits."""
+    workcell = describe(friction=NO_FRICTION, servo={"integral_gain": 0.0}, gravity=False)
     speed = 0.2 * np.where(np.arange(7) % 2 == 0, 1.0, -1.0)
     log = run(
-        cell,
+        workcell,
         0.6,
-        joint_position_command=lambda t: cell.motor_start + speed * t,
+        joint_position_command=lambda t: workcell.motor_start + speed * t,
         joint_velocity_command=share * speed,
     )
-    behind = (cell.start + speed * log["time"][-1] - log["link_position"][-1]) / speed
+    behind = (workcell.start + speed * log["time"][-1] - log["link_position"][-1]) / speed
     np.testing.assert_allclose(behind, lag, atol=2e-4)
 
 
@@ -151,19 +152,19 @@ def test_servos_of_2_khz_on_a_plant_of_1_khz():
 
 
 def test_one_step_of_time_or_half_of_it_give_the_same_motion():
-    def swing(cell):
-        return lambda t: cell.motor_start + 0.2 * np.sin(3 * t) ** 2 * np.array([1, -1, 1, -1, 1, -1, 1])
+    def swing(workcell):
+        return lambda t: workcell.motor_start + 0.2 * np.sin(3 * t) ** 2 * np.array([1, -1, 1, -1, 1, -1, 1])
 
     logs = []
     for step in (0.001, 0.0005):
-        cell = describe(time_step=step)
-        logs.append(run(cell, 1.0, joint_position_command=swing(cell)))
+        workcell = describe(time_step=step)
+        logs.append(run(workcell, 1.0, joint_position_command=swing(workcell)))
     np.testing.assert_allclose(logs[0]["link_position"], logs[1]["link_position"], atol=4e-4)
 
 
 def test_positions_are_quantised_and_speeds_come_from_them():
-    cell = describe(sensors={"quantum": 1e-3, "velocity_bandwidth": 250.0})
-    log = run(cell, 0.4, joint_position_command=lambda t: cell.motor_start + 0.3 * t)
+    workcell = describe(sensors={"quantum": 1e-3, "velocity_bandwidth": 250.0})
+    log = run(workcell, 0.4, joint_position_command=lambda t: workcell.motor_start + 0.3 * t)
     turns = log["joint_position"] / 1e-3
     np.testing.assert_allclose(turns, np.round(turns), atol=1e-9)
     assert np.abs(log["joint_position"] - log["link_position"]).max() <= 0.5e-3 + 1e-12
@@ -175,10 +176,10 @@ def test_positions_are_quantised_and_speeds_come_from_them():
 
 def test_the_torque_is_the_mean_over_the_tick():
     """Its sum is the integral of what the servo gave, and momentum is conserved with it."""
-    cell = describe(friction=NO_FRICTION)
-    model = plant_model(cell).momentum_model()
+    workcell = describe(friction=NO_FRICTION)
+    model = plant_model(workcell).momentum_model()
     context = model.create_context()
-    log = run(cell, 0.3, joint_position_command=lambda t: cell.motor_start + 0.1 * np.sin(8 * t))
+    log = run(workcell, 0.3, joint_position_command=lambda t: workcell.motor_start + 0.1 * np.sin(8 * t))
     p, force = [], []
     for q, v in zip(log["link_position"], log["link_velocity"], strict=True):
         momentum, total = model.terms(context, q, v)
@@ -192,8 +193,8 @@ def test_the_torque_is_the_mean_over_the_tick():
 
 
 def test_noise_is_that_of_the_seed():
-    cell = describe(sensors={"position_noise": 1e-4, "torque_noise": 0.2})
-    first, same, other = (run(cell, 0.1, seed=seed) for seed in (3, 3, 4))
+    workcell = describe(sensors={"position_noise": 1e-4, "torque_noise": 0.2})
+    first, same, other = (run(workcell, 0.1, seed=seed) for seed in (3, 3, 4))
     for name in ("joint_position", "joint_velocity", "motor_torque"):
         np.testing.assert_array_equal(first[name], same[name])
         assert (first[name][1:] != other[name][1:]).any()
@@ -212,30 +213,32 @@ def pressed_on_a_box(stiffness):
     box = ObstacleConfig(
         size=[0.06, 0.06, 0.1], position=list(centre), rotation_deg=list(angles), stiffness=stiffness, friction=0.0
     )
-    cell = describe(friction=NO_FRICTION, obstacles=[box])
-    ahead = np.linalg.pinv(jacobian(cell, cell.start)) @ np.concatenate([np.zeros(3), 0.03 * axis])
-    log = run(cell, 1.2, joint_position_command=lambda t: cell.motor_start + ahead * min(1.0, t / 0.6))
-    return cell, axis, log
+    workcell = describe(friction=NO_FRICTION, obstacles=[box])
+    ahead = np.linalg.pinv(jacobian(workcell, workcell.start)) @ np.concatenate([np.zeros(3), 0.03 * axis])
+    log = run(workcell, 1.2, joint_position_command=lambda t: workcell.motor_start + ahead * min(1.0, t / 0.6))
+    return workcell, axis, log
 
 
 def test_an_obstacle_pushes_back():
     """The truth ports agree with each other, with the motors, and with the spring that the obstacle is."""
-    cell, axis, log = pressed_on_a_box(1e4)
+    workcell, axis, log = pressed_on_a_box(1e4)
     assert not log["arm_contact_force"][:20].any()
     force, wrench = log["arm_contact_force"][-1, 0], log["tip_wrench"][-1]
     assert force > 5.0
     np.testing.assert_allclose(wrench[3:], -force * axis, atol=1e-6 * force)
     q = log["link_position"][-1]
-    np.testing.assert_allclose(log["external_torque"][-1], jacobian(cell, q).T @ wrench, atol=1e-6 * force)
-    np.testing.assert_allclose(log["motor_torque"][-1], gravity(cell, q) - log["external_torque"][-1], atol=0.05)
+    np.testing.assert_allclose(log["external_torque"][-1], jacobian(workcell, q).T @ wrench, atol=1e-6 * force)
+    np.testing.assert_allclose(log["motor_torque"][-1], gravity(workcell, q) - log["external_torque"][-1], atol=0.05)
 
 
 def test_arms_touch_only_when_they_may():
     crossed = np.zeros(14)
     crossed[:7], crossed[7:] = [-1.0, 0, 0, 0, 0, 0, 0], [1.0, 0, 0, 0, 0, 0, 0]
     for allowed in (False, True):
-        cell = whole_robot(time_step=0.001, self_collision=allowed, tool=None)
-        log = run(cell, 0.8, joint_position_command=lambda t, c=cell: c.motor_start + crossed * min(1.0, t / 0.6))
+        workcell = whole_robot(time_step=0.001, self_collision=allowed, tool=None)
+        log = run(
+            workcell, 0.8, joint_position_command=lambda t, c=workcell: c.motor_start + crossed * min(1.0, t / 0.6)
+        )
         force = log["arm_contact_force"]
         assert force.any() == allowed
         if allowed:  # what one arm does to the other comes back
@@ -244,45 +247,46 @@ def test_arms_touch_only_when_they_may():
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf])
 def test_a_reference_that_is_no_number_is_held(bad):
-    cell = describe()
+    workcell = describe()
 
     def reference(t):
-        r = cell.motor_start + 0.05 * np.sin(10 * t)
+        r = workcell.motor_start + 0.05 * np.sin(10 * t)
         if 0.1 < t < 0.15:
             r[2] = bad
         return r
 
-    log = run(cell, 0.3, joint_position_command=reference)
+    log = run(workcell, 0.3, joint_position_command=reference)
     assert np.isfinite(log["link_position"]).all()
     assert np.isfinite(log["motor_torque"]).all()
     assert np.abs(log["link_position"][-1] - log["link_position"][0]).max() < 0.1
 
 
 def test_a_wrench_that_is_no_number_is_no_wrench():
-    cell = describe()
-    log = run(cell, 0.02, external_wrench=np.array([0, 0, np.nan, 0, 0, 9.0]))
+    workcell = describe()
+    log = run(workcell, 0.02, external_wrench=np.array([0, 0, np.nan, 0, 0, 9.0]))
     assert not log["tip_wrench"].any()
     assert not log["external_torque"].any()
 
 
 def test_motors_have_limits_and_come_back_from_them():
-    cell = describe(friction=NO_FRICTION)
-    log = run(cell, 1.0, joint_position_command=lambda t: cell.motor_start + (0.5 if t < 0.2 else 0.0))
-    limit = cell.robot.limits.torque
+    workcell = describe(friction=NO_FRICTION)
+    log = run(workcell, 1.0, joint_position_command=lambda t: workcell.motor_start + (0.5 if t < 0.2 else 0.0))
+    limit = workcell.robot.limits.torque
     assert (np.abs(log["motor_torque"]) <= limit + 1e-9).all()
     assert (np.abs(log["motor_torque"]).max(axis=0) > 0.99 * limit).any()
-    assert np.abs(log["link_position"][-1] - cell.start).max() < 5e-3
+    assert np.abs(log["link_position"][-1] - workcell.start).max() < 5e-3
 
 
-def swing(cell):
-    return lambda t: cell.motor_start + 0.1 * np.sin(8 * t)
+def swing(workcell):
+    return lambda t: workcell.motor_start + 0.1 * np.sin(8 * t)
 
 
 def faulty(kind, joint=""):
     """A run with a fault from 0.2 to 0.3 s, and the same without."""
     fault = ReadingFaultConfig(kind=kind, joint=joint, start=0.2, duration=0.1)
     return [
-        run(cell, 0.6, joint_position_command=swing(cell)) for cell in (describe(faults=[fault]), describe(faults=[]))
+        run(workcell, 0.6, joint_position_command=swing(workcell))
+        for workcell in (describe(faults=[fault]), describe(faults=[]))
     ]
 
 
@@ -315,12 +319,12 @@ def test_samples_that_are_lost():
 
 
 def test_feedforward_is_torque():
-    cell = describe(friction=NO_FRICTION, servo={"integral_gain": 0.0})
+    workcell = describe(friction=NO_FRICTION, servo={"integral_gain": 0.0})
     extra = np.array([1.0, -1.0, 0.5, 0.5, 0.1, 0.1, 0.1])
-    log = run(cell, 0.5, joint_torque_feedforward=extra)
-    inertia = cell.rotor_inertia + np.diag(cell.robot.mass_matrix(cell.start_context()))
+    log = run(workcell, 0.5, joint_torque_feedforward=extra)
+    inertia = workcell.rotor_inertia + np.diag(workcell.robot.mass_matrix(workcell.start_context()))
     gain = inertia * 100.0**2
-    sag = log["link_position"][-1] - cell.start
+    sag = log["link_position"][-1] - workcell.start
     np.testing.assert_allclose(sag, extra / gain, rtol=0.1, atol=1e-6)
 
 

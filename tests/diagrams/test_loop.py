@@ -20,8 +20,8 @@ from forcectl.motion.references import StepConfig
 from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 from forcectl.scenario.scenario import Scenario
 from forcectl.testing import assert_memory_released
+from tests.examples.joint_interface_runs import TICK
 from tests.examples.motion_runs import motion_loop, run
-from tests.examples.research_runs import TICK
 from tests.examples.station_runs import FORCE, SPRINGS
 from tests.examples.stations import free, pressing
 
@@ -262,6 +262,6 @@ def test_reference_beyond_the_sensor_is_refused() -> None:
 @pytest.mark.parametrize("fidelity", SHIPPED_FIDELITIES)
 def test_believed_compliance_in_the_loop_is_the_true_one(fidelity: str) -> None:
     loop = Scenario(station=StationConfig(fidelity=fidelity), controller=IntegralConfig()).build()
-    assert loop.true_compliance == pytest.approx(loop.cell.contact.robot_compliance + 1 / SPRINGS)
-    assert loop.cell.contact.robot_compliance == pytest.approx(3.2e-5, rel=1e-3)
+    assert loop.true_compliance == pytest.approx(loop.workcell.contact.robot_compliance + 1 / SPRINGS)
+    assert loop.workcell.contact.robot_compliance == pytest.approx(3.2e-5, rel=1e-3)
     assert loop.reference_model_bandwidth == 1.5

@@ -109,14 +109,14 @@ def test_the_force_is_that_of_the_spring_between_tool_and_surface(fidelity: str)
 @every_fidelity
 def test_the_height_is_the_profile_where_the_tool_is(fidelity: str) -> None:
     log = ideal(fidelity, **GROOVES)
-    cell = describe(StationConfig(fidelity=fidelity, elastic_joints=False))
+    workcell = describe(StationConfig(fidelity=fidelity, elastic_joints=False))
     config = SurfaceConfig(heights=HEIGHTS)
-    context, s = cell.robot.create_context(), []
-    cell.robot.set_positions(context, cell.start)
-    start = cell.robot.tip_position(context)[0]
+    context, s = workcell.robot.create_context(), []
+    workcell.robot.set_positions(context, workcell.start)
+    start = workcell.robot.tip_position(context)[0]
     for q in log["motor_position"].values:
-        cell.robot.set_positions(context, q)
-        s.append(cell.robot.tip_position(context)[0] - start)
+        workcell.robot.set_positions(context, q)
+        s.append(workcell.robot.tip_position(context)[0] - start)
     # The constant Jacobian of one dimension and rigid joints that give a little place the tool up to 30 um elsewhere.
     np.testing.assert_allclose(signal(log, "surface_height"), config.profile(0.01).height(np.array(s)), atol=5e-6)
     assert s[-1] == pytest.approx(0.02, abs=1e-4)
@@ -125,19 +125,23 @@ def test_the_height_is_the_profile_where_the_tool_is(fidelity: str) -> None:
 # --- truth -----------------------------------------------------------------------------------------------------------
 
 
-def sliding(cell: Workcell, force: float, speed: float, duration: float) -> Any:
+def sliding(workcell: Workcell, force: float, speed: float, duration: float) -> Any:
     """Joint command that presses with `force` [N] on the flat part and then moves along x, as a function of time."""
-    row = cell.robot.jacobian(cell.start_context())
+    row = workcell.robot.jacobian(workcell.start_context())
     along = np.linalg.solve(row, [0, 0, 0, 1, 0, 0])
-    pressing = command_for(cell, -force * compliance_of(cell))
+    pressing = command_for(workcell, -force * compliance_of(workcell))
 
     def command(t: float) -> np.ndarray:
-        return cell.motor_start + (pressing - cell.motor_start) * min(1.0, 2 * t) + along * speed * max(0.0, t - 1.0)
+        return (
+            workcell.motor_start
+            + (pressing - workcell.motor_start) * min(1.0, 2 * t)
+            + along * speed * max(0.0, t - 1.0)
+        )
 
     return command
 
 
-def multibody_cell(**surface: Any) -> Workcell:
+def multibody_workcell(**surface: Any) -> Workcell:
     return describe(
         pressing(
             fidelity="Multibody",
@@ -150,10 +154,10 @@ def multibody_cell(**surface: Any) -> Workcell:
 
 def test_truth_of_a_moving_plate_is_the_force_of_the_contact_without_the_plates_inertia() -> None:
     """Against Drake's contact results, on a steep groove at 20 mm/s that accelerates the plate of 1.6 kg."""
-    cell = multibody_cell(heights={"grooves": GrooveConfig(positions=[0.006], width=2e-3, depth=5e-5)})
-    station = build_station(cell)
+    workcell = multibody_workcell(heights={"grooves": GrooveConfig(positions=[0.006], width=2e-3, depth=5e-5)})
+    station = build_station(workcell)
     assert isinstance(station, MultibodyStation)
-    plant, command = station.plant, sliding(cell, 15.0, 0.02, 1.6)
+    plant, command = station.plant, sliding(workcell, 15.0, 0.02, 1.6)
     simulator = Simulator(station)
     context = simulator.get_mutable_context()
     port = station.GetInputPort("joint_position_command")
@@ -166,7 +170,7 @@ def test_truth_of_a_moving_plate_is_the_force_of_the_contact_without_the_plates_
         own = plant.GetMyContextFromRoot(context)
         results = plant.get_contact_results_output_port().Eval(own)
         contact = sum(
-            abs(results.point_pair_contact_info(i).contact_force() @ cell.contact.n)
+            abs(results.point_pair_contact_info(i).contact_force() @ workcell.contact.n)
             for i in range(results.num_point_pair_contacts())
         )
         truth = station.GetOutputPort("contact_force").Eval(context).item()
@@ -182,9 +186,9 @@ def test_truth_of_a_moving_plate_is_the_force_of_the_contact_without_the_plates_
 def test_the_plate_of_an_uneven_surface_takes_nothing_from_the_stiffness() -> None:
     forces = []
     for slope in (0.0, 1e-12):
-        cell = multibody_cell(slope=slope)
-        target = command_for(cell, -15.0 * compliance_of(cell))
-        run = run_diagram(build_station(cell), 0.6, period=0.1, inputs={"joint_position_command": target})
+        workcell = multibody_workcell(slope=slope)
+        target = command_for(workcell, -15.0 * compliance_of(workcell))
+        run = run_diagram(build_station(workcell), 0.6, period=0.1, inputs={"joint_position_command": target})
         forces.append(run["contact_force"][-1, 0])
     assert forces[1] == pytest.approx(forces[0], rel=1e-4)
     assert forces[0] == pytest.approx(15.0, rel=0.02)
@@ -197,9 +201,9 @@ def test_no_contact_gives_zero_above_any_surface(fidelity: str) -> None:
         force_sensor=quiet_sensor(),
         environment=EnvironmentConfig(surface=SurfaceConfig(slope=-0.05, heights={"grooves": GrooveConfig()})),
     )
-    cell = describe(config)
-    above = command_for(cell, 2e-3)
-    run = run_diagram(build_station(cell), 0.4, period=0.02, inputs={"joint_position_command": above})
+    workcell = describe(config)
+    above = command_for(workcell, 2e-3)
+    run = run_diagram(build_station(workcell), 0.4, period=0.02, inputs={"joint_position_command": above})
     np.testing.assert_allclose(run["contact_force"][5:], 0.0, atol=1e-9)
     np.testing.assert_array_equal(run["contact_state"][5:], 0.0)
 

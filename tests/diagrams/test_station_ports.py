@@ -127,20 +127,20 @@ def test_doctor_finds_nothing_wrong_with_a_closed_loop(
 
 @every_fidelity
 def test_station_runs_the_same_after_reset_and_clone(fidelity: str) -> None:
-    cell = describe(StationConfig(fidelity=fidelity))
-    command = cell.motor_start - 5e-4 * cell.contact.direction
+    workcell = describe(StationConfig(fidelity=fidelity))
+    command = workcell.motor_start - 5e-4 * workcell.contact.direction
     log = assert_same_after_reset_and_clone(
-        build_station(cell, seed=5), duration=0.2, period=0.01, inputs={"joint_position_command": command}
+        build_station(workcell, seed=5), duration=0.2, period=0.01, inputs={"joint_position_command": command}
     )
     assert log["contact_force"][-1, 0] > 0.1
 
 
 @every_fidelity
 def test_station_is_deterministic_and_its_noise_follows_the_seed(fidelity: str) -> None:
-    cell = describe(StationConfig(fidelity=fidelity))
-    inputs = {"joint_position_command": cell.motor_start - 5e-4 * cell.contact.direction}
-    first = assert_deterministic(lambda: build_station(cell, seed=5), duration=0.1, period=0.01, inputs=inputs)
-    other = run_diagram(build_station(cell, seed=6), 0.1, period=0.01, inputs=inputs)
+    workcell = describe(StationConfig(fidelity=fidelity))
+    inputs = {"joint_position_command": workcell.motor_start - 5e-4 * workcell.contact.direction}
+    first = assert_deterministic(lambda: build_station(workcell, seed=5), duration=0.1, period=0.01, inputs=inputs)
+    other = run_diagram(build_station(workcell, seed=6), 0.1, period=0.01, inputs=inputs)
     assert not np.array_equal(first["measured_force"], other["measured_force"])
     np.testing.assert_array_equal(first["contact_force"], other["contact_force"])
 
@@ -171,8 +171,10 @@ def test_closed_loop_repeats_bit_by_bit_also_from_a_reset_and_a_cloned_context(
 
 @every_fidelity
 def test_noise_of_the_sensor_stays_out_of_the_truth(fidelity: str) -> None:
-    cell = describe(pressing(fidelity=fidelity, force_sensor=quiet_sensor(noise_std=0.5)))
-    log = run_diagram(build_station(cell), 2.0, period=0.01, inputs={"joint_position_command": cell.motor_start})
+    workcell = describe(pressing(fidelity=fidelity, force_sensor=quiet_sensor(noise_std=0.5)))
+    log = run_diagram(
+        build_station(workcell), 2.0, period=0.01, inputs={"joint_position_command": workcell.motor_start}
+    )
     settled = log["measured_force"][50:, 0]
     # White noise at 500 Hz behind a critically damped filter of bandwidth w: the variance falls by w T/4.
     assert settled.std() == pytest.approx(0.5 * np.sqrt(SENSOR * PERIOD / 4), rel=0.4)

@@ -38,7 +38,7 @@ def folder(tmp_path, monkeypatch):
 
 
 def test_every_part_of_the_page_runs_from_yaml(folder):
-    result = fc.run("my_cell.yaml", out="result")
+    result = fc.run("my_workcell.yaml", out="result")
     log, metrics = result.log, result.metrics["default"]
     assert float(log["measured_force"][-1]) == pytest.approx(float(log["contact_force"][-1]) + 0.2 * 2.0)
     assert float(log["desired_force"][0]) == 8.0
@@ -61,7 +61,7 @@ def test_objects_and_import_paths_give_the_same_run(folder):
         "analyses": {"peak": parts.Peak()},
         "duration": 2.0,
     }
-    ours, theirs = fc.run(objects).log, fc.run("my_cell.yaml").log
+    ours, theirs = fc.run(objects).log, fc.run("my_workcell.yaml").log
     for name in theirs.data_vars:
         np.testing.assert_array_equal(ours[name].values, theirs[name].values)
 

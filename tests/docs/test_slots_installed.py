@@ -150,8 +150,8 @@ def test_the_page_and_the_package_fill_the_slots() -> None:
 
 @pytest.mark.parametrize(("scenario", "has"), [(PRESS, "figure"), (REACH, ""), (SLIDE, ""), (TUNE, ""), (HOME, "")])
 def test_tags_of_an_installed_package_run(site: Path, tmp_path: Path, scenario: str, has: str) -> None:
-    (tmp_path / "cell.yaml").write_text(scenario)
-    done = command(site, tmp_path, "run", "cell.yaml", "--out", "result")
+    (tmp_path / "workcell.yaml").write_text(scenario)
+    done = command(site, tmp_path, "run", "workcell.yaml", "--out", "result")
     assert done.returncode == 0, done.stderr[-2000:]
     written = (tmp_path / "result" / "scenario.yaml").read_text()
     tags = re.findall(r"!(\w+)", scenario)
@@ -166,8 +166,8 @@ def test_tags_of_an_installed_package_run(site: Path, tmp_path: Path, scenario: 
 def test_they_are_listed_and_missed_by_name(site: Path, tmp_path: Path) -> None:
     listed = command(site, tmp_path, "list").stdout
     assert [tag for tags in ANNOUNCED.values() for tag in tags if tag not in listed] == []
-    (tmp_path / "cell.yaml").write_text("station: {environment: !HuntCrosley {}}\n")
-    missed = command(site, tmp_path, "run", "cell.yaml")
+    (tmp_path / "workcell.yaml").write_text("station: {environment: !HuntCrosley {}}\n")
+    missed = command(site, tmp_path, "run", "workcell.yaml")
     assert missed.returncode != 0
     assert "station.environment: unknown tag '!HuntCrosley': did you mean '!HuntCrossley'?" in missed.stderr
     assert len(missed.stderr.strip().splitlines()) == 1
@@ -192,8 +192,8 @@ def test_a_package_that_announces_what_does_not_fit_is_told_in_one_line(site: Pa
             "station.drive = 'my_parts:Peak': must be a class that fills the slot drive, with add_to",
         ),
     ):
-        (tmp_path / "cell.yaml").write_text(f"{text}\nduration: 0.1\n")
-        done = command(site, tmp_path, "run", "cell.yaml")
+        (tmp_path / "workcell.yaml").write_text(f"{text}\nduration: 0.1\n")
+        done = command(site, tmp_path, "run", "workcell.yaml")
         assert done.returncode != 0
         assert told in done.stderr
         assert len(done.stderr.strip().splitlines()) == 1, done.stderr

@@ -1,4 +1,4 @@
-"""Algebraic loops, told as a path."""
+"""Algebraic loops, reported as a path."""
 
 import pytest
 from pydrake.systems.framework import DiagramBuilder

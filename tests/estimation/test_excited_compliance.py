@@ -1,4 +1,4 @@
-"""The compliance told from moves of the reference: right on any surface, and silent without moves."""
+"""The compliance estimated from moves of the reference: right on any surface, and silent without moves."""
 
 from __future__ import annotations
 

@@ -166,7 +166,7 @@ def test_it_learns_only_while_the_experiment_runs():
     np.testing.assert_array_equal(always[:1001], found[:1001])
 
 
-def test_lanes_are_tuned_on_their_own():
+def test_batch_elements_are_tuned_on_their_own():
     u, y = record(0.02)
     pair = RecursiveVrft(2, bandwidth=[1.5, 4.5], forgetting=[1.0, 0.999], resolution=[0.0039, 0.0])
     both = tuned(pair, np.column_stack([u, 0.5 * u]), np.column_stack([y, 0.7 * y]))

@@ -33,7 +33,7 @@ from forcectl.robot.model import RobotModel, add_robot
 from forcectl.testing.runs import Input
 from tests.examples.block_example import Example, each
 from tests.examples.block_examples_estimation import ESTIMATION_EXAMPLES
-from tests.examples.block_examples_research import RESEARCH_EXAMPLES
+from tests.examples.block_examples_joint_interface import JOINT_INTERFACE_EXAMPLES
 from tests.examples.block_examples_stations import STATION_EXAMPLES
 from tests.examples.controller_examples import CONTROLLER_EXAMPLES
 from tests.examples.governor_examples import GOVERNOR_EXAMPLES
@@ -55,7 +55,7 @@ def robot() -> RobotModel:
 
 
 @cache
-def cell(fidelity: str) -> Workcell:
+def workcell(fidelity: str) -> Workcell:
     return describe(StationConfig(fidelity=fidelity))
 
 
@@ -64,7 +64,7 @@ def posture(t: float) -> np.ndarray:
 
 
 def push(t: float) -> np.ndarray:
-    """A displacement of two lanes that goes into the surface and leaves it again [m]."""
+    """A displacement of two batch elements that goes into the surface and leaves it again [m]."""
     return np.array([-2e-3, -1e-3]) * math.sin(60 * t)
 
 
@@ -147,7 +147,7 @@ def law_feedthrough(*inputs: str) -> set[tuple[str, str]]:
 ELSEWHERE = ROBOT_EXAMPLES | ESTIMATION_EXAMPLES | VRFT_EXAMPLES | PREDICTIVE_EXAMPLES | GOVERNOR_EXAMPLES
 ELSEWHERE |= MOTION_EXAMPLES
 ELSEWHERE |= REACTIVE_EXAMPLES
-ELSEWHERE |= RESEARCH_EXAMPLES
+ELSEWHERE |= JOINT_INTERFACE_EXAMPLES
 ELSEWHERE |= TORQUE_EXAMPLES
 ELSEWHERE |= SURFACE_EXAMPLES
 ELSEWHERE |= STATION_EXAMPLES

@@ -63,20 +63,20 @@ class Foam:
 
 
 @cache
-def pressing_cell(fidelity: str, **options: Any) -> Workcell:
+def pressing_workcell(fidelity: str, **options: Any) -> Workcell:
     return describe(pressing(fidelity=fidelity, **options))
 
 
 @cache
-def arm_cell(**options: Any) -> Workcell:
+def arm_workcell(**options: Any) -> Workcell:
     return describe(free(robot=ARM, tool=None, **options))
 
 
 @cache
-def touching_cell(elastic_joints: bool) -> Workcell:
+def touching_workcell(elastic_joints: bool) -> Workcell:
     """The arm with its tip 2 mm inside a box, and friction that sticks."""
-    robot = arm_cell().robot
-    p = robot.pose(arm_cell().start_context()).translation()
+    robot = arm_workcell().robot
+    p = robot.pose(arm_workcell().start_context()).translation()
     box = ObstacleConfig(size=[0.2, 0.2, 0.2], position=[p[0], p[1], p[2] - 0.1])
     return describe(free(robot=ARM, tool=None, elastic_joints=elastic_joints, obstacles=[box]))
 
@@ -105,19 +105,19 @@ def uneven() -> EnvironmentConfig:
     return EnvironmentConfig(surface=SurfaceConfig(slope=0.01, materials=MaterialsConfig(segments=segments)))
 
 
-def in_plant(cell: Workcell) -> Site:
+def in_plant(workcell: Workcell) -> Site:
     """The site of a part in the station's plant; its builder is kept alive by the plant."""
-    return add_world(DiagramBuilder(), cell, 3)
+    return add_world(DiagramBuilder(), workcell, 3)
 
 
-def moved(cell: Workcell):
+def moved(workcell: Workcell):
     """A swing of all joints around the start."""
-    n = cell.num_joints
-    return lambda t: cell.start + 0.05 * np.sin(np.arange(1, n + 1) * 10 * t)
+    n = workcell.num_joints
+    return lambda t: workcell.start + 0.05 * np.sin(np.arange(1, n + 1) * 10 * t)
 
 
-def speeds(cell: Workcell):
-    n = cell.num_joints
+def speeds(workcell: Workcell):
+    n = workcell.num_joints
     return lambda t: 0.5 * np.arange(1, n + 1) * np.cos(np.arange(1, n + 1) * 10 * t)
 
 
@@ -130,26 +130,26 @@ def swing(size: float):
 
 
 def motor_side(ideal: bool) -> MotorSide:
-    return MotorSide(pressing_cell("OneDimensional"), PositionLoopConfig(), ServoConfig(ideal=ideal))
+    return MotorSide(pressing_workcell("OneDimensional"), PositionLoopConfig(), ServoConfig(ideal=ideal))
 
 
 def position_drive(**servo: Any) -> PositionDrive:
-    cell = pressing_cell("Multibody")
-    made = PositionDriveConfig(servo=ServoConfig(**servo)).add_to(DiagramBuilder(), Site(cell, 3))
+    workcell = pressing_workcell("Multibody")
+    made = PositionDriveConfig(servo=ServoConfig(**servo)).add_to(DiagramBuilder(), Site(workcell, 3))
     assert isinstance(made, PositionDrive)
     return made
 
 
 def impedance_drive() -> PositionDrive:
-    cell = describe(pressing(fidelity="Multibody", drive=JointImpedanceDriveConfig()))
-    made = cell.config.drive.add_to(DiagramBuilder(), Site(cell, 3))
+    workcell = describe(pressing(fidelity="Multibody", drive=JointImpedanceDriveConfig()))
+    made = workcell.config.drive.add_to(DiagramBuilder(), Site(workcell, 3))
     assert isinstance(made, PositionDrive)
     return made
 
 
 def joint_interface(elastic_joints: bool) -> JointInterface:
-    cell = arm_cell(elastic_joints=elastic_joints)
-    return JointInterface(cell, cell.config.drive)
+    workcell = arm_workcell(elastic_joints=elastic_joints)
+    return JointInterface(workcell, workcell.config.drive)
 
 
 def mounting_forces() -> MountingForces:
@@ -157,20 +157,20 @@ def mounting_forces() -> MountingForces:
     return MountingForces(site.plant, list(site.mountings))
 
 
-def example(cell: Callable[[], Workcell], periods: dict[str, float], *truth: str) -> Example:
-    """Of the station of a cell; the truth feels the wrench from outside, where there is one."""
-    cell = cache(cell)
-    inputs: dict[str, Input] = {"joint_position_command": lambda t: moved(cell())(t)}
+def example(workcell: Callable[[], Workcell], periods: dict[str, float], *truth: str) -> Example:
+    """Of the station of a workcell; the truth feels the wrench from outside, where there is one."""
+    workcell = cache(workcell)
+    inputs: dict[str, Input] = {"joint_position_command": lambda t: moved(workcell())(t)}
     if truth:
-        inputs["external_wrench"] = lambda t: wrench(len(cell().robot.parts.arms))(t)
+        inputs["external_wrench"] = lambda t: wrench(len(workcell().robot.parts.arms))(t)
     return Example(
-        lambda: build_station(cell(), 3), {(name, "external_wrench") for name in truth}, inputs, periods=periods
+        lambda: build_station(workcell(), 3), {(name, "external_wrench") for name in truth}, inputs, periods=periods
     )
 
 
 LOADED = ("external_torque", "tip_wrench", "arm_contact_force")
 ONE_DIMENSIONAL, KINEMATIC, MULTIBODY = (
-    partial(pressing_cell, fidelity) for fidelity in ("OneDimensional", "Kinematic", "Multibody")
+    partial(pressing_workcell, fidelity) for fidelity in ("OneDimensional", "Kinematic", "Multibody")
 )
 
 STATION_EXAMPLES: dict[type[System], list[Example]] = {
@@ -190,9 +190,9 @@ STATION_EXAMPLES: dict[type[System], list[Example]] = {
         example(lambda: describe(pressing(fidelity="Multibody", environment=Foam(), sensors={})), TICKS, *LOADED),
         example(lambda: describe(pressing(fidelity="Multibody", drive=JointImpedanceDriveConfig())), POSTURE | STEP),
         *(
-            example(partial(cell, elastic_joints=elastic), INTERFACE, *LOADED)
+            example(partial(workcell, elastic_joints=elastic), INTERFACE, *LOADED)
             for elastic in (False, True)
-            for cell in (arm_cell, touching_cell)
+            for workcell in (arm_workcell, touching_workcell)
         ),
         example(two_tables, INTERFACE, "contact_force", "contact_state", *LOADED),
         example(table_and_foam, INTERFACE, "contact_force", "contact_state", *LOADED),
@@ -225,19 +225,19 @@ STATION_EXAMPLES: dict[type[System], list[Example]] = {
             partial(joint_interface, False),
             each("joint_torque", "link_position", "link_velocity"),
             {
-                "joint_position_command": lambda t: moved(arm_cell())(t),
-                "joint_velocity_command": lambda t: speeds(arm_cell())(t),
-                "link_position": lambda t: 0.9 * moved(arm_cell())(t),
-                "link_velocity": lambda t: 0.8 * speeds(arm_cell())(t),
+                "joint_position_command": lambda t: moved(arm_workcell())(t),
+                "joint_velocity_command": lambda t: speeds(arm_workcell())(t),
+                "link_position": lambda t: 0.9 * moved(arm_workcell())(t),
+                "link_velocity": lambda t: 0.8 * speeds(arm_workcell())(t),
             },
             periods=INTERFACE,
         ),
         Example(
             partial(joint_interface, True),
             inputs={
-                "joint_position_command": lambda t: moved(arm_cell())(t),
-                "joint_torque_feedforward": lambda t: speeds(arm_cell())(t),
-                "spring_torque": lambda t: speeds(arm_cell())(t),
+                "joint_position_command": lambda t: moved(arm_workcell())(t),
+                "joint_torque_feedforward": lambda t: speeds(arm_workcell())(t),
+                "spring_torque": lambda t: speeds(arm_workcell())(t),
             },
             periods=INTERFACE,
         ),

@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, System
 
-from forcectl.diagrams.believed import plant_model
 from forcectl.diagrams.force_controller import ForceController, build_controller
+from forcectl.diagrams.model import plant_model
 from forcectl.force.adaptive_integral import AdaptiveIntegralConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.invariance.predictive import PredictiveInvarianceConfig
@@ -18,7 +18,7 @@ from forcectl.force.per_arm import PerArm, PerArmConfig
 from forcectl.plant.plant_model import PlantModel
 from forcectl.testing.runs import Input
 from tests.examples.block_example import Example, each
-from tests.examples.block_examples_stations import pressing_cell, two_tables
+from tests.examples.block_examples_stations import pressing_workcell, two_tables
 
 BOTH_ARMS = {"period": 0.004}
 DESIRED = ("desired_force", "measured_force")
@@ -26,7 +26,7 @@ COMMANDED = (*DESIRED, "unconstrained_reference")
 
 
 def one(fidelity: str) -> PlantModel:
-    return plant_model(pressing_cell(fidelity))
+    return plant_model(pressing_workcell(fidelity))
 
 
 @cache

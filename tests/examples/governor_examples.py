@@ -20,8 +20,8 @@ def force(t: float) -> np.ndarray:
 
 
 def governed() -> GovernedForceLaw:
-    facts = PlantModel(2, 0.002, np.full(2, 3e-5), np.full(2, 2e-4), 12.6, 1.0, 0.0)
-    return GovernedConfig(law=IntegralConfig()).add_to(DiagramBuilder(), facts)
+    model = PlantModel(2, 0.002, np.full(2, 3e-5), np.full(2, 2e-4), 12.6, 1.0, 0.0)
+    return GovernedConfig(law=IntegralConfig()).add_to(DiagramBuilder(), model)
 
 
 def feedthrough(*outputs: str) -> set[tuple[str, str]]:

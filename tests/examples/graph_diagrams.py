@@ -35,7 +35,8 @@ ARM = """<robot name="arm"><link name="base"/><link name="link"><inertial><mass 
 class ForceLaw(LeafSystem):
     """The ports of a sampled integral action; its update does nothing.
 
-    parameters: [integral_gain, compliance]
+    Attributes:
+        parameters: [integral_gain, compliance]
     """
 
     def __init__(self, period: float = 0.002) -> None:

@@ -46,7 +46,7 @@ def arm_line() -> PiecewisePolynomial:
 
 
 def joints(t: float) -> np.ndarray:
-    return two_arms().facts.default_posture + 0.1 * np.sin(20 * t + np.arange(14))
+    return two_arms().parameters.default_posture + 0.1 * np.sin(20 * t + np.arange(14))
 
 
 def jumping(t: float) -> np.ndarray:

@@ -25,8 +25,8 @@ def force(t: float) -> np.ndarray:
 
 
 def law() -> PredictiveForceLaw:
-    facts = PlantModel(2, 0.002, np.array([3e-5, 4e-5]), np.array([1e-5, 1e-4]), 12.6, 1.0, 0.004)
-    return PredictiveInvarianceConfig().add_to(DiagramBuilder(), facts)
+    model = PlantModel(2, 0.002, np.array([3e-5, 4e-5]), np.array([1e-5, 1e-4]), 12.6, 1.0, 0.004)
+    return PredictiveInvarianceConfig().add_to(DiagramBuilder(), model)
 
 
 DISPLACEMENTS = ("motor_displacement", "path_displacement", "planned_displacement", "nominal_command")

@@ -19,7 +19,7 @@ from forcectl.robot.robot_motion import RobotMotion
 from forcectl.tasks.constraints.base import CartesianWall
 from forcectl.tasks.constraints.task_limits import TaskSpeedLimit
 from tests.examples.reactive_examples import REACTIVE_INPUTS, arm_tasks, at, reactive_controller, two_arms
-from tests.examples.robot_controller_runs import limits, make, robot_facts
+from tests.examples.robot_controller_runs import limits, make, robot_plant_model
 
 Inputs = dict[str, Callable[[float], Any]]
 
@@ -93,7 +93,7 @@ def _invariance(**changes: Any) -> Case:
         "desired_force": lambda t: 15.0 if t < 0.3 else 5.0,
         "measured_force": lambda t: 10.0,
         "unconstrained_reference": lambda t: swing * math.sin(5 * t),
-        "motor_position": lambda t: robot_facts().start,
+        "motor_position": lambda t: robot_plant_model().start,
         "motor_velocity": lambda t: np.zeros(6),
     }
     return Case(lambda solver: make(solver=solver, **changes), inputs, 0.002, _acceleration_of_the_force_controller)
@@ -126,7 +126,7 @@ def _slow(limit: float, **more: Any) -> list[TaskSpeedLimit]:
 def cases() -> dict[str, Case]:
     """By name."""
     weak = limits(torque=np.array([40.0, 400.0, 200.0, 30.0, 30.0, 30.0]))
-    load = np.abs(at(two_arms().facts.default_posture).load)
+    load = np.abs(at(two_arms().parameters.default_posture).load)
     weak_arms = replace(two_arms().limits, torque=load + 0.02 * two_arms().limits.torque)
     wall = CartesianWall([2.0, 0.0, 0.0], [-1.0, 0.0, 0.0])
     return {

@@ -10,7 +10,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import DiagramBuilder, System
 
-from forcectl.diagrams.believed import plant_model
+from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.workcell import describe
 from forcectl.framework.rotation_vector import RotationVector
 from forcectl.robot.arms_motion import ArmsMotion
@@ -39,7 +39,7 @@ def at(q: np.ndarray, v: np.ndarray | None = None) -> ArmsMotion:
 @cache
 def arm_tasks() -> tuple[ArmTask, ...]:
     """Position and orientation of both arms, from their orientation in the default posture."""
-    motion = at(two_arms().facts.default_posture)
+    motion = at(two_arms().parameters.default_posture)
     return tuple(ArmTask(arm, orientation=RotationVector(motion.arm(arm).rotation)) for arm in motion.arm_names)
 
 
@@ -59,7 +59,7 @@ REACTIVE_INPUTS: dict[str, Input] = {
     "task_velocity_reference": lambda t: AMPLITUDE * 20 * math.sin(20 * t),
     "task_acceleration_reference": lambda t: AMPLITUDE * 400 * math.cos(20 * t),
     "task_target": lambda t: task_start() + AMPLITUDE,
-    "joint_position": lambda t: two_arms().facts.default_posture + 0.01 * math.sin(30 * t),
+    "joint_position": lambda t: two_arms().parameters.default_posture + 0.01 * math.sin(30 * t),
     "joint_velocity": lambda t: 0.3 * math.cos(30 * t) * np.ones(N),
 }
 FROM_STATE = ("task_position", "task_velocity", "task_acceleration")
@@ -78,9 +78,9 @@ def reactive_motion() -> ReactiveMotion:
 
 
 def reactive_reaching() -> ReactiveReaching:
-    facts = plant_model(describe(free(tool=None)))
+    parameters = plant_model(describe(free(tool=None)))
     goal = ReachConfig(arm="right", position=[0.1, -0.2, 0.3], time=0.02)
-    made = ReactiveReachingConfig(targets=[goal]).add_to(DiagramBuilder(), facts)
+    made = ReactiveReachingConfig(targets=[goal]).add_to(DiagramBuilder(), parameters)
     assert isinstance(made, ReactiveReaching)
     return made
 

@@ -34,9 +34,9 @@ class Reach:
 class Reacher:
     """Runs one diagram again and again, each time from its start, until the target is reached or given up."""
 
-    def __init__(self, controller: ReactiveController | None = None, **paces: Any):
+    def __init__(self, controller: ReactiveController | None = None, **linear_and_angular: Any):
         self.controller = reactive_controller() if controller is None else controller
-        self.diagram = ReactiveMotion(self.controller, **paces)
+        self.diagram = ReactiveMotion(self.controller, **linear_and_angular)
         self._context = two_arms().create_context()
 
     def motion(self, q: np.ndarray) -> ArmsMotion:
@@ -94,6 +94,6 @@ def run(diagram: ReactiveMotion, duration: float, **inputs: Any) -> Log:
 def random_goal(seed: int, spread: float = 1.0) -> np.ndarray:
     """A posture within the joint limits, up to `spread` of their range away from the default posture."""
     rng = np.random.default_rng(seed)
-    limits, middle = two_arms().limits, two_arms().facts.default_posture
+    limits, middle = two_arms().limits, two_arms().parameters.default_posture
     goal = rng.uniform(limits.position_lower, limits.position_upper)
     return middle + spread * (goal - middle)

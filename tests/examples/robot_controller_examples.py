@@ -9,8 +9,8 @@ from typing import Any
 import numpy as np
 from pydrake.systems.framework import System
 
-from forcectl.diagrams.believed import plant_model
 from forcectl.diagrams.force_controller import build_controller
+from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.station import StationConfig
 from forcectl.diagrams.workcell import describe
 from forcectl.force.adaptive_force_law import Adaptation
@@ -26,12 +26,12 @@ from tests.examples.block_example import Example
 
 
 @cache
-def facts() -> PlantModel:
+def model() -> PlantModel:
     return plant_model(describe(StationConfig(fidelity="Kinematic")))
 
 
 def robot() -> PlantModel:
-    return facts()
+    return model()
 
 
 def robot_controller(**changes: Any) -> InvarianceController:
@@ -43,13 +43,13 @@ def robot_controller(**changes: Any) -> InvarianceController:
 
 
 def joint_controller() -> Enclosed:
-    made = build_controller(InvarianceRobotConfig(), facts())
+    made = build_controller(InvarianceRobotConfig(), model())
     assert isinstance(made, Enclosed)
     return made
 
 
 def adaptive_robot_controller() -> AdaptiveInvarianceController:
-    return AdaptiveInvarianceController(robot_controller(compliance=None), Adaptation().estimator(facts()), facts())
+    return AdaptiveInvarianceController(robot_controller(compliance=None), Adaptation().estimator(model()), model())
 
 
 ROBOT_INPUTS: dict[str, Input] = {
@@ -84,7 +84,7 @@ ROBOT_EXAMPLES: dict[type[System], list[Example]] = {
             ROBOT_INPUTS | {"compliance": lambda t: 2e-4 + 1e-3 * t},
         ),
         Example(
-            lambda: robot_controller(sensor=SensorLag.of(facts())),
+            lambda: robot_controller(sensor=SensorLag.of(model())),
             robot_feedthrough("motor_position"),
             ROBOT_INPUTS | {"motor_position": moving},
         ),

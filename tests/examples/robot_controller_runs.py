@@ -9,7 +9,7 @@ from typing import Any
 import numpy as np
 from pydrake.systems.analysis import Simulator
 
-from forcectl.diagrams.believed import plant_model
+from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.station import StationConfig
 from forcectl.diagrams.workcell import describe
 from forcectl.force.invariance.controller import InvarianceController
@@ -21,32 +21,32 @@ N = 6
 
 
 @cache
-def robot_facts(fidelity: str = "Kinematic", **station: Any) -> PlantModel:
+def robot_plant_model(fidelity: str = "Kinematic", **station: Any) -> PlantModel:
     return plant_model(describe(StationConfig(fidelity=fidelity, **station)))
 
 
 def make(fidelity: str = "Kinematic", **changes: Any) -> InvarianceController:
-    return InvarianceController(robot_facts(fidelity), **{"compliance": COMPLIANCE} | changes)
+    return InvarianceController(robot_plant_model(fidelity), **{"compliance": COMPLIANCE} | changes)
 
 
-Course = Callable[[int], Any]
+Signal = Callable[[int], Any]
 
 
 def drive(
     controller: InvarianceController,
     ticks: int,
     *,
-    desired: Course | float = 15.0,
+    desired: Signal | float = 15.0,
     measured: Callable[[int, float], float] | None = None,
-    reference: Course | None = None,
-    compliance: Course | None = None,
+    reference: Signal | None = None,
+    compliance: Signal | None = None,
     stiffness: float = 1 / COMPLIANCE,
 ) -> dict[str, np.ndarray]:
     """Every output of the controller over time, shape (ticks,) or (ticks, n).
 
     Args:
-        desired, reference, compliance: inputs by tick. measured: force by tick and displacement command of the tick
-            before; None: a spring that is always in contact.
+        desired, reference, compliance: inputs by tick.
+        measured: force by tick and displacement command of the tick before; None: a spring that is always in contact.
     """
     context = controller.CreateDefaultContext()
     simulator = Simulator(controller, context)
@@ -89,19 +89,19 @@ def accelerations(log: dict[str, np.ndarray], start: np.ndarray) -> tuple[np.nda
 
 
 def limits(**changes: Any) -> JointLimits:
-    own = robot_facts().robot.limits
+    own = robot_plant_model().robot.limits
     names = ("position_lower", "position_upper", "velocity", "acceleration", "torque")
     return JointLimits(**{name: changes.get(name, getattr(own, name)) for name in names})
 
 
 def tips(log: dict[str, np.ndarray]) -> np.ndarray:
     """Displacement of the tool from the start (ticks, 3) [m]."""
-    facts = robot_facts()
-    context = facts.robot.create_context()
+    model = robot_plant_model()
+    context = model.robot.create_context()
     places = []
-    for q in [facts.start, *log["joint_position_command"]]:
-        facts.robot.set_positions(context, q)
-        places.append(facts.robot.tip_position(context))
+    for q in [model.start, *log["joint_position_command"]]:
+        model.robot.set_positions(context, q)
+        places.append(model.robot.tip_position(context))
     return np.array(places[1:]) - places[0]
 
 
@@ -109,7 +109,7 @@ def assert_smooth(log: dict[str, np.ndarray], used: JointLimits | None = None) -
     """Everything is finite, and the command keeps the joint limits: its speed is continuous."""
     used = used or limits()
     assert all(np.isfinite(values).all() for values in log.values())
-    v, u = accelerations(log, robot_facts().start)
+    v, u = accelerations(log, robot_plant_model().start)
     assert (np.abs(u) <= used.acceleration * (1 + 1e-6) + 1e-6).all()
     assert (np.abs(v) <= used.velocity * (1 + 1e-9)).all()
     q = log["joint_position_command"]

@@ -64,23 +64,23 @@ def signal(log: xr.Dataset, name: str) -> Vector:
     return values
 
 
-def command_for(cell: Workcell, displacement: float) -> Vector:
+def command_for(workcell: Workcell, displacement: float) -> Vector:
     """Joint positions that move the motor side by `displacement` [m] along n, shape (n_q,) [rad]."""
-    return cell.motor_start + cell.contact.direction * displacement
+    return workcell.motor_start + workcell.contact.direction * displacement
 
 
-def compliance_of(cell: Workcell) -> float:
-    """n'(J K^-1 J' + C_L) n + C_E [m/N], from the robot's Jacobian and the stiffness in its facts."""
-    robot, context = cell.robot, cell.start_context()
-    row = cell.contact.n @ robot.jacobian(context)[3:]
+def compliance_of(workcell: Workcell) -> float:
+    """n'(J K^-1 J' + C_L) n + C_E [m/N], from the robot's Jacobian and the stiffness in its parameters."""
+    robot, context = workcell.robot, workcell.start_context()
+    row = workcell.contact.n @ robot.jacobian(context)[3:]
     links = 0.0
     p_WT = robot.pose(context).translation()
     for name, X_WD in robot.link_poses(context).items():
         # A force along n at T, and the moments it has about the distal frame, in that frame's axes.
         to_frame = X_WD.rotation().matrix().T
-        moment = to_frame @ np.cross(p_WT - X_WD.translation(), cell.contact.n)
-        links += np.concatenate([moment, to_frame @ cell.contact.n]) ** 2 @ robot.facts.link_compliance[name]
-    return float(row**2 @ (1 / robot.joint_stiffness) + links + 1 / cell.config.environment.stiffness)
+        moment = to_frame @ np.cross(p_WT - X_WD.translation(), workcell.contact.n)
+        links += np.concatenate([moment, to_frame @ workcell.contact.n]) ** 2 @ robot.parameters.link_compliance[name]
+    return float(row**2 @ (1 / robot.joint_stiffness) + links + 1 / workcell.config.environment.stiffness)
 
 
 def sampled_reference(
@@ -93,7 +93,9 @@ def sampled_reference(
     The compliance cancels, because the law knows it.
 
     Args:
-        count: ticks. gain: K_I [1/s]. damping_time: T = D_E/K_E of the environment [s].
+        count: ticks.
+        gain: K_I [1/s].
+        damping_time: T = D_E/K_E of the environment [s].
     """
     a = np.zeros((5, 5))  # x, x', f, f' and the held command, all but f in newtons: -x/C_T
     a[0, 1] = a[2, 3] = 1.0
@@ -118,6 +120,6 @@ def continuous_reference(times: Vector, gain: float, force: float = FORCE) -> Ve
     return np.array([(expm(a * t) @ start)[2] for t in times])
 
 
-def cell_of(**changes: Any) -> Workcell:
-    """The cell of a multibody station, see `multibody`."""
+def workcell_of(**changes: Any) -> Workcell:
+    """The workcell of a multibody station, see `multibody`."""
     return describe(multibody(**changes))

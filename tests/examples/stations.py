@@ -5,9 +5,9 @@ from __future__ import annotations
 from collections.abc import Mapping
 from typing import Any
 
-from forcectl.diagrams.believed import Setting, plant_model
 from forcectl.diagrams.drives.joint_interface import JointFrictionConfig, JointInterfaceConfig, JointServoConfig
 from forcectl.diagrams.drives.position_drive import PositionDriveConfig
+from forcectl.diagrams.model import Setting, plant_model
 from forcectl.diagrams.sensors import JointReadingsConfig
 from forcectl.diagrams.station import StationConfig
 from forcectl.diagrams.workcell import Workcell
@@ -58,6 +58,6 @@ def _made(kind: type, given: Any) -> Any:
     return kind(**given) if isinstance(given, Mapping) else given
 
 
-def setting(cell: Workcell) -> Setting:
+def setting(workcell: Workcell) -> Setting:
     """Of a run whose model agrees with the plant."""
-    return Setting(cell, plant_model(cell), plant_model(cell))
+    return Setting(workcell, plant_model(workcell), plant_model(workcell))

@@ -17,11 +17,11 @@ from tests.examples.block_example import Example, each
 
 
 @cache
-def torque_cell() -> Workcell:
+def torque_workcell() -> Workcell:
     return describe(StationConfig(fidelity="Multibody", drive=JointImpedanceDriveConfig()))
 
 
-def two_lane_drive() -> TorqueDrive:
+def two_element_drive() -> TorqueDrive:
     return TorqueDrive(
         [2.0, 3.0],
         np.array([[1.0, 0.0], [-0.1, 1.0]]),
@@ -40,7 +40,7 @@ def swing(size: float, n: int, offset: np.ndarray | float = 0.0):
 
 
 def motors(t: float) -> np.ndarray:
-    return torque_cell().motor_start + 0.1 * np.sin(np.arange(1, 7) * (30 * t + 0.1))
+    return torque_workcell().motor_start + 0.1 * np.sin(np.arange(1, 7) * (30 * t + 0.1))
 
 
 TORQUE_EXAMPLES: dict[type[System], list[Example]] = {
@@ -53,13 +53,15 @@ TORQUE_EXAMPLES: dict[type[System], list[Example]] = {
     ],
     GravityCompensation: [
         Example(
-            lambda: GravityCompensation(torque_cell().robot, torque_cell().start, torque_cell().spring_stiffness),
+            lambda: GravityCompensation(
+                torque_workcell().robot, torque_workcell().start, torque_workcell().spring_stiffness
+            ),
             inputs={"motor_position": motors},
         )
     ],
     TorqueDrive: [
         Example(
-            two_lane_drive,
+            two_element_drive,
             each("motor_torque", "torque_command", "spring_torque"),
             {"torque_command": swing(20.0, 2), "spring_torque": swing(8.0, 2)},
             periods={"period": 0.001},
@@ -67,7 +69,7 @@ TORQUE_EXAMPLES: dict[type[System], list[Example]] = {
     ],
     TorqueInterface: [
         Example(
-            lambda: TorqueInterface(torque_cell(), JointImpedanceDriveConfig(), 1.0),
+            lambda: TorqueInterface(torque_workcell(), JointImpedanceDriveConfig(), 1.0),
             each("torque_command", "reference") | each("motor_torque", "reference", "spring_torque"),
             {
                 "reference": lambda t: np.concatenate([motors(t), np.zeros(6)]),

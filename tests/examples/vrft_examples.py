@@ -28,15 +28,15 @@ def force(t: float) -> np.ndarray:
     return np.array([12.0, 7.0]) * (1 + math.sin(50 * t))
 
 
-FACTS = PlantModel(2, 0.002, np.full(2, 3e-5), np.array([1e-4, 2e-5]), 12.6, 1.0, 0.0)
+MODEL = PlantModel(2, 0.002, np.full(2, 3e-5), np.array([1e-4, 2e-5]), 12.6, 1.0, 0.0)
 
 
 def experiment() -> VrftExperiment:
-    return RecursiveVrftConfig(hand_over_time=0.02).add_to(DiagramBuilder(), FACTS)
+    return RecursiveVrftConfig(hand_over_time=0.02).add_to(DiagramBuilder(), MODEL)
 
 
 def scaled() -> ScaledVrft:
-    return ScaledVrftConfig().add_to(DiagramBuilder(), FACTS)
+    return ScaledVrftConfig().add_to(DiagramBuilder(), MODEL)
 
 
 VRFT_EXAMPLES: dict[type[System], list[Example]] = {

@@ -52,7 +52,7 @@ def test_a_second_step_without_a_new_start_is_not_overshot(config):
 
 
 @every_law
-def test_lanes_do_not_see_each_other(config):
+def test_batch_elements_do_not_see_each_other(config):
     together, alone = force(config, 1.0, size=3), force(config, 1.0)
     np.testing.assert_allclose(together[0], alone[0], rtol=1e-9, atol=1e-9)
 
@@ -97,6 +97,6 @@ def test_lost_force_brakes_holds_and_keeps_the_estimate():
 
 
 def test_a_delay_between_the_ticks_is_refused():
-    facts = PlantModel(1, PERIOD, np.array([3e-5]), np.array([1.7e-4]), 12.6, 1.0, 0.001)
+    model = PlantModel(1, PERIOD, np.array([3e-5]), np.array([1.7e-4]), 12.6, 1.0, 0.001)
     with pytest.raises(BadInputError, match="delay"):
-        AdaptiveInvarianceConfig().add_to(DiagramBuilder(), facts)
+        AdaptiveInvarianceConfig().add_to(DiagramBuilder(), model)

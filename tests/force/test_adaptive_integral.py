@@ -23,7 +23,7 @@ PERIOD = 0.002
 STIFFNESS, C_R = 5900.0, 3.2e-5
 
 
-def facts(n: int = 1, delay: float = 0.0) -> PlantModel:
+def model(n: int = 1, delay: float = 0.0) -> PlantModel:
     return PlantModel(
         size=n,
         period=PERIOD,
@@ -36,14 +36,14 @@ def facts(n: int = 1, delay: float = 0.0) -> PlantModel:
 
 
 def law(n: int = 1, delay: float = 0.0, **changed: float) -> AdaptiveForceLaw:
-    return AdaptiveIntegralConfig(**changed).add_to(DiagramBuilder(), facts(n, delay))
+    return AdaptiveIntegralConfig(**changed).add_to(DiagramBuilder(), model(n, delay))
 
 
 def loop(delay: float = 0.0, noise: float = 0.0, **changed: float) -> Diagram:
     """Reference, adaptive law, position loop, one-sided spring, filtered and delayed sensor."""
     builder = DiagramBuilder()
     reference = builder.AddSystem(Reference("desired_force", [15.0]))
-    controller = AdaptiveIntegralConfig(**changed).add_to(builder, facts(1, delay))
+    controller = AdaptiveIntegralConfig(**changed).add_to(builder, model(1, delay))
     position = builder.AddSystem(PositionLoop(1, unit="m"))
     parts = builder.AddSystem(Demultiplexer([1, 1]))
     contact = builder.AddSystem(CompliantContact(1, stiffness=STIFFNESS, robot_compliance=C_R))

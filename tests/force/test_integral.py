@@ -241,7 +241,7 @@ def test_ports():
     assert_feedthrough(block, {("displacement_command", n) for n in ("desired_force", "measured_force", "compliance")})
 
 
-FACTS = PlantModel(
+MODEL = PlantModel(
     size=2,
     period=PERIOD,
     robot_compliance=np.array([3e-5, 2e-5]),
@@ -253,10 +253,10 @@ FACTS = PlantModel(
 
 
 def test_config_uses_the_compliance_it_is_told_times_its_error():
-    block = IntegralConfig(integral_gain=2.0, compliance_error=1.2).add_to(DiagramBuilder(), FACTS)
+    block = IntegralConfig(integral_gain=2.0, compliance_error=1.2).add_to(DiagramBuilder(), MODEL)
     command = run_diagram(block, PERIOD, period=PERIOD, inputs={"desired_force": 10.0})["displacement_command"]
     np.testing.assert_allclose(command[0], -1.2 * np.array([2e-4, 3e-5]) * 2.0 * PERIOD * 10.0)
-    np.testing.assert_allclose(FACTS.total_compliance, [2e-4, 3e-5])
+    np.testing.assert_allclose(MODEL.total_compliance, [2e-4, 3e-5])
 
 
 def test_config_tells_its_nominal_bandwidth():

@@ -14,7 +14,7 @@ from forcectl.force.kinematic_inversion import (
     ConstantKinematicInversion,
     KinematicInversion,
     check_start_posture,
-    guarded_direction,
+    damped_direction,
     joint_direction,
 )
 from forcectl.robot.model import RobotModel, unit_normal
@@ -60,18 +60,18 @@ def test_direction_moves_the_tool_along_n_without_turning_it(q, n):
 
 @pytest.mark.parametrize("n", NORMALS)
 @pytest.mark.parametrize("q", POSTURES)
-def test_below_its_limit_the_guard_changes_nothing(q, n):
+def test_below_its_limit_the_damping_changes_nothing(q, n):
     J = ROBOT.jacobian(at(q))
-    direction, damped = guarded_direction(J, n, 1e3, DAMPING)
+    direction, damped = damped_direction(J, n, 1e3, DAMPING)
     assert not damped
     np.testing.assert_array_equal(direction, joint_direction(J, n))
 
 
 @given(st.lists(st.floats(-1, 1), min_size=36, max_size=36), st.floats(0.1, 100.0))
 @settings(max_examples=50)
-def test_guard_is_finite_for_any_jacobian(entries, limit):
+def test_damping_is_finite_for_any_jacobian(entries, limit):
     J = np.array(entries).reshape(6, 6)
-    direction, damped = guarded_direction(J, Z, limit, DAMPING)
+    direction, damped = damped_direction(J, Z, limit, DAMPING)
     assert np.all(np.isfinite(direction))
     plain = np.linalg.norm(joint_direction(J, Z))
     if abs(plain - limit) > 1e-6 * limit:
@@ -84,8 +84,8 @@ def test_guard_is_finite_for_any_jacobian(entries, limit):
 
 
 @pytest.mark.parametrize("J", [np.zeros((6, 6)), np.diag([1.0, 1, 1, 1, 1, 0]), np.ones((6, 6))])
-def test_guard_at_the_singularity_itself(J):
-    direction, damped = guarded_direction(J, Z, LIMIT, DAMPING)
+def test_damping_at_the_singularity_itself(J):
+    direction, damped = damped_direction(J, Z, LIMIT, DAMPING)
     assert damped
     assert np.all(np.isfinite(direction))
 
@@ -98,12 +98,12 @@ def test_an_arm_with_fewer_or_more_joints_gets_the_least_squares_direction():
         np.testing.assert_allclose(joint_direction(J, Z), expected, atol=1e-9)
 
 
-def test_guard_is_continuous_on_the_way_through_a_singular_wrist():
+def test_damping_is_continuous_on_the_way_through_a_singular_wrist():
     """Finer and finer steps through q5 = 0: the direction stays finite and never jumps."""
     jumps, largest = [], []
     for count in (1600, 6400):
         path = [
-            guarded_direction(ROBOT.jacobian(at(through_the_wrist(s))), Z, LIMIT, DAMPING)[0]
+            damped_direction(ROBOT.jacobian(at(through_the_wrist(s))), Z, LIMIT, DAMPING)[0]
             for s in np.linspace(-0.3, 0.3, count)
         ]
         assert np.all(np.isfinite(path))

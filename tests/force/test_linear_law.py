@@ -153,7 +153,7 @@ def test_gains_from_ports_may_change_without_a_jump():
     assert np.abs(steps).max() < 3e-6
 
 
-def test_lanes_are_loops_of_their_own():
+def test_batch_elements_are_loops_of_their_own():
     gains = [np.array(pair) for pair in ((-5e-5, -1e-5), (-2.5e-4, -1e-4), (0.0, 1e-7))]
     two = LinearForceLaw(2, gains=gains, fir=[[1e-6, 0.0], 2e-6], robot_compliance=[C_R, 0.0], lower_limit=-4e-4)
     force = np.column_stack([forces(), 2 * forces()])
@@ -170,14 +170,14 @@ def test_lanes_are_loops_of_their_own():
         np.testing.assert_array_equal(both[:, i], commands(one, force[:251, i]))
 
 
-def facts() -> PlantModel:
+def model() -> PlantModel:
     return PlantModel(1, PERIOD, np.array([C_R]), np.array([1.7e-4]), 12.6, 1.0, 0.0)
 
 
 def test_the_configuration_gives_the_block_its_gains_and_the_robots_compliance():
     config = VrftConfig(fir=[1e-6], robot_compliance_error=0.5, reference_bandwidth=2.0)
     assert config.reference_model_bandwidth() == 2.0
-    law = config.add_to(DiagramBuilder(), facts())
+    law = config.add_to(DiagramBuilder(), model())
     context = law.CreateDefaultContext()
     found = {name: law.parameter(context, name).item() for name in law.parameter_names}
     assert found["proportional_gain"] == -5.37e-5

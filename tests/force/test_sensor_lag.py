@@ -31,32 +31,32 @@ def test_it_is_the_sensors_filter(delay: int) -> None:
     found = []
     for k in range(len(expected)):
         # The command far out, so that it presses, and a depth that is no number: only the filter is left.
-        unseen, memory = lag.unseen(memory, -1.0, wave(k * PERIOD), math.nan)
-        found.append(unseen - 1.0)
+        lead, memory = lag.lead(memory, -1.0, wave(k * PERIOD), math.nan)
+        found.append(lead - 1.0)
     np.testing.assert_allclose(found, expected, atol=1e-15)
 
 
 def test_at_rest_there_is_nothing_unseen_and_a_press_counts_in_full_and_a_way_back_by_a_quarter() -> None:
     lag = SensorLag(12.6, 1.0, PERIOD)
     rest = [0.0] * lag.size
-    assert lag.unseen(rest, 0.0, 0.0, 0.0)[0] == 0.0
-    assert lag.unseen(rest, -1e-3, 0.0, 0.0)[0] == 1e-3
-    assert lag.unseen(rest, 0.0, -1e-3, 0.0)[0] == pytest.approx(1e-3, rel=1e-3)
+    assert lag.lead(rest, 0.0, 0.0, 0.0)[0] == 0.0
+    assert lag.lead(rest, -1e-3, 0.0, 0.0)[0] == 1e-3
+    assert lag.lead(rest, 0.0, -1e-3, 0.0)[0] == pytest.approx(1e-3, rel=1e-3)
     memory = [0.0] * lag.size
     for _ in range(3):
-        unseen, memory = lag.unseen(memory, 1e-3, 1e-3, 0.0)
-    assert unseen == pytest.approx(-0.25e-3, rel=0.05)
+        lead, memory = lag.lead(memory, 1e-3, 1e-3, 0.0)
+    assert lead == pytest.approx(-0.25e-3, rel=0.05)
 
 
 def test_a_rising_surface_is_carried_on_for_half_of_what_the_sensor_lags() -> None:
     lag = SensorLag(12.6, 1.0, PERIOD)
     memory, rate = [0.0] * lag.size, 5e-3
     for k in range(1000):
-        unseen, memory = lag.unseen(memory, 0.0, 0.0, rate * k * PERIOD)
-    assert unseen == pytest.approx(0.5 * rate * 2 / 12.6, rel=1e-3)
+        lead, memory = lag.lead(memory, 0.0, 0.0, rate * k * PERIOD)
+    assert lead == pytest.approx(0.5 * rate * 2 / 12.6, rel=1e-3)
     for k in range(1000):
-        unseen, memory = lag.unseen(memory, 0.0, 0.0, rate * (1000 - k) * PERIOD)
-    assert unseen == 0.0
+        lead, memory = lag.lead(memory, 0.0, 0.0, rate * (1000 - k) * PERIOD)
+    assert lead == 0.0
 
 
 @pytest.mark.parametrize("bad", [math.nan, math.inf, -math.inf, 1e308])
@@ -64,7 +64,7 @@ def test_what_is_no_number_leaves_no_trace(bad: float) -> None:
     lag = SensorLag(12.6, 1.0, PERIOD, 2)
     memory = [0.0] * lag.size
     for k in range(600):
-        unseen, memory = lag.unseen(memory, -1e-3, bad if k < 50 else -1e-3, bad if k < 50 else 0.0)
-        assert math.isfinite(unseen)
+        lead, memory = lag.lead(memory, -1e-3, bad if k < 50 else -1e-3, bad if k < 50 else 0.0)
+        assert math.isfinite(lead)
         assert all(math.isfinite(value) for value in memory)
-    assert unseen == pytest.approx(0.0, abs=1e-5)
+    assert lead == pytest.approx(0.0, abs=1e-5)

@@ -1,4 +1,4 @@
-"""Lanes: a block of n lanes is n blocks of one lane, bit for bit; checks of values per lane."""
+"""Batches: a block of n loops is n blocks of one loop, bit for bit; checks of values per batch element."""
 
 from __future__ import annotations
 
@@ -18,7 +18,7 @@ from forcectl.force.adaptive_force_law import AdaptiveForceLaw
 from forcectl.force.integral import IntegralForceLaw
 from forcectl.force.invariance.correction import InvarianceCorrection
 from forcectl.force.invariance.force_law import InvarianceForceLaw
-from forcectl.framework.batch import check, lane_values, whole_multiple
+from forcectl.framework.batch import batch_values, check, whole_multiple
 from forcectl.motion.references import Reference
 from forcectl.plant.contact.compliant_contact import CompliantContact, LinearContact
 from forcectl.plant.contact.contact_monitor import ContactMonitor
@@ -174,7 +174,7 @@ BLOCKS: dict[str, tuple[Make, dict[str, tuple[int, float]]]] = {
 LINEAR_SYSTEMS = {"sensor", "position loop", "linear contact", "adaptive law"}
 
 
-def of_lane(values: Values, i: int) -> dict[str, Any]:
+def of_element(values: Values, i: int) -> dict[str, Any]:
     return {name: [value[i]] if isinstance(value, list) else value[i] for name, value in values.items()}
 
 
@@ -196,36 +196,36 @@ def run(system: System, made: Mapping[str, np.ndarray], ticks: int) -> Any:
     return run_diagram(system, (ticks - 1) * PERIOD, period=PERIOD, inputs=inputs)
 
 
-def assert_lanes_equal_single_runs(
-    make: Make, inputs: Mapping[str, tuple[int, float]], n: int, lanes: Sequence[int], rounding: float
+def assert_batch_equals_single_runs(
+    make: Make, inputs: Mapping[str, tuple[int, float]], n: int, elements: Sequence[int], rounding: float
 ):
     ticks = 60
     values = {**parameters(n), "seeds": [100 + 7 * i for i in range(n)]}
     made = signals(inputs, n, ticks)
     bundle = run(make(n, values), made, ticks)
-    for i in lanes:
-        alone = run(make(1, of_lane(values, i)), {name: s[:, :, i : i + 1] for name, s in made.items()}, ticks)
+    for i in elements:
+        alone = run(make(1, of_element(values, i)), {name: s[:, :, i : i + 1] for name, s in made.items()}, ticks)
         for name, single in alone.values.items():
-            lane = bundle[name].reshape(ticks, -1, n)[:, :, i]
+            element = bundle[name].reshape(ticks, -1, n)[:, :, i]
             np.testing.assert_allclose(
-                lane, single, rtol=0, atol=rounding * np.max(np.abs(single)), err_msg=f"{name}[{i}]"
+                element, single, rtol=0, atol=rounding * np.max(np.abs(single)), err_msg=f"{name}[{i}]"
             )
     return bundle
 
 
 @pytest.mark.parametrize("n", [2, 5, 8, 9, 50])
 @pytest.mark.parametrize("block", BLOCKS)
-def test_a_lane_equals_the_block_alone_bit_for_bit(block, n):
+def test_a_batch_element_equals_the_block_alone_bit_for_bit(block, n):
     make, inputs = BLOCKS[block]
-    lanes = range(n) if n < 10 else [0, 1, n // 2, n - 1]
-    bundle = assert_lanes_equal_single_runs(make, inputs, n, lanes, 1e-12 if block in LINEAR_SYSTEMS else 0.0)
+    elements = range(n) if n < 10 else [0, 1, n // 2, n - 1]
+    bundle = assert_batch_equals_single_runs(make, inputs, n, elements, 1e-12 if block in LINEAR_SYSTEMS else 0.0)
     # Nothing is wrong with these inputs, so a status has nothing to tell.
     moved = [np.ptp(values, axis=0) > 0 for name, values in bundle.values.items() if name != "status"]
     assert all(np.mean(m) > 0.3 for m in moved), "the inputs hardly reach the outputs: nothing was compared"
 
 
 def loop(n: int, p: Values) -> Diagram:
-    """Reference, law, position loop, servo, contact, sensor: the one-dimensional loop of Fig. 2.3 for n lanes."""
+    """Reference, law, position loop, servo, contact, sensor: the one-dimensional loop of Fig. 2.3 for a batch of n."""
     builder = DiagramBuilder()
     add = builder.AddNamedSystem
     reference = add("reference", Reference("desired_force", p["force"]))
@@ -256,7 +256,7 @@ def loop(n: int, p: Values) -> Diagram:
     return builder.Build()
 
 
-def test_a_whole_loop_of_20_lanes_equals_20_runs():
+def test_a_whole_loop_of_20_batch_elements_equals_20_runs():
     n, duration = 20, 1.2
     values: dict[str, Any] = {
         "force": spread(5.0, 20.0, n),
@@ -293,7 +293,7 @@ def test_the_loop_gives_its_memory_back_and_repeats_itself():
     assert_same_after_reset_and_clone(loop(2, values), duration=0.2, period=PERIOD)
 
 
-def test_a_list_of_seeds_gives_each_lane_its_own_noise():
+def test_a_list_of_seeds_gives_each_batch_element_its_own_noise():
     made = {"force": np.zeros((80, 1, 3))}
     values = {**parameters(3), "bias": 0, "range": np.inf, "quantum": 0, "noise": 1.0, "seeds": [4, 5, 4]}
     reading = run(BLOCKS["digitiser"][0](3, values), made, 80)["reading"]
@@ -305,8 +305,8 @@ def test_a_list_of_seeds_gives_each_lane_its_own_noise():
 @pytest.mark.parametrize("value", [math.nan, math.inf, -math.inf])
 @pytest.mark.filterwarnings("ignore:invalid value encountered")  # that is what is being tried
 @pytest.mark.parametrize("block", ["elastic contact", "damped contact", "digitiser", "sensor", "servo"])
-def test_a_bad_input_does_the_same_to_one_lane_as_to_many(block, value, n):
-    """Python's and NumPy's max, min and floor treat NaN and infinity differently; lanes must not show it."""
+def test_a_bad_input_does_the_same_to_one_batch_element_as_to_many(block, value, n):
+    """Python's and NumPy's max, min and floor treat NaN and infinity differently; batch elements must not show it."""
     make, inputs = BLOCKS[block]
     values = {**parameters(n), "seeds": [1] * n}
     made = {name: np.full((10, count, n), value) for name, (count, _) in inputs.items()}
@@ -321,7 +321,7 @@ def test_a_bad_input_does_the_same_to_one_lane_as_to_many(block, value, n):
 
 
 @pytest.mark.parametrize("block", sorted(set(BLOCKS) - LINEAR_SYSTEMS))
-def test_a_lane_that_breaks_leaves_the_others_alone(block):
+def test_a_batch_element_that_breaks_leaves_the_others_alone(block):
     make, inputs = BLOCKS[block]
     n, ticks = 9, 40
     values = {**parameters(n), "seeds": list(range(n))}
@@ -340,9 +340,9 @@ def test_a_lane_that_breaks_leaves_the_others_alone(block):
 
 @given(st.lists(st.floats(1e-6, 1e6), min_size=1, max_size=6))
 @settings(max_examples=50)
-def test_lane_values_keeps_good_values(values):
-    np.testing.assert_array_equal(lane_values("gain", values, len(values), "positive"), values)
-    np.testing.assert_array_equal(lane_values("gain", values[0], 4, "not negative"), np.full(4, values[0]))
+def test_batch_values_keeps_good_values(values):
+    np.testing.assert_array_equal(batch_values("gain", values, len(values), "positive"), values)
+    np.testing.assert_array_equal(batch_values("gain", values[0], 4, "not negative"), np.full(4, values[0]))
 
 
 @pytest.mark.parametrize(
@@ -363,9 +363,9 @@ def test_lane_values_keeps_good_values(values):
         (True, 1, "finite", "gain = True"),
     ],
 )
-def test_lane_values_refuses_with_name_value_and_what_is_allowed(value, size, allowed, told):
+def test_batch_values_refuses_with_name_value_and_what_is_allowed(value, size, allowed, told):
     with pytest.raises(BadInputError, match=told):
-        lane_values("gain", value, size, allowed)
+        batch_values("gain", value, size, allowed)
 
 
 @pytest.mark.parametrize("value", [math.nan, math.inf, "1", None, True, [1.0], -1.0, 0])

@@ -29,17 +29,17 @@ from forcectl.errors import BadInputError
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.force.integral import IntegralForceLaw
 from forcectl.force.law import ForceLaw
-from forcectl.framework.batch import LaneBlock
+from forcectl.framework.batch import BatchBlock
 from forcectl.framework.sampled_block import SampledBatch, SampledBlock
 from forcectl.plant.contact.tip_contact import TipContact
 from forcectl.plant.sensors.force_sensor import SensorElectronics
 from forcectl.plant.sensors.wrist_sensor import WristSensor
 from forcectl.testing import assert_docstring_matches, assert_feedthrough, assert_same_after_reset_and_clone
 from forcectl.testing.runs import fix_inputs
+from tests.examples.batch_blocks import BATCH_BLOCKS, NEGATIVE, NOT_NEGATIVE, POSITIVE
 from tests.examples.block_docs import BlockDoc
 from tests.examples.block_example import Example
 from tests.examples.block_examples import EXAMPLES
-from tests.examples.lane_blocks import LANE_BLOCKS, NEGATIVE, NOT_NEGATIVE, POSITIVE
 
 NAN = math.nan
 CASES = [
@@ -50,7 +50,7 @@ CASES = [
 STATIONS = (OneDimensionalStation, KinematicStation, MultibodyStation)
 
 
-BASES = {ForceLaw, LaneBlock, SampledBatch, SampledBlock, SensorElectronics}
+BASES = {ForceLaw, BatchBlock, SampledBatch, SampledBlock, SensorElectronics}
 BLOCKS = {kind.__name__: kind for kind in EXAMPLES}
 EVERY_BLOCK = pytest.mark.parametrize(
     "kind", sorted(EXAMPLES, key=lambda kind: kind.__name__), ids=lambda kind: kind.__name__
@@ -224,17 +224,17 @@ def test_everything_remembered_is_in_the_context(kind, example):
     assert_same_after_reset_and_clone(system, duration=0.05, period=0.001, inputs=example.inputs)
 
 
-# --- parameters of the lane blocks -----------------------------------------------------------------------------------
+# --- parameters of the batch blocks -----------------------------------------------------------------------------------
 
 PARAMETERS = [
     pytest.param(kind, name, allowed, id=f"{kind.__name__}.{name}")
-    for kind, (_, names) in LANE_BLOCKS.items()
+    for kind, (_, names) in BATCH_BLOCKS.items()
     for name, allowed in names.items()
 ]
 
 
 def bad_values(allowed: str) -> list[object]:
-    """Values that no parameter of this kind may take; the bad one is in the second lane only."""
+    """Values that no parameter of this kind may take; the bad one is in the second batch element only."""
     values: list[object] = [[1.0, NAN], [1.0] * 3, "soft", None, [[1.0, 1.0]]]
     if allowed == POSITIVE:
         values += [[1.0, 0.0], [1.0, -1.0], -1.0]
@@ -245,17 +245,17 @@ def bad_values(allowed: str) -> list[object]:
     return values
 
 
-def test_every_lane_block_has_its_parameters_in_the_table():
+def test_every_batch_block_has_its_parameters_in_the_table():
     # These have the parameters of CompliantContact and ForceDigitiser, for the channels of one robot.
-    found = {kind for kind in declared_blocks() if issubclass(kind, LaneBlock)} - {TipContact, WristSensor}
-    assert found == set(LANE_BLOCKS)
-    for build, names in LANE_BLOCKS.values():
+    found = {kind for kind in declared_blocks() if issubclass(kind, BatchBlock)} - {TipContact, WristSensor}
+    assert found == set(BATCH_BLOCKS)
+    for build, names in BATCH_BLOCKS.values():
         assert list(build().parameter_names) == list(names)
 
 
 @pytest.mark.parametrize(("kind", "name", "allowed"), PARAMETERS)
 def test_a_bad_parameter_is_refused_by_name_when_built(kind, name, allowed):
-    build, _ = LANE_BLOCKS[kind]
+    build, _ = BATCH_BLOCKS[kind]
     for value in bad_values(allowed):
         by_port = ("compliance", "upper_acceleration", "upper", "viscous_backward", "stiffness", "damping")
         if value is None and name in by_port:
@@ -267,7 +267,7 @@ def test_a_bad_parameter_is_refused_by_name_when_built(kind, name, allowed):
 
 @pytest.mark.parametrize(("kind", "name", "allowed"), PARAMETERS)
 def test_a_bad_parameter_is_refused_by_name_when_set(kind, name, allowed):
-    block = LANE_BLOCKS[kind][0]()
+    block = BATCH_BLOCKS[kind][0]()
     context = block.CreateDefaultContext()
     before = block.parameter(context, name)
     for value in bad_values(allowed):
@@ -278,7 +278,7 @@ def test_a_bad_parameter_is_refused_by_name_when_set(kind, name, allowed):
 
 @pytest.mark.parametrize(("kind", "name", "allowed"), PARAMETERS)
 def test_a_parameter_lives_in_the_context(kind, name, allowed):
-    block = LANE_BLOCKS[kind][0]()
+    block = BATCH_BLOCKS[kind][0]()
     context, other = block.CreateDefaultContext(), block.CreateDefaultContext()
     before = block.parameter(other, name)
     wanted = before * 0.9 if np.all(np.isfinite(before)) and np.any(before) else np.array([0.5, 0.25])
@@ -290,9 +290,9 @@ def test_a_parameter_lives_in_the_context(kind, name, allowed):
     np.testing.assert_array_equal(block.parameter(context.Clone(), name), wanted)
 
 
-@pytest.mark.parametrize("kind", LANE_BLOCKS, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("kind", BATCH_BLOCKS, ids=lambda kind: kind.__name__)
 def test_an_unknown_parameter_is_refused_with_the_nearest(kind):
-    build, names = LANE_BLOCKS[kind]
+    build, names = BATCH_BLOCKS[kind]
     block = build()
     for name in names:
         with pytest.raises(BadInputError, match=name):
@@ -301,18 +301,18 @@ def test_an_unknown_parameter_is_refused_with_the_nearest(kind):
         block.parameter(block.CreateDefaultContext(), "nonsense")
 
 
-@pytest.mark.parametrize("kind", LANE_BLOCKS, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("kind", BATCH_BLOCKS, ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("size", [0, -1])
-def test_a_block_without_lanes_is_refused(kind, size):
+def test_a_block_without_batch_elements_is_refused(kind, size):
     with pytest.raises(BadInputError, match="size"):
-        LANE_BLOCKS[kind][0](size)
+        BATCH_BLOCKS[kind][0](size)
 
 
-@pytest.mark.parametrize("kind", LANE_BLOCKS, ids=lambda kind: kind.__name__)
+@pytest.mark.parametrize("kind", BATCH_BLOCKS, ids=lambda kind: kind.__name__)
 @pytest.mark.parametrize("period", [0.0, -0.002, NAN, math.inf])
 def test_a_bad_period_is_refused(kind, period):
     with pytest.raises(BadInputError, match="period"):
-        LANE_BLOCKS[kind][0](period=period)
+        BATCH_BLOCKS[kind][0](period=period)
 
 
 @pytest.mark.parametrize(
@@ -320,7 +320,7 @@ def test_a_bad_period_is_refused(kind, period):
 )
 def test_the_estimator_keeps_its_own_limits_in_both_ways(name, value):
     """mu is at most 1; the bounds stay in order."""
-    build = LANE_BLOCKS[EnvironmentComplianceEstimator][0]
+    build = BATCH_BLOCKS[EnvironmentComplianceEstimator][0]
     with pytest.raises(BadInputError, match=name):
         build(**{name: value})
     block = build()
@@ -330,7 +330,7 @@ def test_the_estimator_keeps_its_own_limits_in_both_ways(name, value):
 
 @pytest.mark.parametrize(("name", "value"), [("lower_limit", 0.3), ("upper_limit", -0.3)])
 def test_the_limits_of_the_integral_law_stay_in_order(name, value):
-    build = LANE_BLOCKS[IntegralForceLaw][0]
+    build = BATCH_BLOCKS[IntegralForceLaw][0]
     with pytest.raises(BadInputError, match=name):
         build(**{"lower_limit": -0.2, "upper_limit": 0.2, name: value})
     block = build(lower_limit=-0.2, upper_limit=0.2)

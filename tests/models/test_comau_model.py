@@ -135,12 +135,12 @@ def test_rotors_are_on_the_motor_side_only(arm):
 def test_velocity_loops_are_tuned_for_rotor_links_and_probe():
     robot = RobotModel.load()
     context = robot.create_context()
-    robot.set_positions(context, robot.facts.default_posture)
-    rotors = robot.facts.rotor_inertia * robot.facts.gear_ratio**2
+    robot.set_positions(context, robot.parameters.default_posture)
+    rotors = robot.parameters.rotor_inertia * robot.parameters.gear_ratio**2
     moved = rotors + np.diag(robot.mass_matrix(context))
-    np.testing.assert_allclose(robot.facts.velocity_loop_inertia, 0.7 * moved, rtol=1e-5)
+    np.testing.assert_allclose(robot.parameters.velocity_loop_inertia, 0.7 * moved, rtol=1e-5)
     # Joint 3 moves the tool most; its friction is what was calibrated with the gain on its rotor.
-    assert robot.facts.velocity_loop_inertia[2] == pytest.approx(rotors[2], rel=0.03)
+    assert robot.parameters.velocity_loop_inertia[2] == pytest.approx(rotors[2], rel=0.03)
 
 
 def test_motor_6_turns_with_joint_5(arm):
@@ -155,7 +155,9 @@ def test_calibrated_stiffness_is_the_estimate_scaled_to_the_identified_complianc
     J_z = robot.jacobian(context)[5]
     estimated = float(J_z @ (J_z / robot.joint_stiffness))
     scale = estimated / 3.2e-5
-    np.testing.assert_allclose(robot.facts.joint_stiffness["calibrated"], scale * robot.joint_stiffness, rtol=1e-11)
+    np.testing.assert_allclose(
+        robot.parameters.joint_stiffness["calibrated"], scale * robot.joint_stiffness, rtol=1e-11
+    )
     assert RobotModel.load().stiffness_set == "calibrated"
 
 

@@ -144,7 +144,7 @@ def test_one_arm_is_that_arm_of_the_robot(both, side, arm):
     """Same frames, inertias and torques as in the whole robot whose other arm stands still in the home position."""
     part, context, mine = both.parts.arms[side], both.create_context(), arm.create_context()
     for q, v, vdot in random_states(arm, 5, seed=2):
-        whole, rates, accelerations = both.facts.default_posture.copy(), np.zeros(14), np.zeros(14)
+        whole, rates, accelerations = both.parameters.default_posture.copy(), np.zeros(14), np.zeros(14)
         whole[part.joints], rates[part.joints], accelerations[part.joints] = q, v, vdot
         torque = both.inverse_dynamics(context, whole, rates, accelerations)[part.joints]
         np.testing.assert_allclose(arm.inverse_dynamics(mine, q, v, vdot), torque, rtol=1e-10, atol=1e-10)
@@ -199,23 +199,23 @@ def test_limits(both, side, arm):
 
 def test_drives_and_friction(both, side, arm):
     for robot, mine in ((both, both.parts.arms[side].joints), (arm, slice(None))):
-        facts = robot.facts
-        np.testing.assert_allclose(facts.gear_ratio[mine], DRIVES["gear_ratio"])
-        np.testing.assert_allclose(facts.rotor_inertia[mine], DRIVES["rotor_inertia"])
+        parameters = robot.parameters
+        np.testing.assert_allclose(parameters.gear_ratio[mine], DRIVES["gear_ratio"])
+        np.testing.assert_allclose(parameters.rotor_inertia[mine], DRIVES["rotor_inertia"])
         np.testing.assert_allclose(robot.joint_stiffness[mine], DRIVES["stiffness"])
-        np.testing.assert_allclose(facts.coulomb_friction[mine], DRIVES["coulomb"])
-        np.testing.assert_allclose(facts.viscous_friction[mine], DRIVES["viscous"])
+        np.testing.assert_allclose(parameters.coulomb_friction[mine], DRIVES["coulomb"])
+        np.testing.assert_allclose(parameters.viscous_friction[mine], DRIVES["viscous"])
         reflected = robot.motor_inertia[mine, mine]
         np.testing.assert_allclose(np.diag(reflected), DRIVES["reflected_rotor_inertia"], rtol=1e-4)
         np.testing.assert_array_equal(reflected, np.diag(np.diag(reflected)))
         # Estimates of ours: no more than what makes the two directions differ.
-        assert (np.abs(facts.friction_offset) <= 0.11 * np.max(facts.coulomb_friction)).all()
-        np.testing.assert_allclose(facts.viscous_friction_backward[mine], DRIVES["viscous"], rtol=0.13)
-        assert facts.period == DRIVES["period"]
+        assert (np.abs(parameters.friction_offset) <= 0.11 * np.max(parameters.coulomb_friction)).all()
+        np.testing.assert_allclose(parameters.viscous_friction_backward[mine], DRIVES["viscous"], rtol=0.13)
+        assert parameters.period == DRIVES["period"]
 
 
 def test_settled_lag_of_the_position_loop_is_20_ms(both):
-    loop = both.facts.reference_filter
+    loop = both.parameters.reference_filter
     assert 2 * loop.damping_ratio / loop.natural_frequency == pytest.approx(0.020)
 
 
@@ -224,7 +224,7 @@ def test_settled_lag_of_the_position_loop_is_20_ms(both):
 
 @pytest.fixture(scope="module")
 def reference(both) -> PinocchioModel:
-    return PinocchioModel(models_folder() / "yumi" / "yumi.urdf", both.facts.arm_joints)
+    return PinocchioModel(models_folder() / "yumi" / "yumi.urdf", both.parameters.arm_joints)
 
 
 def relative(ours: np.ndarray, theirs: np.ndarray) -> float:

@@ -8,10 +8,10 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.systems.framework import DiagramBuilder
 
-from forcectl.diagrams.believed import plant_model
+from forcectl.diagrams.model import plant_model
 from forcectl.errors import BadInputError
 from forcectl.motion.joint_path import DitherConfig, JointExcitationConfig, Move, Sines, path_at
-from tests.examples.block_examples_research import cell
+from tests.examples.block_examples_joint_interface import workcell
 
 START = np.array([0.2, -0.5])
 
@@ -48,10 +48,10 @@ def test_sines_are_at_rest_outside_of_their_time():
 
 
 def test_an_excitation_keeps_the_limits_of_the_joints():
-    facts = plant_model(cell())
-    limits = facts.robot.limits
+    model = plant_model(workcell())
+    limits = model.robot.limits
     config = JointExcitationConfig(speed_shares=[0.2, 1.0], duration=3.0, frequency=0.8)
-    path = config.add_to(DiagramBuilder(), facts)
+    path = config.add_to(DiagramBuilder(), model)
     context = path.CreateDefaultContext()
     q, v = [], []
     for time in np.arange(0.0, 6.0, 0.004):

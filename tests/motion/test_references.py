@@ -62,7 +62,7 @@ def test_step_at_once_has_its_force_from_the_start():
     assert scalar(StepConfig(force=15.0), [0.0, 1e-9, 100.0]) == [15.0, 15.0, 15.0]
 
 
-def test_every_lane_gets_the_same():
+def test_every_batch_element_gets_the_same():
     rows = values(StepConfig(force=7.0, start_time=1.0), [0.0, 2.0], size=3)
     assert rows.tolist() == [[0.0] * 3, [7.0] * 3]
 

@@ -30,22 +30,22 @@ def place(times: np.ndarray, acceleration: float) -> np.ndarray:
 
 
 def test_the_tool_moves_with_the_speeds_along_the_line() -> None:
-    cell = describe(StationConfig())
+    workcell = describe(StationConfig())
     builder = DiagramBuilder()
     config = SurfaceVelocityConfig(**SHAPE, direction=[0.0, 2.0, 0.0], slope=0.05)
-    block = config.add_to(builder, cell.robot, cell.start, cell.contact.n)
+    block = config.add_to(builder, workcell.robot, workcell.start, workcell.contact.n)
     builder.ExportOutput(block.get_output_port(), "unconstrained_reference")
     run = run_diagram(builder.Build(), 2.2, period=0.02)
-    context = cell.robot.create_context()
+    context = workcell.robot.create_context()
     tips = []
     for q in run["unconstrained_reference"]:
-        cell.robot.set_positions(context, cell.start + q)
-        tips.append(cell.robot.tip_position(context))
+        workcell.robot.set_positions(context, workcell.start + q)
+        tips.append(workcell.robot.tip_position(context))
     # The position of a tick is that of its end.
-    s = place(run.time + cell.period, 0.1)
+    s = place(run.time + workcell.period, 0.1)
     expected = np.outer(s, [0.0, 1.0, 0.05])
     np.testing.assert_allclose(
-        np.array(tips) - cell.contact.robot.pose(cell.start_context()).translation(), expected, atol=2e-5
+        np.array(tips) - workcell.contact.robot.pose(workcell.start_context()).translation(), expected, atol=2e-5
     )
     assert config.interval() == (0.0, 2.0)
 

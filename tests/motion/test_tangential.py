@@ -22,12 +22,12 @@ positive = st.floats(1e-3, 10.0)
 
 
 @cache
-def cell(normal: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Workcell:
+def workcell(normal: tuple[float, float, float] = (0.0, 0.0, 1.0)) -> Workcell:
     return describe(StationConfig(normal=list(normal)))
 
 
-def trajectory(config: TangentialMotionConfig, cell: Workcell) -> PiecewisePolynomial:
-    path = config.trajectory(cell.robot, cell.start, cell.contact.n)
+def trajectory(config: TangentialMotionConfig, workcell: Workcell) -> PiecewisePolynomial:
+    path = config.trajectory(workcell.robot, workcell.start, workcell.contact.n)
     assert isinstance(path, PiecewisePolynomial)
     return path
 
@@ -61,7 +61,7 @@ def test_the_figures_of_the_thesis() -> None:
 def test_the_tool_moves_straight_keeps_its_orientation_and_its_height(
     normal: tuple[float, float, float], direction: list[float], speed: float
 ) -> None:
-    here = cell(normal)
+    here = workcell(normal)
     config = TangentialMotionConfig(distance=0.1, speed=speed, direction=direction, start_time=1.0)
     path = trajectory(config, here)
     context, along = here.robot.create_context(), np.array(direction) / np.linalg.norm(direction)
@@ -81,7 +81,7 @@ def test_the_tool_moves_straight_keeps_its_orientation_and_its_height(
 
 @pytest.mark.parametrize("speed", [0.002, 0.02, 1.0])
 def test_the_tool_keeps_the_speed_limit(speed: float) -> None:
-    here, config = cell(), TangentialMotionConfig(distance=0.1, speed=speed)
+    here, config = workcell(), TangentialMotionConfig(distance=0.1, speed=speed)
     path = trajectory(config, here)
     times = np.linspace(0.0, path.end_time(), 1001)
     row = here.robot.jacobian(here.start_context())[3]
@@ -93,7 +93,7 @@ def test_the_tool_keeps_the_speed_limit(speed: float) -> None:
 def test_the_block_waits_moves_and_stays() -> None:
     builder = DiagramBuilder()
     config = TangentialMotionConfig(distance=0.05, speed=0.05, start_time=2.0)
-    block = config.add_to(builder, cell().robot, cell().start, cell().contact.n)
+    block = config.add_to(builder, workcell().robot, workcell().start, workcell().contact.n)
     assert_ports(block, {}, {"unconstrained_reference": 6})
     context, values = block.CreateDefaultContext(), []
     interval = config.interval()
@@ -108,7 +108,7 @@ def test_the_block_waits_moves_and_stays() -> None:
 
 @pytest.mark.parametrize("slope", [0.02, -0.1])
 def test_the_path_climbs_with_a_known_slope(slope: float) -> None:
-    here = cell()
+    here = workcell()
     path = trajectory(TangentialMotionConfig(distance=0.1, speed=0.02, slope=slope), here)
     context, tips = here.robot.create_context(), []
     for t in np.linspace(0.0, path.end_time(), 50):
@@ -121,7 +121,7 @@ def test_the_path_climbs_with_a_known_slope(slope: float) -> None:
 
 def test_without_a_distance_nothing_moves() -> None:
     np.testing.assert_array_equal(
-        TangentialMotionConfig().trajectory(cell().robot, cell().start, cell().contact.n), np.zeros(6)
+        TangentialMotionConfig().trajectory(workcell().robot, workcell().start, workcell().contact.n), np.zeros(6)
     )
 
 
@@ -155,4 +155,4 @@ def test_bad_values_are_named(values: dict[str, Any], told: str) -> None:
 )
 def test_paths_that_cannot_be_moved_along_are_refused(values: dict[str, Any], told: str) -> None:
     with pytest.raises(BadInputError, match=told):
-        TangentialMotionConfig(**values).trajectory(cell().robot, cell().start, cell().contact.n)
+        TangentialMotionConfig(**values).trajectory(workcell().robot, workcell().start, workcell().contact.n)

@@ -62,18 +62,18 @@ def alone(start: Motion, target: Target, limits: Limits, synchronization: Synchr
 def test_limits_hold_whatever_the_targets(seed, synchronized, every):
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 5))
-    limits, planner, course = random_limits(rng, n), Planner(n, synchronized), begin(rng.normal(size=n))
+    limits, planner, state = random_limits(rng, n), Planner(n, synchronized), begin(rng.normal(size=n))
     for tick in range(160):
         if tick % every == 0:
             target = at(
-                course.position + rng.normal(size=n) * 10 ** rng.uniform(-6, 1),
+                state.position + rng.normal(size=n) * 10 ** rng.uniform(-6, 1),
                 rng.choice([0.0, 1.0]) * limits.velocity * rng.uniform(-2, 2, n),
                 rng.random(n) < 0.2,
             )
-        after = planner.follow(course, target, limits, TICK)
-        check_step(course, after, limits)
+        after = planner.follow(state, target, limits, TICK)
+        check_step(state, after, limits)
         assert not after.braking.any()
-        course = after
+        state = after
 
 
 @settings(max_examples=40, deadline=None)
@@ -82,22 +82,22 @@ def test_a_target_is_reached_in_the_time_that_ruckig_says(seed, synchronized):
     rng = np.random.default_rng(seed)
     n = int(rng.integers(1, 5))
     limits, planner = random_limits(rng, n), Planner(n, synchronized)
-    course = begin(rng.normal(size=n), 0.5 * limits.velocity * rng.uniform(-1, 1, n))
+    state = begin(rng.normal(size=n), 0.5 * limits.velocity * rng.uniform(-1, 1, n))
     target = at(rng.normal(size=n), limits.velocity * rng.choice([0.0, 0.5]))
-    expected = alone(course.motion, target, limits, Synchronization.Time if synchronized else Synchronization.No)
-    plan = planner.plan(course.motion, target, limits)
+    expected = alone(state.motion, target, limits, Synchronization.Time if synchronized else Synchronization.No)
+    plan = planner.plan(state.motion, target, limits)
     # Not later, or Ruckig alone has missed the fastest way.
     assert plan.duration <= expected.duration * (1 + 1e-8) + 1e-8
     if not synchronized:
         assert (plan.arrival <= np.array(expected.independent_min_durations) * (1 + 1e-8) + 1e-8).all()
     ticks = math.ceil(plan.duration / TICK - 1e-9)
     for tick in range(1, ticks + 1):
-        course = planner.follow(course, target, limits, TICK)
-        assert course.arrived.all() == (tick == ticks)
+        state = planner.follow(state, target, limits, TICK)
+        assert state.arrived.all() == (tick == ticks)
     late = ticks * TICK - plan.arrival
-    np.testing.assert_allclose(course.position, target.position + late * target.velocity, rtol=0, atol=3e-8)
-    np.testing.assert_allclose(course.velocity, target.velocity, rtol=0, atol=1e-8)
-    np.testing.assert_allclose(course.acceleration, 0.0, atol=1e-8)
+    np.testing.assert_allclose(state.position, target.position + late * target.velocity, rtol=0, atol=3e-8)
+    np.testing.assert_allclose(state.velocity, target.velocity, rtol=0, atol=1e-8)
+    np.testing.assert_allclose(state.acceleration, 0.0, atol=1e-8)
 
 
 @settings(max_examples=25, deadline=None)
@@ -106,13 +106,13 @@ def test_targets_that_differ_by_rounding_do_not_make_it_later(seed, synchronized
     """Ruckig alone, asked again at every tick, loses up to five seconds here."""
     rng = np.random.default_rng(seed)
     n = 3
-    limits, planner, course = random_limits(rng, n), Planner(n, synchronized), begin(np.zeros(n))
+    limits, planner, state = random_limits(rng, n), Planner(n, synchronized), begin(np.zeros(n))
     target = at(rng.uniform(-1, 1, n))
-    ticks = math.ceil(planner.plan(course.motion, target, limits).duration / TICK) + 1
+    ticks = math.ceil(planner.plan(state.motion, target, limits).duration / TICK) + 1
     for tick in range(ticks):
-        course = planner.follow(course, at(target.position + 1e-12 * (tick % 2)), limits, TICK)
-    assert course.arrived.all()
-    np.testing.assert_allclose(course.position, target.position, atol=1e-8)
+        state = planner.follow(state, at(target.position + 1e-12 * (tick % 2)), limits, TICK)
+    assert state.arrived.all()
+    np.testing.assert_allclose(state.position, target.position, atol=1e-8)
 
 
 def test_motions_from_rest_are_straight_when_synchronized():
@@ -129,104 +129,104 @@ def test_from_outside_the_limits_it_returns_and_stays_within(seed):
     limits, planner = random_limits(rng, 2), Planner(2, synchronized=False)
     limits = limits._replace(jerk=10 * limits.jerk)
     v, a = limits.velocity * rng.uniform(-3, 3, 2), limits.acceleration * rng.uniform(-3, 3, 2)
-    course, target = begin(np.zeros(2), v, a), at(rng.normal(size=2))
+    state, target = begin(np.zeros(2), v, a), at(rng.normal(size=2))
     # Acceleration back to its limit, on to the other one, and at that down to the velocity limit.
     slowest = 5 * limits.acceleration / limits.jerk + (np.abs(v) + a**2 / limits.jerk) / limits.acceleration
     within = np.zeros(2, dtype=bool)  # for good: the acceleration, too, is gone before the velocity is at its limit
     for _ in range(math.ceil(slowest.max() / TICK)):
-        after = planner.follow(course, target, limits, TICK)
-        check_integration(course, after, limits)
+        after = planner.follow(state, target, limits, TICK)
+        check_integration(state, after, limits)
         to_come = after.velocity + after.acceleration * np.abs(after.acceleration) / (2 * limits.jerk)
         now = np.maximum(np.abs(to_come), np.abs(after.velocity)) <= limits.velocity
         now &= np.abs(after.acceleration) <= limits.acceleration
         assert (now | ~within).all()
-        within, course = within | now, after
+        within, state = within | now, after
     assert within.all()
 
 
 def test_smaller_limits_are_returned_to_without_a_jump():
-    planner, course, target = Planner(1), begin([0.0]), at([5.0])
+    planner, state, target = Planner(1), begin([0.0]), at([5.0])
     wide, narrow = limits_of(1, 1.0, 5.0, 50.0), limits_of(1, 0.3, 2.0, 30.0)
     for _ in range(100):
-        course = planner.follow(course, target, wide, TICK)
-    assert course.velocity > 0.9
+        state = planner.follow(state, target, wide, TICK)
+    assert state.velocity > 0.9
     for _ in range(250):
-        after = planner.follow(course, target, narrow, TICK)
-        check_integration(course, after, limits_of(1, 1.0, 5.0, 30.0))
-        course = after
-    assert course.velocity == pytest.approx(0.3)
+        after = planner.follow(state, target, narrow, TICK)
+        check_integration(state, after, limits_of(1, 1.0, 5.0, 30.0))
+        state = after
+    assert state.velocity == pytest.approx(0.3)
 
 
 def test_a_target_that_is_not_a_number_is_the_last_one():
     limits = limits_of(2, 1.0, 5.0, 50.0)
-    planner, course, plain = Planner(2), begin(np.zeros(2)), begin(np.zeros(2))
+    planner, state, plain = Planner(2), begin(np.zeros(2)), begin(np.zeros(2))
     for tick in range(400):
         good = at([0.3, -0.2])
         spoilt = at([math.nan, -0.2]) if tick % 3 == 1 else at([0.3, -0.2], [0.0, math.inf])
-        course = planner.follow(course, good if tick == 0 else spoilt, limits, TICK)
+        state = planner.follow(state, good if tick == 0 else spoilt, limits, TICK)
         plain = planner.follow(plain, good, limits, TICK)
-        np.testing.assert_array_equal(course, plain)
-    assert course.arrived.all()
+        np.testing.assert_array_equal(state, plain)
+    assert state.arrived.all()
     never = planner.follow(begin([0.1, 0.2]), at([math.nan, math.nan]), limits, TICK)
     np.testing.assert_array_equal(never.position, [0.1, 0.2])
 
 
 def test_velocity_mode_takes_on_the_velocity_and_nothing_else():
-    limits, planner, course = limits_of(2, [0.2, 1.0], 2.0, 40.0), Planner(2), begin(np.zeros(2))
+    limits, planner, state = limits_of(2, [0.2, 1.0], 2.0, 40.0), Planner(2), begin(np.zeros(2))
     for _ in range(200):
-        after = planner.follow(course, at([math.nan, 0.1], [0.075, 0.0], [1, 0]), limits, TICK)
-        check_step(course, after, limits)
-        course = after
-    np.testing.assert_allclose(course.velocity, [0.075, 0.0], atol=1e-12)
-    assert course.arrived.all()
-    ahead = course.position[0]
+        after = planner.follow(state, at([math.nan, 0.1], [0.075, 0.0], [1, 0]), limits, TICK)
+        check_step(state, after, limits)
+        state = after
+    np.testing.assert_allclose(state.velocity, [0.075, 0.0], atol=1e-12)
+    assert state.arrived.all()
+    ahead = state.position[0]
     for _ in range(200):
-        course = planner.follow(course, at([math.nan, 0.1], [9.0, 0.0], [1, 0]), limits, TICK)
-    assert course.velocity[0] == pytest.approx(0.2, rel=1e-8)
+        state = planner.follow(state, at([math.nan, 0.1], [9.0, 0.0], [1, 0]), limits, TICK)
+    assert state.velocity[0] == pytest.approx(0.2, rel=1e-8)
     for _ in range(800):
-        course = planner.follow(course, at([ahead, 0.1]), limits, TICK)
-    np.testing.assert_allclose(course.position, [ahead, 0.1], atol=1e-8)
+        state = planner.follow(state, at([ahead, 0.1]), limits, TICK)
+    np.testing.assert_allclose(state.position, [ahead, 0.1], atol=1e-8)
 
 
 def test_past_a_target_with_a_velocity_it_goes_on():
-    limits, planner, course = limits_of(2, 1.0, 5.0, 50.0), Planner(2, synchronized=False), begin(np.zeros(2))
+    limits, planner, state = limits_of(2, 1.0, 5.0, 50.0), Planner(2, synchronized=False), begin(np.zeros(2))
     for tick in range(1000):
         # A new target of the other component leaves this one alone.
-        course = planner.follow(course, at([0.2, 0.1 if tick < 500 else 0.3], [0.4, 0.0]), limits, TICK)
+        state = planner.follow(state, at([0.2, 0.1 if tick < 500 else 0.3], [0.4, 0.0]), limits, TICK)
         if tick > 250:
-            assert course.velocity[0] == pytest.approx(0.4)
-    assert course.position[0] > 1.0
-    assert course.position[1] == pytest.approx(0.3)
+            assert state.velocity[0] == pytest.approx(0.4)
+    assert state.position[0] > 1.0
+    assert state.position[1] == pytest.approx(0.3)
     for _ in range(1000):
-        course = planner.follow(course, at([0.2, 0.3]), limits, TICK)
-    np.testing.assert_allclose(course.position, [0.2, 0.3], atol=1e-8)
+        state = planner.follow(state, at([0.2, 0.3]), limits, TICK)
+    np.testing.assert_allclose(state.position, [0.2, 0.3], atol=1e-8)
 
 
 def test_a_target_that_moves_is_caught_up_with_slowly():
-    limits, planner, course, behind = limits_of(1, 1.0, 5.0, 100.0), Planner(1), begin([0.0]), []
+    limits, planner, state, behind = limits_of(1, 1.0, 5.0, 100.0), Planner(1), begin([0.0]), []
     for tick in range(1000):
         moving = 0.3 + 0.2 * TICK * tick
-        after = planner.follow(course, at([moving], 0.2), limits, TICK)
-        check_step(course, after, limits)
-        course = after
-        behind.append(moving + 0.2 * TICK - course.position[0])
+        after = planner.follow(state, at([moving], 0.2), limits, TICK)
+        check_step(state, after, limits)
+        state = after
+        behind.append(moving + 0.2 * TICK - state.position[0])
     assert behind[500] < 2e-3
     assert 0 < behind[999] < behind[500]
 
 
 def test_what_cannot_be_planned_brakes_and_the_rest_goes_on():
-    limits, planner, course = limits_of(2, 1.0, 5.0, 50.0), Planner(2), begin(np.zeros(2), [0.8, 0.0])
+    limits, planner, state = limits_of(2, 1.0, 5.0, 50.0), Planner(2), begin(np.zeros(2), [0.8, 0.0])
     for _ in range(300):
-        after = planner.follow(course, at([1e200, 0.3]), limits, TICK)
-        check_step(course, after, limits)
+        after = planner.follow(state, at([1e200, 0.3]), limits, TICK)
+        check_step(state, after, limits)
         np.testing.assert_array_equal(after.braking, [1, 0])
-        course = after
-    assert course.velocity[0] == pytest.approx(0.0, abs=1e-9)
-    assert course.position[1] == pytest.approx(0.3)
-    np.testing.assert_array_equal(course.arrived, [0, 1])
+        state = after
+    assert state.velocity[0] == pytest.approx(0.0, abs=1e-9)
+    assert state.position[1] == pytest.approx(0.3)
+    np.testing.assert_array_equal(state.arrived, [0, 1])
     for _ in range(500):
-        course = planner.follow(course, at([0.1, 0.3]), limits, TICK)
-    np.testing.assert_allclose(course.position, [0.1, 0.3], atol=1e-8)
+        state = planner.follow(state, at([0.1, 0.3]), limits, TICK)
+    np.testing.assert_allclose(state.position, [0.1, 0.3], atol=1e-8)
 
 
 def test_from_an_absurd_motion_it_stands_still():
@@ -237,28 +237,28 @@ def test_from_an_absurd_motion_it_stands_still():
     assert not np.isfinite(plan.arrival).any()
 
 
-def test_results_depend_on_the_course_only():
+def test_results_depend_on_the_trajectory_only():
     rng = np.random.default_rng(3)
-    limits, planner, course = random_limits(rng, 3), Planner(3), begin(np.zeros(3))
-    other = course
+    limits, planner, state = random_limits(rng, 3), Planner(3), begin(np.zeros(3))
+    other = state
     for tick in range(200):
         target = at([0.3, -0.2, 0.1] if tick < 70 else [0.0, 0.5, 0.2])
-        course = planner.follow(course, target, limits, TICK)
+        state = planner.follow(state, target, limits, TICK)
         other = copy.deepcopy(planner).follow(other, target, limits, TICK)
-        np.testing.assert_array_equal(course, other)
+        np.testing.assert_array_equal(state, other)
 
 
 def test_a_generator_is_led_by_a_motion_that_is_not_its_own():
-    limits, planner, course = limits_of(2, 1.0, 5.0, 50.0), Planner(2), begin(np.zeros(2))
+    limits, planner, state = limits_of(2, 1.0, 5.0, 50.0), Planner(2), begin(np.zeros(2))
     target = at([0.4, -0.3])
     for _ in range(60):
-        course = planner.follow(course, target, limits, TICK)
-    assert begin_again(course, Motion(*(x + 1e-13 for x in course.motion))) is course
-    pushed = course.motion._replace(position=course.position + np.array([0.01, 0.0]))
-    course = begin_again(course, pushed)
-    np.testing.assert_array_equal(course.target, target)
-    after = planner.follow(course, target, limits, TICK)
-    check_step(course, after, limits)
+        state = planner.follow(state, target, limits, TICK)
+    assert begin_again(state, Motion(*(x + 1e-13 for x in state.motion))) is state
+    pushed = state.motion._replace(position=state.position + np.array([0.01, 0.0]))
+    state = begin_again(state, pushed)
+    np.testing.assert_array_equal(state.target, target)
+    after = planner.follow(state, target, limits, TICK)
+    check_step(state, after, limits)
     for _ in range(600):
         after = planner.follow(after, target, limits, TICK)
     np.testing.assert_allclose(after.position, target.position, atol=1e-8)
@@ -296,12 +296,12 @@ def test_a_motion_that_is_not_finite_is_refused():
 
 
 def test_targets_that_are_changed_in_place_are_noticed():
-    limits, planner, course, goal = limits_of(2, 1.0, 5.0, 50.0), Planner(2), begin(np.zeros(2)), np.array([0.1, 0.2])
+    limits, planner, state, goal = limits_of(2, 1.0, 5.0, 50.0), Planner(2), begin(np.zeros(2)), np.array([0.1, 0.2])
     for tick in range(600):
         if tick == 10:
             goal[0] = -0.1
-        course = planner.follow(course, Target(goal, np.zeros(2), np.zeros(2)), limits, TICK)
-    np.testing.assert_allclose(course.position, [-0.1, 0.2], atol=1e-8)
+        state = planner.follow(state, Target(goal, np.zeros(2), np.zeros(2)), limits, TICK)
+    np.testing.assert_allclose(state.position, [-0.1, 0.2], atol=1e-8)
     with pytest.raises(ValueError, match="read-only"):
         limits.velocity[0] = 2.0
 
@@ -313,11 +313,11 @@ def test_large_units_are_as_good_as_small_ones(seed, size):
     rng = np.random.default_rng(seed)
     limits, planner, other = random_limits(rng, 2), Planner(2), Planner(2)
     large = limits_of(2, *(size * np.array(limits)))
-    course, scaled = begin([0.1, 0.2]), begin([0.1 * size, 0.2 * size])
+    state, scaled = begin([0.1, 0.2]), begin([0.1 * size, 0.2 * size])
     for tick in range(150):
         if tick % 50 == 0:
             goal = rng.normal(size=2)
-        course = planner.follow(course, at(goal), limits, TICK)
+        state = planner.follow(state, at(goal), limits, TICK)
         scaled = other.follow(scaled, at(size * goal), large, TICK)
-        np.testing.assert_allclose(np.array(scaled.motion) / size, course.motion, rtol=1e-6, atol=2e-7)
+        np.testing.assert_allclose(np.array(scaled.motion) / size, state.motion, rtol=1e-6, atol=2e-7)
         assert not scaled.braking.any()

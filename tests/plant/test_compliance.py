@@ -89,7 +89,7 @@ def test_total_compliance_takes_translations_along_n():
 
 
 def test_block_in_the_default_posture_gives_the_identified_compliance(robot):
-    assert evaluate(RobotCompliance(robot, Z), robot.facts.default_posture) == pytest.approx(3.2e-5, rel=1e-9)
+    assert evaluate(RobotCompliance(robot, Z), robot.parameters.default_posture) == pytest.approx(3.2e-5, rel=1e-9)
 
 
 @pytest.mark.parametrize("n", [(0, 0, 1), (1, 0, 0), (0.6, -0.48, 0.64)])
@@ -105,7 +105,7 @@ def test_block_follows_its_input_and_its_parameter(robot):
     context, other = block.CreateDefaultContext(), block.CreateDefaultContext()
     port, output = block.GetInputPort("motor_position"), block.GetOutputPort("robot_compliance")
     for c in (context, other):
-        port.FixValue(c, robot.facts.default_posture)
+        port.FixValue(c, robot.parameters.default_posture)
     first = output.Eval(context).item()
     block.set_joint_stiffness(context, 2 * robot.joint_stiffness)
     assert output.Eval(context).item() == pytest.approx(first / 2)

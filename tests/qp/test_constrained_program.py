@@ -12,7 +12,7 @@ from forcectl.qp.prioritized_program import Level
 from forcectl.qp.quadratic_program import QuadraticProgram, Status
 from forcectl.robot.robot_motion import RobotMotion
 from forcectl.tasks.constraints.base import CartesianWall, ConstraintSet, JointTorqueLimit, checked_limits
-from tests.examples.robot_controller_runs import robot_facts
+from tests.examples.robot_controller_runs import robot_plant_model
 
 N = 6
 JOINTS = [f"joint {i + 1}" for i in range(N)]
@@ -20,13 +20,13 @@ FREE = np.zeros((1, N)), np.ones(1)  # a soft row that always holds
 
 
 def motion(v: np.ndarray | None = None) -> RobotMotion:
-    facts = robot_facts()
-    return RobotMotion(facts.robot, facts.robot.create_context(), facts.start, np.zeros(N) if v is None else v)
+    model = robot_plant_model()
+    return RobotMotion(model.robot, model.robot.create_context(), model.start, np.zeros(N) if v is None else v)
 
 
 def gathered(torque: np.ndarray) -> tuple[ConstraintSet, np.ndarray]:
     at = motion()
-    limits = checked_limits(replace(robot_facts().robot.limits, torque=torque), at)
+    limits = checked_limits(replace(robot_plant_model().robot.limits, torque=torque), at)
     return ConstraintSet([CartesianWall([2.0, 0.0, 0.0], [-1.0, 0.0, 0.0])], limits, at, 0.002, -1.0), limits.torque
 
 

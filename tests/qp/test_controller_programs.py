@@ -17,7 +17,7 @@ from forcectl.qp.quadratic_program import Status
 from forcectl.qp.solvers import DaqpPackage, Solver, available_solvers, drake_daqp, make_solver
 from forcectl.tasks.reaching import ReactiveReachingConfig
 from tests.examples.program_runs import EXACT, Case, cases, solved, ticks
-from tests.examples.robot_controller_runs import make, robot_facts
+from tests.examples.robot_controller_runs import make, robot_plant_model
 
 CASES = cases()
 every_case = pytest.mark.parametrize("case", CASES.values(), ids=CASES)
@@ -218,7 +218,7 @@ def test_it_is_built_once_and_filled_anew(name: str) -> None:
 def test_everything_in_the_program_of_the_force_controller_has_a_name() -> None:
     block, _, context = advanced("invariance, wall and maximum force", 0.0211)
     program = block.program(context)
-    joints = [joint.name() for joint in robot_facts().robot.parts.joints]
+    joints = [joint.name() for joint in robot_plant_model().robot.parts.joints]
     assert [v.get_name() for v in program.decision_variables()] == [f"u[{joint}]" for joint in joints]
     rows = names(program.linear_constraints())
     assert rows[:3] == ["force", "maximum force 1", "wall 1"]
@@ -265,7 +265,7 @@ def test_everything_in_the_program_of_the_governor_has_a_name() -> None:
     program = block.program(context)
     assert [v.get_name() for v in program.decision_variables()][:2] == ["r[t]", "r[t+1]"]
     assert names(program.linear_constraints())[::8] == ["change to r[t]", "force after r[t]"]
-    with pytest.raises(BadInputError, match="lane = 1: must be from 0 to 0"):
+    with pytest.raises(BadInputError, match="element = 1: must be from 0 to 0"):
         block.program(context, 1)
 
 

@@ -9,7 +9,7 @@ import numpy as np
 import pytest
 
 from forcectl.errors import BadInputError
-from forcectl.robot.robot_motion import RobotMotion, turn
+from forcectl.robot.robot_motion import RobotMotion, orientation_error
 from forcectl.tasks.constraints.base import CartesianWall, JointTorqueLimit
 from forcectl.tasks.constraints.of_arm import OfArm
 from forcectl.tasks.constraints.task_limits import TaskRange, TaskSpeedLimit
@@ -17,7 +17,7 @@ from forcectl.tasks.coordinates import ArmTask
 from tests.examples.reactive_examples import N, arm_tasks, at, two_arms
 
 RNG = np.random.default_rng(1)
-Q = two_arms().facts.default_posture + 0.1 * RNG.normal(size=N)
+Q = two_arms().parameters.default_posture + 0.1 * RNG.normal(size=N)
 V, U = RNG.normal(size=N), RNG.normal(size=N)
 
 
@@ -26,7 +26,9 @@ def test_velocity_and_bias_of_each_arm_are_the_derivatives_of_its_pose(arm: str)
     h = 1e-4
     before, now, after = (at(Q + t * V + 0.5 * t * t * U, V + t * U).arm(arm) for t in (-h, 0.0, h))
     np.testing.assert_allclose(now.velocity[3:], (after.position - before.position) / (2 * h), atol=1e-6)
-    np.testing.assert_allclose(now.velocity[:3], turn(before.rotation, after.rotation) / (2 * h), atol=1e-6)
+    np.testing.assert_allclose(
+        now.velocity[:3], orientation_error(before.rotation, after.rotation) / (2 * h), atol=1e-6
+    )
     np.testing.assert_allclose(now.jacobian @ U + now.bias, (after.velocity - before.velocity) / (2 * h), atol=1e-5)
 
 

@@ -61,7 +61,7 @@ def test_inverse_dynamics_is_the_inverse_of_forward_dynamics(robot):
 def test_motor_inertia_is_the_kinetic_energy_of_the_rotors(robot):
     v = np.linspace(-1, 1, 6)
     motors = robot.motor_from_joint @ v
-    assert v @ robot.motor_inertia @ v == pytest.approx(motors @ (robot.facts.rotor_inertia * motors))
+    assert v @ robot.motor_inertia @ v == pytest.approx(motors @ (robot.parameters.rotor_inertia * motors))
     np.testing.assert_allclose(robot.motor_inertia, robot.motor_inertia.T)
 
 
@@ -83,7 +83,7 @@ def test_contexts_are_independent(robot):
 def test_load_without_tool_ends_at_the_flange():
     robot = RobotModel.load(tool=None)
     assert robot.tcp_frame.name() == "flange"
-    assert robot.tool_facts is None
+    assert robot.tool_parameters is None
     assert robot.parts.sensor_weld is None
 
 
@@ -103,7 +103,7 @@ def test_parts_of_the_probe(robot):
         "ball": 0.1733,
         "tcp": 0.1833,
     }
-    assert robot.tool_facts.contact_ball_radius == 0.01
+    assert robot.tool_parameters.contact_ball_radius == 0.01
 
 
 def test_stiffness_sets():
@@ -122,7 +122,7 @@ def test_add_robot_simulates_the_robot_that_control_knows(robot):
     context = plant.CreateDefaultContext()
     mine = robot.create_context()
     assert parts.tcp_frame.CalcPoseInWorld(context).IsNearlyEqualTo(X_WB @ robot.pose(mine), 1e-12)
-    assert [a.joint().name() for a in parts.actuators] == robot.facts.arm_joints
+    assert [a.joint().name() for a in parts.actuators] == robot.parameters.arm_joints
     np.testing.assert_allclose(plant.CalcMassMatrix(context), robot.mass_matrix(mine), atol=1e-12)
 
 
@@ -189,7 +189,7 @@ def test_user_robot_takes_a_shipped_tool(planar):
         ("period: 0.004", "period: 0.004\nlink_compliance: {palm: [0, 0, 0, 0, 0, 0]}", "'palm'"),
     ],
 )
-def test_facts_that_do_not_fit_the_model_are_refused(tmp_path, old, new, message):
+def test_parameters_that_do_not_fit_the_model_are_refused(tmp_path, old, new, message):
     assert old in CONTROL
     folder = write_planar_robot(tmp_path, CONTROL.replace(old, new))
     with pytest.raises(BadInputError) as caught:

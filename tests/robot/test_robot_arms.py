@@ -1,4 +1,4 @@
-"""Robots with several arms, joints that are held, and the friction that facts may leave out: any robot folder."""
+"""Robots with several arms, joints that are held, and the friction that parameters may leave out: any robot folder."""
 
 from __future__ import annotations
 
@@ -11,8 +11,8 @@ from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.errors import BadInputError
 from forcectl.models import list_robots, robot_and_arm, robot_folder, tool_folder
-from forcectl.robot.facts import load_control_facts, load_tool_facts
 from forcectl.robot.model import RobotModel, add_robot
+from forcectl.robot.parameters import load_control_parameters, load_tool_parameters
 from tests.examples.robot_folders import CONTROL, LINK_LENGTH, write_planar_robot
 
 ARMS = """arms:
@@ -28,7 +28,7 @@ def planar(tmp_path: Path) -> Path:
     return write_planar_robot(tmp_path / "planar", TWO_ARMS)
 
 
-def test_all_arms_in_the_order_of_the_facts(planar):
+def test_all_arms_in_the_order_of_the_parameters(planar):
     robot = RobotModel.load(planar, tool=None)
     assert list(robot.parts.arms) == ["inner", "outer"]
     assert [part.joints for part in robot.parts.arms.values()] == [slice(0, 2), slice(2, 3)]
@@ -43,13 +43,13 @@ def test_the_one_arm_of_a_robot_without_arms_is_all_of_it(tmp_path):
     assert (part.joints, part.flange_frame.name()) == (slice(0, 3), "hand")
 
 
-def test_one_arm_has_its_own_facts_and_the_others_are_rigid(planar):
+def test_one_arm_has_its_own_parameters_and_the_others_are_rigid(planar):
     robot = RobotModel.load(f"{planar}/inner", tool=None)
-    assert robot.facts.arm_joints == ["shoulder", "elbow"]
-    np.testing.assert_allclose(robot.facts.gear_ratio, [100, -100])
-    np.testing.assert_allclose(robot.facts.stiffness("stiff"), [10000, 8000])
+    assert robot.parameters.arm_joints == ["shoulder", "elbow"]
+    np.testing.assert_allclose(robot.parameters.gear_ratio, [100, -100])
+    np.testing.assert_allclose(robot.parameters.stiffness("stiff"), [10000, 8000])
     assert robot.motor_inertia.shape == (2, 2)
-    assert robot.facts.held_joints == pytest.approx({"wrist": np.radians(-20)})
+    assert robot.parameters.held_joints == pytest.approx({"wrist": np.radians(-20)})
     assert not robot.plant.HasJointNamed("wrist")
     context = robot.create_context()
     forearm, hand = (robot.plant.GetFrameByName(n).CalcPoseInWorld(context) for n in ("forearm", "hand"))
@@ -62,8 +62,8 @@ def test_one_arm_has_its_own_facts_and_the_others_are_rigid(planar):
 def test_motor_couplings_go_with_their_arm(tmp_path):
     coupled = TWO_ARMS + "motor_coupling: [{motor_of: elbow, driven_by: shoulder, factor: 0.5}]\n"
     folder = write_planar_robot(tmp_path, coupled)
-    assert len(load_control_facts(folder).only("inner").motor_coupling) == 1
-    assert load_control_facts(folder).only("outer").motor_coupling == []
+    assert len(load_control_parameters(folder).only("inner").motor_coupling) == 1
+    assert load_control_parameters(folder).only("outer").motor_coupling == []
     assert RobotModel.load(f"{folder}/inner", tool=None).motor_from_joint[1, 0] == pytest.approx(-50)
 
 
@@ -112,28 +112,28 @@ def test_held_joints_are_rigid_and_need_no_drive(tmp_path):
 
 
 def test_a_tools_held_joints_are_checked(tmp_path):
-    facts = (tool_folder("yumi_gripper") / "yumi_gripper.tool.yaml").read_text()
-    assert load_tool_facts(tool_folder("yumi_gripper")).held_joints == {
+    parameters = (tool_folder("yumi_gripper") / "yumi_gripper.tool.yaml").read_text()
+    assert load_tool_parameters(tool_folder("yumi_gripper")).held_joints == {
         "finger_1_slide": 0.008,
         "finger_2_slide": 0.008,
     }
-    (tmp_path / "bad.tool.yaml").write_text(facts.replace("finger_2_slide: 0.008", "finger_2_slide: .inf"))
+    (tmp_path / "bad.tool.yaml").write_text(parameters.replace("finger_2_slide: 0.008", "finger_2_slide: .inf"))
     with pytest.raises(BadInputError, match=r"held_joints\.finger_2_slide = inf: must be a finite number"):
-        load_tool_facts(tmp_path)
+        load_tool_parameters(tmp_path)
 
 
 def test_friction_that_is_left_out(tmp_path):
-    facts = load_control_facts(
+    parameters = load_control_parameters(
         write_planar_robot(
             tmp_path / "a", CONTROL.replace("viscous_friction: [0, 0, 0]", "viscous_friction: [3, 2, 1]")
         )
     )
-    np.testing.assert_array_equal(facts.friction_offset, [0, 0, 0])
-    np.testing.assert_array_equal(facts.viscous_friction_backward, [3, 2, 1])
+    np.testing.assert_array_equal(parameters.friction_offset, [0, 0, 0])
+    np.testing.assert_array_equal(parameters.viscous_friction_backward, [3, 2, 1])
     given = "viscous_friction_backward: [4, 5, 6]\nfriction_offset: [-1, 0, 1]\n"
-    facts = load_control_facts(write_planar_robot(tmp_path / "b", CONTROL + given))
-    np.testing.assert_array_equal(facts.friction_offset, [-1, 0, 1])
-    np.testing.assert_array_equal(facts.viscous_friction_backward, [4, 5, 6])
+    parameters = load_control_parameters(write_planar_robot(tmp_path / "b", CONTROL + given))
+    np.testing.assert_array_equal(parameters.friction_offset, [-1, 0, 1])
+    np.testing.assert_array_equal(parameters.viscous_friction_backward, [4, 5, 6])
 
 
 @pytest.mark.parametrize(

@@ -55,18 +55,18 @@ def test_the_bars_of_a_motion_loop_end_at_the_tool_and_are_as_long_as_the_force(
 
 def test_the_bar_of_a_force_loop_is_as_long_as_the_contact_force(tmp_path: Path) -> None:
     station = StationConfig()
-    cell = describe(station)
+    workcell = describe(station)
     log = xr.Dataset(
         {
-            "motor_position": (("time", "joint"), np.tile(cell.start, (3, 1))),
+            "motor_position": (("time", "joint"), np.tile(workcell.start, (3, 1))),
             "contact_force": (("time",), [0.0, 15.0, np.nan]),
         },
         coords={"time": TIMES},
     )
     page = tmp_path / "replay.html"
-    write_replay(log, cell, page)
+    write_replay(log, workcell, page)
     bar = drawn(page, "force", 0.5)
     assert bar is not None
-    np.testing.assert_allclose(bar.end - bar.start, 15.0 * ARROW * cell.contact.n, atol=1e-9)
+    np.testing.assert_allclose(bar.end - bar.start, 15.0 * ARROW * workcell.contact.n, atol=1e-9)
     assert drawn(page, "force", 0.0) is None
     assert drawn(page, "force", 1.0) is None

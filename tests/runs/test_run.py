@@ -53,8 +53,8 @@ class Law(LeafSystem):
 class LawConfig:
     kind: str = "fine"
 
-    def add_to(self, builder, facts):
-        return builder.AddNamedSystem("law", Law(self.kind, facts.period))
+    def add_to(self, builder, model):
+        return builder.AddNamedSystem("law", Law(self.kind, model.period))
 """
 
 

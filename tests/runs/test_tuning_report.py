@@ -1,4 +1,4 @@
-"""What is told of a fit: complete, plain and strict JSON."""
+"""The report on a fit: complete, plain and strict JSON."""
 
 from __future__ import annotations
 

@@ -123,11 +123,11 @@ class MyAnalysis:
 
     seen: list = field(default_factory=list)
 
-    def metrics(self, log, facts):
+    def metrics(self, log, model):
         self.seen.append(log.sizes["time"])
         return {"samples": float(log.sizes["time"])}
 
-    def figures(self, log, facts, title):
+    def figures(self, log, model, title):
         return {}
 
 
@@ -164,8 +164,8 @@ class MySensor(WristForceConfig):
 class MyFidelity(KinematicFidelity):
     """A fidelity of the user's."""
 
-    def build(self, cell, seed):
-        return MyStation(cell, seed)
+    def build(self, workcell, seed):
+        return MyStation(workcell, seed)
 
 
 class MyStation(KinematicStation):

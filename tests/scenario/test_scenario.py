@@ -189,9 +189,9 @@ from forcectl.force.integral import IntegralConfig, IntegralForceLaw
 class Proportional:
     gain: float = 1.0
 
-    def add_to(self, builder, facts):
-        compliance = facts.total_compliance
-        law = IntegralForceLaw(facts.size, integral_gain=self.gain, compliance=compliance, period=facts.period)
+    def add_to(self, builder, model):
+        compliance = model.total_compliance
+        law = IntegralForceLaw(model.size, integral_gain=self.gain, compliance=compliance, period=model.period)
         return builder.AddNamedSystem("own_law", law)
 
 class NotAController:
@@ -202,7 +202,7 @@ class Raises:
         return model.no_such_parameter
 
 class ReturnsNothing:
-    def add_to(self, builder, facts):
+    def add_to(self, builder, model):
         pass
 """
 

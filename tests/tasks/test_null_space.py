@@ -18,7 +18,7 @@ from tests.examples.reactive_examples import N, at, two_arms
 
 RNG = np.random.default_rng(2)
 TS = 0.004
-Q = two_arms().facts.default_posture + 0.2 * RNG.normal(size=N)
+Q = two_arms().parameters.default_posture + 0.2 * RNG.normal(size=N)
 V = RNG.normal(size=N)
 
 

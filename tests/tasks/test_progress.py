@@ -11,7 +11,7 @@ BEGIN = Progress(np.full(2, np.nan), np.inf, 0.0, 0.0, 0.0)
 NONE = np.zeros(2)
 
 
-def course(errors: list[float], target: np.ndarray = TARGET, speed: float = 0.0) -> list[Progress]:
+def state(errors: list[float], target: np.ndarray = TARGET, speed: float = 0.0) -> list[Progress]:
     watch, past, found = TaskProgress(np.array([0.1, 0.2]), 0.05, PERIOD), BEGIN, []
     for error in errors:
         past = watch.look(past, target, target + np.array([0.0, error]), NONE + speed)
@@ -20,21 +20,21 @@ def course(errors: list[float], target: np.ndarray = TARGET, speed: float = 0.0)
 
 
 def test_reached_within_the_tolerance_and_at_rest() -> None:
-    assert [each.reached for each in course([1.0, 0.21, 0.19, -0.19])] == [0, 0, 1, 1]
-    assert course([0.1], speed=10.0)[-1].reached == 0
+    assert [each.reached for each in state([1.0, 0.21, 0.19, -0.19])] == [0, 0, 1, 1]
+    assert state([0.1], speed=10.0)[-1].reached == 0
 
 
 def test_stalled_after_its_patience_without_coming_nearer() -> None:
-    stalled = [each.stalled for each in course([1.0] * 8)]
+    stalled = [each.stalled for each in state([1.0] * 8)]
     assert stalled == [0, 0, 0, 0, 0, 0, 1, 1]
-    creeping = course(list(1.0 - 0.005 * np.arange(10)))
+    creeping = state(list(1.0 - 0.005 * np.arange(10)))
     assert creeping[-1].stalled == 1
-    coming = course(list(0.9 ** np.arange(14)))
+    coming = state(list(0.9 ** np.arange(14)))
     assert max(each.stalled for each in coming) == 0
 
 
 def test_progress_and_a_new_target_end_it() -> None:
-    stuck = course([1.0] * 8)[-1]
+    stuck = state([1.0] * 8)[-1]
     watch = TaskProgress(np.array([0.1, 0.2]), 0.05, PERIOD)
     assert watch.look(stuck, TARGET, TARGET + np.array([0.0, 0.5]), NONE).stalled == 0
     assert watch.look(stuck, TARGET + 1.0, TARGET, NONE).stalled == 0

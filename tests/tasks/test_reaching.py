@@ -12,7 +12,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 import forcectl as fc
 from forcectl.analysis.motion_metrics import REACH_METRICS, is_motion_metric
 from forcectl.analysis.reaching import ReachAnalysis
-from forcectl.diagrams.believed import plant_model
+from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.workcell import describe
 from forcectl.errors import BadInputError
 from forcectl.plant.contact.obstacle import ObstacleConfig
@@ -28,7 +28,7 @@ from forcectl.tasks.null_space_parts import (
     LinkPotentialConfig,
     SmallMassPotentialConfig,
 )
-from forcectl.tasks.reaching import PaceConfig, ReachConfig, ReactiveReachingConfig
+from forcectl.tasks.reaching import MotionLimitsConfig, ReachConfig, ReactiveReachingConfig
 from forcectl.testing import assert_memory_released
 from tests.examples.stations import free
 
@@ -185,8 +185,8 @@ def test_the_links_keep_away_from_the_boxes_of_the_station() -> None:
         (ReachConfig, {"arm": "left", "position": [0.0, 0.0, np.nan]}, "position"),
         (ReachConfig, {"arm": "left", "position": [0, 0, 0], "turn_deg": [180.0, 0.0, 0.0]}, "less than 180"),
         (ReachConfig, {"arm": "left", "position": [0, 0, 0], "time": -1.0}, "time"),
-        (PaceConfig, {"speed": 0.0}, "speed"),
-        (PaceConfig, {"turn_jerk": np.inf}, "jerk"),
+        (MotionLimitsConfig, {"speed": 0.0}, "speed"),
+        (MotionLimitsConfig, {"turn_jerk": np.inf}, "jerk"),
         (EvasiveConfig, {"potentials": []}, "potentials"),
         (JointSpeedConfig, {"time_constant": -1.0}, "time_constant = -1.0"),
         (SmallMassPotentialConfig, {"direction": [0, 0, 0]}, "direction"),

@@ -23,7 +23,7 @@ from forcectl.testing.runs import Log
 from tests.examples.reactive_examples import N, arm_tasks, at, reactive_controller, two_arms
 from tests.examples.reactive_runs import PERIOD, random_goal, run
 
-START = two_arms().facts.default_posture
+START = two_arms().parameters.default_posture
 LIMITS = two_arms().limits
 
 

@@ -22,7 +22,7 @@ from forcectl.testing.runs import Log, run_diagram
 from tests.examples.reactive_examples import N, arm_tasks, at, reactive_controller, two_arms
 
 PERIOD = 0.004
-START = two_arms().facts.default_posture
+START = two_arms().parameters.default_posture
 AMPLITUDE = np.array([0.04, -0.03, 0.03, 0.2, -0.1, 0.2, 0.02, 0.03, 0.04, 0.1, 0.1, -0.2])
 
 

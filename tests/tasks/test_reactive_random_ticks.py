@@ -55,7 +55,7 @@ class Ticks:
     def __init__(self) -> None:
         limits = two_arms().limits
         self.limits, self.context = limits, two_arms().create_context()
-        start = at(two_arms().facts.default_posture)
+        start = at(two_arms().parameters.default_posture)
         self.constraints = ConstraintSet(constraints(), limits, start, PERIOD, -2.0)
         self.first = PrioritizedProgram(N, self.constraints.size)
         levels = task_levels(arm_tasks(), Weights(), LENGTH, PERIOD)
@@ -66,7 +66,7 @@ class Ticks:
         low, high = self.limits.position_lower, self.limits.position_upper
         room = rng.choice([0.0, 0.01, 0.2])  # some joints are at their limits
         q = np.clip(
-            two_arms().facts.default_posture + rng.normal(size=N) * rng.uniform(0, 0.6), low + room, high - room
+            two_arms().parameters.default_posture + rng.normal(size=N) * rng.uniform(0, 0.6), low + room, high - room
         )
         v = fast * rng.normal(size=N) * rng.uniform(0, 0.5)
         motion = ArmsMotion(two_arms(), self.context, q, v)
@@ -114,7 +114,7 @@ def test_rows_hold_and_the_second_stage_changes_nothing_of_the_tasks() -> None:
 @pytest.mark.parametrize("share", [0.1, 0.3])
 def test_torques_asked_for_only_where_they_bind_give_the_optimum_of_all_rows(share: float) -> None:
     ticks, bound = Ticks(), 0
-    start = at(two_arms().facts.default_posture)
+    start = at(two_arms().parameters.default_posture)
     torque = share * ticks.limits.torque + np.abs(start.load)
     torque[3] = np.inf
     plain = [each for each in constraints() if not isinstance(each, JointTorqueLimit)]
@@ -176,7 +176,7 @@ def test_ticks_that_are_too_fast_for_their_walls_brake_within_the_joint_limits(s
 
 
 def test_ranges_of_task_coordinates_are_rows_too() -> None:
-    motion = at(two_arms().facts.default_posture)
+    motion = at(two_arms().parameters.default_posture)
     task = arm_tasks()[0]
     value = task.state(motion).value
     y, _, row, _ = TaskRange(task, value - 0.1, value + 0.2).evaluate(motion)

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 
-from forcectl.tasks.reference_reset import LENGTH, Leash
+from forcectl.tasks.reference_reset import LENGTH, ReferenceReset
 
 SCALE = np.array([1.0, 1.0, 1.0, 0.28, 0.28, 0.28] * 2)
 X = np.linspace(-0.1, 0.3, 12)
@@ -13,7 +13,7 @@ NONE = np.zeros(12)
 
 
 def start(reference: np.ndarray, rate: np.ndarray = NONE, target: np.ndarray | None = TARGET) -> tuple[np.ndarray, ...]:
-    return Leash([6, 6], SCALE).start((X, rate, NONE + 7.0), (reference, NONE + 1.0, NONE + 2.0), target)
+    return ReferenceReset([6, 6], SCALE).start((X, rate, NONE + 7.0), (reference, NONE + 1.0, NONE + 2.0), target)
 
 
 def test_a_reference_that_is_followed_is_gone_on_from_bit_for_bit() -> None:

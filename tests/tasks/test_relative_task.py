@@ -91,7 +91,7 @@ def test_velocity_is_the_derivative_of_the_pose(robot):
 
 @pytest.fixture(scope="module")
 def reference(robot) -> PinocchioModel:
-    return PinocchioModel(models_folder() / "yumi" / "yumi.urdf", robot.facts.arm_joints)
+    return PinocchioModel(models_folder() / "yumi" / "yumi.urdf", robot.parameters.arm_joints)
 
 
 @settings(max_examples=40)
@@ -198,7 +198,7 @@ def test_angles_go_on_beyond_half_a_turn(robot):
     block = RelativePose(robot, *tips(robot))
     simulator, n = Simulator(block), robot.num_joints
     context = simulator.get_mutable_context()
-    q = robot.facts.default_posture.copy()
+    q = robot.parameters.default_posture.copy()
     block.GetInputPort("joint_velocity").FixValue(context, np.zeros(n))
     before, jumps = None, []
     for k in range(120):

@@ -24,7 +24,7 @@ class Arms:
 
     def __init__(self, coordinates: tuple[str, ...], orientation: type[Orientation]):
         robot = two_arms()
-        posture = robot.facts.default_posture + AWAY
+        posture = robot.parameters.default_posture + AWAY
         at_rest = ArmsMotion(robot, robot.create_context(), posture, np.zeros(robot.num_joints))
         # Zero where it starts: far from the singularity.
         base = RelativeMotion(at_rest.arm("left"), at_rest.arm("right")).rotation
@@ -86,7 +86,7 @@ def test_a_follower_reaches_a_pose_with_its_axis_free():
 def test_euler_angles_through_their_singularity(near, reached):
     """Angles nearest to others go through; the usual ones jump, which stalls the task and breaks no limit."""
     robot = two_arms()
-    posture = robot.facts.default_posture + AWAY
+    posture = robot.parameters.default_posture + AWAY
     at_rest = ArmsMotion(robot, robot.create_context(), posture, np.zeros(robot.num_joints))
     start = np.array([0.2, 1.3, 0.1])
     base = at_rest.arm("left").rotation @ rotation_of(start).T

@@ -1,4 +1,4 @@
-"""Ports and feedthrough of a block against its contract; every deviation is told."""
+"""Ports and feedthrough of a block against its contract; every deviation is reported."""
 
 import pytest
 from pydrake.common.value import Value

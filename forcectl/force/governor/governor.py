@@ -1,6 +1,6 @@
 """MPC command governor: gives a force loop of moderate bandwidth the reference that makes it fast (Sec. 4.6).
 
-It knows the loop by its model only and is designed by two bandwidths, a delay and two weights; `governor_program` has
+It uses the model of the loop only and is designed by two bandwidths, a delay and two weights; `governor_program` has
 the problem and `governor_stability` says for which true delays the whole is stable. That r[0] is far above the desired
 force is intended: it is how a slow loop becomes fast.
 """
@@ -36,7 +36,7 @@ from forcectl.force.governor.program import (
     over_horizon,
 )
 from forcectl.force.linear_law import VrftConfig
-from forcectl.framework.batch import BatchParameter, Lane, check, check_order, lane_values, whole_multiple
+from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check, check_order, whole_multiple
 from forcectl.framework.cache import scratch
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
@@ -57,7 +57,7 @@ class CommandGovernor(SampledBatch):
     input_ports: [desired_force, measured_force]
     output_ports: [governed_reference, status]
     parameters: [inner_pole, reference_pole, output_weight, reference_weight, lower_limit, upper_limit, rate_limit,
-        lower_force, upper_force]
+    lower_force, upper_force]
     ```
 
     desired_force, measured_force: shape (n,) [N].
@@ -75,14 +75,14 @@ class CommandGovernor(SampledBatch):
     Sampling: every `period` [s]; no delay from measured_force to governed_reference, see `SampledBlock`.
 
     Args:
-        size: lanes n.
+        size: batch size n.
         inner_pole: A, shape (n,) or a number, like the other parameters.
         reference_pole: At.
         delay: of the inner loop, T_d = N `period` [s].
         output_weight: Q_y.
         reference_weight: Q_r.
         horizon: h, 1 to 500 [ticks]; 1 is the thesis' and has a closed form with all limits, more is a quadratic
-            program per lane and tick.
+            program per batch element and tick.
         lower_limit: of r [N].
         upper_limit: of r [N].
         rate_limit: of r [N/s].
@@ -135,7 +135,7 @@ class CommandGovernor(SampledBatch):
         self.sample_delay = {("measured_force", "governed_reference"): 0.0}
         inputs = [self.DeclareVectorInputPort(name, size) for name in ("desired_force", "measured_force")]
         self._program = scratch(self, "quadratic program", lambda: deepcopy(program))
-        start = lane_values("initial_force", initial_force, size)
+        start = batch_values("initial_force", initial_force, size)
         memory = {
             "governed_reference": start,
             "status": 0.0,
@@ -154,22 +154,22 @@ class CommandGovernor(SampledBatch):
         check_weights(values["output_weight"], values["reference_weight"])
         _check_limits(values)
 
-    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
-        """Coefficients and limits of all lanes, and, for a longer horizon, those of each."""
+    def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:
+        """Coefficients and limits of all batch elements, and, for a longer horizon, those of each."""
         model, (lower, upper, rate, *forces) = values[:4], values[4:]
         limits = GovernorLimits(lower, upper, rate * self._period, *forces)
         inner, wanted, output, reference = model
-        lanes = [
+        elements = [
             (over_horizon(a, at, self._ticks, q_y, q_r, horizon=self._horizon), GovernorLimits(*bounds))
-            for (a, at, q_y, q_r), bounds in zip(_by_lane(model), _by_lane(limits), strict=True)
+            for (a, at, q_y, q_r), bounds in zip(_by_element(model), _by_element(limits), strict=True)
         ]
         c = coefficients(inner, wanted, self._ticks, output, reference)
-        return c, None if limits.none else limits, lanes
+        return c, None if limits.none else limits, elements
 
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
         """One tick of the governor."""
         m = self.math
-        numbers, limits, lanes = self.values(context)
+        numbers, limits, elements = self.values(context)
         wanted, last, past = memory["wanted_force"], memory["governed_reference"], memory["references"]
         desired = inputs["desired_force"]
         free = free_force(numbers, inputs["measured_force"], past[: self._ticks])
@@ -178,7 +178,7 @@ class CommandGovernor(SampledBatch):
         fine = abs(reference) < inf
         status = m.where(fine, float(Status.OPTIMAL), float(Status.NOT_FINITE))
         if self._horizon > 1:
-            reference, status = self._solve(context, lanes, posed)
+            reference, status = self._solve(context, elements, posed)
         elif limits is not None:
             reference = limits.nearest(numbers, reference, last, free, m)
         after = model_step(numbers, wanted, desired)
@@ -191,8 +191,9 @@ class CommandGovernor(SampledBatch):
             **dict(zip(_POSED, posed, strict=True)),
         }
 
-    def program(self, context: Context, lane: int = 0) -> MathematicalProgram:
-        """The quadratic program of the last tick of one lane, in r[t], ..., r[t+h-1] [N]; everything in it has a name.
+    def program(self, context: Context, element: int = 0) -> MathematicalProgram:
+        """The quadratic program of the last tick of one batch element, in r[t], ..., r[t+h-1] [N]; everything in it has
+        a name.
 
         Its r[t] is the governed reference, also where the closed form gives it. Where the forces have slack, some
         solvers cannot cope with its weights: of Drake's, Clarabel. The program belongs to the context, and is filled
@@ -200,29 +201,29 @@ class CommandGovernor(SampledBatch):
 
         Args:
             context: of this block.
-            lane: 0 to n-1.
+            element: 0 to n-1.
 
         Raises:
-            BadInputError: there is no such lane, or a force of the last tick is not a number.
+            BadInputError: there is no such batch element, or a force of the last tick is not a number.
         """
-        if lane not in range(self._size):
-            raise invalid("lane", lane, f"from 0 to {self._size - 1}")
-        memory, (_, _, lanes) = self.memory(context), self.values(context)
-        posed = _by_lane([memory[name] for name in _POSED])[lane]
+        if element not in range(self._size):
+            raise invalid("element", element, f"from 0 to {self._size - 1}")
+        memory, (_, _, elements) = self.memory(context), self.values(context)
+        posed = _by_element([memory[name] for name in _POSED])[element]
         program: GovernorProgram = self._program.Eval(context)
-        return program.program(lanes[lane][0], Situation(*posed), lanes[lane][1])
+        return program.program(elements[element][0], Situation(*posed), elements[element][1])
 
     def _solve(
-        self, context: Context, lanes: Sequence[tuple[Horizon, GovernorLimits]], posed: Situation
-    ) -> tuple[Lane, Lane]:
-        """The first reference and the status of every lane's program."""
+        self, context: Context, elements: Sequence[tuple[Horizon, GovernorLimits]], posed: Situation
+    ) -> tuple[BatchValue, BatchValue]:
+        """The first reference and the status of every batch element's program."""
         program: GovernorProgram = self._program.Eval(context)
         found = np.empty((2, self._size))
-        for i, (forces, (numbers, limits)) in enumerate(zip(_by_lane(posed), lanes, strict=True)):
+        for i, (forces, (numbers, limits)) in enumerate(zip(_by_element(posed), elements, strict=True)):
             solution = program.solve(numbers, Situation(*forces), limits)
             found[:, i] = solution.u[0], solution.status
         reference, status = found
-        return self.lane(reference), self.lane(status)
+        return self.batch_value(reference), self.batch_value(status)
 
 
 def _check_limits(values: Mapping[str, NDArray[np.float64]]) -> None:
@@ -233,8 +234,8 @@ def _check_limits(values: Mapping[str, NDArray[np.float64]]) -> None:
             raise invalid(lower, values[lower].tolist(), f"a number, or infinite on its own side, as {upper}")
 
 
-def _by_lane(values: Sequence[Lane]) -> list[list[float]]:
-    """Lane values as one row of numbers per lane."""
+def _by_element(values: Sequence[BatchValue]) -> list[list[float]]:
+    """Batch values as one row of numbers per batch element."""
     rows: list[list[float]] = np.reshape(values, (len(values), -1)).T.tolist()
     return rows
 
@@ -255,7 +256,8 @@ class GovernedForceLaw(Diagram):
     Sampling: every `period` [s] of the two; no delay beyond that of the law.
 
     Args:
-        builder: holds the law; it is built into this diagram. law: a ForceLaw or a ForceController.
+        builder: holds the law; it is built into this diagram.
+        law: a ForceLaw or a ForceController.
 
     Raises:
         BadInputError: the law has no such inputs.
@@ -288,7 +290,7 @@ class GovernedForceLaw(Diagram):
 class GovernedConfig(Config):
     """Scenario part `!Governed`; the default is that of Sec. 4.6.3.
 
-    In front of any controller of the force; one that does not tell the bandwidth of its loop needs `inner_bandwidth`.
+    In front of any controller of the force; one that does not state the bandwidth of its loop needs `inner_bandwidth`.
     """
 
     law: Any = slot("controller", VrftConfig, meaning="controller of the force that is governed")

@@ -1,16 +1,16 @@
-"""The command governor's problem (4.31), solved in two ways: closed form and quadratic program.
+"""The command governor's problem (4.31), solved in two ways: closed form and quadratic program::
 
     min  sum_j  Q_y (yt[t+N_p+j] - y[t+N_p+j])^2 + Q_r (F_bar - r[t+j])^2,    j = 0..h-1                        (4.31a)
 
     y[t+1]  = A y[t] + (1-A) r[t-N]             the inner loop: a decay of the pole A behind N ticks of delay    (4.28)
     yt[t+1] = At yt[t] + (1-At) F_bar           the wanted response; it runs freely, y does not reset it         (4.29)
 
-N_p = N + 1 is the first tick that r[t] acts on, so with the references of the past r[t-1], ..., r[t-N] and F_bar held
+N_p = N + 1 is the first tick that r[t] acts on, so with the references of the past r[t-1], ..., r[t-N] and F_bar held::
 
     y[t+N_p+j]  = A^j (A^N_p y + (1-A) S) + (1-A) sum_{i<=j} A^(j-i) r[t+i],    S = sum_{i=1}^N A^i r[t-i]      (4.31b)
     yt[t+N_p+j] = At^(N_p+j) yt + (1 - At^(N_p+j)) F_bar                                                        (4.31c)*
 
-For h = 1, the thesis' problem, the minimum is, with a minus on S where the thesis prints a plus,
+For h = 1, the thesis' problem, the minimum is, with a minus on S where the thesis prints a plus::
 
     r = [(1-A) Q_y (yt[t+N_p] - A^N_p y - (1-A) S) + Q_r F_bar] / [(1-A)^2 Q_y + Q_r]                           (4.33)*
 
@@ -29,7 +29,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.solvers import MathematicalProgram
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.batch import Lane, check_count
+from forcectl.framework.batch import BatchValue, check_count
 from forcectl.qp.quadratic_program import QuadraticProgram, Solution, Status
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, make_solver
 
@@ -47,19 +47,25 @@ _FORCE_WEIGHT_OF_ONE = 1e10
 
 
 class ClosedFormCoefficients(NamedTuple):
-    """The numbers of the closed form: floats, or arrays of shape (n,) for n lanes.
+    """The numbers of the closed form: floats, or arrays of shape (n,) for a batch of n.
 
-    input_gain: 1-A. force_decay: A^N_p. past_weights: (1-A) A^i of r[t-i], i = 1..N. wanted_decay: At^N_p.
-    gain: of r per newton that y[t+N_p] is wanted higher. share: of F_bar in r. reference_pole: At.
+    Attributes:
+        input_gain: 1-A.
+        force_decay: A^N_p.
+        past_weights: (1-A) A^i of r[t-i], i = 1..N.
+        wanted_decay: At^N_p.
+        gain: of r per newton that y[t+N_p] is wanted higher.
+        share: of F_bar in r.
+        reference_pole: At.
     """
 
-    input_gain: Lane
-    force_decay: Lane
-    past_weights: Sequence[Lane]
-    wanted_decay: Lane
-    gain: Lane
-    share: Lane
-    reference_pole: Lane
+    input_gain: BatchValue
+    force_decay: BatchValue
+    past_weights: Sequence[BatchValue]
+    wanted_decay: BatchValue
+    gain: BatchValue
+    share: BatchValue
+    reference_pole: BatchValue
 
 
 def check_pole(name: str, value: ArrayLike) -> None:
@@ -84,7 +90,7 @@ def check_horizon(value: int) -> int:
 
 
 def check_weights(output_weight: ArrayLike, reference_weight: ArrayLike) -> None:
-    """BadInputError unless the weights are finite, none is negative, and in no lane both are zero."""
+    """BadInputError unless the weights are finite, none is negative, and in no batch element both are zero."""
     both = {"output_weight": np.asarray(output_weight), "reference_weight": np.asarray(reference_weight)}
     for name, value in both.items():
         if not np.all((value >= 0) & np.isfinite(value)):
@@ -94,13 +100,20 @@ def check_weights(output_weight: ArrayLike, reference_weight: ArrayLike) -> None
 
 
 def coefficients(
-    inner_pole: Lane, reference_pole: Lane, delay_ticks: int, output_weight: Lane, reference_weight: Lane
+    inner_pole: BatchValue,
+    reference_pole: BatchValue,
+    delay_ticks: int,
+    output_weight: BatchValue,
+    reference_weight: BatchValue,
 ) -> ClosedFormCoefficients:
     """The numbers of (4.33)*, once per change of a parameter.
 
     Args:
-        inner_pole: A, in (0, 1). reference_pole: At, in (0, 1). delay_ticks: N >= 0.
-        output_weight: Q_y >= 0. reference_weight: Q_r >= 0; without it r is a hundred times F_bar. Floats or (n,).
+        inner_pole: A, in (0, 1).
+        reference_pole: At, in (0, 1).
+        delay_ticks: N >= 0.
+        output_weight: Q_y >= 0.
+        reference_weight: Q_r >= 0; without it r is a hundred times F_bar. Floats or (n,).
 
     Raises:
         BadInputError: a value outside of that.
@@ -127,11 +140,12 @@ def coefficients(
     )
 
 
-def free_force(c: ClosedFormCoefficients, force: Lane, past: Sequence[Lane]) -> Lane:
+def free_force(c: ClosedFormCoefficients, force: BatchValue, past: Sequence[BatchValue]) -> BatchValue:
     """A^N_p y + (1-A) S [N]: y[t+N_p] if r[t] were zero.
 
     Args:
-        force: y [N]. past: r[t-1], ..., r[t-N] [N].
+        force: y [N].
+        past: r[t-1], ..., r[t-N] [N].
     """
     free = c.force_decay * force
     for weight, reference in zip(c.past_weights, past, strict=True):
@@ -139,16 +153,18 @@ def free_force(c: ClosedFormCoefficients, force: Lane, past: Sequence[Lane]) -> 
     return free
 
 
-def closed_form(c: ClosedFormCoefficients, wanted: Lane, desired: Lane, free: Lane) -> Lane:
+def closed_form(c: ClosedFormCoefficients, wanted: BatchValue, desired: BatchValue, free: BatchValue) -> BatchValue:
     """The reference r[t] [N] that minimises (4.31) without constraints. (4.33)*
 
     Args:
-        wanted: yt, the reference model's output now [N]. desired: F_bar [N]. free: of `free_force` [N].
+        wanted: yt, the reference model's output now [N].
+        desired: F_bar [N].
+        free: of `free_force` [N].
     """
     return c.gain * (c.wanted_decay * (wanted - desired) + desired - free) + c.share * desired
 
 
-def model_step(c: ClosedFormCoefficients, wanted: Lane, desired: Lane) -> Lane:
+def model_step(c: ClosedFormCoefficients, wanted: BatchValue, desired: BatchValue) -> BatchValue:
     """yt[t+1] [N] of yt[t] and F_bar [N]. (4.29)"""
     return c.reference_pole * wanted + (1.0 - c.reference_pole) * desired
 
@@ -156,26 +172,34 @@ def model_step(c: ClosedFormCoefficients, wanted: Lane, desired: Lane) -> Lane:
 class GovernorLimits(NamedTuple):
     """Constraints of the governor, each a number or shape (n,); infinite: none.
 
-    lower, upper: of r [N]. rate: of its change per tick [N]. lower_force, upper_force: of the predicted force [N], kept
-    as well as r can. Where they contradict each other, the rate goes before the bounds of r, those before the force.
+    Attributes:
+        lower, upper: of r [N].
+        rate: of its change per tick [N].
+        lower_force, upper_force: of the predicted force [N], kept as well as r can. Where they contradict each other,
+            the rate goes before the bounds of r, those before the force.
     """
 
-    lower: Lane = -np.inf
-    upper: Lane = np.inf
-    rate: Lane = np.inf
-    lower_force: Lane = -np.inf
-    upper_force: Lane = np.inf
+    lower: BatchValue = -np.inf
+    upper: BatchValue = np.inf
+    rate: BatchValue = np.inf
+    lower_force: BatchValue = -np.inf
+    upper_force: BatchValue = np.inf
 
     @property
     def none(self) -> bool:
         """Whether there is no limit at all."""
         return bool(np.isinf(np.concatenate([np.ravel(value) for value in self])).all())
 
-    def nearest(self, c: ClosedFormCoefficients, reference: Lane, last: Lane, free: Lane, m: Any = np) -> Lane:
+    def nearest(
+        self, c: ClosedFormCoefficients, reference: BatchValue, last: BatchValue, free: BatchValue, m: Any = np
+    ) -> BatchValue:
         """The best r[t] [N] within the limits, for a horizon of one.
 
         Args:
-            reference: the best without limits [N]. last: r[t-1] [N]. free: of `free_force` [N]. m: see `LaneBlock`.
+            reference: the best without limits [N].
+            last: r[t-1] [N].
+            free: of `free_force` [N].
+            m: see `BatchBlock`.
         """
         of_force = ((self.lower_force - free) / c.input_gain, (self.upper_force - free) / c.input_gain)
         for low, high in (of_force, (self.lower, self.upper), (last - self.rate, last + self.rate)):
@@ -187,10 +211,14 @@ _NO_LIMITS = GovernorLimits()
 
 
 class Horizon(NamedTuple):
-    """The numbers of the program over h ticks, of one lane.
+    """The numbers of the program over h ticks, of one batch element.
 
-    c: of the closed form. response: of y[t+N_p+j] to r[t+i], in units of (1-A), shape (h, h).
-    free_decay: A^j. wanted_decay: At^(N_p+j). Both (h,). hessian: of the cost, (h, h), 1 for h = 1.
+    Attributes:
+        c: of the closed form.
+        response: of y[t+N_p+j] to r[t+i], in units of (1-A), shape (h, h).
+        free_decay: A^j.
+        wanted_decay: At^(N_p+j). Both (h,).
+        hessian: of the cost, (h, h), 1 for h = 1.
     """
 
     c: ClosedFormCoefficients
@@ -211,7 +239,9 @@ def over_horizon(
 ) -> Horizon:
     """The numbers of the program, once per change of a parameter.
 
-    Args: those of `coefficients`, for one lane, and
+    The other arguments are those of `coefficients`, for one batch element.
+
+    Args:
         horizon: h, 1 to 500 [ticks].
 
     Raises:
@@ -226,9 +256,11 @@ def over_horizon(
 
 
 class Situation(NamedTuple):
-    """What the program of one tick depends on, of one lane.
+    """What the program of one tick depends on, of one batch element.
 
-    wanted, desired, free: see `closed_form` [N]. last: r[t-1] [N].
+    Attributes:
+        wanted, desired, free: see `closed_form` [N].
+        last: r[t-1] [N].
     """
 
     wanted: float

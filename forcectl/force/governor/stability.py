@@ -1,15 +1,15 @@
 """For which true delays of the inner loop a command governor is stable (Sec. 4.6.2).
 
-The governor believes in N ticks of delay, the loop has Nbar, eps = N - Nbar. What it feeds back is
+The governor's model has N ticks of delay, the loop Nbar, eps = N - Nbar. What it feeds back is
 
     r = ... - alpha/(1-A) (A^N_p y + (1-A) S),      alpha = (1-A)^2/((1-A)^2 + Q_r/Q_y) for a horizon of one     (4.32)
 
-and the poles of the loop, apart from zeros, are the roots of
+and the poles of the loop, apart from zeros, are the roots of::
 
     z^N (z - (1-alpha) A) + alpha A^(N+1) (z^eps - 1),          eps >= 0                                         (4.40)
     z^Nbar (z - (1-alpha) A) + alpha A^(N+1) (1 - z^-eps),      eps < 0
 
-Three tests, the strongest first. (i) Exact: the spectral radius. (ii) Sufficient for one Nbar, by Rouche's theorem:
+Three tests, the strongest first. (i) Exact: the spectral radius. (ii) Sufficient for one Nbar, by Rouche's theorem::
 
     alpha A^(N+1) |e^(j eps w) - 1| < |e^(jw) - (1-alpha) A|    for all w
 
@@ -62,7 +62,10 @@ def characteristic_polynomial(inner_pole: float, alpha: float, delay_ticks: int,
     """Coefficients of (4.40), that of the highest power first; its degree is max(N, Nbar) + 1.
 
     Args:
-        inner_pole: A, in (0, 1). alpha: in [0, 1]. delay_ticks: N >= 0. true_delay_ticks: Nbar >= 0.
+        inner_pole: A, in (0, 1).
+        alpha: in [0, 1].
+        delay_ticks: N >= 0.
+        true_delay_ticks: Nbar >= 0.
 
     Raises:
         BadInputError: a value outside of that.
@@ -89,8 +92,8 @@ def frequency_margin(inner_pole: float, alpha: float, delay_ticks: int, true_del
     """Test (ii): the loop is stable when this is positive; it may be stable when it is not.
 
     Returns:
-        The minimum over w of |e^(jw) - (1-alpha) A|^2 - (alpha A^(N+1) |e^(j eps w) - 1|)^2, which is a polynomial in
-        cos w. See `characteristic_polynomial` for the arguments.
+        The minimum over w of `|e^(jw) - (1-alpha) A|^2` - (alpha A^(N+1) `|e^(j eps w) - 1|`)^2, which is a polynomial
+        in cos w. See `characteristic_polynomial` for the arguments.
     """
     _check(inner_pole, alpha, delay_ticks, true_delay_ticks)
     pole, fed_back = (1.0 - alpha) * inner_pole, alpha * inner_pole ** (delay_ticks + 1)
@@ -150,7 +153,9 @@ def published_bound(inner_pole: float, delay_ticks: int, true_delay_ticks: int) 
 class DelayCase:
     """One true delay: Nbar [ticks], eps = N - Nbar, the tests, and the alpha [1] up to which it is stable.
 
-    stable: by test (i). certain: by test (ii). A stable loop may be uncertain.
+    Attributes:
+        stable: by test (i).
+        certain: by test (ii). A stable loop may be uncertain.
     """
 
     true_delay_ticks: int
@@ -165,8 +170,13 @@ class DelayCase:
 class StabilityReport:
     """What the tests say of one governor; `str` of it is a table.
 
-    inner_pole: A. delay_ticks: N. alpha: of `feedback_weight`. for_every_delay: test (iii).
-    alpha_for_every_delay: its bound, infinite when every alpha up to 1 meets it. cases: in the order asked for.
+    Attributes:
+        inner_pole: A.
+        delay_ticks: N.
+        alpha: of `feedback_weight`.
+        for_every_delay: test (iii).
+        alpha_for_every_delay: its bound, infinite when every alpha up to 1 meets it.
+        cases: in the order asked for.
     """
 
     inner_pole: float
@@ -210,7 +220,9 @@ def stability_report(
     """All tests for several true delays.
 
     Args:
-        inner_pole: A, in (0, 1). delay_ticks: N, 0..2000. alpha: of `feedback_weight`, in [0, 1].
+        inner_pole: A, in (0, 1).
+        delay_ticks: N, 0..2000.
+        alpha: of `feedback_weight`, in [0, 1].
         true_delay_ticks: Nbar, at least one, each 0..2000.
 
     Raises:

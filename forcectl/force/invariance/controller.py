@@ -1,11 +1,11 @@
-"""Invariance force control of a robot in joint accelerations, with constraints: the QP (3.53)*.
+"""Invariance force control of a robot in joint accelerations, with constraints: the QP (3.53)*::
 
     y = -dx_bar - C_T_hat F_bar <= 0,    y'' = -n'(J u + J'q')                                       (3.50)*
     min |y'' - ybar''|^2 + |J_uc u + J_uc' q' - (xbar_uc'' + K_D e' + K_P e)|^2    s.t.   E u <= f    (3.51), (3.53)*
     q[k+1] = q[k] + Ts q'[k] + Ts^2 u/2,    q'[k+1] = q'[k] + Ts u
 
 with q the commanded joint positions, x = x(q), and ybar'' the acceleration of the scalar law (`regulate_force`). With a
-nominal gain, instead, the integral law proposes the force's part of u_nom, and min |u - u_nom|^2 is corrected by the
+nominal gain, instead, the integral law proposes the force's part of u_nom, and min `|u - u_nom|^2` is corrected by the
 same rows (3.18). Further regulated outputs have a y, a ybar'' and a row of their own (3.37).
 
 The rows are, soft ones first: y'' <= ybar'' for every regulated output; then, hard, the maximum force, joint torques
@@ -45,7 +45,14 @@ from forcectl.qp.constrained_program import ConstrainedProgram, Outcome, Problem
 from forcectl.qp.quadratic_program import Status
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver
 from forcectl.robot.model import JointLimits
-from forcectl.robot.robot_motion import ContactMotion, Place, RobotMotion, StraightMotion, place, straight_place
+from forcectl.robot.robot_motion import (
+    ConstantJacobianMotion,
+    ContactMotion,
+    RobotMotion,
+    TipPose,
+    constant_jacobian_pose,
+    tip_pose,
+)
 from forcectl.tasks.constraints.base import Constraint, ConstraintSet, ForceLimit, Rows, checked_limits
 
 Vector = NDArray[np.float64]
@@ -69,25 +76,19 @@ _DIAGNOSTICS = {
 
 
 class InvarianceTick(NamedTuple):
-    """A tick up to its program.
+    """A tick up to its program."""
 
-    motion: the commanded motion. rows: of the constraints. along: of the regulated outputs. x: their displacements [m].
-    rate: and rates [m/s], (k,). course: of the desired force. in_sensor: what the sensor has in it. force: None when an
-    input is not a number, and so is problem: then there is no program. near: whether J is damped. references: of this
-    tick and the one before.
-    """
-
-    motion: RobotMotion
-    rows: Rows
-    along: Along
-    x: list[float]
-    rate: Vector
-    course: ReferenceState
-    in_sensor: list[float]
-    force: Regulated | None
-    problem: Problem | None
-    near: bool
-    references: tuple[Vector, Vector]
+    motion: RobotMotion  # the commanded motion
+    rows: Rows  # of the constraints
+    along: Along  # of the regulated outputs
+    x: list[float]  # displacements of the regulated outputs [m]
+    rate: Vector  # and their rates, (k,) [m/s]
+    state: ReferenceState  # of the desired force
+    in_sensor: list[float]  # memory of the sensor's model, see `SensorLag`
+    force: Regulated | None  # None when an input is not a number
+    problem: Problem | None  # None when an input is not a number: then there is no program
+    near: bool  # whether J is damped
+    references: tuple[Vector, Vector]  # of this tick and the one before
 
 
 class InvarianceController(SampledBlock):
@@ -96,14 +97,14 @@ class InvarianceController(SampledBlock):
     ```
     name: InvarianceController
     input_ports: [desired_force, measured_force, motor_position, motor_velocity, unconstrained_reference,
-      compliance (optional)]
+    compliance (optional)]
     output_ports: [joint_position_command, displacement_command, invariance_function, status, active_constraints, slack,
-      constraint_violation, near_singular, contact_lost]
+    constraint_violation, near_singular, contact_lost]
     ```
 
     desired_force: shape (1,) [N]. measured_force: shape (1,) [N], read by the maximum force and the nominal law.
     motor_position, motor_velocity: shape (n_q,) [rad, rad/s]; read only by a maximum force with a known sensor,
-      otherwise the command is taken for the motion.
+    otherwise the command is taken for the motion.
     unconstrained_reference: shape (n_q,), joint motion in the unconstrained directions from the start posture [rad].
     compliance: shape (1,), C_T_hat [m/N]; the port exists when no `compliance` is given.
     joint_position_command: shape (n_q,), q_bar [rad]; its speed changes within the acceleration limits, always.
@@ -198,7 +199,7 @@ class InvarianceController(SampledBlock):
             raise BadInputError("their axes must be perpendicular to the normal and to each other", key="outputs")
         for output in outputs:
             check_gamma("outputs.gamma", output.gamma)
-        length = model.known_robot().facts.characteristic_length
+        length = model.known_robot().parameters.characteristic_length
         tracking = Tracking(tracking_bandwidth, tracking_acceleration, length)
         nominal = self._nominal_gain is not None
         self._objective = Objective(self._axes, tracking, model.singularity_limit, self._n, nominal)
@@ -238,7 +239,7 @@ class InvarianceController(SampledBlock):
             "joint_velocity_command": np.zeros(n),
             "last_reference": np.zeros(n),
             "reference_before": np.zeros(n),
-            "course": np.zeros(len(ReferenceState._fields)),
+            "reference_state": np.zeros(len(ReferenceState._fields)),
             "touched": 0.0,
             "in_sensor": np.zeros(self._seen_size),
             # The rates that the tick led to as far as it knew.
@@ -271,13 +272,13 @@ class InvarianceController(SampledBlock):
 
     def _motion(self, context: Context, q: Vector, v: Vector) -> RobotMotion:
         if self._model.constant_jacobian:
-            return StraightMotion(self._origin, q, v)
+            return ConstantJacobianMotion(self._origin, q, v)
         return RobotMotion(self._model.known_robot(), self._scratch[0].Eval(context), q, v)
 
-    def _place(self, context: Context, q: Vector) -> Place:
+    def _tip_pose(self, context: Context, q: Vector) -> TipPose:
         if self._model.constant_jacobian:
-            return straight_place(self._origin, q)
-        return place(self._model.known_robot(), self._scratch[1].Eval(context), q)
+            return constant_jacobian_pose(self._origin, q)
+        return tip_pose(self._model.known_robot(), self._scratch[1].Eval(context), q)
 
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
         """The memory after a tick."""
@@ -313,7 +314,7 @@ class InvarianceController(SampledBlock):
             "joint_velocity_command": v + Ts * u,
             "last_reference": tick.references[0],
             "reference_before": tick.references[1],
-            "course": tick.course,
+            "reference_state": tick.state,
             "touched": touched,
             "in_sensor": tick.in_sensor,
             "foreseen_outputs": tick.rate + Ts * bending,
@@ -341,18 +342,18 @@ class InvarianceController(SampledBlock):
         rates = rate.tolist()
         missed = (rate - memory["foreseen_outputs"]) / Ts
         along = Along(self._axes @ motion.jacobian[3:], self._axes @ motion.bias[3:], missed)
-        in_sensor, unseen = memory["in_sensor"].tolist(), 0.0
+        in_sensor, lead = memory["in_sensor"].tolist(), 0.0
         if self._sensor is not None:
             moved = x[0] + (along.rows[0] @ (inputs["motor_position"] - q)).item()
-            unseen, in_sensor = self._sensor.unseen(in_sensor, x[0], moved, compliance * measured)
-        motion.contact = ContactMotion(x[0], rates[0], along.rows[0], along.bias.item(0), compliance, measured, unseen)
+            lead, in_sensor = self._sensor.lead(in_sensor, x[0], moved, compliance * measured)
+        motion.contact = ContactMotion(x[0], rates[0], along.rows[0], along.bias.item(0), compliance, measured, lead)
         rows = self._constraints.rows(motion, memory["foreseen_rows"])
-        course = ReferenceState(*memory["course"].tolist())
+        state = ReferenceState(*memory["reference_state"].tolist())
         if not good:
-            course = ReferenceState(course.desired, 0.0, 0.0)
-            return InvarianceTick(motion, rows, along, x, rate, course, in_sensor, None, None, False, (now, last))
+            state = ReferenceState(state.desired, 0.0, 0.0)
+            return InvarianceTick(motion, rows, along, x, rate, state, in_sensor, None, None, False, (now, last))
         desired = min(desired, self._maximum_force)
-        force, course = regulate_force(x[0], rates[0], desired, compliance, course, self._gamma, self._upper, Ts)
+        force, state = regulate_force(x[0], rates[0], desired, compliance, state, self._gamma, self._upper, Ts)
         outputs = [force]
         for output, xi, vi in zip(self._outputs, x[1:], rates[1:], strict=True):
             outputs.append(output.regulate(xi, vi, Ts))
@@ -361,11 +362,11 @@ class InvarianceController(SampledBlock):
         # Where q[k] should be is the reference of one tick ago; with the one of now, differences about it are central.
         before = now if first else memory["reference_before"]
         speed, bend = (now - before) / (2 * Ts), (now - 2 * last + before) / Ts**2
-        path = self._place(context, self._model.start + last)
+        path = self._tip_pose(context, self._model.start + last)
         wanted = self._objective.wanted(motion, path, speed, bend, outputs, missed)
         level, near = self._objective.level(motion, along, wanted)
         problem = Problem(motion, rows, [level], self._objective.rows(along, outputs))
-        return InvarianceTick(motion, rows, along, x, rate, course, in_sensor, force, problem, near, (now, last))
+        return InvarianceTick(motion, rows, along, x, rate, state, in_sensor, force, problem, near, (now, last))
 
     def _nominal(self, gain: float, force: Regulated, force_error: float) -> Regulated:
         """The force with the acceleration of the integral law; `force_error`: C_T_hat (F - F_bar) [m]."""

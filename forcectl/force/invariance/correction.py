@@ -1,4 +1,4 @@
-"""Invariance control with a nominal force law: what the law asks for, corrected so that F does not pass F_bar (3.18).
+"""Invariance control with a nominal force law: what the law asks for, corrected so that F does not pass F_bar (3.18)::
 
     min |u - u_nom|^2    s.t.  y'' <= a_max(y, y'),    y = -dx_bar - C_T_hat F_bar,    y'' = -u                    [56]
 
@@ -23,7 +23,7 @@ from forcectl.errors import about
 from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.invariance.force_law import InvarianceForceLaw, InvarianceLimits, one_step_acceleration
-from forcectl.framework.batch import Lane
+from forcectl.framework.batch import BatchValue
 from forcectl.framework.enclosed import Enclosed
 from forcectl.framework.fields import key, slot
 from forcectl.framework.sampled_block import Memory
@@ -54,8 +54,8 @@ class InvarianceCorrection(InvarianceForceLaw):
     own_memory = ("nominal",)
 
     def decide(
-        self, memory: Memory, inputs: Memory, y: Lane, rate: Lane, gamma: Lane, upper: Lane
-    ) -> tuple[Lane, Memory]:
+        self, memory: Memory, inputs: Memory, y: BatchValue, rate: BatchValue, gamma: BatchValue, upper: BatchValue
+    ) -> tuple[BatchValue, Memory]:
         """The nominal acceleration, at most the largest that keeps the constraint."""
         m, period = self.math, self._period
         last, nominal = memory["nominal"], inputs["nominal_command"]
@@ -83,7 +83,8 @@ class InvarianceControl(Diagram):
 
     Args:
         nominal: any force law with the ports of its slot. Only changes of its command count; a limit of its own that it
-            runs into while it is corrected would end them. correction: takes its command.
+            runs into while it is corrected would end them.
+        correction: takes its command.
     """
 
     port_units = {"invariance_function": "m", "status": "1"}
@@ -123,7 +124,7 @@ class InvarianceControlConfig(InvarianceLimits):
         return bandwidth() if bandwidth else None
 
     def law(self, model: PlantModel, compliance: ArrayLike | None) -> InvarianceControl:
-        """The nominal law and its correction, which believes in this total compliance [m/N] or has a port for it."""
+        """The nominal law and its correction, whose model has this total compliance [m/N] or a port for it."""
         correction = self.block(InvarianceCorrection, model, compliance)
         unlimited = getattr(self.nominal, "unlimited_law", None)
         if unlimited is not None:
@@ -134,7 +135,7 @@ class InvarianceControlConfig(InvarianceLimits):
         return InvarianceControl(Enclosed(builder, nominal), correction)
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> InvarianceControl | AdaptiveForceLaw:
-        """Add the law; its constraint believes in `compliance_error` times the true total compliance."""
+        """Add the law; the model of its constraint has `compliance_error` times the true total compliance."""
         return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))
 
 

@@ -6,7 +6,7 @@ The control is the acceleration of the displacement command, integrated twice, e
 
     dx_bar[k+1] = dx_bar[k] + Ts v[k] + Ts^2 u/2,    v[k+1] = v[k] + Ts u
 
-The law knows the force through C_T_hat only: with a wrong one it ends at F = (C_T_hat/C_T) F_bar (3.55).
+The law infers the force through C_T_hat only: with a wrong one it ends at F = (C_T_hat/C_T) F_bar (3.55).
 """
 
 from __future__ import annotations
@@ -21,7 +21,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 
 from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
 from forcectl.force.law import ForceLaw
-from forcectl.framework.batch import BatchParameter, Lane, lane_values
+from forcectl.framework.batch import BatchParameter, BatchValue, batch_values
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory
 from forcectl.plant.plant_model import PlantModel
@@ -31,7 +31,9 @@ _MEMORY = ("velocity", "invariance_function", "status", "desired", "slope", "ben
 _NOT_FINITE = float(Status.NOT_FINITE)
 
 
-def one_step_acceleration(y: Lane, rate: Lane, gamma: Lane, upper: Lane, period: float, m: Any = np) -> Lane:
+def one_step_acceleration(
+    y: BatchValue, rate: BatchValue, gamma: BatchValue, upper: BatchValue, period: float, m: Any = np
+) -> BatchValue:
     """The fastest acceleration y'' of a double integrator after which the constraint y <= 0 can still be kept.
 
     For y <= 0 it is the largest a in [gamma, upper] whose next state (y1, y1') = (y + Ts y' + Ts^2 a/2, y' + Ts a) can
@@ -43,8 +45,12 @@ def one_step_acceleration(y: Lane, rate: Lane, gamma: Lane, upper: Lane, period:
     the parabola itself every braking ends exactly at rest: no chatter at the end.
 
     Args:
-        y: constraint output, violated when positive. rate: y'. gamma: lower bound of y'' when braking, < 0.
-        upper: largest y'' when accelerating, > 0. period: tick Ts [s]. m: numpy, or `SCALAR_MATH` for floats.
+        y: constraint output, violated when positive.
+        rate: y'.
+        gamma: lower bound of y'' when braking, < 0.
+        upper: largest y'' when accelerating, > 0.
+        period: tick Ts [s].
+        m: numpy, or `SCALAR_MATH` for floats.
     """
     side = m.where(y > 0.0, -1.0, 1.0)
     speed_step = -gamma * period
@@ -57,22 +63,26 @@ def one_step_acceleration(y: Lane, rate: Lane, gamma: Lane, upper: Lane, period:
 
 
 def fall(
-    desired: Lane,
-    last: Lane,
-    last_slope: Lane,
-    last_bend: Lane,
-    compliance: Lane,
-    opposite: Lane,
+    desired: BatchValue,
+    last: BatchValue,
+    last_slope: BatchValue,
+    last_bend: BatchValue,
+    compliance: BatchValue,
+    opposite: BatchValue,
     period: float,
     m: Any = np,
-) -> tuple[Lane, Lane, Lane, Lane]:
+) -> tuple[BatchValue, BatchValue, BatchValue, BatchValue]:
     """How fast a falling reference moves the set point, and how much faster it gets.
 
     As far as two differences in a row agree on it: at jumps and corners they do not.
 
     Args:
-        desired, last: F_bar now and a tick ago [N]. last_slope, last_bend: differences a tick ago [N/s, N/s^2].
-        compliance: C_T_hat [m/N]. opposite: -gamma [m/s^2]. period: tick [s]. m: numpy, or `SCALAR_MATH` for floats.
+        desired, last: F_bar now and a tick ago [N].
+        last_slope, last_bend: differences a tick ago [N/s, N/s^2].
+        compliance: C_T_hat [m/N].
+        opposite: -gamma [m/s^2].
+        period: tick [s].
+        m: numpy, or `SCALAR_MATH` for floats.
 
     Returns:
         slope and bend, the differences now; speed [m/s] and acceleration [m/s^2] of the set point, both >= 0.
@@ -116,7 +126,7 @@ class InvarianceForceLaw(ForceLaw):
     single jump is a step, not a speed.
 
     A desired force, measured force or compliance that is not finite (or a compliance not above zero) brakes the command
-    within gamma and holds it there. Lost contact does not show in what the law knows: the command stays at its set
+    within gamma and holds it there. Lost contact does not show in the inputs of the law: the command stays at its set
     point, and so does the force when contact is back.
 
     Sampling: every `period` [s]; no delay from desired_force to displacement_command, see `SampledBlock`.
@@ -141,7 +151,7 @@ class InvarianceForceLaw(ForceLaw):
         period: float = 0.002,
     ):
         if upper_acceleration is None:
-            upper_acceleration = -lane_values(f"{type(self).__name__}.gamma", gamma, size, "negative and finite")
+            upper_acceleration = -batch_values(f"{type(self).__name__}.gamma", gamma, size, "negative and finite")
         parameters = {
             "gamma": BatchParameter(gamma, "negative and finite", "m/s^2"),
             "upper_acceleration": BatchParameter(upper_acceleration, "positive and finite", "m/s^2"),
@@ -159,14 +169,14 @@ class InvarianceForceLaw(ForceLaw):
             shows=("invariance_function", "status"),
         )
 
-    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+    def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:
         """The parameters, with -gamma and the largest acceleration of the command."""
         gamma, upper, *rest = values
         return gamma, -gamma, upper, self.math.maximum(upper, -gamma), *rest
 
     def decide(
-        self, memory: Memory, inputs: Memory, y: Lane, rate: Lane, gamma: Lane, upper: Lane
-    ) -> tuple[Lane, Memory]:
+        self, memory: Memory, inputs: Memory, y: BatchValue, rate: BatchValue, gamma: BatchValue, upper: BatchValue
+    ) -> tuple[BatchValue, Memory]:
         """The acceleration y'' of a new tick, and the subclass' own memory after it.
 
         Args:
@@ -179,7 +189,7 @@ class InvarianceForceLaw(ForceLaw):
         """
         return one_step_acceleration(y, rate, gamma, upper, self._period, self.math), {}
 
-    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
         """One tick of the law."""
         maximum, minimum, where, period = self.math.maximum, self.math.minimum, self.math.where, self._period
         gamma, opposite, upper, most, speed_limit, lower_limit, upper_limit, *fixed = self.values(context)
@@ -236,7 +246,7 @@ class InvarianceLimits(Config):
     upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero")
 
     def block(self, kind: type[_Law], model: PlantModel, compliance: ArrayLike | None) -> _Law:
-        """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
+        """The block whose model has this total compliance [m/N], or a port for it (None)."""
         return kind(
             model.size,
             gamma=self.gamma,
@@ -254,11 +264,11 @@ class InvarianceConfig(InvarianceLimits):
     """Scenario part `!Invariance`."""
 
     def law(self, model: PlantModel, compliance: ArrayLike | None) -> InvarianceForceLaw:
-        """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
+        """The block whose model has this total compliance [m/N], or a port for it (None)."""
         return self.block(InvarianceForceLaw, model, compliance)
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> InvarianceForceLaw | AdaptiveForceLaw:
-        """Add the law; it believes in `compliance_error` times the true total compliance."""
+        """Add the law; its model has `compliance_error` times the true total compliance."""
         return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))
 
 

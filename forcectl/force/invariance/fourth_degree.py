@@ -1,4 +1,4 @@
-"""Force control by invariance of the measured force: relative degree 4, with bouncing reduction (Sec. 3.7).
+"""Force control by invariance of the measured force: relative degree 4, with bouncing reduction (Sec. 3.7)::
 
     y = F - F_bar <= 0,    F = -dx/C_T,    dx = h(s) dx_bar,    h(s) = w^2/(s^2 + 2 z w s + w^2)
 
@@ -6,7 +6,7 @@
     y^(4) = -w^2 xbar''/C_T - w^2 y'' - 2 z w y'''                                                     (3.65)*
 
 The control is xbar'', integrated twice. At rest F = F_bar whatever the compliance is believed to be (3.63). y' and y''
-come from one of
+come from one of::
 
     model        x' and x'' of h(s), driven by the command:  y' = -x'/C_T, y'' = -x''/C_T                (3.62)*
     difference   differences of the measured force                                                       (3.87)*
@@ -26,7 +26,7 @@ from forcectl.errors import invalid, unknown
 from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
 from forcectl.force.invariance.functions import FLOAT_MATH, invariance_4
 from forcectl.force.law import ForceLaw
-from forcectl.framework.batch import BatchParameter, Lane, lane_values
+from forcectl.framework.batch import BatchParameter, BatchValue, batch_values
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory
 from forcectl.plant.drives.position_loop import first_order_hold, second_order
@@ -36,13 +36,19 @@ from forcectl.qp.quadratic_program import Status
 DERIVATIVES = ("model", "difference")
 
 
-def fourth_derivative(state: Sequence[Lane], alpha: Lane, gamma: Lane, upper: Lane, m: Any = np) -> tuple[Lane, Lane]:
+def fourth_derivative(
+    state: Sequence[BatchValue], alpha: BatchValue, gamma: BatchValue, upper: BatchValue, m: Any = np
+) -> tuple[BatchValue, BatchValue]:
     """y^(4) of the law, and Phi of the virtual state that decides on it.
 
     `upper` while Phi(xi_hat) < 0, else gamma (3.30), (3.78). When y > 0 falls, the same for -y (3.85).
 
     Args:
-        state: y, y', y'', y'''. alpha: >= 0. gamma: < 0. upper: > 0. m: numpy, or `FLOAT_MATH` for floats.
+        state: y, y', y'', y'''.
+        alpha: >= 0.
+        gamma: < 0.
+        upper: > 0.
+        m: numpy, or `FLOAT_MATH` for floats.
     """
     y, *rates = state
     side = m.where((y > 0) & (rates[0] < 0), -1.0, 1.0)
@@ -51,19 +57,32 @@ def fourth_derivative(state: Sequence[Lane], alpha: Lane, gamma: Lane, upper: La
 
 
 def speed_window(
-    y: Lane, absent: Lane, desired: Lane, c: Lane, w: Lane, z: Lane, least: Lane, limit: Lane, m: Any = np
-) -> tuple[Lane, Lane]:
+    y: BatchValue,
+    absent: BatchValue,
+    desired: BatchValue,
+    c: BatchValue,
+    w: BatchValue,
+    z: BatchValue,
+    least: BatchValue,
+    limit: BatchValue,
+    m: Any = np,
+) -> tuple[BatchValue, BatchValue]:
     """Smallest and largest velocity of the command [m/s] when y' and y'' are differences of the measured force.
 
-    Without a contact to answer it, a = c y4/w^2 + 2 z w v (3.65)* feeds itself from v_u = c |y4|/(2 z w^3) on (3 mm/s
+    Without a contact to answer it, a = c y4/w^2 + 2 z w v (3.65)* feeds itself from v_u = c `|y4|`/(2 z w^3) on (3 mm/s
     at 1e4 N/m and 1e5 N/s^4). In contact 3 v_u is allowed, and what changes 0.6 of the reference or error in 2 z/w, the
     settling of the force filter. Slower are the approach without contact (v_u, a quarter), a retreat, and pressing on
     under too much force (a tenth of v_u, and the error in 2 z/w). With too little force and no contact: no retreat.
 
     Args:
-        y: F - F_bar [N]. absent: there is no contact. desired: F_bar [N]. c: C_T_hat [m/N].
-        w, z: of the lag from command to force. least: the smaller of |gamma| and the largest y^(4) [N/s^4].
-        limit: no faster than this [m/s]. m: numpy, or `FLOAT_MATH` for floats.
+        y: F - F_bar [N].
+        absent: there is no contact.
+        desired: F_bar [N].
+        c: C_T_hat [m/N].
+        w, z: of the lag from command to force.
+        least: the smaller of `|gamma|` and the largest y^(4) [N/s^4].
+        limit: no faster than this [m/s].
+        m: numpy, or `FLOAT_MATH` for floats.
     """
     unstable = 0.5 * c * least / (z * w * w * w)
     per_newton = 0.5 * c * w / z
@@ -83,7 +102,7 @@ class FourthDegreeForceLaw(ForceLaw):
     input_ports: [desired_force, measured_force, compliance (optional)]
     output_ports: [displacement_command, invariance_function, status]
     parameters: [gamma, upper, alpha, bandwidth, damping_ratio, acceleration_limit, speed_limit, rest_region,
-        lower_limit, upper_limit, compliance (optional)]
+    lower_limit, upper_limit, compliance (optional)]
     ```
 
     desired_force, measured_force: shape (n,) [N].
@@ -93,7 +112,7 @@ class FourthDegreeForceLaw(ForceLaw):
     status: shape (n,), 0, or `Status.NOT_FINITE` while the command brakes and holds [1].
     All outputs are feedthrough of all inputs at the tick.
 
-    Parameters (Context, shape (n,)): gamma [N/s^4] < 0; upper [N/s^4] > 0, the largest y^(4), |gamma| when not given;
+    Parameters (Context, shape (n,)): gamma [N/s^4] < 0; upper [N/s^4] > 0, the largest y^(4), `|gamma|` when not given;
     alpha [1] >= 0 of the virtual state; bandwidth w [rad/s] and damping_ratio z [1] of the lag between command and
     measured force; acceleration_limit [m/s^2] > 0 and speed_limit [m/s] > 0 of the command (with differences, never
     above `speed_window`); rest_region [N] >= 0, within which of F_bar the command brakes and rests; lower_limit and
@@ -107,7 +126,7 @@ class FourthDegreeForceLaw(ForceLaw):
     drives lets go at once (0.1 mm of command: 1 N at 1e4 N/m, up to 5 N at 1e5 and 1e6 N/m) is hunted when it exceeds
     rest_region: 5 N at 1e6 N/m goes up to 7.8 N, 12 to 2 N at 1e6 N/m up to 4.8 N, with contact lost at times. C_T_hat
     three times too large, alpha = 0 and gamma = -1e7 hunt too (15 N up to 24 N at 1e4 N/m), a third is smooth and slow.
-    Far below the |gamma| or above the bandwidth that fit the plant, friction holds: gamma = -1e3 and w = 75.4 rad/s
+    Far below the `|gamma|` or above the bandwidth that fit the plant, friction holds: gamma = -1e3 and w = 75.4 rad/s
     behind a filter of 12.6 rad/s never get beyond 1 N at 1e4 N/m. The reference 0 ends up to 0.1 mm off the surface.
 
     Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledBlock`.
@@ -140,7 +159,7 @@ class FourthDegreeForceLaw(ForceLaw):
             raise unknown("derivatives", str(derivatives), DERIVATIVES)
         self._from_model = derivatives == "model"
         if upper is None:
-            upper = -lane_values(f"{type(self).__name__}.gamma", gamma, size, "negative and finite")
+            upper = -batch_values(f"{type(self).__name__}.gamma", gamma, size, "negative and finite")
         parameters = {
             "gamma": BatchParameter(gamma, "negative and finite", "N/s^4"),
             "upper": BatchParameter(upper, "positive and finite", "N/s^4"),
@@ -171,15 +190,15 @@ class FourthDegreeForceLaw(ForceLaw):
         if not np.isfinite(values["alpha"]).all():
             raise invalid("alpha", values["alpha"].tolist(), "finite")
 
-    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+    def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:
         """The parameters, and the sampled h(s) for a command that is linear between ticks, entry by entry."""
         models = []
         for w, z in zip(np.ravel(values[3]), np.ravel(values[4]), strict=True):
             phi, start, change = first_order_hold(*second_order(float(w), float(z)), self._period)
             models.append(np.concatenate([phi.ravel(), start.ravel(), change.ravel()]))
-        return *values, tuple(self.lane(entry) for entry in np.transpose(models))
+        return *values, tuple(self.batch_value(entry) for entry in np.transpose(models))
 
-    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
         """One tick of the law."""
         m, period = self.math, self._period
         gamma, upper, alpha, w, z, limit, speed, rest, lowest, highest, *fixed, model = self.values(context)
@@ -254,7 +273,7 @@ class FourthDegreeInvarianceConfig(Config):
     upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero")
 
     def law(self, model: PlantModel, compliance: ArrayLike | None) -> FourthDegreeForceLaw:
-        """The block that believes in this total compliance [m/N], or takes it from a port (None)."""
+        """The block whose model has this total compliance [m/N], or a port for it (None)."""
         return FourthDegreeForceLaw(
             model.size,
             gamma=self.gamma,
@@ -273,7 +292,7 @@ class FourthDegreeInvarianceConfig(Config):
         )
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> FourthDegreeForceLaw | AdaptiveForceLaw:
-        """Add the law; it believes in `compliance_error` times the true total compliance."""
+        """Add the law; its model has `compliance_error` times the true total compliance."""
         return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))
 
 

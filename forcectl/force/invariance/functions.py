@@ -1,4 +1,4 @@
-"""Invariance functions: how far an output can still rise while its r-th derivative is held at gamma.
+"""Invariance functions: how far an output can still rise while its r-th derivative is held at gamma::
 
     p(t) = gamma t^r/r! + sum_{k<r} y^(k) t^k/k!,    Phi(xi) = max_{t >= 0} p(t),    gamma < 0            (3.6), (3.7)
 
@@ -22,7 +22,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.batch import SCALAR_MATH, Lane
+from forcectl.framework.batch import SCALAR_MATH, BatchValue
 
 Array = NDArray[np.float64]
 
@@ -31,8 +31,8 @@ FLOAT_MATH: Any = SimpleNamespace(**vars(SCALAR_MATH) | {"frexp": math.frexp, "l
 _ITERATIONS = 8  # of Newton's, from a bound at most 2.6 times the root: relative error below 1e-15
 
 
-def taylor(state: Sequence[Lane], gamma: Lane, t: Lane) -> Lane:
-    """p(t) (3.6) of the state y, y', ..., y^(r-1), given as r lanes or arrays."""
+def taylor(state: Sequence[BatchValue], gamma: BatchValue, t: BatchValue) -> BatchValue:
+    """p(t) (3.6) of the state y, y', ..., y^(r-1), given as r batch values or arrays."""
     value = gamma / len(state)
     for k in range(len(state) - 1, 0, -1):
         value = (state[k] + t * value) / k
@@ -43,7 +43,8 @@ def invariance_function(state: ArrayLike, gamma: ArrayLike) -> Array:
     """Phi(xi) (3.7), shape (...) [unit of y]: in closed form up to degree 4, by polynomial roots above.
 
     Args:
-        state: [y, y', ..., y^(r-1)], shape (..., r). gamma: bound of y^(r) [unit of y per s^r], < 0.
+        state: [y, y', ..., y^(r-1)], shape (..., r).
+        gamma: bound of y^(r) [unit of y per s^r], < 0.
 
     Raises:
         BadInputError: gamma is not below zero or does not fit the state, or the state is empty.
@@ -74,20 +75,20 @@ def invariance_gradient(state: ArrayLike, gamma: ArrayLike) -> Array:
     return np.stack([t**k / math.factorial(k) for k in range(degree)], axis=-1)
 
 
-def invariance_4(state: Sequence[Lane], gamma: Lane, m: Any = np) -> Lane:
-    """Phi(xi) of degree 4 for lanes, unchecked: `m` is np for arrays and `FLOAT_MATH` for floats."""
+def invariance_4(state: Sequence[BatchValue], gamma: BatchValue, m: Any = np) -> BatchValue:
+    """Phi(xi) of degree 4 for batch values, unchecked: `m` is np for arrays and `FLOAT_MATH` for floats."""
     value = state[0]
     for t in times_4(state, gamma, m):
         value = m.maximum(value, taylor(state, gamma, t))
     return value
 
 
-def times_2(state: Sequence[Lane], gamma: Lane, m: Any = np) -> tuple[Lane, ...]:
+def times_2(state: Sequence[BatchValue], gamma: BatchValue, m: Any = np) -> tuple[BatchValue, ...]:
     """Candidate times of degree 2: the root of y' + gamma t."""
     return (m.maximum(state[1], 0.0) / -gamma,)
 
 
-def times_3(state: Sequence[Lane], gamma: Lane, m: Any = np) -> tuple[Lane, ...]:
+def times_3(state: Sequence[BatchValue], gamma: BatchValue, m: Any = np) -> tuple[BatchValue, ...]:
     """Candidate times of degree 3: the larger root of y' + y'' t + gamma t^2/2, written without cancellation."""
     _, y1, y2 = state
     root = m.sqrt(m.maximum(y2 * y2 - 2 * gamma * y1, 0.0))
@@ -95,7 +96,7 @@ def times_3(state: Sequence[Lane], gamma: Lane, m: Any = np) -> tuple[Lane, ...]
     return (m.maximum(m.where(y2 > 0, (y2 + root) / -gamma, 2 * y1 / (apart + (apart == 0))), 0.0),)
 
 
-def times_4(state: Sequence[Lane], gamma: Lane, m: Any = np) -> tuple[Lane, ...]:
+def times_4(state: Sequence[BatchValue], gamma: BatchValue, m: Any = np) -> tuple[BatchValue, ...]:
     """Candidate times of degree 4: the roots of t^3 + a t^2 + b t + c = 6 p'/gamma (Algorithm 1).
 
     The real root furthest from the inflection -a/3 is simple, and Newton's method comes to it from its bound without a
@@ -125,7 +126,7 @@ def times_4(state: Sequence[Lane], gamma: Lane, m: Any = np) -> tuple[Lane, ...]
     return tuple(m.maximum(t, 0.0) for t in (first, *others))
 
 
-def _outer_root(p: Lane, q: Lane, m: Any) -> Lane:
+def _outer_root(p: BatchValue, q: BatchValue, m: Any) -> BatchValue:
     """The largest root of x^3 + p x - q, q >= 0."""
     # 2^ceil(e/3) is at least the cube root of 2 q, by exact operations.
     _, exponent = m.frexp(2 * q)
@@ -215,7 +216,8 @@ def virtual_state(state: ArrayLike, alpha: ArrayLike) -> Array:
     """xi_hat = [y, (1+alpha) y', ..., (1+alpha) y^(r-1)] (3.78), shape (..., r).
 
     Args:
-        state: shape (..., r). alpha: >= 0, broadcasts against (...).
+        state: shape (..., r).
+        alpha: >= 0, broadcasts against (...).
 
     Raises:
         BadInputError: alpha is negative, or the state is empty.
@@ -230,6 +232,8 @@ def virtual_state(state: ArrayLike, alpha: ArrayLike) -> Array:
 
 def fujiwara_bound(coefficients: ArrayLike) -> Array:
     """A bound of the magnitudes of all roots of a_0 + a_1 x + ... + a_n x^n, shape (...) (3.74).
+
+    ::
 
         2 max(|a_{n-1}/a_n|, |a_{n-2}/a_n|^(1/2), ..., |a_1/a_n|^(1/(n-1)), |a_0/(2 a_n)|^(1/n))
 
@@ -256,13 +260,16 @@ def fujiwara_bound(coefficients: ArrayLike) -> Array:
 def alpha_for_rate_limit(force_error: ArrayLike, rate_limit: ArrayLike, gamma: ArrayLike) -> Array:
     """The least alpha >= 0 of degree 3 with which the force rate keeps below its limit (3.81)*.
 
+    ::
+
         alpha >= (3 dF/F'_max)^(2/3) (|gamma|/F'_max)^(1/3)/2 - 1
 
     at which Phi(xi_hat) = 0 for the state [-dF, F'_max, 0]. The printed formula has units.
 
     Args:
         force_error: dF [N] that remains when the force rate reaches its limit, >= 0.
-        rate_limit: F'_max [N/s], > 0. gamma: [N/s^3], < 0.
+        rate_limit: F'_max [N/s], > 0.
+        gamma: [N/s^3], < 0.
     """
     error, rate = _numbers("force_error", force_error), _numbers("rate_limit", rate_limit)
     bound = _numbers("gamma", gamma)
@@ -284,7 +291,8 @@ def alpha_for_compliance(lower: ArrayLike, upper: ArrayLike, *, margin: float = 
     at ratios from 1.5 to 3.
 
     Args:
-        lower, upper: C_min and C_max [m/N], 0 < C_min <= C_max. margin: > 1.
+        lower, upper: C_min and C_max [m/N], 0 < C_min <= C_max.
+        margin: > 1.
     """
     least, most = _numbers("lower", lower), _numbers("upper", upper)
     if not np.all((least > 0) & np.isfinite(least)):

@@ -1,8 +1,8 @@
-"""What the quadratic program of the invariance controller minimises, (3.51), and the rows of its regulated outputs.
+"""What the quadratic program of the invariance controller minimises, (3.51), and the rows of its regulated outputs::
 
     min |y'' - ybar''|^2 + |J_uc u + J_uc' q' - (xbar_uc'' + K_D e' + K_P e)|^2    s.t.   y'' <= ybar''
 
-With a nominal law, instead, min |u - u_nom|^2 is corrected by the same rows (3.18).
+With a nominal law, instead, min `|u - u_nom|^2` is corrected by the same rows (3.18).
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from forcectl.force.invariance.regulated_output import Regulated
 from forcectl.force.invariance.tracking import Tracking
 from forcectl.framework.kernels import is_definite
 from forcectl.qp.prioritized_program import Level
-from forcectl.robot.robot_motion import Place, RobotMotion
+from forcectl.robot.robot_motion import RobotMotion, TipPose
 
 Vector = NDArray[np.float64]
 
@@ -30,8 +30,9 @@ _REDUNDANT = 1e-4  # weight of rest for joints that the task leaves free
 class Along(NamedTuple):
     """x'' = rows u + bias + missed along the axes of the k regulated outputs at one tick.
 
-    missed: what that fell short of in the tick before, because the posture changed within it. Left out, it adds up
-    while a step of the force is braked: 3 um at 1 m/s along the surface.
+    Attributes:
+        missed: what that fell short of in the tick before, because the posture changed within it. Left out, it adds up
+            while a step of the force is braked: 3 um at 1 m/s along the surface.
     """
 
     rows: Vector
@@ -63,7 +64,7 @@ class Objective:
     def wanted(
         self,
         motion: RobotMotion,
-        path: Place,
+        path: TipPose,
         rate: Vector,
         bend: Vector,
         outputs: Sequence[Regulated],

@@ -1,9 +1,10 @@
 """Force control on moving, stiff contact: a law that plans from the compliance, corrected by what is foreseen.
 
-A law such as [57] commands u = -C_T_hat F_bar(t), open loop: fast and without overshoot, but blind. Here it is told
-where the surface is, and the drive is told what it owes, each seen through the filters the loop is known to have:
+A law such as [57] commands u = -C_T_hat F_bar(t), open loop: fast and without overshoot, but without feedback. Here the
+height of the surface is added, and the lag that friction leaves in the drive, each through the filters of the loop's
+model::
 
-    x    = dx_m - h dx_uc              displacement of the motor side, less that of the motion along the path
+    x    = dx_m - h dx_uc              displacement of the motor side minus that of the motion along the path
     s_f  = C_T_hat F_m + S x           height of the surface above that path, through the force sensor
     s    = s_a + T s_b                 s_a, s_b: observer of s_f and of its rate;  T = T_S + T_h
     e'   = w_e (x - h (u + s))         what friction has kept the drive from
@@ -30,7 +31,7 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, LinearSystem, Multiplexer
 
 from forcectl.force.invariance.force_law import InvarianceConfig
-from forcectl.framework.batch import BatchParameter, Lane, check_order, whole_multiple
+from forcectl.framework.batch import BatchParameter, BatchValue, check_order, whole_multiple
 from forcectl.framework.fields import key
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.framework.wiring import export_all_outputs
@@ -45,10 +46,10 @@ class PredictiveCorrection(SampledBatch):
     ```
     name: PredictiveCorrection
     input_ports: [measured_force, motor_displacement, path_displacement, planned_displacement, nominal_command,
-        felt_displacements]
+    felt_displacements]
     output_ports: [displacement_command, planned_command, surface_offset, drive_offset]
     parameters: [compliance, surface_bandwidth, drive_bandwidth, search_speed, lead, minimum_force, offset_limit,
-        lower_limit, upper_limit, drive_compliance]
+    lower_limit, upper_limit, drive_compliance]
     ```
 
     measured_force: shape (n,), F_m [N]. motor_displacement, path_displacement: shape (n,), dx_m and h dx_uc [m].
@@ -114,14 +115,14 @@ class PredictiveCorrection(SampledBatch):
         """The limits are in order."""
         check_order("lower_limit", "upper_limit", values)
 
-    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+    def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:
         """The gains of the observer and of the drive's integral instead of the bandwidths, and the search per tick."""
         compliance, surface, drive, search, *rest = values
         pole = np.exp(-surface * self._period)
         gains = 1.0 - pole * pole, (1.0 - pole) ** 2 / self._period, drive * self._period, search * self._period
-        return compliance, *(self.lane(np.atleast_1d(gain)) for gain in gains), *rest
+        return compliance, *(self.batch_value(np.atleast_1d(gain)) for gain in gains), *rest
 
-    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
         """One tick of the correction."""
         maximum, minimum, where = self.math.maximum, self.math.minimum, self.math.where
         values = self.values(context)
@@ -165,7 +166,7 @@ class PredictiveForceLaw(Diagram):
     name: PredictiveForceLaw
     input_ports: [desired_force, measured_force, motor_displacement, path_displacement]
     output_ports: [displacement_command, surface_offset, drive_offset, invariance_function (optional),
-        status (optional)]
+    status (optional)]
     ```
 
     desired_force, measured_force: shape (n,) [N]. motor_displacement: shape (n,), actual motor-side dx along n [m].
@@ -178,7 +179,8 @@ class PredictiveForceLaw(Diagram):
     Sampling: every `period` [s]; no delay beyond that of the law.
 
     Args:
-        law: with the ports of the force law's slot. correction: of the same size n.
+        law: with the ports of the force law's slot.
+        correction: of the same size n.
         filters: h on dx_uc, h on u + s, and S on dx_m and h dx_uc, the last of size 2n.
     """
 

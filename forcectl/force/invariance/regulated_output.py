@@ -40,8 +40,10 @@ class ReferenceState(NamedTuple):
 class RegulatedCoordinate:
     """A Cartesian coordinate of the TCP that goes to a set point, beside the force (3.37).
 
-    axis: unit vector in W, perpendicular to n and to those of others, (3,). displacement: set point along it from the
-    start [m]. gamma: deceleration towards it [m/s^2], < 0.
+    Attributes:
+        axis: unit vector in W, perpendicular to n and to those of others, (3,).
+        displacement: set point along it from the start [m].
+        gamma: deceleration towards it [m/s^2], < 0.
     """
 
     axis: Vector
@@ -68,9 +70,13 @@ def regulate_force(
     """The force, as `InvarianceForceLaw` regulates it: a falling reference is followed with its speed.
 
     Args:
-        x, v: displacement dx_bar along n and its rate [m, m/s]. desired: F_bar [N]. compliance: C_T_hat [m/N].
-        past: of the tick before. gamma: deceleration towards the constraint [m/s^2], < 0. upper: largest acceleration
-            away from rest [m/s^2], > 0. period: tick [s].
+        x, v: displacement dx_bar along n and its rate [m, m/s].
+        desired: F_bar [N].
+        compliance: C_T_hat [m/N].
+        past: of the tick before.
+        gamma: deceleration towards the constraint [m/s^2], < 0.
+        upper: largest acceleration away from rest [m/s^2], > 0.
+        period: tick [s].
     """
     slope, bend, falls, retreat = fall(desired, *past, compliance, -gamma, period, SCALAR_MATH)
     y = -compliance * desired - x

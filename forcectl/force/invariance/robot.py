@@ -35,7 +35,7 @@ class AdaptiveInvarianceController(Diagram):
     name: AdaptiveInvarianceController
     input_ports: [desired_force, measured_force, motor_position, motor_velocity, unconstrained_reference]
     output_ports: [joint_position_command, displacement_command, invariance_function, status, active_constraints, slack,
-      constraint_violation, near_singular, contact_lost, environment_compliance]
+    constraint_violation, near_singular, contact_lost, environment_compliance]
     ```
 
     motor_position: shape (n_q,) [rad]: where the tool really is; filtered like the force before it is regressed.
@@ -120,7 +120,7 @@ class InvarianceRobotConfig(Config):
     solver: str = key(DEFAULT_SOLVER, "of the quadratic program", choices=available_solvers)
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
-        """Add the controller; without adaptation it believes in `compliance_error` times the true total compliance."""
+        """Add the controller; without adaptation its model has `compliance_error` times the true total compliance."""
         if model.robot is None:
             raise BadInputError("controller !InvarianceRobot commands joints: there must be a robot in the loop")
         known = self.compliance_error * model.total_compliance.item()

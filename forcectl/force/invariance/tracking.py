@@ -1,4 +1,4 @@
-"""Closed-loop inverse kinematics: the acceleration that leads the tool along a path, however far away it is (3.51).
+"""Closed-loop inverse kinematics: the acceleration that leads the tool along a path, however far away it is (3.51)::
 
     x'' = xbar'' + K_D (xbar' + v(e) - x'),    v(e) = e min(w/2, sqrt(a/|e|)),    K_D = 2 w
 
@@ -14,7 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.framework.batch import check
-from forcectl.robot.robot_motion import Place, RobotMotion, turn
+from forcectl.robot.robot_motion import RobotMotion, TipPose, orientation_error
 
 Vector = NDArray[np.float64]
 
@@ -23,8 +23,9 @@ class Tracking:
     """The law above for position and orientation, each with its own limit.
 
     Args:
-        bandwidth: w [1/s], > 0. acceleration: a of the position [m/s^2], > 0. length: that divides a for the
-            orientation [m], > 0.
+        bandwidth: w [1/s], > 0.
+        acceleration: a of the position [m/s^2], > 0.
+        length: that divides a for the orientation [m], > 0.
     """
 
     def __init__(self, bandwidth: float, acceleration: float, length: float):
@@ -32,18 +33,20 @@ class Tracking:
         self._linear = check("tracking_acceleration", acceleration, "positive")
         self._angular = acceleration / check("characteristic_length", length, "positive")
 
-    def acceleration(self, motion: RobotMotion, path: Place, rate: Vector, bend: Vector, across: Vector) -> Vector:
+    def acceleration(self, motion: RobotMotion, path: TipPose, rate: Vector, bend: Vector, across: Vector) -> Vector:
         """Spatial acceleration x'' (6,) [rad/s^2; m/s^2].
 
         Args:
-            motion: of the tool. path: where it should be. rate, bend: joint speeds and accelerations of the path (n,),
-                turned into the tool's by the Jacobian where it is, 20 us less than by the path's own. On the path they
-                are the same; pressed in by 3 mm at 20 mm/s the tool is led beside it by 1 um.
+            motion: of the tool.
+            path: where it should be.
+            rate, bend: joint speeds and accelerations of the path (n,), turned into the tool's by the Jacobian where it
+                is, 20 us less than by the path's own. On the path they are the same; pressed in by 3 mm at 20 mm/s the
+                tool is led beside it by 1 um.
             across: projection on the directions that are tracked (3, 3).
         """
         w = self.bandwidth
         wanted = motion.jacobian @ (2 * w * (rate - motion.v) + bend) + motion.bias
-        wanted[:3] += _pull(turn(motion.rotation, path.rotation), w, self._angular)
+        wanted[:3] += _pull(orientation_error(motion.rotation, path.rotation), w, self._angular)
         wanted[3:] = across @ wanted[3:] + _pull(across @ (path.position - motion.position), w, self._linear)
         _shorten(wanted[:3], self._angular)
         _shorten(wanted[3:], self._linear)

@@ -1,8 +1,8 @@
 """Force control that re-tunes itself while it regulates: EWRLS-VRFT, for surfaces of several materials (Sec. 4.5).
 
 The law that is linear in its gains, with those of recursive VRFT with forgetting, from the data of the loop itself. It
-learns only while the force moves, because at rest nothing tells K_P; never from a force so low that contact may be
-lost; and within a range about the gains it starts with. New gains make the command bend, not jump.
+learns only while the force moves, because data at rest do not determine K_P; never from a force so low that contact may
+be lost; and within a range about the gains it starts with. New gains make the command bend, not jump.
 """
 
 from __future__ import annotations
@@ -50,7 +50,8 @@ class AdaptiveVrft(Diagram):
     Sampling: every `period` [s]; no delay from measured_force to displacement_command; gains are one tick old.
 
     Args:
-        law: with gains from ports. tuner: with `always`.
+        law: with gains from ports.
+        tuner: with `always`.
     """
 
     def __init__(self, law: LinearForceLaw, tuner: RecursiveVrft):

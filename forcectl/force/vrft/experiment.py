@@ -17,7 +17,7 @@ from forcectl.errors import about
 from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 from forcectl.force.linear_law import REGULATE, LinearForceLaw
 from forcectl.force.vrft.adaptive import add_tuned_law
-from forcectl.framework.batch import BatchParameter, Lane, check
+from forcectl.framework.batch import BatchParameter, BatchValue, check
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.framework.wiring import checked_system
@@ -72,7 +72,7 @@ class ExperimentSequencer(SampledBatch):
         self.declare_memory(dict.fromkeys(_MEMORY, 0.0), inputs, period)
         self.show_held("mode")
 
-    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
         """One tick of the decision."""
         m, time = self.math, context.get_time()
         hand_over_time, window, tolerance = self.values(context)
@@ -107,7 +107,8 @@ class VrftExperiment(Diagram):
     Sampling: every `period` [s]; no delay from measured_force to displacement_command.
 
     Args:
-        compliance: C_E [m/N], shape (n,), that the excitation is scaled by. law: with `open_loop` and gains from ports.
+        compliance: C_E [m/N], shape (n,), that the excitation is scaled by.
+        law: with `open_loop` and gains from ports.
     """
 
     def __init__(
@@ -166,7 +167,7 @@ class RecursiveVrftConfig(Config):
         return self.reference_bandwidth
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> VrftExperiment:
-        """Add the law; it knows `robot_compliance_error` times the true compliance of the robot."""
+        """Add the law; its model has `robot_compliance_error` times the true compliance of the robot."""
         law = LinearForceLaw(
             model.size,
             robot_compliance=self.robot_compliance_error * model.robot_compliance,

@@ -2,9 +2,9 @@
 
     K_I = -w_c C_E,    K_P = -w_c T (C_R_hat + C_E),    K_D/K_P as it is                       (equations 3.2; 4.1, 4.2)
 
-is what VRFT finds on any material: T is the lag of the loop, the same on all of them. So what has to be learnt on the
-way is C_E alone. w_c and the gains that VRFT has found on one material tell its C_E and T; where the drives stick at
-every reversal, a larger K_P (half again as much) tracks better than that of an experiment that hardly reverses.
+is what VRFT finds on any material: T is the lag of the loop, the same on all of them. So only C_E has to be estimated
+on the way. w_c and the gains that VRFT has found on one material tell its C_E and T; where the drives stick at every
+reversal, a larger K_P (half again as much) tracks better than that of an experiment that hardly reverses.
 New gains make the command bend, not jump.
 """
 
@@ -33,7 +33,7 @@ class ScaledVrft(Diagram):
     name: ScaledVrft
     input_ports: [desired_force, measured_force, motor_displacement]
     output_ports: [displacement_command, controller_output, environment_compliance, learning, proportional_gain,
-        integral_gain, derivative_gain]
+    integral_gain, derivative_gain]
     ```
 
     desired_force, measured_force: shape (n,) [N].
@@ -46,15 +46,18 @@ class ScaledVrft(Diagram):
     Sampling: every `period` [s]; no delay from measured_force to displacement_command, gains are one tick old.
 
     Args:
-        law: with gains from ports. estimator: of the compliance. filter_: of the displacement, that of the force.
-        slopes: of K_P, K_I and K_D over C_E, offsets: their values at C_E = 0; each of shape (3, n).
+        law: with gains from ports.
+        estimator: of the compliance.
+        displacement_filter: of the displacement, that of the force.
+        slopes: of K_P, K_I and K_D over C_E.
+        offsets: their values at C_E = 0; each of shape (3, n).
     """
 
     def __init__(
         self,
         law: LinearForceLaw,
         estimator: ExcitedCompliance,
-        filter_: LinearSystem,
+        displacement_filter: LinearSystem,
         slopes: NDArray[np.float64],
         offsets: NDArray[np.float64],
     ):
@@ -65,7 +68,7 @@ class ScaledVrft(Diagram):
         add, connect = builder.AddNamedSystem, builder.Connect
         add("law", law)
         add("estimator", estimator)
-        add("displacement_filter", filter_)
+        add("displacement_filter", displacement_filter)
         gain, empty = np.vstack([np.diag(row) for row in slopes]), np.zeros((0, 0))
         scale = AffineSystem(
             empty, np.zeros((0, size)), np.zeros(0), np.zeros((3 * size, 0)), gain, offsets.ravel(), 0.0
@@ -75,8 +78,8 @@ class ScaledVrft(Diagram):
         for name in ("desired_force", "measured_force"):
             outer = builder.ExportInput(law.GetInputPort(name), name)
             builder.ConnectInput(outer, estimator.GetInputPort(name))
-        builder.ExportInput(filter_.get_input_port(), "motor_displacement")
-        connect(filter_.get_output_port(), estimator.GetInputPort("displacement"))
+        builder.ExportInput(displacement_filter.get_input_port(), "motor_displacement")
+        connect(displacement_filter.get_output_port(), estimator.GetInputPort("displacement"))
         connect(estimator.GetOutputPort("environment_compliance"), scale.get_input_port())
         connect(scale.get_output_port(), gains.get_input_port())
         for block, names in (
@@ -146,7 +149,7 @@ class ScaledVrftConfig(VrftConfig):
             rate=self.gain_rate,
             period=model.period,
         )
-        filter_ = sensor_filter(
+        displacement_filter = sensor_filter(
             model.size,
             model.sensor_bandwidth,
             model.sensor_damping_ratio,
@@ -155,4 +158,4 @@ class ScaledVrftConfig(VrftConfig):
         )
         slopes = np.array([lag, np.full(model.size, -w), damping])
         offsets = np.array([lag * robot, np.zeros(model.size), damping * robot])
-        return builder.AddNamedSystem("force_law", ScaledVrft(law, estimator, filter_, slopes, offsets))
+        return builder.AddNamedSystem("force_law", ScaledVrft(law, estimator, displacement_filter, slopes, offsets))

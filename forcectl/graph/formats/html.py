@@ -32,7 +32,7 @@ def to_html(graph: BlockGraph) -> str:
     states = [_state(graph, layouter.picture(opened), opened, paths, fragments) for opened in fold_states(graph)]
     data = {
         "title": graph.root.name,
-        "blocks": [_facts(block, parents.get(block.path, -1)) for block in graph.root.walk()],
+        "blocks": [_details(block, parents.get(block.path, -1)) for block in graph.root.walk()],
         "states": states,
         "signals": _signals(graph),
         "fragments": list(fragments),
@@ -57,7 +57,7 @@ def to_html(graph: BlockGraph) -> str:
 
 
 def fold_states(graph: BlockGraph) -> list[frozenset[str]]:
-    """The sets of open diagrams that the page knows, the first one being all folded."""
+    """The sets of open diagrams that the page can show, the first one being all folded."""
     count = sum(1 for _ in graph.root.walk())
     limit = min(_MOST_STATES, max(16, _WORK // count))
     if _number_of_states(graph.root) <= limit:
@@ -118,7 +118,7 @@ def _state(
     return {"open": _key(opened, paths), "size": size, "boxes": boxes, "nets": nets}
 
 
-def _facts(block: Block, parent: int) -> dict[str, Any]:
+def _details(block: Block, parent: int) -> dict[str, Any]:
     """What the tooltip and the search know about a block."""
     continuous, discrete, abstract = block.states
     return {

@@ -58,10 +58,10 @@ def to_png(graph: BlockGraph) -> bytes:
     picture = Layouter(graph).picture()
     zoom = min(_ZOOM, _LONGEST_SIDE / max(_size(picture)), math.sqrt(_MOST_PIXELS / math.prod(_size(picture))))
     content = io.BytesIO()
-    facts = {"Title": _title(graph), "Software": None}
+    details = {"Title": _title(graph), "Software": None}
     with mpl.rc_context(_SETTINGS):
         figure = figure_of(graph, picture, _PER_INCH)
-        figure.savefig(content, format="png", dpi=_PER_INCH * zoom, metadata=facts)
+        figure.savefig(content, format="png", dpi=_PER_INCH * zoom, metadata=details)
     return content.getvalue()
 
 
@@ -70,9 +70,9 @@ def to_pdf(graph: BlockGraph) -> bytes:
     picture = Layouter(graph).picture()
     per_inch = max(_PER_INCH, max(_size(picture)) / _LARGEST_PAGE)
     content = io.BytesIO()
-    facts = {"Title": _title(graph), "Creator": None, "Producer": None, "CreationDate": None}
+    details = {"Title": _title(graph), "Creator": None, "Producer": None, "CreationDate": None}
     with mpl.rc_context(_SETTINGS):
-        figure_of(graph, picture, per_inch).savefig(content, format="pdf", dpi=72.0, metadata=facts)
+        figure_of(graph, picture, per_inch).savefig(content, format="pdf", dpi=72.0, metadata=details)
     return content.getvalue()
 
 

@@ -22,24 +22,32 @@ from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuil
 from pydrake.systems.primitives import Gain
 
 from forcectl.errors import invalid
-from forcectl.framework.batch import BatchParameter, Lane, LaneBlock, check, lane_values
+from forcectl.framework.batch import BatchBlock, BatchParameter, BatchValue, batch_values, check
 from forcectl.framework.fields import Config, key
 from forcectl.plant.contact.surface import SurfaceConfig
 
 
-def elastic_force(dx: Lane, stiffness: Lane, m: Any = np) -> Lane:
+def elastic_force(dx: BatchValue, stiffness: BatchValue, m: Any = np) -> BatchValue:
     """F = max(0, -K_T dx) [N] for a displacement dx [m] and the stiffness 1/C_T [N/m] of the whole series. (2.8)"""
     return m.maximum(-stiffness * dx, 0.0) + 0.0  # no negative zero
 
 
 def damped_contact(
-    dx: Lane, z: Lane, stiffness: Lane, rate_stiffness: Lane, robot_compliance: Lane, m: Any = np
-) -> tuple[Lane, Lane]:
+    dx: BatchValue,
+    z: BatchValue,
+    stiffness: BatchValue,
+    rate_stiffness: BatchValue,
+    robot_compliance: BatchValue,
+    m: Any = np,
+) -> tuple[BatchValue, BatchValue]:
     """One step of the damped contact.
 
     Args:
-        dx: motor-side displacement at the end of the step [m]. z: deformation of the environment before it [m].
-        stiffness: K_E [N/m]. rate_stiffness: D_E/h [N/m]. robot_compliance: C_R [m/N].
+        dx: motor-side displacement at the end of the step [m].
+        z: deformation of the environment before it [m].
+        stiffness: K_E [N/m].
+        rate_stiffness: D_E/h [N/m].
+        robot_compliance: C_R [m/N].
 
     Returns:
         force F [N] and deformation z [m] at the end of the step.
@@ -51,7 +59,7 @@ def damped_contact(
     return m.where(lost, 0.0, force), m.where(lost, free, touching)
 
 
-class CompliantContact(LaneBlock):
+class CompliantContact(BatchBlock):
     """Contact force of a compliant surface on a robot of known compliance.
 
     ```
@@ -64,7 +72,7 @@ class CompliantContact(LaneBlock):
     displacement: shape (n,), dx along n from the undeformed surface, motor side [m]; pressing is negative.
     robot_compliance: shape (n,), C_R(q) [m/N]; the port exists when `compliance_port`, else the parameter is used.
     surface_stiffness, surface_damping: shape (n,), K_E > 0 and D_E >= 0 of the place [N/m, N s/m]; the ports exist
-        when `stiffness` or `damping` is None.
+    when `stiffness` or `damping` is None.
     contact_force: shape (n,), >= 0 [N]. Feedthrough of all inputs.
 
     Parameters (Context, shape (n,)): stiffness K_E [N/m] > 0, damping D_E [N s/m] >= 0, robot_compliance C_R [m/N] >=
@@ -85,7 +93,7 @@ class CompliantContact(LaneBlock):
         period: float = 0.002,
     ):
         self._period = check("period", period, "positive")
-        self._damped = damping is None or bool(np.any(lane_values("damping", damping, size, "not negative") > 0))
+        self._damped = damping is None or bool(np.any(batch_values("damping", damping, size, "not negative") > 0))
         parameters = {}
         if stiffness is not None:
             parameters["stiffness"] = BatchParameter(stiffness, "positive and finite", "N/m")
@@ -110,13 +118,13 @@ class CompliantContact(LaneBlock):
         self._compliance = self.DeclareVectorInputPort("robot_compliance", self._size) if compliance_port else None
         return {port.ticket() for port in (self._displacement, self._compliance) if port is not None}
 
-    def _situation(self, context: Context) -> tuple[Lane, Lane]:
+    def _situation(self, context: Context) -> tuple[BatchValue, BatchValue]:
         """dx [m], and C_R [m/N] unless it is a parameter."""
-        compliance = None if self._compliance is None else self.lane(self._compliance.Eval(context))
-        return self.lane(self._displacement.Eval(context)), compliance
+        compliance = None if self._compliance is None else self.batch_value(self._compliance.Eval(context))
+        return self.batch_value(self._displacement.Eval(context)), compliance
 
-    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
-        """(K_E, D_E/h, C_R, 1/C_T); None where it is not told by parameters."""
+    def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:
+        """(K_E, D_E/h, C_R, 1/C_T); None where it is no parameter."""
         named = dict(zip(self.parameter_names, values, strict=True))
         rate = named["damping"] / self._period if "damping" in named else 0.0
         stiffness, compliance, total = named.get("stiffness"), named.get("robot_compliance"), None
@@ -124,7 +132,7 @@ class CompliantContact(LaneBlock):
             total = stiffness / (1 + compliance * stiffness)
         return stiffness, rate, compliance, total
 
-    def _solve(self, context: Context) -> tuple[Lane, Lane]:
+    def _solve(self, context: Context) -> tuple[BatchValue, BatchValue]:
         stiffness, rate, compliance, total = self._values.Eval(context)
         dx, seen = self._situation(context)
         if seen is not None:
@@ -132,13 +140,13 @@ class CompliantContact(LaneBlock):
         if total is None:
             at_place, damping = self._surface
             if at_place is not None:
-                stiffness = self.lane(at_place.Eval(context))
+                stiffness = self.batch_value(at_place.Eval(context))
             if damping is not None:
-                rate = self.lane(damping.Eval(context)) / self._period
+                rate = self.batch_value(damping.Eval(context)) / self._period
             total = stiffness / (1 + compliance * stiffness)
         if not self._damped:
             return elastic_force(dx, total, self.math), None
-        z = self.lane(context.get_discrete_state(self._z).value())
+        z = self.batch_value(context.get_discrete_state(self._z).value())
         return damped_contact(dx, z, stiffness, rate, compliance, self.math)
 
     def _force(self, context: Context, output: BasicVector) -> None:
@@ -164,8 +172,8 @@ class LinearContact(Diagram):
 
     def __init__(self, size: int, *, stiffness: ArrayLike, robot_compliance: ArrayLike = 0.0):
         super().__init__()
-        k = lane_values("stiffness", stiffness, size, "positive and finite")
-        c = lane_values("robot_compliance", robot_compliance, size, "not negative")
+        k = batch_values("stiffness", stiffness, size, "positive and finite")
+        c = batch_values("robot_compliance", robot_compliance, size, "not negative")
         builder = DiagramBuilder()
         spring = builder.AddNamedSystem("spring", Gain(-k / (1 + c * k)))
         builder.ExportInput(spring.get_input_port(), "displacement")
@@ -215,7 +223,7 @@ class EnvironmentConfig(Config):
         *,
         robot_compliance: ArrayLike = 0.0,
     ) -> CompliantContact | LinearContact:
-        """Add the contact for n lanes."""
+        """Add the contact for a batch of n."""
         if not self.one_sided:
             linear = LinearContact(size, stiffness=self.stiffness, robot_compliance=robot_compliance)
             return builder.AddNamedSystem("contact", linear)

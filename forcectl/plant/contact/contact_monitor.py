@@ -12,7 +12,7 @@ import numpy as np
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import Demultiplexer
 
-from forcectl.framework.batch import Lane, LaneBlock, check
+from forcectl.framework.batch import BatchBlock, BatchValue, check
 
 
 class ContactMode(IntEnum):
@@ -26,14 +26,14 @@ class ContactMode(IntEnum):
 _CONTACT, _LOST = float(ContactMode.CONTACT), float(ContactMode.LOST)
 
 
-def next_mode(mode: Lane, force: Lane, threshold: Lane, m: Any = np) -> Lane:
+def next_mode(mode: BatchValue, force: BatchValue, threshold: BatchValue, m: Any = np) -> BatchValue:
     """The mode after a sample of the true contact force [N]."""
     lost = m.where((mode == _CONTACT) & (force <= 0), _LOST, mode)
     return m.where(force > threshold, _CONTACT, lost)
 
 
-class ContactMonitorCore(LaneBlock):
-    """Keeps the contact mode of n lanes and counts the losses.
+class ContactMonitorCore(BatchBlock):
+    """Keeps the contact mode of a batch of n and counts the losses.
 
     ```
     name: ContactMonitorCore
@@ -61,8 +61,8 @@ class ContactMonitorCore(LaneBlock):
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
 
     def _update(self, context: Context, next_state: DiscreteValues) -> None:
-        mode, losses = self.lanes(context.get_discrete_state_vector().value())
-        after = next_mode(mode, self.lane(self._force.Eval(context)), self._threshold, self.math)
+        mode, losses = self.unstack(context.get_discrete_state_vector().value())
+        after = next_mode(mode, self.batch_value(self._force.Eval(context)), self._threshold, self.math)
         changed = after != mode
         if np.any(changed) if self._size > 1 else changed:
             next_state.set_value(self.stack(after, losses + (after == _LOST) * changed))

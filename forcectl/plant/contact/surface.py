@@ -1,4 +1,4 @@
-"""Uneven surfaces for moving contact: a slope, grooves, roughness, waves, a profile from a file, or one's own.
+"""Uneven surfaces for moving contact: a slope, grooves, roughness, waves, a profile from a file, or one's own::
 
     h(s) = max_u [z(s + u) + sqrt(R^2 - u^2) - R],  |u| <= R        what a ball of radius R rests on
     F = -(dx - h(s))/C_T                                            (2.8) with the surface at h instead of at 0
@@ -36,8 +36,9 @@ def groove_profile(s: Array, centre: float, depth: float, width: float, flank: f
     """One groove: a flat bottom between flanks of half a cosine, shape of s [m].
 
     Args:
-        s: path coordinate [m]. centre, depth, width: [m], width from edge to edge. flank: width of one flank [m], from
-            0 (a step) to width/2 (no flat bottom).
+        s: path coordinate [m].
+        centre, depth, width: [m], width from edge to edge.
+        flank: width of one flank [m], from 0 (a step) to width/2 (no flat bottom).
     """
     outside = np.abs(s - centre) - (width / 2 - flank)
     if flank == 0:
@@ -52,7 +53,9 @@ def rough_profile(count: int, step: float, rms: float, correlation_length: float
     Band-limited: nothing is shorter than a period of l. The same arguments give the same bits.
 
     Args:
-        step: distance of the points [m]. rms: [m], of exactly these points. correlation_length: l [m].
+        step: distance of the points [m].
+        rms: [m], of exactly these points.
+        correlation_length: l [m].
     """
     white = np.random.Generator(np.random.PCG64(seed)).standard_normal(count)
     frequency = np.fft.rfftfreq(count, step)
@@ -67,7 +70,8 @@ def ball_envelope(profile: Array, step: float, radius: float) -> Array:
     """Height of the lowest point of a ball that rests on the profile, shape (k,) [m].
 
     Args:
-        profile: heights at equal distances, shape (k,) [m]; goes on level at both ends. step: that distance [m].
+        profile: heights at equal distances, shape (k,) [m]; goes on level at both ends.
+        step: that distance [m].
         radius: [m], >= 0.
     """
     # The ball touches no further from its axis than where it is as high as the whole profile.
@@ -89,7 +93,11 @@ class SurfaceProfile:
 
     h(s) = slope s + a table joined by straight lines, which keeps its last value beyond its ends; h(0) = 0.
 
-    start: of the table [m]. step: distance of its points [m]. heights: shape (k,) [m], k >= 2. slope: [-].
+    Attributes:
+        start: of the table [m].
+        step: distance of its points [m].
+        heights: shape (k,) [m], k >= 2.
+        slope: [-].
     """
 
     start: float

@@ -60,8 +60,10 @@ class SegmentConfig(Config):
 class MaterialPath:
     """Values over the path coordinate, constant but for the joints, where they blend.
 
-    joints: where the segments meet [m], shape (k,), increasing. blend: width of each transition [m], >= 0.
-    stiffness [N/m], damping [N s/m], height [m]: of the segments, shape (k + 1,).
+    Attributes:
+        joints: where the segments meet [m], shape (k,), increasing.
+        blend: width of each transition [m], >= 0. stiffness [N/m], damping [N s/m], height [m]: of the segments, shape
+            (k + 1,).
     """
 
     joints: list[float]

@@ -1,4 +1,4 @@
-"""A spring and damper that change with the place, for a body with Drake's implicit position control.
+"""A spring and damper that change with the place, for a body with Drake's implicit position control::
 
     wanted    F = K(s) (h - q) - D(s) q'
     Drake     F = p (q_d - q+) + d (q_d' - q'+)      with constant p >= K and d >= D, + at the end of the step
@@ -35,9 +35,11 @@ class SurfaceSpring(LeafSystem):
     Sampling: none; evaluated when read.
 
     Args:
-        position_gain: p [N/m], > 0. velocity_gain: d [N s/m], >= 0; the damping port exists when it is above 0.
+        position_gain: p [N/m], > 0.
+        velocity_gain: d [N s/m], >= 0; the damping port exists when it is above 0.
         further_compliance: in series with the surface, carried by the spring as well [m/N]; may be negative.
-        uneven: whether there is a height. period: dt of the plant [s].
+        uneven: whether there is a height.
+        period: dt of the plant [s].
     """
 
     port_units = {

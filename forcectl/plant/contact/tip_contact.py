@@ -13,7 +13,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, DiscreteValues
 
-from forcectl.framework.batch import Lane, check, lane_values
+from forcectl.framework.batch import BatchValue, batch_values, check
 from forcectl.plant.compliance import robot_compliance
 from forcectl.plant.contact.compliant_contact import CompliantContact
 from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
@@ -41,7 +41,9 @@ class TipContact(CompliantContact):
     every `period` [s] the deformation of a damped environment.
 
     Args:
-        robot: kinematics. n: unit normal in W, shape (3,). start: q_0, shape (n_q,) [rad].
+        robot: kinematics.
+        n: unit normal in W, shape (3,).
+        start: q_0, shape (n_q,) [rad].
         joint_stiffness: shape (n_q,) [Nm/rad]; infinite for rigid joints, which then have rigid links too.
         stiffness, damping: of the environment; None: from the ports.
     """
@@ -60,9 +62,9 @@ class TipContact(CompliantContact):
         posture_period: float = 0.04,
     ):
         self._robot, self._n = robot, unit_normal(n)
-        self._joint_stiffness = lane_values("joint_stiffness", joint_stiffness, robot.num_joints, "positive")
+        self._joint_stiffness = batch_values("joint_stiffness", joint_stiffness, robot.num_joints, "positive")
         self._rigid = not np.isfinite(self._joint_stiffness).any()
-        self._start, self._uneven = lane_values("start", start, robot.num_joints), uneven
+        self._start, self._uneven = batch_values("start", start, robot.num_joints), uneven
         self._posture_period = check("posture_period", posture_period, "positive")
         super().__init__(1, stiffness=stiffness, damping=damping, compliance_port=True, period=period)
 
@@ -97,7 +99,7 @@ class TipContact(CompliantContact):
             next_state.set_value(self._geometry, self._at(self._posture.Eval(context), q))
             next_state.set_value(self._taken_at, q)
 
-    def _situation(self, context: Context) -> tuple[Lane, Lane]:
+    def _situation(self, context: Context) -> tuple[BatchValue, BatchValue]:
         geometry = context.get_discrete_state(self._geometry).value()
         dx = (geometry[:-2] @ self._position.Eval(context)).item() + geometry.item(-2)
         if self._height is not None:

@@ -1,4 +1,4 @@
-"""The drives of a robot with elastic joints: motor inertia, cascaded servo, friction, spring torque.
+"""The drives of a robot with elastic joints: motor inertia, cascaded servo, friction, spring torque::
 
     B phi'' = B w_v [(v_r - phi') + w_i int(v_r - phi')] - S^-T tau_spring - b phi' - c sign(phi')
     v_r     = K_v (r - phi) + r'
@@ -7,7 +7,7 @@ phi = S q_m and B as in `forcectl.plant.drives.motors`. A velocity loop tuned fo
 proportion to J/B, so each axis has its own. At first friction holds an axis back by c/(B w_v K_v) [rad]: with
 J = B one that moves heavy links sticks while the others move (docs/hunting.md).
 
-The step of `forcectl.plant.drives.servo`, written as a linear system and a saturation:
+The step of `forcectl.plant.drives.servo`, written as a linear system and a saturation::
 
     s  = linear in phi, phi', the integral, r, r', tau_spring
     v+ = soft(s, dt c/B) / (1 + dt (w_v (1 + w_i dt) + b/B))
@@ -22,7 +22,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort
 from pydrake.systems.primitives import LinearSystem, Multiplexer
 
-from forcectl.framework.batch import check, check_count, lane_values
+from forcectl.framework.batch import batch_values, check, check_count
 from forcectl.plant.drives.motors import Motors
 from forcectl.plant.drives.servo import ServoCoefficients, servo_gains
 
@@ -43,7 +43,9 @@ def inner_step(gains: ServoCoefficients, to_motor: Matrix, push: Matrix) -> Inne
     """The matrices of an inner step, with the reference at its start.
 
     Args:
-        gains: coefficients, arrays of shape (n,). to_motor: S. push: speed per spring torque, shape (n, n).
+        gains: coefficients, arrays of shape (n,).
+        to_motor: S.
+        push: speed per spring torque, shape (n, n).
     """
     n = len(to_motor)
     eye, zero, dt = np.eye(n), np.zeros((n, n)), gains.step
@@ -96,10 +98,13 @@ class Drive(Diagram):
     Sampling: every `period` [s], divided into `substeps` inner steps; the spring torque is held over the period.
 
     Args:
-        inertia: B, shape (n,) [kg m^2]. to_motor: S, shape (n, n).
+        inertia: B, shape (n,) [kg m^2].
+        to_motor: S, shape (n, n).
         position_gain, velocity_gain, integral_gain: K_v, w_v, w_i [1/s], > 0.
-        coulomb_friction: c, shape (n,) [Nm]. viscous_friction: b, shape (n,) [Nms/rad].
-        initial_position: q_m at rest, shape (n,) [rad]. initial_torque: of the springs there, shape (n,) [Nm].
+        coulomb_friction: c, shape (n,) [Nm].
+        viscous_friction: b, shape (n,) [Nms/rad].
+        initial_position: q_m at rest, shape (n,) [rad].
+        initial_torque: of the springs there, shape (n,) [Nm].
     """
 
     def __init__(
@@ -120,8 +125,8 @@ class Drive(Diagram):
         super().__init__()
         motors = Motors(inertia, to_motor, coulomb_friction, viscous_friction)
         n, B, back = motors.size, motors.inertia, motors.to_joint
-        torque = lane_values("initial_torque", initial_torque, n)
-        w_v = lane_values("velocity_gain", velocity_gain, n, "positive and finite")
+        torque = batch_values("initial_torque", initial_torque, n)
+        w_v = batch_values("velocity_gain", velocity_gain, n, "positive and finite")
         for name, gain in (("position", position_gain), ("integral", integral_gain)):
             check(f"{name}_gain", gain, "positive")
         dt = check("period", period, "positive") / check_count("substeps", substeps)

@@ -1,4 +1,4 @@
-"""Joint friction with an offset, a Coulomb part and viscous parts that differ with the direction.
+"""Joint friction with an offset, a Coulomb part and viscous parts that differ with the direction::
 
     tau_F = tau_O + tau_C tanh(130 q') + D+ max(q', 0) + D- min(q', 0)                                 (5.2)
     thr   = tau_move + tau_still sech(30 q')                                                           (5.3)*
@@ -10,11 +10,12 @@ The tanh is what control can compute from a measured speed. In a simulated plant
 than a step of 0.5 to 1 ms allows and a joint would creep under load, so there the Coulomb part sticks:
 
 - on the motor side of a drive, one step implicit in the speed. With s the speed the step would reach without Coulomb
-  and viscous friction, and B the inertia of the axis,
+  and viscous friction, and B the inertia of the axis::
 
       v+ = soft(s, dt tau_C/B)/(1 + dt D/B),   D = D+ or D- by the sign of s,    soft(s, c) = sign(s) max(|s| - c, 0)
 
   which is exact: a sticking axis stands still (`sticking_speed`, `StickingSpeed`).
+
 - in a multibody plant with rigid joints, one more actuator per joint that regulates the speed to zero with an effort
   of at most tau_C (`add_coulomb_friction`). Drake solves it implicitly, with the contacts; a sticking joint creeps by a
   few 1e-6 rad/s, what its solver resolves.
@@ -33,8 +34,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Adder, AffineSystem, MatrixGain, Saturation
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.batch import lane_values
-from forcectl.robot.facts import ControlFacts
+from forcectl.framework.batch import batch_values
+from forcectl.robot.parameters import ControlParameters
 
 Array = NDArray[np.float64]
 COULOMB_STEEPNESS = 130.0  # [s/rad] of (5.2)
@@ -47,8 +48,10 @@ class JointFriction:
     """Parameters of (5.2) for n joints.
 
     Attributes:
-        size: n. offset: tau_O [Nm]. coulomb: tau_C [Nm]. viscous_forward, viscous_backward: D+, D- [Nms/rad]. Arrays of
-            shape (n,), not to be changed.
+        size: n.
+        offset: tau_O [Nm].
+        coulomb: tau_C [Nm].
+        viscous_forward, viscous_backward: D+, D- [Nms/rad]. Arrays of shape (n,), not to be changed.
     """
 
     def __init__(
@@ -66,21 +69,21 @@ class JointFriction:
             BadInputError: a value of another shape, not finite, or negative where that is no friction.
         """
         self.size = size
-        self.offset = lane_values("offset", offset, size)
+        self.offset = batch_values("offset", offset, size)
         self.coulomb = _finite("coulomb", coulomb, size)
         self.viscous_forward = _finite("viscous_forward", viscous_forward, size)
         backward = viscous_forward if viscous_backward is None else viscous_backward
         self.viscous_backward = _finite("viscous_backward", backward, size)
 
     @classmethod
-    def of_facts(cls, facts: ControlFacts) -> JointFriction:
-        """The friction in the control facts of a robot."""
+    def of_parameters(cls, parameters: ControlParameters) -> JointFriction:
+        """The friction in the control parameters of a robot."""
         return cls(
-            facts.num_joints,
-            offset=facts.friction_offset,
-            coulomb=facts.coulomb_friction,
-            viscous_forward=facts.viscous_friction,
-            viscous_backward=facts.viscous_friction_backward,
+            parameters.num_joints,
+            offset=parameters.friction_offset,
+            coulomb=parameters.coulomb_friction,
+            viscous_forward=parameters.viscous_friction,
+            viscous_backward=parameters.viscous_friction_backward,
         )
 
     def scaled(self, factor: float) -> JointFriction:
@@ -95,7 +98,7 @@ class JointFriction:
 
 
 def _finite(name: str, value: ArrayLike, size: int) -> Array:
-    return lane_values(name, lane_values(name, value, size, "not negative"), size)
+    return batch_values(name, batch_values(name, value, size, "not negative"), size)
 
 
 def friction_torque(speed: Array, friction: JointFriction) -> Array:
@@ -168,7 +171,7 @@ class StickingSpeed(Diagram):
     def __init__(self, friction: JointFriction, rate: ArrayLike):
         super().__init__()
         n = friction.size
-        per_torque = lane_values("rate", rate, n, "positive and finite")
+        per_torque = batch_values("rate", rate, n, "positive and finite")
         stick, unlimited = per_torque * friction.coulomb, np.full(n, np.inf)
         gains = (
             1 / (1 + per_torque * friction.viscous_forward),
@@ -209,7 +212,8 @@ def add_coulomb_friction(
     a joint, friction included, in each of their entries.
 
     Args:
-        plant: discrete, not yet finalized. joints: n joints with one velocity each.
+        plant: discrete, not yet finalized.
+        joints: n joints with one velocity each.
         steepness: [s/rad] of a friction that creeps under load as that of (5.2), tau_C sat(steepness q'); sticks by
             default.
 
@@ -283,12 +287,13 @@ class FrictionRest(Diagram):
 
     velocity: shape (n_v,), of the plant [rad/s]. generalized_force: shape (n_v,) [Nm]. Feedthrough.
 
-    Explicit, so it is held over a step: stable while dt |D+ - D-| stays below the inertia of the joint.
+    Explicit, so it is held over a step: stable while dt `|D+ - D-|` stays below the inertia of the joint.
 
     Sampling: none; evaluated when read.
 
     Args:
-        plant: finalized. joints: n joints, those of `add_coulomb_friction`.
+        plant: finalized.
+        joints: n joints, those of `add_coulomb_friction`.
     """
 
     def __init__(self, plant: MultibodyPlant, joints: Sequence[Joint], friction: JointFriction):

@@ -23,7 +23,7 @@ from pydrake.common.value import AbstractValue
 from pydrake.systems.framework import Context, DiscreteValues, LeafSystem
 
 from forcectl.errors import BadInputError
-from forcectl.framework.batch import BatchParameter, Lane, check, lane_values
+from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check
 from forcectl.framework.cache import BlockCache
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory, SampledBatch
@@ -32,11 +32,16 @@ from forcectl.robot.model import RobotModel, has_moved
 Vector = NDArray[np.float64]
 
 
-def impedance_torque(error: Lane, rate_error: Lane, stiffness: Lane, damping: Lane) -> Lane:
+def impedance_torque(
+    error: BatchValue, rate_error: BatchValue, stiffness: BatchValue, damping: BatchValue
+) -> BatchValue:
     """K_q (q_bar - q) + D_q (q_bar' - q') [Nm].
 
     Args:
-        error: q_bar - q [rad]. rate_error: its rate [rad/s]. stiffness: K_q [Nm/rad]. damping: D_q [Nms/rad].
+        error: q_bar - q [rad].
+        rate_error: its rate [rad/s].
+        stiffness: K_q [Nm/rad].
+        damping: D_q [Nms/rad].
     """
     return stiffness * error + damping * rate_error
 
@@ -57,13 +62,14 @@ class JointImpedance(SampledBatch):
 
     Parameters (Context, shape (n,)): stiffness K_q [Nm/rad] >= 0, damping D_q [Nms/rad] >= 0.
 
-    A joint whose reference is not finite is held where it was last told to be; one whose state or gravity torque is not
+    A joint whose reference is not finite is held at its last finite reference; one whose state or gravity torque is not
     finite keeps its last torque.
 
     Sampling: every `period` [s]; no delay from motor_state to torque_command, see `SampledBlock`.
 
     Args:
-        initial_reference: q_bar at rest, shape (n,) or a number [rad]. initial_torque: tau there [Nm].
+        initial_reference: q_bar at rest, shape (n,) or a number [rad].
+        initial_torque: tau there [Nm].
     """
 
     port_units = {
@@ -94,7 +100,7 @@ class JointImpedance(SampledBatch):
         self.declare_memory({"torque_command": initial_torque, "reference": initial_reference}, inputs, period)
         self.show("torque_command")
 
-    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Lane]:
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
         """One tick of the law."""
         m = self.math
         stiffness, damping = self.values(context)
@@ -125,7 +131,8 @@ class GravityCompensation(LeafSystem):
     nothing.
 
     Args:
-        robot: dynamics. start: link positions at the start, shape (n,) [rad].
+        robot: dynamics.
+        start: link positions at the start, shape (n,) [rad].
         spring_stiffness: K of the joints, shape (n,) [Nm/rad], > 0.
     """
 
@@ -134,9 +141,9 @@ class GravityCompensation(LeafSystem):
     def __init__(self, robot: RobotModel, start: ArrayLike, spring_stiffness: ArrayLike, *, period: float = 0.002):
         super().__init__()
         n = robot.num_joints
-        self._robot, self._stiffness = robot, lane_values("spring_stiffness", spring_stiffness, n, "positive")
+        self._robot, self._stiffness = robot, batch_values("spring_stiffness", spring_stiffness, n, "positive")
         context = robot.create_context()
-        links = lane_values("start", start, n)
+        links = batch_values("start", start, n)
         robot.set_positions(context, links)
         torque = robot.gravity_torque(context)
         self._position = self.DeclareVectorInputPort("motor_position", n)
@@ -172,7 +179,7 @@ class GravityCompensation(LeafSystem):
 
 @dataclass(kw_only=True)
 class JointImpedanceConfig(Config):
-    """Scenario part `drive: !JointImpedance`: the drives are told torques, and impedance control holds the joints.
+    """Scenario part `drive: !JointImpedance`: the drives take torques, and impedance control holds the joints.
 
     Empty lists stand for gains that suit the inertias. D_q = 2 z sqrt(K_q I), with the inertia I of motor and link in
     the start posture.
@@ -207,7 +214,8 @@ class JointImpedanceConfig(Config):
         """D_q, shape (n,) [Nms/rad].
 
         Args:
-            stiffness: K_q, shape (n,) [Nm/rad]. inertia: I of motor and link, shape (n,) [kg m^2].
+            stiffness: K_q, shape (n,) [Nm/rad].
+            inertia: I of motor and link, shape (n,) [kg m^2].
         """
         damping: Vector = 2 * self.damping_ratio * np.sqrt(stiffness * inertia)
         return damping

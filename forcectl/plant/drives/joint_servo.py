@@ -1,12 +1,12 @@
-"""The servo loops of a position-controlled robot at the rate of its plant, and the torque they ask of the motors.
+"""The servo loops of a position-controlled robot at the rate of its plant, and the torque they ask of the motors::
 
     tau = sat(u),   u = K_p (r - q) + K_d (v_r - v) + z + tau_ff,   z' = K_i (r - q) + w_b (tau - u)
     K_p = B w^2,    K_d = 2 zeta B w,    K_i = w_i K_p
 
-with B the inertia that a joint moves. r goes on with v_r between two references, so that references at 250 Hz do not
-drive a loop at 2 kHz in stairs. With v_r = 0 the motion follows h(s) = w^2/(s^2 + 2 zeta w s + w^2), 2 zeta/w behind in
-steady motion; with v_r = r' it is not behind. z carries what is constant: gravity, friction, loads; while a motor is at
-its limit it gives way at w_b = w.
+with B the inertia that a joint moves. r goes on with v_r between two references, so that references at 250 Hz are no
+steps to a loop at 2 kHz. With v_r = 0 the motion follows h(s) = w^2/(s^2 + 2 zeta w s + w^2), 2 zeta/w behind in steady
+motion; with v_r = r' it is not behind. z carries what is constant: gravity, friction, loads; while a motor is at its
+limit it gives way at w_b = w.
 
 The loops run m times in a step dt of the plant. What acts in a step is the mean of their torques, with the motion going
 on as it does, v + a h, a = (v - v_last)/dt, h = (m - 1)/(2m) dt the mean time of the m samples:
@@ -32,7 +32,7 @@ from pydrake.systems.primitives import (
     Saturation,
 )
 
-from forcectl.framework.batch import check, check_count, lane_values, whole_multiple
+from forcectl.framework.batch import batch_values, check, check_count, whole_multiple
 
 Array = NDArray[np.float64]
 
@@ -50,7 +50,10 @@ def servo_gains(inertia: ArrayLike, bandwidth: float, damping_ratio: float, inte
     """Gains that make h(s) of each joint.
 
     Args:
-        inertia: B, shape (n,) [kg m2]. bandwidth: w [rad/s]. damping_ratio: zeta [1]. integral_gain: w_i [1/s].
+        inertia: B, shape (n,) [kg m2].
+        bandwidth: w [rad/s].
+        damping_ratio: zeta [1].
+        integral_gain: w_i [1/s].
     """
     B = np.asarray(inertia, dtype=float)
     stiffness = B * bandwidth**2
@@ -82,7 +85,8 @@ class ReferenceHold(LeafSystem):
     Sampling: every `period` [s]; what is taken at a tick shows after it.
 
     Args:
-        time_step: dt of the integrator [s]. start: r before the first tick, shape (n,) [rad].
+        time_step: dt of the integrator [s].
+        start: r before the first tick, shape (n,) [rad].
     """
 
     optional_inputs = ("joint_torque_feedforward", "joint_velocity_command")
@@ -95,7 +99,7 @@ class ReferenceHold(LeafSystem):
         names = ("joint_position_command", "joint_velocity_command", "joint_torque_feedforward")
         self._inputs = [self.DeclareVectorInputPort(name, n) for name in names]
         self._travelled = self.DeclareVectorInputPort("travelled", n)
-        state = self.DeclareDiscreteState(np.concatenate([lane_values("start", start, n), np.zeros(2 * n)]))
+        state = self.DeclareDiscreteState(np.concatenate([batch_values("start", start, n), np.zeros(2 * n)]))
         self.DeclareStateOutputPort("reference", state)
         self.DeclarePeriodicDiscreteUpdateEvent(
             period_sec=check("period", period, "positive"), offset_sec=0.0, update=self._take
@@ -132,8 +136,10 @@ class JointServo(Diagram):
 
     Args:
         substeps: m, how often the loops run in a time step.
-        gains: of the n joints. limit: of the motor torque, shape (n,), may be infinite [Nm].
-        start: r before the first reference, shape (n,) [rad]. torque: z at the start, shape (n,) [Nm].
+        gains: of the n joints.
+        limit: of the motor torque, shape (n,), may be infinite [Nm].
+        start: r before the first reference, shape (n,) [rad].
+        torque: z at the start, shape (n,) [Nm].
     """
 
     def __init__(
@@ -150,7 +156,7 @@ class JointServo(Diagram):
         super().__init__()
         n = len(gains.position)
         count = check_count("substeps", substeps)
-        bound = lane_values("limit", limit, n, "positive")
+        bound = batch_values("limit", limit, n, "positive")
         step = check("time_step", time_step, "positive")
         whole_multiple("period", check("period", period, "positive"), step, "time_step")
         self.port_units = {"position": "rad", "velocity": "rad/s", "motor_torque": "Nm", "torque_integral": "Nms"}
@@ -175,7 +181,7 @@ class JointServo(Diagram):
         nothing = np.zeros((4 * n, 10 * n))
         kept = np.diag(np.repeat([1.0, 1.0, 1.0, 0.0], n))
         sums = LinearSystem(kept, step * np.vstack([error, mean, travel, speed]), np.eye(4 * n), nothing, step)
-        sums.configure_default_state(np.concatenate([lane_values("torque", torque, n), np.zeros(3 * n)]))
+        sums.configure_default_state(np.concatenate([batch_values("torque", torque, n), np.zeros(3 * n)]))
         integrals = add("integrals", sums)
         parts = add("integrals_and_speed", Demultiplexer([n, n, n, n]))
         connect(hold.GetOutputPort("reference"), known.get_input_port(0))

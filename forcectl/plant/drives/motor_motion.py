@@ -2,7 +2,7 @@
 
     B v' = tau - tau_s - tau_F(v)
 
-One step is semi-implicit, v+ = `sticking_speed`(v + dt (tau - tau_s - tau_O)/B), q+ = q + dt v+: a motor below tau_C
+One step is semi-implicit, v+ = `sticking_speed(v + dt (tau - tau_s - tau_O)/B)`, q+ = q + dt v+: a motor below tau_C
 stands still, exactly. The spring torque is held over the step: stable while dt sqrt(K_J/B) stays below 1.
 """
 
@@ -13,7 +13,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import AffineSystem, LinearSystem, Multiplexer
 
-from forcectl.framework.batch import check, lane_values
+from forcectl.framework.batch import batch_values, check
 from forcectl.plant.drives.joint_friction import JointFriction, StickingSpeed
 from forcectl.plant.drives.motors import export_motion
 
@@ -34,13 +34,15 @@ class MotorMotion(Diagram):
     Sampling: every `time_step` [s]; torques are held over it.
 
     Args:
-        inertia: B of the rotors, shape (n,) [kg m2]. friction: of the n joints. start: positions at rest (n,) [rad].
+        inertia: B of the rotors, shape (n,) [kg m2].
+        friction: of the n joints.
+        start: positions at rest (n,) [rad].
     """
 
     def __init__(self, inertia: ArrayLike, friction: JointFriction, *, time_step: float, start: ArrayLike):
         super().__init__()
         n, step = friction.size, check("time_step", time_step, "positive")
-        rate = step / lane_values("inertia", inertia, n, "positive and finite")
+        rate = step / batch_values("inertia", inertia, n, "positive and finite")
         eye, zero = np.eye(n), np.zeros((n, n))
         self.port_units = {"motor_torque": "Nm", "spring_torque": "Nm", "motor_state": "rad,rad/s"}
         builder = DiagramBuilder()
@@ -48,7 +50,7 @@ class MotorMotion(Diagram):
         # q+ = q + dt v+, v+ = v+.
         after, taken = np.block([[eye, zero], [zero, zero]]), np.vstack([step * eye, eye])
         state = LinearSystem(after, taken, np.eye(2 * n), np.zeros((2 * n, n)), step)
-        state.configure_default_state(np.concatenate([lane_values("start", start, n), np.zeros(n)]))
+        state.configure_default_state(np.concatenate([batch_values("start", start, n), np.zeros(n)]))
         motion = add("motion", state)
         known = add("known", Multiplexer([n, n, n]))
         free = add(

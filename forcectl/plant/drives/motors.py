@@ -18,7 +18,7 @@ from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, Sys
 from pydrake.systems.primitives import Demultiplexer, MatrixGain, Saturation
 
 from forcectl.errors import invalid
-from forcectl.framework.batch import lane_values
+from forcectl.framework.batch import batch_values
 from forcectl.framework.wiring import export_outputs
 from forcectl.robot.model import RobotModel
 
@@ -43,13 +43,13 @@ class Motors:
         if to_motor.shape != (n, n) or not np.linalg.cond(to_motor) < 1e6:
             raise invalid("to_motor", to_motor.tolist(), "a square matrix that can be inverted")
         self.to_motor, self.to_joint = to_motor, np.linalg.inv(to_motor)
-        self.inertia = lane_values("inertia", inertia, n, "positive and finite")
-        self.coulomb = lane_values("coulomb_friction", coulomb, n, "not negative")
-        self.viscous = lane_values("viscous_friction", viscous, n, "not negative")
+        self.inertia = batch_values("inertia", inertia, n, "positive and finite")
+        self.coulomb = batch_values("coulomb_friction", coulomb, n, "not negative")
+        self.viscous = batch_values("viscous_friction", viscous, n, "not negative")
 
     def at_rest(self, position: ArrayLike) -> Vector:
         """phi where the motors are at these positions of the joints, shape (n,) [rad]."""
-        angles: Vector = self.to_motor @ lane_values("initial_position", position, self.size)
+        angles: Vector = self.to_motor @ batch_values("initial_position", position, self.size)
         return angles
 
     def add_friction(
@@ -85,11 +85,11 @@ def export_motion(builder: DiagramBuilder, state: OutputPort) -> tuple[OutputPor
 
 def joint_to_motor(robot: RobotModel) -> Matrix:
     """S: motor angles over gear ratios per joint angles, shape (n, n) [1]."""
-    matrix: Matrix = robot.motor_from_joint / robot.facts.gear_ratio[:, None]
+    matrix: Matrix = robot.motor_from_joint / robot.parameters.gear_ratio[:, None]
     return matrix
 
 
 def rotor_inertia(robot: RobotModel) -> Vector:
     """B: of each rotor at its joint, shape (n,) [kg m^2]."""
-    inertia: Vector = robot.facts.rotor_inertia * robot.facts.gear_ratio**2
+    inertia: Vector = robot.parameters.rotor_inertia * robot.parameters.gear_ratio**2
     return inertia

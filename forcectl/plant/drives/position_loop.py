@@ -17,7 +17,7 @@ from pydrake.systems.primitives import LinearSystem
 from scipy.linalg import block_diag, expm
 
 from forcectl.errors import invalid
-from forcectl.framework.batch import check, lane_values, whole_multiple
+from forcectl.framework.batch import batch_values, check, whole_multiple
 from forcectl.framework.fields import Config, key
 
 Matrix = NDArray[np.float64]
@@ -50,7 +50,7 @@ def first_order_hold(a: Matrix, b: Matrix, period: float) -> tuple[Matrix, Matri
 
 
 def interleave(blocks: list[Matrix], size: int) -> Matrix:
-    """One matrix for n equal-shaped systems, with the states grouped by quantity instead of by lane."""
+    """One matrix for n equal-shaped systems, with the states grouped by quantity instead of by batch element."""
     rows, cols = blocks[0].shape
     whole = block_diag(*blocks)
     row_order = np.arange(rows * size).reshape(size, rows).T.ravel()
@@ -74,7 +74,7 @@ class PositionLoop(Diagram):
     reference: `delay` [s] plus the lag of the filter.
 
     Args:
-        size: number of joints or lanes n.
+        size: number of joints or batch size n.
         bandwidth: w [rad/s], number or shape (n,), > 0.
         damping_ratio: z [-], number or shape (n,), > 0.
         period: [s], >= 0.
@@ -96,9 +96,9 @@ class PositionLoop(Diagram):
     ):
         super().__init__()
         self.port_units = {"command": unit, "reference": f"{unit},{unit}/s"}
-        w = lane_values("bandwidth", bandwidth, size, "positive and finite")
-        z = lane_values("damping_ratio", damping_ratio, size, "positive and finite")
-        start = lane_values("initial_command", initial_command, size)
+        w = batch_values("bandwidth", bandwidth, size, "positive and finite")
+        z = batch_values("damping_ratio", damping_ratio, size, "positive and finite")
+        start = batch_values("initial_command", initial_command, size)
         check("period", period, "not negative")
         if period == 0 and delay != 0:
             raise invalid("delay", delay, "0 for a continuous filter (period = 0)")
@@ -144,7 +144,7 @@ class PositionLoopConfig(Config):
     def add_to(
         self, builder: DiagramBuilder, size: int, period: float, initial_command: ArrayLike = 0.0, unit: str = "rad"
     ) -> PositionLoop:
-        """Add the block for n joints or lanes."""
+        """Add the block for n joints or batch elements."""
         block = PositionLoop(
             size,
             bandwidth=self.bandwidth,

@@ -1,10 +1,10 @@
-"""Cascaded drive servo with Coulomb friction that really sticks.
+"""Cascaded drive servo with Coulomb friction that really sticks::
 
     v_r = K_v (r - x) + r'
     a   = w_v [(v_r - v) + w_i int(v_r - v)] + a_load - b v - a_c sign(v),   v = 0 while |a without friction| <= a_c
 
 (the calibrated plant of the design's targets, section 2). One inner step is implicit in v: with s the velocity the step
-would reach without friction,
+would reach without friction::
 
     v+ = soft(s, dt a_c) / (1 + dt (w_v (1 + w_i dt) + b)),     soft(s, c) = sign(s) max(|s| - c, 0)
 
@@ -24,12 +24,12 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, Discrete
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.framework.batch import (
+    BatchBlock,
     BatchParameter,
-    Lane,
-    LaneBlock,
+    BatchValue,
+    batch_values,
     check,
     check_count,
-    lane_values,
 )
 from forcectl.framework.fields import Config, key
 
@@ -40,22 +40,31 @@ TUNINGS = ("axes", "rotors")
 class ServoCoefficients(NamedTuple):
     """Coefficients of one inner step of length dt, derived from the servo's parameters by `servo_gains`."""
 
-    position: Lane  # K_v [1/s]
-    velocity: Lane  # w_v (1 + w_i dt) dt [-]
-    integral: Lane  # w_v w_i dt [1/s]
-    stick: Lane  # a_c dt [m/s or rad/s]
-    inverse: Lane  # 1/(1 + dt (w_v (1 + w_i dt) + b)) [-]
+    position: BatchValue  # K_v [1/s]
+    velocity: BatchValue  # w_v (1 + w_i dt) dt [-]
+    integral: BatchValue  # w_v w_i dt [1/s]
+    stick: BatchValue  # a_c dt [m/s or rad/s]
+    inverse: BatchValue  # 1/(1 + dt (w_v (1 + w_i dt) + b)) [-]
     step: float  # dt [s]
 
 
 def servo_gains(
-    position: Lane, velocity: Lane, integral: Lane, coulomb: Lane, viscous: Lane, step: float
+    position: BatchValue,
+    velocity: BatchValue,
+    integral: BatchValue,
+    coulomb: BatchValue,
+    viscous: BatchValue,
+    step: float,
 ) -> ServoCoefficients:
     """Coefficients of one inner step.
 
     Args:
-        position: K_v [1/s]. velocity: w_v [1/s]. integral: w_i [1/s].
-        coulomb: a_c [m/s^2 or rad/s^2]. viscous: b [1/s]. step: dt [s].
+        position: K_v [1/s].
+        velocity: w_v [1/s].
+        integral: w_i [1/s].
+        coulomb: a_c [m/s^2 or rad/s^2].
+        viscous: b [1/s].
+        step: dt [s].
     """
     damping = velocity * (1 + integral * step)
     return ServoCoefficients(
@@ -64,15 +73,24 @@ def servo_gains(
 
 
 def servo_steps(
-    x: Lane, v: Lane, i: Lane, r: Lane, rate: Lane, push: Lane, gains: ServoCoefficients, count: int, m: Any = np
-) -> tuple[Lane, Lane, Lane]:
+    x: BatchValue,
+    v: BatchValue,
+    i: BatchValue,
+    r: BatchValue,
+    rate: BatchValue,
+    push: BatchValue,
+    gains: ServoCoefficients,
+    count: int,
+    m: Any = np,
+) -> tuple[BatchValue, BatchValue, BatchValue]:
     """`count` inner steps of the servo.
 
     Args:
         x, v, i: position, velocity, integral of the velocity error [rad, rad/s, rad] or [m, m/s, m].
         r, rate: reference and its rate at the start [rad, rad/s] or [m, m/s]; the reference moves on with its rate.
         push: velocity the load adds per inner step, a_load dt [rad/s] or [m/s].
-        gains: coefficients of an inner step. m: numpy, or scalar functions of the same names.
+        gains: coefficients of an inner step.
+        m: numpy, or scalar functions of the same names.
 
     Returns:
         x, v, i after the steps.
@@ -89,7 +107,7 @@ def servo_steps(
     return x, v, i
 
 
-class ServoCore(LaneBlock):
+class ServoCore(BatchBlock):
     """Cascaded servo with sticking friction, without load: contact is a small disturbance to a stiff drive (Sec. 2.1).
 
     ```
@@ -101,7 +119,7 @@ class ServoCore(LaneBlock):
 
     reference: shape (2n,), reference and its rate, [rad, rad/s] or [m, m/s]; extrapolated with its rate inside a tick.
     state: shape (3n,), position, velocity and integral of the velocity error, [rad, rad/s, rad] or [m, m/s, m].
-        State, no direct feedthrough.
+    State, no direct feedthrough.
 
     Parameters (Context, shape (n,)): position_gain K_v [1/s] > 0, velocity_gain w_v [1/s] > 0, integral_gain w_i [1/s]
     >= 0, coulomb_friction a_c [m/s^2 or rad/s^2] >= 0, viscous_friction b [1/s] >= 0.
@@ -137,20 +155,20 @@ class ServoCore(LaneBlock):
         )
         self.port_units = {"reference": f"{unit},{unit}/s", "state": f"{unit},{unit}/s,{unit}"}
         self._reference = self.DeclareVectorInputPort("reference", 2 * size)
-        start = lane_values("initial_position", initial_position, size)
+        start = batch_values("initial_position", initial_position, size)
         self._state = self.DeclareDiscreteState(np.concatenate([start, np.zeros(2 * size)]))
         self.DeclareStateOutputPort("state", self._state)
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
 
-    def derive(self, values: tuple[Lane, ...]) -> tuple[Lane, ...]:
+    def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:
         """Coefficients of one inner step."""
         position, velocity, integral, coulomb, viscous = values
         return servo_gains(position, velocity, integral, coulomb, viscous, self._step)
 
     def _update(self, context: Context, next_state: DiscreteValues) -> None:
         gains = self.values(context)
-        r, rate = self.lanes(self._reference.Eval(context))
-        x, v, i = self.lanes(context.get_discrete_state(self._state).value())
+        r, rate = self.unstack(self._reference.Eval(context))
+        x, v, i = self.unstack(context.get_discrete_state(self._state).value())
         next_state.set_value(self.stack(*servo_steps(x, v, i, r, rate, 0.0, gains, self._substeps, self.math)))
 
 
@@ -196,11 +214,11 @@ class ServoConfig(Config):
         1.6, "along the pressed direction (OneDimensional, Kinematic)", unit="m/s^2", bounds="not negative"
     )
     friction_scale: float = key(
-        1.0, "factor on the joint friction of the control facts (Multibody)", unit="1", bounds="not negative"
+        1.0, "factor on the joint friction of the control parameters (Multibody)", unit="1", bounds="not negative"
     )
     tuned_for: str = key(
         "axes",
-        "what the velocity loops of the joints are tuned for: the inertia that the control facts give, or that of the "
+        "what the velocity loops of the joints are tuned for: the inertia in the control parameters, or that of the "
         "rotors alone (Multibody)",
         choices=TUNINGS,
     )
@@ -210,8 +228,8 @@ class ServoConfig(Config):
         """w_v of each drive on its rotor (n,) [1/s].
 
         Args:
-            rotor_inertia: at the joints (n,) [kg m2]. loop_inertia: what the loops are tuned for (n,) [kg m2]; empty if
-                not known, which is to say the rotors.
+            rotor_inertia: at the joints (n,) [kg m2].
+            loop_inertia: what the loops are tuned for (n,) [kg m2]; empty if not known, which is to say the rotors.
         """
         known = self.tuned_for == "axes" and loop_inertia.size > 0
         gain: Vector = self.velocity_gain * (loop_inertia / rotor_inertia if known else np.ones(len(rotor_inertia)))
@@ -227,7 +245,7 @@ class ServoConfig(Config):
         initial_position: ArrayLike = 0.0,
         unit: str = "rad",
     ) -> Servo:
-        """Add the block for n joints or lanes; `coulomb_friction` overrides the scalar where joints differ."""
+        """Add the block for n joints or batch elements; `coulomb_friction` overrides the scalar where joints differ."""
         core = ServoCore(
             size,
             period=period,

@@ -1,4 +1,4 @@
-"""The drives of a robot with elastic joints and torque sensors: told torques instead of positions.
+"""The drives of a robot with elastic joints and torque sensors: they take torques instead of positions::
 
     B phi'' = tau_m - S^-T tau_spring - tau_F,    tau_F = b phi' + c sign(phi')
     tau_m   = sat(S^-T (tau_bar + k (tau_bar - tau_spring)) + tau_F_hat)
@@ -11,7 +11,7 @@ is a drive with 1/(1 + k) of the inertia and of the friction, and of the latter 
     B/(1 + k) phi'' = S^-T (tau_bar - tau_spring) - (tau_F - tau_F_hat)/(1 + k)
 
 A stuck drive is loaded with w_F (1 + k) times the error of the torque per second, until it moves: at rest the springs
-have the torque that is told. phi, S and B as in `forcectl.plant.drives.motors`. The torques are held over a step, which
+have the commanded torque. phi, S and B as in `forcectl.plant.drives.motors`. The torques are held over a step, which
 is implicit in the friction:
 
     v+ = soft(v + dt/B (tau_m - S^-T tau_spring), dt c/B) / (1 + dt b/B),    phi+ = phi + dt v+
@@ -26,7 +26,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import LinearSystem, MatrixGain, Multiplexer, Saturation
 
-from forcectl.framework.batch import check, lane_values
+from forcectl.framework.batch import batch_values, check
 from forcectl.plant.drives.motors import Motors
 
 Matrix = NDArray[np.float64]
@@ -50,10 +50,13 @@ class TorqueDrive(Diagram):
     Sampling: every `period` [s]; torques held over it.
 
     Args:
-        inertia: B, shape (n,) [kg m^2]. to_motor: S, shape (n, n). torque_gain: k, >= 0.
+        inertia: B, shape (n,) [kg m^2].
+        to_motor: S, shape (n, n).
+        torque_gain: k, >= 0.
         friction_bandwidth: w_F of the friction observer [rad/s], >= 0; 0 for none.
         torque_limit: of tau_m, shape (n,) [Nm], > 0; infinite for none.
-        coulomb_friction: c, shape (n,) [Nm]. viscous_friction: b, shape (n,) [Nms/rad].
+        coulomb_friction: c, shape (n,) [Nm].
+        viscous_friction: b, shape (n,) [Nms/rad].
         initial_position: q_m at rest, shape (n,) [rad].
     """
 
@@ -73,7 +76,7 @@ class TorqueDrive(Diagram):
         super().__init__()
         motors = Motors(inertia, to_motor, coulomb_friction, viscous_friction)
         n, B, back = motors.size, motors.inertia, motors.to_joint
-        limit = lane_values("torque_limit", torque_limit, n, "positive")
+        limit = batch_values("torque_limit", torque_limit, n, "positive")
         gain, dt = check("torque_gain", torque_gain, "not negative"), check("period", period, "positive")
         seen = -np.expm1(-dt * check("friction_bandwidth", friction_bandwidth, "not negative"))
         eye, zero = np.eye(n), np.zeros((n, n))

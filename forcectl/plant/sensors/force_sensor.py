@@ -2,8 +2,8 @@
 
     y = filter( delay( quantise( saturate( F + bias + noise ) ) - tare ) )
 
-The noise is white per control tick and a pure function of (seed, lane, tick), so a run gives the same bits in any
-process, after a reset, and for a lane inside a bundle. The filter is discretised with a first-order hold, which is
+The noise is white per control tick and a pure function of (seed, element, tick), so a run gives the same bits in any
+process, after a reset, and for one element of a batch. The filter is discretised with a first-order hold, which is
 exact for forces that are linear between ticks and, unlike a zero-order hold, adds no delay of its own.
 """
 
@@ -21,7 +21,7 @@ from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuil
 from pydrake.systems.primitives import LinearSystem
 
 from forcectl.errors import invalid
-from forcectl.framework.batch import BatchParameter, Lane, LaneBlock, check, lane_values, whole_multiple
+from forcectl.framework.batch import BatchBlock, BatchParameter, BatchValue, batch_values, check, whole_multiple
 from forcectl.framework.fields import Config, key
 from forcectl.plant.drives.position_loop import (
     LONGEST_DELAY,
@@ -36,7 +36,7 @@ _CHUNK = 1024
 
 @lru_cache(maxsize=64)
 def _noise_chunk(sources: tuple[tuple[int, int], ...], chunk: int) -> NDArray[np.float64]:
-    rows = [np.random.default_rng((seed, lane, chunk)).standard_normal(_CHUNK) for seed, lane in sources]
+    rows = [np.random.default_rng((seed, element, chunk)).standard_normal(_CHUNK) for seed, element in sources]
     values = np.ascontiguousarray(np.transpose(rows))
     values.setflags(write=False)
     return values
@@ -46,7 +46,7 @@ def white_noise(sources: tuple[tuple[int, int], ...], tick: int) -> NDArray[np.f
     """Sample number `tick` of unit white noise, shape (n,): a pure function of its arguments.
 
     Args:
-        sources: per channel a (seed, lane), each >= 0: channels with equal ones draw the same numbers.
+        sources: per channel a (seed, element), each >= 0: channels with equal ones draw the same numbers.
     """
     chunk, index = divmod(tick, _CHUNK)
     row: NDArray[np.float64] = _noise_chunk(sources, chunk)[index]
@@ -54,23 +54,23 @@ def white_noise(sources: tuple[tuple[int, int], ...], tick: int) -> NDArray[np.f
 
 
 class Converter(NamedTuple):
-    """What digitising needs to know of a channel, derived from its parameters by `converter`."""
+    """The numbers that digitising a channel needs, derived from its parameters by `converter`."""
 
-    bias: Lane  # [N]
-    noise_std: Lane  # [N]
-    upper: Lane  # end of the range [N]
-    lower: Lane  # its other end [N]
-    quantum: Lane  # [N]; 1 where there is none
-    quantised: Any  # whether there is one; None when there is one in every lane
+    bias: BatchValue  # [N]
+    noise_std: BatchValue  # [N]
+    upper: BatchValue  # end of the range [N]
+    lower: BatchValue  # its other end [N]
+    quantum: BatchValue  # [N]; 1 where there is none
+    quantised: Any  # whether there is one; None when there is one in every batch element
 
 
-def converter(bias: Lane, noise_std: Lane, quantum: Lane, limit: Lane) -> Converter:
+def converter(bias: BatchValue, noise_std: BatchValue, quantum: BatchValue, limit: BatchValue) -> Converter:
     """The numbers `digitise` needs; quantum = 0 [N]: not quantised."""
     exists = quantum > 0
     return Converter(bias, noise_std, limit, -limit, quantum + (1 - exists), None if np.all(exists) else exists)
 
 
-def digitise(force: Lane, noise: Lane, channel: Converter, m: Any = np) -> Lane:
+def digitise(force: BatchValue, noise: BatchValue, channel: Converter, m: Any = np) -> BatchValue:
     """The raw reading of a true force [N]: bias and noise (unit white, times its deviation), range, whole quanta."""
     bias, noise_std, upper, lower, quantum, quantised = channel
     seen = m.maximum(m.minimum(force + (bias + noise_std * noise), upper), lower)
@@ -78,7 +78,7 @@ def digitise(force: Lane, noise: Lane, channel: Converter, m: Any = np) -> Lane:
     return rounded if quantised is None else m.where(quantised, rounded, seen)
 
 
-class SensorElectronics(LaneBlock):
+class SensorElectronics(BatchBlock):
     """Base of the blocks that digitise: bias, noise, range, quantisation and taring of n channels.
 
     Parameters (Context, shape (n,)): bias, noise_std >= 0 (standard deviation per tick), quantum >= 0, range > 0, all
@@ -88,7 +88,7 @@ class SensorElectronics(LaneBlock):
     A subclass declares its ports in `declare_ports`, says what the channels feel in `feels`, and reads with `read`.
 
     Args:
-        seed: of the noise; lane i of a bundle uses seeds[i] when a list is given, and then equals the run alone.
+        seed: of the noise; element i of a batch uses seeds[i] when a list is given, and then equals the run alone.
         unit: of the channels, for documentation.
     """
 
@@ -115,7 +115,7 @@ class SensorElectronics(LaneBlock):
             },
         )
         self._period = check("period", period, "positive")
-        # One seed: the channels of one sensor draw independently. A list: each lane is a sensor of its own.
+        # One seed: the channels of one sensor draw independently. A list: each batch element is a sensor of its own.
         sources = [(s, 0) for s in seed] if isinstance(seed, list) else [(seed, i) for i in builtins.range(size)]
         if len(sources) != size or not all(isinstance(s, int) and s >= 0 for s, _ in sources):
             raise invalid("seed", seed, f"a whole number, not negative, or a list of {size} of them")
@@ -135,7 +135,7 @@ class SensorElectronics(LaneBlock):
     def feels(self, context: Context) -> NDArray[np.float64]:
         """What the channels feel, shape (n,)."""
 
-    def derive(self, values: tuple[Lane, ...]) -> Converter:
+    def derive(self, values: tuple[BatchValue, ...]) -> Converter:
         """What `digitise` needs of the parameters."""
         return converter(*values)
 
@@ -155,15 +155,15 @@ class SensorElectronics(LaneBlock):
     def _quiet(self, context: Context) -> NDArray[np.float64]:
         return self.stack(self._raw(context, self.feels(context), np.zeros(self._size)))
 
-    def _raw(self, context: Context, felt: NDArray[np.float64], noise: NDArray[np.float64]) -> Lane:
-        return digitise(self.lane(felt), self.lane(noise), self._values.Eval(context), self.math)
+    def _raw(self, context: Context, felt: NDArray[np.float64], noise: NDArray[np.float64]) -> BatchValue:
+        return digitise(self.batch_value(felt), self.batch_value(noise), self._values.Eval(context), self.math)
 
-    def read(self, context: Context, felt: NDArray[np.float64]) -> Lane:
+    def read(self, context: Context, felt: NDArray[np.float64]) -> BatchValue:
         """The reading of the channels that feel `felt`, shape (n,)."""
         tick = int(context.get_time() / self._period + 0.5)
         reading = self._raw(context, felt, white_noise(self._sources, tick))
         if self._tare is not None:
-            reading = reading - self.lane(context.get_discrete_state(self._tare).value())
+            reading = reading - self.batch_value(context.get_discrete_state(self._tare).value())
         return reading
 
 
@@ -212,12 +212,15 @@ def sensor_filter(
     """The sensor's second-order low-pass behind a delay line, as one sampled linear system.
 
     Args:
-        size: number of channels n. bandwidth: [rad/s], shape (n,) or number. damping_ratio: [-].
-        period: [s]. delay_ticks: transport delay in samples.
+        size: number of channels n.
+        bandwidth: [rad/s], shape (n,) or number.
+        damping_ratio: [-].
+        period: [s].
+        delay_ticks: transport delay in samples.
         hold: "first_order" (output at t_k uses the input at t_k: direct feedthrough) or "zero_order".
     """
-    w = lane_values("bandwidth", bandwidth, size, "positive and finite")
-    z = lane_values("damping_ratio", damping_ratio, size, "positive and finite")
+    w = batch_values("bandwidth", bandwidth, size, "positive and finite")
+    z = batch_values("damping_ratio", damping_ratio, size, "positive and finite")
     eye, zero = np.eye(size), np.zeros((size, size))
     models = [second_order(wi, zi) for wi, zi in zip(w, z, strict=True)]
     if hold == "zero_order":

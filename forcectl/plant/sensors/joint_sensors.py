@@ -1,4 +1,4 @@
-"""What a position-controlled robot tells at each tick of its interface: joint positions, speeds and motor torques.
+"""Readings of a position-controlled robot at each tick of its interface: joint positions, speeds and motor torques::
 
     q_m = quantum floor((q + noise)/quantum + 1/2)
     v_m = a v_m,k-1 + (1 - a) (q_m - q_m,k-1)/T,   a = e^{-w_v T}
@@ -21,7 +21,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
 from forcectl.errors import invalid, unknown
-from forcectl.framework.batch import BatchParameter, check, lane_values
+from forcectl.framework.batch import BatchParameter, batch_values, check
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.plant.sensors.force_sensor import white_noise
 
@@ -70,7 +70,7 @@ class JointSensors(SampledBatch):
     motor_position: shape (n,) [rad]. torque_integral: shape (n,), of the motor torque over time [Nms].
     joint_position: shape (n,), measured [rad]. joint_velocity: shape (n,), from it [rad/s].
     motor_torque: shape (n,), mean over the tick that ends [Nm].
-        All outputs are feedthrough of all inputs at the tick, and held.
+    All outputs are feedthrough of all inputs at the tick, and held.
 
     Parameters (Context, shape (n,)): quantum [rad] >= 0, 0: not quantised; position_noise [rad] and torque_noise [Nm]
     >= 0, standard deviation per tick.
@@ -78,8 +78,11 @@ class JointSensors(SampledBatch):
     Sampling: every `period` [s]; no delay of the position. Noise is a pure function of (seed, joint, tick).
 
     Args:
-        bandwidth: w_v of the speed [rad/s]. start: positions before the first tick, shape (n,) [rad].
-        torque: motor torque before it, shape (n,) [Nm]. seed: of the noise. faults: of the readings.
+        bandwidth: w_v of the speed [rad/s].
+        start: positions before the first tick, shape (n,) [rad].
+        torque: motor torque before it, shape (n,) [Nm].
+        seed: of the noise.
+        faults: of the readings.
     """
 
     on_arrays = True
@@ -121,8 +124,8 @@ class JointSensors(SampledBatch):
         self.port_units = {"motor_position": "rad", "torque_integral": "Nms"}
         self.port_units |= {"joint_position": "rad", "joint_velocity": "rad/s", "motor_torque": "Nm"}
         inputs = [self.DeclareVectorInputPort(name, n) for name in ("motor_position", "torque_integral")]
-        at_rest = quantised(lane_values("start", start, n), lane_values("quantum", quantum, n, "not negative"))
-        load = lane_values("torque", torque, n)
+        at_rest = quantised(batch_values("start", start, n), batch_values("quantum", quantum, n, "not negative"))
+        load = batch_values("torque", torque, n)
         memory = {
             "joint_position": at_rest,
             "joint_velocity": 0.0,

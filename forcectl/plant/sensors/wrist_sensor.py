@@ -1,4 +1,4 @@
-"""Wrist force/torque sensor: the wrench at the weld between flange and tool, digitised, less the weight of the tool.
+"""Wrist force/torque sensor: the wrench at the weld between flange and tool, digitised, minus the weight of the tool::
 
     w_S(felt)  = -(reaction at the weld, on the tool)  = environment + weight of everything beyond the sensor
     w_S        = digitised w_S(felt) - [p x R_WS' m g; R_WS' m g]
@@ -20,7 +20,7 @@ from pydrake.multibody.tree import Frame, Joint
 from pydrake.systems.framework import BasicVector, Context, DiscreteValues
 
 from forcectl.errors import BadInputError
-from forcectl.framework.batch import check, lane_values
+from forcectl.framework.batch import batch_values, check
 from forcectl.plant.sensors.force_sensor import SensorElectronics
 from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
 
@@ -43,7 +43,8 @@ def weight_matrix(mass: float, p_SScm: Vector) -> Vector:
     """Wrench about the origin of S of a mass per acceleration of gravity, both in S, shape (6, 3) [kg m; kg].
 
     Args:
-        mass [kg]. p_SScm: its centre in S, shape (3,) [m].
+        mass: [kg].
+        p_SScm: its centre in S, shape (3,) [m].
     """
     x, y, z = p_SScm
     return mass * np.vstack([[[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]], np.eye(3)])
@@ -62,8 +63,8 @@ class WristSensor(SensorElectronics):
     reaction_forces: abstract, list of SpatialForce of the plant.
     motor_position: shape (n_q,), for the orientation of the sensor [rad].
     readings: shape (8,): the measured wrench of the environment on the tool at S in S, [torque; force] [Nm, N]; its
-        force along n [N]; the true contact force [N], which the mounting of the environment carries. Feedthrough of
-        reaction_forces.
+    force along n [N]; the true contact force [N], which the mounting of the environment carries. Feedthrough of
+    reaction_forces.
 
     One output, because reading the reactions of a plant costs more than all the rest.
 
@@ -73,8 +74,11 @@ class WristSensor(SensorElectronics):
     function of (seed, channel, tick of `period`).
 
     Args:
-        plant: with the reactions. mounting: weld of the environment, which is massless, its surface normal +z.
-        robot: kinematics and tool. n: unit normal in W, shape (3,). start: q_0, shape (n_q,) [rad].
+        plant: with the reactions.
+        mounting: weld of the environment, which is massless, its surface normal +z.
+        robot: kinematics and tool.
+        n: unit normal in W, shape (3,).
+        start: q_0, shape (n_q,) [rad].
         electronics: bias, noise_std, quantum, range, tare, seed and period of `SensorElectronics`; with `tare` the
             sensor was made zero in the start posture, weight of the tool included.
     """
@@ -95,7 +99,7 @@ class WristSensor(SensorElectronics):
         self._rows = joints.index(sensor_weld.index()), joints.index(mounting.index())
         self._load, self._gravity = tool_load(robot)
         self._robot, self._n = robot, unit_normal(n)
-        self._start = lane_values("start", start, robot.num_joints)
+        self._start = batch_values("start", start, robot.num_joints)
         self._posture_period = check("posture_period", posture_period, "positive")
         self._zeroed = electronics["tare"]
         super().__init__(6, unit="Nm,N", **electronics)
@@ -155,7 +159,9 @@ def sensor_frame(robot: RobotModel) -> Frame:
         BadInputError: the tool has no wrist sensor.
     """
     if robot.parts.sensor_frame is None or robot.parts.sensor_weld is None:
-        raise BadInputError("has no wrist sensor: its facts must name a sensor_frame and a sensor_weld", key="tool")
+        raise BadInputError(
+            "has no wrist sensor: its parameters must name a sensor_frame and a sensor_weld", key="tool"
+        )
     return robot.parts.sensor_frame
 
 

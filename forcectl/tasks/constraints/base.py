@@ -1,6 +1,6 @@
 """Constraints of a robot that is commanded in joint accelerations u, as rows E u <= f, by invariance.
 
-A constraint is an output y <= 0 of relative degree r, and a row that says how u changes its r-th derivative:
+A constraint is an output y <= 0 of relative degree r, and a row that says how u changes its r-th derivative::
 
     r = 0    y   = row u + bias       (torque)             row u <= -bias
     r = 1    y'  = row u + bias       (speed)              row u <= -y/Ts - bias
@@ -8,14 +8,14 @@ A constraint is an output y <= 0 of relative degree r, and a row that says how u
 
 with a(y, y') the largest acceleration after which y <= 0 can still be kept with braking at gamma < 0, one tick ahead
 (`one_step_acceleration`). It is a row at every state: there is no active set to be found first. A row that is violated
-asks for the way back within |gamma| (3.57).
+asks for the way back within `|gamma|` (3.57).
 
-Between ticks u is held, and y'' changes with the posture by at most |y'''| Ts. So a constraint whose rows were kept is
-violated by at most 2/3 |y'''| Ts^3 (r = 2: 1/6 in the tick, 1/2 by the speed it leaves to the next) or |y''| Ts^2/2
-(r = 1): nothing for joint positions and speeds, which are integrated exactly. For a coordinate of the tool |y'''| <=
-L (S^3 + 3 S A), with the reach L and the sums S, A of joint speeds and accelerations; about a micrometre at 1 m/s and
-2 ms. It does not add up: the next tick takes into account what the last one missed, and may brake harder than gamma, up
-to twice.
+Between ticks u is held, and y'' changes with the posture by at most `|y'''| Ts`. So a constraint whose rows were kept
+is violated by at most `2/3 |y'''| Ts^3` (r = 2: 1/6 in the tick, 1/2 by the speed it leaves to the next) or `|y''|
+Ts^2/2` (r = 1): nothing for joint positions and speeds, which are integrated exactly. For a coordinate of the tool
+`|y'''|` <= L (S^3 + 3 S A), with the reach L and the sums S, A of joint speeds and accelerations; about a micrometre at
+1 m/s and 2 ms. It does not add up: the next tick takes into account what the last one missed, and may brake harder than
+gamma, up to twice.
 """
 
 from __future__ import annotations
@@ -31,7 +31,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.batch import check, lane_values
+from forcectl.framework.batch import batch_values, check
 from forcectl.framework.kernels import largest
 from forcectl.robot.model import JointLimits, unit_normal
 from forcectl.robot.robot_motion import RobotMotion
@@ -46,6 +46,8 @@ Evaluation = tuple[ArrayLike, ArrayLike, ArrayLike, ArrayLike]
 @runtime_checkable
 class Constraint(Protocol):
     """What a constraint has to offer, forcectl's or a user's own.
+
+    ::
 
         class Wall:
             relative_degree = 2
@@ -75,14 +77,16 @@ class CartesianWall:
         y = -normal' (p - point) [m]
 
     Args:
-        point: on the plane, (3,) [m]. normal: towards the free side, (3,). gamma: [m/s^2], < 0; None: the default.
+        point: on the plane, (3,) [m].
+        normal: towards the free side, (3,).
+        gamma: [m/s^2], < 0; None: the default.
     """
 
     relative_degree = 2
     label = "wall"
 
     def __init__(self, point: ArrayLike, normal: ArrayLike, gamma: float | None = None):
-        self._point, self._normal = lane_values("point", point, 3), unit_normal(normal)
+        self._point, self._normal = batch_values("point", point, 3), unit_normal(normal)
         if gamma is not None:
             self.gamma = gamma
 
@@ -96,19 +100,22 @@ class CartesianWall:
 class ForceLimit:
     """The contact force stays below a maximum, by the model and by the sensor, whichever is nearer.
 
-        y = max(-dx_bar - C_T_hat F_max, C_T_hat (F - F_max)/2 + unseen) [m]
+        y = max(-dx_bar - C_T_hat F_max, C_T_hat (F - F_max)/2 + sensor_lag_lead) [m]
 
-    `unseen` is what the measured force F does not show yet, see `SensorLag`; 0 where the sensor is not known: then F is
-    kept, and the true force goes beyond while F lags. Half of the compliance, so that one that is believed up to twice
-    too large does not count on a longer way to stop: more than half of F_max is approached as fast as F shows it.
+    `sensor_lag_lead` is what the measured force F does not show yet, see `SensorLag`; 0 where the sensor is not known:
+    then F is kept, and the true force goes beyond while F lags. Half of the compliance, so that a model with up to
+    twice the compliance does not count on a longer way to stop: more than half of F_max is approached as fast as F
+    shows it.
 
-    Reached behind a sensor of 12.6 rad/s with the compliance believed 0.5 to 2 times the true one, true force: pressing
-    on a flat surface within 0.01 N + 0.1 % of F_max, on stiff contact with up to 0.8 N of 8 N less where friction lets
-    joints stick and jump. A surface that the path does not know: 5 mm/s towards the tool at 1e5 N/m up to 46 N where 30
-    are allowed, above them for up to 1 s; 1 mm/s up to 35 N. Contact is kept. It is no guarantee against impact.
+    Reached behind a sensor of 12.6 rad/s with the compliance of the model 0.5 to 2 times the true one, true force:
+    pressing on a flat surface within 0.01 N + 0.1 % of F_max, on stiff contact with up to 0.8 N of 8 N less where
+    friction lets joints stick and jump. A surface that the path does not follow: 5 mm/s towards the tool at 1e5 N/m up
+    to 46 N where 30 are allowed, above them for up to 1 s; 1 mm/s up to 35 N. Contact is kept. It is no guarantee
+    against impact.
 
     Args:
-        maximum: F_max [N], > 0. gamma: [m/s^2], < 0; None: the controller's.
+        maximum: F_max [N], > 0.
+        gamma: [m/s^2], < 0; None: the controller's.
     """
 
     relative_degree = 2
@@ -123,12 +130,12 @@ class ForceLimit:
         """See `Constraint`."""
         contact, maximum = motion.contact, self._maximum
         by_model = -contact.displacement - contact.compliance * maximum
-        by_sensor = 0.5 * contact.compliance * (contact.measured_force - maximum) + contact.unseen
+        by_sensor = 0.5 * contact.compliance * (contact.measured_force - maximum) + contact.sensor_lag_lead
         return max(by_model, by_sensor), -contact.rate, -contact.row, -contact.bias
 
 
 class JointTorqueLimit:
-    """The torque of the commanded motion stays within limits, by the model: |M u + h| <= limit.
+    """The torque of the commanded motion stays within limits, by the model: `|M u + h|` <= limit.
 
     Args:
         limit: joint side, (n,) [Nm].
@@ -197,9 +204,13 @@ def checked_limits(limits: JointLimits, start: RobotMotion) -> JointLimits:
 class Rows(NamedTuple):
     """What the constraints ask for at one tick: E u <= f, lower <= u <= upper.
 
-    matrix: E, (m, n). limit: f, (m,). direct: how many rows, at the beginning, are of relative degree 0.
-    lower, upper: (n,) [rad/s^2]. violation: the largest y above zero, of relative degree 1 and 2. rate, bias: y', and
-    y'' at u = 0, of the rows of relative degree 2, which are the last ones.
+    Attributes:
+        matrix: E, (m, n).
+        limit: f, (m,).
+        direct: how many rows, at the beginning, are of relative degree 0.
+        lower, upper: (n,) [rad/s^2].
+        violation: the largest y above zero, of relative degree 1 and 2.
+        rate, bias: y', and y'' at u = 0, of the rows of relative degree 2, which are the last ones.
     """
 
     matrix: Vector
@@ -218,8 +229,11 @@ class ConstraintSet:
     Joint limits: see `JointBounds`.
 
     Args:
-        constraints: any number. limits: of the joints, see `checked_limits`. start: motion to try the constraints on.
-        period: tick Ts [s]. gamma: of constraints without their own, < 0.
+        constraints: any number.
+        limits: of the joints, see `checked_limits`.
+        start: motion to try the constraints on.
+        period: tick Ts [s].
+        gamma: of constraints without their own, < 0.
 
     Raises:
         BadInputError: a constraint that does not keep to the protocol or is violated at the start.
@@ -246,7 +260,7 @@ class ConstraintSet:
         degrees = [c.relative_degree for c, rows, _ in found for _ in range(rows)]
         self._first, self._second = degrees.count(0), degrees.count(0) + degrees.count(1)
         self.foreseen_size = row - self._second  # of the vector of `foresee`, zeros at rest
-        self._bounds, self._room = JointBounds(limits, self._period), limits.acceleration
+        self._bounds, self._acceleration = JointBounds(limits, self._period), limits.acceleration
         self._gamma = [g for _, rows, g in found for _ in range(rows)][self._second :]
         self._margin = [m for c, rows, _ in found for m in [_margin(c)] * rows][self._second :]
         steady = [not getattr(c, "rows_change", False) for c, rows, _ in found for _ in range(rows)]
@@ -289,7 +303,7 @@ class ConstraintSet:
         return expected
 
     def _bound(self, y: float, rate: float, foreseen: float, gamma: float, margin: float, steady: bool) -> float:
-        """The bound of row u + bias: that of y'' less what the tick before missed of it, within gamma."""
+        """The bound of row u + bias: that of y'' minus what the tick before missed of it, within gamma."""
         bound = bounded_acceleration(y + margin, rate, gamma, self._period)
         missed = (rate - foreseen) / self._period
         return bound - max(min(missed, -gamma), gamma) if steady and missed == missed else bound
@@ -302,7 +316,7 @@ class ConstraintSet:
         Args:
             v: joint speeds [rad/s].
         """
-        time = max((np.abs(v) / self._room).max().item() * 2.0, self._period)
+        time = max((np.abs(v) / self._acceleration).max().item() * 2.0, self._period)
         braking: Vector = np.minimum(np.maximum(v / -time, rows.lower), rows.upper)
         return braking
 
@@ -329,7 +343,7 @@ def _row_names(constraints: Sequence[tuple[Constraint, int]]) -> list[list[str]]
 
 def _slack_weight(constraint: Constraint) -> float:
     weight = getattr(constraint, "slack_weight", math.inf)
-    return lane_values(f"slack_weight of constraint {type(constraint).__name__}", weight, 1, "positive").item()
+    return batch_values(f"slack_weight of constraint {type(constraint).__name__}", weight, 1, "positive").item()
 
 
 def _margin(constraint: Constraint) -> float:

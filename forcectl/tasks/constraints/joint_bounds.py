@@ -12,7 +12,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.force.invariance.force_law import one_step_acceleration
-from forcectl.framework.batch import FEW_LANES, SCALAR_MATH
+from forcectl.framework.batch import SCALAR_MATH, SMALL_BATCH
 from forcectl.framework.kernels import largest
 from forcectl.robot.model import JointLimits
 
@@ -23,7 +23,10 @@ def bounded_acceleration(y: float, rate: float, gamma: float, period: float) -> 
     """The bound a(y, y') of y'' for constraints of relative degree 2, without a limit on how fast they are approached.
 
     Args:
-        y: constraint output. rate: y'. gamma: braking, < 0. period: tick Ts [s].
+        y: constraint output.
+        rate: y'.
+        gamma: braking, < 0.
+        period: tick Ts [s].
 
     Returns:
         at least gamma where the constraint holds and can be kept with gamma; down to 2 gamma where it could not, which
@@ -46,24 +49,25 @@ class JointBounds:
     """The bounds of all joints.
 
     Args:
-        limits: with finite accelerations, see `checked_limits`. period: tick Ts [s].
+        limits: with finite accelerations, see `checked_limits`.
+        period: tick Ts [s].
     """
 
     def __init__(self, limits: JointLimits, period: float):
         self._period, self._n = period, len(limits.velocity)
         self._tick, self._two_ticks = np.array(period), np.array(2 * period)
         each = (limits.position_lower, limits.position_upper, limits.velocity, limits.acceleration)
-        self._low, self._high, self._speed, self._room = each
+        self._low, self._high, self._speed, self._acceleration = each
         self._joints = [limit.tolist() for limit in each]
         # Accelerations that lead from rest to the limit of the speed in a tick.
-        self._least, self._most, self._no_room = -self._speed / period, self._speed / period, -self._room
-        self._tick_room = period * self._room
+        self._least, self._most, self._braking = -self._speed / period, self._speed / period, -self._acceleration
+        self._tick_speed = period * self._acceleration
         # How far from the middle of its range every joint may be when it is as fast as it can be; a joint with a limit
         # on one side only has no middle.
         ranged, free = np.isfinite(self._low) & np.isfinite(self._high), np.isinf(self._low) & np.isinf(self._high)
         low, high = (np.where(ranged, limit, 0.0) for limit in (self._low, self._high))
         self._middle = 0.5 * (low + high)
-        self._far = np.where(free, np.inf, 0.5 * (high - low) - self._way(self._speed))
+        self._clear = np.where(free, np.inf, 0.5 * (high - low) - self._stopping_distance(self._speed))
 
     def at(self, q: Vector, v: Vector) -> tuple[Vector, Vector, float]:
         """Lower and upper bounds of u (n,) [rad/s^2], and by how much a position [rad] or speed [rad/s] is beyond one.
@@ -72,22 +76,26 @@ class JointBounds:
             q, v: (n,) [rad, rad/s].
         """
         Ts = self._period
-        if self._n > FEW_LANES and self._unbound(q, v):
+        if self._n > SMALL_BATCH and self._unbound(q, v):
             change = v / self._tick
-            return np.maximum(self._least - change, self._no_room), np.minimum(self._most - change, self._room), 0.0
+            return (
+                np.maximum(self._least - change, self._braking),
+                np.minimum(self._most - change, self._acceleration),
+                0.0,
+            )
         lower, upper, violation = [], [], 0.0
         # Joint by joint in floats: for an arm a third of the cost of numpy.
-        for x, rate, low, high, speed, room in zip(q.tolist(), v.tolist(), *self._joints, strict=True):
+        for x, rate, low, high, speed, acceleration in zip(q.tolist(), v.tolist(), *self._joints, strict=True):
             down, up = (-speed - rate) / Ts, (speed - rate) / Ts
             # A limit so far away that after a tick of full acceleration there is a tick left before braking binds
             # nothing.
-            ahead, back = rate + Ts * room, Ts * room - rate
-            if x - high + (ahead * (2 * Ts + ahead / room) if ahead > 0.0 else 0.0) > 0.0:
-                up = min(up, bounded_acceleration(x - high, rate, -0.5 * room, Ts))
-            if low - x + (back * (2 * Ts + back / room) if back > 0.0 else 0.0) > 0.0:
-                down = max(down, -bounded_acceleration(low - x, -rate, -0.5 * room, Ts))
-            lower.append(max(min(down, room), -room))
-            upper.append(max(min(up, room), -room))
+            ahead, back = rate + Ts * acceleration, Ts * acceleration - rate
+            if x - high + (ahead * (2 * Ts + ahead / acceleration) if ahead > 0.0 else 0.0) > 0.0:
+                up = min(up, bounded_acceleration(x - high, rate, -0.5 * acceleration, Ts))
+            if low - x + (back * (2 * Ts + back / acceleration) if back > 0.0 else 0.0) > 0.0:
+                down = max(down, -bounded_acceleration(low - x, -rate, -0.5 * acceleration, Ts))
+            lower.append(max(min(down, acceleration), -acceleration))
+            upper.append(max(min(up, acceleration), -acceleration))
             violation = max(violation, x - high, low - x, abs(rate) - speed)
         return np.array(lower), np.array(upper), violation
 
@@ -98,13 +106,13 @@ class JointBounds:
         if not largest(speed - self._speed) <= 0.0:
             return False
         # Usually they are so far away that no speed matters.
-        if largest(np.abs(q - self._middle) - self._far) <= 0.0:
+        if largest(np.abs(q - self._middle) - self._clear) <= 0.0:
             return True
-        room = np.minimum(self._high - q, q - self._low)
-        return bool(largest(self._way(speed) - room) <= 0.0)
+        acceleration = np.minimum(self._high - q, q - self._low)
+        return bool(largest(self._stopping_distance(speed) - acceleration) <= 0.0)
 
-    def _way(self, speed: Vector) -> Vector:
+    def _stopping_distance(self, speed: Vector) -> Vector:
         """What a joint needs to stop from a speed that a tick at full acceleration still adds to [rad]."""
-        ahead = speed + self._tick_room
-        way: Vector = ahead * (self._two_ticks + ahead / self._room)
-        return way
+        ahead = speed + self._tick_speed
+        distance: Vector = ahead * (self._two_ticks + ahead / self._acceleration)
+        return distance

@@ -12,7 +12,8 @@ class OfArm:
     """A constraint written for one arm, of the named arm of a robot that has several.
 
     Args:
-        arm: its name. constraint: any; its relative degree, gamma and the like are kept.
+        arm: its name.
+        constraint: any; its relative degree, gamma and the like are kept.
     """
 
     def __init__(self, arm: str, constraint: Constraint):

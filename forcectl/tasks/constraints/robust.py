@@ -1,6 +1,6 @@
 """Constraints that hold in spite of measurement errors and of a model that is not exact: (5.21)-(5.27).
 
-An output p of relative degree 2 is measured as pi = (p, p') with an error Delta, and the model misses v in a tick:
+An output p of relative degree 2 is measured as pi = (p, p') with an error Delta, and the model misses v in a tick::
 
     pi+ = A (pi + Delta) + B p'' + v,     A = [1 Ts; 0 1],  B = [Ts^2/2; Ts],    |Delta| <= D,  |v| <= V       (5.23)
 
@@ -37,7 +37,9 @@ Vector = NDArray[np.float64]
 class Errors(NamedTuple):
     """Bounds of errors, each a number or one for each row of a constraint, >= 0.
 
-    value: of p, in its unit. rate: of p', in its unit per second. Of a model they are what it misses in a tick.
+    Attributes:
+        value: of p, in its unit.
+        rate: of p', in its unit per second. Of a model they are what it misses in a tick.
     """
 
     value: ArrayLike = 0.0
@@ -59,7 +61,8 @@ class RobustConstraint:
         inner: the constraint. Its gamma is replaced; its margin, slack weight and companions are kept. `LinkDistance`
             scales rows: bounds of its errors must be ten times as large.
         gamma_p: braking that is always possible, > 0 [unit of y per s^2].
-        measurement_error: of y and y'. model_error: what y and y' are off after a tick, beside what the model says.
+        measurement_error: of y and y'.
+        model_error: what y and y' are off after a tick, beside what the model says.
         period: tick Ts [s].
 
     Raises:

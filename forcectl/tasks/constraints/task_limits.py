@@ -6,7 +6,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from forcectl.errors import BadInputError
-from forcectl.framework.batch import check_order, lane_values
+from forcectl.framework.batch import batch_values, check_order
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.robot_motion import RobotMotion
 from forcectl.tasks.constraints.base import Evaluation
@@ -19,8 +19,10 @@ class TaskRange:
     """Task coordinates stay between limits: lower <= x <= upper, relative degree 2.
 
     Args:
-        task: whose coordinates. lower, upper: of each (k,) or one number [m or rad]; infinite where there is none.
-        gamma: braking [m or rad, per s^2], < 0; None: the controller's. slack_weight: see `Constraint`; None: hard.
+        task: whose coordinates.
+        lower, upper: of each (k,) or one number [m or rad]; infinite where there is none.
+        gamma: braking [m or rad, per s^2], < 0; None: the controller's.
+        slack_weight: see `Constraint`; None: hard.
     """
 
     relative_degree = 2
@@ -36,7 +38,7 @@ class TaskRange:
         slack_weight: float | None = None,
     ):
         limits = {
-            name: lane_values(name, value, task.size, "a number")
+            name: batch_values(name, value, task.size, "a number")
             for name, value in (("lower", lower), ("upper", upper))
         }
         check_order("lower", "upper", limits)
@@ -53,18 +55,19 @@ class TaskRange:
 
 
 class TaskSpeedLimit:
-    """Task coordinates change no faster than limits: |x'| <= limit, relative degree 1.
+    """Task coordinates change no faster than limits: `|x'|` <= limit, relative degree 1.
 
     Args:
-        task: whose coordinates. limit: of each (k,) or one number, > 0 [m or rad, per s]. slack_weight: see
-            `Constraint`; None: hard.
+        task: whose coordinates.
+        limit: of each (k,) or one number, > 0 [m or rad, per s].
+        slack_weight: see `Constraint`; None: hard.
     """
 
     relative_degree = 1
     label = "speed limit"
 
     def __init__(self, task: ArmTask, limit: ArrayLike, *, slack_weight: float | None = None):
-        fastest = lane_values("limit", limit, task.size, "positive")
+        fastest = batch_values("limit", limit, task.size, "positive")
         self._task, self._both = task, _Sides(fastest, -fastest)
         self.row_names = self._both.names(task)
         _set(self, None, slack_weight)

@@ -13,9 +13,9 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Diagram
 
 import forcectl
-from forcectl.diagrams.believed import plant_model
 from forcectl.diagrams.drives.position_drive import JointImpedanceDriveConfig
 from forcectl.diagrams.fidelities.multibody import MultibodyStation
+from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.station import build_station
 from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.errors import BadInputError
@@ -44,15 +44,18 @@ from tests.examples.station_runs import NORMALS, PERIOD, POSTURES, SPRINGS, comm
 SLOW = pytest.mark.slow
 
 
-def torque_cell(servo: ServoConfig | None = None, stiffness: list[float] | None = None, **changes: Any) -> Workcell:
+def torque_workcell(servo: ServoConfig | None = None, stiffness: list[float] | None = None, **changes: Any) -> Workcell:
     drive = JointImpedanceDriveConfig(servo=servo or ServoConfig(), stiffness=stiffness or [])
     return describe(multibody(drive=drive, **changes))
 
 
-def drives_compliance(cell: Workcell) -> float:
+def drives_compliance(workcell: Workcell) -> float:
     """n'J K_q^-1 J'n [m/N], with the default K_q = (60 rad/s)^2 B."""
-    facts, row = cell.robot.facts, cell.contact.n @ cell.robot.jacobian(cell.start_context())[3:]
-    return float(row**2 @ (1 / (60.0**2 * facts.rotor_inertia * facts.gear_ratio**2)))
+    parameters, row = (
+        workcell.robot.parameters,
+        workcell.contact.n @ workcell.robot.jacobian(workcell.start_context())[3:],
+    )
+    return float(row**2 @ (1 / (60.0**2 * parameters.rotor_inertia * parameters.gear_ratio**2)))
 
 
 def run(controller: Tagged | dict[str, float], interface: dict[str, Any] | None = None, **changes: Any) -> RunResult:
@@ -74,38 +77,40 @@ def last(log: Log, name: str) -> float:
 
 
 def test_it_has_the_ports_of_the_slot_and_no_feedthrough() -> None:
-    station = build_station(torque_cell())
+    station = build_station(torque_workcell())
     assert_ports(station, INPUTS, outputs("Multibody"))
     assert_feedthrough(station, [])
 
 
 def test_it_runs_the_same_after_reset_and_clone() -> None:
-    cell = torque_cell()
-    inputs = {"joint_position_command": cell.motor_start - 5e-4 * cell.contact.direction}
-    log = assert_same_after_reset_and_clone(build_station(cell), duration=0.2, period=0.01, inputs=inputs)
+    workcell = torque_workcell()
+    inputs = {"joint_position_command": workcell.motor_start - 5e-4 * workcell.contact.direction}
+    log = assert_same_after_reset_and_clone(build_station(workcell), duration=0.2, period=0.01, inputs=inputs)
     assert log["contact_force"][-1, 0] > 0.1
 
 
 def test_the_doctor_finds_nothing_wrong_with_a_closed_loop(check_diagram: CheckDiagram) -> None:
-    loop = Scenario(station=torque_cell().config, controller=IntegralConfig()).build()
+    loop = Scenario(station=torque_workcell().config, controller=IntegralConfig()).build()
     assert check_diagram(loop.diagram).delays[-1].total == 0.0
 
 
 @SLOW
 def test_memory_is_released() -> None:
     def build() -> Diagram:
-        return Scenario(station=torque_cell().config, controller=IntegralConfig()).build().diagram
+        return Scenario(station=torque_workcell().config, controller=IntegralConfig()).build().diagram
 
     assert_memory_released(build, duration=0.02, builds=5, allowed_kb=4096)
 
 
 @pytest.mark.parametrize("posture", POSTURES[:3])
 def test_at_rest_the_weight_is_carried_and_nothing_moves(posture: tuple[float, ...]) -> None:
-    cell = torque_cell(posture_deg=list(posture))
-    log = run_diagram(build_station(cell), 0.2, period=0.01, inputs={"joint_position_command": cell.motor_start})
+    workcell = torque_workcell(posture_deg=list(posture))
+    log = run_diagram(
+        build_station(workcell), 0.2, period=0.01, inputs={"joint_position_command": workcell.motor_start}
+    )
     np.testing.assert_allclose(log["contact_force"], 0.0, atol=1e-6)
-    np.testing.assert_allclose(log["motor_position"], np.tile(cell.motor_start, (21, 1)), atol=1e-9)
-    np.testing.assert_allclose(log["link_position"][-1], cell.start, atol=1e-7)
+    np.testing.assert_allclose(log["motor_position"], np.tile(workcell.motor_start, (21, 1)), atol=1e-9)
+    np.testing.assert_allclose(log["link_position"][-1], workcell.start, atol=1e-7)
 
 
 @pytest.mark.parametrize(("posture", "normal"), [(POSTURES[0], NORMALS[0]), (POSTURES[1], NORMALS[2])])
@@ -114,30 +119,30 @@ def test_a_static_force_moves_the_tool_by_the_compliance_of_drives_joints_and_su
     posture: tuple[float, ...], normal: tuple[float, ...], friction: float
 ) -> None:
     """C F, with friction too: the torque loop makes the springs carry what impedance control says."""
-    cell = torque_cell(
+    workcell = torque_workcell(
         posture_deg=list(posture),
         normal=list(normal),
         environment=EnvironmentConfig(stiffness=2e5),
         servo=ServoConfig(friction_scale=friction),
     )
-    drives = drives_compliance(cell)
-    told = plant_model(cell)
+    drives = drives_compliance(workcell)
+    told = plant_model(workcell)
     assert told.drive_compliance == pytest.approx(drives)
-    assert told.total_compliance.item() == pytest.approx(compliance_of(cell) + drives, rel=1e-9)
+    assert told.total_compliance.item() == pytest.approx(compliance_of(workcell) + drives, rel=1e-9)
     depth = 15.0 * told.total_compliance.item()
 
     def command(t: float) -> np.ndarray:
         s = min(1.0, t)
-        return command_for(cell, -depth * s * s * (3 - 2 * s))
+        return command_for(workcell, -depth * s * s * (3 - 2 * s))
 
-    log = run_diagram(build_station(cell), 2.5, period=0.05, inputs={"joint_position_command": command})
+    log = run_diagram(build_station(workcell), 2.5, period=0.05, inputs={"joint_position_command": command})
     assert last(log, "contact_force") == pytest.approx(15.0, rel=0.02)
     # What the motors have not given way by is left to joints and surface.
-    assert -last(log, "contact_displacement") == pytest.approx(15.0 * compliance_of(cell), rel=0.02)
+    assert -last(log, "contact_displacement") == pytest.approx(15.0 * compliance_of(workcell), rel=0.02)
 
 
 def test_stiffness_of_the_users_own() -> None:
-    soft = torque_cell(stiffness=[2e4, 2e4, 2e4, 300.0, 500.0, 300.0])
+    soft = torque_workcell(stiffness=[2e4, 2e4, 2e4, 300.0, 500.0, 300.0])
     row = soft.contact.n @ soft.robot.jacobian(soft.start_context())[3:]
     drives = row**2 @ (1 / np.array([2e4, 2e4, 2e4, 300, 500, 300]))
     assert soft.contact.robot_compliance == pytest.approx(3.2e-5 + drives)
@@ -147,27 +152,29 @@ def test_stiffness_of_the_users_own() -> None:
 @pytest.mark.parametrize("elastic", [True, False])
 def test_the_light_stations_have_it_as_softer_joints(fidelity: str, elastic: bool) -> None:
     servo = ServoConfig(friction_scale=0.0, coulomb_friction=0.0)
-    cell = torque_cell(fidelity=fidelity, elastic_joints=elastic, servo=servo)
-    told = plant_model(cell)
+    workcell = torque_workcell(fidelity=fidelity, elastic_joints=elastic, servo=servo)
+    told = plant_model(workcell)
     assert told.drive_compliance == 0.0
-    expected = drives_compliance(cell) + (compliance_of(cell) if elastic else 1 / SPRINGS)
+    expected = drives_compliance(workcell) + (compliance_of(workcell) if elastic else 1 / SPRINGS)
     assert told.total_compliance.item() == pytest.approx(expected, rel=1e-9)
     depth = -15.0 * expected
-    inputs = {"joint_position_command": lambda t: command_for(cell, depth * min(1.0, t))}
-    log = run_diagram(build_station(cell), 2.0, period=0.05, inputs=inputs)
+    inputs = {"joint_position_command": lambda t: command_for(workcell, depth * min(1.0, t))}
+    log = run_diagram(build_station(workcell), 2.0, period=0.05, inputs=inputs)
     assert last(log, "contact_force") == pytest.approx(15.0, rel=5e-3)
 
 
 # --- energy -----------------------------------------------------------------------------------------------------------
 
 
-def energy(cell: Workcell, q: np.ndarray, v: np.ndarray, motors: np.ndarray, speeds: np.ndarray) -> float:
+def energy(workcell: Workcell, q: np.ndarray, v: np.ndarray, motors: np.ndarray, speeds: np.ndarray) -> float:
     """Of the deviations from rest: links, springs, motors as light as the torque loop makes them, impedance."""
-    robot = cell.robot
-    links = robot.mass_matrix(cell.start_context())
-    rotors = np.diag(robot.facts.rotor_inertia * robot.facts.gear_ratio**2) / (1 + cell.config.drive.torque_gain)
-    dq, dm = q - cell.start, motors - cell.motor_start
-    springs, impedance = np.diag(cell.spring_stiffness), np.diag(cell.drive_stiffness)
+    robot = workcell.robot
+    links = robot.mass_matrix(workcell.start_context())
+    rotors = np.diag(robot.parameters.rotor_inertia * robot.parameters.gear_ratio**2) / (
+        1 + workcell.config.drive.torque_gain
+    )
+    dq, dm = q - workcell.start, motors - workcell.motor_start
+    springs, impedance = np.diag(workcell.spring_stiffness), np.diag(workcell.drive_stiffness)
     terms = ((v, links), (speeds, rotors), (dq - dm, springs), (dm, impedance))
     return float(sum(0.5 * x @ matrix @ x for x, matrix in terms))
 
@@ -177,23 +184,23 @@ def energy(cell: Workcell, q: np.ndarray, v: np.ndarray, motors: np.ndarray, spe
 def test_a_robot_that_is_held_gains_no_energy(posture: tuple[float, ...], stiffness: float | None) -> None:
     """Without friction, which would help, after a push of 200 N that is let go: every 20 ms there is less."""
     height = 0.05 if stiffness is None else 0.0  # above the surface
-    cell = torque_cell(
+    workcell = torque_workcell(
         posture_deg=list(posture),
         servo=ServoConfig(friction_scale=0.0),
         environment=EnvironmentConfig(stiffness=stiffness or 1e4),
     )
-    station = build_station(cell)
+    station = build_station(workcell)
     assert isinstance(station, MultibodyStation)
-    plant, parts = station.plant, cell.robot.parts
+    plant, parts = station.plant, workcell.robot.parts
     simulator = Simulator(station)
     context = simulator.get_mutable_context()
-    robot = plant.GetModelInstanceByName(cell.robot.plant.GetModelInstanceName(parts.instance))
+    robot = plant.GetModelInstanceByName(workcell.robot.plant.GetModelInstanceName(parts.instance))
     inner = plant.GetMyMutableContextFromRoot(context)
-    station.GetInputPort("joint_position_command").FixValue(context, command_for(cell, height))
+    station.GetInputPort("joint_position_command").FixValue(context, command_for(workcell, height))
     simulator.AdvanceTo(1.5 if height else 0.1)
     rest_q, rest_m = plant.GetPositions(inner, robot), station.GetOutputPort("motor_position").Eval(context)
     push = ExternallyAppliedSpatialForce()
-    tcp = plant.GetFrameByName(cell.robot.tcp_frame.name())
+    tcp = plant.GetFrameByName(workcell.robot.tcp_frame.name())
     push.body_index = tcp.body().index()
     push.p_BoBq_B = tcp.GetFixedPoseInBodyFrame().translation()
     start, stored = context.get_time(), []
@@ -207,7 +214,9 @@ def test_a_robot_that_is_held_gains_no_energy(posture: tuple[float, ...], stiffn
                 motors, speeds = (
                     station.GetOutputPort(name).Eval(context) for name in ("motor_position", "motor_velocity")
                 )
-                stored.append(energy(cell, q - rest_q + cell.start, v, motors - rest_m + cell.motor_start, speeds))
+                stored.append(
+                    energy(workcell, q - rest_q + workcell.start, v, motors - rest_m + workcell.motor_start, speeds)
+                )
     assert context.get_time() == pytest.approx(start + 0.6)
     assert stored[0] > 0.1
     assert stored[-1] < 1e-3 * stored[0]
@@ -263,15 +272,15 @@ def test_vrft_finds_the_gains_of_the_theory_and_those_of_the_experiment(material
     result = forcectl.run("vrft_torque", variant=variant, overrides={"duration": 6.6})
     found = result.metrics[variant]
     station = load_scenario("vrft_torque", variant).station
-    cell = describe(station)
-    assert found["integral_gain"] == pytest.approx(-1.5 * cell.contact.environment_compliance, rel=0.02)
+    workcell = describe(station)
+    assert found["integral_gain"] == pytest.approx(-1.5 * workcell.contact.environment_compliance, rel=0.02)
     lags = 2 / 12.6 + 2 / 75.4 + 0.002
-    stretched = lags * (1 + cell.contact.robot_compliance / cell.contact.environment_compliance)
+    stretched = lags * (1 + workcell.contact.robot_compliance / workcell.contact.environment_compliance)
     assert found["proportional_gain"] / found["integral_gain"] == pytest.approx(stretched, rel=0.1)
     moves = slice(0, round(6.5 / PERIOD))
     u, y = (result.log[name].values.ravel()[moves] for name in ("controller_output", "measured_force"))
     recorded = fit_vrft(u - u[0], y - y[0], first_order(1.5, PERIOD), continuous_pid(PERIOD)).gains
-    assert recorded[1] == pytest.approx(-1.5 * cell.contact.environment_compliance, rel=0.03)
+    assert recorded[1] == pytest.approx(-1.5 * workcell.contact.environment_compliance, rel=0.03)
     laws = [(load_scenario("vrft_torque", f"{material}, governed").controller.law, [found[gain] for gain in GAINS])]
     if material == "springs":
         laws.append((load_scenario("vrft_torque", "springs, tuned from the record").controller, recorded))
@@ -283,7 +292,7 @@ def test_vrft_finds_the_gains_of_the_theory_and_those_of_the_experiment(material
 def test_the_tuning_does_not_depend_on_the_posture() -> None:
     """The robot is five times as soft here as in the posture of the experiment."""
     posture = {"station.posture_deg": list(POSTURES[3])}
-    here, there = torque_cell(posture_deg=list(POSTURES[3])).contact, torque_cell().contact
+    here, there = torque_workcell(posture_deg=list(POSTURES[3])).contact, torque_workcell().contact
     assert here.robot_compliance > 5 * there.robot_compliance
     variant = "springs, tune and regulate"
     found = forcectl.run("vrft_torque", variant=variant, overrides={"duration": 6.6} | posture).metrics[variant]
@@ -319,7 +328,7 @@ def test_friction_that_is_neither_divided_nor_observed_falsifies_the_tuning() ->
 )
 def test_a_station_that_cannot_have_it_is_refused(changes: dict[str, Any], told: str) -> None:
     with pytest.raises(BadInputError, match=told):
-        build_station(torque_cell(**changes))
+        build_station(torque_workcell(**changes))
 
 
 def test_a_drive_that_is_none_is_refused() -> None:

@@ -93,11 +93,11 @@ def test_every_tick_is_the_closed_form(delay_ticks, size):
         past, wanted = [sent[k], *past][:delay_ticks], model_step(c, wanted, desired[k])
 
 
-def test_a_lane_is_the_same_alone():
-    def inputs(lanes):
+def test_a_batch_element_is_the_same_alone():
+    def inputs(elements):
         return {
-            "desired_force": lambda t: np.array([20.0, 12.0, 5.0 * t])[lanes],
-            "measured_force": lambda t: np.array([8.0 * t, 3 * math.sin(40 * t), 1.0])[lanes],
+            "desired_force": lambda t: np.array([20.0, 12.0, 5.0 * t])[elements],
+            "measured_force": lambda t: np.array([8.0 * t, 3 * math.sin(40 * t), 1.0])[elements],
         }
 
     chosen = {"inner_pole": np.array([0.99, 0.997, 0.95]), "upper_limit": np.array([30.0, math.inf, 25.0])}
@@ -169,7 +169,7 @@ def test_a_force_that_is_not_finite_holds_the_last_reference(port, value, furthe
     assert reference[100] != reference[99]
 
 
-def test_one_bad_lane_does_not_hold_the_others():
+def test_one_bad_batch_element_does_not_hold_the_others():
     inputs = {"desired_force": 20.0, "measured_force": lambda t: np.array([math.nan if t > 0.05 else 5.0, 50 * t])}
     log = run_diagram(CommandGovernor(2), 0.1, period=PERIOD, inputs=inputs)
     assert np.ptp(log["governed_reference"][-20:, 0]) == 0.0
@@ -219,12 +219,12 @@ def test_limits_in_the_wrong_order_are_refused():
 # --- in front of a law -----------------------------------------------------------------------------------------------
 
 
-def facts(period: float = PERIOD, size: int = 1) -> PlantModel:
+def model(period: float = PERIOD, size: int = 1) -> PlantModel:
     return PlantModel(size, period, np.full(size, 3e-5), np.full(size, 2e-4), 12.6, 1.0, 0.0)
 
 
 def governed(**changed) -> GovernedForceLaw:
-    return GovernedConfig(**changed).add_to(DiagramBuilder(), facts())
+    return GovernedConfig(**changed).add_to(DiagramBuilder(), model())
 
 
 def test_ports_of_the_slot():
@@ -250,12 +250,12 @@ def test_the_law_gets_the_governed_reference():
 
 def test_the_bandwidths_are_those_of_the_loop_at_any_period():
     for period in (0.002, 0.001):
-        governor = GovernedConfig(law=VrftConfig(reference_bandwidth=1.8)).governor(facts(period))
+        governor = GovernedConfig(law=VrftConfig(reference_bandwidth=1.8)).governor(model(period))
         context = governor.CreateDefaultContext()
         assert governor.parameter(context, "inner_pole") == pytest.approx(1 - 1.8 * period)
         assert governor.parameter(context, "reference_pole") == pytest.approx(1 - 7.5 * period)
     assert GovernedConfig().reference_model_bandwidth() == 7.5
-    own = GovernedConfig(inner_bandwidth=2.0).governor(facts())
+    own = GovernedConfig(inner_bandwidth=2.0).governor(model())
     assert own.parameter(own.CreateDefaultContext(), "inner_pole") == pytest.approx(0.996)
 
 
@@ -288,8 +288,8 @@ def test_what_does_not_fit_the_period_is_refused_by_name_when_built(name, value)
 class Silent:
     """A user's law that does not tell its bandwidth."""
 
-    def add_to(self, builder: DiagramBuilder, facts: PlantModel):
-        return IntegralConfig().add_to(builder, facts)
+    def add_to(self, builder: DiagramBuilder, model: PlantModel):
+        return IntegralConfig().add_to(builder, model)
 
 
 def test_a_law_that_does_not_tell_its_bandwidth_needs_one():

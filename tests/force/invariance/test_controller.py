@@ -27,7 +27,7 @@ from tests.examples.robot_controller_runs import (
     drive,
     limits,
     make,
-    robot_facts,
+    robot_plant_model,
     tips,
 )
 
@@ -83,18 +83,18 @@ def test_the_force_is_reached_without_overshoot_while_the_tool_moves_along_the_s
 
 
 def test_the_path_in_the_unconstrained_directions_is_followed() -> None:
-    facts = robot_facts()
-    path = TangentialMotionConfig(distance=0.03, speed=0.02).trajectory(facts.robot, facts.start, facts.n)
+    model = robot_plant_model()
+    path = TangentialMotionConfig(distance=0.03, speed=0.02).trajectory(model.robot, model.start, model.n)
 
     def reference(k: int) -> np.ndarray:
-        course: np.ndarray = path.value(min(k * PERIOD, path.end_time())).ravel()
-        return course
+        positions: np.ndarray = path.value(min(k * PERIOD, path.end_time())).ravel()
+        return positions
 
     log = drive(make(), 1100, reference=reference)
     for tick in (200, 500, 900, 1099):
         place, wanted = (
-            RobotMotion(facts.robot, facts.robot.create_context(), q, np.zeros(N))
-            for q in (log["joint_position_command"][tick], facts.start + reference(tick))
+            RobotMotion(model.robot, model.robot.create_context(), q, np.zeros(N))
+            for q in (log["joint_position_command"][tick], model.start + reference(tick))
         )
         np.testing.assert_allclose(place.position[:2], wanted.position[:2], atol=2e-6)
         np.testing.assert_allclose(place.rotation, wanted.rotation, atol=1e-5)
@@ -153,9 +153,9 @@ def test_a_compliance_input_moves_the_set_point() -> None:
 
 
 def test_joint_limits_hold_against_a_reference_beyond_them() -> None:
-    facts = robot_facts()
+    model = robot_plant_model()
     tight = limits(
-        position_upper=facts.start + np.array([0.15, 0.1, 0.5, 0.5, 0.5, 0.5]),
+        position_upper=model.start + np.array([0.15, 0.1, 0.5, 0.5, 0.5, 0.5]),
         velocity=np.full(N, 0.6),
         acceleration=np.full(N, 8.0),
     )
@@ -169,16 +169,16 @@ def test_joint_limits_hold_against_a_reference_beyond_them() -> None:
 
 
 def test_torques_stay_within_limits_by_the_model() -> None:
-    facts = robot_facts()
+    model = robot_plant_model()
     weak = limits(torque=np.array([40.0, 400.0, 200.0, 30.0, 30.0, 30.0]))
     log = drive(
         make(limits=weak), 800, reference=lambda k: np.array([0.6, 0.0, 0.0, 0.0, 0.0, 0.0]) * math.sin(0.01 * k)
     )
-    v, u = accelerations(log, facts.start)
-    q = np.vstack([facts.start, log["joint_position_command"]])[:-1]
+    v, u = accelerations(log, model.start)
+    q = np.vstack([model.start, log["joint_position_command"]])[:-1]
     before = np.vstack([np.zeros(N), v])[:-1]
-    context = facts.robot.create_context()
-    torque = np.array([facts.robot.inverse_dynamics(context, *row) for row in zip(q, before, u, strict=True)])
+    context = model.robot.create_context()
+    torque = np.array([model.robot.inverse_dynamics(context, *row) for row in zip(q, before, u, strict=True)])
     assert np.abs(torque[:, 0]).max() == pytest.approx(40.0, rel=1e-3)
     assert (np.abs(torque) <= weak.torque * (1 + 1e-6) + 1e-4).all()
     assert log["constraint_violation"].max() < 1e-6
@@ -295,10 +295,10 @@ def test_a_users_constraint_that_breaks_brakes_and_holds(how: str) -> None:
 
 def test_regulated_outputs_give_way_before_limits_do() -> None:
     # A wall of the force: no deeper than 2 mm, where 3 mm are asked for. Then one that pushes back.
-    facts = robot_facts()
-    context = facts.robot.create_context()
-    facts.robot.set_positions(context, facts.start)
-    floor = CartesianWall(facts.robot.tip_position(context) - [0.0, 0.0, 2e-3], [0.0, 0.0, 1.0], -0.1)
+    model = robot_plant_model()
+    context = model.robot.create_context()
+    model.robot.set_positions(context, model.start)
+    floor = CartesianWall(model.robot.tip_position(context) - [0.0, 0.0, 2e-3], [0.0, 0.0, 1.0], -0.1)
     log = drive(make(constraints=[floor]), 400)
     assert_smooth(log)
     assert log["displacement_command"].min() == pytest.approx(-2e-3, abs=1e-8)

@@ -28,7 +28,7 @@ PERIOD, C_R, C_E = 0.002, 3e-5, 1.7e-4
 C_T = C_R + C_E
 
 
-def facts(size: int = 1) -> PlantModel:
+def model(size: int = 1) -> PlantModel:
     return PlantModel(size, PERIOD, np.full(size, C_R), np.full(size, C_E), 12.6, 1.0, 0.0)
 
 
@@ -38,7 +38,7 @@ def correction(**changed) -> InvarianceCorrection:
 
 
 def control(size: int = 1, **changed) -> InvarianceControl:
-    return InvarianceControlConfig(**changed).add_to(DiagramBuilder(), facts(size))
+    return InvarianceControlConfig(**changed).add_to(DiagramBuilder(), model(size))
 
 
 def spring_loop(law, true_compliance: float = C_T) -> Diagram:
@@ -139,7 +139,7 @@ def test_a_signal_that_is_not_finite_brakes_and_holds(port, size):
 def test_never_a_nan():
     usual = {"desired_force": 15.0, "measured_force": 5.0}
     assert_passes_no_nan(control(), duration=0.1, period=PERIOD, inputs=usual)
-    adaptive = AdaptiveInvarianceControlConfig().add_to(DiagramBuilder(), facts())
+    adaptive = AdaptiveInvarianceControlConfig().add_to(DiagramBuilder(), model())
     assert_passes_no_nan(adaptive, duration=0.1, period=PERIOD, inputs={**usual, "motor_displacement": -1e-3})
 
 
@@ -156,7 +156,7 @@ def test_a_nominal_command_that_is_not_a_number_is_no_movement():
 
 @pytest.mark.parametrize("config", [AdaptiveInvarianceControlConfig(), AdaptiveInvarianceConfig()])
 def test_adaptive_laws_show_the_estimate_and_share_it(config):
-    law = config.add_to(DiagramBuilder(), facts(2))
+    law = config.add_to(DiagramBuilder(), model(2))
     names = ("displacement_command", "invariance_function", "status", "environment_compliance")
     assert_ports(law, {"desired_force": 2, "measured_force": 2, "motor_displacement": 2}, dict.fromkeys(names, 2))
     log = run_diagram(law, 0.01, period=PERIOD, inputs={"desired_force": 15.0, "measured_force": 0.0})

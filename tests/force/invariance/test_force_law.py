@@ -115,7 +115,7 @@ def law(size: int = 1, **changed) -> InvarianceForceLaw:
 
 
 def force_of(block: InvarianceForceLaw, desired: Callable | float, duration: float, compliance=C_T, **inputs):
-    """Force on the ideal plant, F = -dx_bar/C, shape (ticks, lanes)."""
+    """Force on the ideal plant, F = -dx_bar/C, shape (ticks, batch elements)."""
     inputs = {"desired_force": desired, "measured_force": 0.0, **inputs}
     command = run_diagram(block, duration, period=PERIOD, inputs=inputs, outputs=["displacement_command"])
     return -command["displacement_command"] / compliance
@@ -146,7 +146,7 @@ def test_two_hundred_loops_with_steps_up_and_down_have_no_overshoot_and_take_min
         before = steps[i]
 
 
-def test_one_lane_alone_and_among_others():
+def test_one_batch_element_alone_and_among_others():
     def wave(t):
         return 10 + 8 * math.sin(40 * t) if t > 0.1 else 15.0
 
@@ -336,8 +336,8 @@ def test_limits_in_the_wrong_order_are_refused():
 
 
 def test_config_builds_the_law_with_the_compliance_of_the_loop():
-    facts = PlantModel(2, PERIOD, np.array([3e-5, 3e-5]), np.array([1e-4, 2e-4]), 12.6, 1.0, 0.0)
-    block = InvarianceConfig(gamma=-0.2, compliance_error=1.1).add_to(DiagramBuilder(), facts)
+    model = PlantModel(2, PERIOD, np.array([3e-5, 3e-5]), np.array([1e-4, 2e-4]), 12.6, 1.0, 0.0)
+    block = InvarianceConfig(gamma=-0.2, compliance_error=1.1).add_to(DiagramBuilder(), model)
     context = block.CreateDefaultContext()
     np.testing.assert_allclose(block.parameter(context, "compliance"), [1.1 * 1.3e-4, 1.1 * 2.3e-4])
     np.testing.assert_array_equal(block.parameter(context, "upper_acceleration"), 0.2)

@@ -203,11 +203,11 @@ def test_lost_contact_is_followed_without_a_jump_down_to_the_limit(form: str) ->
     assert np.all(log["status"] == 0.0)
 
 
-# --- lanes, ports, configuration -------------------------------------------------------------------------------------
+# --- batch elements, ports, configuration -----------------------------------------------------------------------------
 
 
 @both_forms
-def test_lanes_equal_single_loops_bit_for_bit(form: str) -> None:
+def test_batch_elements_equal_single_loops_bit_for_bit(form: str) -> None:
     alphas, ratios = [0.5, 1.0, 3.0], [1.0, 0.8, 1 / 1.5]
     compliances = [C * r for r in ratios]
     together = law(3, alpha=alphas, compliance=compliances, derivatives=form, acceleration_limit=0.1, rest_region=0.1)
@@ -216,17 +216,17 @@ def test_lanes_equal_single_loops_bit_for_bit(form: str) -> None:
         "measured_force": lambda t: 20 * (1 - math.exp(-6 * t)) + math.sin(9 * t),
     }
     log = run_diagram(together, 0.6, period=PERIOD, inputs=inputs)
-    for lane in range(3):
+    for element in range(3):
         alone = law(
-            alpha=alphas[lane],
-            compliance=compliances[lane],
+            alpha=alphas[element],
+            compliance=compliances[element],
             derivatives=form,
             acceleration_limit=0.1,
             rest_region=0.1,
         )
         single = run_diagram(alone, 0.6, period=PERIOD, inputs=inputs)
         for name in ("displacement_command", "invariance_function", "status"):
-            np.testing.assert_array_equal(log[name][:, lane], single[name][:, 0])
+            np.testing.assert_array_equal(log[name][:, element], single[name][:, 0])
 
 
 def test_a_compliance_from_the_port_acts_like_the_parameter() -> None:
@@ -255,7 +255,7 @@ def test_ports() -> None:
     assert_docstring_matches(with_port)
 
 
-FACTS = PlantModel(
+MODEL = PlantModel(
     size=2,
     period=PERIOD,
     robot_compliance=np.array([3e-5, 2e-5]),
@@ -267,13 +267,13 @@ FACTS = PlantModel(
 
 
 def test_config_uses_what_it_is_told() -> None:
-    block = FourthDegreeInvarianceConfig(compliance_error=0.5, alpha=2.0).add_to(DiagramBuilder(), FACTS)
+    block = FourthDegreeInvarianceConfig(compliance_error=0.5, alpha=2.0).add_to(DiagramBuilder(), MODEL)
     context = block.CreateDefaultContext()
-    np.testing.assert_allclose(block.parameter(context, "compliance"), 0.5 * FACTS.total_compliance)
+    np.testing.assert_allclose(block.parameter(context, "compliance"), 0.5 * MODEL.total_compliance)
     np.testing.assert_array_equal(block.parameter(context, "bandwidth"), 20.0)
     np.testing.assert_array_equal(block.parameter(context, "alpha"), 2.0)
     np.testing.assert_array_equal(block.parameter(context, "upper"), 1e5)
-    own = FourthDegreeInvarianceConfig(bandwidth=75.4, upper=2e4).add_to(DiagramBuilder(), FACTS)
+    own = FourthDegreeInvarianceConfig(bandwidth=75.4, upper=2e4).add_to(DiagramBuilder(), MODEL)
     context = own.CreateDefaultContext()
     np.testing.assert_array_equal(own.parameter(context, "bandwidth"), 75.4)
     np.testing.assert_array_equal(own.parameter(context, "upper"), 2e4)
@@ -281,7 +281,7 @@ def test_config_uses_what_it_is_told() -> None:
 
 def test_the_adaptive_law_starts_from_the_compliance_it_is_told() -> None:
     config = AdaptiveFourthDegreeInvarianceConfig(compliance_error=0.5)
-    adaptive = config.add_to(DiagramBuilder(), FACTS)
+    adaptive = config.add_to(DiagramBuilder(), MODEL)
     outputs = {"displacement_command", "invariance_function", "status", "environment_compliance"}
     assert_ports(
         adaptive,
@@ -290,10 +290,10 @@ def test_the_adaptive_law_starts_from_the_compliance_it_is_told() -> None:
     )
     inputs = {"desired_force": FORCE, "measured_force": 0.0}
     log = run_diagram(adaptive, 0.1, period=PERIOD, inputs=inputs)
-    np.testing.assert_allclose(log["environment_compliance"][0], 0.5 * FACTS.environment_compliance)
+    np.testing.assert_allclose(log["environment_compliance"][0], 0.5 * MODEL.environment_compliance)
     # Below the minimum force nothing is learnt, so it is the plain law with that compliance.
-    believed = FACTS.robot_compliance + 0.5 * FACTS.environment_compliance
-    plain = FourthDegreeInvarianceConfig().law(FACTS, believed)
+    believed = MODEL.robot_compliance + 0.5 * MODEL.environment_compliance
+    plain = FourthDegreeInvarianceConfig().law(MODEL, believed)
     expected = run_diagram(plain, 0.1, period=PERIOD, inputs=inputs)
     np.testing.assert_array_equal(log["displacement_command"], expected["displacement_command"])
     for name, value in (("forgetting", 0.0), ("gamma", 1.0), ("initial_covariance", -1.0)):

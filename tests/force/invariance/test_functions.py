@@ -131,7 +131,7 @@ def test_algorithm_1_for_one_and_three_real_roots(number: int) -> None:
         assert iv.invariance_function(state, gamma) == pytest.approx(expected, rel=1e-10)
 
 
-def test_lanes_give_the_same_bits_as_arrays() -> None:
+def test_batch_elements_give_the_same_bits_as_arrays() -> None:
     xi, gamma = random_states(4)
     together = iv.invariance_4(tuple(xi.T), gamma)
     alone = [iv.invariance_4(tuple(x), g, iv.FLOAT_MATH) for x, g in zip(xi.tolist(), gamma.tolist(), strict=True)]

@@ -16,7 +16,7 @@ from tests.examples.robot_controller_runs import (
     drive,
     limits,
     make,
-    robot_facts,
+    robot_plant_model,
     tips,
 )
 
@@ -27,17 +27,17 @@ RUNS = int(os.environ.get("FORCECTL_RANDOM_RUNS", "150"))
 def random_run(seed: int, ticks: int = 250) -> float:
     """A run with random limits, wall, reference and forces: the largest violation by the bound of one sample."""
     rng = np.random.default_rng(seed)
-    facts = robot_facts()
-    context = facts.robot.create_context()
-    facts.robot.set_positions(context, facts.start)
-    place, away = facts.robot.tip_position(context), rng.normal(size=3) * [1, 1, 0.2]
+    model = robot_plant_model()
+    context = model.robot.create_context()
+    model.robot.set_positions(context, model.start)
+    place, away = model.robot.tip_position(context), rng.normal(size=3) * [1, 1, 0.2]
     away /= np.linalg.norm(away)
     wall = CartesianWall(place + rng.uniform(0.01, 0.05) * away, -away, -(10 ** rng.uniform(-1, 0.5)))
     room = rng.uniform(0.05, 0.4, N)
     used = limits(
-        position_lower=np.maximum(facts.robot.limits.position_lower, facts.start - room),
-        position_upper=np.minimum(facts.robot.limits.position_upper, facts.start + room),
-        velocity=facts.robot.limits.velocity * rng.uniform(0.1, 1.0, N),
+        position_lower=np.maximum(model.robot.limits.position_lower, model.start - room),
+        position_upper=np.minimum(model.robot.limits.position_upper, model.start + room),
+        velocity=model.robot.limits.velocity * rng.uniform(0.1, 1.0, N),
     )
     stiffness, desired = 10 ** rng.uniform(3, 6), rng.uniform(1, 30, 4)
     most = rng.uniform(0.7, 1.5) * desired.max()
@@ -60,7 +60,7 @@ def random_run(seed: int, ticks: int = 250) -> float:
     assert -log["displacement_command"].min() * stiffness <= most + max(1e-6 * stiffness, 1e-6)
     # What is put out is the state before the tick: the last tick of the log is missing in it.
     deep = max((place + move - wall._point) @ away for move in tips(log))
-    v, u = accelerations(log, facts.start)
+    v, u = accelerations(log, model.start)
     S, A = np.abs(v).sum(axis=1), np.abs(u).sum(axis=1)
     reach = 1.5  # [m] of the tool from the first axis, at most
     bound = float((reach * (S**3 + 3 * S * A) * PERIOD**3 * 2 / 3).max())

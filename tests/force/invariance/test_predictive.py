@@ -25,7 +25,7 @@ C_T = C_R + 1 / STIFFNESS
 INPUTS = ("desired_force", "surface", "slip", "path_displacement")
 
 
-def facts(n: int = 1, delay: float = 0.0) -> PlantModel:
+def model(n: int = 1, delay: float = 0.0) -> PlantModel:
     return PlantModel(
         size=n,
         period=PERIOD,
@@ -44,7 +44,7 @@ def loop(config: InvarianceConfig, delay: float = 0.0) -> Diagram:
     """
     builder = DiagramBuilder()
     add, connect = builder.AddNamedSystem, builder.Connect
-    law = config.add_to(builder, facts(delay=delay))
+    law = config.add_to(builder, model(delay=delay))
     drive, parts, asked = (
         add("drive", PositionLoop(1, delay=PERIOD, unit="m")),
         add("parts", Demultiplexer([1, 1])),
@@ -169,8 +169,8 @@ def signals(size: int, **changed: Any) -> dict[str, Any]:
     """Inputs of a correction that has a surface and a slip to learn."""
 
     def wave(share, more=1):
-        lanes = np.arange(1.0, size + 1.0)
-        return lambda t: np.tile(lanes, more) * share * np.sin(9 * t)
+        elements = np.arange(1.0, size + 1.0)
+        return lambda t: np.tile(elements, more) * share * np.sin(9 * t)
 
     return {
         "measured_force": lambda t: wave(4.0)(t) + 5.0,
@@ -198,7 +198,7 @@ def test_a_signal_that_is_not_a_number_teaches_nothing(name):
         assert np.ptp(log[kept][late]) == 0
 
 
-def test_one_lane_alone_and_among_others():
+def test_one_batch_element_alone_and_among_others():
     together = run_diagram(correction(3), 0.5, period=PERIOD, inputs=signals(3))
     alone = run_diagram(correction(1), 0.5, period=PERIOD, inputs=signals(1))
     np.testing.assert_allclose(together["displacement_command"][:, 0], alone["displacement_command"][:, 0], rtol=1e-12)

@@ -33,11 +33,11 @@ def test_a_coordinate_goes_to_its_set_point_from_either_side_and_not_beyond(dist
 
 
 def test_the_force_is_an_output_against_the_displacement() -> None:
-    output, course = regulate_force(-1e-3, -0.01, 15.0, COMPLIANCE, REST, GAMMA, 0.3, PERIOD)
+    output, state = regulate_force(-1e-3, -0.01, 15.0, COMPLIANCE, REST, GAMMA, 0.3, PERIOD)
     assert output.y == pytest.approx(1e-3 - 3e-3)
     assert output.rate == 0.01
     assert output.wish == output.bound == 0.3  # far away: as fast as allowed
-    assert course == (15.0, 7500.0, 7500.0 / PERIOD)
+    assert state == (15.0, 7500.0, 7500.0 / PERIOD)
 
 
 def test_a_nominal_acceleration_is_limited_only_where_the_constraint_asks_for_it() -> None:

@@ -14,7 +14,7 @@ import xarray as xr
 from pydrake.systems.framework import DiagramBuilder
 
 import forcectl
-from forcectl.diagrams.believed import plant_model
+from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig
 from forcectl.diagrams.workcell import describe
 from forcectl.errors import BadInputError
@@ -246,8 +246,8 @@ def test_values_that_contradict_the_robot_are_refused_when_it_is_built(
 
 
 def test_a_loop_without_a_robot_is_refused() -> None:
-    facts = plant_model(describe(StationConfig()))
-    alone = PlantModel(1, facts.period, facts.robot_compliance, facts.environment_compliance, 12.6, 1.0, 0.0)
+    model = plant_model(describe(StationConfig()))
+    alone = PlantModel(1, model.period, model.robot_compliance, model.environment_compliance, 12.6, 1.0, 0.0)
     with pytest.raises(BadInputError, match="there must be a robot in the loop"):
         InvarianceRobotConfig().add_to(DiagramBuilder(), alone)
 

@@ -52,7 +52,7 @@ def slide(
     context = simulator.get_mutable_context()
     found = []
     for i, name in enumerate(path):
-        loop.set_lanes(context, {"contact.stiffness": STIFFNESS[name]})
+        loop.set_batch(context, {"contact.stiffness": STIFFNESS[name]})
         simulator.AdvanceTo((i + 1) * stay)
         law = loop.diagram.GetSubsystemByName("force_law")
         if law.HasOutputPort("integral_gain"):

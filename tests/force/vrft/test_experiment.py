@@ -46,8 +46,8 @@ def test_it_hands_over_once_the_gains_have_settled_and_the_excitation_rests():
 def test_there_is_no_hand_over_with_gains_that_cannot_regulate(bad):
     assert not modes(ExperimentSequencer(1, hand_over_time=0.2, window=0.2), integral_gain=bad).any()
     gains = [[-1e-4, bad]]
-    lanes = modes(ExperimentSequencer(2, hand_over_time=0.2), integral_gain=lambda t: gains[0])
-    assert lanes[-1].tolist() == [REGULATE, EXCITE]
+    elements = modes(ExperimentSequencer(2, hand_over_time=0.2), integral_gain=lambda t: gains[0])
+    assert elements[-1].tolist() == [REGULATE, EXCITE]
 
 
 def one_run(fidelity: str, **changes: object) -> forcectl.runs.run.RunResult:
@@ -92,7 +92,7 @@ def test_without_contact_nothing_is_learnt_and_the_law_does_not_take_over():
     assert float(result.log["displacement_command"].values[-1].item()) == pytest.approx(0.0, abs=1e-9)
 
 
-def test_lanes_of_the_scalar_loop_are_experiments_of_their_own():
+def test_batch_elements_of_the_scalar_loop_are_experiments_of_their_own():
     """Two contacts of different stiffness in one bundle, each tuned and regulated like alone."""
     config = OneDimensionalLoopConfig(
         controller=RecursiveVrftConfig(excitation=SHORT), reference=StepConfig(force=10.0, start_time=3.4)

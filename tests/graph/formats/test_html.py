@@ -107,12 +107,12 @@ def test_every_fold_state_is_in_the_page():
 
 
 def test_blocks_tell_parameters_ports_states_and_sample_time():
-    facts = {block["name"]: block for block in data_of(to_html(block_graph(force_loop())))["blocks"]}
-    law = facts["force_law"]
+    details = {block["name"]: block for block in data_of(to_html(block_graph(force_loop())))["blocks"]}
+    law = details["force_law"]
     assert law["parameters"] == [["integral_gain", "3"], ["compliance", "3.2e-05"]]
     assert (law["sample"], law["states"]) == ("2 ms", [0, 1, 0])
     assert law["inputs"][0][:2] == ["desired_force", "1 · N"]
-    assert facts["one_sided"]["outputs"] == [["y0", "1", "direct from u0"]]
+    assert details["one_sided"]["outputs"] == [["y0", "1", "direct from u0"]]
     signals = data_of(to_html(block_graph(force_loop())))["signals"]
     assert ["y0", "1 · N", "reference"] in signals.values()  # the unit that its target knows
 

@@ -55,10 +55,10 @@ forces = st.one_of(st.just(0.0), st.floats(0.0, 20.0), st.floats(0.0, 2.0))
 def test_follows_the_state_machine(rows, threshold):
     samples = np.array(rows)
     log = watch(samples, threshold=threshold)
-    for lane in range(2):
-        modes, counts = expected(samples[:, lane], threshold)
-        assert log["contact_state"][:, lane].tolist() == modes
-        assert log["contact_losses"][:, lane].tolist() == counts
+    for element in range(2):
+        modes, counts = expected(samples[:, element], threshold)
+        assert log["contact_state"][:, element].tolist() == modes
+        assert log["contact_losses"][:, element].tolist() == counts
 
 
 @given(st.sampled_from([APPROACH, CONTACT, LOST]), st.floats(-1.0, 5.0), st.floats(0.0, 2.0))

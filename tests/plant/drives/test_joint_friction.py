@@ -181,12 +181,12 @@ def test_scaled_friction_scales_all_of_it():
     np.testing.assert_allclose(friction_torque(v, friction().scaled(1.3)), 1.3 * friction_torque(v, friction()))
 
 
-def test_the_friction_of_a_robot_is_that_of_its_facts():
-    """Backward speeds have coefficients of their own where the facts give them, offsets too."""
+def test_the_friction_of_a_robot_is_that_of_its_parameters():
+    """Backward speeds have coefficients of their own where the parameters give them, offsets too."""
     for robot in ("comau_smart_six", "yumi"):
-        facts = RobotModel.load(robot, None).facts
-        f = JointFriction.of_facts(facts)
+        parameters = RobotModel.load(robot, None).parameters
+        f = JointFriction.of_parameters(parameters)
         for v in (0.5, -0.5):
-            viscous = facts.viscous_friction if v > 0 else facts.viscous_friction_backward
-            expected = facts.friction_offset + math.copysign(1, v) * facts.coulomb_friction + v * viscous
+            viscous = parameters.viscous_friction if v > 0 else parameters.viscous_friction_backward
+            expected = parameters.friction_offset + math.copysign(1, v) * parameters.coulomb_friction + v * viscous
             np.testing.assert_allclose(friction_torque(np.full(f.size, v), f), expected, rtol=1e-12)

@@ -96,15 +96,15 @@ def test_a_reading_that_is_not_a_number_keeps_the_torque_of_its_joint(port):
     assert (log[5:, 0] != log[4, 0]).all()
 
 
-def test_lanes_do_not_know_of_each_other():
+def test_batch_elements_do_not_know_of_each_other():
     numbers = np.random.default_rng(3).normal(size=(5, 3))
     stiffness = np.array([1e4, 3e3, 50.0])
     one = torque(
         JointImpedance(3, stiffness=stiffness, damping=20.0), numbers[:2].ravel(), numbers[2:4].ravel(), numbers[4]
     )
-    for lane in range(3):
-        alone = JointImpedance(1, stiffness=stiffness[lane], damping=20.0)
-        assert torque(alone, numbers[:2, lane], numbers[2:4, lane], numbers[4:, lane]).item() == one[lane]
+    for element in range(3):
+        alone = JointImpedance(1, stiffness=stiffness[element], damping=20.0)
+        assert torque(alone, numbers[:2, element], numbers[2:4, element], numbers[4:, element]).item() == one[element]
 
 
 def test_gravity_is_that_of_the_links_not_of_the_motors(robot):

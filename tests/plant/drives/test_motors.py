@@ -18,7 +18,7 @@ def robot() -> RobotModel:
 
 
 def test_couplings_of_the_comau_wrist(robot):
-    """Facts: motor 6 turns 50 q6 - 1 q5, all others with their own joint."""
+    """Parameters: motor 6 turns 50 q6 - 1 q5, all others with their own joint."""
     expected = np.eye(6)
     expected[5, 4] = -0.02
     np.testing.assert_allclose(joint_to_motor(robot), expected, atol=1e-15)

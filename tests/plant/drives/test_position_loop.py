@@ -137,7 +137,7 @@ def test_rest_stays_rest(delay, period):
     np.testing.assert_allclose(log["reference"][:, 3:], 0.0, atol=1e-11)
 
 
-def test_lanes_do_not_mix():
+def test_batch_elements_do_not_mix():
     loop = PositionLoop(3, bandwidth=[20, 75.4, 150], damping_ratio=[0.5, 1, 2], delay=0.002)
     log = run_diagram(loop, 0.1, period=0.002, inputs={"command": [0.0, 1.0, 0.0]})
     assert np.all(log["reference"][:, [0, 2, 3, 5]] == 0.0)
@@ -174,7 +174,7 @@ def test_bad_arguments_are_refused(arguments, told):
 
 
 @pytest.mark.parametrize("size", [0, -2])
-def test_a_loop_without_lanes_is_refused(size):
+def test_a_loop_without_batch_elements_is_refused(size):
     with pytest.raises(BadInputError, match="size"):
         PositionLoop(size)
 

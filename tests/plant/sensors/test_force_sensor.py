@@ -142,10 +142,10 @@ def test_noise_does_not_depend_on_how_often_one_looks():
 
 @given(st.integers(0, 2**32 - 1), st.integers(0, 63), st.integers(0, 10**6))
 @settings(max_examples=50)
-def test_white_noise_is_a_pure_function(seed, lane, tick):
-    one = white_noise(((seed, lane),), tick)
-    assert np.array_equal(one, white_noise(((seed, lane),), tick))
-    assert np.array_equal(one, white_noise(((seed, lane), (seed + 1, lane)), tick)[:1])
+def test_white_noise_is_a_pure_function(seed, element, tick):
+    one = white_noise(((seed, element),), tick)
+    assert np.array_equal(one, white_noise(((seed, element),), tick))
+    assert np.array_equal(one, white_noise(((seed, element), (seed + 1, element)), tick)[:1])
     assert abs(one.item()) < 8
 
 

@@ -29,7 +29,7 @@ POSTURES = [
 NORMALS = [np.array([0.0, 0.0, 1.0]), np.array([1.0, 0.0, 0.0]), np.array([0.6, -0.48, 0.64])]
 LOADS = [np.zeros(6), np.array([0.0, 0.0, 0.0, 3.0, -4.0, 15.0]), np.array([0.4, -0.2, 0.7, -20.0, 8.0, 2.0])]
 GRAVITY = np.array([0.0, 0.0, -9.81])
-# Facts of the probe (SDF): everything beyond the weld is the link `tool`.
+# Parameters of the probe (SDF): everything beyond the weld is the link `tool`.
 TOOL_MASS, TOOL_CENTRE = 0.99730704, np.array([0.0, 0.0, 0.03583173])
 
 

@@ -22,21 +22,21 @@ from forcectl.tasks.constraints.base import (
     checked_limits,
 )
 from forcectl.tasks.constraints.joint_bounds import bounded_acceleration
-from tests.examples.robot_controller_runs import PERIOD, N, drive, make, robot_facts
+from tests.examples.robot_controller_runs import PERIOD, N, drive, make, robot_plant_model
 
 NAMES = ("position_lower", "position_upper", "velocity", "acceleration", "torque")
 
 
 def at(q: np.ndarray | None = None, v: np.ndarray | None = None, *, force: float = 0.0, dx: float = 0.0) -> RobotMotion:
-    facts = robot_facts()
-    q = facts.start if q is None else q
-    motion = RobotMotion(facts.robot, facts.robot.create_context(), q, np.zeros(N) if v is None else v)
+    model = robot_plant_model()
+    q = model.start if q is None else q
+    motion = RobotMotion(model.robot, model.robot.create_context(), q, np.zeros(N) if v is None else v)
     motion.contact = ContactMotion(dx, 0.01, motion.jacobian[5], 0.3, 2e-4, force)
     return motion
 
 
 def own_limits(**changes: Any) -> JointLimits:
-    limits = robot_facts().robot.limits
+    limits = robot_plant_model().robot.limits
     return JointLimits(**{name: np.asarray(changes.get(name, getattr(limits, name))) for name in NAMES})
 
 
@@ -108,7 +108,7 @@ WALLS = [
 @pytest.mark.parametrize("constraint", WALLS[:2])
 def test_a_wall_is_its_distance_and_its_row_the_second_derivative(constraint: CartesianWall) -> None:
     rng = np.random.default_rng(2)
-    q, v, u = robot_facts().start + 0.2 * rng.normal(size=N), rng.normal(size=N), rng.normal(size=N)
+    q, v, u = robot_plant_model().start + 0.2 * rng.normal(size=N), rng.normal(size=N), rng.normal(size=N)
     h = 1e-4
 
     def along(t: float) -> float:
@@ -185,7 +185,7 @@ def test_companions_of_a_constraint_come_with_it() -> None:
 
 
 def test_bounds_of_joints_far_from_their_limits_are_the_accelerations_and_near_them_what_braking_leaves() -> None:
-    limits, start = own_limits(), robot_facts().start
+    limits, start = own_limits(), robot_plant_model().start
     rows = gather().rows(at(), np.zeros(0))
     np.testing.assert_array_equal(rows.upper, limits.acceleration)
     np.testing.assert_array_equal(rows.lower, -limits.acceleration)
@@ -204,7 +204,7 @@ def test_bounds_of_joints_far_from_their_limits_are_the_accelerations_and_near_t
 
 def test_braking_brings_all_joints_to_rest_together() -> None:
     together = gather()
-    q, v = robot_facts().start.copy(), np.array([0.5, -0.2, 0.1, 0.0, 0.3, 1.0])
+    q, v = robot_plant_model().start.copy(), np.array([0.5, -0.2, 0.1, 0.0, 0.3, 1.0])
     path = v / np.linalg.norm(v)
     for _ in range(200):
         u = together.brake(v, together.rows(at(q, v), np.zeros(0)))

@@ -22,7 +22,7 @@ SEEN, MISSED = Errors(2e-4, 3e-3), Errors(1e-5, 1e-3)
 A, B = np.array([[1.0, TS], [0.0, 1.0]]), np.array([TS**2 / 2, TS])
 
 
-class Lanes:
+class Batch:
     """k outputs as rows, each with an acceleration of its own."""
 
     relative_degree = 2
@@ -34,7 +34,7 @@ class Lanes:
 
 def robust(**changes: Any) -> RobustConstraint:
     settings = {"measurement_error": SEEN, "model_error": MISSED, "period": TS} | changes
-    return RobustConstraint(Lanes(), GAMMA, **settings)
+    return RobustConstraint(Batch(), GAMMA, **settings)
 
 
 def phi(pi: np.ndarray, missed: Errors = MISSED) -> np.ndarray:
@@ -44,7 +44,7 @@ def phi(pi: np.ndarray, missed: Errors = MISSED) -> np.ndarray:
 
 
 def signs(kind: str, rng: np.random.Generator, size: int) -> np.ndarray:
-    """Of both components of an error in each lane, within +-1, at one tick."""
+    """Of both components of an error in each batch element, within +-1, at one tick."""
     if kind == "random":
         return rng.uniform(-1, 1, (2, size))
     if kind == "corners":
@@ -53,12 +53,12 @@ def signs(kind: str, rng: np.random.Generator, size: int) -> np.ndarray:
 
 
 def furthest(
-    measured: str, model: str, *, lanes: int, ticks: int, seed: int = 0, push: str = "hard", constraint: Any = None
+    measured: str, model: str, *, elements: int, ticks: int, seed: int = 0, push: str = "hard", constraint: Any = None
 ) -> tuple[float, float]:
-    """The largest p, and the largest phi, of many lanes that are driven against the limit."""
+    """The largest p, and the largest phi, of many batch elements that are driven against the limit."""
     rng, law = np.random.default_rng(seed), constraint or robust().bound
     D, V = (np.array([[errors.value], [errors.rate]]) for errors in (SEEN, MISSED))
-    pi = np.stack([-rng.uniform(0.0, 0.05, lanes), rng.uniform(-0.5, 0.3, lanes)])
+    pi = np.stack([-rng.uniform(0.0, 0.05, elements), rng.uniform(-0.5, 0.3, elements)])
     pi = pi[:, phi(pi) <= 0]
     k, worst = pi.shape[1], -np.inf
     set_left = -np.inf
@@ -75,16 +75,16 @@ def furthest(
 @pytest.mark.parametrize("model", ["random", "corners", "up", "down"])
 def test_no_error_leads_out_of_the_set(measured: str, model: str) -> None:
     for push in ("hard", "random"):
-        worst, left = furthest(measured, model, lanes=700, ticks=120, push=push)
+        worst, left = furthest(measured, model, elements=700, ticks=120, push=push)
         assert worst <= 1e-12
         assert left <= 1e-12
 
 
 @pytest.mark.slow
 def test_ten_thousand_random_draws_never_leave_the_set() -> None:
-    """1e4 lanes from states in the set, each with its own draw of both errors at every tick."""
+    """1e4 batch elements from states in the set, each with its own draw of both errors at every tick."""
     for push in ("hard", "random"):
-        worst, left = furthest("random", "random", lanes=14_000, ticks=200, seed=1, push=push)
+        worst, left = furthest("random", "random", elements=14_000, ticks=200, seed=1, push=push)
         assert worst <= 1e-12
         assert left <= 1e-12
 
@@ -133,8 +133,8 @@ def test_without_the_fix_for_a_lasting_model_error_the_limit_is_passed() -> None
             [bounded_acceleration(*pair, -GAMMA, TS) for pair in zip(y.tolist(), rate.tolist(), strict=True)]
         )
 
-    assert furthest("down", "up", lanes=200, ticks=120, constraint=as_printed)[0] > 1e-4
-    assert furthest("random", "up", lanes=200, ticks=120, constraint=plain)[0] > 1e-4
+    assert furthest("down", "up", elements=200, ticks=120, constraint=as_printed)[0] > 1e-4
+    assert furthest("random", "up", elements=200, ticks=120, constraint=plain)[0] > 1e-4
 
 
 BOUNDS = st.floats(0.0, 1.0)
@@ -147,7 +147,7 @@ def test_it_comes_to_rest_at_the_distance_stated(
 ) -> None:
     """... and an adversary who uses all of the bounds gets it to the limit, not beyond."""
     seen, missed = Errors(1e-3 * dp, 1e-2 * dv), Errors(1e-5 * vp, 0.3 * vv * gamma * period)
-    law = RobustConstraint(Lanes(), gamma, measurement_error=seen, model_error=missed, period=period).bound
+    law = RobustConstraint(Batch(), gamma, measurement_error=seen, model_error=missed, period=period).bound
     p, rate, p_bad, rate_bad = np.array([-0.05]), np.zeros(1), np.array([-0.05]), np.zeros(1)
     for _ in range(int(2.0 / period)):
         a = np.minimum(law(p, rate), gamma)
@@ -164,15 +164,15 @@ def test_it_comes_to_rest_at_the_distance_stated(
 
 
 def test_rows_have_their_own_bounds_and_keep_weight_and_margin() -> None:
-    class Soft(Lanes):
+    class Soft(Batch):
         slack_weight = 100.0
         margin = 0.01
-        companions = (Lanes(),)
+        companions = (Batch(),)
 
     two = RobustConstraint(Soft(), GAMMA, measurement_error=Errors([0.0, 0.1]), period=TS)
     motion = SimpleNamespace(y=np.array([-0.2, -0.1]), rate=np.zeros(2))
     _, _, row, bias = two.evaluate(motion)  # type: ignore[arg-type]
-    exact = RobustConstraint(Lanes(), GAMMA, period=TS).bound([-0.19, 0.01], [0.0, 0.0])
+    exact = RobustConstraint(Batch(), GAMMA, period=TS).bound([-0.19, 0.01], [0.0, 0.0])
     np.testing.assert_allclose(bias, -exact)
     np.testing.assert_array_equal(row, np.eye(2))
     assert two.slack_weight == 100.0  # type: ignore[attr-defined]
@@ -215,7 +215,7 @@ def test_bounds_that_contradict_are_refused(changes: dict[str, Any], message: st
 
 def test_only_constraints_of_relative_degree_2_are_made_robust() -> None:
     with pytest.raises(BadInputError, match="gamma_p"):
-        RobustConstraint(Lanes(), -1.0)
+        RobustConstraint(Batch(), -1.0)
     with pytest.raises(BadInputError, match="lacks relative_degree or evaluate"):
         RobustConstraint(object(), 1.0)  # type: ignore[arg-type]
     with pytest.raises(BadInputError, match=r"relative_degree of the constraint to make robust = 0: must be 2"):

@@ -6,29 +6,29 @@ import numpy as np
 import pytest
 
 import forcectl as fc
-from forcectl.diagrams.believed import ModelConfig, friction_of, plant_model
+from forcectl.diagrams.model import ModelConfig, friction_of, plant_model
 from forcectl.diagrams.workcell import describe
 from tests.examples.stations import free, pressing
 
 
 def test_compliances_are_scaled():
-    cell = describe(pressing(fidelity="Kinematic"))
-    model = ModelConfig(robot_compliance=1.5, environment_compliance=0.5).applied(plant_model(cell))
-    assert model.robot_compliance.item() == pytest.approx(1.5 * cell.contact.robot_compliance)
-    assert model.environment_compliance.item() == pytest.approx(0.5 * cell.contact.environment_compliance)
+    workcell = describe(pressing(fidelity="Kinematic"))
+    model = ModelConfig(robot_compliance=1.5, environment_compliance=0.5).applied(plant_model(workcell))
+    assert model.robot_compliance.item() == pytest.approx(1.5 * workcell.contact.robot_compliance)
+    assert model.environment_compliance.item() == pytest.approx(0.5 * workcell.contact.environment_compliance)
 
 
 def test_friction_of_the_model_is_another_object():
-    cell = describe(free())
-    model = plant_model(cell)
-    assert model.friction is not cell.config.drive.true_friction(cell.robot)
+    workcell = describe(free())
+    model = plant_model(workcell)
+    assert model.friction is not workcell.config.drive.true_friction(workcell.robot)
     scaled = ModelConfig(friction_scale=0.5).applied(model).friction
     np.testing.assert_allclose(scaled.coulomb, 0.5 * model.friction.coulomb)
 
 
 def test_masses_and_payload_change_the_model_only():
-    cell = describe(free(robot="yumi/left"))
-    truth = plant_model(cell)
+    workcell = describe(free(robot="yumi/left"))
+    truth = plant_model(workcell)
     wrong = ModelConfig(inertia_scale=1.1, payload=0.3).applied(truth)
     q = truth.start
 
@@ -42,17 +42,17 @@ def test_masses_and_payload_change_the_model_only():
     arm.set_positions(context, q)
     weight = arm.jacobian(context)[5] * 0.3 * 9.81
     np.testing.assert_allclose(gravity(wrong.robot), 1.1 * gravity(truth.robot) + weight, atol=1e-6)
-    np.testing.assert_allclose(gravity(cell.robot), gravity(truth.robot))
+    np.testing.assert_allclose(gravity(workcell.robot), gravity(truth.robot))
 
 
 def test_identified_friction_is_written_by_the_identification_and_read_by_a_model(tmp_path):
     fc.run("fig_5_2", variant="readings as they are", out=tmp_path / "run")
     file = tmp_path / "run" / "friction.yaml"
-    cell = describe(free())
-    joints = cell.robot.facts.arm_joints
-    found, true = friction_of(str(file), joints), cell.config.drive.true_friction(cell.robot)
+    workcell = describe(free())
+    joints = workcell.robot.parameters.arm_joints
+    found, true = friction_of(str(file), joints), workcell.config.drive.true_friction(workcell.robot)
     np.testing.assert_allclose(found.coulomb, true.coulomb, rtol=0.01)
-    model = ModelConfig(friction=str(file)).applied(plant_model(cell))
+    model = ModelConfig(friction=str(file)).applied(plant_model(workcell))
     np.testing.assert_array_equal(model.friction.coulomb, found.coulomb)
 
 

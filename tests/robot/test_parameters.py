@@ -1,4 +1,4 @@
-"""Control facts: what is read, and that every mistake is named."""
+"""Control parameters: what is read, and that every mistake is named."""
 
 from __future__ import annotations
 
@@ -7,37 +7,37 @@ import pytest
 
 from forcectl.errors import BadInputError
 from forcectl.models import list_robots, list_tools, models_folder, robot_folder, tool_folder
-from forcectl.robot.facts import load_control_facts, load_tool_facts
+from forcectl.robot.parameters import load_control_parameters, load_tool_parameters
 from tests.examples.robot_folders import CONTROL, write_planar_robot
 
 
-def test_comau_facts():
-    facts = load_control_facts(robot_folder("comau_smart_six"))
-    assert facts.num_joints == 6
-    assert facts.period == 0.002
-    assert (facts.reference_filter.natural_frequency, facts.reference_filter.damping_ratio) == (75.4, 1.0)
-    assert facts.default_stiffness_set == "calibrated"
-    np.testing.assert_allclose(facts.stiffness("estimated"), [250000, 250000, 120000, 35000, 15000, 10000])
-    np.testing.assert_allclose(facts.coulomb_friction, [37.72196, 51.81806, 30.20939, 4.53526, 5.78290, 5.30711])
-    assert facts.link_compliance == {}
+def test_comau_parameters():
+    parameters = load_control_parameters(robot_folder("comau_smart_six"))
+    assert parameters.num_joints == 6
+    assert parameters.period == 0.002
+    assert (parameters.reference_filter.natural_frequency, parameters.reference_filter.damping_ratio) == (75.4, 1.0)
+    assert parameters.default_stiffness_set == "calibrated"
+    np.testing.assert_allclose(parameters.stiffness("estimated"), [250000, 250000, 120000, 35000, 15000, 10000])
+    np.testing.assert_allclose(parameters.coulomb_friction, [37.72196, 51.81806, 30.20939, 4.53526, 5.78290, 5.30711])
+    assert parameters.link_compliance == {}
 
 
-def test_facts_cannot_be_changed_by_accident():
-    facts = load_control_facts(robot_folder("comau_smart_six"))
+def test_parameters_cannot_be_changed_by_accident():
+    parameters = load_control_parameters(robot_folder("comau_smart_six"))
     with pytest.raises(ValueError, match="read-only"):
-        facts.stiffness()[0] = 1.0
+        parameters.stiffness()[0] = 1.0
 
 
 @pytest.mark.parametrize("robot", list_robots())
-def test_every_shipped_robot_has_good_facts(robot):
-    facts = load_control_facts(robot_folder(robot))
-    assert (robot_folder(robot) / facts.model).is_file()
+def test_every_shipped_robot_has_good_parameters(robot):
+    parameters = load_control_parameters(robot_folder(robot))
+    assert (robot_folder(robot) / parameters.model).is_file()
 
 
 @pytest.mark.parametrize("tool", list_tools())
-def test_every_shipped_tool_has_good_facts(tool):
-    facts = load_tool_facts(tool_folder(tool))
-    assert (tool_folder(tool) / facts.model).is_file()
+def test_every_shipped_tool_has_good_parameters(tool):
+    parameters = load_tool_parameters(tool_folder(tool))
+    assert (tool_folder(tool) / parameters.model).is_file()
 
 
 MISTAKES = [
@@ -101,7 +101,7 @@ def test_a_mistake_is_named_in_one_line(tmp_path, old, new, message):
     assert old in CONTROL
     folder = write_planar_robot(tmp_path, CONTROL.replace(old, new))
     with pytest.raises(BadInputError) as caught:
-        load_control_facts(folder)
+        load_control_parameters(folder)
     assert message in str(caught.value)
     assert "\n" not in str(caught.value)
 
@@ -113,7 +113,7 @@ def test_everything_that_is_missing_is_told_at_once_with_its_meaning(tmp_path):
     text = "\n".join(line for line in lines if not line.startswith(("period", "gear_ratio")))
     (folder / "planar.control.yaml").write_text(text)
     with pytest.raises(BadInputError) as caught:
-        load_control_facts(folder)
+        load_control_parameters(folder)
     assert str(caught.value) == (
         "planar.control.yaml:12: reference_filter.damping_ratio is missing: must be a number (z [1]); "
         "period is missing: must be a number (control sampling [s]); "
@@ -132,29 +132,29 @@ def test_a_scenario_tells_file_and_line_of_the_robots_mistake(forcectl, tmp_path
 
 def test_a_file_that_is_not_a_mapping_is_refused(tmp_path):
     with pytest.raises(BadInputError, match=r"planar\.control\.yaml"):
-        load_control_facts(write_planar_robot(tmp_path, "[1, 2]"))
+        load_control_parameters(write_planar_robot(tmp_path, "[1, 2]"))
 
 
-def test_a_folder_without_or_with_two_facts_files_is_refused(tmp_path):
+def test_a_folder_without_or_with_two_parameters_files_is_refused(tmp_path):
     with pytest.raises(BadInputError, match="exactly one"):
-        load_control_facts(tmp_path)
+        load_control_parameters(tmp_path)
     write_planar_robot(tmp_path)
     (tmp_path / "other.control.yaml").write_text(CONTROL)
     with pytest.raises(BadInputError, match=r"other\.control\.yaml, planar\.control\.yaml"):
-        load_control_facts(tmp_path)
+        load_control_parameters(tmp_path)
 
 
-def test_tool_facts_need_only_model_mount_and_tcp(tmp_path):
+def test_tool_parameters_need_only_model_mount_and_tcp(tmp_path):
     file = tmp_path / "hook.tool.yaml"
     file.write_text("model: hook.sdf\nmount_frame: mount\ntcp_frame: tip\n")
-    facts = load_tool_facts(tmp_path)
-    assert (facts.tcp_frame, facts.sensor_weld, facts.contact_ball_radius) == ("tip", None, 0.0)
+    parameters = load_tool_parameters(tmp_path)
+    assert (parameters.tcp_frame, parameters.sensor_weld, parameters.contact_ball_radius) == ("tip", None, 0.0)
     file.write_text("model: hook.sdf\nmount_frame: mount\ntcp_frame: tip\ncontact_ball_radius: -1\n")
     with pytest.raises(BadInputError, match="contact_ball_radius"):
-        load_tool_facts(tmp_path)
+        load_tool_parameters(tmp_path)
     file.write_text("model: hook.sdf\ntcp_frame: tip\n")
     with pytest.raises(BadInputError, match=r"^hook\.tool\.yaml: mount_frame is missing: must be text \(welded"):
-        load_tool_facts(tmp_path)
+        load_tool_parameters(tmp_path)
 
 
 def test_folders_by_name_and_by_path(tmp_path):

@@ -49,11 +49,11 @@ def whole_robot(**options: Any) -> Workcell:
     return workcell.describe(free(**options))
 
 
-def run(cell: Workcell, duration: float, *, seed: int = 0, every: float = TICK, **inputs: Any) -> dict[str, Array]:
+def run(workcell: Workcell, duration: float, *, seed: int = 0, every: float = TICK, **inputs: Any) -> dict[str, Array]:
     """All outputs over time, and `time`; inputs are arrays or functions of time, the reference stays at the start."""
     builder = DiagramBuilder()
-    station = builder.AddSystem(MultibodyStation(cell, seed))
-    inputs = {"joint_position_command": cell.motor_start, **inputs}
+    station = builder.AddSystem(MultibodyStation(workcell, seed))
+    inputs = {"joint_position_command": workcell.motor_start, **inputs}
     for name, value in inputs.items():
         port = station.GetInputPort(name)
         function = value if callable(value) else (lambda t, value=value: np.asarray(value))

@@ -1,4 +1,4 @@
-"""Examples of the blocks of the research station, on one arm without a tool."""
+"""Examples of the blocks of the joint-interface station, on one arm without a tool."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from forcectl.diagrams.believed import plant_model
+from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.workcell import Workcell
 from forcectl.estimation.force_estimator import READINGS, ForceEstimator, ForceEstimatorConfig
 from forcectl.motion.joint_path import JointPath, Move, Sines
@@ -21,7 +21,7 @@ from forcectl.plant.sensors.joint_sensors import JointSensors
 from forcectl.plant.tip_load import LoadTruth, TipLoad
 from forcectl.robot.model import RobotModel, RobotParts, add_robot
 from tests.examples.block_example import Example, each
-from tests.examples.block_examples_stations import ARM, arm_cell
+from tests.examples.block_examples_stations import ARM, arm_workcell
 
 ELBOW = "left_link_4"  # a body that loads may act on
 
@@ -39,12 +39,12 @@ def joint_sensors(size: int = 2, **changed: Any) -> JointSensors:
     return JointSensors(size, **{**known, **changed})
 
 
-def cell() -> Workcell:
-    return arm_cell()
+def workcell() -> Workcell:
+    return arm_workcell()
 
 
 def moved(t: float) -> np.ndarray:
-    return cell().start + 0.05 * np.sin(np.arange(1, 8) * 10 * t)
+    return workcell().start + 0.05 * np.sin(np.arange(1, 8) * 10 * t)
 
 
 def wrench(t: float) -> np.ndarray:
@@ -96,7 +96,7 @@ def truth_of(*inputs: str) -> set[tuple[str, str]]:
 def force_estimator() -> ForceEstimator:
     """Of the arm, with taring."""
     builder = DiagramBuilder()
-    return ForceEstimatorConfig(tare_start=0.01, tare_duration=0.02).add_to(builder, plant_model(cell()))
+    return ForceEstimatorConfig(tare_start=0.01, tare_duration=0.02).add_to(builder, plant_model(workcell()))
 
 
 PERIODS = {"period": 0.004, "time_step": 0.001}
@@ -109,7 +109,7 @@ SERVO_INPUTS = {
 LOAD = LoadConfig(wrenches=[[0, 0, 1, 2, 3, 4]], hold=0.02)
 LIMIT = np.array([50.0, np.inf])
 
-RESEARCH_EXAMPLES: dict[type[System], list[Example]] = {
+JOINT_INTERFACE_EXAMPLES: dict[type[System], list[Example]] = {
     JointPath: [
         Example(
             lambda: JointPath(

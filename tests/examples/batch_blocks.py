@@ -1,4 +1,4 @@
-"""Every lane block with its parameters, and how to build it with one of them changed."""
+"""Every batch block with its parameters, and how to build it with one of them changed."""
 
 from __future__ import annotations
 
@@ -16,7 +16,7 @@ from forcectl.force.invariance.fourth_degree import FourthDegreeForceLaw
 from forcectl.force.invariance.predictive import PredictiveCorrection
 from forcectl.force.linear_law import GAINS, LinearForceLaw
 from forcectl.force.vrft.experiment import ExperimentSequencer
-from forcectl.framework.batch import LaneBlock
+from forcectl.framework.batch import BatchBlock
 from forcectl.motion.trajectory_generator import TrajectoryGenerator
 from forcectl.motion.velocity_generator import VelocityGenerator
 from forcectl.plant.contact.compliant_contact import CompliantContact
@@ -26,7 +26,7 @@ from forcectl.plant.drives.servo import ServoCore
 from forcectl.plant.sensors.force_sensor import ForceDigitiser
 from forcectl.plant.sensors.joint_sensors import JointSensors
 from tests.examples.block_examples_estimation import momentum_observer
-from tests.examples.block_examples_research import joint_sensors
+from tests.examples.block_examples_joint_interface import joint_sensors
 from tests.examples.motion_examples import trajectory_generator, velocity_generator
 
 POSITIVE, NEGATIVE, NOT_NEGATIVE, FINITE, NUMBER = "positive", "negative", "not negative", "finite", "number"
@@ -37,7 +37,7 @@ def linear_law(size: int = 2, **changed: object) -> LinearForceLaw:
     return LinearForceLaw(size, gains=gains, fir=[changed.pop("fir_0", 0.0)], **changed)
 
 
-LANE_BLOCKS: dict[type[LaneBlock], tuple[Callable[..., LaneBlock], dict[str, str]]] = {
+BATCH_BLOCKS: dict[type[BatchBlock], tuple[Callable[..., BatchBlock], dict[str, str]]] = {
     CompliantContact: (
         lambda size=2, **changed: CompliantContact(
             size, **{"stiffness": 5900.0, "damping": 10.0, "robot_compliance": 3e-5, **changed}

@@ -20,7 +20,7 @@ from forcectl.plant.drives.joint_friction import JointFriction
 from forcectl.plant.plant_model import PlantModel
 
 FRICTION_KEYS = ("offset", "coulomb", "viscous_forward", "viscous_backward")
-# Lag of a measured force that does not tell its own: [rad/s], [1], [s].
+# Lag of a measured force that does not report its own: [rad/s], [1], [s].
 NO_LAG = (1e4, 1.0, 0.0)
 
 
@@ -51,7 +51,7 @@ class ModelConfig(Config):
         """
         friction = model.friction
         if self.friction and model.robot is not None:
-            friction = friction_of(self.friction, model.robot.facts.arm_joints)
+            friction = friction_of(self.friction, model.robot.parameters.arm_joints)
         robot = model.robot
         if robot is not None and (self.inertia_scale != 1.0 or self.payload > 0):
             robot = robot.with_inertia_error(self.inertia_scale, self.payload)
@@ -66,58 +66,58 @@ class ModelConfig(Config):
 
 @dataclass(frozen=True)
 class Setting:
-    """What an analysis knows of a run beside its log.
+    """What an analysis is given of a run beside its log.
 
     Attributes:
-        cell: the workcell.
+        workcell: the workcell.
         model: what controllers and estimators were given.
         truth: the model without the errors of the scenario's part `model`.
     """
 
-    cell: Workcell
+    workcell: Workcell
     model: PlantModel
     truth: PlantModel = field(repr=False)
 
 
-def plant_model(cell: Workcell, lag: tuple[float, float, float] | None = None) -> PlantModel:
+def plant_model(workcell: Workcell, lag: tuple[float, float, float] | None = None) -> PlantModel:
     """The model that agrees with a workcell.
 
     Args:
-        cell: the workcell.
-        lag: of the measured force: bandwidth [rad/s], damping ratio [1] and delay [s]; that of the first sensor which
-            tells one when None.
+        workcell: the workcell.
+        lag: of the measured force: bandwidth [rad/s], damping ratio [1] and delay [s]; that of the first sensor that
+            reports one when None.
     """
-    contacts, config = cell.contacts, cell.config
+    contacts, config = workcell.contacts, workcell.config
     friction = getattr(config.drive, "true_friction", None)
-    rotors = cell.rotor_inertia if friction else np.zeros(cell.num_joints)
+    rotors = workcell.rotor_inertia if friction else np.zeros(workcell.num_joints)
     bandwidth, damping_ratio, delay = force_lag(config.sensors) if lag is None else lag
     speeds = [getattr(sensor, "velocity_bandwidth", None) for sensor in config.sensors.values()]
     return PlantModel(
         size=len(contacts),
-        period=cell.period,
+        period=workcell.period,
         robot_compliance=np.array([contact.robot_compliance for contact in contacts]),
         environment_compliance=np.array([contact.environment_compliance for contact in contacts]),
         sensor_bandwidth=bandwidth,
         sensor_damping_ratio=damping_ratio,
         sensor_delay=delay,
-        drive_compliance=cell.drive_compliance,
-        robot=contacts[0].robot if contacts else cell.robot,
-        start=cell.motor_start.copy(),
+        drive_compliance=workcell.drive_compliance,
+        robot=contacts[0].robot if contacts else workcell.robot,
+        start=workcell.motor_start.copy(),
         normals=np.array([contact.n for contact in contacts]).reshape(-1, 3),
         arms=tuple(contact.arm for contact in contacts),
-        posture_period=cell.posture_period,
+        posture_period=workcell.posture_period,
         singularity_limit=config.singularity_limit,
         constant_jacobian=bool(config.fidelity.constant_jacobian),
-        has_gravity=cell.has_gravity,
-        friction=friction(cell.robot) if friction else JointFriction(cell.num_joints),
+        has_gravity=workcell.has_gravity,
+        friction=friction(workcell.robot) if friction else JointFriction(workcell.num_joints),
         rotor_inertia=rotors,
         velocity_bandwidth=next((speed for speed in speeds if speed is not None), np.inf),
-        obstacles=tuple(cell.obstacles.values()),
+        obstacles=tuple(workcell.obstacles.values()),
     )
 
 
 def force_lag(parts: Mapping[str, Any]) -> tuple[float, float, float]:
-    """Lag of the measured force, of the first part that tells one: bandwidth [rad/s], damping ratio [1], delay [s].
+    """Lag of the measured force, of the first part that reports one: bandwidth [rad/s], damping ratio [1], delay [s].
 
     Args:
         parts: sensors or estimators by name.

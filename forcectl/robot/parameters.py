@@ -1,7 +1,7 @@
 """The YAML files beside a robot's and a tool's model: what control needs and URDF/SDF cannot say.
 
 Position, velocity, acceleration and torque limits are not here: they are in the URDF/SDF (`RobotModel.limits`).
-Treat facts as constants; their arrays are read-only.
+Treat parameters as constants; their arrays are read-only.
 """
 
 from __future__ import annotations
@@ -18,7 +18,7 @@ from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.fields import Config, key
 from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import Tagged, parse, place
-from forcectl.models import ROBOT_FACTS, TOOL_FACTS, facts_file
+from forcectl.models import ROBOT_PARAMETERS, TOOL_PARAMETERS, parameter_file
 
 T = TypeVar("T")
 
@@ -53,7 +53,7 @@ class MotorCoupling(Config):
 
 
 @dataclass(kw_only=True)
-class ArmFacts(Config):
+class ArmParameters(Config):
     """One arm of a robot that has several."""
 
     flange_frame: str = key(meaning="carries the tool; z out of the flange")
@@ -64,7 +64,7 @@ class ArmFacts(Config):
 
 
 @dataclass(kw_only=True)
-class ControlFacts(Config):
+class ControlParameters(Config):
     """A robot's `*.control.yaml`. Arrays have one entry per arm joint, in the order of `arm_joints`; units are SI.
 
     Friction of motor and gear (5.2), joint side, at the joint speed v:
@@ -75,7 +75,7 @@ class ControlFacts(Config):
     base_frame: str = key(meaning="welded to the world")
     arm_joints: list[str] = key(meaning="of all arms, one arm after the other")
     flange_frame: str = key("", "of a robot with one arm: carries the tool, z out of it")
-    arms: dict[str, ArmFacts] = key({}, "of a robot with several")
+    arms: dict[str, ArmParameters] = key({}, "of a robot with several")
     held_joints: dict[str, float] = key(
         {}, "joints of the model that nothing drives here (a gripper's): made rigid at this position", unit="rad, m"
     )
@@ -140,8 +140,9 @@ class ControlFacts(Config):
             raise unknown("stiffness set", name, self.joint_stiffness)
         return self.joint_stiffness[name]
 
-    def only(self, arm: str) -> ControlFacts:
-        """The facts of one arm of a robot that has several; the joints of the others are held in the default posture.
+    def only(self, arm: str) -> ControlParameters:
+        """The parameters of one arm of a robot that has several; the joints of the others are held in the default
+        posture.
 
         Raises:
             BadInputError: there is no such arm.
@@ -176,7 +177,7 @@ _PER_JOINT = (*_NOT_NEGATIVE, "default_posture_deg", "gear_ratio", "friction_off
 
 
 @dataclass(kw_only=True)
-class ToolFacts(Config):
+class ToolParameters(Config):
     """A tool's `*.tool.yaml`."""
 
     model: str = key(meaning="URDF or SDF file in the same folder")
@@ -189,22 +190,22 @@ class ToolFacts(Config):
     sensor_weld: str | None = key(None, "joint whose reaction the sensor measures")
 
 
-def load_control_facts(folder: Path) -> ControlFacts:
-    """Read and check the control facts in a robot folder.
+def load_control_parameters(folder: Path) -> ControlParameters:
+    """Read and check the control parameters in a robot folder.
 
     Raises:
         BadInputError: no such file, unknown or missing keys, a wrong length, or a value that is not allowed.
     """
-    return _load(ControlFacts, facts_file(folder, ROBOT_FACTS))
+    return _load(ControlParameters, parameter_file(folder, ROBOT_PARAMETERS))
 
 
-def load_tool_facts(folder: Path) -> ToolFacts:
-    """Read and check the facts in a tool folder.
+def load_tool_parameters(folder: Path) -> ToolParameters:
+    """Read and check the parameters in a tool folder.
 
     Raises:
         BadInputError: no such file, unknown or missing keys, or a value that is not allowed.
     """
-    return _load(ToolFacts, facts_file(folder, TOOL_FACTS))
+    return _load(ToolParameters, parameter_file(folder, TOOL_PARAMETERS))
 
 
 def _load(kind: type[T], file: Path) -> T:
@@ -216,54 +217,69 @@ def _load(kind: type[T], file: Path) -> T:
         raise BadInputError(f"{file.name} is no mapping: must be keys and values")
     model = tree.get("model")
     try:
-        facts: T = Reader(lambda key: place(file.name, tree.lines, key)).dataclass(kind, tree, "")
+        parameters: T = Reader(lambda key: place(file.name, tree.lines, key)).dataclass(kind, tree, "")
     except BadInputError as error:
         if isinstance(model, str) and not (file.parent / model).is_file():
             error.text += f"; model = {model!r}: there is no such file in folder {str(file.parent)!r}"
         raise
-    return facts
+    return parameters
 
 
 Check = tuple[str, Any, str, bool]  # (field, value, what is allowed, whether it is)
 
 
-def _control_checks(facts: ControlFacts) -> Iterator[Check]:
-    n = facts.num_joints
-    yield "arm_joints", facts.arm_joints, "different joint names, at least one", 0 < n == len(set(facts.arm_joints))
-    yield from _arm_checks(facts)
+def _control_checks(parameters: ControlParameters) -> Iterator[Check]:
+    n = parameters.num_joints
+    yield (
+        "arm_joints",
+        parameters.arm_joints,
+        "different joint names, at least one",
+        0 < n == len(set(parameters.arm_joints)),
+    )
+    yield from _arm_checks(parameters)
     for name in _PER_JOINT:
-        yield _numbers(name, getattr(facts, name), n, "not negative" if name in _NOT_NEGATIVE else "")
-    if facts.velocity_loop_inertia.size:
-        yield _numbers("velocity_loop_inertia", facts.velocity_loop_inertia, n, "positive")
-    yield "gear_ratio", facts.gear_ratio.tolist(), "different from zero", bool(np.all(facts.gear_ratio != 0))
-    for name, stiffness in facts.joint_stiffness.items():
+        yield _numbers(name, getattr(parameters, name), n, "not negative" if name in _NOT_NEGATIVE else "")
+    if parameters.velocity_loop_inertia.size:
+        yield _numbers("velocity_loop_inertia", parameters.velocity_loop_inertia, n, "positive")
+    yield "gear_ratio", parameters.gear_ratio.tolist(), "different from zero", bool(np.all(parameters.gear_ratio != 0))
+    for name, stiffness in parameters.joint_stiffness.items():
         yield _numbers(f"joint_stiffness.{name}", stiffness, n, "positive")
-    known = ", ".join(facts.joint_stiffness)
-    chosen = facts.default_stiffness_set
-    yield "default_stiffness_set", chosen, f"one of the stiffness sets ({known})", chosen in facts.joint_stiffness
-    for frame, compliance in facts.link_compliance.items():
+    known = ", ".join(parameters.joint_stiffness)
+    chosen = parameters.default_stiffness_set
+    yield "default_stiffness_set", chosen, f"one of the stiffness sets ({known})", chosen in parameters.joint_stiffness
+    for frame, compliance in parameters.link_compliance.items():
         yield _numbers(f"link_compliance.{frame}", compliance, 6, "not negative")
-    for i, coupling in enumerate(facts.motor_coupling):
+    for i, coupling in enumerate(parameters.motor_coupling):
         for name in ("motor_of", "driven_by"):
             joint = getattr(coupling, name)
-            yield f"motor_coupling.{i}.{name}", joint, "one of the arm joints", joint in facts.arm_joints
+            yield f"motor_coupling.{i}.{name}", joint, "one of the arm joints", joint in parameters.arm_joints
 
 
-def _arm_checks(facts: ControlFacts) -> Iterator[Check]:
-    if not facts.arms:
-        yield "flange_frame", facts.flange_frame, "a frame of the model (or give `arms`)", bool(facts.flange_frame)
+def _arm_checks(parameters: ControlParameters) -> Iterator[Check]:
+    if not parameters.arms:
+        yield (
+            "flange_frame",
+            parameters.flange_frame,
+            "a frame of the model (or give `arms`)",
+            bool(parameters.flange_frame),
+        )
     else:
-        yield "flange_frame", facts.flange_frame, "left out beside `arms`: each arm has its own", not facts.flange_frame
-        joints = [joint for arm in facts.arms.values() for joint in arm.joints]
-        yield "arms", joints, "those of arm_joints, in the same order", joints == facts.arm_joints
-        for name, arm in facts.arms.items():
+        yield (
+            "flange_frame",
+            parameters.flange_frame,
+            "left out beside `arms`: each arm has its own",
+            not parameters.flange_frame,
+        )
+        joints = [joint for arm in parameters.arms.values() for joint in arm.joints]
+        yield "arms", joints, "those of arm_joints, in the same order", joints == parameters.arm_joints
+        for name, arm in parameters.arms.items():
             yield f"arms.{name}.joints", arm.joints, "at least one joint", bool(arm.joints)
-    for joint, position in facts.held_joints.items():
-        yield f"held_joints.{joint}", position, "another joint than the arm joints", joint not in facts.arm_joints
-    for coupling in facts.motor_coupling:
+    for joint, position in parameters.held_joints.items():
+        yield f"held_joints.{joint}", position, "another joint than the arm joints", joint not in parameters.arm_joints
+    for coupling in parameters.motor_coupling:
         pair = {coupling.motor_of, coupling.driven_by}
-        in_one = not facts.arms or any(pair <= set(arm.joints) for arm in facts.arms.values())
-        yield "motor_coupling", sorted(pair), "two joints of one arm", in_one or not pair <= set(facts.arm_joints)
+        in_one = not parameters.arms or any(pair <= set(arm.joints) for arm in parameters.arms.values())
+        yield "motor_coupling", sorted(pair), "two joints of one arm", in_one or not pair <= set(parameters.arm_joints)
 
 
 def _numbers(where: str, values: np.ndarray, length: int, sign: str = "") -> Check:
