@@ -179,13 +179,13 @@ class Signals:
             return offers[0].port
         if offers:
             parts = ", ".join(repr(offer.part) for offer in offers)
-            raise BadInputError(f"{wanted_by} wants {name}, which {parts} put out: must have signals.{name} to choose")
+            fault = f" wants {name}, which {parts} put out: must have signals.{name} to choose"
+            raise BadInputError(fault, key=wanted_by)
         meaning = f" ({SIGNALS[name].meaning})" if name in SIGNALS else ""
         known = sorted(set(self._offers) - self._truth | set(self.chosen))
-        raise BadInputError(
-            f"{wanted_by} wants {name}{meaning}, which nothing puts out: must be one of {', '.join(known)}, "
-            "or have a part that puts it out"
-        )
+        nothing = f" wants {name}{meaning}, which nothing puts out"
+        allowed = f"one of {', '.join(known)}, or have a part that puts it out"
+        raise BadInputError(f"{nothing}: must be {allowed}", key=wanted_by)
 
     def connect(self, part: str, system: System, optional: tuple[str, ...] = ()) -> None:
         """Connect the inputs of a part.
@@ -207,7 +207,6 @@ class Signals:
     def _connect(self, part: str, source: OutputPort, port: InputPort) -> None:
         if source.size() != port.size():
             giver = source.get_system().get_name()
-            raise BadInputError(
-                f"{part}: port {port.get_name()} has size {port.size()}: must be {source.size()}, as {giver!r} puts out"
-            )
+            fault = f"port {port.get_name()} has size {port.size()}: must be {source.size()}, as {giver!r} puts out"
+            raise BadInputError(fault, key=part)
         self._builder.Connect(source, port)

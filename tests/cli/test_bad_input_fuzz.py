@@ -116,12 +116,21 @@ def fillers():
     robot = {"robot": "yumi/left", "fidelity": "Multibody", "environment": Tagged({}, "Parts"), "sensors": {}}
     robot["drive"] = {"position_loop": {"delay": 0.0}}  # which its period divides
     moves = {"station": robot, "controller": Tagged({}, "JointMoves"), "duration": 0.01}
+    wall = {"point": [0.0, 0.0, -1.0], "normal": [0.0, 0.0, 1.0]}
     wholes = {"estimator": "estimators", "signal": "signals", "analysis": "analyses"}
     needed = {
         "From": {"part": "station"},
         "Load": {"wrenches": [[0.0, 0.0, 0.0, 1.0, 0.0, 0.0]]},
         "ArmTask": {"arm": "arm"},
         "RelativeTask": {"leader": "arm", "follower": "arm"},
+        "ProfileFile": {"path": "profile.csv"},
+        "VelocityAlongSurface": {"times": [0.0, 0.002], "velocities": [0.001, 0.0]},
+        "Wall": wall,
+        "Range": {"task": Tagged({"arm": "arm"}, "ArmTask")},
+        "SpeedLimit": {"task": Tagged({"arm": "arm"}, "ArmTask"), "limit": [0.5]},
+        "Robust": {"of": Tagged(wall, "Wall"), "braking": 2.0},
+        "Evasive": {"potentials": [Tagged({}, "AwayFromLinks")]},
+        "AwayFrom": {"constraint": Tagged(wall, "Wall")},
     }
     for slot, tags in SLOTS.items():
         for tag in tags:
@@ -140,6 +149,15 @@ def fillers():
                 yield {"controller": Tagged({"excitation": part}, "RecursiveVrft"), "duration": 0.01}
             elif slot == "task":
                 yield moves | {"controller": Tagged({"tasks": {"mine": part}}, "ReactiveReaching")}
+            elif slot == "surface":
+                yield {"station": {"environment": {"surface": {"heights": {"mine": part}}}}, "duration": 0.01}
+            elif slot == "constraint":
+                yield moves | {"controller": Tagged({"constraints": [part]}, "ReactiveReaching")}
+            elif slot == "null_space":
+                yield moves | {"controller": Tagged({"null_space": part}, "ReactiveReaching")}
+            elif slot == "potential":
+                evasive = Tagged({"potentials": [part]}, "Evasive")
+                yield moves | {"controller": Tagged({"null_space": evasive}, "ReactiveReaching")}
 
 
 def misspell(word, rng):

@@ -332,7 +332,7 @@ def test_a_station_that_cannot_have_it_is_refused(changes: dict[str, Any], told:
 
 
 def test_a_drive_that_is_none_is_refused() -> None:
-    with pytest.raises(BadInputError, match=r"station\.drive = 3: must be a mapping"):
+    with pytest.raises(BadInputError, match=r"station\.drive = 3: must be a part: one of !PositionLoop"):
         forcectl.run({}, overrides={"station.drive": 3})
 
 
