@@ -85,7 +85,7 @@ def test_link_distances_are_rows_of_their_own() -> None:
         (f"[!Robust {{of: !Range {{{Z}, upper: [1]}}, braking: 0}}]", "constraints.0.braking = 0.0: must be positive"),
         (f"[!Robust {{of: !Range {{{Z}, upper: [1]}}, braking: 1, model_error: [0, 1]}}]", "model_error.rate"),
         (f"[!Robust {{of: !Range {{{Z}, upper: [1]}}, braking: 1, model_error: [0]}}]", "must be two numbers"),
-        ("[!Robust {of: 3, braking: 2}]", "constraints.0.of = 3: must be a mapping"),
+        ("[!Robust {of: 3, braking: 2}]", "constraints.0.of = 3: must be a part: one of !Wall"),
         ("[!Robust {of: !Step {}, braking: 2}]", "constraints.0.of: unknown tag '!Step'"),
     ],
 )
