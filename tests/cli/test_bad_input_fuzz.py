@@ -230,7 +230,10 @@ def mutants(count, seed, trees=None):
     rng = random.Random(seed)
     trees = [full_tree(name) for name in (*list_experiments(), *OTHERS)] if trees is None else trees
     for _ in range(count):
-        yield mutate(rng.choice(trees), rng), rng
+        tree = rng.choice(trees)
+        if len(tree.get("fidelities") or ()) > 1:
+            tree["station"]["fidelity"] = Tagged({}, rng.choice(tree["fidelities"]))
+        yield mutate(tree, rng), rng
 
 
 def complete(error):
@@ -264,6 +267,7 @@ def check(count, seed, tmp_path, trees=None):
     return seen
 
 
+@pytest.mark.slow
 def test_random_mutations_of_every_experiment_never_give_a_traceback(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     seen = check(400, 1, tmp_path)

@@ -82,6 +82,7 @@ def test_in_fast_free_motion_little_is_felt(robot):
     assert np.max(rms / loop.model.friction.coulomb) < 0.06
 
 
+@pytest.mark.slow
 def test_taring_takes_out_what_friction_is_off():
     """30 % of friction too little: the offsets remain under a dither, and taring takes them out."""
     name, tool, size = LIGHT
@@ -98,6 +99,7 @@ def test_taring_takes_out_what_friction_is_off():
     assert errors[1] < 0.06
 
 
+@pytest.mark.slow
 def test_elastic_joints_change_little():
     """What is measured is the motors, whose momentum the model has a little wrong: 2 %, as rigid ones."""
     name, tool, size = LIGHT

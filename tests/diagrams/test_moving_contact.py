@@ -275,6 +275,7 @@ def test_a_profile_beside_the_scenario_is_found_from_anywhere(tmp_path: Path, mo
     )
 
 
+@pytest.mark.slow
 def test_the_replay_moves_the_plate(tmp_path: Path) -> None:
     sizes = []
     for slope in (0.0, 0.05):
@@ -294,6 +295,7 @@ def fig_3_6(fidelity: str, **overrides: Any) -> dict[str, Any]:
     return result.metrics
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fidelity", LIGHT)
 def test_fig_3_6_first_groove(fidelity: str) -> None:
     """A shorter rest and the first groove of three."""
@@ -310,6 +312,7 @@ def assert_fig_3_6(metrics: dict[str, Any]) -> None:
     assert metrics["plywood"]["peak_in_motion_N"] >= 2 * metrics["plastic"]["peak_in_motion_N"]
 
 
+@pytest.mark.slow
 @every_fidelity
 def test_ten_times_faster(fidelity: str) -> None:
     """20 mm/s: the loop is slower than the grooves, the force stays finite and contact is kept on the soft surface."""

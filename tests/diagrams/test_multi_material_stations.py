@@ -58,6 +58,7 @@ def slide(fidelity: str, **surface: Any) -> xr.Dataset:
     )
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("surface", [{}, {"damping": 300.0, "height": 5e-5}], ids=["flat", "damped and stepped"])
 def test_fidelities_agree_on_several_materials(surface: dict[str, float]) -> None:
     logs = {fidelity: slide(fidelity, **surface) for fidelity in SHIPPED_FIDELITIES}

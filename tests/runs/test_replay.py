@@ -39,12 +39,14 @@ def test_a_replay_is_one_self_contained_page(tmp_path, capfd, fidelity):
     assert capfd.readouterr().err == ""
 
 
+@pytest.mark.slow
 def test_every_variant_has_its_own_page(tmp_path):
     fc.run("fig_2_7", overrides={"duration": 0.1}, out=tmp_path / "run", replay=True)
     pages = sorted(path.name for path in (tmp_path / "run").glob("replay*"))
     assert pages == ["replay_1.html", "replay_2.html", "replay_3.html"]
 
 
+@pytest.mark.slow
 def test_a_longer_run_has_more_frames(tmp_path):
     sizes = []
     for duration in (0.1, 1.0):

@@ -90,6 +90,7 @@ def test_check_turns_a_missed_target_into_exit_code_1(files, monkeypatch, capfd)
     assert set(rows) == {"peak", "published", "one only"}
 
 
+@pytest.mark.slow
 def test_a_value_away_from_the_expected_one_is_drift_and_turns_check_into_exit_code_1(files, monkeypatch, capfd):
     (files / "drifted.yaml").write_text(DRIFTED)
     code, output = call(["drifted.yaml", "--out", "here", "--workers", "1"], monkeypatch, capfd)

@@ -265,6 +265,7 @@ def test_a_reference_model_can_be_given_and_a_second_step_has_its_own_metrics():
     )
 
 
+@pytest.mark.slow
 def test_every_expectation_of_the_run_is_judged_and_kept(tmp_path):
     result = fc.run("mismatch_2_14", out=tmp_path / "run")
     assert result.passed

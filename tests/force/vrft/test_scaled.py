@@ -35,6 +35,7 @@ def signal(log: xr.Dataset, name: str) -> np.ndarray:
     return np.asarray(log[name].squeeze().values)
 
 
+@pytest.mark.slow
 def test_it_finds_the_compliance_of_each_material_on_the_way() -> None:
     log = run("adaptive").log
     time, found = signal(log, "time"), signal(log, "environment_compliance")
@@ -57,6 +58,7 @@ def test_the_gains_are_those_of_the_compliance() -> None:
     assert slope[1] / slope[0] == pytest.approx(3.2e-5, rel=0.15)  # C_R
 
 
+@pytest.mark.slow
 def test_the_command_bends_and_does_not_jump_when_gains_change() -> None:
     """Where the gains change fastest the command moves no more from tick to tick than with fixed gains."""
     adaptive, fixed = (
@@ -69,6 +71,7 @@ def test_the_command_bends_and_does_not_jump_when_gains_change() -> None:
     assert adaptive[away].max() < 2 * fixed[away].max()
 
 
+@pytest.mark.slow
 def test_at_rest_it_keeps_its_gains_over_all_materials() -> None:
     """A constant force tells nothing: whatever the surface does, the gains of the start stay."""
     rest = {"reference__times": (0.0,), "reference__forces": (12.0,), "motion__start_time": 6.0, "duration": 20.0}
