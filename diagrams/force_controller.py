@@ -15,7 +15,7 @@ from forcectl.framework.enclosed import Enclosed
 from forcectl.framework.wiring import affine, checked_system, export_all_outputs, input_names, output_names, stacked
 from forcectl.plant.plant_model import PlantModel
 
-_NO_SURFACE = "station.environment has no surface: must have one for a force law to press on"
+_NO_SURFACE = " has no surface: must have one for a force law to press on"
 
 
 class ForceController(Diagram):
@@ -48,7 +48,7 @@ class ForceController(Diagram):
         n_q, q_0 = model.num_joints, model.start
         add, connect, export = builder.AddNamedSystem, builder.Connect, builder.ExportInput
         if model.size < 1:
-            raise BadInputError(_NO_SURFACE)
+            raise BadInputError(_NO_SURFACE, key="station.environment")
         _require(law, ("desired_force", "measured_force"), ("displacement_command",))
         export(law.GetInputPort("desired_force"), "desired_force")
         export(law.GetInputPort("measured_force"), "measured_force")
@@ -135,7 +135,7 @@ def build_controller(config: Any, model: PlantModel) -> ForceController | Enclos
         made = checked_system(config.add_to(builder, model), "controller")
     except BadInputError as error:
         if model.size == 0 and error.key == "size":
-            raise BadInputError(_NO_SURFACE) from None
+            raise BadInputError(_NO_SURFACE, key="station.environment") from None
         raise
     if "joint_position_command" in output_names(made):
         return Enclosed(builder, made)

@@ -12,7 +12,7 @@ from __future__ import annotations
 import math
 from abc import abstractmethod
 from collections.abc import Callable, Mapping, Sequence
-from typing import Any, NamedTuple
+from typing import TYPE_CHECKING, Any, NamedTuple
 from weakref import ref
 
 import numpy as np
@@ -41,13 +41,15 @@ class TickStart(NamedTuple):
     inputs: Memory
 
 
-class SampledBlock(LeafSystem):
-    """Base of such blocks: a tick makes a new memory of the one before and the inputs.
+# A class may have one base of Drake's only (from Drake 1.58 on), so what the two bases below share has none.
+if TYPE_CHECKING:
+    from pydrake.systems.framework import LeafSystem as _Shared
+else:
+    _Shared = object
 
-    A subclass declares its input ports, its memory and the outputs that `show` it, and gives the tick in `step`, where
-    every quantity has a name. In the Context one vector holds them: the time of the tick, then numbers, then vectors. A
-    group of the state for each would make the tick of a small block half as long again; `memory` has them by name.
-    """
+
+class _Ticks(_Shared):
+    """What `SampledBlock` and `SampledBatch` share."""
 
     # Names of inputs that may be left unconnected.
     optional_inputs: Sequence[str] = ()
@@ -248,7 +250,16 @@ class SampledBlock(LeafSystem):
         ]
 
 
-class SampledBatch(SampledBlock, BatchBlock):
+class SampledBlock(_Ticks, LeafSystem):
+    """Base of sampled blocks: a tick makes a new memory of the one before and the inputs.
+
+    A subclass declares its input ports, its memory and the outputs that `show` it, and gives the tick in `step`, where
+    every quantity has a name. In the Context one vector holds them: the time of the tick, then numbers, then vectors. A
+    group of the state for each would make the tick of a small block half as long again; `memory` has them by name.
+    """
+
+
+class SampledBatch(_Ticks, BatchBlock):
     """Base of sampled blocks of n batch elements.
 
     In `step` a quantity that is declared as a number, or as one per element, is a batch value, and so is an input of
