@@ -12,7 +12,7 @@ from pydrake.systems.primitives import Demultiplexer, PassThrough
 from forcectl.errors import BadInputError
 from forcectl.force.kinematic_inversion import ConstantKinematicInversion, KinematicInversion, joint_direction
 from forcectl.framework.enclosed import Enclosed
-from forcectl.framework.wiring import affine, checked_system, export_all_outputs, input_names, output_names, stacked
+from forcectl.framework.wiring import add_part, affine, export_all_outputs, input_names, output_names, stacked
 from forcectl.plant.plant_model import PlantModel
 
 _NO_SURFACE = " has no surface: must have one for a force law to press on"
@@ -132,7 +132,7 @@ def build_controller(config: Any, model: PlantModel) -> ForceController | Enclos
     """
     builder = DiagramBuilder()
     try:
-        made = checked_system(config.add_to(builder, model), "controller")
+        made = add_part(config, "controller", builder, model)
     except BadInputError as error:
         if model.size == 0 and error.key == "size":
             raise BadInputError(_NO_SURFACE, key="station.environment") from None

@@ -32,7 +32,7 @@ from forcectl.diagrams.station import StationConfig, build_station
 from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.errors import BadInputError, about, invalid
 from forcectl.framework.enclosed import Enclosed
-from forcectl.framework.wiring import checked_system, input_names
+from forcectl.framework.wiring import add_part, input_names
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.tip_kinematics import tip_displacements
 
@@ -196,13 +196,10 @@ def _add_sources(
             raise BadInputError(f"largest_force must return a number, not {type(largest).__name__}", key="reference")
         if limits and not largest <= min(limits):
             raise invalid("reference.force", largest, f"at most the sensor's range, {min(limits):g} N")
-        with about(parts.reference):
-            sources["reference"] = checked_system(parts.reference.add_to(builder, setting.model.size), "reference")
+        sources["reference"] = add_part(parts.reference, "reference", builder, setting.model.size)
     if "unconstrained_reference" in wanted:
         contact = workcell.contacts[0]
-        with about(parts.motion):
-            made = parts.motion.add_to(builder, contact.robot, workcell.start, contact.n)
-            sources["motion"] = checked_system(made, "motion")
+        sources["motion"] = add_part(parts.motion, "motion", builder, contact.robot, workcell.start, contact.n)
     return sources
 
 
@@ -210,8 +207,7 @@ def _add_estimators(builder: DiagramBuilder, parts: LoopParts, model: PlantModel
     added: dict[str, System] = {}
     for name, config in parts.estimators.items():
         inner = DiagramBuilder()
-        with about(config):
-            system = checked_system(config.add_to(inner, model), f"estimators.{name}")
+        system = add_part(config, f"estimators.{name}", inner, model)
         added[name] = builder.AddNamedSystem(f"{name}_estimator", Enclosed(inner, system))
     return added
 

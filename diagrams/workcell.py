@@ -12,7 +12,7 @@ from pydrake.systems.framework import Context, DiagramBuilder, System
 from forcectl.errors import BadInputError, about, invalid
 from forcectl.force.kinematic_inversion import check_start_posture
 from forcectl.framework.batch import whole_multiple
-from forcectl.framework.wiring import checked_system
+from forcectl.framework.wiring import add_part
 from forcectl.plant.compliance import robot_compliance, total_compliance
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.contact.surface import SurfaceConfig
@@ -67,8 +67,7 @@ class Contact:
             period: of what is sampled [s].
             robot_compliance: in series with it [m/N].
         """
-        made = self.environment.add_to(builder, 1, period, robot_compliance=robot_compliance)
-        return checked_system(made, "environment")
+        return add_part(self.environment, "environment", builder, 1, period, robot_compliance=robot_compliance)
 
     def start_context(self) -> Context:
         """A context of `robot.plant` in the start posture."""

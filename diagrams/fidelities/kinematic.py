@@ -10,7 +10,7 @@ from forcectl.diagrams.fidelities.light import add_drive, check_light, finish_li
 from forcectl.diagrams.mechanics.assembly import Assembly
 from forcectl.diagrams.mechanics.station_surface import add_surface, connect_material
 from forcectl.diagrams.workcell import Workcell
-from forcectl.errors import about, invalid
+from forcectl.errors import invalid
 from forcectl.plant.contact.tip_contact import TipContact
 from forcectl.plant.tip_kinematics import TipDisplacement
 
@@ -80,8 +80,7 @@ class KinematicStation(Diagram):
         if contact.surface is not None:
             force = _tip_contact(builder, workcell, position, surface)
         else:
-            with about(contact.environment):
-                spring = contact.add_to(builder, workcell.period, robot_compliance=contact.robot_compliance)
+            spring = contact.add_to(builder, workcell.period, robot_compliance=contact.robot_compliance)
             builder.Connect(displacement, spring.GetInputPort("displacement"))
             force = spring.GetOutputPort("contact_force")
         finish_light_station(self, assembly, workcell, seed, force, displacement, surface)

@@ -11,8 +11,8 @@ from forcectl.diagrams.mechanics.assembly import Assembly
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.mechanics.truth import add_contact_state
 from forcectl.diagrams.workcell import Vector, Workcell
-from forcectl.errors import BadInputError, about
-from forcectl.framework.wiring import affine, checked_system
+from forcectl.errors import BadInputError
+from forcectl.framework.wiring import add_part, affine
 from forcectl.plant.tip_kinematics import LinkPosition
 
 
@@ -43,8 +43,7 @@ def add_drive(assembly: Assembly, workcell: Workcell, seed: int) -> System:
     Raises:
         BadInputError: it lacks the motor side's position.
     """
-    with about(workcell.config.drive):
-        drive = checked_system(workcell.config.drive.add_to(assembly.builder, Site(workcell, seed)), "drive")
+    drive = add_part(workcell.config.drive, "drive", assembly.builder, Site(workcell, seed))
     assembly.add(drive)
     for name in ("motor_position", "motor_velocity"):
         if name not in assembly.signals:
@@ -107,8 +106,6 @@ def add_sensors(assembly: Assembly, site: Site) -> None:
     """
     for i, (name, sensor) in enumerate(site.workcell.config.sensors.items()):
         before = set(assembly.signals)
-        with about(sensor):
-            system = checked_system(sensor.add_to(assembly.builder, site.with_seed(i)), f"sensors.{name}")
-        assembly.add_sensor(system, name)
+        assembly.add_sensor(add_part(sensor, f"sensors.{name}", assembly.builder, site.with_seed(i)), name)
         if set(assembly.signals) == before:
             raise BadInputError(" has no output port: must measure something", key=f"sensors.{name}")

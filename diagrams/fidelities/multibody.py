@@ -42,9 +42,9 @@ from forcectl.diagrams.mechanics.station_surface import add_surface, is_uniform
 from forcectl.diagrams.mechanics.truth import add_contact_state
 from forcectl.diagrams.mechanics.world import add_world
 from forcectl.diagrams.workcell import Contact, Workcell
-from forcectl.errors import BadInputError, about
+from forcectl.errors import BadInputError
 from forcectl.framework.enclosed import Enclosed
-from forcectl.framework.wiring import checked_system, stacked
+from forcectl.framework.wiring import add_part, stacked
 from forcectl.motion.loads import add_loads, loaded_frames
 from forcectl.plant.drives.joint_friction import FrictionRest, actuation_gain, desired_state_gain
 from forcectl.plant.tip_kinematics import TipDisplacement
@@ -164,8 +164,7 @@ def selector(size: int, rows: list[int], name: str) -> Selector:
 def _add_drive(assembly: Assembly, site: Site) -> None:
     """The drive, and its coupling to the plant."""
     builder, workcell, plant, parts = assembly.builder, site.workcell, site.plant, site.parts
-    with about(workcell.config.drive):
-        drive = checked_system(workcell.config.drive.add_to(builder, site), "drive")
+    drive = add_part(workcell.config.drive, "drive", builder, site)
     assembly.add(drive)
     signals, instance = assembly.signals, parts.instance
     n, elastic = workcell.num_joints, workcell.config.elastic_joints
@@ -280,8 +279,7 @@ def _add_own_surface(assembly: Assembly, workcell: Workcell, contact: Contact) -
     place = builder.AddNamedSystem(f"place_on_{contact.name}", place)
     builder.Connect(assembly.signals["link_position"], place.GetInputPort("motor_position"))
     inner = DiagramBuilder()
-    with about(contact.environment):
-        own = contact.add_to(inner, workcell.config.time_step, robot_compliance=0.0)
+    own = contact.add_to(inner, workcell.config.time_step, robot_compliance=0.0)
     surface = builder.AddNamedSystem(f"surface_{contact.name}", Enclosed(inner, own))
     builder.Connect(place.GetOutputPort("displacement"), surface.GetInputPort("displacement"))
     return surface.GetOutputPort("contact_force")

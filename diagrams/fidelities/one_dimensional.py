@@ -10,7 +10,6 @@ from forcectl.diagrams.fidelities.light import add_drive, along_normal, check_li
 from forcectl.diagrams.mechanics.assembly import Assembly
 from forcectl.diagrams.mechanics.station_surface import add_depth, add_surface, connect_material
 from forcectl.diagrams.workcell import Workcell
-from forcectl.errors import about
 
 
 @dataclass(kw_only=True)
@@ -62,8 +61,7 @@ class OneDimensionalStation(Diagram):
         displacement = assembly.signals.get("displacement")
         if displacement is None:
             displacement = along_normal(builder, contact.row, workcell.motor_start, position)
-        with about(contact.environment):
-            spring = contact.add_to(builder, workcell.period, robot_compliance=contact.robot_compliance)
+        spring = contact.add_to(builder, workcell.period, robot_compliance=contact.robot_compliance)
         surface = add_surface(builder, workcell, contact, position, workcell.motor_start)
         connect_material(builder, surface, spring)
         uneven = "surface_height" in surface

@@ -3,29 +3,35 @@
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import AffineSystem, Multiplexer
 
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, about
 
 Matrix = NDArray[np.float64]
 
 
-def checked_system(made: object, part: str) -> System:
-    """What the `add_to` of a part returned, which must be a system.
+def add_part(part: Any, key: str, builder: DiagramBuilder, *arguments: Any, **named: Any) -> System:
+    """The system that the `add_to` of a part adds; errors in it are about the part.
 
     Args:
-        made: by `add_to`.
-        part: its key, for the message.
+        part: fills a slot.
+        key: of the part, for the message.
+        builder: first argument of `add_to`.
+        arguments: further ones.
+        named: further ones, by name.
 
     Raises:
-        BadInputError: it is something else.
+        BadInputError: it returns something else than a system.
     """
+    with about(part):
+        made = part.add_to(builder, *arguments, **named)
     if not isinstance(made, System):
-        raise BadInputError(f"add_to must return a Drake system, not {type(made).__name__}", key=part)
+        raise BadInputError(f"add_to must return a Drake system, not {type(made).__name__}", key=key)
     return made
 
 

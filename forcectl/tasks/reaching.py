@@ -16,7 +16,7 @@ from pydrake.systems.primitives import TrajectorySource
 
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
-from forcectl.errors import BadInputError, about, invalid, unknown
+from forcectl.errors import invalid, unknown
 from forcectl.force.invariance.robot import JointLimitConfig
 from forcectl.framework.fields import Config, key, named_slots, slot, slot_list
 from forcectl.framework.rotation_vector import RotationVector
@@ -30,7 +30,7 @@ from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig, criterion_of
 from forcectl.tasks.reactive_controller import ReactiveController
 from forcectl.tasks.reactive_motion import MotionLimits, ReactiveMotion
-from forcectl.tasks.task_parts import TaskTargetConfig, target_steps
+from forcectl.tasks.task_parts import TaskTargetConfig, made_task, target_steps
 
 Array = NDArray[np.float64]
 
@@ -117,14 +117,7 @@ class ReactiveReachingConfig(Config):
     def _tasks(self, start: ArmsMotion) -> list[ArmTask]:
         if not self.tasks:
             return [ArmTask(arm, orientation=RotationVector(start.arm(arm).rotation)) for arm in start.arm_names]
-        made = []
-        for name, part in self.tasks.items():
-            with about(part):
-                task = part.task(start)
-            if not isinstance(task, ArmTask):
-                raise BadInputError(f"task must return an ArmTask, not {type(task).__name__}", key=f"tasks.{name}")
-            made.append(task)
-        return made
+        return [made_task(part, start, f"tasks.{name}") for name, part in self.tasks.items()]
 
     def _distances(self, model: PlantModel) -> list[LinkDistance]:
         shapes = RobotShapes.load(*model.known_robot().source)

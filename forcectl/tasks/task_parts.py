@@ -6,7 +6,7 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, about
 from forcectl.framework.euler_angles import EulerAngles, angles_of
 from forcectl.framework.fields import Config, key
 from forcectl.framework.rotation_vector import RotationVector
@@ -41,6 +41,24 @@ class TaskPart(Protocol):
             start: motion of the robot in its start posture.
         """
         ...
+
+
+def made_task(part: TaskPart, start: ArmsMotion, place: str) -> ArmTask:
+    """The task of a part.
+
+    Args:
+        part: what fills the slot.
+        start: motion of the robot in its start posture.
+        place: key of the part, for the message.
+
+    Raises:
+        BadInputError: its method returns something else.
+    """
+    with about(part):
+        made = part.task(start)
+    if not isinstance(made, ArmTask):
+        raise BadInputError(f"task must return an ArmTask, not {type(made).__name__}", key=place)
+    return made
 
 
 @dataclass(kw_only=True)

@@ -20,7 +20,7 @@ from forcectl.force.vrft.adaptive import add_tuned_law
 from forcectl.framework.batch import BatchParameter, BatchValue, check
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
-from forcectl.framework.wiring import checked_system
+from forcectl.framework.wiring import add_part
 from forcectl.motion.excitation import ExcitationConfig, TrapezoidalMovesConfig
 from forcectl.plant.plant_model import PlantModel
 
@@ -122,9 +122,7 @@ class VrftExperiment(Diagram):
         super().__init__()
         self.sample_delay = dict(law.sample_delay)
         builder = DiagramBuilder()
-        with about(excitation):
-            made = checked_system(excitation.add_to(builder, compliance), "excitation")
-        source = made.GetOutputPort("excitation")
+        source = add_part(excitation, "excitation", builder, compliance).GetOutputPort("excitation")
         add_tuned_law(builder, law, tuner)
         builder.AddNamedSystem("sequencer", sequencer)
         mode = sequencer.GetOutputPort("mode")

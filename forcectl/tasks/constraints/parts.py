@@ -18,7 +18,7 @@ from forcectl.tasks.constraints.base import CartesianWall, Constraint
 from forcectl.tasks.constraints.of_arm import OfArm
 from forcectl.tasks.constraints.robust import Errors, RobustConstraint
 from forcectl.tasks.constraints.task_limits import TaskRange, TaskSpeedLimit
-from forcectl.tasks.coordinates import ArmTask
+from forcectl.tasks.task_parts import made_task
 
 
 class ConstraintPart(Protocol):
@@ -99,7 +99,7 @@ class RangeConfig(Config):
 
     def constraint(self, model: PlantModel) -> TaskRange:
         """See `ConstraintPart`."""
-        task = _task(self.task, model)
+        task = made_task(self.task, _start(model), "task")
         lower, upper = _limits(self.lower, -np.inf), _limits(self.upper, np.inf)
         return TaskRange(task, lower, upper, gamma=self.gamma, slack_weight=self.slack_weight)
 
@@ -115,7 +115,7 @@ class SpeedLimitConfig(Config):
     def constraint(self, model: PlantModel) -> TaskSpeedLimit:
         """See `ConstraintPart`."""
         limit = self.limit[0] if len(self.limit) == 1 else self.limit
-        return TaskSpeedLimit(_task(self.task, model), limit, slack_weight=self.slack_weight)
+        return TaskSpeedLimit(made_task(self.task, _start(model), "task"), limit, slack_weight=self.slack_weight)
 
 
 @dataclass(kw_only=True)
@@ -150,14 +150,6 @@ class RobustConfig(Config):
 def _start(model: PlantModel) -> ArmsMotion:
     robot = model.known_robot()
     return ArmsMotion(robot, robot.create_context(), model.start, np.zeros(model.num_joints))
-
-
-def _task(part: Any, model: PlantModel) -> ArmTask:
-    with about(part):
-        task = part.task(_start(model))
-    if not isinstance(task, ArmTask):
-        raise BadInputError(f"task must return an ArmTask, not {type(task).__name__}", key="task")
-    return task
 
 
 def _limits(values: Sequence[float | None], none: float) -> list[float] | float:
