@@ -1,0 +1,108 @@
+"""What is to be run next: the trials of a shard that have no row, and repetitions as long as they are needed."""
+
+from __future__ import annotations
+
+from collections import deque
+from collections.abc import Iterable
+
+from scipy.stats import binomtest
+
+from forcectl.sweeps.results import Row
+from forcectl.sweeps.study import Study
+
+ROUND = 10  # repetitions between two looks at an interval
+
+
+def wilson_half_width(successes: int, trials: int, confidence: float) -> float:
+    """Half width of the Wilson interval of a success rate.
+
+    Args:
+        successes: among the trials.
+        trials: at least one.
+        confidence: of the interval.
+    """
+    interval = binomtest(successes, trials).proportion_ci(confidence, method="wilson")
+    return float(interval.high - interval.low) / 2
+
+
+class Agenda:
+    """The trials of a shard that are still to be run.
+
+    With `repeat`, a group (one point and arm) is first run `at_least` times, then in rounds of `ROUND`, until its
+    interval is narrow enough. Whether a round is needed follows from the rows before it, so the same trials are run
+    whatever the engine and the order.
+
+    Args:
+        study: the sweep.
+        shard: number of the shard from 0, and how many there are.
+        rows: that there are already.
+
+    Attributes:
+        done: how many of the asked trials have a row.
+    """
+
+    def __init__(self, study: Study, shard: tuple[int, int], rows: Iterable[Row]):
+        self._study = study
+        self._finished: dict[int, bool] = {row["trial"]: bool(row["success"]) for row in rows}
+        self._asked: dict[int, None] = {}
+        self._waiting: deque[int] = deque()
+        self.done = 0
+        index, count = shard
+        arms, repeat = len(study.arms), study.config.repeat
+        for point in range(index, len(study.points), count):
+            for arm in range(arms):
+                if repeat is None:
+                    self._ask((point, arm), 0, len(study.seeds or [0]))
+                else:
+                    self._ask((point, arm), 0, repeat.at_least)
+                    self._consider((point, arm))
+
+    @property
+    def asked(self) -> list[int]:
+        """Trials that are needed as far as is known, in order."""
+        return sorted(self._asked)
+
+    @property
+    def total(self) -> int:
+        """How many those are."""
+        return len(self._asked)
+
+    def take(self) -> int | None:
+        """The next trial; None where there is none now."""
+        return self._waiting.popleft() if self._waiting else None
+
+    def put_back(self, number: int) -> None:
+        """A trial that was taken is to be run again, before the others."""
+        self._waiting.appendleft(number)
+
+    def finish(self, row: Row) -> None:
+        """A trial has its row."""
+        self._finished[row["trial"]] = bool(row["success"])
+        self.done += 1
+        if self._study.config.repeat is not None:
+            self._consider(self._study.group(row["trial"]))
+
+    def _ask(self, group: tuple[int, int], first: int, last: int) -> None:
+        for repetition in range(first, last):
+            number = self._study.number(group, repetition)
+            self._asked[number] = None
+            if number in self._finished:
+                self.done += 1
+            else:
+                self._waiting.append(number)
+
+    def _consider(self, group: tuple[int, int]) -> None:
+        """Ask for more of a group where all that was asked for is there, and is not enough."""
+        repeat = self._study.config.repeat
+        assert repeat is not None
+        asked = successes = 0
+        while asked < repeat.at_most:
+            while (number := self._study.number(group, asked)) in self._asked and asked < repeat.at_most:
+                if number not in self._finished:
+                    return
+                successes += self._finished[number]
+                asked += 1
+            if asked < repeat.at_most and wilson_half_width(successes, asked, repeat.confidence) > repeat.half_width:
+                self._ask(group, asked, min(asked + ROUND, repeat.at_most))
+            else:
+                return

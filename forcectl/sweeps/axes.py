@@ -1,0 +1,157 @@
+"""One key of a sweep and the values that it takes: a list, or a distribution.
+
+Distributions have the tags and keys of `pydrake.common.schema` (`!Deterministic`, `!Gaussian`, `!Uniform`,
+`!UniformDiscrete`), and `!LogUniform {min, max}` for what spans decades. From Python they may be Drake's objects.
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common import schema
+from scipy import stats
+
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.yaml_tree import Tagged, Tree, dump, is_object, plain
+from forcectl.scenario.trees import part_tree
+
+# Tag -> its keys.
+DISTRIBUTIONS: dict[str, tuple[str, ...]] = {
+    "Deterministic": ("value",),
+    "Gaussian": ("mean", "stddev"),
+    "Uniform": ("min", "max"),
+    "UniformDiscrete": ("values",),
+    "LogUniform": ("min", "max"),
+}
+_OF_DRAKE = (schema.Deterministic, schema.Gaussian, schema.Uniform, schema.UniformDiscrete)
+_WITHIN = 1e-12  # quantiles of 0 and 1 may be infinite
+
+
+@dataclass(frozen=True)
+class Axis:
+    """A key of a sweep.
+
+    Attributes:
+        key: of the scenario, with dots.
+        values: that it takes; empty for a distribution.
+        labels: of the values, as they stand in tables.
+        distribution: tag of the distribution; "" for a list.
+        numbers: of the distribution, by name.
+    """
+
+    key: str
+    values: list[Any] = field(default_factory=list)
+    labels: list[Any] = field(default_factory=list)
+    distribution: str = ""
+    numbers: Mapping[str, float] = field(default_factory=dict)
+
+    def draw(self, uniform: NDArray[np.float64]) -> NDArray[np.float64]:
+        """Coordinates: values of a distribution, positions in a list.
+
+        Args:
+            uniform: shape (n,), between 0 and 1.
+        """
+        if self.distribution:
+            return _quantile(self.distribution, self.numbers, np.clip(uniform, _WITHIN, 1 - _WITHIN))
+        return np.minimum(np.floor(uniform * len(self.values)), len(self.values) - 1)
+
+    def value(self, coordinate: float) -> Any:
+        """What a coordinate stands for, as the scenario gets it."""
+        return coordinate if self.distribution else self.values[round(coordinate)]
+
+    def label(self, coordinate: float) -> Any:
+        """What a coordinate stands for, as a table shows it: a number, true or false, or text."""
+        return coordinate if self.distribution else self.labels[round(coordinate)]
+
+
+def axis_of(key: str, tree: Tree) -> Axis:
+    """The axis that a key of a sweep file, or of `fc.sweep`, describes.
+
+    Args:
+        key: of the scenario, with dots.
+        tree: a list of values, a mapping tagged as a distribution, or a distribution of Drake's.
+
+    Raises:
+        BadInputError: neither a list nor a distribution, or one without values.
+    """
+    where = f"keys.{key}"
+    if isinstance(tree, _OF_DRAKE):
+        names = DISTRIBUTIONS[type(tree).__name__]
+        tree = Tagged({name: plain(getattr(tree, name)) for name in names}, type(tree).__name__)
+    if isinstance(tree, Tagged) and tree.tag is not None:
+        return _distribution(key, tree, where)
+    if not isinstance(tree, list):
+        tags = ", ".join(f"!{tag}" for tag in DISTRIBUTIONS)
+        raise invalid(where, tree, f"a list of values, or a distribution: {tags}")
+    return _listed(key, tree, where)
+
+
+def _listed(key: str, values: list[Any], where: str) -> Axis:
+    if not values:
+        raise invalid(where, values, "a list of at least one value")
+    labels = [label_of(value) for value in values]
+    for i, label in enumerate(labels):
+        if any(label == other and type(label) is type(other) for other in labels[:i]):
+            raise BadInputError(f" holds {label!r} twice: values of a list must differ", key=where)
+    return Axis(key, list(values), labels=labels)
+
+
+def label_of(value: Any) -> Any:
+    """A value as a table shows it: numbers, true and false as they are, everything else as text."""
+    if isinstance(value, bool | int | float | str):
+        return value
+    return " ".join(dump(part_tree(value)).removesuffix("...\n").split())
+
+
+def _distribution(key: str, tree: Tagged, where: str) -> Axis:
+    tag = str(tree.tag)
+    if tag not in DISTRIBUTIONS:
+        raise unknown("distribution", f"!{tag}", [f"!{name}" for name in DISTRIBUTIONS]).at(where)
+    names = DISTRIBUTIONS[tag]
+    for name in tree:
+        if name not in names:
+            raise unknown("key", name, names).at(f"{where}.{name}")
+    for name in names:
+        if name not in tree:
+            raise BadInputError(f" is missing: !{tag} has the keys {', '.join(names)}", key=f"{where}.{name}")
+    if tag == "UniformDiscrete":
+        if not isinstance(tree["values"], list):
+            raise invalid(f"{where}.values", tree["values"], "a list of values")
+        return _listed(key, tree["values"], f"{where}.values")
+    numbers = {name: _number(f"{where}.{name}", tree[name]) for name in names}
+    if numbers.get("stddev", 0.0) < 0:
+        raise invalid(f"{where}.stddev", numbers["stddev"], "not negative")
+    if "min" in numbers and not numbers["min"] < numbers["max"]:
+        raise invalid(f"{where}.max", numbers["max"], f"above min = {numbers['min']:g}")
+    if tag == "LogUniform" and numbers["min"] <= 0:
+        raise invalid(f"{where}.min", numbers["min"], "positive")
+    return Axis(key, distribution=tag, numbers=numbers)
+
+
+def _number(where: str, value: Any) -> float:
+    if isinstance(value, bool) or not isinstance(value, int | float) or not math.isfinite(value):
+        raise invalid(where, value, "a finite number")
+    return float(value)
+
+
+def _quantile(tag: str, numbers: Mapping[str, float], uniform: NDArray[np.float64]) -> NDArray[np.float64]:
+    if tag == "Deterministic":
+        return np.full(uniform.shape, numbers["value"])
+    if tag == "Gaussian":
+        return np.asarray(numbers["mean"] + numbers["stddev"] * stats.norm.ppf(uniform))
+    low, high = numbers["min"], numbers["max"]
+    return low * (high / low) ** uniform if tag == "LogUniform" else low + (high - low) * uniform
+
+
+def is_plain(value: Any) -> bool:
+    """Whether a value can be written into a file: it holds no object from Python."""
+    if is_object(value):
+        return False
+    if isinstance(value, Mapping):
+        return getattr(value, "given", None) is None and all(map(is_plain, value.values()))
+    return all(map(is_plain, value)) if isinstance(value, list | tuple) else True

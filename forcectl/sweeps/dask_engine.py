@@ -1,0 +1,142 @@
+"""Trials on Dask: a scheduler somewhere, and workers that see the results directory."""
+
+from __future__ import annotations
+
+import queue
+from typing import TYPE_CHECKING, Any
+
+from forcectl.errors import BadInputError
+from forcectl.sweeps.engines import Ended
+from forcectl.sweeps.results import Results, StorageError
+from forcectl.sweeps.study import Study
+from forcectl.sweeps.trial import run_trial
+
+if TYPE_CHECKING:
+    from distributed import Client, Future
+
+CONNECT = 10.0  # [s] to reach a scheduler
+PER_THREAD = 2  # trials in flight: more stall the scheduler, fewer leave workers without work
+
+
+class DaskEngine:
+    """Trials on the workers of a Dask scheduler.
+
+    Args:
+        study: the sweep.
+        results: its directory, which every worker must see under the same path.
+        timeout: of a trial [s], which workers look at now and then; None: none.
+        address: of the scheduler.
+
+    Raises:
+        BadInputError: Dask is not installed, the scheduler cannot be reached or has no workers, or their versions differ.
+    """
+
+    def __init__(self, study: Study, results: Results, timeout: float | None, address: str):
+        try:
+            from distributed import Client
+        except ImportError:
+            raise BadInputError(
+                f"--scheduler {address!r} needs Dask: install the extra with pip install 'forcectl[sweep]'"
+            ) from None
+        try:
+            self._client: Client = Client(address, timeout=CONNECT, set_as_default=False)
+        except (OSError, TimeoutError, ValueError) as error:
+            reason = " ".join(str(error).split()) or type(error).__name__
+            raise BadInputError(f"--scheduler {address!r} cannot be reached: {reason}") from None
+        self._ended: queue.SimpleQueue[tuple[int, Future]] = queue.SimpleQueue()
+        self._futures: dict[int, Future] = {}
+        try:
+            self._check_workers(study, results, address)
+        except BaseException:
+            self.close()
+            raise
+        self._shared: Any = self._client.scatter((study, results, timeout), broadcast=True, hash=False)
+
+    def _check_workers(self, study: Study, results: Results, address: str) -> None:
+        mine = study.versions()
+        try:
+            told = self._client.run(_told, str(results.folder))
+        except Exception as error:
+            reason = " ".join(f"{type(error).__name__}: {error}".split())
+            raise BadInputError(f"--scheduler {address!r}: its workers cannot run forcectl: {reason}") from None
+        if not told:
+            raise BadInputError(f"--scheduler {address!r} has no workers: start some with `dask worker {address}`")
+        for worker, (versions, seen) in told.items():
+            if versions != mine:
+                theirs = ", ".join(f"{k} {versions.get(k)}" for k in mine if versions.get(k) != mine[k])
+                raise BadInputError(
+                    f"worker {worker} has other versions: {theirs}; must be "
+                    f"{', '.join(f'{k} {v}' for k, v in mine.items() if versions.get(k) != v)}"
+                )
+            if not seen:
+                raise BadInputError(
+                    f"worker {worker} does not see {str(results.folder)!r}: must be on a file system that all share"
+                )
+
+    @property
+    def free(self) -> int:
+        """How many trials it takes now."""
+        threads = sum(self._client.nthreads().values())
+        return max(1, PER_THREAD * threads) - len(self._futures)
+
+    @property
+    def busy(self) -> int:
+        """How many trials it has."""
+        return len(self._futures)
+
+    def submit(self, trial: int) -> None:
+        """Hand a trial to the scheduler."""
+        future = self._client.submit(
+            _run, self._shared, trial, pure=False, retries=0, key=f"trial-{trial}-{id(object())}"
+        )
+        self._futures[trial] = future
+        future.add_done_callback(lambda done: self._ended.put((trial, done)))
+
+    def wait(self) -> list[Ended]:
+        """What has ended, by the word of the scheduler."""
+        found = []
+        try:
+            trial, future = self._ended.get(timeout=0.5)
+            while True:
+                self._futures.pop(trial, None)
+                found.append(self._told(trial, future))
+                trial, future = self._ended.get_nowait()
+        except queue.Empty:
+            if self._client.status != "running":
+                raise BadInputError("the scheduler is gone: start it again, and go on with --resume") from None
+        return found
+
+    def _told(self, trial: int, future: Future) -> Ended:
+        if future.status == "finished":
+            fault = future.result()
+            return Ended(trial, fault, storage=bool(fault))
+        if future.status == "error":
+            error = future.exception()
+            return Ended(trial, " ".join(f"{type(error).__name__}: {error}".split())[:200])
+        return Ended(trial, f"its task was {future.status}")
+
+    def close(self) -> None:
+        """Let go of the scheduler; trials at work there go on to their end."""
+        self._client.cancel(list(self._futures.values()), force=True)
+        self._client.close(timeout=1)
+
+
+def _told(folder: str) -> tuple[dict[str, str], bool]:
+    """On a worker: its versions, and whether it sees the results directory."""
+    from importlib import metadata
+    from pathlib import Path
+
+    import forcectl
+
+    versions = {name: metadata.version(name) for name in ("drake", "numpy", "scipy")}
+    return {"forcectl": forcectl.__version__, **versions}, Path(folder).is_dir()
+
+
+def _run(shared: tuple[Study, Results, float | None], trial: int) -> str:
+    """On a worker: one trial; the answer is why the directory cannot be written, "" where it can."""
+    study, results, timeout = shared
+    try:
+        run_trial(study, results, trial, timeout)
+    except StorageError as error:
+        return str(error)
+    return ""

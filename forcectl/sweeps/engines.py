@@ -1,0 +1,247 @@
+"""Where trials are run: in this process, or in processes of one's own. On Dask: `dask_engine`.
+
+An engine is asked to run trials and says which have ended. What became of them is never taken from it, but read from
+the results directory: a trial that ended without a row is run again.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import resource
+import signal
+import sys
+import threading
+import time
+from collections.abc import Iterator
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from typing import Any, Protocol
+
+from forcectl.sweeps.results import Results, StorageError
+from forcectl.sweeps.study import Study
+from forcectl.sweeps.trial import run_trial
+
+MOST_MEMORY = 1.5e9  # [B] of a process, after which it is replaced: Drake 1.51 keeps every system written in Python
+GRACE = 5.0  # [s] after the end of its time that a trial is given to end by itself
+
+
+@dataclass(frozen=True)
+class Ended:
+    """A trial has ended, in whatever way.
+
+    Attributes:
+        trial: its number.
+        fault: of the process that ran it; "" for none.
+        overdue: the process was ended because the trial took too long.
+        storage: the results directory cannot be written.
+    """
+
+    trial: int
+    fault: str = ""
+    overdue: bool = False
+    storage: bool = False
+
+
+class Engine(Protocol):
+    """What runs trials."""
+
+    @property
+    def free(self) -> int:
+        """How many trials it takes now."""
+
+    @property
+    def busy(self) -> int:
+        """How many trials it has."""
+
+    def submit(self, trial: int) -> None:
+        """Take a trial."""
+
+    def wait(self) -> list[Ended]:
+        """The trials that have ended since the last call; waits for a moment where there are none."""
+
+    def close(self) -> None:
+        """End everything now; trials at work are lost."""
+
+
+class Sequential:
+    """Trials one after the other in this process, for debugging.
+
+    Args:
+        study: the sweep.
+        results: its directory.
+        timeout: of a trial [s]; None: none.
+    """
+
+    def __init__(self, study: Study, results: Results, timeout: float | None):
+        self._study, self._results, self._timeout = study, results, timeout
+        self._waiting: list[int] = []
+
+    @property
+    def free(self) -> int:
+        """How many trials it takes now."""
+        return 1 - len(self._waiting)
+
+    @property
+    def busy(self) -> int:
+        """How many trials it has."""
+        return len(self._waiting)
+
+    def submit(self, trial: int) -> None:
+        """Take a trial."""
+        self._waiting.append(trial)
+
+    def wait(self) -> list[Ended]:
+        """Run what was taken."""
+        trial = self._waiting.pop()
+        run_trial(self._study, self._results, trial, self._timeout)
+        return [Ended(trial)]
+
+    def close(self) -> None:
+        """Nothing is left to end."""
+
+
+@dataclass
+class _Worker:
+    process: Any
+    pipe: Connection
+    trial: int | None = None
+    deadline: float = float("inf")
+
+
+class Processes:
+    """Trials in processes of one's own; one that dies is replaced.
+
+    Args:
+        study: the sweep.
+        results: its directory.
+        timeout: of a trial [s]; None: none.
+        count: of processes.
+    """
+
+    def __init__(self, study: Study, results: Results, timeout: float | None, count: int):
+        self._arguments = (study, results, timeout)
+        self._timeout, self._count = timeout, count
+        self._workers: list[_Worker] = []
+
+    @property
+    def free(self) -> int:
+        """How many trials it takes now."""
+        return self._count - self.busy
+
+    @property
+    def busy(self) -> int:
+        """How many trials it has."""
+        return sum(worker.trial is not None for worker in self._workers)
+
+    def submit(self, trial: int) -> None:
+        """Give a trial to a process that has none."""
+        worker = next((worker for worker in self._workers if worker.trial is None), None) or self._start()
+        worker.trial = trial
+        worker.deadline = time.monotonic() + self._timeout + GRACE if self._timeout is not None else float("inf")
+        with contextlib.suppress(OSError):  # it is dead: `wait` finds out
+            worker.pipe.send(trial)
+
+    def wait(self) -> list[Ended]:
+        """What has ended: trials, and processes with them."""
+        wait([pipe for worker in self._workers for pipe in (worker.pipe, worker.process.sentinel)], timeout=0.5)
+        ended = []
+        for worker in list(self._workers):
+            found = self._look_at(worker)
+            if found is not None:
+                ended.append(found)
+        return ended
+
+    def _look_at(self, worker: _Worker) -> Ended | None:
+        trial, found = worker.trial, None
+        try:
+            if worker.pipe.poll():
+                fault, memory = worker.pipe.recv()
+                worker.trial, worker.deadline = None, float("inf")
+                if memory > MOST_MEMORY:
+                    self._end(worker)
+                return None if trial is None else Ended(trial, fault, storage=bool(fault))
+        except (EOFError, OSError):
+            pass
+        if not worker.process.is_alive():
+            code = worker.process.exitcode
+            found = f"its process was ended by signal {-code}" if code < 0 else f"its process ended with code {code}"
+            self._end(worker)
+            return None if trial is None else Ended(trial, found)
+        if time.monotonic() > worker.deadline:
+            self._end(worker)
+            return None if trial is None else Ended(trial, overdue=True)
+        return None
+
+    def close(self) -> None:
+        """End all processes at once."""
+        for worker in list(self._workers):
+            self._end(worker)
+
+    def _start(self) -> _Worker:
+        context = multiprocessing.get_context("spawn")
+        here, there = context.Pipe()
+        process = context.Process(target=_work, args=(there, *self._arguments), daemon=True)
+        with _interrupts_ignored(), _one_thread():
+            process.start()
+        there.close()
+        self._workers.append(worker := _Worker(process, here))
+        return worker
+
+    def _end(self, worker: _Worker) -> None:
+        self._workers.remove(worker)
+        worker.process.kill()
+        worker.process.join()
+        worker.process.close()
+        worker.pipe.close()
+
+
+def _work(pipe: Connection, study: Study, results: Results, timeout: float | None) -> None:
+    """What a process does: trials, until nobody asks for any."""
+    threading.Thread(target=_die_with_parent, daemon=True).start()
+    scale = 1 if sys.platform == "darwin" else 1024
+    while True:
+        try:
+            trial = pipe.recv()
+        except (EOFError, OSError):
+            return
+        fault = ""
+        try:
+            run_trial(study, results, trial, timeout)
+        except StorageError as error:
+            fault = str(error)
+        pipe.send((fault, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * scale))
+
+
+def _die_with_parent() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)  # what it was at is lost, and the directory says so
+
+
+@contextlib.contextmanager
+def _interrupts_ignored() -> Iterator[None]:
+    """Processes started within leave Ctrl-C to the one that started them."""
+    if threading.current_thread() is not threading.main_thread():
+        yield
+        return
+    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
+    try:
+        yield
+    finally:
+        signal.signal(signal.SIGINT, before)
+
+
+@contextlib.contextmanager
+def _one_thread() -> Iterator[None]:
+    """Processes started within use one thread each: many with many threads are slower."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    added = [name for name in names if name not in os.environ]
+    os.environ.update(dict.fromkeys(added, "1"))
+    try:
+        yield
+    finally:
+        for name in added:
+            del os.environ[name]

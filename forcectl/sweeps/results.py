@@ -1,0 +1,315 @@
+"""The directory of a sweep: everything that is known of it, in files that are complete or not there::
+
+    sweep.yaml       the sweep, with the content of its scenario
+    sweep.json       hash of the plan, versions, shard, number of trials, where the directory is
+    plan.parquet     every planned trial: number, point, arm, seed, keys
+    rows/            a file for each finished trial, written aside and given its name when complete
+    running/         a file for each trial at work: host, process, since when
+    logs/            kept logs
+    signals/         recorded signals, for envelopes
+    trials.parquet   the table of results; costs.parquet: what they took
+    report.html      figures and tables
+
+A trial is *done* or *failed* when it has a row, *running* when it has a mark whose process lives, *lost* when that
+process is gone, else *pending*. The directory says so by itself, whatever became of the programs that wrote it.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import fcntl
+import json
+import os
+import socket
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import IO, Any
+
+from forcectl.errors import BadInputError, RunFailedError
+
+FORMAT = 1
+IDENTITY = "sweep.json"
+SWEEP = "sweep.yaml"
+BEAT = 2.0  # [s] between two signs of life of a mark
+SILENT = 60.0  # [s] after which the owner of a mark on another machine is taken for dead
+_PER_FOLDER = 1000
+
+Row = dict[str, Any]
+
+
+class StorageError(RunFailedError):
+    """A results directory that cannot be written any more: full, or not there."""
+
+
+@dataclass(frozen=True)
+class Owner:
+    """A process: its machine, number and start, which tells it from a later one of the same number."""
+
+    host: str
+    pid: int
+    started: str
+
+    @staticmethod
+    def here() -> Owner:
+        """This process."""
+        return Owner(socket.gethostname(), os.getpid(), _start_of(os.getpid()))
+
+    def lives(self, beat: float) -> bool:
+        """Whether the process is at work.
+
+        Args:
+            beat: time of its last sign of life [s since 1970], which counts where it is on another machine.
+        """
+        if self.host != socket.gethostname():
+            return time.time() - beat < SILENT
+        try:
+            os.kill(self.pid, 0)
+        except ProcessLookupError:
+            return False
+        except PermissionError:
+            pass
+        return _start_of(self.pid) == self.started
+
+
+def _start_of(pid: int) -> str:
+    """When a process began, in ticks since the machine did; "" where the system does not say, or for a zombie."""
+    try:
+        fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
+    except OSError:
+        return ""
+    return "" if fields[0] in "ZX" else fields[19]
+
+
+class Results:
+    """The directory of a sweep.
+
+    Args:
+        folder: of the sweep.
+        digest: hash of the plan.
+    """
+
+    def __init__(self, folder: Path, digest: str):
+        self.folder = folder
+        self.digest = digest
+
+    # --- rows ---------------------------------------------------------------------------------------------------
+
+    def row_path(self, trial: int) -> Path:
+        """Where the row of a trial stands."""
+        return self._numbered("rows", trial, ".json")
+
+    def write_row(self, row: Row) -> bool:
+        """Make a row durable; returns False where the trial has one, which stays.
+
+        Raises:
+            StorageError: it cannot be written.
+        """
+        target = self.row_path(row["trial"])
+        text = json.dumps({**row, "plan": self.digest}, allow_nan=False, ensure_ascii=False)
+        aside = target.with_name(f".{target.name}.{os.getpid()}")
+        with writing(self.folder):
+            target.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                with aside.open("w", encoding="utf-8") as file:
+                    file.write(text)
+                    file.flush()
+                    os.fsync(file.fileno())
+                os.link(aside, target)  # unlike a renaming it never replaces what another process wrote
+            except FileExistsError:
+                return False
+            finally:
+                aside.unlink(missing_ok=True)
+        return True
+
+    def row(self, trial: int) -> Row | None:
+        """The row of a trial; None where there is none."""
+        try:
+            return self._read_row(self.row_path(trial))
+        except FileNotFoundError:
+            return None
+
+    def rows(self) -> Iterator[Row]:
+        """All rows, in no order."""
+        for path in self._files("rows"):
+            yield self._read_row(path)
+
+    def _read_row(self, path: Path) -> Row:
+        text = path.read_text(encoding="utf-8")
+        try:
+            row: Row = json.loads(text)
+            plan = row.pop("plan")
+        except (ValueError, KeyError, AttributeError):
+            raise BadInputError(f"{str(path)!r} is not a row of a sweep: remove it, and its trial runs again") from None
+        if plan != self.digest:
+            raise BadInputError(f"{str(path)!r} is a row of another sweep: remove it, and its trial runs again")
+        return row
+
+    def set_aside(self, trial: int) -> None:
+        """Keep the row of a failed trial beside, so that the trial runs again."""
+        path = self.row_path(trial)
+        with writing(self.folder):
+            number = sum(1 for _ in path.parent.glob(f"{path.stem}.retried-*"))
+            path.rename(path.with_name(f"{path.stem}.retried-{number + 1}"))
+
+    # --- marks --------------------------------------------------------------------------------------------------
+
+    def claim(self, trial: int) -> bool:
+        """Mark a trial as at work in this process; False where another living process has it."""
+        mark = self._numbered("running", trial, ".json")
+        text = json.dumps({**vars(Owner.here()), "since": time.time()})
+        aside = mark.with_name(f".{mark.name}.{os.getpid()}")
+        with writing(self.folder):
+            mark.parent.mkdir(parents=True, exist_ok=True)
+            aside.write_text(text, encoding="utf-8")
+            try:
+                if not self.owned(trial):
+                    mark.unlink(missing_ok=True)
+                os.link(aside, mark)
+            except FileExistsError:
+                return False
+            finally:
+                aside.unlink(missing_ok=True)
+        return True
+
+    def lose(self, trial: int, reason: str) -> None:
+        """Note why a trial has no row, and whose processes died, more often than is by chance."""
+        mark = self._numbered("running", trial, ".json")
+        text = json.dumps({"host": socket.gethostname(), "pid": 0, "started": "none", "reason": reason})
+        self.write(mark, lambda path: path.write_text(text, encoding="utf-8"))
+
+    def release(self, trial: int) -> None:
+        """Take the mark of a trial away."""
+        with contextlib.suppress(OSError):
+            self._numbered("running", trial, ".json").unlink(missing_ok=True)
+
+    def beat(self, trial: int) -> None:
+        """Give a sign of life."""
+        with contextlib.suppress(OSError):
+            os.utime(self._numbered("running", trial, ".json"))
+
+    def owned(self, trial: int) -> bool:
+        """Whether a living process has marked a trial."""
+        path = self._numbered("running", trial, ".json")
+        owner = _owner(path)
+        return owner is not None and owner[0].lives(owner[1])
+
+    def marks(self) -> dict[int, bool]:
+        """Every marked trial, and whether its process lives."""
+        return {int(path.stem): self.owned(int(path.stem)) for path in self._files("running")}
+
+    # --- further files --------------------------------------------------------------------------------------------
+
+    def log_path(self, trial: int) -> Path:
+        """Where the kept log of a trial stands."""
+        return self._numbered("logs", trial, ".nc")
+
+    def signals_path(self, trial: int) -> Path:
+        """Where the recorded signals of a trial stand."""
+        return self._numbered("signals", trial, ".npz")
+
+    def write(self, path: Path, fill: Callable[[Path], object]) -> None:
+        """Let `fill` write a file aside, then give it its name.
+
+        Raises:
+            StorageError: it cannot be written.
+        """
+        aside = path.with_name(f".{os.getpid()}-{path.name}")
+        with writing(self.folder):
+            path.parent.mkdir(parents=True, exist_ok=True)
+            try:
+                fill(aside)
+                aside.replace(path)
+            finally:
+                aside.unlink(missing_ok=True)
+
+    def _numbered(self, room: str, trial: int, ending: str) -> Path:
+        return self.folder / room / f"{trial // _PER_FOLDER:04d}" / f"{trial:07d}{ending}"
+
+    def _files(self, room: str) -> Iterator[Path]:
+        with contextlib.suppress(FileNotFoundError):
+            for folder in sorted(os.scandir(self.folder / room), key=lambda entry: entry.name):
+                for entry in os.scandir(folder.path):
+                    if entry.name.endswith(".json") and not entry.name.startswith("."):
+                        yield Path(entry.path)
+
+
+def _owner(path: Path) -> tuple[Owner, float] | None:
+    try:
+        beat, content = path.stat().st_mtime, json.loads(path.read_text(encoding="utf-8"))
+        return Owner(content["host"], content["pid"], content["started"]), beat
+    except (OSError, ValueError, KeyError, TypeError):
+        return None
+
+
+@contextlib.contextmanager
+def writing(folder: Path) -> Iterator[None]:
+    """Errors of the file system become one line.
+
+    Raises:
+        StorageError: something could not be written.
+    """
+    try:
+        yield
+    except OSError as error:
+        raise StorageError(f"{str(folder)!r} cannot be written: {error.strerror or error}") from error
+
+
+@contextlib.contextmanager
+def locked(folder: Path) -> Iterator[None]:
+    """Keep a results directory to this process.
+
+    Raises:
+        BadInputError: another process has it.
+        StorageError: it cannot be written.
+    """
+    path = folder / "lock"
+    with writing(folder):
+        file: IO[str] = path.open("a+", encoding="utf-8")
+    with file:
+        try:
+            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
+        except OSError:
+            file.seek(0)
+            who = file.read().strip() or "another process"
+            raise BadInputError(
+                f"results directory {str(folder)!r} is in use by {who}: wait for it, stop it, or name another directory"
+            ) from None
+        with writing(folder):
+            file.truncate(0)
+            file.write(f"process {os.getpid()} on {socket.gethostname()}")
+            file.flush()
+        yield
+
+
+def identity_of(folder: Path) -> dict[str, Any]:
+    """What a results directory says of itself.
+
+    Raises:
+        BadInputError: it is none, or of another version of this program.
+    """
+    try:
+        found = json.loads((folder / IDENTITY).read_text(encoding="utf-8"))
+        if found["format"] != FORMAT:
+            raise BadInputError(
+                f"results directory {str(folder)!r} has format {found['format']}: must be {FORMAT}, another version of "
+                "forcectl made it"
+            )
+        return dict(found)
+    except OSError:
+        kind = "is not the results directory of a sweep" if folder.is_dir() else "does not exist"
+        raise BadInputError(f"{str(folder)!r} {kind}: must hold {IDENTITY}") from None
+    except (ValueError, KeyError, TypeError):
+        raise BadInputError(f"{str(folder / IDENTITY)!r} is damaged: start the sweep again elsewhere") from None
+
+
+def place_of(folder: Path) -> dict[str, Any]:
+    """Where a directory is; a copy of it is elsewhere."""
+    status = folder.stat()
+    return {"path": str(folder.resolve()), "device": status.st_dev, "inode": status.st_ino}
+
+
+def is_copy(folder: Path, identity: Mapping[str, Any]) -> bool:
+    """Whether a results directory is a copy of the one that was begun."""
+    return bool(identity["place"]["inode"] != folder.stat().st_ino)

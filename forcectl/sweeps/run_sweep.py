@@ -1,0 +1,383 @@
+"""Running a sweep: plan, engine, table, report; and going on with one that was stopped."""
+
+from __future__ import annotations
+
+import contextlib
+import shutil
+import tempfile
+import time
+from collections.abc import Callable, Iterator, Mapping
+from dataclasses import dataclass
+from pathlib import Path
+from typing import TYPE_CHECKING, Any
+
+from forcectl.errors import BadInputError, RunFailedError
+from forcectl.runs.directory import git_state, write_json, write_whole
+from forcectl.sweeps.agenda import Agenda
+from forcectl.sweeps.engines import Ended, Engine, Processes, Sequential
+from forcectl.sweeps.results import (
+    FORMAT,
+    IDENTITY,
+    SWEEP,
+    Results,
+    StorageError,
+    identity_of,
+    is_copy,
+    locked,
+    place_of,
+    writing,
+)
+from forcectl.sweeps.study import Study, study_of
+from forcectl.sweeps.sweep_config import SweepConfig, SweepFile, read_sweep
+from forcectl.sweeps.table import COSTS, PLAN, TRIALS, costs_table, plan_table, trials_table, write_table
+from forcectl.sweeps.trial import cost, row_of, timeout_reason
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+DEATHS = 3  # of the process of a trial, after which it is lost
+ENGINES = ("processes", "sequential")
+_LOOK = 1.0  # [s] between two looks at trials that other programs have
+
+
+@dataclass(frozen=True)
+class Progress:
+    """How far a sweep is: trials finished, needed as far as is known, failed, and lost."""
+
+    done: int
+    total: int
+    failed: int
+    lost: int
+
+
+@dataclass(frozen=True)
+class SweepResult:
+    """A finished sweep.
+
+    Attributes:
+        table: a row for each trial, see `forcectl.sweeps.table`.
+        directory: of the results; None where none was asked for.
+        notes: what there is to say of the plan and the directory.
+    """
+
+    table: pd.DataFrame
+    directory: Path | None
+    notes: list[str]
+
+    def count(self, state: str) -> int:
+        """How many trials are in a state: "done", "failed", "lost" or "pending"."""
+        return int((self.table["state"] == state).sum())
+
+
+def sweep(
+    sweep: str | Path | Mapping[str, Any] | SweepConfig,
+    *,
+    out: str | Path | None = None,
+    resume: bool = False,
+    retry_failed: bool = False,
+    fail_fast: bool = False,
+    shard: tuple[int, int] | None = None,
+    engine: str = "processes",
+    workers: int | None = None,
+    scheduler: str | None = None,
+    trial_timeout: float | None = None,
+    progress: Callable[[Progress], None] | None = None,
+) -> SweepResult:
+    """Run variations of a scenario.
+
+    Args:
+        sweep: path of a sweep file or name of a shipped one, its content as a mapping, or a `SweepConfig`; with
+            `resume` also the directory of a sweep.
+        out: directory of the results; None keeps the table only.
+        resume: go on with the sweep in `out`.
+        retry_failed: run what failed again; goes with `resume`.
+        fail_fast: stop at the first trial that fails.
+        shard: number from 1, and how many shards there are: (2, 4) runs a quarter of the points.
+        engine: "processes", or "sequential" for one after the other in this process.
+        workers: processes; None: one per processor.
+        scheduler: address of a Dask scheduler, which runs the trials instead.
+        trial_timeout: longest computing time of a trial [s]; None: any.
+        progress: called now and then.
+
+    Raises:
+        BadInputError: the sweep or the directory cannot be used.
+        StorageError: the directory cannot be written any more; what is finished is kept.
+        RunFailedError: `fail_fast` and a trial failed.
+    """
+    if engine not in ENGINES:
+        raise BadInputError(f"engine = {engine!r}: must be one of {', '.join(ENGINES)}")
+    if trial_timeout is not None and not trial_timeout > 0:
+        raise BadInputError(f"trial_timeout = {trial_timeout!r}: must be positive")
+    if retry_failed and not resume:
+        raise BadInputError("retry failed: goes with resume, of a sweep that was run")
+    file, folder = _given(sweep, out, resume)
+    study = study_of(file)
+    with contextlib.ExitStack() as stack:
+        if folder is None:
+            if resume:
+                raise BadInputError("resume needs the directory of the results")
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="forcectl-sweep-"))) / study.name
+        part = _shard(shard)
+        if folder.exists():
+            part = _same(study, folder, resume, part if shard else None)
+        else:
+            if resume:
+                raise BadInputError(f"results directory {str(folder)!r} does not exist: run the sweep without resume")
+            _begin(study, folder, part)
+        stack.enter_context(locked(folder))
+        results = Results(folder, study.digest())
+        notes = _notes(study, folder)
+        rows = {row["trial"]: row for row in results.rows()}
+        if retry_failed:
+            for number in [number for number, row in rows.items() if row["state"] == "failed"]:
+                results.set_aside(number)
+                del rows[number]
+        agenda = Agenda(study, part, rows.values())
+        run = _Run(study, results, agenda, rows, fail_fast, trial_timeout, progress)
+        if agenda.done < agenda.total:
+            started = _engine(study, results, trial_timeout, engine, workers, scheduler)
+            try:
+                run.all(started)
+            finally:
+                table = run.write()
+        else:
+            table = run.write()
+        report(study, results, table, agenda.done == agenda.total)
+        return SweepResult(table, None if out is None and not resume else folder, notes)
+
+
+def _given(sweep: Any, out: str | Path | None, resume: bool) -> tuple[SweepFile, Path | None]:
+    folder = None if out is None else Path(out).expanduser()
+    if isinstance(sweep, str | Path) and (Path(sweep).expanduser() / IDENTITY).is_file():
+        if not resume:
+            raise BadInputError(f"{str(sweep)!r} is the directory of a sweep: add --resume to go on with it")
+        if folder is not None and folder.resolve() != Path(sweep).expanduser().resolve():
+            raise BadInputError(f"--out {str(out)!r}: must be left out when the directory to go on with is named")
+        folder = Path(sweep).expanduser()
+        return stored(folder), folder
+    return read_sweep(sweep), folder
+
+
+def stored(folder: Path) -> SweepFile:
+    """The sweep that a results directory is of.
+
+    Raises:
+        BadInputError: it is none, or its sweep holds objects from Python.
+    """
+    identity = identity_of(folder)
+    if not identity["writable"]:
+        raise BadInputError(f"the sweep in {str(folder)!r} holds objects from Python: go on with it from Python")
+    return SweepFile(identity["name"], read_sweep(folder / SWEEP).config, SWEEP, {})
+
+
+def _shard(shard: tuple[int, int] | None) -> tuple[int, int]:
+    number, count = shard or (1, 1)
+    if not 1 <= number <= count:
+        raise BadInputError(f"shard = {number}/{count}: must be I/N with I from 1 to N")
+    return number - 1, count
+
+
+def _begin(study: Study, folder: Path, part: tuple[int, int]) -> None:
+    """Write the whole plan, before anything runs."""
+
+    def fill(aside: Path) -> None:
+        (aside / SWEEP).write_text(study.text, encoding="utf-8")
+        write_table(Results(aside, study.digest()), PLAN, plan_table(study, range(study.size)))
+        write_json(aside / IDENTITY, _identity(study, aside, part))
+
+    write_whole(folder, fill)
+
+
+def _identity(study: Study, folder: Path, part: tuple[int, int]) -> dict[str, Any]:
+    return {
+        "format": FORMAT,
+        "name": study.name,
+        "digest": study.digest(),
+        "versions": study.versions(),
+        "git": git_state(),
+        "trials": study.size,
+        "points": len(study.points),
+        "left_out": study.left_out,
+        "shard": list(part),
+        "writable": study.writable,
+        "begun": time.time(),
+        "place": place_of(folder) | {"path": ""},
+    }
+
+
+def _same(study: Study, folder: Path, resume: bool, part: tuple[int, int] | None) -> tuple[int, int]:
+    """Refuse a directory that is not of this sweep; returns its shard."""
+    if not resume:
+        if (folder / IDENTITY).is_file():
+            raise BadInputError(f"results directory {str(folder)!r} exists: add --resume to go on, or name another one")
+        raise BadInputError(f"output {str(folder)!r} exists: name another directory")
+    identity = identity_of(folder)
+    if identity["versions"] != study.versions():
+        theirs, mine = identity["versions"], study.versions()
+        differing = [
+            f"{name} {theirs.get(name)} (here {mine[name]})" for name in mine if theirs.get(name) != mine[name]
+        ]
+        raise BadInputError(f"results directory {str(folder)!r} was begun with other versions: {', '.join(differing)}")
+    if identity["digest"] != study.digest():
+        raise BadInputError(
+            f"results directory {str(folder)!r} is of another sweep: its plan differs; see {SWEEP} there, or name "
+            "another directory"
+        )
+    own = (identity["shard"][0], identity["shard"][1])
+    if part is not None and part != own:
+        raise BadInputError(f"results directory {str(folder)!r} is of shard {own[0] + 1}/{own[1]}")
+    return own
+
+
+def _notes(study: Study, folder: Path) -> list[str]:
+    notes = []
+    if study.left_out:
+        notes.append(f"{study.left_out} points were left out: they do not meet the constraints")
+    identity = identity_of(folder)
+    if is_copy(folder, identity):
+        notes.append(f"{folder} is a copy: what runs in the original is not waited for")
+        shutil.rmtree(folder / "running", ignore_errors=True)
+    if notes or not identity["place"]["path"]:
+        with writing(folder):
+            aside = folder / f".{IDENTITY}"
+            write_json(aside, identity | {"place": place_of(folder)})
+            aside.replace(folder / IDENTITY)
+    return notes
+
+
+def _engine(
+    study: Study,
+    results: Results,
+    timeout: float | None,
+    engine: str,
+    workers: int | None,
+    scheduler: str | None,
+) -> Engine:
+    if scheduler is not None:
+        from forcectl.sweeps.dask_engine import DaskEngine
+
+        return DaskEngine(study, results, timeout, scheduler)
+    if engine == "sequential":
+        return Sequential(study, results, timeout)
+    import os
+
+    return Processes(study, results, timeout, workers or os.cpu_count() or 1)
+
+
+class _Run:
+    """A sweep at work."""
+
+    def __init__(
+        self,
+        study: Study,
+        results: Results,
+        agenda: Agenda,
+        rows: dict[int, dict[str, Any]],
+        fail_fast: bool,
+        timeout: float | None,
+        progress: Callable[[Progress], None] | None,
+    ):
+        self._study, self._results, self._agenda, self._rows = study, results, agenda, rows
+        self._fail_fast, self._timeout, self._progress = fail_fast, timeout, progress
+        self._deaths: dict[int, int] = {}
+        self._lost: set[int] = set()
+        self._failed = sum(row["state"] == "failed" for row in rows.values())
+
+    def all(self, engine: Engine) -> None:
+        """Run what is to be run."""
+        elsewhere = self._others()
+        with self._closing(engine):
+            while True:
+                while engine.free > 0 and (number := self._next(elsewhere)) is not None:
+                    engine.submit(number)
+                self._tell()
+                if engine.busy:
+                    for ended in engine.wait():
+                        self._end(ended)
+                elif elsewhere:
+                    time.sleep(_LOOK)
+                else:
+                    return
+                self._look(elsewhere)
+
+    @contextlib.contextmanager
+    def _closing(self, engine: Engine) -> Iterator[None]:
+        """End the engine whatever happens; what it was at is pending again."""
+        try:
+            yield
+        finally:
+            engine.close()
+            for number, lives in self._results.marks().items():
+                if not lives and number not in self._lost:
+                    self._results.release(number)
+
+    def _others(self) -> set[int]:
+        """Trials that a program which is gone has left running somewhere; marks of dead processes are removed."""
+        marks = self._results.marks()
+        for number, lives in marks.items():
+            if not lives:
+                self._results.release(number)
+        return {number for number, lives in marks.items() if lives and number not in self._rows}
+
+    def _next(self, elsewhere: set[int]) -> int | None:
+        while (number := self._agenda.take()) is not None:
+            if number not in elsewhere:
+                return number
+        return None
+
+    def _look(self, elsewhere: set[int]) -> None:
+        """What became of the trials that other programs have."""
+        for number in list(elsewhere):
+            row = self._results.row(number)
+            if row is not None:
+                elsewhere.discard(number)
+                self._take(row)
+            elif not self._results.owned(number):
+                elsewhere.discard(number)
+                self._agenda.put_back(number)
+
+    def _end(self, ended: Ended) -> None:
+        """A trial has ended: its row says how; without one it is run again."""
+        if ended.storage:
+            raise StorageError(ended.fault)
+        number = ended.trial
+        row = self._results.row(number)
+        if row is None and ended.overdue:
+            row = row_of(self._study, self._study.trial(number), None, timeout_reason(self._timeout))
+            row["cost"] = cost(self._timeout or 0.0, 0.0)
+            self._results.write_row(row)
+            self._results.release(number)
+            row = self._results.row(number)
+        if row is not None:
+            self._take(row)
+            return
+        self._deaths[number] = self._deaths.get(number, 0) + 1
+        if self._deaths[number] < DEATHS:
+            self._agenda.put_back(number)
+            return
+        self._lost.add(number)
+        self._results.lose(number, f"{ended.fault or 'it ended without a row'}, {DEATHS} times")
+
+    def _take(self, row: dict[str, Any]) -> None:
+        self._rows[row["trial"]] = row
+        self._agenda.finish(row)
+        if row["state"] == "failed":
+            self._failed += 1
+            if self._fail_fast:
+                raise RunFailedError(f"trial {row['trial']} failed: {row['reason']}")
+
+    def _tell(self) -> None:
+        if self._progress is not None:
+            self._progress(Progress(self._agenda.done, self._agenda.total, self._failed, len(self._lost)))
+
+    def write(self) -> pd.DataFrame:
+        """Write the tables."""
+        marks = self._results.marks()
+        table = trials_table(self._study, self._agenda.asked, self._rows, marks)
+        write_table(self._results, TRIALS, table)
+        write_table(self._results, COSTS, costs_table(self._rows))
+        return table
+
+
+def report(study: Study, results: Results, table: pd.DataFrame, complete: bool) -> None:
+    """Write what is made of the table."""

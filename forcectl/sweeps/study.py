@@ -1,0 +1,287 @@
+"""The plan of a sweep: points, seeds and arms, numbered, before anything runs.
+
+Trial numbers count arms fastest, then seeds, then points. Everything follows from the sweep, so a number says all that
+there is to know of a trial.
+"""
+
+from __future__ import annotations
+
+import hashlib
+import itertools
+import json
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass
+from importlib import metadata
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.stats import qmc
+
+import forcectl
+from forcectl.errors import BadInputError, invalid
+from forcectl.framework.yaml_tree import dump
+from forcectl.scenario.catalog import ScenarioFile
+from forcectl.scenario.scenario import Scenario, as_file, build, origins, resolve, select_variants
+from forcectl.scenario.trees import part_tree
+from forcectl.sweeps.axes import Axis, axis_of, is_plain
+from forcectl.sweeps.expression import Expression
+from forcectl.sweeps.sweep_config import SweepConfig, SweepFile, with_scenario
+
+MOST_TRIALS = 10_000_000
+_PACKAGES = ("drake", "numpy", "scipy")
+_TRIED = 200  # values of lists that are read before anything runs
+_CHUNK = 4096  # points that are drawn at once where conditions refuse some
+_GIVE_UP = 100  # as many draws as wanted points, and no point more
+
+
+@dataclass(frozen=True)
+class Trial:
+    """One simulation of a sweep: its number, point, seed (None: the scenario's own) and arm ("" for none)."""
+
+    number: int
+    point: int
+    seed: int | None
+    arm: str
+
+
+@dataclass(frozen=True)
+class Study:
+    """A sweep with its points.
+
+    Attributes:
+        name: of the sweep.
+        config: as given.
+        file: the scenario.
+        variant: of the scenario.
+        axes: the varied keys.
+        points: coordinates, shape (points, axes), see `Axis.draw`.
+        left_out: points that did not meet the conditions.
+        text: the sweep as YAML, with the content of the scenario.
+    """
+
+    name: str
+    config: SweepConfig
+    file: ScenarioFile
+    variant: str
+    axes: list[Axis]
+    points: NDArray[np.float64]
+    left_out: int
+    text: str
+
+    @property
+    def arms(self) -> list[str]:
+        """Names of the arms; one without a name where there are none."""
+        return list(self.config.arms) or [""]
+
+    @property
+    def seeds(self) -> list[int] | None:
+        """Seeds of each point; None where each has one of its own."""
+        if self.config.repeat is not None:
+            return list(range(self.config.repeat.at_most))
+        return self.config.seed_list()
+
+    @property
+    def size(self) -> int:
+        """Number of planned trials."""
+        return len(self.points) * len(self.seeds or [0]) * len(self.arms)
+
+    def trial(self, number: int) -> Trial:
+        """The trial of a number."""
+        arms, seeds = self.arms, self.seeds
+        rest, arm = divmod(number, len(arms))
+        point, which = divmod(rest, len(seeds or [0]))
+        drawn = self.config.design not in ("grid", "saltelli")
+        seed = seeds[which] if seeds is not None else point if drawn else None
+        return Trial(number, point, seed, arms[arm])
+
+    def group(self, number: int) -> tuple[int, int]:
+        """The trials of one point and arm, whose seeds differ, have the same group."""
+        rest, arm = divmod(number, len(self.arms))
+        return rest // len(self.seeds or [0]), arm
+
+    def number(self, group: tuple[int, int], repetition: int) -> int:
+        """The number of a repetition, counted from 0, in a group."""
+        point, arm = group
+        return (point * len(self.seeds or [0]) + repetition) * len(self.arms) + arm
+
+    def overrides(self, trial: Trial) -> dict[str, Any]:
+        """What a trial changes in the scenario, dotted key -> value."""
+        values = {axis.key: axis.value(x) for axis, x in zip(self.axes, self.points[trial.point].tolist(), strict=True)}
+        changes = {**self.config.overrides, **values, **self.config.arms.get(trial.arm, {})}
+        return changes | ({} if trial.seed is None else {"seed": trial.seed})
+
+    def labels(self, trial: Trial) -> dict[str, Any]:
+        """The values of the varied keys in a trial, as a table shows them."""
+        coordinates = self.points[trial.point].tolist()
+        return {axis.key: axis.label(x) for axis, x in zip(self.axes, coordinates, strict=True)}
+
+    def scenario(self, trial: Trial) -> Scenario:
+        """The scenario of a trial."""
+        return resolve(self.file, self.variant, self.overrides(trial))
+
+    @property
+    def writable(self) -> bool:
+        """Whether the sweep can be read back from its text: no value is an object from Python."""
+        return is_plain([self.file.tree, self.config.overrides, self.config.arms, [axis.values for axis in self.axes]])
+
+    def versions(self) -> dict[str, str]:
+        """What the results depend on."""
+        return {"forcectl": forcectl.__version__, **{name: metadata.version(name) for name in _PACKAGES}}
+
+    def digest(self) -> str:
+        """Hash of the sweep, its points and the versions."""
+        found = hashlib.sha256(self.text.encode())
+        found.update(json.dumps(self.versions(), sort_keys=True).encode())
+        found.update(np.ascontiguousarray(self.points).tobytes())
+        return found.hexdigest()
+
+
+def study_of(sweep: SweepFile) -> Study:
+    """The study that a sweep describes; everything in it that can be checked beforehand is checked.
+
+    Args:
+        sweep: as read.
+
+    Raises:
+        BadInputError: no scenario of that name, a key that it has not, a design without points, ...
+    """
+    try:
+        return _study_of(sweep)
+    except BadInputError as error:
+        if error.key and not error.where:
+            raise error.at(error.key, sweep.where(error.key)) from error.__cause__
+        raise
+
+
+def _study_of(sweep: SweepFile) -> Study:
+    config = sweep.config
+    file = as_file(config.scenario)
+    names = select_variants(file, config.variant)
+    if len(names) > 1:
+        raise BadInputError(f" is missing: must be one of {', '.join(names)}", key="variant")
+    axes = [axis_of(key, tree) for key, tree in config.keys.items()]
+    conditions = [Expression(text, f"constraints.{i}") for i, text in enumerate(config.constraints)]
+    for condition in conditions:
+        condition.check_names(config.keys, "varied key")
+    points, left_out = draw(config, axes, conditions)
+    text = dump(part_tree(with_scenario(config, file)))
+    study = Study(sweep.name, config, file, names[0], axes, points, left_out, text)
+    if study.size > MOST_TRIALS:
+        raise BadInputError(f"the sweep has {study.size} trials: must be at most {MOST_TRIALS}")
+    _try_values(study, sweep)
+    return study
+
+
+def draw(config: SweepConfig, axes: list[Axis], conditions: list[Expression]) -> tuple[NDArray[np.float64], int]:
+    """The points of a sweep, and how many were left out because of the conditions.
+
+    Args:
+        config: with the design.
+        axes: the varied keys.
+        conditions: on their values; random and Sobol points go on until as many meet them as are wanted.
+
+    Raises:
+        BadInputError: no point meets the conditions, or a key does not suit the design.
+    """
+    if config.design == "grid":
+        for axis in axes:
+            if axis.distribution:
+                raise BadInputError(
+                    " is a distribution: must be a list of values in a grid, or name another design",
+                    key=f"keys.{axis.key}",
+                )
+        points = np.array(list(itertools.product(*(range(len(axis.values)) for axis in axes))), dtype=float)
+        kept = _meeting(points, axes, conditions)
+        if not len(kept):
+            raise invalid("constraints", config.constraints, "met by at least one point")
+        return kept, len(points) - len(kept)
+    wanted, size = config.trials or 1, len(axes)
+    if config.design == "saltelli":
+        return _saltelli(config, axes, conditions), 0
+    found, drawn = np.empty((0, size)), 0
+    for uniform in _uniform(config, size, bool(conditions)):
+        drawn += len(uniform)
+        points = np.column_stack([axis.draw(column) for axis, column in zip(axes, uniform.T, strict=True)])
+        found = np.concatenate([found, _meeting(points, axes, conditions)])
+        if len(found) >= wanted or drawn > _GIVE_UP * max(wanted, _CHUNK):
+            break
+    if not len(found) or (len(found) < wanted and config.design != "latin_hypercube"):
+        met = f"{len(found)} of {drawn} points meet them"
+        raise invalid("constraints", config.constraints, f"met by {wanted} points, but {met}")
+    return found[:wanted], drawn - len(found)
+
+
+def _uniform(config: SweepConfig, size: int, conditions: bool) -> Iterator[NDArray[np.float64]]:
+    """Points in the unit cube, in pieces."""
+    generator, wanted = np.random.default_rng(config.seed), config.trials or 1
+    if config.design == "latin_hypercube":
+        yield qmc.LatinHypercube(size, seed=generator).random(wanted)
+        return
+    sobol = qmc.Sobol(size, seed=generator) if config.design == "sobol" else None
+    while True:
+        count = max(wanted, _CHUNK) if conditions else wanted
+        # Sobol points come in powers of two; of the last ones those that are too many are left out.
+        yield generator.random((count, size)) if sobol is None else sobol.random_base2((count - 1).bit_length())
+
+
+def _meeting(points: NDArray[np.float64], axes: list[Axis], conditions: list[Expression]) -> NDArray[np.float64]:
+    if not conditions:
+        return points
+
+    def meets(point: list[float]) -> bool:
+        values = {axis.key: axis.label(x) for axis, x in zip(axes, point, strict=True)}
+        return all(condition(values) for condition in conditions)
+
+    return points[np.array([meets(point) for point in points.tolist()], dtype=bool)]
+
+
+def _saltelli(config: SweepConfig, axes: list[Axis], conditions: list[Expression]) -> NDArray[np.float64]:
+    """Points A, B and, for each key, A with that column of B: what `scipy.stats.sobol_indices` wants."""
+    count, size = config.trials or 1, len(axes)
+    if conditions:
+        raise invalid("constraints", config.constraints, "left out: the design saltelli needs every point")
+    if count & (count - 1):
+        raise invalid("trials", count, "a power of two for the design saltelli")
+    if config.seeds is not None or config.repeat is not None:
+        raise invalid("seeds", config.seeds, "left out: the design saltelli has one trial a point")
+    both = qmc.Sobol(2 * size, seed=np.random.default_rng(config.seed)).random(count)
+    a, b = both[:, :size], both[:, size:]
+    mixed = [np.where(np.arange(size) == i, b, a) for i in range(size)]
+    uniform = np.concatenate([a, b, *mixed])
+    return np.column_stack([axis.draw(column) for axis, column in zip(axes, uniform.T, strict=True)])
+
+
+def _try_values(study: Study, sweep: SweepFile) -> None:
+    """Read every arm and every value of a list once, and build every arm, so that a typo is told before anything runs."""
+    seeds = len(study.seeds or [0])
+    numbers = dict.fromkeys(range(len(study.arms)))
+    for i, axis in enumerate(study.axes):
+        if not axis.distribution:
+            _, first = np.unique(study.points[:, i], return_index=True)
+            numbers |= dict.fromkeys(int(point) * seeds * len(study.arms) for point in first[:_TRIED])
+    for number in numbers:
+        trial = study.trial(number)
+        changes = study.overrides(trial)
+        try:
+            scenario = resolve(study.file, study.variant, changes)
+            if number < len(study.arms):
+                build(scenario, origins(study.file, study.variant, changes))
+        except BadInputError as error:
+            raise _placed(error, study, trial, sweep) from error.__cause__
+
+
+def _placed(error: BadInputError, study: Study, trial: Trial, sweep: SweepFile) -> BadInputError:
+    """An error about an override, with the place in the sweep file that set it."""
+    if error.where != "override":
+        return error
+    places: list[tuple[str, Mapping[str, Any]]] = [
+        (f"arms.{trial.arm}", study.config.arms.get(trial.arm, {})),
+        ("keys", study.config.keys),
+        ("overrides", study.config.overrides),
+    ]
+    for place, keys in places:
+        for key in keys:
+            if f"{error.key}.".startswith(f"{key}."):
+                return error.at(error.key, sweep.where(f"{place}.{key}") or f"{place}.{key}")
+    return error

@@ -1,0 +1,187 @@
+"""Sweep files: which scenario, which keys, which design, what counts as success."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, fields
+from pathlib import Path
+from typing import Any
+
+from forcectl.errors import BadInputError, invalid
+from forcectl.framework.fields import Config, key
+from forcectl.framework.yaml_tree import Tagged, parse, place, plain
+from forcectl.scenario.catalog import ScenarioFile, list_experiments
+from forcectl.scenario.schema import ScenarioReader
+from forcectl.sweeps.expression import Expression
+
+DESIGNS = ("grid", "random", "latin_hypercube", "sobol", "saltelli")
+KEEP = ("none", "failed", "all")
+
+
+@dataclass(kw_only=True)
+class RepeatConfig(Config):
+    """Key `repeat`: every point is run with seeds 0, 1, 2 ... until its success rate is known well enough."""
+
+    half_width: float = key(0.1, "largest half width of the Wilson interval", bounds="above 0 and at most 0.5")
+    confidence: float = key(0.95, "of that interval", bounds="from 0.5 to 0.9999")
+    at_least: int = key(10, "trials of a point", bounds="at least 1")
+    at_most: int = key(200, "trials of a point", bounds="at least 1")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.at_most < self.at_least:
+            raise invalid("at_most", self.at_most, f"at least at_least = {self.at_least}")
+
+
+@dataclass(kw_only=True)
+class WorstConfig(Config):
+    """Key `worst`: the trials with the largest values of a metric are run again at the end and kept whole."""
+
+    metric: str = key(meaning="that ranks the trials")
+    smallest: bool = key(False, "the smallest values are the worst")
+    count: int = key(1, "trials that are kept", bounds="from 1 to 100")
+    replay: bool = key(True, "of the worst one also a replay in three dimensions")
+
+
+@dataclass(kw_only=True)
+class SweepConfig(Config):
+    """A sweep file."""
+
+    title: str = key("", "heading of the report")
+    description: str = key("", "what is to be seen")
+    scenario: Any = key(meaning="name of an experiment, path of a scenario file, or its content")
+    variant: str | None = key(None, "of the scenario; must be said where it has several")
+    overrides: dict[str, Any] = key({}, "values of scenario keys in all trials")
+    keys: dict[str, Any] = key({}, "scenario keys that are varied: each a list of values or a distribution")
+    constraints: list[str] = key([], "conditions on the varied keys; what meets them not is no trial")
+    design: str = key("grid", "how the values of the keys are combined", choices=DESIGNS)
+    trials: int | None = key(None, "points to draw (not of a grid)", bounds="from 1 to 1000000")
+    seed: int = key(0, "of the draws", bounds="not negative")
+    seeds: Any = key(None, "seeds of each point: how many, or a list; null: one")
+    arms: dict[str, Any] = key({}, "by name, values of scenario keys; every arm runs on the same points and seeds")
+    success: str = key("", "condition on the metrics")
+    findings: dict[str, str] = key({}, "by name, conditions on the metrics to be noted of a trial")
+    repeat: RepeatConfig | None = key(None, "more seeds for a point until its success rate is known")
+    keep: str = key("failed", "logs that are kept", choices=KEEP)
+    worst: WorstConfig | None = key(None, "trials that are kept whole")
+    envelope: list[str] = key([], "signals that are recorded of all trials, for their range over time")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.design != "grid" and self.trials is None:
+            raise BadInputError(f" is missing: the design {self.design} draws as many points", key="trials")
+        if self.design == "grid" and self.trials is not None:
+            raise invalid("trials", self.trials, "left out: a grid has as many points as its lists give")
+        if not self.keys and self.design != "grid":
+            raise invalid("keys", {}, f"at least one key for the design {self.design}")
+        for name in ("seed", "variants"):
+            if name in self.keys:
+                raise BadInputError(f" cannot be varied: {_INSTEAD[name]}", key=f"keys.{name}")
+        if self.repeat is not None and not self.success:
+            raise BadInputError(" is missing: `repeat` needs a condition to count", key="success")
+        if self.repeat is not None and self.seeds is not None:
+            raise invalid("seeds", self.seeds, "left out: `repeat` chooses them")
+        for name, arm in self.arms.items():
+            if not isinstance(arm, Mapping):
+                raise invalid(f"arms.{name}", arm, "a mapping of scenario keys to values")
+        self._check_overlaps()
+        self.seed_list()
+        for where, text in {"success": self.success, **{f"findings.{n}": t for n, t in self.findings.items()}}.items():
+            if text:
+                Expression(text, where)
+
+    def _check_overlaps(self) -> None:
+        """One key set in two places would make trials that differ in name only."""
+        places = {"overrides": list(self.overrides), "keys": list(self.keys)}
+        places |= {f"arms.{name}": list(arm) for name, arm in self.arms.items()}
+        for name, own in places.items():
+            for one in own:
+                others = [key for key in [*self.keys] if name != "keys" or key != one]
+                for other in others:
+                    if f"{one}.".startswith(f"{other}.") or f"{other}.".startswith(f"{one}."):
+                        raise BadInputError(f" is also set by keys.{other}: must be set once", key=f"{name}.{one}")
+
+    def seed_list(self) -> list[int] | None:
+        """The seeds that each point is run with; None: one, chosen by the design."""
+        if self.seeds is None:
+            return None
+        found = list(range(self.seeds)) if isinstance(self.seeds, int) else self.seeds
+        whole = isinstance(found, list) and all(type(seed) is int and 0 <= seed < 2**63 for seed in found)
+        if not whole or not found or len(set(found)) != len(found) or isinstance(self.seeds, bool):
+            raise invalid("seeds", self.seeds, "how many, or a list of different whole numbers from 0")
+        return found
+
+
+_INSTEAD = {"seed": "use `seeds`", "variants": "use `arms`"}
+
+
+@dataclass(frozen=True)
+class SweepFile:
+    """A sweep as given: its configuration, the scenario as a file, and how messages name its places."""
+
+    name: str
+    config: SweepConfig
+    origin: str
+    lines: dict[str, int]
+
+    def where(self, dotted: str) -> str:
+        """File and line of a dotted key, for messages."""
+        return place(self.origin, self.lines, dotted)
+
+
+def read_sweep(sweep: str | Path | Mapping[str, Any] | SweepConfig) -> SweepFile:
+    """A sweep from a file, a mapping or a configuration.
+
+    Args:
+        sweep: path of a YAML file, name of a shipped sweep, the same as a mapping, or a `SweepConfig`.
+
+    Raises:
+        BadInputError: anything in it that cannot be used, with file and line.
+    """
+    if isinstance(sweep, SweepConfig):
+        return SweepFile("sweep", sweep, "", {})
+    if isinstance(sweep, Mapping):
+        tree, name, folder, origin = plain(sweep), "sweep", Path.cwd(), "sweep"
+    else:
+        path = _find(Path(sweep).expanduser())
+        name, folder, origin = path.stem, path.parent, path.name
+        try:
+            tree = parse(path.read_text(encoding="utf-8"), path.name)
+        except (OSError, UnicodeDecodeError) as error:
+            reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+            raise BadInputError(f"cannot read sweep file {str(path)!r}: {reason}") from None
+    if not isinstance(tree, Tagged) or tree.tag is not None:
+        known = ", ".join(f.name for f in fields(SweepConfig))
+        raise BadInputError(f"{origin}: must be a mapping with keys out of: {known}")
+    lines = tree.lines
+    reader = ScenarioReader(lambda dotted: place(origin, lines, dotted))
+    config: SweepConfig = reader.dataclass(SweepConfig, tree, "")
+    beside = folder / config.scenario if isinstance(config.scenario, str) else None
+    if beside is not None and config.scenario not in list_experiments() and beside.is_file():
+        config.scenario = str(beside.resolve())
+    return SweepFile(name, config, origin, lines)
+
+
+def _find(path: Path) -> Path:
+    from forcectl.scenario.catalog import experiments_folder
+
+    shipped = experiments_folder() / "sweeps" / f"{path}.yaml"
+    if path.is_file():
+        return path
+    if path.name == str(path) and shipped.is_file():
+        return shipped
+    names = ", ".join(list_sweeps())
+    kind = "is a folder" if path.is_dir() else "does not exist"
+    raise BadInputError(f"sweep file {str(path)!r} {kind}: must be a YAML file or one of: {names}")
+
+
+def list_sweeps() -> list[str]:
+    """Names of the shipped sweeps, sorted."""
+    from forcectl.scenario.catalog import experiments_folder
+
+    return sorted(file.stem for file in (experiments_folder() / "sweeps").glob("*.yaml"))
+
+
+def with_scenario(config: SweepConfig, scenario: ScenarioFile) -> dict[str, Any]:
+    """The fields of a sweep with the content of its scenario in place of its name."""
+    return {f.name: getattr(config, f.name) for f in fields(config)} | {"scenario": scenario.tree}
