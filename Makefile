@@ -86,9 +86,9 @@ $(VENV)/.installed: $(VENV)/.made pyproject.toml constraints.txt
 	@touch $@
 
 $(VENV)/.installed-test: $(VENV)/.installed
-	$(PIP) --editable ".[control,test]"
+	$(PIP) --editable ".[control,sweep,test]"
 	@touch $@
 
 $(VENV)/.installed-dev: $(VENV)/.installed-test
-	$(PIP) --editable ".[control,test,dev]"
+	$(PIP) --editable ".[control,sweep,test,dev]"
 	@touch $@

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from forcectl.errors import BadInputError, ForcectlError, unknown
+from forcectl.sweeps.commands import merge, sweep
 
 if TYPE_CHECKING:
     from rich.console import Console
@@ -281,6 +282,10 @@ def reproduce(
     )
     if check_ and not report.passed:
         raise typer.Exit(1)
+
+
+app.command()(sweep)
+app.command()(merge)
 
 
 @tuning.command()

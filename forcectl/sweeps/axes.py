@@ -105,7 +105,17 @@ def label_of(value: Any) -> Any:
     """A value as a table shows it: numbers, true and false as they are, everything else as text."""
     if isinstance(value, bool | int | float | str):
         return value
-    return " ".join(dump(part_tree(value)).removesuffix("...\n").split())
+    return _in_line(part_tree(value))
+
+
+def _in_line(tree: Tree) -> str:
+    """A tree as YAML on one line."""
+    if isinstance(tree, Tagged):
+        keys = ", ".join(f"{key}: {_in_line(part)}" for key, part in tree.items())
+        return " ".join(part for part in (f"!{tree.tag}" if tree.tag else "", f"{{{keys}}}" if keys else "") if part)
+    if isinstance(tree, list):
+        return f"[{', '.join(map(_in_line, tree))}]"
+    return dump(tree).removesuffix("\n").removesuffix("\n...")
 
 
 def _distribution(key: str, tree: Tagged, where: str) -> Axis:

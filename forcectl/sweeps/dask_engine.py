@@ -3,16 +3,14 @@
 from __future__ import annotations
 
 import queue
-from typing import TYPE_CHECKING, Any
+import uuid
+from typing import Any
 
 from forcectl.errors import BadInputError
 from forcectl.sweeps.engines import Ended
 from forcectl.sweeps.results import Results, StorageError
 from forcectl.sweeps.study import Study
 from forcectl.sweeps.trial import run_trial
-
-if TYPE_CHECKING:
-    from distributed import Client, Future
 
 CONNECT = 10.0  # [s] to reach a scheduler
 PER_THREAD = 2  # trials in flight: more stall the scheduler, fewer leave workers without work
@@ -28,23 +26,25 @@ class DaskEngine:
         address: of the scheduler.
 
     Raises:
-        BadInputError: Dask is not installed, the scheduler cannot be reached or has no workers, or their versions differ.
+        BadInputError: Dask is not installed, the scheduler cannot be reached, or its workers are none or have other
+            versions.
     """
 
     def __init__(self, study: Study, results: Results, timeout: float | None, address: str):
         try:
-            from distributed import Client
+            import distributed
         except ImportError:
             raise BadInputError(
                 f"--scheduler {address!r} needs Dask: install the extra with pip install 'forcectl[sweep]'"
             ) from None
         try:
-            self._client: Client = Client(address, timeout=CONNECT, set_as_default=False)
+            client: Any = distributed.Client
+            self._client = client(address, timeout=CONNECT, set_as_default=False)
         except (OSError, TimeoutError, ValueError) as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise BadInputError(f"--scheduler {address!r} cannot be reached: {reason}") from None
-        self._ended: queue.SimpleQueue[tuple[int, Future]] = queue.SimpleQueue()
-        self._futures: dict[int, Future] = {}
+        self._ended: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
+        self._futures: dict[int, Any] = {}
         try:
             self._check_workers(study, results, address)
         except BaseException:
@@ -87,7 +87,7 @@ class DaskEngine:
     def submit(self, trial: int) -> None:
         """Hand a trial to the scheduler."""
         future = self._client.submit(
-            _run, self._shared, trial, pure=False, retries=0, key=f"trial-{trial}-{id(object())}"
+            _run, self._shared, trial, pure=False, retries=0, key=f"trial-{trial}-{uuid.uuid4().hex}"
         )
         self._futures[trial] = future
         future.add_done_callback(lambda done: self._ended.put((trial, done)))
@@ -106,7 +106,7 @@ class DaskEngine:
                 raise BadInputError("the scheduler is gone: start it again, and go on with --resume") from None
         return found
 
-    def _told(self, trial: int, future: Future) -> Ended:
+    def _told(self, trial: int, future: Any) -> Ended:
         if future.status == "finished":
             fault = future.result()
             return Ended(trial, fault, storage=bool(fault))

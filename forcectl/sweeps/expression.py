@@ -9,6 +9,7 @@ from __future__ import annotations
 import ast
 import operator
 from collections.abc import Callable, Iterable, Mapping
+from itertools import pairwise
 from typing import Any
 
 from forcectl.errors import BadInputError, invalid, unknown
@@ -123,9 +124,7 @@ class Expression:
             return self._apply(node.op, self._value(node.left, values), self._value(node.right, values))
         assert isinstance(node, ast.Compare)
         terms = [self._value(part, values) for part in (node.left, *node.comparators)]
-        return all(
-            self._apply(op, *pair) for op, pair in zip(node.ops, zip(terms, terms[1:], strict=False), strict=True)
-        )
+        return all(self._apply(op, *pair) for op, pair in zip(node.ops, pairwise(terms), strict=True))
 
     def _apply(self, op: ast.AST, *terms: Any) -> Any:
         try:

@@ -7,7 +7,7 @@ import shutil
 import tempfile
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
@@ -62,7 +62,7 @@ class SweepResult:
 
     table: pd.DataFrame
     directory: Path | None
-    notes: list[str]
+    notes: list[str] = field(default_factory=list)
 
     def count(self, state: str) -> int:
         """How many trials are in a state: "done", "failed", "lost" or "pending"."""
@@ -111,20 +111,23 @@ def sweep(
     if retry_failed and not resume:
         raise BadInputError("retry failed: goes with resume, of a sweep that was run")
     file, folder = _given(sweep, out, resume)
-    study = study_of(file)
+    part = None if shard is None else _shard(*shard)
     with contextlib.ExitStack() as stack:
         if folder is None:
             if resume:
                 raise BadInputError("resume needs the directory of the results")
-            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="forcectl-sweep-"))) / study.name
-        part = _shard(shard)
+            folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="forcectl-sweep-"))) / file.name
         if folder.exists():
-            part = _same(study, folder, resume, part if shard else None)
+            _refuse_begun(folder, resume)
+            stack.enter_context(locked(folder))
+            study = study_of(file)
+            part = _same(study, folder, part)
         else:
             if resume:
                 raise BadInputError(f"results directory {str(folder)!r} does not exist: run the sweep without resume")
-            _begin(study, folder, part)
-        stack.enter_context(locked(folder))
+            study, part = study_of(file), part or (0, 1)
+            begin(study, folder, part)
+            stack.enter_context(locked(folder))
         results = Results(folder, study.digest())
         notes = _notes(study, folder)
         rows = {row["trial"]: row for row in results.rows()}
@@ -138,12 +141,12 @@ def sweep(
             started = _engine(study, results, trial_timeout, engine, workers, scheduler)
             try:
                 run.all(started)
-            finally:
-                table = run.write()
-        else:
-            table = run.write()
-        report(study, results, table, agenda.done == agenda.total)
-        return SweepResult(table, None if out is None and not resume else folder, notes)
+            except (RunFailedError, KeyboardInterrupt, BadInputError):
+                with contextlib.suppress(StorageError):  # what stopped the sweep is told, not what follows from it
+                    write_tables(study, results, agenda, rows)
+                raise
+        result = finish(study, results, rows, part)
+        return replace(result, directory=None if out is None and not resume else folder, notes=notes)
 
 
 def _given(sweep: Any, out: str | Path | None, resume: bool) -> tuple[SweepFile, Path | None]:
@@ -158,26 +161,31 @@ def _given(sweep: Any, out: str | Path | None, resume: bool) -> tuple[SweepFile,
     return read_sweep(sweep), folder
 
 
-def stored(folder: Path) -> SweepFile:
+def stored(folder: Path, sweep: Any = None) -> SweepFile:
     """The sweep that a results directory is of.
 
+    Args:
+        folder: the directory.
+        sweep: as it was given from Python, where the directory cannot tell.
+
     Raises:
-        BadInputError: it is none, or its sweep holds objects from Python.
+        BadInputError: it is none, or its sweep holds objects from Python and is not given.
     """
     identity = identity_of(folder)
+    if sweep is not None:
+        return replace(read_sweep(sweep), name=identity["name"])
     if not identity["writable"]:
         raise BadInputError(f"the sweep in {str(folder)!r} holds objects from Python: go on with it from Python")
     return SweepFile(identity["name"], read_sweep(folder / SWEEP).config, SWEEP, {})
 
 
-def _shard(shard: tuple[int, int] | None) -> tuple[int, int]:
-    number, count = shard or (1, 1)
+def _shard(number: int, count: int) -> tuple[int, int]:
     if not 1 <= number <= count:
         raise BadInputError(f"shard = {number}/{count}: must be I/N with I from 1 to N")
     return number - 1, count
 
 
-def _begin(study: Study, folder: Path, part: tuple[int, int]) -> None:
+def begin(study: Study, folder: Path, part: tuple[int, int]) -> None:
     """Write the whole plan, before anything runs."""
 
     def fill(aside: Path) -> None:
@@ -205,12 +213,17 @@ def _identity(study: Study, folder: Path, part: tuple[int, int]) -> dict[str, An
     }
 
 
-def _same(study: Study, folder: Path, resume: bool, part: tuple[int, int] | None) -> tuple[int, int]:
-    """Refuse a directory that is not of this sweep; returns its shard."""
-    if not resume:
-        if (folder / IDENTITY).is_file():
-            raise BadInputError(f"results directory {str(folder)!r} exists: add --resume to go on, or name another one")
+def _refuse_begun(folder: Path, resume: bool) -> None:
+    if resume:
+        identity_of(folder)
+    elif (folder / IDENTITY).is_file():
+        raise BadInputError(f"results directory {str(folder)!r} exists: add --resume to go on, or name another one")
+    else:
         raise BadInputError(f"output {str(folder)!r} exists: name another directory")
+
+
+def _same(study: Study, folder: Path, part: tuple[int, int] | None) -> tuple[int, int]:
+    """Refuse a directory that is not of this sweep; returns its shard."""
     identity = identity_of(folder)
     if identity["versions"] != study.versions():
         theirs, mine = identity["versions"], study.versions()
@@ -370,13 +383,33 @@ class _Run:
         if self._progress is not None:
             self._progress(Progress(self._agenda.done, self._agenda.total, self._failed, len(self._lost)))
 
-    def write(self) -> pd.DataFrame:
-        """Write the tables."""
-        marks = self._results.marks()
-        table = trials_table(self._study, self._agenda.asked, self._rows, marks)
-        write_table(self._results, TRIALS, table)
-        write_table(self._results, COSTS, costs_table(self._rows))
-        return table
+
+def finish(
+    study: Study, results: Results, rows: dict[int, dict[str, Any]], part: tuple[int, int] = (0, 1)
+) -> SweepResult:
+    """Write the tables and the report of what there is.
+
+    Args:
+        study: the sweep.
+        results: its directory.
+        rows: by trial.
+        part: number of the shard from 0, and how many there are.
+
+    Raises:
+        StorageError: the directory cannot be written.
+    """
+    agenda = Agenda(study, part, rows.values())
+    table = write_tables(study, results, agenda, rows)
+    report(study, results, table, agenda.done == agenda.total)
+    return SweepResult(table, results.folder)
+
+
+def write_tables(study: Study, results: Results, agenda: Agenda, rows: dict[int, dict[str, Any]]) -> pd.DataFrame:
+    """Write the table of results and that of costs; returns the first."""
+    table = trials_table(study, agenda.asked, rows, results.marks())
+    write_table(results, TRIALS, table)
+    write_table(results, COSTS, costs_table(rows))
+    return table
 
 
 def report(study: Study, results: Results, table: pd.DataFrame, complete: bool) -> None:

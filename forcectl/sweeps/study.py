@@ -253,7 +253,7 @@ def _saltelli(config: SweepConfig, axes: list[Axis], conditions: list[Expression
 
 
 def _try_values(study: Study, sweep: SweepFile) -> None:
-    """Read every arm and every value of a list once, and build every arm, so that a typo is told before anything runs."""
+    """Read every arm and every value of a list once, and build every arm: typos are told before anything runs."""
     seeds = len(study.seeds or [0])
     numbers = dict.fromkeys(range(len(study.arms)))
     for i, axis in enumerate(study.axes):

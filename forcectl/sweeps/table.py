@@ -1,7 +1,6 @@
 """The table of a sweep: a row for each trial that is needed, in order, as Parquet that pandas opens by itself.
 
-Columns: trial, point, arm, seed, the varied keys, state, success, findings, reason, time_s (simulated), and the metrics.
-The same sweep gives the same table, bit for bit, on every engine; what differs from run to run is in `costs.parquet`.
+Columns: trial, point, arm, seed, the varied keys, state, success, findings, reason, time_s (simulated), and metrics. The same sweep gives the same table, bit for bit, on every engine; what differs from run to run is in `costs.parquet`.
 """
 
 from __future__ import annotations

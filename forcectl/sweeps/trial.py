@@ -105,7 +105,7 @@ def row_of(study: Study, trial: Trial, outcome: VariantOutcome | None, reason: s
         for name, value in metrics.items()
         if name not in NOT_REPEATABLE
     }
-    times = [] if outcome is None else outcome.log["time"].values
+    reached = 0.0 if outcome is None or not outcome.log.sizes["time"] else float(outcome.log["time"].values[-1])
     config = study.config
     success = None
     if config.success:
@@ -117,7 +117,7 @@ def row_of(study: Study, trial: Trial, outcome: VariantOutcome | None, reason: s
         "success": success,
         "findings": found,
         "reason": reason,
-        "time_s": float(times[-1]) if len(times) else 0.0,
+        "time_s": reached,
         "metrics": finite,
     }
 
@@ -132,7 +132,7 @@ def _keep(study: Study, results: Results, number: int, outcome: VariantOutcome, 
 
         def save(path: Path) -> None:
             with path.open("wb") as file:
-                np.savez_compressed(file, **signals)  # type: ignore[arg-type]
+                np.savez_compressed(file, **signals)
 
         results.write(results.signals_path(number), save)
 

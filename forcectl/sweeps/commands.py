@@ -1,0 +1,179 @@
+"""The commands `forcectl sweep` and `forcectl merge`."""
+
+from __future__ import annotations
+
+import signal
+import sys
+import time
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from forcectl.errors import BadInputError, ForcectlError
+
+if TYPE_CHECKING:
+    from forcectl.sweeps.run_sweep import Progress, SweepResult
+
+_EVERY = 30.0  # [s] between two lines of progress where there is no terminal
+
+
+def sweep(
+    sweep: Annotated[
+        str,
+        typer.Argument(
+            metavar="SWEEP", help="Sweep file, shipped sweep, or the directory of one (--resume and --status)."
+        ),
+    ],
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Directory of the results; default runs/<name>-<n>.")
+    ] = None,
+    resume: Annotated[bool, typer.Option("--resume", help="Go on with the sweep in SWEEP or --out.")] = False,
+    retry: Annotated[str | None, typer.Option(metavar="failed", help="With --resume: also what failed.")] = None,
+    fail_fast: Annotated[bool, typer.Option("--fail-fast", help="Stop at the first trial that fails.")] = False,
+    shard: Annotated[str | None, typer.Option(metavar="I/N", help="This part of N only; see forcectl merge.")] = None,
+    engine: Annotated[str, typer.Option(metavar="processes|sequential", help="Where trials run.")] = "processes",
+    workers: Annotated[
+        int | None, typer.Option(metavar="N", min=1, help="Processes; default one per processor.")
+    ] = None,
+    scheduler: Annotated[
+        str | None, typer.Option(metavar="ADDRESS", help="Dask scheduler that runs the trials instead.")
+    ] = None,
+    trial_timeout: Annotated[
+        float | None, typer.Option(metavar="S", help="Longest computing time of a trial, in seconds.")
+    ] = None,
+    status: Annotated[bool, typer.Option("--status", help="Only say how far the sweep in SWEEP is.")] = False,
+) -> None:
+    """Run variations of a scenario; what is finished is kept whatever happens.
+
+    Example: forcectl sweep robustness.yaml --out runs/robustness --workers 4
+    """
+    from forcectl.runs.directory import free_name
+    from forcectl.sweeps.results import IDENTITY
+    from forcectl.sweeps.run_sweep import sweep as run_sweep
+    from forcectl.sweeps.sweep_config import read_sweep
+
+    if status:
+        _show_status(sweep)
+        return
+    if retry not in (None, "failed"):
+        raise BadInputError(f"--retry {retry!r}: must be failed")
+    given = Path(sweep).expanduser()
+    directory = out or (given if (given / IDENTITY).is_file() else None)
+    if directory is None and not resume:
+        directory = free_name(Path("runs"), read_sweep(sweep).name)
+    for number in (signal.SIGINT, signal.SIGTERM):  # a batch system takes a job away: as Ctrl-C
+        signal.signal(number, signal.default_int_handler)
+    with _Display() as display:
+        try:
+            result = run_sweep(
+                sweep,
+                out=out or (None if (given / IDENTITY).is_file() else directory),
+                resume=resume,
+                retry_failed=retry is not None,
+                fail_fast=fail_fast,
+                shard=_shard(shard),
+                engine=engine,
+                workers=workers,
+                scheduler=scheduler,
+                trial_timeout=trial_timeout,
+                progress=display.show,
+            )
+        except BaseException as error:
+            if not display.shown or not isinstance(error, ForcectlError | KeyboardInterrupt):
+                raise
+            interrupted = isinstance(error, KeyboardInterrupt)
+            display.hide()
+            told = "stopped" if interrupted else f"error: {error}"
+            print(f"{told}; go on with: forcectl sweep {directory} --resume", file=sys.stderr)
+            raise typer.Exit(130 if interrupted else 1) from error
+    _show_result(result)
+
+
+def merge(
+    folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Results of shards of one sweep.")],
+    out: Annotated[Path, typer.Option(metavar="DIR", help="Directory of the whole.")],
+) -> None:
+    """Put the results of shards together; may be done again when there are more.
+
+    Example: forcectl merge runs/part-1 runs/part-2 --out runs/whole
+    """
+    from forcectl.sweeps.merge import merge as put_together
+
+    _show_result(put_together(folders, out))
+
+
+def _shard(text: str | None) -> tuple[int, int] | None:
+    if text is None:
+        return None
+    number, slash, count = text.partition("/")
+    if not (slash and number.isdecimal() and count.isdecimal() and 1 <= int(number) <= int(count)):
+        raise BadInputError(f"--shard {text!r}: must be I/N with I from 1 to N, for example 2/4")
+    return int(number), int(count)
+
+
+def _show_result(result: SweepResult) -> None:
+    from forcectl.sweeps.table import STATES
+
+    counts = {state: result.count(state) for state in STATES if result.count(state)}
+    for note in result.notes:
+        typer.echo(note)
+    typer.echo(", ".join(f"{count} {state}" for state, count in counts.items()))
+    typer.echo(f"results in {result.directory}: trials.parquet, report.html")
+    if set(counts) - {"done"}:
+        if set(counts) & {"pending", "lost", "running"}:
+            typer.echo(f"go on with: forcectl sweep {result.directory} --resume")
+        raise typer.Exit(1)
+
+
+def _show_status(folder: str) -> None:
+    from forcectl.sweeps.merge import status
+
+    found = status(folder)
+    counts = ", ".join(f"{count} {state}" for state, count in found.counts.items() if count)
+    rest = "" if found.remaining_s is None else f"; about {_duration(found.remaining_s)} to go"
+    typer.echo(f"{found.name}: {found.planned} trials: {counts}{rest}")
+
+
+def _duration(seconds: float) -> str:
+    minutes, rest = divmod(round(seconds), 60)
+    hours, minutes = divmod(minutes, 60)
+    return f"{hours} h {minutes} min" if hours else f"{minutes} min {rest} s" if minutes else f"{rest} s"
+
+
+class _Display:
+    """A bar on standard error; where that is no terminal, a line now and then."""
+
+    def __enter__(self) -> _Display:
+        from rich.console import Console
+        from rich.progress import BarColumn, MofNCompleteColumn, TextColumn, TimeElapsedColumn, TimeRemainingColumn
+        from rich.progress import Progress as Bars
+
+        console = Console(stderr=True)
+        self.shown = False
+        self._terminal, self._last, self._started = console.is_terminal, 0.0, time.monotonic()
+        columns = (MofNCompleteColumn(), BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
+        text = TextColumn("{task.description}")
+        self._bars = Bars(*columns, text, console=console, transient=True, disable=not self._terminal)
+        self._task: Any = None
+        self._bars.start()
+        return self
+
+    def show(self, progress: Progress) -> None:
+        """Show how far the sweep is."""
+        self.shown = True
+        bad = [f"{n} {what}" for n, what in ((progress.failed, "failed"), (progress.lost, "lost")) if n]
+        if self._terminal:
+            if self._task is None:
+                self._task = self._bars.add_task("", total=progress.total)
+            self._bars.update(self._task, completed=progress.done, total=progress.total, description=", ".join(bad))
+        elif time.monotonic() - max(self._last, self._started) > _EVERY:
+            self._last = time.monotonic()
+            print(", ".join([f"{progress.done} of {progress.total} trials", *bad]), file=sys.stderr, flush=True)
+
+    def hide(self) -> None:
+        """Take the bar away."""
+        self._bars.stop()
+
+    def __exit__(self, *_: object) -> None:
+        self.hide()

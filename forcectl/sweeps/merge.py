@@ -1,0 +1,137 @@
+"""Shards put together, and what a results directory says of itself while others write it."""
+
+from __future__ import annotations
+
+import shutil
+import statistics
+import time
+from collections.abc import Sequence
+from dataclasses import dataclass
+from functools import partial
+from itertools import pairwise
+from pathlib import Path
+from typing import Any
+
+from forcectl.errors import BadInputError
+from forcectl.sweeps.results import Results, Row, identity_of, locked
+from forcectl.sweeps.run_sweep import SweepResult, begin, finish, stored
+from forcectl.sweeps.study import study_of
+
+_RECENT = 200  # finished trials whose pace is that of the rest
+
+
+@dataclass(frozen=True)
+class Status:
+    """What there is in a results directory.
+
+    Attributes:
+        name: of the sweep.
+        planned: trials of this shard, or as many as there may be with `repeat`.
+        counts: trials by state.
+        remaining_s: estimated time to the end [s]; None where nothing tells.
+    """
+
+    name: str
+    planned: int
+    counts: dict[str, int]
+    remaining_s: float | None
+
+
+def status(folder: str | Path) -> Status:
+    """How far a sweep is, while it runs or after.
+
+    Args:
+        folder: of its results.
+
+    Raises:
+        BadInputError: it is no results directory.
+    """
+    folder = Path(folder).expanduser()
+    identity = identity_of(folder)
+    results = Results(folder, identity["digest"])
+    rows = list(results.rows())
+    finished = {row["trial"] for row in rows}
+    marks = {number: lives for number, lives in results.marks().items() if number not in finished}
+    counts = {state: sum(row["state"] == state for row in rows) for state in ("done", "failed")}
+    counts |= {"running": sum(marks.values()), "lost": len(marks) - sum(marks.values())}
+    index, shards = identity["shard"]
+    planned = identity["trials"] // identity["points"] * len(range(index, identity["points"], shards))
+    counts["pending"] = max(0, planned - sum(counts.values()))
+    return Status(identity["name"], planned, counts, _remaining(rows, counts["pending"] + counts["running"]))
+
+
+def _remaining(rows: Sequence[Row], left: int) -> float | None:
+    times = sorted(row["cost"]["finished"] for row in rows)[-_RECENT:]
+    if len(times) < 3 or not left or time.time() - times[-1] > 600:
+        return None
+    return left * statistics.fmean(after - before for before, after in pairwise(times))
+
+
+def merge(folders: Sequence[str | Path], out: str | Path, sweep: Any = None) -> SweepResult:
+    """Put the results of shards together; what is there already stays, so it can be done again.
+
+    Args:
+        folders: results directories of one sweep.
+        out: directory of the whole; made if it is not there.
+        sweep: the sweep, where its text in the directories cannot say it: one with objects from Python.
+
+    Raises:
+        BadInputError: a directory is of another sweep, or two of them contradict each other.
+        StorageError: `out` cannot be written.
+    """
+    parts, target = [Path(folder).expanduser() for folder in folders], Path(out).expanduser()
+    if not parts:
+        raise BadInputError("merge needs at least one results directory")
+    study = study_of(stored(parts[0], sweep))
+    digest = study.digest()
+    for part in parts:
+        if part.resolve() == target.resolve():
+            raise BadInputError(f"--out {str(out)!r} is one of the directories: must be another one")
+    for folder in [*parts, *([target] if target.exists() else [])]:
+        if identity_of(folder)["digest"] != digest:
+            raise BadInputError(f"results directory {str(folder)!r} is of another sweep than {str(parts[0])!r}")
+    if not target.exists():
+        begin(study, target, (0, 1))
+    elif identity_of(target)["shard"] != [0, 1]:
+        raise BadInputError(f"--out {str(out)!r} is a shard: must be a new directory, or an earlier whole")
+    with locked(target):
+        results = Results(target, digest)
+        rows = {row["trial"]: row for row in results.rows()}
+        for part in parts:
+            source = Results(part, digest)
+            for row in source.rows():
+                if _better(row, rows.get(row["trial"]), part):
+                    _bring(source, results, row, replace=row["trial"] in rows)
+                    rows[row["trial"]] = row
+        return finish(study, results, rows)
+
+
+def _better(row: Row, other: Row | None, part: Path) -> bool:
+    """Whether a row is to stand for its trial instead of another one.
+
+    Raises:
+        BadInputError: both are done, and differ in more than what they cost.
+    """
+    if other is None:
+        return True
+    if row["state"] != other["state"]:
+        return bool(row["state"] == "done")
+    if row["state"] == "done" and {**row, "cost": None} != {**other, "cost": None}:
+        raise BadInputError(
+            f"trial {row['trial']} in {str(part)!r} differs from that of another directory: must be the same; run it "
+            "again where it was run with other code"
+        )
+    return False
+
+
+def _bring(source: Results, target: Results, row: Row, replace: bool) -> None:
+    trial = row["trial"]
+    for before, after in (
+        (source.log_path(trial), target.log_path(trial)),
+        (source.signals_path(trial), target.signals_path(trial)),
+    ):
+        if before.is_file():
+            target.write(after, partial(shutil.copyfile, before))
+    if replace:
+        target.set_aside(trial)
+    target.write_row(row)

@@ -1,0 +1,126 @@
+import numpy as np
+import pytest
+
+from forcectl.errors import BadInputError
+from forcectl.sweeps.study import study_of
+from forcectl.sweeps.sweep_config import read_sweep
+
+STIFFNESS, GAIN = "station.environment.stiffness", "controller.integral_gain"
+BASE = {
+    "scenario": "fig_2_7",
+    "variant": "K_I = 1.5 1/s",
+    "overrides": {"station.fidelity": "OneDimensional", "duration": 0.5},
+}
+
+
+def study(**keys):
+    return study_of(read_sweep(BASE | keys))
+
+
+def drawn(text):
+    from forcectl.framework.yaml_tree import parse
+
+    return parse(text, "test")
+
+
+def test_a_grid_is_the_product_of_the_lists():
+    found = study(keys={STIFFNESS: [1e3, 1e4], GAIN: [1, 2, 3]})
+    assert found.size == 6
+    values = [tuple(found.labels(found.trial(i)).values()) for i in range(6)]
+    assert values == [(k, g) for k in (1e3, 1e4) for g in (1, 2, 3)]
+    assert all(found.trial(i).seed is None for i in range(6))
+
+
+def test_arms_and_seeds_share_their_points():
+    found = study(keys={STIFFNESS: [1e3, 1e4]}, seeds=3, arms={"low": {GAIN: 1.0}, "high": {GAIN: 4.0}})
+    trials = [found.trial(i) for i in range(found.size)]
+    assert [(t.point, t.seed, t.arm) for t in trials] == [
+        (p, s, a) for p in (0, 1) for s in (0, 1, 2) for a in ("low", "high")
+    ]
+    low, high = (found.overrides(trials[i]) for i in (2, 3))
+    assert low == {**BASE["overrides"], STIFFNESS: 1e3, GAIN: 1.0, "seed": 1}
+    assert high == {**low, GAIN: 4.0}
+
+
+@pytest.mark.parametrize("design", ["random", "sobol", "latin_hypercube"])
+def test_drawn_points_fill_the_ranges(design):
+    found = study(design=design, trials=64, keys={STIFFNESS: drawn("!LogUniform {min: 1e3, max: 1e6}"), GAIN: [1, 2]})
+    assert found.points.shape == (64, 2)
+    quarters = np.histogram(np.log10(found.points[:, 0]), np.linspace(3, 6, 5))[0]
+    spread = {"random": 12, "sobol": 0, "latin_hypercube": 0}[design]
+    assert abs(quarters - 16).max() <= spread
+    assert [found.trial(i).seed for i in range(3)] == [0, 1, 2]
+
+
+def test_the_seed_of_the_design_chooses_the_points():
+    keys = {"design": "random", "trials": 8, "keys": {STIFFNESS: drawn("!LogUniform {min: 1e3, max: 1e6}")}}
+    assert np.array_equal(study(**keys).points, study(**keys).points)
+    assert not np.array_equal(study(**keys).points, study(**keys, seed=1).points)
+
+
+@pytest.mark.parametrize("design", ["random", "sobol"])
+def test_conditions_hold_at_every_point_and_as_many_are_drawn_as_wanted(design):
+    found = study(
+        design=design,
+        trials=50,
+        keys={STIFFNESS: drawn("!Uniform {min: 1e3, max: 2e3}"), GAIN: drawn("!Uniform {min: 1, max: 2}")},
+        constraints=[f"{STIFFNESS} * {GAIN} < 2e3"],
+    )
+    assert found.points.shape == (50, 2)
+    assert (found.points.prod(axis=1) < 2e3).all()
+    assert found.left_out > 0
+
+
+def test_conditions_leave_points_of_a_grid_out():
+    found = study(keys={STIFFNESS: [1e3, 1e4], GAIN: [1, 2]}, constraints=[f"{STIFFNESS} < 5e3 or {GAIN} == 1"])
+    assert found.points.tolist() == [[0, 0], [0, 1], [1, 0]]
+    assert found.left_out == 1
+
+
+def test_saltelli_points_differ_from_a_in_one_key():
+    keys = {STIFFNESS: drawn("!LogUniform {min: 1e3, max: 1e6}"), GAIN: drawn("!Uniform {min: 1, max: 2}")}
+    points = study(design="saltelli", trials=8, keys=keys).points.reshape(4, 8, 2)
+    a, b, stiffness, gain = points
+    assert np.array_equal(stiffness, np.column_stack([b[:, 0], a[:, 1]]))
+    assert np.array_equal(gain, np.column_stack([a[:, 0], b[:, 1]]))
+
+
+def test_the_hash_is_that_of_sweep_scenario_and_points():
+    hashes = {
+        study(keys={STIFFNESS: values}, **more).digest()
+        for values in ([1e3, 1e4], [1e3, 2e4])
+        for more in ({}, {"success": "overshoot_pct < 5"}, {"overrides": BASE["overrides"] | {GAIN: 2}})
+    }
+    assert len(hashes) == 6
+    assert study(keys={STIFFNESS: [1e3, 1e4]}).digest() in hashes
+
+
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"keys": {"station.environment.stifness": [1e3]}}, "station.environment.stifness: unknown key 'stifness'"),
+        ({"keys": {STIFFNESS: [1e3, -1]}}, "stiffness = -1"),
+        ({"keys": {STIFFNESS: drawn("!Uniform {min: 1, max: 2}")}}, "is a distribution: must be a list of values in a grid"),
+        ({"arms": {"a": {"controler": 1}}}, "controler"),
+        ({"variant": None}, "variant"),
+        ({"variant": "none"}, "unknown variant"),
+        ({"scenario": "fig_2_77"}, "unknown scenario 'fig_2_77'"),
+        ({"keys": {STIFFNESS: [1e3]}, "constraints": ["stiffness > 2"]}, "unknown varied key 'stiffness'"),
+        ({"keys": {STIFFNESS: [1e3]}, "constraints": [f"{STIFFNESS} > 1e4"]}, "must be met by at least one point"),
+        (
+            {"design": "saltelli", "trials": 6, "keys": {STIFFNESS: drawn("!Uniform {min: 1e3, max: 2e3}")}},
+            "trials = 6: must be a power of two",
+        ),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_run_is_told_before_anything_runs(keys, message):
+    with pytest.raises(BadInputError) as error:
+        study(**keys)
+    assert message in str(error.value)
+    assert "\n" not in str(error.value)
+
+
+def test_a_condition_that_is_hardly_ever_met_is_told():
+    keys = {STIFFNESS: drawn("!Uniform {min: 1e3, max: 2e3}")}
+    with pytest.raises(BadInputError, match="met by 40 points, but 0 of .* points meet them"):
+        study(design="random", trials=40, keys=keys, constraints=[f"{STIFFNESS} > 2e3"])
