@@ -9,5 +9,7 @@ from forcectl.scenario.catalog import list_experiments as list_experiments
 from forcectl.scenario.scenario import Scenario as Scenario
 from forcectl.scenario.scenario import build as build
 from forcectl.scenario.scenario import load_scenario as load_scenario
+from forcectl.sweeps.run_sweep import SweepResult as SweepResult
+from forcectl.sweeps.run_sweep import sweep as sweep
 
 __version__: str

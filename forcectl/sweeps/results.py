@@ -290,18 +290,18 @@ def identity_of(folder: Path) -> dict[str, Any]:
         BadInputError: it is none, or of another version of this program.
     """
     try:
-        found = json.loads((folder / IDENTITY).read_text(encoding="utf-8"))
-        if found["format"] != FORMAT:
-            raise BadInputError(
-                f"results directory {str(folder)!r} has format {found['format']}: must be {FORMAT}, another version of "
-                "forcectl made it"
-            )
-        return dict(found)
+        found: dict[str, Any] = json.loads((folder / IDENTITY).read_text(encoding="utf-8"))
+        made = found["format"]
     except OSError:
         kind = "is not the results directory of a sweep" if folder.is_dir() else "does not exist"
         raise BadInputError(f"{str(folder)!r} {kind}: must hold {IDENTITY}") from None
     except (ValueError, KeyError, TypeError):
         raise BadInputError(f"{str(folder / IDENTITY)!r} is damaged: start the sweep again elsewhere") from None
+    if made != FORMAT:
+        raise BadInputError(
+            f"results directory {str(folder)!r} has format {made}: must be {FORMAT}, another version of forcectl made it"
+        )
+    return found
 
 
 def place_of(folder: Path) -> dict[str, Any]:

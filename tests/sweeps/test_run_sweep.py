@@ -1,0 +1,177 @@
+import json
+import os
+import shutil
+import signal
+
+import pandas as pd
+import pytest
+
+import forcectl as fc
+from forcectl.errors import BadInputError, RunFailedError
+from forcectl.force.integral import IntegralConfig
+from forcectl.sweeps.results import Results, StorageError, identity_of
+from tests.sweeps.small_sweeps import FAILING, GAIN, STIFFNESS, rows, small, start, wait_until, write
+
+
+@pytest.fixture(scope="module")
+def whole(tmp_path_factory):
+    """The sweep on one process, in this one."""
+    folder = tmp_path_factory.mktemp("sweep") / "whole"
+    result = fc.sweep(small(), out=folder, engine="sequential")
+    return folder, result
+
+
+def test_the_table_has_a_row_for_each_trial(whole):
+    folder, result = whole
+    table = pd.read_parquet(folder / "trials.parquet")
+    assert list(table["trial"]) == list(range(8))
+    assert list(table["arm"]) == ["low", "high"] * 4
+    assert list(table[STIFFNESS]) == [k for k in (1e3, 5e3, 2e4, 1e5) for _ in range(2)]
+    assert set(table["state"]) == {"done"}
+    assert (table["success"] == (table["overshoot_pct"] <= 5)).all()
+    assert "realtime_factor" not in table
+    pd.testing.assert_frame_equal(table, result.table)
+    assert len(pd.read_parquet(folder / "plan.parquet")) == 8
+    assert set(pd.read_parquet(folder / "costs.parquet")["trial"]) == set(range(8))
+
+
+def test_processes_give_the_same_table(whole, tmp_path):
+    fc.sweep(small(), out=tmp_path / "two", workers=2)
+    assert (tmp_path / "two" / "trials.parquet").read_bytes() == (whole[0] / "trials.parquet").read_bytes()
+
+
+def test_without_a_directory_there_is_the_table(whole):
+    result = fc.sweep(small(), engine="sequential")
+    assert result.directory is None
+    pd.testing.assert_frame_equal(result.table, whole[1].table)
+
+
+def test_going_on_runs_what_is_missing(whole, tmp_path):
+    shutil.copytree(whole[0], tmp_path / "part")
+    digest = identity_of(tmp_path / "part")["digest"]
+    for trial in (1, 4):
+        Results(tmp_path / "part", digest).row_path(trial).unlink()
+    before = Results(tmp_path / "part", digest).row_path(0).stat().st_mtime_ns
+    result = fc.sweep(tmp_path / "part", resume=True, engine="sequential")
+    assert (tmp_path / "part" / "trials.parquet").read_bytes() == (whole[0] / "trials.parquet").read_bytes()
+    assert Results(tmp_path / "part", digest).row_path(0).stat().st_mtime_ns == before
+    assert any("is a copy" in note for note in result.notes)
+
+
+def test_a_directory_is_not_run_over(whole, tmp_path):
+    with pytest.raises(BadInputError, match="exists: add --resume to go on"):
+        fc.sweep(small(), out=whole[0])
+    with pytest.raises(BadInputError, match="is of another sweep"):
+        fc.sweep(small(success="overshoot_pct <= 6"), out=whole[0], resume=True)
+    with pytest.raises(BadInputError, match="is the directory of a sweep: add --resume"):
+        fc.sweep(whole[0])
+    (tmp_path / "foreign").mkdir()
+    with pytest.raises(BadInputError, match="exists: name another directory"):
+        fc.sweep(small(), out=tmp_path / "foreign")
+    with pytest.raises(BadInputError, match="does not exist: run the sweep without resume"):
+        fc.sweep(small(), out=tmp_path / "none", resume=True)
+
+
+def test_other_versions_are_refused(whole, tmp_path):
+    shutil.copytree(whole[0], tmp_path / "old")
+    file = tmp_path / "old" / "sweep.json"
+    identity = json.loads(file.read_text())
+    identity["versions"]["drake"] = "1.0.0"
+    file.write_text(json.dumps(identity))
+    with pytest.raises(BadInputError, match=r"was begun with other versions: drake 1.0.0 \(here "):
+        fc.sweep(tmp_path / "old", resume=True)
+
+
+def test_failures_are_rows_and_may_be_tried_again(tmp_path):
+    sweep = small(overrides=small()["overrides"] | FAILING, arms={}, keys={STIFFNESS: [1e2, 1e5]})
+    result = fc.sweep(sweep, out=tmp_path / "out", engine="sequential")
+    failed = result.table[result.table["state"] == "failed"]
+    assert len(failed) > 0
+    assert failed["reason"].str.contains("diverges").all()
+    before = (tmp_path / "out" / "trials.parquet").read_bytes()
+    fc.sweep(tmp_path / "out", resume=True, retry_failed=True, engine="sequential")
+    assert (tmp_path / "out" / "trials.parquet").read_bytes() == before
+    assert len(list((tmp_path / "out").glob("rows/*/*.retried-1"))) == len(failed)
+    with pytest.raises(RunFailedError, match=r"trial \d failed: .*diverges"):
+        fc.sweep(sweep, out=tmp_path / "fast", fail_fast=True, engine="sequential")
+
+
+def test_objects_from_python_are_used_and_written_down(tmp_path):
+    values = [IntegralConfig(integral_gain=1.0), IntegralConfig(integral_gain=4.0)]
+    result = fc.sweep(small(keys={STIFFNESS: [1e3]}, arms={n: {"controller": v} for n, v in zip("ab", values)}))
+    same = fc.sweep(small(keys={STIFFNESS: [1e3]}, arms={"a": {GAIN: 1.0}, "b": {GAIN: 4.0}}), engine="sequential")
+    pd.testing.assert_frame_equal(result.table, same.table)
+
+
+class Crash(IntegralConfig):
+    """A controller that ends its process."""
+
+    def add_to(self, builder, model):
+        os.kill(os.getpid(), signal.SIGKILL)
+
+
+def test_a_trial_that_kills_its_process_is_lost_and_the_others_are_not(tmp_path, monkeypatch):
+    monkeypatch.setattr("forcectl.sweeps.study.build", lambda *_: None)  # which would end this process
+    sweep = small(keys={STIFFNESS: [1e3]}, arms={"good": {GAIN: 1.0}, "bad": {"controller": Crash()}})
+    result = fc.sweep(sweep, out=tmp_path / "out", workers=1)
+    assert list(result.table["state"]) == ["done", "lost"]
+    mark = json.loads(next((tmp_path / "out").glob("running/*/0000001.json")).read_text())
+    assert mark["reason"] == "its process was ended by signal 9, 3 times"
+    with pytest.raises(BadInputError, match="holds objects from Python: go on with it from Python"):
+        fc.sweep(tmp_path / "out", resume=True)
+
+
+def test_a_full_disk_stops_the_sweep_and_keeps_what_is_finished(tmp_path, monkeypatch):
+    written = Results.write_row
+
+    def full(self, row):
+        if row["trial"] == 2:
+            raise StorageError("'out' cannot be written: No space left on device")
+        return written(self, row)
+
+    monkeypatch.setattr(Results, "write_row", full)
+    with pytest.raises(StorageError, match="No space left"):
+        fc.sweep(small(), out=tmp_path / "out", engine="sequential")
+    assert rows(tmp_path / "out") == 2
+    monkeypatch.undo()
+    result = fc.sweep(tmp_path / "out", resume=True, engine="sequential")
+    assert result.count("done") == 8
+
+
+@pytest.mark.slow
+def test_whatever_is_killed_the_table_is_the_same(whole, tmp_path):
+    file, out = write(tmp_path), tmp_path / "out"
+    for kill_workers in (False, True, False):
+        process = start("sweep", *([file, "--out", out] if not out.exists() else [out, "--resume"]), "--workers", 1)
+        before = rows(out) if out.exists() else 0
+        wait_until(lambda p=process, b=before: p.poll() is not None or (out.exists() and rows(out) > b))
+        if kill_workers:
+            import subprocess
+
+            for child in subprocess.run(
+                ["pgrep", "-P", str(process.pid)], capture_output=True, text=True
+            ).stdout.split():
+                os.kill(int(child), signal.SIGKILL)
+            wait_until(lambda p=process, b=before: p.poll() is not None or rows(out) > b + 2)
+        process.kill()
+        process.communicate()
+    result = fc.sweep(out, resume=True, engine="sequential")
+    assert result.count("done") == 8
+    columns = [name for name in result.table]
+    pd.testing.assert_frame_equal(result.table, whole[1].table[columns])
+
+
+@pytest.mark.slow
+def test_an_interrupt_stops_within_two_seconds_and_says_how_to_go_on(tmp_path):
+    import time
+
+    file, out = write(tmp_path, overrides=small()["overrides"] | {"duration": 30.0}), tmp_path / "out"
+    process = start("sweep", file, "--out", out, "--workers", 2)
+    wait_until(lambda: out.exists() and list(out.glob("running/*/0*.json")))
+    process.send_signal(signal.SIGINT)
+    begun = time.monotonic()
+    _, errors = process.communicate()
+    assert time.monotonic() - begun < 10  # on a loaded machine
+    assert process.returncode == 130
+    assert errors.strip().endswith(f"stopped; go on with: forcectl sweep {out} --resume")
+    assert list(out.glob("running/*/*.json")) == []
