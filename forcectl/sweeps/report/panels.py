@@ -11,6 +11,7 @@ import numpy as np
 from matplotlib.artist import Artist
 from matplotlib.axes import Axes
 from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
 from matplotlib.lines import Line2D
 from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
 
@@ -60,8 +61,7 @@ def panels(
     """
     columns = min(count, across)
     rows = math.ceil(count / columns)
-    figure = Figure(figsize=(WIDTH, 0.5 + height * rows), layout="constrained")
-    figure.get_layout_engine().set(wspace=0.04)  # type: ignore[union-attr]
+    figure = Figure(figsize=(WIDTH, 0.5 + height * rows), layout=ConstrainedLayoutEngine(wspace=0.04))
     grid = figure.subplots(rows, columns, sharex=share_x, sharey=share_y, squeeze=False).ravel()
     for spare in grid[count:]:
         spare.set_visible(False)

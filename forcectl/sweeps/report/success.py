@@ -136,7 +136,7 @@ def _mark(colour: str, marker: str, label: str) -> Line2D:
 def _edges(column: KeyColumn) -> Array:
     """Borders of the cells of a key: in the middle between its values, on the scale of its axis."""
     if column.scale == "category":
-        return np.arange(len(column.labels) + 1) - 0.5
+        return np.linspace(-0.5, len(column.labels) - 0.5, len(column.labels) + 1)
     values = np.log10(column.distinct) if column.scale == "log" else column.distinct
     middle = (values[1:] + values[:-1]) / 2
     edges: Array = np.array([2 * values[0] - middle[0], *middle, 2 * values[-1] - middle[-1]])
