@@ -8,7 +8,7 @@ import numpy as np
 import pytest
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from forcectl.sweeps.report.envelope import envelope_figure, read_envelope
+from forcectl.sweeps.report.envelope import MOST_COMPONENTS, envelope_figure, read_envelope
 from forcectl.sweeps.report.figures import draw, metric_figure, rendered, sensitivity_figure, write_figures
 from forcectl.sweeps.report.numbers import Rate, Sensitivity, key_columns, outcome, wilson
 from forcectl.sweeps.report.panels import MOST_PANELS, cut
@@ -164,6 +164,8 @@ def test_an_envelope_has_the_levels_of_its_trials(tmp_path):
     axes = envelope_figure({"": found}, 0, "measured_force [N]").axes[0]
     np.testing.assert_allclose(axes.get_lines()[0].get_ydata(), found.levels[2, 0])
     assert read_envelope(paths, "contact_force") is None
+    write_signals(results, table, lambda number, time: np.tile(time, (9, 1)))
+    assert read_envelope(paths, "measured_force").levels.shape == (5, MOST_COMPONENTS, 401)
     assert read_envelope([], "measured_force") is None
 
 

@@ -41,6 +41,7 @@ class Envelope:
 def read_envelope(paths: Sequence[Path], name: str) -> Envelope | None:
     """The range of a signal over the trials of some files; None where none of them has it.
 
+    Of a vector the first `MOST_COMPONENTS` components are read, which bounds what is held in memory at once.
     Trials of unequal duration end early: what follows is from the others. Of very many trials some are read, evenly
     distributed.
 
@@ -69,7 +70,7 @@ def read_envelope(paths: Sequence[Path], name: str) -> Envelope | None:
 def _read(path: Path, name: str) -> tuple[Array, Array] | None:
     try:
         with np.load(path) as file:
-            time, values = file["time"], np.atleast_2d(file[name])
+            time, values = file["time"], np.atleast_2d(file[name])[:MOST_COMPONENTS]
     except (OSError, KeyError, ValueError, EOFError, zipfile.BadZipFile):
         return None
     return (time, values) if np.isfinite(values).any() else None

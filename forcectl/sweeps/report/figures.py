@@ -20,7 +20,7 @@ from numpy.typing import NDArray
 from forcectl.analysis.force_metrics import metric_unit
 from forcectl.conventions import unit_of
 from forcectl.figures.force import COLOURS
-from forcectl.sweeps.report.envelope import MOST_COMPONENTS, Envelope, envelope_figure, read_envelope
+from forcectl.sweeps.report.envelope import Envelope, envelope_figure, read_envelope
 from forcectl.sweeps.report.numbers import (
     Array,
     KeyColumn,
@@ -291,7 +291,7 @@ def _envelopes(study: Study, results: Results, table: pd.DataFrame, name: str) -
 def _of_envelope(name: str, envelopes: dict[str, Envelope], unit: str) -> list[Drawn]:
     if not envelopes:
         return []
-    size = min(max(envelope.levels.shape[1] for envelope in envelopes.values()), MOST_COMPONENTS)
+    size = max(envelope.levels.shape[1] for envelope in envelopes.values())
     used, planned = (sum(getattr(one, part) for one in envelopes.values()) for part in ("trials", "planned"))
     caption = f"From {used} of {planned} finished trials; a trial that fails counts until then."
     drawn = []

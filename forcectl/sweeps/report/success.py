@@ -125,8 +125,9 @@ def map_figure(
 def _is_grid(x: KeyColumn, y: KeyColumn) -> bool:
     """Whether two keys take few values in most of their combinations: points of distributions do not."""
     across, up = len(x.distinct), len(y.distinct)
-    there = len(np.unique(np.column_stack([x.positions, y.positions]), axis=0))
-    return max(across, up) <= _MOST_CELLS and across * up <= _SPARSE * there
+    if max(across, up) > _MOST_CELLS:
+        return False
+    return across * up <= _SPARSE * len(np.unique(np.column_stack([x.positions, y.positions]), axis=0))
 
 
 def _mark(colour: str, marker: str, label: str) -> Line2D:
