@@ -1,0 +1,205 @@
+"""Panels of the figures of a sweep: their arrangement, the axis of a key, colours of arms, legends."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Literal
+
+import numpy as np
+from matplotlib.artist import Artist
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
+from matplotlib.layout_engine import ConstrainedLayoutEngine
+from matplotlib.lines import Line2D
+from matplotlib.ticker import FixedFormatter, FixedLocator, NullLocator
+
+from forcectl.figures.force import COLOURS, frame
+from forcectl.sweeps.report.numbers import KeyColumn, short
+
+FEW_ARMS = 4  # whose bands can be told apart
+MOST_PANELS = 12
+GREY = "#707070"
+PER_ROW = 3
+WIDTH = 9.0  # [in]
+_HEIGHT = 2.7  # [in] of a panel
+_DASHES = ("-", (0, (1, 1.2)), (0, (7, 1.5, 1, 1.5)))
+_MOST_LABELS = 9  # values of an axis that are all written at it
+_LONG = 5  # letters of such a value
+_LETTER = 0.073  # [in] wide, at a size of 9
+
+
+@dataclass(frozen=True)
+class Drawn:
+    """A figure of a sweep.
+
+    Attributes:
+        name: of its files.
+        title: in words.
+        caption: what is to be seen.
+        figure: itself.
+    """
+
+    name: str
+    title: str
+    caption: str
+    figure: Figure
+
+
+def panels(
+    count: int, *, share_x: bool = False, share_y: bool = False, height: float = _HEIGHT, across: int = PER_ROW
+) -> tuple[Figure, list[Axes]]:
+    """A figure with panels in rows, as wide on the page as any other one.
+
+    Args:
+        count: of panels.
+        share_x: all have the same axis.
+        share_y: all have the same axis.
+        height: of a panel [in].
+        across: panels of a row at most.
+    """
+    columns = min(count, across)
+    rows = math.ceil(count / columns)
+    figure = Figure(figsize=(WIDTH, 0.5 + height * rows), layout=ConstrainedLayoutEngine(wspace=0.04))
+    grid = figure.subplots(rows, columns, sharex=share_x, sharey=share_y, squeeze=False).ravel()
+    for spare in grid[count:]:
+        spare.set_visible(False)
+    if share_x:
+        for axes in grid[count - columns : count]:  # with nothing below them
+            axes.xaxis.set_tick_params(labelbottom=True)
+    for axes in grid[:count]:
+        frame(axes)
+        axes.tick_params(labelsize=8)
+    return figure, list(grid[:count])
+
+
+def panel_width(count: int, across: int = PER_ROW) -> float:
+    """Width of a panel for labels, nearly [in]."""
+    return WIDTH / min(count, across) - 0.7
+
+
+def heading(axes: Axes, text: str, width: float) -> None:
+    """Title of a panel, as much of it as there is place for.
+
+    Args:
+        axes: of the panel.
+        text: of the title.
+        width: of the panel [in].
+    """
+    axes.set_title(cut(text, int(width / _LETTER)), loc="left", fontsize=9, parse_math=False)
+
+
+def cut(text: str, most: int) -> str:
+    """A text of at most so many letters: of a key what its last names are, as they say most."""
+    if len(text) <= most:
+        return text
+    key, gap, unit = text.partition(" [")
+    while len(key) + len(gap) + len(unit) + 1 > most and "." in key:
+        key = key.partition(".")[2]
+    shorter = f"…{key}{gap}{unit}"
+    return shorter if len(shorter) <= most else f"…{text[-(most - 1) :]}" if "." in text else f"{text[: most - 1]}…"
+
+
+def name_axis(axes: Axes, text: str, which: Literal["x", "y"], size: float) -> None:
+    """Name of an axis, as much of it as there is place for.
+
+    Args:
+        axes: of the panel.
+        text: of the name.
+        which: "x" or "y".
+        size: of the panel in that direction [in].
+    """
+    label = cut(text, int(size / _LETTER))
+    (axes.set_xlabel if which == "x" else axes.set_ylabel)(label, fontsize=9, parse_math=False)
+
+
+def scale(axes: Axes, column: KeyColumn, which: Literal["x", "y"], size: float) -> None:
+    """Make the axis of a panel that of a key.
+
+    Args:
+        axes: of the panel.
+        column: of the key.
+        which: "x" or "y".
+        size: of the panel in that direction [in].
+    """
+    axis = axes.xaxis if which == "x" else axes.yaxis
+    limits = axes.set_xlim if which == "x" else axes.set_ylim
+    if column.scale == "category":
+        count = len(column.labels)
+        step = max(1, math.ceil(count * (0.13 if which == "y" else 0.15) / size))
+        labels = [cut(label, 16) for label in column.labels]
+        axis.set_major_locator(FixedLocator(np.arange(0.0, count, step).tolist()))
+        axis.set_major_formatter(FixedFormatter(labels[::step]))
+        if which == "x" and sum(map(len, labels)) * 0.09 > size:
+            axes.tick_params(axis="x", labelrotation=35)
+            for label in axes.get_xticklabels():
+                label.set(ha="right", rotation_mode="anchor")
+        limits(-0.5, count - 0.5)
+        for label in axis.get_ticklabels():
+            label.set_parse_math(False)
+        return
+    if column.scale == "log":
+        (axes.set_xscale if which == "x" else axes.set_yscale)("log")
+    distinct = column.distinct
+    places = np.log10(distinct) if column.scale == "log" else distinct
+    span = places[-1] - places[0]
+    labels = [short(value) for value in distinct[:_MOST_LABELS]]
+    longest = max(map(len, labels))
+    needed = (longest + 1) * _LETTER if which == "x" else 2.5 * _LETTER
+    if longest <= _LONG and len(distinct) == len(labels) and np.diff(places).min() * size > needed * span:
+        axis.set_major_locator(FixedLocator(distinct.tolist()))
+        axis.set_major_formatter(FixedFormatter(labels))
+        axis.set_minor_locator(NullLocator())
+    ends = np.array([places[0] - 0.04 * span, places[-1] + 0.04 * span])
+    low, high = 10**ends if column.scale == "log" else ends
+    limits(float(low), float(high))
+
+
+def styles(count: int) -> list[tuple[str, object]]:
+    """Colour and dashes of arms, no two alike as far as possible."""
+    return [(COLOURS[i % len(COLOURS)], _DASHES[i // len(COLOURS) % len(_DASHES)]) for i in range(count)]
+
+
+def beside(number: int, count: int) -> float:
+    """How far from a category an arm is drawn, so that it does not hide the others."""
+    return (number - (count - 1) / 2) * min(0.12, 0.6 / count)
+
+
+def arm_legend(figure: Figure, arms: Sequence[str], further: Sequence[Artist] = ()) -> None:
+    """A legend of the arms below a figure; of a sweep without arms only what else there is.
+
+    Args:
+        figure: to have it.
+        arms: names, in the order of `styles`.
+        further: entries.
+    """
+    entries = [
+        Line2D([], [], color=colour, ls=dashes, lw=1.8, label=arm)
+        for arm, (colour, dashes) in zip(arms, styles(len(arms)), strict=True)
+        if arm
+    ]
+    below(figure, [*entries, *further])
+
+
+def below(figure: Figure, entries: Sequence[Artist]) -> None:
+    """A legend below a figure.
+
+    Args:
+        figure: to have it; grows by as much.
+        entries: none: no legend.
+    """
+    if not entries:
+        return
+    widths = [0.7 + 0.075 * len(str(entry.get_label())) for entry in entries]
+    columns = len(entries) if sum(widths) < WIDTH else max(1, int(WIDTH / max(widths)))
+    width, height = figure.get_size_inches()
+    figure.set_size_inches(width, height + 0.1 + 0.2 * math.ceil(len(entries) / columns))
+    legend = figure.legend(handles=list(entries), ncol=columns, frameon=False, fontsize=8, loc="outside lower center")
+    for text in legend.get_texts():
+        text.set_parse_math(False)
+
+
+def title(figure: Figure, text: str) -> None:
+    """Heading of a figure."""
+    figure.suptitle(text, x=0.01, ha="left", fontsize=11, parse_math=False)

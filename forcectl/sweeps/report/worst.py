@@ -1,0 +1,109 @@
+"""The worst trials of a sweep, run again and kept whole: log, figures, block diagram, and of the first one a replay."""
+
+from __future__ import annotations
+
+import re
+import shutil
+from pathlib import Path
+from typing import TYPE_CHECKING
+
+from forcectl.analysis.force_metrics import is_metric
+from forcectl.errors import BadInputError, unknown
+from forcectl.runs.directory import FAILED
+from forcectl.runs.run import StoppedRunError, run
+from forcectl.sweeps.report.numbers import metric_columns
+from forcectl.sweeps.results import Results, writing
+from forcectl.sweeps.study import Study
+
+if TYPE_CHECKING:
+    import pandas as pd
+
+WORST = "worst"
+REPLAY = "replay.html"
+_COMPLETE = "manifest.json"
+_NAME = re.compile(rf"[1-9]\d*-trial-(\d+)({re.escape(FAILED)})?")
+
+
+def ranked(study: Study, table: pd.DataFrame) -> list[int]:
+    """Numbers of the worst trials, the worst one first; of equal ones that with the smaller number.
+
+    Args:
+        study: the sweep.
+        table: of its trials; those without a value of the metric are left out.
+    """
+    worst = study.config.worst
+    if worst is None or worst.metric not in metric_columns(study, table):
+        return []
+    known = table[table[worst.metric].notna()]
+    order = known.sort_values([worst.metric, "trial"], ascending=[worst.smallest, True], kind="stable")
+    return [int(number) for number in order["trial"].iloc[: worst.count]]
+
+
+def keep_worst(study: Study, results: Results, table: pd.DataFrame) -> list[Path]:
+    """Run the worst trials again and keep them in `worst/<rank>-trial-<number>`; returns these folders.
+
+    What an earlier call has kept of the same trials stays, what it has kept of others is removed.
+
+    Args:
+        study: the sweep.
+        results: its directory.
+        table: of its trials.
+
+    Raises:
+        BadInputError: no trial has a value of the metric, though some have of others.
+        StorageError: the directory cannot be written.
+    """
+    if study.config.worst is None:
+        return []
+    _check_metric(study.config.worst.metric, metric_columns(study, table))
+    numbers = ranked(study, table)
+    earlier = kept(results)
+    with writing(results.folder):
+        for number in earlier.keys() - numbers:
+            shutil.rmtree(earlier[number])
+        return [
+            _keep(study, results, number, rank, earlier.get(number)) for rank, number in enumerate(numbers, start=1)
+        ]
+
+
+def kept(results: Results) -> dict[int, Path]:
+    """Folders of the worst trials that are kept, by number."""
+    found = {}
+    for path in sorted((results.folder / WORST).glob("*-trial-*")):
+        match = _NAME.fullmatch(path.name)
+        if match and (path / _COMPLETE).is_file():
+            found[int(match[1])] = path
+    return found
+
+
+def _check_metric(name: str, known: list[str]) -> None:
+    if not known or name in known:  # where all trials failed there are no metrics at all, which the table says
+        return
+    if is_metric(name):
+        raise BadInputError(
+            f" = {name!r}: no trial has a value of it: must be one of {', '.join(known)}", key="worst.metric"
+        )
+    raise unknown("metric", name, known).at("worst.metric")
+
+
+def _keep(study: Study, results: Results, number: int, rank: int, earlier: Path | None) -> Path:
+    assert study.config.worst is not None
+    replay = study.config.worst.replay and rank == 1
+    target = results.folder / WORST / f"{rank}-trial-{number}"
+    if earlier is not None:
+        name = target.name + (FAILED if earlier.name.endswith(FAILED) else "")
+        there = earlier if earlier.name == name else earlier.rename(earlier.with_name(name))
+        if not replay or (there / REPLAY).is_file():
+            return there
+    try:
+        run(
+            study.file,
+            variant=study.variant,
+            overrides=study.overrides(study.trial(number)),
+            out=target,
+            force=True,
+            replay=replay,
+        )
+    except StoppedRunError as error:  # a part that does not repeat itself: what there is of it is kept
+        return error.directory or target
+    return target
