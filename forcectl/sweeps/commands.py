@@ -13,7 +13,7 @@ import typer
 from forcectl.errors import BadInputError, ForcectlError
 
 if TYPE_CHECKING:
-    from forcectl.sweeps.run_sweep import Progress, SweepResult
+    from forcectl.sweeps.run_sweep import SweepProgress, SweepResult
 
 _EVERY = 30.0  # [s] between two lines of progress where there is no terminal
 
@@ -159,7 +159,7 @@ class _Display:
         self._bars.start()
         return self
 
-    def show(self, progress: Progress) -> None:
+    def show(self, progress: SweepProgress) -> None:
         """Show how far the sweep is."""
         self.shown = True
         bad = [f"{n} {what}" for n, what in ((progress.failed, "failed"), (progress.lost, "lost")) if n]

@@ -1,7 +1,7 @@
 """Conditions and numbers as text in a sweep file, such as `overshoot_pct <= 5 and peak_force_N < 20`.
 
-Names are dotted keys or metrics. There are numbers, + - * / **, comparisons, and, or, not, parentheses: nothing that
-could call anything.
+Names are dotted keys or metrics. There are numbers, the operators `+ - * / **`, comparisons, and, or, not,
+parentheses: nothing that could call anything.
 """
 
 from __future__ import annotations

@@ -14,7 +14,7 @@ from typing import Any
 
 from forcectl.errors import BadInputError
 from forcectl.sweeps.results import Results, Row, identity_of, locked
-from forcectl.sweeps.run_sweep import SweepResult, begin, finish, stored
+from forcectl.sweeps.run_sweep import SweepResult, begin, finish, stored, write_report
 from forcectl.sweeps.study import study_of
 
 _RECENT = 200  # finished trials whose pace is that of the rest
@@ -103,7 +103,9 @@ def merge(folders: Sequence[str | Path], out: str | Path, sweep: Any = None) -> 
                 if _better(row, rows.get(row["trial"]), part):
                     _bring(source, results, row, replace=row["trial"] in rows)
                     rows[row["trial"]] = row
-        return finish(study, results, rows)
+        result = finish(study, results, rows)
+        write_report(study, result, target)
+        return result
 
 
 def _better(row: Row, other: Row | None, part: Path) -> bool:

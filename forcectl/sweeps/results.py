@@ -299,7 +299,7 @@ def identity_of(folder: Path) -> dict[str, Any]:
         raise BadInputError(f"{str(folder / IDENTITY)!r} is damaged: start the sweep again elsewhere") from None
     if made != FORMAT:
         raise BadInputError(
-            f"results directory {str(folder)!r} has format {made}: must be {FORMAT}, another version of forcectl made it"
+            f"results directory {str(folder)!r} has format {made}: must be {FORMAT}, of this version of forcectl"
         )
     return found
 

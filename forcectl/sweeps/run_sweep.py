@@ -41,7 +41,7 @@ _LOOK = 1.0  # [s] between two looks at trials that other programs have
 
 
 @dataclass(frozen=True)
-class Progress:
+class SweepProgress:
     """How far a sweep is: trials finished, needed as far as is known, failed, and lost."""
 
     done: int
@@ -81,7 +81,7 @@ def sweep(
     workers: int | None = None,
     scheduler: str | None = None,
     trial_timeout: float | None = None,
-    progress: Callable[[Progress], None] | None = None,
+    progress: Callable[[SweepProgress], None] | None = None,
 ) -> SweepResult:
     """Run variations of a scenario.
 
@@ -146,7 +146,10 @@ def sweep(
                     write_tables(study, results, agenda, rows)
                 raise
         result = finish(study, results, rows, part)
-        return replace(result, directory=None if out is None and not resume else folder, notes=notes)
+        kept = out is not None or resume
+        if kept:
+            write_report(study, result, folder)
+        return replace(result, directory=folder if kept else None, notes=notes)
 
 
 def _given(sweep: Any, out: str | Path | None, resume: bool) -> tuple[SweepFile, Path | None]:
@@ -288,7 +291,7 @@ class _Run:
         rows: dict[int, dict[str, Any]],
         fail_fast: bool,
         timeout: float | None,
-        progress: Callable[[Progress], None] | None,
+        progress: Callable[[SweepProgress], None] | None,
     ):
         self._study, self._results, self._agenda, self._rows = study, results, agenda, rows
         self._fail_fast, self._timeout, self._progress = fail_fast, timeout, progress
@@ -381,13 +384,13 @@ class _Run:
 
     def _tell(self) -> None:
         if self._progress is not None:
-            self._progress(Progress(self._agenda.done, self._agenda.total, self._failed, len(self._lost)))
+            self._progress(SweepProgress(self._agenda.done, self._agenda.total, self._failed, len(self._lost)))
 
 
 def finish(
     study: Study, results: Results, rows: dict[int, dict[str, Any]], part: tuple[int, int] = (0, 1)
 ) -> SweepResult:
-    """Write the tables and the report of what there is.
+    """Write the tables of what there is.
 
     Args:
         study: the sweep.
@@ -399,9 +402,32 @@ def finish(
         StorageError: the directory cannot be written.
     """
     agenda = Agenda(study, part, rows.values())
-    table = write_tables(study, results, agenda, rows)
-    report(study, results, table, agenda.done == agenda.total)
-    return SweepResult(table, results.folder)
+    return SweepResult(write_tables(study, results, agenda, rows), results.folder)
+
+
+def write_report(study: Study, result: SweepResult, folder: Path) -> None:
+    """Run the worst trials again, and write the page.
+
+    Args:
+        study: the sweep.
+        result: its table.
+        folder: of the results.
+
+    Raises:
+        BadInputError: no trial has the metric that `worst` asks for; the page is written.
+        StorageError: the directory cannot be written.
+    """
+    # Matplotlib takes half a second to import, and a sweep without a directory needs none of it.
+    from forcectl.sweeps.report.page import write_report as write_page
+    from forcectl.sweeps.report.worst import keep_worst
+
+    results, complete = Results(folder, study.digest()), set(result.table["state"]) <= {"done", "failed"}
+    try:
+        if complete:
+            keep_worst(study, results, result.table)
+    finally:
+        costs = costs_table({row["trial"]: row for row in results.rows()})
+        write_page(study, results, result.table, costs, complete)
 
 
 def write_tables(study: Study, results: Results, agenda: Agenda, rows: dict[int, dict[str, Any]]) -> pd.DataFrame:
@@ -410,7 +436,3 @@ def write_tables(study: Study, results: Results, agenda: Agenda, rows: dict[int,
     write_table(results, TRIALS, table)
     write_table(results, COSTS, costs_table(rows))
     return table
-
-
-def report(study: Study, results: Results, table: pd.DataFrame, complete: bool) -> None:
-    """Write what is made of the table."""

@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 import forcectl
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.yaml_tree import dump
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.scenario import Scenario, as_file, build, origins, resolve, select_variants
@@ -192,7 +192,7 @@ def draw(config: SweepConfig, axes: list[Axis], conditions: list[Expression]) ->
                     key=f"keys.{axis.key}",
                 )
         points = np.array(list(itertools.product(*(range(len(axis.values)) for axis in axes))), dtype=float)
-        kept = _meeting(points, axes, conditions)
+        kept = points[_meeting(points, axes, conditions)]
         if not len(kept):
             raise invalid("constraints", config.constraints, "met by at least one point")
         return kept, len(points) - len(kept)
@@ -201,15 +201,16 @@ def draw(config: SweepConfig, axes: list[Axis], conditions: list[Expression]) ->
         return _saltelli(config, axes, conditions), 0
     found, drawn = np.empty((0, size)), 0
     for uniform in _uniform(config, size, bool(conditions)):
-        drawn += len(uniform)
         points = np.column_stack([axis.draw(column) for axis, column in zip(axes, uniform.T, strict=True)])
-        found = np.concatenate([found, _meeting(points, axes, conditions)])
-        if len(found) >= wanted or drawn > _GIVE_UP * max(wanted, _CHUNK):
+        meeting = _meeting(points, axes, conditions)[: wanted - len(found)]
+        found = np.concatenate([found, points[meeting]])
+        drawn += int(meeting[-1]) + 1 if len(found) == wanted else len(points)
+        if len(found) == wanted or drawn > _GIVE_UP * max(wanted, _CHUNK):
             break
     if not len(found) or (len(found) < wanted and config.design != "latin_hypercube"):
         met = f"{len(found)} of {drawn} points meet them"
         raise invalid("constraints", config.constraints, f"met by {wanted} points, but {met}")
-    return found[:wanted], drawn - len(found)
+    return found, drawn - len(found)
 
 
 def _uniform(config: SweepConfig, size: int, conditions: bool) -> Iterator[NDArray[np.float64]]:
@@ -225,15 +226,16 @@ def _uniform(config: SweepConfig, size: int, conditions: bool) -> Iterator[NDArr
         yield generator.random((count, size)) if sobol is None else sobol.random_base2((count - 1).bit_length())
 
 
-def _meeting(points: NDArray[np.float64], axes: list[Axis], conditions: list[Expression]) -> NDArray[np.float64]:
+def _meeting(points: NDArray[np.float64], axes: list[Axis], conditions: list[Expression]) -> NDArray[np.intp]:
+    """Which points meet the conditions."""
     if not conditions:
-        return points
+        return np.arange(len(points))
 
     def meets(point: list[float]) -> bool:
         values = {axis.key: axis.label(x) for axis, x in zip(axes, point, strict=True)}
         return all(condition(values) for condition in conditions)
 
-    return points[np.array([meets(point) for point in points.tolist()], dtype=bool)]
+    return np.flatnonzero([meets(point) for point in points.tolist()])
 
 
 def _saltelli(config: SweepConfig, axes: list[Axis], conditions: list[Expression]) -> NDArray[np.float64]:
@@ -266,7 +268,10 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
         try:
             scenario = resolve(study.file, study.variant, changes)
             if number < len(study.arms):
-                build(scenario, origins(study.file, study.variant, changes))
+                loop = build(scenario, origins(study.file, study.variant, changes))
+                for name in study.config.envelope:
+                    if name not in loop.signals:
+                        raise unknown("signal", name, loop.signals).at("envelope")
         except BadInputError as error:
             raise _placed(error, study, trial, sweep) from error.__cause__
 

@@ -1,6 +1,7 @@
 """The table of a sweep: a row for each trial that is needed, in order, as Parquet that pandas opens by itself.
 
-Columns: trial, point, arm, seed, the varied keys, state, success, findings, reason, time_s (simulated), and metrics. The same sweep gives the same table, bit for bit, on every engine; what differs from run to run is in `costs.parquet`.
+Columns: trial, point, arm, seed, the varied keys, state, success, findings, reason, time_s (simulated), and metrics.
+The same sweep gives the same table, bit for bit, on every engine; what differs from run to run is in `costs.parquet`.
 """
 
 from __future__ import annotations
@@ -44,7 +45,8 @@ def plan_table(study: Study, numbers: Iterable[int]) -> pd.DataFrame:
     ]
     for i, axis in enumerate(study.axes):
         own = [one[i] for one in labels]
-        if len({type(value) for value in own} - {int, float}) > (0 if isinstance(own[0], int | float) else 1):
+        kinds = {type(value) for value in own}
+        if kinds not in ({bool}, {str}) and not kinds <= {int, float}:
             own = [str(value) for value in own]  # a column has one type
         frame[axis.key] = [own[trial.point] for trial in trials]
     return frame

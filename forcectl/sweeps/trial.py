@@ -144,16 +144,11 @@ def recorded(log: xr.Dataset, names: list[str], duration: float) -> Mapping[str,
         log: over time.
         names: of signals; of a vector every component.
         duration: of the trial [s].
-
-    Raises:
-        BadInputError: the log has no such signal.
     """
     times = np.linspace(0.0, duration, ENVELOPE_POINTS)
     found: dict[str, Any] = {"time": times}
     for name in names:
-        values = (
-            log[name].values.reshape(log.sizes["time"], -1) if name in log else np.full((log.sizes["time"], 1), np.nan)
-        )
+        values = log[name].values.reshape(log.sizes["time"], -1)
         found[name] = np.array([np.interp(times, log["time"].values, column, right=np.nan) for column in values.T])
     return found
 

@@ -55,7 +55,7 @@ def test_done_stands_above_failed_and_contradictions_are_told(parts, tmp_path):
     merge([failed, *whole], tmp_path / "all")
     merge([parts / "part-1"], tmp_path / "all")
     assert table(tmp_path / "all") == table(parts / "whole")
-    with pytest.raises(BadInputError, match="trial 0 in .* differs from that of another directory"):
+    with pytest.raises(BadInputError, match=r"trial 0 in .* differs from that of another directory"):
         merge([parts / "part-1", changed("other", success=None)], tmp_path / "both")
 
 
