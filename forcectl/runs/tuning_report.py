@@ -12,6 +12,7 @@ from rich.table import Table
 from forcectl.runs.listing import new_table
 from forcectl.runs.recorded import Recorded
 from forcectl.tuning.fit import OUT_OF_REACH, VrftFit
+from forcectl.tuning.identifiability import HIGHEST
 
 
 def gains_table(fit: VrftFit) -> Table:
@@ -65,7 +66,7 @@ def report_lines(fit: VrftFit, record: Recorded) -> list[str]:
 
 
 def _order(order: int) -> str:
-    return f"{order} or more" if order >= 10 else str(order)
+    return f"{order} or more" if order >= HIGHEST else str(order)
 
 
 def _overshoot(fit: VrftFit) -> float:
