@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from forcectl.figures.force import COLOURS
+from forcectl.figures.force import COLOURS, frame
 
 Array = NDArray[np.float64]
 
@@ -33,8 +32,8 @@ def experiment_figure(time: Array, displacement: Array, force: Array, model_forc
     below.set_xlabel("time [s]")
     below.set_xlim(float(time[0]), float(time[-1]))
     below.legend(frameon=False, fontsize=9, loc="best")
-    for axes in (above, below):
-        _plain(axes)
+    frame(above)
+    frame(below)
     return figure
 
 
@@ -57,17 +56,11 @@ def prediction_figure(time: Array, predicted: Array, model: Array, title: str = 
     below.set_ylabel("difference [N]")
     below.set_xlabel("time [s]")
     below.set_xlim(float(time[0]), float(time[-1]))
-    for axes in (above, below):
-        _plain(axes)
+    frame(above)
+    frame(below)
     largest = float(model.max())
     # A loop that runs away must not hide the model it runs away from.
     if not (predicted[-1] == predicted[-1] and abs(predicted).max() < 3 * largest):
         above.set_ylim(-largest, 3 * largest)
         below.set_ylim(-2 * largest, 2 * largest)
     return figure
-
-
-def _plain(axes: Axes) -> None:
-    axes.grid(color="#e4e4e4", lw=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)

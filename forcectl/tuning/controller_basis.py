@@ -95,8 +95,12 @@ class ControllerBasis:
             if name not in self.names:
                 raise unknown("gain", name, self.names)
         keep = [name in names for name in self.names]
-        kept = {field: tuple(compress(getattr(self, field), keep)) for field in ("names", "units", "filters")}
-        return replace(self, **kept)
+        return replace(
+            self,
+            names=tuple(compress(self.names, keep)),
+            units=tuple(compress(self.units, keep)),
+            filters=tuple(compress(self.filters, keep)),
+        )
 
     def transfer(self, gains: ArrayLike) -> tuple[Array, Array]:
         """C(z) with these gains as one numerator and denominator of the same length, in powers of z^-1."""

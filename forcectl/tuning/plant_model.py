@@ -177,11 +177,16 @@ def _sensitivities(below: Array, u: Array, y: Array, order: int) -> list[Array]:
 
 def _least_squares(rows: Array, damping: float = 0.0) -> Array:
     """x of the smallest `|A x - b|` for rows [A, b], in units of the columns' lengths held back by `damping`."""
-    triangle = np.linalg.qr(rows, mode="r")
+    triangle = triangle_of(rows)
     matrix, lengths = unit_columns(triangle[:, :-1])
     held = damping * np.linalg.norm(matrix, 2) * np.eye(lengths.size)
     wanted = np.concatenate([triangle[:, -1], np.zeros(lengths.size)])
     return np.asarray(np.linalg.lstsq(np.vstack([matrix, held]), wanted, rcond=1e-14)[0] / lengths)
+
+
+def triangle_of(rows: Array) -> Array:
+    """R of the QR factorisation, shape (n, n) of at least n rows."""
+    return np.asarray(np.linalg.qr(rows, mode="r"))
 
 
 def unit_columns(matrix: Array) -> tuple[Array, Array]:

@@ -159,7 +159,7 @@ class RecordCheck:
         likely = _likeliest(plant for plant, _ in good)
         # A loop that is unstable has no error; the model that says so counts if it is beyond doubt.
         other = _likeliest(plants)
-        if all(other is not plant for plant, _ in good) and _BEYOND_DOUBT * (1 - other.explained) < 1 - likely.explained:
+        if other is not likely and _BEYOND_DOUBT * (1 - other.explained) < 1 - likely.explained:
             return other
         residual = self._y - likely.response(self._u)
         noise = float(residual[1:] @ residual[:-1]) <= _NOISE * float(residual @ residual)

@@ -279,4 +279,5 @@ def _held(poles: NDArray[Any], numerator: Array, period: float, delay: int) -> R
     zeros = np.roots(over)
     scale = np.prod(1 - sampled).real / np.prod(1 - zeros).real
     gain = (numerator[-1] / np.prod(-poles).real) * scale if numerator[-1] else over[0]
-    return ReferenceModel(tuple(zeros.tolist()), tuple(sampled.tolist()), float(gain), order - zeros.size + _extra(delay), period)
+    late = order - zeros.size + _extra(delay)
+    return ReferenceModel(tuple(zeros.tolist()), tuple(sampled.tolist()), float(gain), late, period)

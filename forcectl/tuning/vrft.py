@@ -24,7 +24,7 @@ from forcectl.errors import BadInputError, invalid
 from forcectl.tuning.controller_basis import ControllerBasis, same_length
 from forcectl.tuning.fit import OUT_OF_REACH, VrftFit, mismatch, warnings
 from forcectl.tuning.identifiability import excitation_order, noise_in_regressors
-from forcectl.tuning.plant_model import identify_plants, unit_columns
+from forcectl.tuning.plant_model import identify_plants, triangle_of, unit_columns
 from forcectl.tuning.prediction import RecordCheck, closed_loop
 from forcectl.tuning.reference_model import ReferenceModel, delayed
 from forcectl.tuning.refinement import MOST_GAINS, nearest_gains
@@ -187,8 +187,8 @@ def _blocks(samples: int, gains: int, skip: int) -> list[slice]:
 
 def _least_squares(phi: Array, target: Array, parts: list[slice]) -> tuple[Array, Array, Array]:
     """Gains, standard errors and the triangle [R, Q^T u] of the whole record."""
-    blocks = [np.linalg.qr(np.column_stack([phi[part], target[part]]), mode="r") for part in parts]
-    triangle = np.linalg.qr(np.vstack(blocks), mode="r")
+    blocks = [triangle_of(np.column_stack([phi[part], target[part]])) for part in parts]
+    triangle = triangle_of(np.vstack(blocks))
     scaled, lengths = unit_columns(triangle[:, :-1])
     gains = np.linalg.lstsq(scaled, triangle[:, -1], rcond=1e-14)[0] / lengths
     inverse = np.linalg.pinv(scaled.T @ scaled, rcond=1e-15) / np.outer(lengths, lengths)
@@ -200,7 +200,7 @@ def _instrumental(phi: Array, target: Array, twin: Array, parts: list[slice]) ->
     """(Z^T Phi)^-1 Z^T u and its standard errors, with the regressors Z of another record."""
     left = [twin[part].T @ phi[part] for part in parts]
     right = [twin[part].T @ target[part] for part in parts]
-    inverse = np.linalg.pinv(sum(left), rcond=1e-15)
+    inverse = np.asarray(np.linalg.pinv(sum(left), rcond=1e-15), dtype=float)
     gains = inverse @ sum(right)
     return gains, _sandwich(inverse, np.array([b - a @ gains for a, b in zip(left, right, strict=True)]))
 
