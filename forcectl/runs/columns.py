@@ -7,7 +7,6 @@ tabs between. A log is NetCDF as `forcectl run` writes it: each variable over `t
 from __future__ import annotations
 
 import csv
-import io
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -114,7 +113,7 @@ def _read_csv(path: Path) -> Columns:
         raise BadInputError(f"{path.name} is empty: must have a header and rows")
     separator = max(";\t,", key=lines[0][1].count)
     header = [part.strip() for part in _cells(lines[0][1], separator)]
-    if all(_is_number(part) for part in header):
+    if all(_number(part) is not None for part in header):
         raise BadInputError(
             f"{path.name} has no header: its first row must name columns and units, as in "
             "time [s], displacement [mm], force [N]"
@@ -123,25 +122,24 @@ def _read_csv(path: Path) -> Columns:
     if not rows:
         raise BadInputError(f"{path.name} has a header and no rows")
     decimal_comma = separator == ";" and "." not in rows[0][1]
-    faults = [""] * len(header)
-    body = "\n".join(line for _, line in rows)
-    body = body.replace(",", ".") if decimal_comma else body
-    try:
-        values = np.loadtxt(io.StringIO(body), delimiter=separator, ndmin=2, comments=None)
-    except ValueError:
-        values, faults = _read_slowly(path.name, header, separator, rows, decimal_comma)
-    if values.shape[1] != len(header):
-        raise BadInputError(
-            f"{path.name} row {rows[0][0]} has {values.shape[1]} cells: must have {len(header)}, as the header"
-        )
+    table = [_cells(line.replace(",", ".") if decimal_comma else line, separator) for _, line in rows]
+    numbers = [number for number, _ in rows]
+    for number, cells in zip(numbers, table, strict=True):
+        if len(cells) != len(header):
+            raise BadInputError(
+                f"{path.name} row {number} has {len(cells)} cells: must have {len(header)}, as the header"
+            )
     columns: dict[str, Column] = {}
-    for i, part in enumerate(header):
+    for part, cells in zip(header, zip(*table, strict=True), strict=True):
         found = _HEADER.match(part)
         name, unit = (found["name"], found["unit"] or "") if found else (part, "")
         if _key(name) in columns:
             raise BadInputError(f"{path.name} has two columns called {name!r}: rename one")
-        columns[_key(name)] = Column(name, unit, np.ascontiguousarray(values[:, i]), faults[i])
-    numbers = [n for n, _ in rows]
+        values = [_number(cell) for cell in cells]
+        wrong = next((k for k, value in enumerate(values) if value is None and cells[k].strip()), None)
+        shown = "" if wrong is None else repr(cells[wrong].strip()[:40])
+        fault = "" if wrong is None else f"row {numbers[wrong]}, column {part}: {shown} must be a number"
+        columns[_key(name)] = Column(name, unit, np.array(values, dtype=float), fault)
     return Columns(path.name, columns, lambda k: f"row {numbers[k]}")
 
 
@@ -152,30 +150,11 @@ def _cells(line: str, separator: str) -> list[str]:
         return [line]
 
 
-def _is_number(text: str) -> bool:
+def _number(text: str) -> float | None:
     try:
-        float(text)
+        return float(text)
     except ValueError:
-        return False
-    return True
-
-
-def _read_slowly(
-    name: str, header: list[str], separator: str, rows: list[tuple[int, str]], decimal_comma: bool
-) -> tuple[Array, list[str]]:
-    """Cell by cell: the values, NaN where there is no number, and the first fault of each column."""
-    values, faults = np.full((len(rows), len(header)), np.nan), [""] * len(header)
-    for k, (number, line) in enumerate(rows):
-        cells = _cells(line, separator)
-        if len(cells) != len(header):
-            raise BadInputError(f"{name} row {number} has {len(cells)} cells: must have {len(header)}, as the header")
-        for i, cell in enumerate(cells):
-            cell = cell.strip().replace(",", ".") if decimal_comma else cell.strip()
-            if _is_number(cell):
-                values[k, i] = float(cell)
-            elif cell and not faults[i]:
-                faults[i] = f"row {number}, column {header[i]}: {cell[:40]!r} must be a number"
-    return values, faults
+        return None
 
 
 def _read_log(path: Path, variant: str | None) -> Columns:
