@@ -56,26 +56,20 @@ class Columns:
         Raises:
             BadInputError: there is none (the message names those that there are), or a cell of it is no number.
         """
-        column = self._named(wanted, names, kind)
+        found = next((name for name in names if name in self.columns), None) if wanted is None else _key(wanted)
+        if found is None:
+            there = ", ".join(column.label for column in self.columns.values())
+            choices = " or ".join(names[:3])
+            raise BadInputError(
+                f"{self.origin} has no column of {kind}: has {there}; name one {choices}, or say which it is"
+            )
+        if found not in self.columns:
+            known = [column.name for column in self.columns.values()]
+            raise BadInputError(f"{self.origin}: {unknown(f'column of {kind}', wanted, known)}")
+        column = self.columns[found]
         if column.fault:
             raise BadInputError(f"{self.origin} {column.fault}")
         return column
-
-    def _named(self, wanted: str | None, names: Sequence[str], kind: str) -> Column:
-        there = ", ".join(column.label for column in self.columns.values())
-        if wanted is not None:
-            if _key(wanted) not in self.columns:
-                raise BadInputError(f"{self.origin}: {unknown(f'column of {kind}', wanted, self._names())}")
-            return self.columns[_key(wanted)]
-        for name in names:
-            if name in self.columns:
-                return self.columns[name]
-        raise BadInputError(
-            f"{self.origin} has no column of {kind}: has {there}; name one {' or '.join(names[:3])}, or say which it is"
-        )
-
-    def _names(self) -> list[str]:
-        return [column.name for column in self.columns.values()]
 
 
 def read_columns(path: Path, variant: str | None = None) -> Columns:
@@ -124,10 +118,10 @@ def _read_csv(path: Path) -> Columns:
     decimal_comma = separator == ";" and "." not in rows[0][1]
     table = [_cells(line.replace(",", ".") if decimal_comma else line, separator) for _, line in rows]
     numbers = [number for number, _ in rows]
-    for number, cells in zip(numbers, table, strict=True):
-        if len(cells) != len(header):
+    for number, row in zip(numbers, table, strict=True):
+        if len(row) != len(header):
             raise BadInputError(
-                f"{path.name} row {number} has {len(cells)} cells: must have {len(header)}, as the header"
+                f"{path.name} row {number} has {len(row)} cells: must have {len(header)}, as the header"
             )
     columns: dict[str, Column] = {}
     for part, cells in zip(header, zip(*table, strict=True), strict=True):
@@ -167,21 +161,18 @@ def _read_log(path: Path, variant: str | None) -> Columns:
     if "variant" in log.dims:
         names = [str(name) for name in log["variant"].values]
         if variant is None:
-            raise BadInputError(
-                f"{path.name} has several variants: say which with --variant, one of: {', '.join(names)}"
-            )
+            known = ", ".join(names)
+            raise BadInputError(f"{path.name} has several variants: say which with --variant, one of: {known}")
         if variant not in names:
             raise unknown(f"variant of {path.name}", variant, names)
         log = log.isel(variant=names.index(variant)).dropna("time", how="all")
-    elif variant is not None and variant != str(log.coords["variant"].item() if "variant" in log.coords else ""):
+    elif variant not in (None, str(log.coords["variant"].item() if "variant" in log.coords else "")):
         raise BadInputError(f"--variant {variant!r}: must be left out, {path.name} has one variant only")
     if "time" not in log.dims:
         raise BadInputError(f"{path.name} has no dimension 'time': must be the log of a run")
     columns = {}
-    for name in ["time", *log.data_vars]:
-        variable = log[name] if name in log.variables else None
-        if variable is not None and variable.dims == ("time",) and np.issubdtype(variable.dtype, np.number):
-            columns[_key(str(name))] = Column(
-                str(name), str(variable.attrs.get("units", "")), np.asarray(variable.values, dtype=float)
-            )
+    for name in map(str, (name for name in ["time", *log.data_vars] if name in log.variables)):
+        if log[name].dims == ("time",) and np.issubdtype(log[name].dtype, np.number):
+            unit = str(log[name].attrs.get("units", ""))
+            columns[_key(name)] = Column(name, unit, np.asarray(log[name].values, dtype=float))
     return Columns(path.name, columns, lambda k: f"sample {k}")
