@@ -120,9 +120,8 @@ def _read_csv(path: Path) -> Columns:
     numbers = [number for number, _ in rows]
     for number, row in zip(numbers, table, strict=True):
         if len(row) != len(header):
-            raise BadInputError(
-                f"{path.name} row {number} has {len(row)} cells: must have {len(header)}, as the header"
-            )
+            wanted = f"must have {len(header)}, as the header"
+            raise BadInputError(f"{path.name} row {number} has {len(row)} cells: {wanted}")
     columns: dict[str, Column] = {}
     for part, cells in zip(header, zip(*table, strict=True), strict=True):
         found = _HEADER.match(part)
