@@ -33,26 +33,21 @@ class FrictionAnalysis(Config):
     slowest: float = key(0.05, "slower ticks are left out", unit="rad/s", bounds="not negative")
     begin: float = key(0.0, "earlier ticks are left out", unit="s", bounds="not negative")
 
-    def fit(self, log: Any, setting: Setting) -> FrictionFit:
-        """What the readings of one variant say.
-
-        Raises:
-            BadInputError: they do not excite a joint.
-        """
+    def _identified(self, log: Any, setting: Setting) -> FrictionFit | None:
+        """What the readings of one variant say; None where they do not excite a joint."""
         late = log.isel(time=log["time"].values >= self.begin)
         readings = (late[name].values for name in ("time", "joint_position", "joint_velocity", "motor_torque"))
-        samples = friction_samples(
-            setting.model.momentum_model(), *readings, velocity_bandwidth=setting.model.velocity_bandwidth
-        )
-        return identify_friction(*samples, slowest=self.slowest)
+        model, bandwidth = setting.model.momentum_model(), setting.model.velocity_bandwidth
+        try:
+            samples = friction_samples(model, *readings, velocity_bandwidth=bandwidth)
+            return identify_friction(*samples, slowest=self.slowest)
+        except BadInputError:
+            return None
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """`friction_...` of `ANALYSIS_METRICS`, and of every joint its numbers; none when it cannot be identified."""
-        try:
-            fit = self.fit(log, setting)
-        except BadInputError:
-            return {}
-        return friction_metrics(fit, setting.truth.friction, [str(name) for name in log["joint"].values])
+        fit = self._identified(log, setting)
+        return friction_metrics(fit, setting.truth.friction, [str(name) for name in log["joint"].values]) if fit else {}
 
     def files(self, log: Any, setting: Setting) -> dict[str, str]:
         """`friction.yaml`, for the key `friction` of a scenario's part `model`; none when it cannot be identified.
@@ -61,21 +56,19 @@ class FrictionAnalysis(Config):
             log: of one variant.
             setting: of the run.
         """
-        try:
-            found = self.fit(log, setting).friction
-        except BadInputError:
+        fit = self._identified(log, setting)
+        if fit is None:
             return {}
         names = {"joints": [str(name) for name in log["joint"].values]}
-        values = {key: getattr(found, key).tolist() for key in FRICTION_KEYS}
+        values = {key: getattr(fit.friction, key).tolist() for key in FRICTION_KEYS}
         return {"friction.yaml": yaml.safe_dump(names | values, sort_keys=False, default_flow_style=None)}
 
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
         """One figure per arm with the joints side by side; of the first variant."""
         # Beside variants of another robot the joints come in another order.
         one = one_variant(log).sel(joint=setting.workcell.robot.parameters.arm_joints)
-        try:
-            fit = self.fit(one, setting)
-        except BadInputError:
+        fit = self._identified(one, setting)
+        if fit is None:
             return {}
         joints = {str(name): k for k, name in enumerate(one["joint"].values)}
         return {
