@@ -62,19 +62,15 @@ class PolynomialLoop:
         polynomial = np.trim_zeros(self.closed, "b")
         if polynomial.size <= _MOST_POLES:
             return float(np.abs(np.roots(polynomial)).max(initial=0.0)) < 1.0
-        with np.errstate(over="ignore", invalid="ignore"):
-            pulse = lfilter(self.below, self.closed, np.eye(1, _ROUNDS * polynomial.size)[0])
+        pulse = lfilter(self.below, self.closed, np.eye(1, _ROUNDS * polynomial.size)[0])
         *_, before, after = np.array_split(pulse, 4)
         return float(np.abs(after).max()) <= float(np.abs(before).max()) < _DIVERGED
 
     def step(self, samples: int) -> Array:
         """The response of T to a unit step, shape (samples,); NaN from where it has diverged."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            step = np.asarray(lfilter(self.above, self.closed, np.ones(samples)), dtype=float)
-        wrong = ~(np.abs(step) < _DIVERGED)
-        if wrong.any():
-            step[int(np.argmax(wrong)) :] = np.nan
-        return step
+        step: Array = lfilter(self.above, self.closed, np.ones(samples))
+        diverged = np.maximum.accumulate(~(np.abs(step) < _DIVERGED))
+        return np.where(diverged, np.nan, step)
 
 
 def closed_loop(plant: IdentifiedPlant, basis: ControllerBasis, gains: ArrayLike) -> PolynomialLoop:
@@ -102,12 +98,10 @@ class RecordCheck:
         over = np.trim_zeros(over, "b")
         if not over.size or not over[0] or over.size > _LONGEST_INVERSE:
             return None
-        with np.errstate(over="ignore", invalid="ignore"):
-            pulse = np.asarray(lfilter(under, over, np.eye(1, self._u.size)[0]), dtype=float)
-            tail = np.abs(pulse[-max(pulse.size // 10, 1) :]).max()
-            if not tail <= _FADED * np.abs(pulse).max() < np.inf:
-                return None
-            return self._y + np.asarray(lfilter(under, over, self._u), dtype=float)
+        pulse = np.abs(lfilter(under, over, np.eye(1, self._u.size)[0]))
+        if not pulse[-max(pulse.size // 10, 1) :].max() <= _FADED * pulse.max() < np.inf:
+            return None
+        return self._y + np.asarray(lfilter(under, over, self._u), dtype=float)
 
     def mismatch(self, gains: ArrayLike) -> float | None:
         """The record mismatch [-]; None where there is no r."""
@@ -124,14 +118,13 @@ class RecordCheck:
     def _errors(self, plant: IdentifiedPlant, gains: ArrayLike) -> tuple[float, float]:
         """The model error with and without what the loop makes of white noise in the output."""
         loop, residual = closed_loop(plant, self._basis, gains), self._y - plant.response(self._u)
-        with np.errstate(over="ignore", invalid="ignore"):
-            missed = np.asarray(lfilter(loop.below, loop.closed, residual), dtype=float)
-            pulse = np.asarray(lfilter(loop.below, loop.closed, np.eye(1, residual.size)[0]), dtype=float)
-            if not np.abs(pulse).max() < _DIVERGED:
-                return np.inf, np.inf
-            # White noise is what neighbouring residuals differ by.
-            noise = 0.5 * float(np.mean(np.diff(residual) ** 2)) * float(np.cumsum(pulse**2).sum())
-            share = max(1 - noise / max(float(missed @ missed), np.finfo(float).tiny), 0.0)
+        missed: Array = lfilter(loop.below, loop.closed, residual)
+        pulse: Array = lfilter(loop.below, loop.closed, np.eye(1, residual.size)[0])
+        if not np.abs(pulse).max() < _DIVERGED:
+            return np.inf, np.inf
+        # White noise is what neighbouring residuals differ by.
+        noise = 0.5 * float(np.mean(np.diff(residual) ** 2)) * float(np.cumsum(pulse**2).sum())
+        share = max(1 - noise / max(float(missed @ missed), np.finfo(float).tiny), 0.0)
         error = _ratio(missed, self._away(gains))
         return error, float(np.sqrt(share)) * error
 

@@ -33,7 +33,6 @@ Array = NDArray[np.float64]
 
 _LARGEST = 1e15  # [m] or [N], and one over it the smallest range: sums of squares stay finite
 _BLOCKS = 32  # of the record, for standard errors that hold with correlated residuals
-_LONGEST_BLOCK = 50_000  # [samples]
 _HORIZON = 8  # time constants of the reference model that are predicted
 _PLANT_HORIZON = 20  # rise times of the plant that are predicted on top
 _LONGEST_HORIZON = 8_000  # [samples]
@@ -181,7 +180,7 @@ def _regressors(error: Array, basis: ControllerBasis) -> Array:
 
 def _blocks(samples: int, gains: int, skip: int) -> list[slice]:
     """The record in blocks, without its first `skip` samples."""
-    length = int(np.clip(-(-samples // _BLOCKS), 2 * gains, _LONGEST_BLOCK))
+    length = max(-(-samples // _BLOCKS), 2 * gains)
     return [slice(max(start, skip), start + length) for start in range(0, samples, length)]
 
 
