@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
@@ -105,25 +105,25 @@ def save(figure: Figure, stem: Path) -> list[Path]:
 
 
 def _new(title: str, ylabel: str) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(8.0, 4.5), layout="constrained")
-    axes = figure.add_subplot()
+    figure, (axes,) = stacked(1, 8.0, 4.5)
     axes.set_title(title, loc="left", fontsize=11, parse_math=False)
-    axes.set_xlabel("time [s]")
     axes.set_ylabel(ylabel)
-    frame(axes)
     return figure, axes
 
 
-def stacked(count: int, width: float, height: float, title: str = "") -> tuple[Figure, list[Axes]]:
+def stacked(
+    count: int, width: float, height: float, title: str = "", ratios: Sequence[float] | None = None
+) -> tuple[Figure, list[Axes]]:
     """A figure of axes above each other, over the same time.
 
     Args:
         count: of the axes.
         width, height: of the figure [in].
         title: above them all.
+        ratios: of their heights; None: all alike.
     """
     figure = Figure(figsize=(width, height), layout="constrained")
-    rows = list(figure.subplots(count, sharex=True, squeeze=False)[:, 0])
+    rows = list(figure.subplots(count, sharex=True, squeeze=False, height_ratios=ratios)[:, 0])
     if title:
         figure.suptitle(title, x=0.01, ha="left", fontsize=11, parse_math=False)
     rows[-1].set_xlabel("time [s]")

@@ -6,7 +6,7 @@ import numpy as np
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from forcectl.figures.force import COLOURS, frame
+from forcectl.figures.force import COLOURS, stacked
 
 Array = NDArray[np.float64]
 
@@ -21,19 +21,15 @@ def experiment_figure(time: Array, displacement: Array, force: Array, model_forc
         displacement: (k,) [m].
         force, model_force: (k,) [N].
     """
-    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
-    above, below = figure.subplots(2, 1, sharex=True)
+    figure, (above, below) = stacked(2, 8.0, 5.0)
     above.set_title(title, loc="left", fontsize=11, parse_math=False)
     above.plot(time, 1e3 * displacement, color=COLOURS[0], lw=1.5)
     above.set_ylabel("displacement [mm]")
     below.plot(time, force, color=COLOURS[0], lw=1.5, label="recorded")
     below.plot(time, model_force, color=COLOURS[1], lw=1.2, ls=(0, (5, 3)), label="plant model, from the displacement")
     below.set_ylabel("force [N]")
-    below.set_xlabel("time [s]")
     below.set_xlim(float(time[0]), float(time[-1]))
     below.legend(frameon=False, fontsize=9, loc="best")
-    frame(above)
-    frame(below)
     return figure
 
 
@@ -44,8 +40,7 @@ def prediction_figure(time: Array, predicted: Array, model: Array, title: str = 
         time: (k,) [s].
         predicted, model: (k,) [N]; the prediction may end in NaN.
     """
-    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    figure, (above, below) = stacked(2, 8.0, 5.0, ratios=(3, 1))
     above.set_title(title, loc="left", fontsize=11, parse_math=False)
     above.plot(time, predicted, color=COLOURS[0], lw=1.8, label="tuned loop, predicted")
     above.plot(time, model, color=_GREY, lw=1.4, ls=(0, (5, 3)), label="reference model")
@@ -54,10 +49,7 @@ def prediction_figure(time: Array, predicted: Array, model: Array, title: str = 
     below.axhline(0.0, color=_GREY, lw=1.0)
     below.plot(time, predicted - model, color=COLOURS[0], lw=1.5)
     below.set_ylabel("difference [N]")
-    below.set_xlabel("time [s]")
     below.set_xlim(float(time[0]), float(time[-1]))
-    frame(above)
-    frame(below)
     largest = float(model.max())
     # A loop that runs away must not hide the model it runs away from.
     if not (predicted[-1] == predicted[-1] and abs(predicted).max() < 3 * largest):

@@ -74,14 +74,13 @@ def simulate(
     times, values = log.samples()
     bandwidth = scenario.model_bandwidth(loop)
     dataset = to_dataset(times, values, loop.signals, variant, bandwidth, loop.derived(values))
-    if failure is not None:
-        return VariantOutcome(variant, dataset, {}, failure, loop.diagram, cause)
-    factor = scenario.duration / computing if computing > 0 else None
-    try:
-        metrics = scenario.metrics(dataset, loop.setting, factor)
-    except RunFailedError as error:
-        return VariantOutcome(variant, dataset, {}, str(error), loop.diagram, error)
-    return VariantOutcome(variant, dataset, metrics, None, loop.diagram)
+    metrics: dict[str, float | None] = {}
+    if failure is None:
+        try:
+            metrics = scenario.metrics(dataset, loop.setting, scenario.duration / computing if computing > 0 else None)
+        except RunFailedError as error:
+            failure, cause = str(error), error
+    return VariantOutcome(variant, dataset, metrics, failure, loop.diagram, cause)
 
 
 def _advance(simulator: Simulator, until: float) -> tuple[BaseException | None, float]:
