@@ -6,7 +6,7 @@ import difflib
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from forcectl.analysis.force_metrics import PAIR_METRICS, is_metric, metric_names
+from forcectl.analysis.force_metrics import METRICS, PAIR_METRICS, is_metric
 from forcectl.analysis.motion_metrics import MOTION_METRICS
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.fields import Config, key
@@ -242,7 +242,7 @@ def tolerance_text(expectation: Expectation) -> str:
 def _check_metric(name: str) -> None:
     if not is_metric(name):
         # All of them would fill a page: those that look most like it.
-        names = sorted({*metric_names(), *MOTION_METRICS})
+        names = sorted({*METRICS, *MOTION_METRICS})
         near = difflib.get_close_matches(name, names, n=_NAMED, cutoff=0.0)
         raise BadInputError(
             f" = {name!r}: {unknown('metric', name, near)} and {len(names) - len(near)} more", key="metric"
