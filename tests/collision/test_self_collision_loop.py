@@ -66,7 +66,7 @@ def towards(seed: int, goal: np.ndarray | None = None) -> Wish:
 
 def drive(wish: Wish, ticks: int, *constraints: LinkDistance) -> tuple[float, np.ndarray]:
     """The largest y of all ticks [m], and the postures."""
-    motion = Posture(MODEL.positions(MODEL.create_context()), np.zeros(N))
+    motion = Posture(MODEL.parameters.default_posture, np.zeros(N))
     together = ConstraintSet(constraints, LIMITS, motion, PERIOD, -1.0)  # type: ignore[arg-type]
     program = QuadraticProgram(N, together.size, slack_weight=together.slack_weights)
     unforeseen, worst, postures = np.zeros(together.foreseen_size), -np.inf, []

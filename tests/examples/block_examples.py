@@ -124,7 +124,7 @@ def wrist_sensor() -> Diagram:
         "seed": 1,
         "period": 0.002,
     }
-    weld = parts.sensor_weld
+    weld = parts.first_arm.sensor_weld
     read = builder.AddSystem(WristSensor(plant, weld, weld, robot(), Z, START, electronics=electronics))
     builder.Connect(plant.get_reaction_forces_output_port(), read.GetInputPort("reaction_forces"))
     builder.ExportInput(read.GetInputPort("motor_position"), "motor_position")
