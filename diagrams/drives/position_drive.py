@@ -56,19 +56,16 @@ class PositionDriveConfig(Config):
         return builder.AddNamedSystem("drive", PositionDrive(site.workcell, self.position_loop, servo))
 
     def _servo(self, workcell: Workcell) -> System:
-        robot, gains, step = workcell.robot, self.servo, workcell.config.time_step
-        parameters = robot.parameters
-        rotors = rotor_inertia(robot)
+        robot, servo, step = workcell.robot, self.servo, workcell.config.time_step
+        parameters, rotors = robot.parameters, rotor_inertia(robot)
         return Drive(
             rotors,
             joint_to_motor(robot),
+            servo.gains(rotors, parameters.velocity_loop_inertia),
             period=step,
             substeps=max(1, math.ceil(step / _LARGEST_DRIVE_STEP - 1e-9)),
-            position_gain=gains.position_gain,
-            velocity_gain=gains.rotor_velocity_gain(rotors, parameters.velocity_loop_inertia),
-            integral_gain=gains.integral_gain,
-            coulomb_friction=gains.friction_scale * parameters.coulomb_friction,
-            viscous_friction=gains.friction_scale * parameters.viscous_friction,
+            coulomb_friction=servo.friction_scale * parameters.coulomb_friction,
+            viscous_friction=servo.friction_scale * parameters.viscous_friction,
             initial_position=workcell.motor_start,
             initial_torque=workcell.gravity_torque * workcell.config.elastic_joints,
         )

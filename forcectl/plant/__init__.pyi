@@ -28,7 +28,6 @@ from forcectl.plant.contact.tip_contact import TipContact as TipContact
 from forcectl.plant.drives.drive import Drive as Drive
 from forcectl.plant.drives.joint_friction import FrictionRest as FrictionRest
 from forcectl.plant.drives.joint_friction import JointFriction as JointFriction
-from forcectl.plant.drives.joint_friction import StickingSpeed as StickingSpeed
 from forcectl.plant.drives.joint_friction import friction_torque as friction_torque
 from forcectl.plant.drives.joint_impedance import GravityCompensation as GravityCompensation
 from forcectl.plant.drives.joint_impedance import JointImpedance as JointImpedance
@@ -41,6 +40,8 @@ from forcectl.plant.drives.position_loop import PositionLoopConfig as PositionLo
 from forcectl.plant.drives.servo import Servo as Servo
 from forcectl.plant.drives.servo import ServoConfig as ServoConfig
 from forcectl.plant.drives.servo import ServoCore as ServoCore
+from forcectl.plant.drives.servo import ServoGains as ServoGains
+from forcectl.plant.drives.servo import servo_gains as servo_gains
 from forcectl.plant.drives.torque_drive import TorqueDrive as TorqueDrive
 from forcectl.plant.plant_model import PlantModel as PlantModel
 from forcectl.plant.sensors.force_sensor import ForceDigitiser as ForceDigitiser

@@ -25,7 +25,7 @@ from forcectl.plant.contact.contact_monitor import ContactMonitor, ContactMonito
 from forcectl.plant.contact.tip_contact import TipContact
 from forcectl.plant.drives.drive import Drive
 from forcectl.plant.drives.position_loop import PositionLoop
-from forcectl.plant.drives.servo import Servo, ServoCore
+from forcectl.plant.drives.servo import Servo, ServoCore, ServoGains
 from forcectl.plant.sensors.force_sensor import ForceDigitiser, ForceSensor
 from forcectl.plant.sensors.wrist_sensor import Electronics, WristSensor
 from forcectl.plant.tip_kinematics import ForceToWrench, LinkPosition, TipDisplacement
@@ -96,11 +96,9 @@ def drive() -> Drive:
     return Drive(
         [2.0, 3.0],
         np.array([[1.0, 0.0], [-0.1, 1.0]]),
+        ServoGains(25.0, 200.0, 15.0),
         period=0.0005,
         substeps=2,
-        position_gain=25.0,
-        velocity_gain=200.0,
-        integral_gain=15.0,
         coulomb_friction=[5.0, 2.0],
         viscous_friction=[1.0, 0.5],
         initial_position=np.array([0.0, 0.0]),

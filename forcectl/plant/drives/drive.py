@@ -24,7 +24,7 @@ from pydrake.systems.primitives import LinearSystem, Multiplexer
 
 from forcectl.framework.batch import batch_values, check, check_count
 from forcectl.plant.drives.motors import Motors
-from forcectl.plant.drives.servo import ServoCoefficients, servo_gains
+from forcectl.plant.drives.servo import ServoCoefficients, ServoGains, step_coefficients
 
 Matrix = NDArray[np.float64]
 
@@ -100,7 +100,7 @@ class Drive(Diagram):
     Args:
         inertia: B, shape (n,) [kg m^2].
         to_motor: S, shape (n, n).
-        position_gain, velocity_gain, integral_gain: K_v, w_v, w_i [1/s], > 0.
+        gains: K_v, w_v, w_i, > 0.
         coulomb_friction: c, shape (n,) [Nm].
         viscous_friction: b, shape (n,) [Nms/rad].
         initial_position: q_m at rest, shape (n,) [rad].
@@ -111,12 +111,10 @@ class Drive(Diagram):
         self,
         inertia: ArrayLike,
         to_motor: Matrix,
+        gains: ServoGains,
         *,
         period: float,
         substeps: int,
-        position_gain: float,
-        velocity_gain: ArrayLike,
-        integral_gain: float,
         coulomb_friction: ArrayLike,
         viscous_friction: ArrayLike,
         initial_position: Matrix,
@@ -126,18 +124,16 @@ class Drive(Diagram):
         motors = Motors(inertia, to_motor, coulomb_friction, viscous_friction)
         n, B, back = motors.size, motors.inertia, motors.to_joint
         torque = batch_values("initial_torque", initial_torque, n)
-        w_v = batch_values("velocity_gain", velocity_gain, n, "positive and finite")
-        for name, gain in (("position", position_gain), ("integral", integral_gain)):
-            check(f"{name}_gain", gain, "positive")
+        checked = [batch_values(f"{k}_gain", v, n, "positive and finite") for k, v in gains._asdict().items()]
         dt = check("period", period, "positive") / check_count("substeps", substeps)
-        k_v, w_i = np.full(n, position_gain), np.full(n, integral_gain)
-        gains = servo_gains(k_v, w_v, w_i, motors.coulomb / B, motors.viscous / B, dt)
-        step = inner_step(gains, to_motor, -(dt / B)[:, None] * back.T)
+        one = step_coefficients(ServoGains(*checked), motors.coulomb / B, motors.viscous / B, dt)
+        step = inner_step(one, to_motor, -(dt / B)[:, None] * back.T)
         frees, after = unrolled_steps(step, dt, substeps)
         inputs = (3 + substeps) * n
         axes = LinearSystem(after[:, : 3 * n], after[:, 3 * n :], np.eye(3 * n), np.zeros((3 * n, inputs)), period)
         # At rest the integral of the servo carries the springs' torque.
-        integral = back.T @ torque / (B * w_v * integral_gain)
+        _, w_v, w_i = checked
+        integral = back.T @ torque / (B * w_v * w_i)
         axes.configure_default_state(np.concatenate([motors.at_rest(initial_position), np.zeros(n), integral]))
 
         self.port_units = {"reference": "rad,rad/s"}
@@ -148,7 +144,7 @@ class Drive(Diagram):
         readers: list[list[InputPort]] = [[], []]
         for i, free in enumerate(frees, start=1):
             known = add(f"known_{i}", Multiplexer([3 * n, 2 * n, n] + [n] * len(slips)))
-            speed, slip = motors.add_friction(builder, free, gains.stick, f"_{i}")
+            speed, slip = motors.add_friction(builder, free, one.stick, f"_{i}")
             connect(axes.get_output_port(), known.get_input_port(0))
             for j, earlier in enumerate(slips):
                 connect(earlier, known.get_input_port(3 + j))
