@@ -33,8 +33,7 @@ from pydrake.systems.primitives import (
     SelectorParams,
 )
 
-from forcectl.diagrams.fidelities.kinematic import check_one_sided
-from forcectl.diagrams.fidelities.light import add_sensors
+from forcectl.diagrams.fidelities.light import add_sensors, check_one_sided
 from forcectl.diagrams.mechanics.assembly import Assembly
 from forcectl.diagrams.mechanics.environment_body import drive_surface
 from forcectl.diagrams.mechanics.site import Site

@@ -66,8 +66,8 @@ SLOTS: dict[str, dict[str, str]] = {
     },
     "fidelity": {
         "Multibody": "forcectl.diagrams.fidelities.multibody:MultibodyFidelity",
-        "Kinematic": "forcectl.diagrams.fidelities.kinematic:KinematicFidelity",
-        "OneDimensional": "forcectl.diagrams.fidelities.one_dimensional:OneDimensionalFidelity",
+        "Kinematic": "forcectl.diagrams.fidelities.light:KinematicFidelity",
+        "OneDimensional": "forcectl.diagrams.fidelities.light:OneDimensionalFidelity",
     },
     "drive": {
         "PositionLoop": "forcectl.diagrams.drives.position_drive:PositionDriveConfig",

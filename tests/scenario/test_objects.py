@@ -9,7 +9,7 @@ from pydrake.systems.framework import Diagram, LeafSystem
 
 import forcectl as fc
 from forcectl.diagrams.drives.position_drive import PositionDriveConfig
-from forcectl.diagrams.fidelities.kinematic import KinematicFidelity, KinematicStation
+from forcectl.diagrams.fidelities.light import KinematicFidelity, LightStation
 from forcectl.diagrams.sensors import WristForceConfig
 from forcectl.diagrams.signals import FromConfig
 from forcectl.diagrams.station import StationConfig
@@ -168,7 +168,7 @@ class MyFidelity(KinematicFidelity):
         return MyStation(workcell, seed)
 
 
-class MyStation(KinematicStation):
+class MyStation(LightStation):
     """What it builds."""
 
 
