@@ -1,13 +1,11 @@
-from forcectl.plant.compliance import RobotCompliance as RobotCompliance
+from forcectl.plant.compliance import compliance_along as compliance_along
 from forcectl.plant.compliance import joint_compliance as joint_compliance
 from forcectl.plant.compliance import link_compliance as link_compliance
-from forcectl.plant.compliance import total_compliance as total_compliance
 from forcectl.plant.contact.compliant_contact import CompliantContact as CompliantContact
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig as EnvironmentConfig
 from forcectl.plant.contact.compliant_contact import LinearContact as LinearContact
 from forcectl.plant.contact.contact_monitor import ContactMode as ContactMode
 from forcectl.plant.contact.contact_monitor import ContactMonitor as ContactMonitor
-from forcectl.plant.contact.contact_monitor import ContactMonitorCore as ContactMonitorCore
 from forcectl.plant.contact.obstacle import ObstacleConfig as ObstacleConfig
 from forcectl.plant.contact.parts import EnvironmentPartsConfig as EnvironmentPartsConfig
 from forcectl.plant.contact.surface import GrooveConfig as GrooveConfig

@@ -19,9 +19,8 @@ from forcectl.force.invariance.force_law import InvarianceForceLaw
 from forcectl.force.invariance.fourth_degree import FourthDegreeForceLaw
 from forcectl.force.kinematic_inversion import ConstantKinematicInversion, KinematicInversion
 from forcectl.motion.references import Reference, held_trajectory
-from forcectl.plant.compliance import RobotCompliance
 from forcectl.plant.contact.compliant_contact import CompliantContact, LinearContact
-from forcectl.plant.contact.contact_monitor import ContactMonitor, ContactMonitorCore
+from forcectl.plant.contact.contact_monitor import ContactMonitor
 from forcectl.plant.contact.tip_contact import TipContact
 from forcectl.plant.drives.drive import Drive
 from forcectl.plant.drives.position_loop import PositionLoop
@@ -176,7 +175,6 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
             {"displacement": push},
         )
     ],
-    ContactMonitorCore: [Example(lambda: ContactMonitorCore(2), inputs={"contact_force": force})],
     ContactMonitor: [Example(lambda: ContactMonitor(2), inputs={"contact_force": lambda t: force(t) - 8})],
     Drive: [
         Example(
@@ -208,13 +206,6 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
     ],
     ServoCore: [Example(lambda: ServoCore(2, unit="m"), inputs={"reference": spectral})],
     Servo: [Example(lambda: Servo(ServoCore(2)), inputs={"reference": spectral}, periods={"period": 0.002})],
-    RobotCompliance: [
-        Example(
-            lambda: RobotCompliance(robot(), Z),
-            each("robot_compliance", "motor_position"),
-            {"motor_position": posture},
-        )
-    ],
     TipContact: [
         Example(
             lambda: TipContact(robot(), Z, START, robot().joint_stiffness, stiffness=5900, damping=50),

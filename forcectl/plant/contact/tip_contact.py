@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, DiscreteValues
 
 from forcectl.framework.batch import BatchValue, batch_values, check
-from forcectl.plant.compliance import robot_compliance
+from forcectl.plant.compliance import compliance_along, robot_compliance
 from forcectl.plant.contact.compliant_contact import CompliantContact
 from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
 
@@ -90,7 +90,7 @@ class TipContact(CompliantContact):
         compliance = 0.0
         if not self._rigid:
             matrix = robot_compliance(self._robot, plant_context, self._joint_stiffness)
-            compliance = float(self._n @ matrix[3:, 3:] @ self._n)
+            compliance = compliance_along(self._n, matrix)
         return np.concatenate([row, [reached - row @ q, compliance]])
 
     def _renew_geometry(self, context: Context, next_state: DiscreteValues) -> None:

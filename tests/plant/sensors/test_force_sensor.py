@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from scipy.signal import cont2discrete, lsim
+from scipy.signal import lsim
 
 from forcectl.errors import BadInputError
 from forcectl.plant.sensors.force_sensor import (
@@ -19,14 +19,12 @@ from forcectl.plant.sensors.force_sensor import (
     ForceSensorConfig,
     converter,
     digitise,
-    sensor_filter,
     white_noise,
 )
 from forcectl.testing import (
     Log,
     assert_deterministic,
     assert_feedthrough,
-    assert_matches_model,
     assert_no_overshoot,
     assert_ports,
     run_diagram,
@@ -79,13 +77,6 @@ def test_step_response_has_no_overshoot_and_no_error():
     response = step_response(ForceSensor(1, tare=False), "force", "measured_force", 15.0, duration=2.0, period=PERIOD)
     assert_no_overshoot(response, final=15.0, tolerance=1e-9)
     assert response.value[-1] == pytest.approx(15.0, rel=1e-6)
-
-
-def test_zero_order_hold_of_the_filter():
-    made = sensor_filter(1, 30.0, 0.7, PERIOD, 0, hold="zero_order")
-    response = step_response(made, "u0", "y0", 2.0, duration=0.4, period=PERIOD)
-    numerator, denominator, _ = cont2discrete(([900.0], [1, 42.0, 900.0]), PERIOD, "zoh")
-    assert_matches_model(response, (numerator.ravel()[1:], denominator, PERIOD), atol=1e-9)
 
 
 @pytest.mark.parametrize("ticks", [1, 3, 10])
