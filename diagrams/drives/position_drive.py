@@ -12,7 +12,7 @@ one plant step late, because simultaneous events read the state before them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from forcectl.framework.wiring import export_outputs
 from forcectl.plant.drives.drive import Drive
 from forcectl.plant.drives.joint_impedance import JointImpedanceConfig
 from forcectl.plant.drives.motors import MOTOR_PORTS, export_motion, joint_to_motor, rotor_inertia
-from forcectl.plant.drives.position_loop import PositionLoop, PositionLoopConfig
+from forcectl.plant.drives.position_loop import PositionLoopConfig
 from forcectl.plant.drives.servo import ServoConfig
 from forcectl.robot.model import RobotModel
 
@@ -128,20 +128,13 @@ class PositionDrive(Diagram):
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
         # The command is held for a tick, then everything runs on at the plant's rate. Reading the hold takes one plant
-        # step, which counts towards the command delay.
-        hold = add("command_hold", hold_line(workcell.period, q_0))
+        # step, which counts towards the command delay. A ZeroOrderHold would begin with zero.
+        eye, nothing = np.eye(n), np.zeros((n, n))
+        hold = add("command_hold", LinearSystem(nothing, eye, eye, nothing, workcell.period))
+        hold.configure_default_state(q_0)
         builder.ExportInput(hold.get_input_port(), "joint_position_command")
-        filter_ = add(
-            "position_loop",
-            PositionLoop(
-                n,
-                bandwidth=loop.bandwidth,
-                damping_ratio=loop.damping_ratio,
-                delay=max(0.0, loop.delay - step),
-                period=step,
-                initial_command=q_0,
-            ),
-        )
+        late = replace(loop, delay=max(0.0, loop.delay - step))
+        filter_ = late.add_to(builder, n, step, initial_command=q_0)
         connect(hold.get_output_port(), filter_.GetInputPort("command"))
         reference = filter_.GetOutputPort("reference")
         if servo is None:
@@ -152,16 +145,3 @@ class PositionDrive(Diagram):
             builder.ExportInput(servo.GetInputPort("spring_torque"), "spring_torque")
             export_outputs(builder, {name: servo.GetOutputPort(name) for name in MOTOR_PORTS})
         builder.BuildInto(self)
-
-
-def hold_line(period: float, initial: Vector) -> LinearSystem:
-    """Samples a signal and holds it, with a value to begin with; a ZeroOrderHold begins with zero.
-
-    Args:
-        period: of the samples [s].
-        initial: value before the first one, shape (n,).
-    """
-    n = len(initial)
-    hold = LinearSystem(np.zeros((n, n)), np.eye(n), np.eye(n), np.zeros((n, n)), period)
-    hold.configure_default_state(initial)
-    return hold

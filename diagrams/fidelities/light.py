@@ -11,10 +11,9 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
-from forcectl.diagrams.mechanics.assembly import Assembly
+from forcectl.diagrams.mechanics.assembly import Assembly, through
 from forcectl.diagrams.mechanics.site import Site
-from forcectl.diagrams.mechanics.station_surface import add_depth, add_surface, connect_material
-from forcectl.diagrams.mechanics.truth import add_contact_state
+from forcectl.diagrams.mechanics.station_surface import add_contact_state, add_depth, add_surface, connect_material
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.wiring import add_part, affine
@@ -130,9 +129,8 @@ def _press_along_a_line(assembly: Assembly, workcell: Workcell) -> Pressing:
     position, displacement = assembly.signals["motor_position"], assembly.signals.get("displacement")
     if displacement is None:
         row = contact.row
-        line = builder.AddNamedSystem("motor_displacement", affine(row.reshape(1, -1), np.array([-row @ q_0])))
-        builder.Connect(position, line.get_input_port())
-        displacement = line.get_output_port()
+        line = affine(row.reshape(1, -1), np.array([-row @ q_0]))
+        displacement = through(builder, "motor_displacement", line, position)
     spring = contact.add_to(builder, workcell.period, robot_compliance=contact.robot_compliance)
     surface = add_surface(builder, workcell, contact, position, q_0)
     connect_material(builder, surface, spring)
@@ -146,9 +144,8 @@ def _press(assembly: Assembly, workcell: Workcell) -> Pressing:
     contact, q_0, builder = workcell.contact, workcell.motor_start, assembly.builder
     position = assembly.signals["motor_position"]
     surface = add_surface(builder, workcell, contact, position, q_0)
-    tip = builder.AddNamedSystem("tip_displacement", TipDisplacement(contact.robot, contact.n, q_0, period=None))
-    builder.Connect(position, tip.GetInputPort("motor_position"))
-    displacement = tip.GetOutputPort("displacement")
+    tip = TipDisplacement(contact.robot, contact.n, q_0, period=None)
+    displacement = through(builder, "tip_displacement", tip, position)
     if contact.surface is None:
         spring = contact.add_to(builder, workcell.period, robot_compliance=contact.robot_compliance)
         builder.Connect(displacement, spring.GetInputPort("displacement"))
