@@ -48,7 +48,7 @@ from forcectl.plant.sensors.force_sensor import ForceSensorConfig as ForceSensor
 from forcectl.plant.sensors.force_sensor import SensorElectronics as SensorElectronics
 from forcectl.plant.sensors.force_sensor import sensor_filter as sensor_filter
 from forcectl.plant.sensors.joint_sensors import JointSensors as JointSensors
-from forcectl.plant.sensors.reading_fault import ReadingFaultConfig as ReadingFaultConfig
+from forcectl.plant.sensors.joint_sensors import ReadingFaultConfig as ReadingFaultConfig
 from forcectl.plant.sensors.wrist_sensor import WristSensor as WristSensor
 from forcectl.plant.tip_kinematics import ForceToWrench as ForceToWrench
 from forcectl.plant.tip_kinematics import LinkPosition as LinkPosition

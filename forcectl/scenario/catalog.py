@@ -115,7 +115,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "AwayFrom": f"{_NULL_SPACE}:ConstraintPotentialConfig",
         "TowardsSmallMass": f"{_NULL_SPACE}:SmallMassPotentialConfig",
     },
-    "fault": {"ReadingFault": "forcectl.plant.sensors.reading_fault:ReadingFaultConfig"},
+    "fault": {"ReadingFault": "forcectl.plant.sensors.joint_sensors:ReadingFaultConfig"},
 }
 # What an object must have to fill a slot.
 CONTRACTS: dict[str, tuple[str, ...]] = {

@@ -24,7 +24,7 @@ from forcectl.motion.references import StepConfig
 from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.contact.surface import SurfaceConfig, WaveConfig
-from forcectl.plant.sensors.reading_fault import ReadingFaultConfig
+from forcectl.plant.sensors.joint_sensors import ReadingFaultConfig
 from forcectl.scenario.catalog import SLOTS
 from forcectl.scenario.scenario import Scenario, load_scenario
 from forcectl.tasks.constraints.parts import WallConfig

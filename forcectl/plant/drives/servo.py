@@ -248,17 +248,8 @@ class ServoConfig(Config):
         ratio = loop_inertia / rotor_inertia if known else np.ones(len(rotor_inertia))
         return ServoGains(self.position_gain, self.velocity_gain * ratio, self.integral_gain)
 
-    def add_to(
-        self,
-        builder: DiagramBuilder,
-        size: int,
-        period: float,
-        *,
-        coulomb_friction: ArrayLike | None = None,
-        initial_position: ArrayLike = 0.0,
-        unit: str = "rad",
-    ) -> Servo:
-        """Add the block for n joints or batch elements; `coulomb_friction` overrides the scalar where joints differ."""
+    def add_to(self, builder: DiagramBuilder, size: int, period: float) -> Servo:
+        """Add the block for a batch of n axes along the pressed direction [m]."""
         core = ServoCore(
             size,
             period=period,
@@ -266,8 +257,7 @@ class ServoConfig(Config):
             position_gain=self.position_gain,
             velocity_gain=self.velocity_gain,
             integral_gain=self.integral_gain,
-            coulomb_friction=self.coulomb_friction if coulomb_friction is None else coulomb_friction,
-            initial_position=initial_position,
-            unit=unit,
+            coulomb_friction=self.coulomb_friction,
+            unit="m",
         )
         return builder.AddNamedSystem("servo", Servo(core))

@@ -280,13 +280,13 @@ def test_gains_place_the_poles_of_the_position_loop():
 
 
 def test_config_adds_the_block():
-    def lag(config: ServoConfig, **changed: float) -> float:
-        servo = config.add_to(DiagramBuilder(), 1, PERIOD, unit="m", **changed)
+    def lag(config: ServoConfig) -> float:
+        servo = config.add_to(DiagramBuilder(), 1, PERIOD)
         log = run_diagram(servo, 1.5, period=PERIOD, inputs={"reference": lambda t: (0.05 * t, 0.05)})
         return 0.05 * log.time[-1] - log["position"][-1, 0]
 
     one = lag(ServoConfig(integral_gain=0.0))
     assert one == pytest.approx(A_C / (W_V * K_V), rel=1e-6)
-    assert lag(ServoConfig(integral_gain=0.0), coulomb_friction=4.0) == pytest.approx(2.5 * one, rel=1e-6)
+    assert lag(ServoConfig(integral_gain=0.0, coulomb_friction=4.0)) == pytest.approx(2.5 * one, rel=1e-6)
     assert lag(ServoConfig(integral_gain=0.0, coulomb_friction=0.0)) == pytest.approx(0.0, abs=1e-12)
     assert lag(ServoConfig(integral_gain=0.0, position_gain=50.0)) == pytest.approx(one / 2, rel=1e-6)
