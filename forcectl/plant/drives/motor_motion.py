@@ -6,9 +6,10 @@ with the friction (5.2), whose Coulomb part sticks. One step is implicit in the 
 
     s  = v + dt (tau - tau_s - tau_O)/B                                  without Coulomb and viscous friction
     v+ = soft(s, dt tau_C/B)/(1 + dt D/B),   q+ = q + dt v+              D = D+ or D- by the sign of s
+    soft(s, c) = sign(s) max(|s| - c, 0)
 
-soft(s, c) = sign(s) max(|s| - c, 0): a motor below tau_C stands still, exactly. The spring torque is held over the
-step: stable while dt sqrt(K_J/B) stays below 1.
+A motor below tau_C stands still, exactly. The spring torque is held over the step: stable while dt sqrt(K_J/B) stays
+below 1.
 """
 
 from __future__ import annotations

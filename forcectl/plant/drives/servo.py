@@ -6,9 +6,11 @@ In the cascade, here and in `forcectl.plant.drives.drive`, the integral takes al
 torques, `forcectl.plant.drives.joint_servo`, only the error of the position, c = 0. With K_v = w/(2 zeta) and
 w_v = 2 zeta w, x follows w^2/(s^2 + 2 zeta w s + w^2) of a reference whose speed is not fed forward.
 
-An axis of the cascade adds a_load - b v - a_c sign(v) to a, and v = 0 while |a without friction| <= a_c (the calibrated
-plant of the design's targets, section 2). One inner step is implicit in v: with s the velocity the step would reach
-without friction::
+An axis of the cascade has load and friction that sticks (the calibrated plant of the design's targets, section 2)::
+
+    v' = a + a_load - b v - a_c sign(v),    v = 0 while |a + a_load| <= a_c
+
+One inner step is implicit in v: with s the velocity the step would reach without friction::
 
     v+ = soft(s, dt a_c) / (1 + dt (w_v (1 + w_i dt) + b)),     soft(s, c) = sign(s) max(|s| - c, 0)
 
