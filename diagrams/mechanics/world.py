@@ -33,7 +33,7 @@ from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.plant.contact.obstacle import LARGEST_STIFFNESS, ObstacleConfig
 from forcectl.plant.drives.joint_friction import COULOMB_STEEPNESS, add_coulomb_friction
-from forcectl.robot.model import RobotParts, add_robot
+from forcectl.robot.parts import RobotParts, add_robot
 
 Vector = NDArray[np.float64]
 _OBSTACLE = Rgba(0.75, 0.6, 0.42, 1.0)

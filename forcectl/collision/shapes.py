@@ -30,7 +30,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.robot.joint_tree import JointTree
-from forcectl.robot.model import RobotParts, add_robot
+from forcectl.robot.parts import RobotParts, add_robot
 
 Array = NDArray[np.float64]
 

@@ -20,7 +20,8 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from forcectl.framework.cache import BlockCache
-from forcectl.robot.model import RobotModel, RobotParts, posture_cache
+from forcectl.robot.model import RobotModel, posture_cache
+from forcectl.robot.parts import RobotParts
 
 Array = NDArray[np.float64]
 

@@ -34,18 +34,7 @@ from pydrake.systems.framework import Context, InputPort, LeafSystem
 from forcectl.errors import invalid, unknown
 from forcectl.framework.cache import BlockCache
 from forcectl.robot.parameters import ControlParameters
-from forcectl.robot.parts import ArmParts, RobotParts, add_robot, frame_named
-
-__all__ = [
-    "ArmParts",
-    "JointLimits",
-    "RobotModel",
-    "RobotParts",
-    "add_robot",
-    "has_moved",
-    "posture_cache",
-    "unit_normal",
-]
+from forcectl.robot.parts import RobotParts, add_robot, frame_named
 
 Array = NDArray[np.float64]
 _ORIGIN = np.zeros(3)

@@ -28,7 +28,8 @@ from forcectl.plant.drives.servo import Servo, ServoCore, ServoGains
 from forcectl.plant.sensors.force_sensor import ForceDigitiser, ForceSensor
 from forcectl.plant.sensors.wrist_sensor import Electronics, WristSensor
 from forcectl.plant.tip_kinematics import ForceToWrench, LinkPosition, TipDisplacement
-from forcectl.robot.model import RobotModel, add_robot
+from forcectl.robot.model import RobotModel
+from forcectl.robot.parts import add_robot
 from forcectl.testing.runs import Input
 from tests.examples.block_example import Example, each
 from tests.examples.block_examples_estimation import ESTIMATION_EXAMPLES

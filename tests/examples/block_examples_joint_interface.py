@@ -20,7 +20,8 @@ from forcectl.plant.drives.motor_motion import MotorMotion
 from forcectl.plant.drives.servo import servo_gains
 from forcectl.plant.sensors.joint_sensors import JointSensors
 from forcectl.plant.tip_load import LoadTruth, TipLoad
-from forcectl.robot.model import RobotModel, RobotParts, add_robot
+from forcectl.robot.model import RobotModel
+from forcectl.robot.parts import RobotParts, add_robot
 from tests.examples.block_example import Example, each
 from tests.examples.block_examples_stations import ARM, arm_workcell
 

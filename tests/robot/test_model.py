@@ -13,7 +13,8 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.errors import BadInputError
-from forcectl.robot.model import RobotModel, add_robot
+from forcectl.robot.model import RobotModel
+from forcectl.robot.parts import add_robot
 from tests.examples.robot_folders import CONTROL, LINK_LENGTH, write_planar_robot
 
 POSTURE = np.array([0.3, 0.5, -1.2, 0.7, 1.1, -0.4])

@@ -11,8 +11,9 @@ from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.errors import BadInputError
 from forcectl.models import list_robots, robot_and_arm, robot_folder, tool_folder
-from forcectl.robot.model import RobotModel, add_robot
+from forcectl.robot.model import RobotModel
 from forcectl.robot.parameters import load_control_parameters, load_tool_parameters
+from forcectl.robot.parts import add_robot
 from tests.examples.robot_folders import CONTROL, LINK_LENGTH, write_planar_robot
 
 ARMS = """arms:

@@ -15,7 +15,8 @@ from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.errors import BadInputError
 from forcectl.plant.sensors.wrist_sensor import Electronics, WristSensor, sensor_frame, tool_load, weight_matrix
-from forcectl.robot.model import RobotModel, add_robot
+from forcectl.robot.model import RobotModel
+from forcectl.robot.parts import add_robot
 from forcectl.testing import assert_ports
 
 START = np.deg2rad([0.0, 0.0, -90.0, 0.0, 90.0, 0.0])
