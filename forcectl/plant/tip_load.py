@@ -42,13 +42,7 @@ def bodies_beyond(plant: MultibodyPlant, parts: RobotParts) -> list[tuple[set[in
 
 
 class _Wrenches:
-    """Inputs of wrenches on a robot: at the TCPs, of contacts there, and at further frames.
-
-    Args:
-        block: declares the ports.
-        arms: number a of arms.
-        bodies: number b of further frames.
-    """
+    """Inputs of wrenches on a robot: at the TCPs of a arms, of contacts there, and at b further frames."""
 
     def __init__(self, block: LeafSystem, arms: int, bodies: int):
         self.arms, self.bodies = arms, bodies

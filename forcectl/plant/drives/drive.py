@@ -29,7 +29,7 @@ from forcectl.plant.drives.servo import ServoCoefficients, ServoGains, step_coef
 Matrix = NDArray[np.float64]
 
 
-class InnerStep(NamedTuple):
+class _InnerStep(NamedTuple):
     """One inner step as matrices, with x = [phi, phi', integral] and u = [r, r', tau_spring]."""
 
     free_x: Matrix  # s = free_x x + free_u u, shapes (n, 3n)
@@ -39,21 +39,15 @@ class InnerStep(NamedTuple):
     slip: Matrix
 
 
-def inner_step(gains: ServoCoefficients, to_motor: Matrix, push: Matrix) -> InnerStep:
-    """The matrices of an inner step, with the reference at its start.
-
-    Args:
-        gains: coefficients, arrays of shape (n,).
-        to_motor: S.
-        push: speed per spring torque, shape (n, n).
-    """
+def _inner_step(gains: ServoCoefficients, to_motor: Matrix, push: Matrix) -> _InnerStep:
+    """The matrices, with the reference at the start of the step and `push` the speed per spring torque, (n, n)."""
     n = len(to_motor)
     eye, zero, dt = np.eye(n), np.zeros((n, n)), gains.step
     k, w = gains.position[:, None], gains.velocity[:, None]
     wanted_x, wanted_u = np.hstack([-k * eye, zero, zero]), np.hstack([k * to_motor, to_motor, zero])
     rest = np.zeros((n, 3 * n))
     speed = gains.inverse[:, None] * eye
-    return InnerStep(
+    return _InnerStep(
         free_x=w * wanted_x + np.hstack([zero, eye, np.diag(gains.integral)]),
         free_u=w * wanted_u + np.hstack([zero, zero, push]),
         state=np.vstack([np.hstack([eye, zero, zero]), rest, np.hstack([zero, zero, eye]) + dt * wanted_x]),
@@ -62,12 +56,10 @@ def inner_step(gains: ServoCoefficients, to_motor: Matrix, push: Matrix) -> Inne
     )
 
 
-def unrolled_steps(step: InnerStep, dt: float, count: int) -> tuple[list[Matrix], Matrix]:
-    """`count` inner steps in a row, the reference moving on with its rate.
+def _unrolled(step: _InnerStep, dt: float, count: int) -> tuple[list[Matrix], Matrix]:
+    """`count` inner steps, the reference moving on with its rate, as matrices on [x, u, s - sat(s) of earlier steps].
 
-    Returns:
-        for each step the matrix of its s on [x, u, s - sat(s) of the steps before], and the matrix of the last x on
-        [x, u, all s - sat(s)]; x and u are those at the start.
+    Those of the s of each step, and that of the x after the last; x and u are those at the start.
     """
     n = step.slip.shape[1]
     x = np.hstack([np.eye(3 * n), np.zeros((3 * n, 3 * n))])
@@ -127,8 +119,8 @@ class Drive(Diagram):
         checked = [batch_values(f"{k}_gain", v, n, "positive and finite") for k, v in gains._asdict().items()]
         dt = check("period", period, "positive") / check_count("substeps", substeps)
         one = step_coefficients(ServoGains(*checked), motors.coulomb / B, motors.viscous / B, dt)
-        step = inner_step(one, to_motor, -(dt / B)[:, None] * back.T)
-        frees, after = unrolled_steps(step, dt, substeps)
+        step = _inner_step(one, to_motor, -(dt / B)[:, None] * back.T)
+        frees, after = _unrolled(step, dt, substeps)
         inputs = (3 + substeps) * n
         axes = LinearSystem(after[:, : 3 * n], after[:, 3 * n :], np.eye(3 * n), np.zeros((3 * n, inputs)), period)
         # At rest the integral of the servo carries the springs' torque.

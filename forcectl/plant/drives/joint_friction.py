@@ -84,13 +84,8 @@ class JointFriction:
 
     def scaled(self, factor: float) -> JointFriction:
         """The friction of this model times `factor`, >= 0 [1]; the offset too."""
-        return JointFriction(
-            self.size,
-            offset=factor * self.offset,
-            coulomb=factor * self.coulomb,
-            viscous_forward=factor * self.viscous_forward,
-            viscous_backward=factor * self.viscous_backward,
-        )
+        parts = ("offset", "coulomb", "viscous_forward", "viscous_backward")
+        return JointFriction(self.size, **{name: factor * getattr(self, name) for name in parts})
 
 
 def _finite(name: str, value: ArrayLike, size: int) -> Array:
