@@ -163,11 +163,6 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
             each("contact_force", "displacement"),
             {"displacement": push},
         ),
-        Example(
-            lambda: CompliantContact(2, stiffness=5900, damping=50, compliance_port=True),
-            each("contact_force", "displacement", "robot_compliance"),
-            {"displacement": push, "robot_compliance": 3e-5},
-        ),
     ],
     LinearContact: [
         Example(

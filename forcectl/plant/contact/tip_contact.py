@@ -66,9 +66,9 @@ class TipContact(CompliantContact):
         self._rigid = not np.isfinite(self._joint_stiffness).any()
         self._start, self._uneven = batch_values("start", start, robot.num_joints), uneven
         self._posture_period = check("posture_period", posture_period, "positive")
-        super().__init__(1, stiffness=stiffness, damping=damping, compliance_port=True, period=period)
+        super().__init__(1, stiffness=stiffness, damping=damping, robot_compliance=None, period=period)
 
-    def _declare_inputs(self, compliance_port: bool) -> set[object]:
+    def _declare_inputs(self) -> set[object]:
         self._position = self.DeclareVectorInputPort("motor_position", self._robot.num_joints)
         self._height = self.DeclareVectorInputPort("surface_height", 1) if self._uneven else None
         self._posture = posture_cache(self, self._robot, self._position)

@@ -83,7 +83,7 @@ class SensorElectronics(BatchBlock):
 
     Parameters (Context, shape (n,)): bias, noise_std >= 0 (standard deviation per tick), quantum >= 0, range > 0, all
     in the unit of the channel. Taring: with `tare` the first reading without noise becomes the zero (state, set by an
-    initialisation event); `tare_now` does the same at any time.
+    initialisation event).
 
     A subclass declares its ports in `declare_ports`, says what the channels feel in `feels`, and reads with `read`.
 
@@ -139,21 +139,9 @@ class SensorElectronics(BatchBlock):
         """What `digitise` needs of the parameters."""
         return converter(*values)
 
-    def tare_now(self, context: Context) -> None:
-        """Make the present reading (without noise) the zero, as an operator does before touching a surface.
-
-        Raises:
-            BadInputError: the sensor was built without taring.
-        """
-        if self._tare is None:
-            raise invalid("tare", False, "true to tare the sensor")
-        context.SetDiscreteState(self._tare, self._quiet(context))
-
     def _tare_update(self, context: Context, next_state: DiscreteValues) -> None:
-        next_state.set_value(self._tare, self._quiet(context))
-
-    def _quiet(self, context: Context) -> NDArray[np.float64]:
-        return self.stack(self._raw(context, self.feels(context), np.zeros(self._size)))
+        quiet = self._raw(context, self.feels(context), np.zeros(self._size))
+        next_state.set_value(self._tare, self.stack(quiet))
 
     def _raw(self, context: Context, felt: NDArray[np.float64], noise: NDArray[np.float64]) -> BatchValue:
         return digitise(self.batch_value(felt), self.batch_value(noise), self._values.Eval(context), self.math)

@@ -183,27 +183,15 @@ def test_taring_takes_the_first_reading_without_noise_as_zero():
     assert np.mean(untared) == pytest.approx(15.3, abs=0.01)
 
 
-def test_tare_now():
+def test_the_first_reading_becomes_the_zero():
     block = ForceDigitiser(2, bias=[0.5, -0.5])
     context = block.CreateDefaultContext()
     force, output = block.GetInputPort("force"), block.GetOutputPort("reading")
-    force.FixValue(context, [0.0, 0.0])
+    force.FixValue(context, [1.0, 0.0])
     Simulator(block, context).Initialize()
     assert output.Eval(context).tolist() == [0.0, 0.0]
     force.FixValue(context, [4.0, 2.0])
-    assert output.Eval(context).tolist() == [4.0, 2.0]
-    block.tare_now(context)
-    assert output.Eval(context).tolist() == [0.0, 0.0]
-    force.FixValue(context, [5.0, 0.0])
-    assert output.Eval(context).tolist() == [1.0, -2.0]
-
-
-def test_tare_now_of_a_sensor_without_taring_is_refused():
-    block = ForceDigitiser(1, tare=False)
-    context = block.CreateDefaultContext()
-    block.GetInputPort("force").FixValue(context, [1.0])
-    with pytest.raises(BadInputError, match="tare"):
-        block.tare_now(context)
+    assert output.Eval(context).tolist() == [3.0, 2.0]
 
 
 @pytest.mark.parametrize("quantum", [0.0, 0.05])
