@@ -132,7 +132,7 @@ class MultibodyStation(Diagram):
             ("link_position", [joint.position_start() for joint in parts.joints]),
             ("link_velocity", [n_q + joint.velocity_start() for joint in parts.joints]),
         ):
-            assembly.offer(name, through(builder, name, selector(size, rows, name), plant.get_state_output_port()))
+            assembly.offer(name, through(builder, name, _selector(size, rows, name), plant.get_state_output_port()))
         _add_drive(assembly, site)
         assembly.offer("reaction_forces", plant.get_reaction_forces_output_port())
         add_sensors(assembly, site)
@@ -142,14 +142,8 @@ class MultibodyStation(Diagram):
         assembly.finish(self)
 
 
-def selector(size: int, rows: list[int], name: str) -> Selector:
-    """A block that puts out some elements of a vector.
-
-    Args:
-        size: of the vector.
-        rows: which elements, in order.
-        name: of the output port.
-    """
+def _selector(size: int, rows: list[int], name: str) -> Selector:
+    """A block that puts out some elements of a vector, at a port of this name."""
     one = SelectorParams.OutputSelection
     output = SelectorParams.OutputPortParams(
         name=name, selections=[one(input_port_index=0, input_offset=row) for row in rows]
@@ -212,7 +206,7 @@ def _connect_rigid(assembly: Assembly, site: Site) -> None:
     sticking = through(builder, "sticking", no_motion, rest.get_output_port())
     connect(sticking, plant.get_desired_state_input_port(instance))
     n_q, n_v = plant.num_positions(), plant.num_velocities()
-    every = selector(n_q + n_v, list(range(n_q, n_q + n_v)), "velocity")
+    every = _selector(n_q + n_v, list(range(n_q, n_q + n_v)), "velocity")
     speeds = through(builder, "speeds", every, plant.get_state_output_port())
     friction = FrictionRest(plant, parts.joints, workcell.config.drive.true_friction(workcell.robot))
     drag = through(builder, "friction", friction, speeds)
