@@ -81,13 +81,15 @@ class CompliantContact(BatchBlock):
     without, the block has no state and no events (then damping cannot be changed later).
     """
 
+    _compliance_is_parameter = True  # else `_situation` has it
+
     def __init__(
         self,
         size: int,
         *,
         stiffness: ArrayLike | None,
         damping: ArrayLike | None = 0.0,
-        robot_compliance: ArrayLike | None = 0.0,
+        robot_compliance: ArrayLike = 0.0,
         period: float = 0.002,
     ):
         self._period = check("period", period, "positive")
@@ -97,7 +99,7 @@ class CompliantContact(BatchBlock):
             parameters["stiffness"] = BatchParameter(stiffness, "positive and finite", "N/m")
         if self._damped and damping is not None:
             parameters["damping"] = BatchParameter(damping, "not negative", "N s/m")
-        if robot_compliance is not None:
+        if self._compliance_is_parameter:
             parameters["robot_compliance"] = BatchParameter(robot_compliance, "not negative", "m/N")
         super().__init__(size, parameters)
         reads = {self.all_parameters_ticket()} | self._declare_inputs()

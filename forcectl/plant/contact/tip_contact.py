@@ -48,6 +48,8 @@ class TipContact(CompliantContact):
         stiffness, damping: of the environment; None: from the ports.
     """
 
+    _compliance_is_parameter = False
+
     def __init__(
         self,
         robot: RobotModel,
@@ -66,7 +68,7 @@ class TipContact(CompliantContact):
         self._rigid = not np.isfinite(self._joint_stiffness).any()
         self._start, self._uneven = batch_values("start", start, robot.num_joints), uneven
         self._posture_period = check("posture_period", posture_period, "positive")
-        super().__init__(1, stiffness=stiffness, damping=damping, robot_compliance=None, period=period)
+        super().__init__(1, stiffness=stiffness, damping=damping, period=period)
 
     def _declare_inputs(self) -> set[object]:
         self._position = self.DeclareVectorInputPort("motor_position", self._robot.num_joints)
