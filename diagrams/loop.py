@@ -25,7 +25,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortD
 from forcectl.conventions import TRUTH, unit_of
 from forcectl.diagrams.force_controller import build_controller
 from forcectl.diagrams.log import LoggedLoop, add_log
-from forcectl.diagrams.mechanics.truth import CONTACT_FORCE
+from forcectl.diagrams.mechanics.station_surface import CONTACT_FORCE
 from forcectl.diagrams.model import ModelConfig, Setting, plant_model
 from forcectl.diagrams.signals import SignalChoice, Signals
 from forcectl.diagrams.station import StationConfig, build_station

@@ -141,7 +141,7 @@ def build_one_dimensional_loop(
         connect(loop.GetOutputPort("reference"), parts.get_input_port())
         displacement = parts.get_output_port(0)
     else:
-        servo = config.servo.add_to(builder, size, config.period, unit="m")
+        servo = config.servo.add_to(builder, size, config.period)
         connect(loop.GetOutputPort("reference"), servo.GetInputPort("reference"))
         displacement = servo.GetOutputPort("position")
     contact = config.environment.add_to(builder, size, config.period, robot_compliance=config.robot_compliance)

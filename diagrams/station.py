@@ -23,9 +23,8 @@ from typing import Any
 from pydrake.systems.framework import Diagram
 
 from forcectl.diagrams.drives.position_drive import PositionDriveConfig
-from forcectl.diagrams.fidelities.kinematic import KinematicFidelity
+from forcectl.diagrams.fidelities.light import KinematicFidelity, OneDimensionalFidelity
 from forcectl.diagrams.fidelities.multibody import MultibodyFidelity
-from forcectl.diagrams.fidelities.one_dimensional import OneDimensionalFidelity
 from forcectl.diagrams.sensors import WristForceConfig
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError, about, unknown

@@ -13,7 +13,7 @@ from forcectl.errors import BadInputError, about, invalid
 from forcectl.force.kinematic_inversion import check_start_posture
 from forcectl.framework.batch import whole_multiple
 from forcectl.framework.wiring import add_part
-from forcectl.plant.compliance import robot_compliance, total_compliance
+from forcectl.plant.compliance import compliance_along, robot_compliance
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.robot.model import RobotModel, unit_normal
@@ -270,6 +270,6 @@ def _contact(config: StationConfig, robot: RobotModel, start: Vector, name: str,
     compliance = 0.0
     if config.elastic_joints:
         matrix = robot_compliance(own, context, own.joint_stiffness)
-        compliance = total_compliance(n, matrix, np.zeros((6, 6)), 0.0)
+        compliance = compliance_along(n, matrix)
     compliance += float(np.sum(row**2 / holding_stiffness(config.drive, own)))
     return Contact(name, part, arm, n, own, start, direction, row, compliance, 1 / part.first_stiffness)

@@ -33,7 +33,7 @@ from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.plant.contact.obstacle import LARGEST_STIFFNESS, ObstacleConfig
 from forcectl.plant.drives.joint_friction import COULOMB_STEEPNESS, add_coulomb_friction
-from forcectl.robot.model import RobotParts, add_robot
+from forcectl.robot.parts import RobotParts, add_robot
 
 Vector = NDArray[np.float64]
 _OBSTACLE = Rgba(0.75, 0.6, 0.42, 1.0)
@@ -55,7 +55,7 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
     config = workcell.config
     solid = bool(workcell.obstacles) or config.self_collision
     scene_graph: SceneGraph | None = None
-    if solid or _touched(workcell):
+    if solid or any(contact.surface is not None for contact in workcell.contacts):
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, config.time_step)
     else:
         # Without geometry there is nothing to look for.
@@ -91,10 +91,6 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
     if scene_graph is not None:
         _filter(plant, scene_graph, pressing, solid, config.self_collision)
     return Site(workcell, seed, plant, scene_graph, parts, friction, tuple(mountings))
-
-
-def _touched(workcell: Workcell) -> bool:
-    return any(contact.surface is not None for contact in workcell.contacts)
 
 
 def _add_ball(plant: MultibodyPlant, parts: RobotParts, contact: Contact) -> GeometryId:

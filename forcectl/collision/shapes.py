@@ -30,7 +30,7 @@ from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.robot.joint_tree import JointTree
-from forcectl.robot.model import RobotParts, add_robot
+from forcectl.robot.parts import RobotParts, add_robot
 
 Array = NDArray[np.float64]
 
@@ -160,9 +160,9 @@ class RobotShapes:
         solids = []
         for geometry in geometries:
             body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
-            place = tree.frames([body.body_frame()], [inspector.GetPoseInFrame(geometry)])
+            place = tree.place(body.body_frame(), inspector.GetPoseInFrame(geometry))
             name = f"{body.name()}/{inspector.GetName(geometry)}"
-            solids.append(Solid(name, int(place.link[0]), place.X_LF[0], *_core(name, inspector.GetShape(geometry))))
+            solids.append(Solid(name, *place, *_core(name, inspector.GetShape(geometry))))
         index = {geometry: i for i, geometry in enumerate(geometries)}
         pairs = [(index[a], index[b]) for a, b in candidates]
         # Two shapes of one link keep their distance whatever the joints do.

@@ -161,7 +161,7 @@ class ForceToWrench(LeafSystem):
     def __init__(self, robot: RobotModel, n: ArrayLike):
         super().__init__()
         self._robot, self._n = robot, unit_normal(n)
-        self._frame = robot.parts.sensor_frame or robot.parts.flange_frame
+        self._frame = robot.arm.sensor_frame or robot.arm.flange_frame
         self._force = self.DeclareVectorInputPort("measured_force", 1)
         self._position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
         self._plant_context = posture_cache(self, robot, self._position)

@@ -33,7 +33,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.models import add_packages
-from forcectl.robot.model import add_robot
+from forcectl.robot.parts import add_robot
 
 FRAMES = 32.0  # pictures per second of simulated time
 ARROW = 0.02  # [m/N] length of the bars that show forces

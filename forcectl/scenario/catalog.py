@@ -66,8 +66,8 @@ SLOTS: dict[str, dict[str, str]] = {
     },
     "fidelity": {
         "Multibody": "forcectl.diagrams.fidelities.multibody:MultibodyFidelity",
-        "Kinematic": "forcectl.diagrams.fidelities.kinematic:KinematicFidelity",
-        "OneDimensional": "forcectl.diagrams.fidelities.one_dimensional:OneDimensionalFidelity",
+        "Kinematic": "forcectl.diagrams.fidelities.light:KinematicFidelity",
+        "OneDimensional": "forcectl.diagrams.fidelities.light:OneDimensionalFidelity",
     },
     "drive": {
         "PositionLoop": "forcectl.diagrams.drives.position_drive:PositionDriveConfig",
@@ -115,7 +115,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "AwayFrom": f"{_NULL_SPACE}:ConstraintPotentialConfig",
         "TowardsSmallMass": f"{_NULL_SPACE}:SmallMassPotentialConfig",
     },
-    "fault": {"ReadingFault": "forcectl.plant.sensors.reading_fault:ReadingFaultConfig"},
+    "fault": {"ReadingFault": "forcectl.plant.sensors.joint_sensors:ReadingFaultConfig"},
 }
 # What an object must have to fill a slot.
 CONTRACTS: dict[str, tuple[str, ...]] = {

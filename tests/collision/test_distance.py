@@ -18,7 +18,7 @@ from tests.examples.collision_world import Posture, World
 
 MODEL = RobotModel.load("yumi", "yumi_gripper")
 SHAPES = RobotShapes.load("yumi", "yumi_gripper")
-HOME = MODEL.positions(MODEL.create_context())
+HOME = MODEL.parameters.default_posture
 OBSTACLES = [
     Obstacle(Sphere(0.08), RigidTransform([0.45, 0.1, 0.3]), "ball"),
     Obstacle(Capsule(0.05, 0.4), RigidTransform(RollPitchYaw(0.4, 0.8, 0.0), [0.4, -0.2, 0.5]), "bar"),

@@ -17,7 +17,7 @@ from forcectl.estimation.momentum_observer import residual_step
 from forcectl.motion.joint_path import DitherConfig, JointExcitationConfig, JointMovesConfig
 from forcectl.motion.loads import LoadConfig
 from forcectl.plant.drives.joint_friction import friction_threshold
-from forcectl.plant.sensors.reading_fault import ReadingFaultConfig
+from forcectl.plant.sensors.joint_sensors import ReadingFaultConfig
 from forcectl.robot.model import RobotModel
 from tests.examples.motion_runs import DIRECTIONS, motion_loop, postures, run, six_loads, static_means
 

@@ -87,10 +87,6 @@ BLOCKS: dict[str, tuple[Make, dict[str, tuple[int, float]]]] = {
         lambda n, p: CompliantContact(n, stiffness=p["stiffness"], damping=p["rate"], robot_compliance=p["robot"]),
         {"displacement": (1, 2e-3)},
     ),
-    "contact with a port": (
-        lambda n, p: CompliantContact(n, stiffness=p["stiffness"], damping=p["rate"], compliance_port=True),
-        {"displacement": (1, 2e-3), "robot_compliance": (1, -1e-5)},
-    ),
     "linear contact": (
         lambda n, p: LinearContact(n, stiffness=p["stiffness"], robot_compliance=p["robot"]),
         {"displacement": (1, 2e-3)},

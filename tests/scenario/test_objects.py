@@ -9,7 +9,7 @@ from pydrake.systems.framework import Diagram, LeafSystem
 
 import forcectl as fc
 from forcectl.diagrams.drives.position_drive import PositionDriveConfig
-from forcectl.diagrams.fidelities.kinematic import KinematicFidelity, KinematicStation
+from forcectl.diagrams.fidelities.light import KinematicFidelity, LightStation
 from forcectl.diagrams.sensors import WristForceConfig
 from forcectl.diagrams.signals import FromConfig
 from forcectl.diagrams.station import StationConfig
@@ -24,7 +24,7 @@ from forcectl.motion.references import StepConfig
 from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.contact.surface import SurfaceConfig, WaveConfig
-from forcectl.plant.sensors.reading_fault import ReadingFaultConfig
+from forcectl.plant.sensors.joint_sensors import ReadingFaultConfig
 from forcectl.scenario.catalog import SLOTS
 from forcectl.scenario.scenario import Scenario, load_scenario
 from forcectl.tasks.constraints.parts import WallConfig
@@ -168,7 +168,7 @@ class MyFidelity(KinematicFidelity):
         return MyStation(workcell, seed)
 
 
-class MyStation(KinematicStation):
+class MyStation(LightStation):
     """What it builds."""
 
 
