@@ -24,7 +24,7 @@ from matplotlib.transforms import Affine2D, Transform
 from forcectl.graph.formats.paint import DASHES, LETTERS, PAPER, paint_of
 from forcectl.graph.formats.picture import Layouter, Picture
 from forcectl.graph.layout.marks import Disc, Label, Mark, Rectangle, Stroke, box_marks, net_marks
-from forcectl.graph.layout.route import Point
+from forcectl.graph.layout.rows import Point
 from forcectl.graph.model import BlockGraph
 
 _PER_INCH = 96.0  # pixels of the picture, as in a browser

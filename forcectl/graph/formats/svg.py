@@ -6,7 +6,7 @@ from collections.abc import Iterable
 from html import escape
 
 from forcectl.graph.formats.paint import BODIES, DASHES, INKS, LETTERS, PAPER, SHAPES, Letters, Paint
-from forcectl.graph.formats.picture import MARGIN, Layouter, Picture, PlacedBox, PlacedNet
+from forcectl.graph.formats.picture import _MARGIN as MARGIN, Layouter, Picture, PlacedBox, PlacedNet
 from forcectl.graph.layout.marks import Disc, Label, Mark, Rectangle, Stroke, box_marks, net_marks
 from forcectl.graph.layout.shapes import TYPE_SIZE, text_width
 from forcectl.graph.model import CATEGORY_TEXT, Block, BlockGraph, Category, Endpoint

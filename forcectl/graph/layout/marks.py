@@ -8,7 +8,7 @@ from __future__ import annotations
 from dataclasses import dataclass
 
 from forcectl.graph.formats.picture import PlacedBox, PlacedNet
-from forcectl.graph.layout.route import Point
+from forcectl.graph.layout.rows import Point
 from forcectl.graph.layout.shapes import (
     CAPTION,
     FRAME_TITLE,
