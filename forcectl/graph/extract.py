@@ -8,12 +8,12 @@ from dataclasses import replace
 from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import AffineSystem, Gain, Multiplexer, Saturation, VectorLogSink
 
-from forcectl.errors import BadInputError, invalid
 from forcectl.framework.wiring import input_names
-from forcectl.graph.model import Block, BlockGraph, Category, Edge, Endpoint, Parameter, Port
+from forcectl.graph.model import Block, Category, Edge, Endpoint, Parameter, Port
 from forcectl.inspect.events import PeriodicEvent, read_timing
 from forcectl.inspect.names import is_automatic, type_name
 from forcectl.inspect.ports import unit, value_type
@@ -25,36 +25,11 @@ _MOST_MATRIX_ELEMENTS = 64
 _End: TypeAlias = tuple[Side, PortAddress]
 
 
-def block_graph(
-    diagram: System,
-    *,
-    depth: int | None = 1,
-    hide_unused: bool = True,
-    signals: bool = True,
-    loggers: bool = False,
-    context: Context | None = None,
-) -> BlockGraph:
-    """Read a diagram once; the result does not refer to it any more.
-
-    Args:
-        diagram: any Drake diagram, or a single leaf system.
-        depth: levels of nested diagrams that are unfolded: 0 shows one box, 1 its blocks, None everything.
-        hide_unused: leave out ports that nothing is connected to.
-        signals: write size and unit on the wires.
-        loggers: show blocks that only record a signal.
-        context: of the diagram, for the values of parameters; the default context when None.
-
-    Raises:
-        BadInputError: when `diagram` is no Drake system or `depth` is negative.
-    """
-    if not isinstance(diagram, System):
-        raise BadInputError(f"diagram = {diagram!r}: must be a Drake diagram or system that is built")
-    if depth is not None and (isinstance(depth, bool) or not isinstance(depth, int) or depth < 0):
-        raise invalid("depth", depth, "a whole number >= 0, or None for all levels")
+def read_blocks(diagram: System, context: Context, hide_unused: bool, loggers: bool) -> Block:
+    """A diagram, or a single leaf system, with everything inside of it; the arguments are those of `export.graph`."""
     wiring = Wiring(diagram)
     top = "" if isinstance(diagram, Diagram) else next(path for path, _ in wiring.leaves())
-    reader = _Reader(wiring, hide_unused, loggers, context or diagram.CreateDefaultContext())
-    return BlockGraph(reader.read(top, set(_ends(wiring, top))), depth, signals)
+    return _Reader(wiring, hide_unused, loggers, context).read(top, set(_ends(wiring, top)))
 
 
 class _Reader:
@@ -125,7 +100,7 @@ class _Reader:
         for source, target in wires:
             port = replace(self._port(source, set()), unit=units[source])
             start, end = (Endpoint(p.system, self._wiring.port(side, p).get_name()) for side, p in (source, target))
-            edges.append(Edge(start, end, port.signal, port.size, port.unit))
+            edges.append(Edge(start, end, port.signal, port.size))
         return tuple(edges)
 
     def _port(self, end: _End, used: set[_End]) -> Port:
@@ -163,16 +138,9 @@ def _recorders(wiring: Wiring, level: DiagramLevel) -> set[str]:
 
 
 def _states(system: System) -> tuple[int, int, int]:
-    if isinstance(system, Diagram):
-        inside = [_states(child) for child in system.GetSystems()]
-        return (sum(s[0] for s in inside), sum(s[1] for s in inside), sum(s[2] for s in inside))
     discrete = system.AllocateDiscreteVariables()
-    groups = range(discrete.num_groups())
-    return (
-        system.num_continuous_states(),
-        sum(discrete.get_vector(group).size() for group in groups),
-        system.num_abstract_states(),
-    )
+    size = sum(discrete.get_vector(group).size() for group in range(discrete.num_groups()))
+    return system.num_continuous_states(), size, system.num_abstract_states()
 
 
 def _category(system: System, has_events: bool) -> Category:
@@ -191,36 +159,28 @@ def _parameters(system: System, root_context: Context) -> tuple[Parameter, ...]:
     """Numeric parameters from the context, and the matrices of linear blocks."""
     if isinstance(system, Diagram) or is_library_plant(system):
         return ()  # a plant's parameters are one group per body: no help in a picture
-    found: list[Parameter] = []
+    found: list[tuple[str, ArrayLike]] = []
     if isinstance(system, AffineSystem):
         matrices = {"A": system.A(), "B": system.B(), "C": system.C(), "D": system.D()}
-        found = [
-            Parameter(name, tuple(float(x) for x in np.ravel(matrix)))
-            for name, matrix in matrices.items()
-            if 0 < np.size(matrix) <= _MOST_MATRIX_ELEMENTS
-        ]
+        found += [(name, m) for name, m in matrices.items() if 0 < np.size(m) <= _MOST_MATRIX_ELEMENTS]
     elif isinstance(system, Gain):
-        found = [Parameter("gain", _response(system, 1.0))]
+        found.append(("gain", _response(system, 1.0)))
     elif isinstance(system, Saturation):
-        found = [
-            Parameter("lower limit", _response(system, -np.inf)),
-            Parameter("upper limit", _response(system, np.inf)),
-        ]
-    count = system.num_numeric_parameter_groups()
-    if count:
+        found += [("lower limit", _response(system, -np.inf)), ("upper limit", _response(system, np.inf))]
+    if count := system.num_numeric_parameter_groups():
         context = system.GetMyContextFromRoot(root_context)
-        names = _parameter_names(system, count)
-        for index, name in enumerate(names):
-            found.append(Parameter(name, tuple(float(x) for x in context.get_numeric_parameter(index).value())))
-    return tuple(found)
+        for index, name in enumerate(_parameter_names(system, count)):
+            found.append((name, context.get_numeric_parameter(index).value()))
+    return tuple(Parameter(name, tuple(map(float, np.ravel(values)))) for name, values in found)
 
 
-def _response(system: System, value: float) -> tuple[float, ...]:
+def _response(system: System, value: float) -> ArrayLike:
     """Output of a stateless C++ block for a constant input; tells what the block has no accessor for."""
     context = system.CreateDefaultContext()
     port = system.get_input_port(0)
     port.FixValue(context, np.full(port.size(), value))
-    return tuple(float(x) for x in system.get_output_port(0).Eval(context))
+    response: ArrayLike = system.get_output_port(0).Eval(context)
+    return response
 
 
 def _parameter_names(system: System, count: int) -> list[str]:

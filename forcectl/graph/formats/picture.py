@@ -160,9 +160,7 @@ def _frame(block: Block, signals: bool, inner: list[Picture]) -> Picture:
         start, (x, y) = net.source[0], paths[0][0]
         text_at = ((start.x + start.width if start.terminal else x) + 5.0, y - 4.0)
         dots = tuple(branch_points(paths))
-        own.append(
-            PlacedNet(source, tuple(targets), tuple(map(tuple, paths)), dots, text[source], text_at, block.path)
-        )
+        own.append(PlacedNet(source, tuple(targets), tuple(map(tuple, paths)), dots, text[source], text_at, block.path))
     down = FRAME_TITLE + _PAD
     inside = [
         _with_port_order(picture, item).moved(item.x, item.y + down)
