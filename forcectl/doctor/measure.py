@@ -61,9 +61,8 @@ def measure_delay(
     wiring = Wiring(system)
     hops = Hops(wiring, read_timing(StartValues(wiring)).events)
     first, end = ends_of_way(hops, source, target)
-    stepped = first.readers
-    watched = wiring.output_port(end)
-    for port in (*map(wiring.input_port, stepped), watched):
+    watched = wiring.port(end)
+    for port in (*map(wiring.port, first.readers), watched):
         if not is_vector(port):
             raise invalid("port", port.get_name(), "a vector port: a step of an abstract value has no meaning")
 
@@ -78,8 +77,8 @@ def measure_delay(
         if start > 0:
             runs[-1].AdvanceTo(begin)
     for run, step in zip(runs, (0.0, amplitude), strict=True):
-        for reader in stepped:
-            block, port = wiring.systems[reader.system], wiring.input_port(reader)
+        for reader in first.readers:
+            block, port = wiring.systems[reader.system], wiring.port(reader)
             here = block.GetMyMutableContextFromRoot(run.get_mutable_context())
             value = port.Eval(here) if port.HasValue(here) else np.zeros(port.size())
             port.FixValue(here, value + step)

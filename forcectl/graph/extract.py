@@ -5,31 +5,28 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import AffineSystem, Gain, Multiplexer, Saturation, VectorLogSink
 
-from forcectl.framework.wiring import input_names
 from forcectl.graph.model import Block, Category, Edge, Endpoint, Parameter, Port
 from forcectl.inspect.events import PeriodicEvent, read_timing
 from forcectl.inspect.names import is_automatic, type_name
 from forcectl.inspect.ports import unit, value_type
 from forcectl.inspect.start import StartValues, is_library_plant
-from forcectl.inspect.wiring import DiagramLevel, PortAddress, Side, Wiring
+from forcectl.inspect.wiring import DiagramLevel, PortAddress, Wiring
 
 _MOST_MATRIX_ELEMENTS = 64
-
-_End: TypeAlias = tuple[Side, PortAddress]
 
 
 def read_blocks(diagram: System, context: Context, hide_unused: bool, loggers: bool) -> Block:
     """A diagram, or a single leaf system, with everything inside of it; the arguments are those of `export.graph`."""
     wiring = Wiring(diagram)
     top = "" if isinstance(diagram, Diagram) else next(path for path, _ in wiring.leaves())
-    return _Reader(wiring, hide_unused, loggers, context).read(top, set(_ends(wiring, top)))
+    used = {*wiring.inputs(top), *wiring.outputs(top)}
+    return _Reader(wiring, hide_unused, loggers, context).read(top, used)
 
 
 class _Reader:
@@ -46,13 +43,16 @@ class _Reader:
         for event in timing.events:
             self._samples[event.block].append(event)
 
-    def read(self, path: str, used: set[_End]) -> Block:
+    def read(self, path: str, used: set[PortAddress]) -> Block:
         system = self._wiring.systems[path]
-        ends = [end for end in _ends(self._wiring, path) if end in used or not self._hide_unused]
+        inputs, outputs = (
+            [port for port in ports if port in used or not self._hide_unused]
+            for ports in (self._wiring.inputs(path), self._wiring.outputs(path))
+        )
         blocks: tuple[Block, ...] = ()
         edges: tuple[Edge, ...] = ()
         if isinstance(system, Diagram):
-            blocks, edges = self._inside(path, set(ends))
+            blocks, edges = self._inside(path, {*inputs, *outputs})
         samples = tuple(sorted(self._samples[path], key=lambda event: (event.period, event.offset)))
         return Block(
             path=path,
@@ -60,8 +60,8 @@ class _Reader:
             type_name=type_name(system),
             kind="diagram" if isinstance(system, Diagram) else "leaf",
             category=_category(system, bool(samples)),
-            inputs=tuple(self._port(end, used) for end in ends if end[0] == "input"),
-            outputs=tuple(self._port(end, used) for end in ends if end[0] == "output"),
+            inputs=tuple(self._port(port, used) for port in inputs),
+            outputs=tuple(self._port(port, used) for port in outputs),
             automatic_name=is_automatic(system.get_name()),
             samples=samples,
             every_step=path in self._every_step,
@@ -71,70 +71,54 @@ class _Reader:
             edges=edges,
         )
 
-    def _inside(self, path: str, terminals: set[_End]) -> tuple[tuple[Block, ...], tuple[Edge, ...]]:
-        level = self._wiring.inside(path)
-        if level is None:
-            return (), ()
+    def _inside(self, path: str, terminals: set[PortAddress]) -> tuple[tuple[Block, ...], tuple[Edge, ...]]:
+        level = self._wiring.levels[path]
         hidden = set() if self._loggers else _recorders(self._wiring, level)
         place = {owner: number for number, owner in enumerate([path, *level.children])}
         wires = sorted(
             (
-                wire
-                for wire in level.wires()
-                if all(port.system != path or (side, port) in terminals for side, port in wire)
+                (source, reader)
+                for reader, source in level.sources.items()
+                if all(port.system != path or port in terminals for port in (source, reader))
             ),
-            key=lambda wire: [(place[port.system], port.index) for _, port in wire],
+            key=lambda wire: [(place[port.system], port.index) for port in wire],
         )
-        shown = [wire for wire in wires if not any(port.system in hidden for _, port in wire)]
-        used = {end for wire in shown for end in wire}
+        shown = [wire for wire in wires if not any(port.system in hidden for port in wire)]
+        used = {port for wire in shown for port in wire}
         # A signal that is only recorded keeps its port.
-        used |= {source for source, reader in wires if reader[1].system in hidden and source[1].system not in hidden}
+        used |= {source for source, reader in wires if reader.system in hidden and source.system not in hidden}
         blocks = tuple(self.read(child, used) for child in level.children if child not in hidden)
         return blocks, self._edges(shown)
 
-    def _edges(self, wires: list[tuple[_End, _End]]) -> tuple[Edge, ...]:
-        units: dict[_End, str] = {}
+    def _edges(self, wires: list[tuple[PortAddress, PortAddress]]) -> tuple[Edge, ...]:
+        units: dict[PortAddress, str] = {}
         for source, target in wires:  # a signal has the unit of its source, else the first that any of its targets has
-            units[source] = units.get(source) or unit(self._wiring, *source) or unit(self._wiring, *target)
+            units[source] = units.get(source) or unit(self._wiring, source) or unit(self._wiring, target)
         edges = []
         for source, target in wires:
             port = replace(self._port(source, set()), unit=units[source])
-            start, end = (Endpoint(p.system, self._wiring.port(side, p).get_name()) for side, p in (source, target))
+            start, end = (Endpoint(p.system, self._wiring.port(p).get_name()) for p in (source, target))
             edges.append(Edge(start, end, port.signal, port.size))
         return tuple(edges)
 
-    def _port(self, end: _End, used: set[_End]) -> Port:
-        side, port = end
-        system, drake_port = self._wiring.systems[port.system], self._wiring.port(*end)
-        abstract = value_type(drake_port)
+    def _port(self, address: PortAddress, used: set[PortAddress]) -> Port:
+        port = self._wiring.port(address)
+        abstract = value_type(port)
         feedthrough: tuple[str, ...] = ()
-        if side == "output" and not isinstance(system, Diagram):
-            pairs, inputs = sorted(self._wiring.feedthrough(port.system)), input_names(system)
-            feedthrough = tuple(inputs[i] for i, o in pairs if o == port.index)
-        size = 0 if abstract else drake_port.size()
-        return Port(drake_port.get_name(), size, unit(self._wiring, *end), abstract, end in used, feedthrough)
-
-
-def _ends(wiring: Wiring, path: str) -> list[_End]:
-    """All ports of a system, inputs first."""
-    system = wiring.systems[path]
-    inputs: list[_End] = [("input", PortAddress(path, i)) for i in range(system.num_input_ports())]
-    return [*inputs, *(("output", PortAddress(path, i)) for i in range(system.num_output_ports()))]
+        if address.side == "output" and address.system not in self._wiring.levels:
+            feedthrough = tuple(self._wiring.port(passed).get_name() for passed in self._wiring.passed(address))
+        size = 0 if abstract else port.size()
+        return Port(port.get_name(), size, unit(self._wiring, address), abstract, address in used, feedthrough)
 
 
 def _recorders(wiring: Wiring, level: DiagramLevel) -> set[str]:
     """Paths of the loggers in a diagram, and of the multiplexers that only gather signals for them."""
     found = {child for child in level.children if isinstance(wiring.systems[child], VectorLogSink)}
     fed: dict[str, set[str]] = defaultdict(set)
-    for reader, source in level.connections.items():
+    for reader, source in level.sources.items():
         fed[source.system].add(reader.system)
-    outside = {source.system for source in level.exported_outputs.values()}
-    gather = {
-        child
-        for child in level.children
-        if isinstance(wiring.systems[child], Multiplexer) and fed[child] and fed[child] <= found
-    }
-    return found | (gather - outside)
+    multiplexers = (child for child in level.children if isinstance(wiring.systems[child], Multiplexer))
+    return found | {child for child in multiplexers if fed[child] and fed[child] <= found}
 
 
 def _states(system: System) -> tuple[int, int, int]:

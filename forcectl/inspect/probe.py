@@ -6,6 +6,7 @@ import numpy as np
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.analysis import Simulator
 
+from forcectl.inspect.events import PeriodicEvent
 from forcectl.inspect.start import FAILURES, StartValues
 from forcectl.inspect.ways import Hop
 from forcectl.inspect.wiring import is_vector
@@ -20,36 +21,27 @@ def samples_through(values: StartValues, hop: Hop) -> int | None:
     Two copies of the block run from the same start, one with its input disturbed. None: no change was seen within
     200 samples, or the block cannot be run alone.
     """
-    system = values.wiring.systems[hop.block]
-    if hop.event is None or isinstance(system, MultibodyPlant):
+    if hop.event is None or isinstance(values.wiring.systems[hop.block], MultibodyPlant):
         return None
-    ports = (system.get_input_port(hop.input, False), system.get_output_port(hop.output, False))
-    if not all(is_vector(port) for port in ports):
+    if not all(is_vector(values.wiring.port(port)) for port in (hop.input, hop.output)):
         return None
     try:
-        return min((n for step in _STEPS if (n := _count(values, hop, step)) is not None), default=None)
+        return min((n for step in _STEPS if (n := _count(values, hop, hop.event, step)) is not None), default=None)
     except FAILURES:
         return None
 
 
-def _count(values: StartValues, hop: Hop, step: float) -> int | None:
-    if hop.event is None:
-        return None
-    system = values.wiring.systems[hop.block]
+def _count(values: StartValues, hop: Hop, event: PeriodicEvent, step: float) -> int | None:
     plain, disturbed = values.block_context(hop.block), values.block_context(hop.block)
-    port = system.get_input_port(hop.input, False)
+    port, output = values.wiring.port(hop.input), values.wiring.port(hop.output)
     port.FixValue(disturbed, port.Eval(plain) + step)
-    output = system.get_output_port(hop.output, False)
-    runs = [Simulator(system, plain), Simulator(system, disturbed)]
+    runs = [Simulator(values.wiring.systems[hop.block], context) for context in (plain, disturbed)]
     for run in runs:
         run.Initialize()
     for sample in range(1, _MOST_SAMPLES + 1):
         for run in runs:
-            run.AdvanceTo(hop.event.offset + sample * hop.event.period)
-        if _differ(output.Eval(runs[0].get_context()), output.Eval(runs[1].get_context())):
+            run.AdvanceTo(event.offset + sample * event.period)
+        a, b = (output.Eval(run.get_context()) for run in runs)
+        if not np.array_equal(a, b, equal_nan=True):
             return sample
     return None
-
-
-def _differ(a: np.ndarray, b: np.ndarray) -> bool:
-    return not np.array_equal(a, b, equal_nan=True)

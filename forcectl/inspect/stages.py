@@ -10,12 +10,10 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from forcectl.framework.wiring import input_names, output_names
 from forcectl.inspect.probe import samples_through
 from forcectl.inspect.schedule import Stage, schedule
 from forcectl.inspect.start import StartValues
 from forcectl.inspect.ways import Hop, Hops, declared_delays
-from forcectl.inspect.wiring import PortAddress
 
 
 def stages_of(values: StartValues, hops: Hops, way: list[Hop]) -> list[Stage]:
@@ -39,15 +37,9 @@ def stages_of(values: StartValues, hops: Hops, way: list[Hop]) -> list[Stage]:
 
 
 def _stage(values: StartValues, hops: Hops, hop: Hop) -> Stage:
-    wiring = hops.wiring
-    stage = Stage(
-        hop.block,
-        wiring.input_port(PortAddress(hop.block, hop.input)).get_name(),
-        wiring.output_port(PortAddress(hop.block, hop.output)).get_name(),
-        hop.kind,
-        "structure",
-    )
-    declared = hops.declared(hop.block, hop.input, hop.output)
+    source, output = (hops.wiring.port(port).get_name() for port in (hop.input, hop.output))
+    stage = Stage(hop.block, source, output, hop.kind, "structure")
+    declared = hops.declared(hop.input, hop.output)
     if hop.event is None:
         return stage if declared is None else replace(stage, delay=declared, basis="declared")
     measured = samples_through(values, hop)
@@ -64,20 +56,17 @@ def _stage(values: StartValues, hops: Hops, hop: Hop) -> Stage:
 def _declared_diagram(hops: Hops, way: list[Hop], start: int) -> tuple[Stage, int] | None:
     """The outermost nested diagram that declares the delay of a part of the way from `start`, and where it ends."""
     wiring = hops.wiring
-    first = PortAddress(way[start].block, way[start].input)
     for path in wiring.parents(way[start].block):
-        system = wiring.systems[path]
-        for (i, o), delay in declared_delays(system).items():
-            if first not in wiring.inner_inputs(PortAddress(path, i)):
+        for (reader, output), delay in declared_delays(wiring, path).items():
+            if way[start].input not in wiring.inner_inputs(reader):
                 continue
-            last = wiring.origin(PortAddress(path, o))
             for end in range(start, len(way)):
                 if path not in wiring.parents(way[end].block):
                     break
-                if PortAddress(way[end].block, way[end].output) == last:
+                if way[end].output == wiring.source(output):
                     event = next((hop.event for hop in way[start : end + 1] if hop.event is not None), None)
                     kind = "fixed" if event is None else event.kind
                     samples = 0 if event is None else round(delay / event.period)
-                    names = input_names(system)[i], output_names(system)[o]
-                    return Stage(path, *names, kind, "declared", event, samples, delay), end + 1
+                    source, target = (wiring.port(port).get_name() for port in (reader, output))
+                    return Stage(path, source, target, kind, "declared", event, samples, delay), end + 1
     return None

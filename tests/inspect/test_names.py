@@ -63,5 +63,5 @@ def test_a_slash_in_a_name_makes_no_second_owner_of_a_path():
     builder.Connect(diagram.get_output_port(), other.get_input_port())
     wiring = Wiring(builder.Build())
     assert [path for path, _ in wiring.leaves()] == ["a/b", "a/b 2"]
-    assert wiring.source(PortAddress("a/b", 0)) == PortAddress("a/b 2", 0)
+    assert wiring.source(PortAddress("input", "a/b", 0)) == PortAddress("output", "a/b 2", 0)
     assert (wiring.parents("a/b"), wiring.parents("a/b 2")) == ([], ["a"])
