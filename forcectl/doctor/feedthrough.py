@@ -21,7 +21,8 @@ def undeclared_prerequisites(wiring: Wiring) -> Iterator[Finding]:
     input counts as feedthrough, which makes algebraic loops that are not there.
     """
     for path, system in wiring.leaves():
-        if not is_python_block(system) or system.num_input_ports() == 0 or not _has_state(system):
+        state = system.num_continuous_states() or system.num_discrete_state_groups() or system.num_abstract_states()
+        if not (is_python_block(system) and system.num_input_ports() and state):
             continue
         names = ", ".join(input_names(system))
         undeclared = _depend_on_everything(system)
@@ -33,10 +34,6 @@ def undeclared_prerequisites(wiring: Wiring) -> Iterator[Finding]:
                     f"declares no prerequisites, so every input ({names}) counts as feedthrough; pass "
                     "prerequisites_of_calc={...} or use DeclareStateOutputPort",
                 )
-
-
-def _has_state(system: System) -> bool:
-    return bool(system.num_continuous_states() or system.num_discrete_state_groups() or system.num_abstract_states())
 
 
 def _depend_on_everything(system: System) -> set[int]:

@@ -10,6 +10,7 @@ from forcectl.errors import invalid
 from forcectl.inspect.delay import ends_of_way
 from forcectl.inspect.events import read_timing
 from forcectl.inspect.ports import PortName
+from forcectl.inspect.schedule import clean
 from forcectl.inspect.start import StartValues, fix_open_inputs
 from forcectl.inspect.ways import Hops
 from forcectl.inspect.wiring import Wiring, is_vector
@@ -88,5 +89,5 @@ def measure_delay(
             for run in runs:
                 run.AdvanceTo(begin + k * tick)
         if np.any(np.abs(watched.Eval(contexts[1]) - watched.Eval(contexts[0])) > threshold):
-            return float(f"{k * tick:.9g}")
+            return clean(k * tick)
     return None

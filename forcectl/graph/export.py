@@ -13,7 +13,7 @@ from __future__ import annotations
 import os
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING
 
 from pydrake.systems.framework import Context, System
 
@@ -59,9 +59,6 @@ class Graph(BlockGraph):
 
     def _repr_html_(self) -> str:
         return f'<div style="overflow-x:auto">{self._repr_svg_()}</div>'
-
-    def _repr_mimebundle_(self, include: Any = None, exclude: Any = None) -> dict[str, str]:
-        return {"image/svg+xml": self._repr_svg_(), "text/plain": repr(self)}
 
     def __repr__(self) -> str:
         return f"<block diagram {self.root.name!r}: {len(self.nodes)} blocks, {len(self.edges)} wires>"

@@ -148,7 +148,7 @@ def _consumers(hops: Hops, output: PortAddress, seen: set[PortAddress]) -> dict[
         if reader in seen:
             continue
         seen.add(reader)
-        update = hops.update_of(reader.system)
+        update = hops.updates.get(reader.system)
         if update is None and hops.wiring.systems[reader.system].num_continuous_states():
             found[reader.system] = None
             continue
@@ -164,13 +164,13 @@ def _consumers(hops: Hops, output: PortAddress, seen: set[PortAddress]) -> dict[
 def _passed_at(hops: Hops, way: list[Hop]) -> list[PeriodicEvent]:
     """The fastest update of the blocks behind the last hold that only pass the signal on, such as a plant."""
     held = max((k for k, hop in enumerate(way) if hop.event is not None), default=-1)
-    updates = [hops.update_of(hop.block) for hop in way[held + 1 :]]
+    updates = [hops.updates.get(hop.block) for hop in way[held + 1 :]]
     return sorted((event for event in updates if event is not None), key=lambda event: event.period)[:1]
 
 
 def _rhythm_of(hops: Hops, output: PortAddress) -> PeriodicEvent | None:
     """The event that changes the value on an output: of the block itself or of one it passes on."""
-    update = hops.update_of(output.system)
+    update = hops.updates.get(output.system)
     feeding = [i for i, o in hops.wiring.feedthrough(output.system) if o == output.index]
     if update is not None and not feeding:
         return update

@@ -27,25 +27,26 @@ class Hop:
 
 
 class Hops:
-    """Which outputs of a block an input reaches, and how."""
+    """Which outputs of a block an input reaches, and how.
+
+    Attributes:
+        readers: the leaf inputs that read each leaf output, and each input of the whole diagram.
+        updates: the fastest periodic update of each block that has one.
+    """
 
     def __init__(self, wiring: Wiring, events: tuple[PeriodicEvent, ...]):
         self.wiring = wiring
         self.readers = wiring.readers()
-        self._updates: dict[str, PeriodicEvent] = {}
+        self.updates: dict[str, PeriodicEvent] = {}
         for event in events:
-            known = self._updates.get(event.block)
+            known = self.updates.get(event.block)
             if event.kind != "publish" and (known is None or event.period < known.period):
-                self._updates[event.block] = event
-
-    def update_of(self, block: str) -> PeriodicEvent | None:
-        """The fastest periodic update of a block."""
-        return self._updates.get(block)
+                self.updates[event.block] = event
 
     def through(self, reader: PortAddress) -> list[Hop]:
         """Every way from an input of a block to its outputs. An input of a block with state may reach all of them."""
         pairs = self.wiring.feedthrough(reader.system)
-        update = self.update_of(reader.system)
+        update = self.updates.get(reader.system)
         hops = []
         for output in self.wiring.outputs(reader.system):
             if (reader.index, output.index) in pairs:

@@ -6,7 +6,7 @@ from collections import defaultdict
 from collections.abc import Iterable
 from dataclasses import dataclass, replace
 
-from forcectl.graph.layout.order import feedback_edges, ranks
+from forcectl.graph.layout.order import ranks
 from forcectl.graph.layout.route import Net, bend_points, branch_points, set_columns, set_lanes, wire_points
 from forcectl.graph.layout.rows import End, Item, Point, place_rows
 from forcectl.graph.layout.shapes import (
@@ -123,7 +123,7 @@ def _folded(block: Block) -> Picture:
 
 def _frame(block: Block, signals: bool, inner: list[Picture]) -> Picture:
     """Picture of an unfolded diagram, from the pictures of its blocks."""
-    column = ranks(block, feedback_edges(block))
+    column = ranks(block)
     last = max(column.values(), default=0) + 1
     sources = {port.name: _terminal(0, port.name, "out") for port in block.inputs}
     sinks = {port.name: _terminal(last, port.name, "in") for port in block.outputs}

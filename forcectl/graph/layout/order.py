@@ -25,31 +25,32 @@ _Arc = tuple[str, str]
 def feedback_edges(block: Block) -> frozenset[Edge]:
     """The wires inside a diagram that run against its forward path (from a block to an earlier one or to itself)."""
     place = {path: number for number, path in enumerate(_forward_order(block))}
-    return frozenset(
-        edge
-        for edge in block.edges
-        if block.path not in (edge.source.block, edge.target.block)
-        and place[edge.source.block] >= place[edge.target.block]
-    )
+    return frozenset(edge for edge in _inner(block) if place[edge.source.block] >= place[edge.target.block])
 
 
-def ranks(block: Block, feedback: frozenset[Edge]) -> dict[str, int]:
+def ranks(block: Block) -> dict[str, int]:
     """Column of each block inside a diagram, from 1 on; every forward wire leads at least one column to the right."""
     order = _forward_order(block)
+    place = {path: number for number, path in enumerate(order)}
     after: dict[str, set[str]] = defaultdict(set)
     before: dict[str, set[str]] = defaultdict(set)
-    for edge in block.edges:
+    for edge in _inner(block):
         source, target = edge.source.block, edge.target.block
-        if edge not in feedback and block.path not in (source, target):
+        if place[source] < place[target]:
             after[source].add(target)
             before[target].add(source)
     rank: dict[str, int] = {}
     for path in order:
         rank[path] = 1 + max((rank[earlier] for earlier in before[path]), default=0)
     for path in reversed(order):  # short wires: what has more to the right than to the left moves to the right
-        if after[path] and len(after[path]) > len(before[path]):
+        if len(after[path]) > len(before[path]):
             rank[path] = min(rank[later] for later in after[path]) - 1
     return rank
+
+
+def _inner(block: Block) -> list[Edge]:
+    """The wires from block to block."""
+    return [edge for edge in block.edges if block.path not in (edge.source.block, edge.target.block)]
 
 
 def _forward_order(block: Block) -> list[str]:
@@ -70,9 +71,9 @@ def _weights(block: Block) -> dict[_Arc, float]:
     entered_from_outside |= {e.target.block for e in block.edges if e.source.block not in has_input}
     leaves = {edge.source.block for edge in block.edges if edge.target.block == block.path}
     weights: dict[_Arc, float] = defaultdict(float)
-    for edge in block.edges:
+    for edge in _inner(block):
         source, target = edge.source.block, edge.target.block
-        if source not in inside or target not in inside or source == target:
+        if source == target:
             continue
         cost = 4.0
         port = edge.target.port.lower()
