@@ -113,7 +113,6 @@ def _symbol(block: Block, form: Form, text: str) -> Shape:
         width = 7.0
     elif form == "triangle":
         width = max(42.0, text_width(text, 11.0) * 1.25 + 22.0)
-        height = max(height, 36.0)
     else:
         width = max(SYMBOL + 4.0, (0.0 if text.startswith(":") else text_width(text, SYMBOL_SIZE)) + 16.0)
     total = max(width, max((text_width(line, TYPE_SIZE) for line in captions), default=0.0))
