@@ -69,7 +69,6 @@ def graph(
     *,
     depth: int | None = 1,
     hide_unused: bool = True,
-    signals: bool = True,
     loggers: bool = False,
     context: Context | None = None,
 ) -> Graph:
@@ -79,7 +78,6 @@ def graph(
         diagram: any Drake diagram, or a single leaf system.
         depth: levels of nested diagrams that are unfolded: 0 shows one box, 1 its blocks, None everything.
         hide_unused: leave out ports that nothing is connected to.
-        signals: write size and unit on the wires.
         loggers: show blocks that only record a signal.
         context: of the diagram, for the values of parameters; the default context when None.
 
@@ -91,7 +89,7 @@ def graph(
     if depth is not None and (isinstance(depth, bool) or not isinstance(depth, int) or depth < 0):
         raise invalid("depth", depth, "a whole number >= 0, or None for all levels")
     blocks = read_blocks(diagram, context or diagram.CreateDefaultContext(), hide_unused, loggers)
-    return Graph(blocks, depth, signals)
+    return Graph(blocks, depth)
 
 
 def format_of(path: str | os.PathLike[str]) -> str:

@@ -134,12 +134,10 @@ class BlockGraph:
     Attributes:
         root: the top-level diagram (or a single leaf).
         depth: levels that are unfolded; None means all.
-        signals: whether wires carry size and unit.
     """
 
     root: Block
     depth: int | None = 1
-    signals: bool = True
 
     @cached_property
     def by_path(self) -> dict[str, Block]:

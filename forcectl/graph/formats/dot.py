@@ -58,8 +58,7 @@ class _Writer:
         returning = feedback_edges(block)
         for edge in block.edges:
             wire = pydot.Edge(self._end(edge.source, "out", block.path), self._end(edge.target, "in", block.path))
-            if self._graph.signals:
-                wire.set("label", _label(edge.signal))
+            wire.set("label", _label(edge.signal))
             if edge in returning:
                 wire.set("constraint", False)
             if not edge.size:

@@ -42,9 +42,9 @@ class _Writer:
             source, from_port = self._end(edge.source, "out", block.path)
             target, to_port = self._end(edge.target, "in", block.path)
             ports = " → ".join(dict.fromkeys(name for name in (from_port, to_port) if name))
-            label = ": ".join(word for word in (ports, edge.signal if self._graph.signals else "") if word)
+            label = ": ".join(word for word in (ports, edge.signal) if word)
             arrow = "-->" if edge.size else "-.->"
-            yield f"{indent}{source} {arrow}" + (f'|"{_text(label)}"|' if label else "") + f" {target}"
+            yield f'{indent}{source} {arrow}|"{_text(label)}"| {target}'
 
     def colours(self) -> Iterator[str]:
         for name, (fill, line) in PALETTE.items():

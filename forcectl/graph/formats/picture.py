@@ -108,7 +108,7 @@ class Layouter:
             return _folded(block)
         key = (block.path, opened.intersection(inner.path for inner in block.walk()))
         if key not in self._done:
-            self._done[key] = _frame(block, self._graph.signals, [self._block(child, opened) for child in block.blocks])
+            self._done[key] = _frame(block, [self._block(child, opened) for child in block.blocks])
         return self._done[key]
 
 
@@ -121,7 +121,7 @@ def _folded(block: Block) -> Picture:
     )
 
 
-def _frame(block: Block, signals: bool, inner: list[Picture]) -> Picture:
+def _frame(block: Block, inner: list[Picture]) -> Picture:
     """Picture of an unfolded diagram, from the pictures of its blocks."""
     column = ranks(block)
     last = max(column.values(), default=0) + 1
@@ -133,8 +133,7 @@ def _frame(block: Block, signals: bool, inner: list[Picture]) -> Picture:
     for edge in block.edges:
         wires[edge.source].append(edge.target)
         # What enters a nested diagram is labelled outside already.
-        repeated = edge.source.block == block.path != ""
-        text[edge.source] = edge.signal if signals and not repeated else ""
+        text[edge.source] = "" if edge.source.block == block.path != "" else edge.signal
 
     def end(of: Endpoint, terminals: dict[str, Item]) -> End:
         return (terminals[of.port] if of.block == block.path else items[of.block]), of.port
@@ -177,30 +176,25 @@ def _frame(block: Block, signals: bool, inner: list[Picture]) -> Picture:
 
 def _terminal(rank: int, port: str, side: str) -> Item:
     """A port of the diagram itself; its wire starts or ends at the border, below the name."""
-    item = Item(rank, text_width(port, PORT_SIZE) + 14.0, 18.0, terminal=True)
-    if side == "out":
-        item.outputs, item.output_slots = [port], [(0.0, _TERMINAL_LINE)]
-    else:
-        item.inputs, item.input_slots = [port], [(item.width, _TERMINAL_LINE)]
-    return item
+    width = text_width(port, PORT_SIZE) + 14.0
+    at = (0.0 if side == "out" else width, _TERMINAL_LINE)
+    return Item(rank, width, 18.0, {side: [port]}, {side: [at]}, terminal=True)
 
 
 def _item(block: Block, rank: int, picture: Picture) -> Item:
     box = picture.boxes[0]
+    sides = {"in": box.inputs, "out": box.outputs}
     return Item(
-        rank=rank,
-        width=picture.width,
-        height=picture.height,
-        inputs=[name for name, _ in box.inputs],
-        outputs=[name for name, _ in box.outputs],
-        input_slots=[place for _, place in box.inputs],
-        output_slots=[place for _, place in box.outputs],
+        rank,
+        picture.width,
+        picture.height,
+        ports={side: [name for name, _ in ports] for side, ports in sides.items()},
+        slots={side: [place for _, place in ports] for side, ports in sides.items()},
         loose=box.shape is not None and block.type_name not in ("Multiplexer", "Demultiplexer"),
     )
 
 
 def _with_port_order(picture: Picture, item: Item) -> Picture:
     """The picture of a block after its ports were exchanged among their places."""
-    inputs = tuple(zip(item.inputs, item.input_slots, strict=True))
-    outputs = tuple(zip(item.outputs, item.output_slots, strict=True))
+    inputs, outputs = (tuple(zip(item.ports[side], item.slots[side], strict=True)) for side in ("in", "out"))
     return replace(picture, boxes=(replace(picture.boxes[0], inputs=inputs, outputs=outputs), *picture.boxes[1:]))

@@ -23,17 +23,15 @@ class Item:
 
     Attributes:
         rank: number of the column.
-        inputs, outputs: names of ports from top to bottom; they may be exchanged among the slots when `loose`.
-        input_slots, output_slots: places of ports relative to the item's upper left corner.
+        ports: names on either side, "in" and "out", from top to bottom; exchanged among the slots when `loose`.
+        slots: places of the ports relative to the item's upper left corner.
     """
 
     rank: int
     width: float = 0.0
     height: float = 0.0
-    inputs: list[str] = field(default_factory=list)
-    outputs: list[str] = field(default_factory=list)
-    input_slots: list[Point] = field(default_factory=list)
-    output_slots: list[Point] = field(default_factory=list)
+    ports: dict[str, list[str]] = field(default_factory=dict)
+    slots: dict[str, list[Point]] = field(default_factory=dict)
     loose: bool = False
     wire: bool = False
     terminal: bool = False
@@ -42,10 +40,7 @@ class Item:
 
     def pin(self, side: str, port: str) -> Point:
         """Place of a port relative to the item."""
-        if self.wire:
-            return 0.0, 0.0
-        ports, slots = (self.inputs, self.input_slots) if side == "in" else (self.outputs, self.output_slots)
-        return slots[ports.index(port)]
+        return (0.0, 0.0) if self.wire else self.slots[side][self.ports[side].index(port)]
 
     def place(self, side: str, port: str) -> Point:
         """Place of a port in the diagram."""
@@ -54,10 +49,7 @@ class Item:
 
     def fraction(self, side: str, port: str) -> float:
         """Height of a port as a fraction of the item, for counting crossings."""
-        if self.wire:
-            return 0.5
-        ports = self.inputs if side == "in" else self.outputs
-        return (ports.index(port) + 0.5) / len(ports)
+        return 0.5 if self.wire else (self.ports[side].index(port) + 0.5) / len(self.ports[side])
 
 
 End = tuple[Item, str]  # a port
@@ -163,22 +155,21 @@ def _sort_ports(columns: Columns, by_channel: Hops, returns: list[tuple[End, End
     """Exchange the ports of loose boxes so that wires to neighbours do not cross; what only returns goes last."""
     row = _rows(columns)
     loose = [item for item in row if item.loose]
-    seen_in: dict[End, list[float]] = defaultdict(list)
-    seen_out: dict[End, list[float]] = defaultdict(list)
+    seen: dict[str, dict[End, list[float]]] = {"in": defaultdict(list), "out": defaultdict(list)}
     for hop in itertools.chain.from_iterable(by_channel.values()):
-        seen_in[hop.right, hop.right_port].append(row[hop.left] + hop.left.fraction("out", hop.left_port))
-        seen_out[hop.left, hop.left_port].append(row[hop.right] + hop.right.fraction("in", hop.right_port))
+        seen["in"][hop.right, hop.right_port].append(row[hop.left] + hop.left.fraction("out", hop.left_port))
+        seen["out"][hop.left, hop.left_port].append(row[hop.right] + hop.right.fraction("in", hop.right_port))
     last = 1.0e6
     for item in loose:
-        for ports, seen in ((item.inputs, seen_in), (item.outputs, seen_out)):
-            mean = {p: sum(v) / len(v) if (v := seen[item, p]) else last for p in ports}
+        for side, ports in item.ports.items():
+            mean = {p: sum(v) / len(v) if (v := seen[side][item, p]) else last for p in ports}
             ports.sort(key=mean.__getitem__)
     # Loops lie inside one another when what returns leaves a block in the order in which it arrives.
-    arrival = {source: target.inputs.index(port) for source, (target, port) in returns}
+    arrival = {source: target.ports["in"].index(port) for source, (target, port) in returns}
     for item in loose:
-        only_back = [p for p in item.outputs if (item, p) in arrival and not seen_out[item, p]]
+        only_back = [p for p in item.ports["out"] if (item, p) in arrival and not seen["out"][item, p]]
         ordered = iter(sorted(only_back, key=lambda p: arrival[item, p]))
-        item.outputs = [next(ordered) if p in only_back else p for p in item.outputs]
+        item.ports["out"] = [next(ordered) if p in only_back else p for p in item.ports["out"]]
 
 
 def _set_heights(columns: Columns, by_channel: Hops) -> None:

@@ -12,8 +12,8 @@ from tests.examples.graph_diagrams import ALL, arm_with_controller, force_loop, 
 SVG = "{http://www.w3.org/2000/svg}"
 
 
-def elements(diagram, depth=None, **options):
-    return ET.fromstring(to_svg(graph(diagram, depth=depth, **options)))
+def elements(diagram, depth=None):
+    return ET.fromstring(to_svg(graph(diagram, depth=depth)))
 
 
 def texts(root):
@@ -45,10 +45,6 @@ def test_depth_folds_what_is_inside():
     assert "position_loop" not in texts(elements(force_loop(), depth=1))
     assert "position_loop" in texts(elements(force_loop(), depth=2))
     assert texts(elements(force_loop(), depth=0)).count("closed_loop") == 1
-
-
-def test_signals_can_be_left_out():
-    assert "1 · N" not in texts(elements(force_loop(), signals=False))
 
 
 def test_every_block_and_every_net_is_a_group_with_its_name():
