@@ -30,11 +30,11 @@ def to_html(graph: BlockGraph) -> str:
     start = layouter.picture()
     fragments: dict[str, int] = {}
     paths = {block.path: number for number, block in enumerate(graph.root.walk())}
-    parents = {child: paths[parent] for child, parent in _parents(graph).items()}
+    around = _around(graph)
     states = [_state(graph, layouter.picture(opened), opened, paths, fragments) for opened in fold_states(graph)]
     data = {
         "title": graph.root.name,
-        "blocks": [_details(block, parents.get(block.path, -1)) for block in graph.root.walk()],
+        "blocks": [_details(b, paths[around[b.path][0]] if around[b.path] else -1) for b in graph.root.walk()],
         "states": states,
         "signals": _signals(graph),
         "fragments": list(fragments),
@@ -65,21 +65,21 @@ def fold_states(graph: BlockGraph) -> list[frozenset[str]]:
     if _number_of_states(graph.root) <= limit:
         return sorted(map(frozenset, _all_states(graph.root)), key=lambda s: (len(s), sorted(s)))
     found = {graph.unfolded(depth) for depth in range(graph.root.height + 1)} | {graph.unfolded()}
-    parents = _parents(graph)
+    around = _around(graph)
     for block in graph.root.walk():
         if block.kind == "diagram":
-            above = [block.path]
-            while above[-1] in parents:
-                above.append(parents[above[-1]])
-            found.add(frozenset(above))
+            found.add(frozenset([block.path, *around[block.path]]))
             if len(found) < limit:
-                found.add(graph.unfolded(len(above)) - {block.path})
+                found.add(graph.unfolded(1 + len(around[block.path])) - {block.path})
     return sorted(found, key=lambda s: (len(s), sorted(s)))
 
 
-def _parents(graph: BlockGraph) -> dict[str, str]:
-    """Path of the diagram around each block."""
-    return {child.path: block.path for block in graph.root.walk() for child in block.blocks}
+def _around(graph: BlockGraph) -> dict[str, list[str]]:
+    """Paths of the diagrams around each block, the innermost first."""
+    around: dict[str, list[str]] = {graph.root.path: []}
+    for block in graph.root.walk():
+        around |= {child.path: [block.path, *around[block.path]] for child in block.blocks}
+    return around
 
 
 def _number_of_states(block: Block) -> int:
