@@ -10,8 +10,8 @@ from pydrake.systems.primitives import DiscreteTimeDelay
 
 from forcectl.doctor.report import Finding, error, warning
 from forcectl.inspect.delay import DelayChain
-from forcectl.inspect.probe import samples_through
 from forcectl.inspect.schedule import clean
+from forcectl.inspect.stages import samples_through
 from forcectl.inspect.start import StartValues
 from forcectl.inspect.ways import Hop, Hops, declared_delays
 from forcectl.inspect.wiring import PortAddress

@@ -11,11 +11,11 @@ from forcectl.graph.model import Block, BlockGraph, Endpoint
 
 def to_mermaid(graph: BlockGraph) -> str:
     """The graph at its depth as a Mermaid document."""
-    writer = _Writer(graph)
+    writer = _Flowchart(graph)
     return "\n".join(["flowchart LR", *writer.block(graph.root, "  "), *writer.colours()]) + "\n"
 
 
-class _Writer:
+class _Flowchart:
     """Lines of blocks under short names: `b3`, terminals of an open one `b3_in0`."""
 
     def __init__(self, graph: BlockGraph) -> None:

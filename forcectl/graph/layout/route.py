@@ -6,7 +6,7 @@ import itertools
 from collections import defaultdict
 from dataclasses import dataclass, field
 
-from forcectl.graph.layout.rows import Columns, End, Hop, Item, Point
+from forcectl.graph.layout.rows import Columns, Crossing, End, Item, Point
 
 TRACK = 11.0  # between upright tracks
 LANE = 13.0  # between returning lanes
@@ -60,9 +60,9 @@ class _Track:
 Tracks = dict[int, _Track]  # by number of the net
 
 
-def bend_points(nets: list[Net]) -> list[Hop]:
+def bend_points(nets: list[Net]) -> list[Crossing]:
     """Put an item wherever a wire passes a column, and return every hop from column to column."""
-    hops: list[Hop] = []
+    hops: list[Crossing] = []
     for number, net in enumerate(nets):
         forward = [target for target in net.targets if target[0].rank > net.rank]
         furthest = max((item.rank for item, _ in forward), default=net.rank)
@@ -72,11 +72,11 @@ def bend_points(nets: list[Net]) -> list[Hop]:
             ends = [target for target in forward if target[0].rank == rank + 1]
             if rank + 1 in net.bends:
                 ends.append((net.bends[rank + 1], ""))
-            hops += [Hop(number, rank, *start, *end) for end in ends]
+            hops += [Crossing(number, rank, *start, *end) for end in ends]
     return hops
 
 
-def set_lanes(nets: list[Net], columns: Columns, hops: list[Hop]) -> float:
+def set_lanes(nets: list[Net], columns: Columns, hops: list[Crossing]) -> float:
     """Height of every return below the blocks it passes, short ones closest; returns the lowest of everything."""
     bottom = [max((item.y + item.height for item in column), default=0.0) for column in columns]
     rows: dict[int, set[float]] = defaultdict(set)  # heights at which wires run in each channel
@@ -101,7 +101,7 @@ def set_lanes(nets: list[Net], columns: Columns, hops: list[Hop]) -> float:
     return max([*bottom, *(lane for *_, lane in placed)], default=0.0)
 
 
-def set_columns(nets: list[Net], columns: Columns, hops: list[Hop]) -> tuple[float, list[Tracks]]:
+def set_columns(nets: list[Net], columns: Columns, hops: list[Crossing]) -> tuple[float, list[Tracks]]:
     """Set `x` of every item; returns the total width and the tracks of each channel."""
     channels = [_channel(number, nets, hops) for number in range(len(columns))]
     x = 0.0
@@ -124,7 +124,7 @@ def set_columns(nets: list[Net], columns: Columns, hops: list[Hop]) -> tuple[flo
     return x, channels
 
 
-def _channel(number: int, nets: list[Net], hops: list[Hop]) -> Tracks:
+def _channel(number: int, nets: list[Net], hops: list[Crossing]) -> Tracks:
     """The nets that pass the channel to the right of a column."""
     left: dict[int, list[float]] = defaultdict(list)
     right: dict[int, list[float]] = defaultdict(list)

@@ -56,7 +56,7 @@ End = tuple[Item, str]  # a port
 
 
 @dataclass(frozen=True)
-class Hop:
+class Crossing:
     """One wire's way through the channel to the right of column `channel`."""
 
     net: int
@@ -68,10 +68,10 @@ class Hop:
 
 
 Columns = list[list[Item]]
-Hops = dict[int, list[Hop]]  # by channel
+Crossings = dict[int, list[Crossing]]  # by channel
 
 
-def place_rows(items: Iterable[Item], hops: Iterable[Hop], returns: list[tuple[End, End]], count: int) -> Columns:
+def place_rows(items: Iterable[Item], hops: Iterable[Crossing], returns: list[tuple[End, End]], count: int) -> Columns:
     """Order the items in each of `count` columns and set `y` of every item; returns the columns.
 
     Args:
@@ -83,7 +83,7 @@ def place_rows(items: Iterable[Item], hops: Iterable[Hop], returns: list[tuple[E
     columns: Columns = [[] for _ in range(count)]
     for item in items:
         columns[item.rank].append(item)
-    by_channel: Hops = defaultdict(list)
+    by_channel: Crossings = defaultdict(list)
     for hop in hops:
         by_channel[hop.channel].append(hop)
     for _ in range(2):
@@ -97,7 +97,7 @@ def _rows(columns: Columns) -> dict[Item, int]:
     return {item: row for column in columns for row, item in enumerate(column)}
 
 
-def _fewest_crossings(columns: Columns, by_channel: Hops) -> Columns:
+def _fewest_crossings(columns: Columns, by_channel: Crossings) -> Columns:
     """Sweep over the columns, each ordered by the mean place of its neighbours; the best order met is kept."""
     best, least = [list(c) for c in columns], _crossings(columns, by_channel)
     for sweep in range(12):
@@ -121,7 +121,7 @@ def _fewest_crossings(columns: Columns, by_channel: Hops) -> Columns:
     return best
 
 
-def _swap_neighbours(columns: Columns, by_channel: Hops) -> None:
+def _swap_neighbours(columns: Columns, by_channel: Crossings) -> None:
     for rank, column in enumerate(columns):
         for i in range(len(column) - 1):
             pair = {column[i], column[i + 1]}
@@ -134,7 +134,7 @@ def _swap_neighbours(columns: Columns, by_channel: Hops) -> None:
                 column[i], column[i + 1] = column[i + 1], column[i]
 
 
-def _crossings(columns: Columns, by_channel: Hops) -> int:
+def _crossings(columns: Columns, by_channel: Crossings) -> int:
     row = _rows(columns)
     total = 0
     for hops in by_channel.values():
@@ -151,7 +151,7 @@ def _crossings(columns: Columns, by_channel: Hops) -> int:
     return total
 
 
-def _sort_ports(columns: Columns, by_channel: Hops, returns: list[tuple[End, End]]) -> None:
+def _sort_ports(columns: Columns, by_channel: Crossings, returns: list[tuple[End, End]]) -> None:
     """Exchange the ports of loose boxes so that wires to neighbours do not cross; what only returns goes last."""
     row = _rows(columns)
     loose = [item for item in row if item.loose]
@@ -172,7 +172,7 @@ def _sort_ports(columns: Columns, by_channel: Hops, returns: list[tuple[End, End
         item.ports["out"] = [next(ordered) if p in only_back else p for p in item.ports["out"]]
 
 
-def _set_heights(columns: Columns, by_channel: Hops) -> None:
+def _set_heights(columns: Columns, by_channel: Crossings) -> None:
     """Items that stand in a straight run move together: each run to the mean of what pulls it, within its bounds."""
     run, offset = _straight_runs(columns, by_channel)
     bounds: dict[tuple[Item, Item], float] = {}  # (upper, lower run) -> least difference of their heights
@@ -221,22 +221,22 @@ def _gap(upper: Item, lower: Item) -> float:
     return _GAP_TERMINAL if upper.terminal and lower.terminal else _GAP_BOX
 
 
-def _straight_runs(columns: Columns, by_channel: Hops) -> tuple[dict[Item, Item], dict[Item, float]]:
+def _straight_runs(columns: Columns, by_channel: Crossings) -> tuple[dict[Item, Item], dict[Item, float]]:
     """Chains of items that will be joined by straight wires: the first item of each one's chain, its height in it."""
     row = _rows(columns)
     length = _path_lengths(by_channel)
-    straight: dict[Item, Hop] = {}  # by the item at its right
+    straight: dict[Item, Crossing] = {}  # by the item at its right
     for hops in by_channel.values():
-        arriving: dict[Item, list[Hop]] = defaultdict(list)
+        arriving: dict[Item, list[Crossing]] = defaultdict(list)
         for hop in sorted(hops, key=lambda h: (h.right.fraction("in", h.right_port), row[h.left])):
             arriving[hop.right].append(hop)
-        merit: dict[Hop, tuple[bool, int, float, int, int]] = {}
+        merit: dict[Crossing, tuple[bool, int, float, int, int]] = {}
         for hop in hops:
             both_bends = hop.left.wire and hop.right.wire
             others = arriving[hop.right]
             off_centre = abs(others.index(hop) - (len(others) - 1) / 2.0)
             merit[hop] = (not both_bends, -length[hop], off_centre, row[hop.left], row[hop.right])
-        chosen: list[Hop] = []
+        chosen: list[Crossing] = []
         for hop in sorted(hops, key=merit.__getitem__):
             if all((row[hop.left] - row[o.left]) * (row[hop.right] - row[o.right]) > 0 for o in chosen):
                 chosen.append(hop)
@@ -252,7 +252,7 @@ def _straight_runs(columns: Columns, by_channel: Hops) -> tuple[dict[Item, Item]
     return run, offset
 
 
-def _path_lengths(by_channel: Hops) -> dict[Hop, int]:
+def _path_lengths(by_channel: Crossings) -> dict[Crossing, int]:
     """For every hop the number of columns in the longest path through it."""
     before: dict[Item, int] = defaultdict(int)
     after: dict[Item, int] = defaultdict(int)
