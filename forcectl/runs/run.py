@@ -243,9 +243,10 @@ def _write_files(folder: Path, mark: str, outcome: VariantOutcome, scenario: Sce
 def _write_pictures(folder: Path, log: xr.Dataset, scenario: Scenario, diagram: Diagram, title: str) -> None:
     # Matplotlib takes half a second to import, and a run from Python without a directory needs none of it.
     from forcectl.figures.force import write_figures
-    from forcectl.graph.export import export
+    from forcectl.graph.export import graph
 
     if log.sizes["time"] > 1:  # a run may stop before its first step
         write_figures(scenario.figures(log, title), folder / "figures")
+    picture = graph(diagram)
     for format_ in ("dot", "svg", "html"):
-        export(diagram, folder / f"diagram.{format_}", format=format_)
+        picture.save(folder / f"diagram.{format_}")
