@@ -31,7 +31,7 @@ class GroupPlanner:
         ends = np.cumsum(self._sizes).tolist()
         self._groups = [slice(end - size, end) for end, size in zip(ends, self._sizes, strict=True)]
         self._planners = [Planner(size, synchronized) for size in self._sizes]
-        self._key, self._plans = b"", list[Plan]()
+        self._key, self._plans = np.empty(0), list[Plan]()
         self._arrival = self._braking = self._unit = np.empty(0)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> GroupPlanner:
@@ -48,29 +48,24 @@ class GroupPlanner:
             target: rows as the fields of `Target`, (3, n).
             limits: rows as the fields of `Limits`, (3, n).
         """
-        # Nearly always everything is as it was, and then this comparison is a third of what there is to do.
-        if (
-            (start is None or b"".join([row.tobytes() for row in start]) == state[:3].tobytes())
-            and target.tobytes() == state[7:10].tobytes()
-            and limits.tobytes() == state[10:13].tobytes()
-            and not largest(state[4])
-        ):
+        given = state[:3] if start is None else np.array(start)
+        unchanged = np.array_equal(given, state[:3]) and np.array_equal(np.concatenate([target, limits]), state[7:13])
+        if unchanged and not largest(state[4]):
             return self._go_on(state, period)
-        given = None if start is None else np.array(start)
         parts = []
         for place, planner in zip(self._groups, self._planners, strict=True):
             own = TrajectoryState(*state[:, place])
-            if given is not None and np.isfinite(given[:, place]).all():
+            if np.isfinite(given[:, place]).all():
                 own = begin_again(own, Motion(*given[:, place]))
             parts.append(planner.follow(own, Target(*target[:, place]), Limits(*limits[:, place]), period))
         return np.concatenate(parts, axis=1)
 
     def _go_on(self, state: Array, period: float) -> Array:
         """On the same plans."""
-        key = state[6:].tobytes()
-        if key != self._key:
+        if not np.array_equal(self._key, state[6:]):
+            self._key = state[6:].copy()
             pairs = zip(self._groups, self._planners, strict=True)
-            self._key, self._plans = key, [planner.plan_of(state[6:, place]) for place, planner in pairs]
+            self._plans = [planner.plan_of(self._key[:, place]) for place, planner in pairs]
             self._arrival = np.concatenate([plan.arrival for plan in self._plans])
             self._braking = np.concatenate([plan.braking for plan in self._plans])
             self._unit = np.tile(np.concatenate([plan.unit for plan in self._plans]), (3, 1))
