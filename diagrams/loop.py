@@ -32,7 +32,7 @@ from forcectl.diagrams.station import StationConfig, build_station
 from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.errors import BadInputError, about, invalid
 from forcectl.framework.enclosed import Enclosed
-from forcectl.framework.wiring import add_part, input_names
+from forcectl.framework.wiring import add_part, input_names, made_by
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.tip_kinematics import tip_displacements
 
@@ -165,11 +165,7 @@ def build_loop(parts: LoopParts) -> Loop:
     for name, system in estimators.items():
         signals.add(name, system)
     for name, choice in parts.signals.items():
-        with about(choice):
-            port = choice.choose(name, builder, signals, model)
-        if not isinstance(port, OutputPort):
-            fault = f"choose must return an output port, not {type(port).__name__}"
-            raise BadInputError(fault, key=f"signals.{name}")
+        port = made_by(choice, "choose", f"signals.{name}", OutputPort, "an output port", name, builder, signals, model)
         signals.choose(name, port)
     for name, system in estimators.items():
         signals.connect(f"estimators.{name}", system)
@@ -189,11 +185,8 @@ def _add_sources(
     """References, as far as the controller wants them."""
     workcell, sources = setting.workcell, {}
     if "desired_force" in wanted:
-        with about(parts.reference):
-            largest = parts.reference.largest_force()
+        largest = made_by(parts.reference, "largest_force", "reference", int | float, "a number")
         limits = [sensor.range for sensor in parts.station.sensors.values() if hasattr(sensor, "range")]
-        if not isinstance(largest, int | float):
-            raise BadInputError(f"largest_force must return a number, not {type(largest).__name__}", key="reference")
         if limits and not largest <= min(limits):
             raise invalid("reference.force", largest, f"at most the sensor's range, {min(limits):g} N")
         sources["reference"] = add_part(parts.reference, "reference", builder, setting.model.size)

@@ -28,8 +28,9 @@ from forcectl.diagrams.fidelities.multibody import MultibodyFidelity
 from forcectl.diagrams.fidelities.one_dimensional import OneDimensionalFidelity
 from forcectl.diagrams.sensors import WristForceConfig
 from forcectl.diagrams.workcell import Workcell
-from forcectl.errors import BadInputError, about, unknown
+from forcectl.errors import unknown
 from forcectl.framework.fields import Config, key, named_slots, slot, slot_list
+from forcectl.framework.wiring import made_by
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 
 SHIPPED_FIDELITIES = {
@@ -93,10 +94,5 @@ def build_station(workcell: Workcell, seed: int = 0) -> Diagram:
     Raises:
         BadInputError: a part that does not fit, or that the fidelity cannot realise.
     """
-    fidelity = workcell.config.fidelity
-    with about(fidelity):
-        station = fidelity.build(workcell, seed)
-    if not isinstance(station, Diagram):
-        fault = f"build must return a Diagram, not {type(station).__name__}"
-        raise BadInputError(fault, key="fidelity")
+    station: Diagram = made_by(workcell.config.fidelity, "build", "fidelity", Diagram, "a Diagram", workcell, seed)
     return station

@@ -20,14 +20,15 @@ from forcectl.errors import invalid, unknown
 from forcectl.force.invariance.robot import JointLimitConfig
 from forcectl.framework.fields import Config, key, named_slots, slot, slot_list
 from forcectl.framework.rotation_vector import RotationVector
-from forcectl.framework.wiring import export_all_outputs
+from forcectl.framework.wiring import export_all_outputs, made_by
 from forcectl.motion.references import held_trajectory
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.solvers import DEFAULT_SOLVER, available_solvers
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.constraints.parts import constraints_of
 from forcectl.tasks.coordinates import ArmTask
-from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig, criterion_of
+from forcectl.tasks.null_space import Criterion
+from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig
 from forcectl.tasks.reactive_controller import ReactiveController
 from forcectl.tasks.reactive_motion import MotionLimits, ReactiveMotion
 from forcectl.tasks.task_parts import TaskTargetConfig, made_task, target_steps
@@ -101,11 +102,12 @@ class ReactiveReachingConfig(Config):
         distances = self._distances(model) if self.link_distance > 0 else []
         limits = self.limits.limits(robot.limits)
         constraints = [*distances, *constraints_of(self.constraints, model)]
+        wanted, setting = "an object with cost(motion, period)", JointSetting(model, limits, constraints)
         controller = ReactiveController(
             robot,
             tasks,
             start=model.start,
-            criterion=criterion_of(self.null_space, JointSetting(model, limits, constraints)),
+            criterion=made_by(self.null_space, "criterion", "null_space", Criterion, wanted, setting),
             constraints=constraints,
             limits=limits,
             period=model.period,

@@ -6,10 +6,11 @@ from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from forcectl.errors import BadInputError, about
+from forcectl.errors import BadInputError
 from forcectl.framework.euler_angles import EulerAngles, angles_of
 from forcectl.framework.fields import Config, key
 from forcectl.framework.rotation_vector import RotationVector
+from forcectl.framework.wiring import made_by
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.coordinates import COORDINATES, ArmTask, Orientation, Spatial
 from forcectl.tasks.relative_task import RelativeMotion, RelativeTask
@@ -35,30 +36,13 @@ class TaskPart(Protocol):
     targets: list[TaskTargetConfig]
 
     def task(self, start: ArmsMotion) -> ArmTask:
-        """The task.
-
-        Args:
-            start: motion of the robot in its start posture.
-        """
-        ...
+        """The task, for the motion of the robot in its start posture."""
 
 
-def made_task(part: TaskPart, start: ArmsMotion, place: str) -> ArmTask:
-    """The task of a part.
-
-    Args:
-        part: what fills the slot.
-        start: motion of the robot in its start posture.
-        place: key of the part, for the message.
-
-    Raises:
-        BadInputError: its method returns something else.
-    """
-    with about(part):
-        made = part.task(start)
-    if not isinstance(made, ArmTask):
-        raise BadInputError(f"task must return an ArmTask, not {type(made).__name__}", key=place)
-    return made
+def made_task(part: TaskPart, start: ArmsMotion, key: str) -> ArmTask:
+    """The task of a part that stands at `key`, see `made_by`."""
+    task: ArmTask = made_by(part, "task", key, ArmTask, "an ArmTask", start)
+    return task
 
 
 @dataclass(kw_only=True)

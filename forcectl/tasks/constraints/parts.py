@@ -10,8 +10,8 @@ import numpy as np
 
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import RobotShapes
-from forcectl.errors import BadInputError, about
 from forcectl.framework.fields import Config, key, slot
+from forcectl.framework.wiring import made_by
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.constraints.base import CartesianWall, Constraint
@@ -25,44 +25,19 @@ class ConstraintPart(Protocol):
     """A filler of the slot `constraint`."""
 
     def constraint(self, model: PlantModel) -> Constraint:
-        """The constraint, built anew.
-
-        Args:
-            model: of the plant.
-        """
-        ...
+        """The constraint, built anew, for this model of the plant."""
 
 
 def constraints_of(parts: Sequence[ConstraintPart], model: PlantModel) -> list[Constraint]:
-    """The constraints of some parts, which stand in a list `constraints`.
-
-    Args:
-        parts: what fills the slot.
-        model: of the plant.
-
-    Raises:
-        BadInputError: a part whose method returns something else.
-    """
+    """The constraints of the parts in a list `constraints`, see `made_by`."""
     return [made_constraint(part, model, f"constraints.{i}") for i, part in enumerate(parts)]
 
 
-def made_constraint(part: ConstraintPart, model: PlantModel, place: str) -> Constraint:
-    """The constraint of one part.
-
-    Args:
-        part: what fills the slot.
-        model: of the plant.
-        place: key of the part, for the message.
-
-    Raises:
-        BadInputError: its method returns something else.
-    """
-    with about(part):
-        made = part.constraint(model)
-    if not isinstance(made, Constraint):
-        wanted = "an object with relative_degree and evaluate(motion)"
-        raise BadInputError(f"constraint must return {wanted}, not {type(made).__name__}", key=place)
-    return made
+def made_constraint(part: ConstraintPart, model: PlantModel, key: str) -> Constraint:
+    """The constraint of a part that stands at `key`, see `made_by`."""
+    wanted = "an object with relative_degree and evaluate(motion)"
+    constraint: Constraint = made_by(part, "constraint", key, Constraint, wanted, model)
+    return constraint
 
 
 @dataclass(kw_only=True)
