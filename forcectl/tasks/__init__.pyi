@@ -32,13 +32,12 @@ from forcectl.tasks.null_space_parts import JointSpeedConfig as JointSpeedConfig
 from forcectl.tasks.null_space_parts import LinkPotentialConfig as LinkPotentialConfig
 from forcectl.tasks.null_space_parts import SmallMassPotentialConfig as SmallMassPotentialConfig
 from forcectl.tasks.progress import TaskProgress as TaskProgress
-from forcectl.tasks.reaching import MotionLimitsConfig as MotionLimitsConfig
 from forcectl.tasks.reaching import ReachConfig as ReachConfig
 from forcectl.tasks.reaching import ReactiveReaching as ReactiveReaching
 from forcectl.tasks.reaching import ReactiveReachingConfig as ReactiveReachingConfig
 from forcectl.tasks.reactive_controller import ReactiveController as ReactiveController
 from forcectl.tasks.reactive_controller import Supervision as Supervision
-from forcectl.tasks.reactive_motion import MotionLimits as MotionLimits
+from forcectl.tasks.reactive_motion import MotionLimitsConfig as MotionLimitsConfig
 from forcectl.tasks.reactive_motion import ReactiveMotion as ReactiveMotion
 from forcectl.tasks.reference_reset import ReferenceReset as ReferenceReset
 from forcectl.tasks.relative_task import RelativePose as RelativePose

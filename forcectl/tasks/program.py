@@ -175,8 +175,7 @@ class TaskProgram:
     def criterion(self, posed: Posed, u: Vector) -> float:
         """u'H u/2 + g'u of the last level."""
         last = posed.problem.levels[-1]
-        cost: float = ((0.5 * (last.hessian @ u) + last.gradient) @ u).item()
-        return cost
+        return float((0.5 * (last.hessian @ u) + last.gradient) @ u)
 
     def costs(self, error: Vector, rate: Vector) -> list[float]:
         """L of every level but the last (5.16), of the errors e, e' of all task coordinates at the next tick."""
@@ -207,5 +206,6 @@ def task_levels(
     levels = []
     for level, own in zip(found, given, strict=True):
         rows = np.flatnonzero(priority == level)
-        levels.append(TaskLevel(rows, [names[row] for row in rows], own.cost(scale[rows], period), scale[rows]))
+        cost = TaskCost(own, scale[rows], period)
+        levels.append(TaskLevel(rows, [names[row] for row in rows], cost, scale[rows]))
     return levels

@@ -30,7 +30,7 @@ from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.null_space import Criterion
 from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig
 from forcectl.tasks.reactive_controller import ReactiveController
-from forcectl.tasks.reactive_motion import MotionLimits, ReactiveMotion
+from forcectl.tasks.reactive_motion import MotionLimitsConfig, ReactiveMotion
 from forcectl.tasks.task_parts import TaskTargetConfig, made_task, target_steps
 
 Array = NDArray[np.float64]
@@ -53,23 +53,6 @@ class ReachConfig(Config):
     def of_task(self) -> TaskTargetConfig:
         """The same, for the task of the whole pose of the arm."""
         return TaskTargetConfig(value=[*self.position, *np.radians(self.turn_deg).tolist()], time=self.time)
-
-
-@dataclass(kw_only=True)
-class MotionLimitsConfig(Config):
-    """Limits of the references, in metres and in radians."""
-
-    speed: float = key(0.5, "of positions", unit="m/s", bounds="positive")
-    acceleration: float = key(2.0, "of positions", unit="m/s^2", bounds="positive")
-    jerk: float = key(20.0, "of positions", unit="m/s^3", bounds="positive")
-    turn_speed: float = key(1.5, "of rotations", unit="rad/s", bounds="positive")
-    turn_acceleration: float = key(6.0, "of rotations", unit="rad/s^2", bounds="positive")
-    turn_jerk: float = key(60.0, "of rotations", unit="rad/s^3", bounds="positive")
-
-    def linear_and_angular(self) -> tuple[MotionLimits, MotionLimits]:
-        """In metres, in radians."""
-        linear = MotionLimits(self.speed, self.acceleration, self.jerk)
-        return linear, MotionLimits(self.turn_speed, self.turn_acceleration, self.turn_jerk)
 
 
 @dataclass(kw_only=True)
@@ -113,8 +96,8 @@ class ReactiveReachingConfig(Config):
             period=model.period,
             solver=self.solver,
         )
-        made = ReactiveReaching(controller, self._targets(start, controller), *self.motion_limits.linear_and_angular())
-        return builder.AddNamedSystem("reactive_reaching", made)
+        targets = self._targets(start, controller)
+        return builder.AddNamedSystem("reactive_reaching", ReactiveReaching(controller, targets, self.motion_limits))
 
     def _tasks(self, start: ArmsMotion) -> list[ArmTask]:
         if not self.tasks:
@@ -176,13 +159,11 @@ class ReactiveReaching(Diagram):
     Sampling: every `period` [s] of the controller; no delay from the readings to the references.
     """
 
-    def __init__(
-        self, controller: ReactiveController, target: TrajectorySource, linear: MotionLimits, angular: MotionLimits
-    ):
+    def __init__(self, controller: ReactiveController, target: TrajectorySource, limits: MotionLimitsConfig):
         super().__init__()
         builder = DiagramBuilder()
         source = builder.AddNamedSystem("target", target)
-        motion = builder.AddNamedSystem("motion", ReactiveMotion(controller, linear, angular))
+        motion = builder.AddNamedSystem("motion", ReactiveMotion(controller, limits))
         builder.Connect(source.get_output_port(), motion.GetInputPort("task_target"))
         for name in ("joint_position", "joint_velocity"):
             builder.ExportInput(motion.GetInputPort(name), name)
