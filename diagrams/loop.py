@@ -106,17 +106,6 @@ class Loop(LoggedLoop):
         """The workcell."""
         return self.setting.workcell
 
-    @property
-    def model(self) -> PlantModel:
-        """What controllers and estimators were given."""
-        return self.setting.model
-
-    @property
-    def true_compliance(self) -> float:
-        """C_T of the one surface at the start [m/N]."""
-        contact = self.workcell.contact
-        return contact.robot_compliance + contact.environment_compliance
-
     def derived(self, values: NDArray[np.float64]) -> dict[str, tuple[str, NDArray[np.float64]]]:
         """Signals that follow from logged ones, by name: unit and samples (k,).
 
@@ -172,11 +161,11 @@ def build_loop(parts: LoopParts) -> Loop:
     signals.connect("controller", controller, getattr(controller, "optional_inputs", ()))
     _command(builder, controller, station)
     ports = _logged(parts, sources, station, controller, estimators) | signals.chosen
-    log = add_log(builder, ports, workcell.period, _labels(ports, workcell))
+    sink, logged = add_log(builder, ports, workcell.period, _labels(ports, workcell))
     diagram = builder.Build()
     diagram.set_name("loop")
     bandwidth = getattr(parts.controller, "reference_model_bandwidth", lambda: None)()
-    return Loop(diagram, log, workcell.period, setting, bandwidth, station)
+    return Loop(diagram, sink, logged, workcell.period, setting, bandwidth, station)
 
 
 def _add_sources(
@@ -216,11 +205,11 @@ def _command(builder: DiagramBuilder, controller: Diagram, station: Diagram) -> 
         name = port.get_name()
         if not station.HasInputPort(name):
             continue
-        wanted = station.GetInputPort(name).size()
-        if port.size() != wanted:
-            fault = f"{name} has size {port.size()}: must be {wanted}, as the station takes it"
+        wanted = station.GetInputPort(name)
+        if port.size() != wanted.size():
+            fault = f"{name} has size {port.size()}: must be {wanted.size()}, as the station takes it"
             raise BadInputError(fault, key="controller")
-        builder.Connect(port, station.GetInputPort(name))
+        builder.Connect(port, wanted)
 
 
 def _logged(

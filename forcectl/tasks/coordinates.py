@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.batch import check_count
 from forcectl.framework.rotation_vector import OrientationState
 from forcectl.robot.arms_motion import ArmsMotion
 
@@ -102,8 +103,7 @@ class ArmTask:
         self._rows = [COORDINATES.index(name) for name in coordinates]
         if not self._rows or self._rows != sorted(set(self._rows)):
             raise invalid("coordinates", list(coordinates), f"some of {', '.join(COORDINATES)}, in that order")
-        if isinstance(priority, bool) or not isinstance(priority, int) or priority < 1:
-            raise invalid("priority", priority, "a whole number, at least 1")
+        priority = check_count("priority", priority)
         if self._rows[-1] > 2 and orientation is None:
             raise BadInputError(f"coordinates {list(coordinates)} of {arm}: orientation is missing")
         self.arm, self.coordinates, self.priority = arm, tuple(coordinates), priority
