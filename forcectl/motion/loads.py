@@ -63,8 +63,7 @@ class LoadConfig(Config):
             return np.zeros(6)
         edge = min(within, self.hold - within)
         share = min(1.0, edge / self.ramp) if self.ramp > 0 else 1.0
-        full: Array = share * np.array(self.wrenches[int(which)], dtype=float)
-        return full
+        return share * np.array(self.wrenches[int(which)], dtype=float)
 
 
 class Loads(LeafSystem):

@@ -136,10 +136,9 @@ class TangentialMotionConfig(LineConfig):
         line = self.per_metre(n)
         end = move_duration(self.distance, self.speed, self.acceleration)
         ramp = np.linspace(0.0, ramp_duration(self.distance, self.speed, self.acceleration), _RAMP_KNOTS)
-        times = np.concatenate([ramp[:-1], end - ramp[::-1]])
-        if end > 2.001 * ramp[-1]:
-            cruise = np.linspace(ramp[-1], end - ramp[-1], _KNOTS)[:-1]
-            times = np.concatenate([ramp[:-1], cruise, end - ramp[::-1]])
+        knots = _KNOTS if end > 2.001 * ramp[-1] else 1
+        cruise = np.linspace(ramp[-1], end - ramp[-1], knots)[:-1]
+        times = np.concatenate([ramp[:-1], cruise, end - ramp[::-1]])
         covered = trapezoidal_profile(self.distance, self.speed, self.acceleration, times)
         postures = line_postures(robot, start, covered[:, None] * line) - start
         rest = np.zeros(robot.num_joints)

@@ -43,7 +43,6 @@ class Orientation(Protocol):
 
     def state(self, rotation: Vector, angular_velocity: Vector) -> OrientationState:
         """Of the rotation R (3, 3) that turns at w (3,) [rad/s]."""
-        ...
 
 
 class Spatial(Protocol):
@@ -52,27 +51,22 @@ class Spatial(Protocol):
     @property
     def position(self) -> Vector:
         """(3,) [m]."""
-        ...
 
     @property
     def rotation(self) -> Vector:
         """(3, 3)."""
-        ...
 
     @property
     def velocity(self) -> Vector:
         """V = J q', (6,) [rad/s; m/s]."""
-        ...
 
     @property
     def jacobian(self) -> Vector:
         """J, (6, n) [1; m]."""
-        ...
 
     @property
     def bias(self) -> Vector:
         """J'q', (6,) [rad/s^2; m/s^2]."""
-        ...
 
 
 class ArmTask:
