@@ -155,7 +155,7 @@ def build_loop(parts: LoopParts) -> Loop:
         signals.add(name, system)
     for name, choice in parts.signals.items():
         port = made_by(choice, "choose", f"signals.{name}", OutputPort, "an output port", name, builder, signals, model)
-        signals.choose(name, port)
+        signals.chosen[name] = port
     for name, system in estimators.items():
         signals.connect(f"estimators.{name}", system)
     signals.connect("controller", controller, getattr(controller, "optional_inputs", ()))

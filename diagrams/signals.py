@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, PortDataType, System
+from pydrake.systems.framework import DiagramBuilder, OutputPort, PortDataType, System
 from pydrake.systems.primitives import MatrixGain
 
 from forcectl.conventions import SIGNALS
@@ -25,20 +25,11 @@ from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.model import unit_normal
 
 
-@dataclass(frozen=True)
-class Offer:
-    """A signal that a part puts out."""
-
-    part: str
-    port: OutputPort
-
-
 class SignalChoice(Protocol):
     """What stands at a key of the scenario's part `signals`."""
 
     def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
         """The port that is the signal of this name."""
-        ...
 
 
 @dataclass(kw_only=True)
@@ -60,7 +51,7 @@ class FromConfig(Config):
             BadInputError: it puts out no signal of this name.
         """
         wanted = self.signal or name
-        offers = {offer.part: offer.port for offer in signals.offers(wanted)}
+        offers = signals.offers(wanted)
         if not offers:
             fault = f"nothing puts out {wanted}: must be a signal that can be measured"
             raise BadInputError(fault, key=f"signals.{name}")
@@ -138,17 +129,17 @@ class Signals:
         readings: name of what is measured instead of some of them.
 
     Attributes:
-        chosen: what the scenario chose, by the name of the signal.
+        chosen: the ports that the scenario chose, by the name of the signal.
     """
 
     def __init__(self, builder: DiagramBuilder, truth: frozenset[str], readings: Mapping[str, str]):
         self._builder, self._truth, self._readings = builder, truth, readings
-        self._offers: dict[str, list[Offer]] = {}
+        self._offers: dict[str, dict[str, OutputPort]] = {}
         self.chosen: dict[str, OutputPort] = {}
 
-    def offers(self, name: str) -> list[Offer]:
-        """Who puts out a signal of this name, the truth apart."""
-        return [] if name in self._truth else self._offers.get(name, [])
+    def offers(self, name: str) -> dict[str, OutputPort]:
+        """The ports with a signal of this name by the part they are of, the truth apart."""
+        return {} if name in self._truth else self._offers.get(name, {})
 
     def add(self, part: str, system: System) -> None:
         """Offer the vector outputs of a part.
@@ -159,11 +150,7 @@ class Signals:
         """
         for port in map(system.get_output_port, range(system.num_output_ports())):
             if port.get_data_type() == PortDataType.kVectorValued:
-                self._offers.setdefault(port.get_name(), []).append(Offer(part, port))
-
-    def choose(self, name: str, port: OutputPort) -> None:
-        """Make a port the signal of this name."""
-        self.chosen[name] = port
+                self._offers.setdefault(port.get_name(), {})[part] = port
 
     def find(self, name: str, wanted_by: str) -> OutputPort:
         """The port that is the signal of this name.
@@ -176,9 +163,9 @@ class Signals:
         name = self._readings.get(name, name)
         offers = self.offers(name)
         if len(offers) == 1:
-            return offers[0].port
+            return next(iter(offers.values()))
         if offers:
-            parts = ", ".join(repr(offer.part) for offer in offers)
+            parts = ", ".join(map(repr, offers))
             fault = f" wants {name}, which {parts} put out: must have signals.{name} to choose"
             raise BadInputError(fault, key=wanted_by)
         meaning = f" ({SIGNALS[name].meaning})" if name in SIGNALS else ""
@@ -202,11 +189,9 @@ class Signals:
             name = port.get_name()
             if name in optional and name not in self.chosen and not self.offers(self._readings.get(name, name)):
                 continue
-            self._connect(part, self.find(name, part), port)
-
-    def _connect(self, part: str, source: OutputPort, port: InputPort) -> None:
-        if source.size() != port.size():
-            giver = source.get_system().get_name()
-            fault = f"port {port.get_name()} has size {port.size()}: must be {source.size()}, as {giver!r} puts out"
-            raise BadInputError(fault, key=part)
-        self._builder.Connect(source, port)
+            source = self.find(name, part)
+            if source.size() != port.size():
+                giver = source.get_system().get_name()
+                fault = f"port {name} has size {port.size()}: must be {source.size()}, as {giver!r} puts out"
+                raise BadInputError(fault, key=part)
+            self._builder.Connect(source, port)

@@ -211,7 +211,7 @@ def describe(config: StationConfig) -> Workcell:
     pressed = [each.arm for each in contacts]
     if len(set(pressed)) < len(pressed):
         raise invalid("environment", sorted(parts), "at most one surface for each arm")
-    workcell = Workcell(config, robot, start, period, _posture_period(config, period), tuple(contacts), obstacles)
+    workcell = Workcell(config, robot, start, period, config.posture_period, tuple(contacts), obstacles)
     with about(config.fidelity):
         config.fidelity.check(workcell)
     return workcell
@@ -220,14 +220,10 @@ def describe(config: StationConfig) -> Workcell:
 def _check_times(config: StationConfig, period: float) -> None:
     if whole_multiple("period", period, config.time_step, "time_step") < 1:
         raise invalid("time_step", config.time_step, f"at most the period, {period:g} s")
-    for name, delay in config.delays().items():
-        whole_multiple(name, delay, period, _PERIOD if config.period is None else "station.period")
-
-
-def _posture_period(config: StationConfig, period: float) -> float:
     if whole_multiple("posture_period", config.posture_period, period, "station.period") < 1:
         raise invalid("posture_period", config.posture_period, f"at least the period, {period:g} s")
-    return config.posture_period
+    for name, delay in config.delays().items():
+        whole_multiple(name, delay, period, _PERIOD if config.period is None else "station.period")
 
 
 def _start_posture(config: StationConfig, robot: RobotModel) -> Vector:

@@ -16,7 +16,7 @@ through b, fixed on B, has the core behind it, so to leave the term out errs to 
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from forcectl.collision.pairs import NearBalls, PairTable, speed_left
 from forcectl.collision.shapes import RobotShapes
 from forcectl.framework.batch import check, check_count
 from forcectl.robot.joint_tree import TreeState, cross
+from forcectl.robot.robot_motion import RobotMotion
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -38,13 +39,6 @@ _NO_LIMIT = 1e6  # times as fast: without a limit
 _THREE, _SIX = np.ones(3), np.ones(6)
 _LEAST_GAP = 1e-3  # [m], where the curvature of a core is not trusted any more
 _NEAR = 40  # pairs of a group and a core whose balls are looked at
-
-
-class Posture(Protocol):
-    """What a motion has to offer here: joint positions and speeds, (n,) [rad, rad/s]."""
-
-    q: Array
-    v: Array
 
 
 class LinkDistance:
@@ -103,7 +97,7 @@ class LinkDistance:
         self._acceleration = _USABLE * np.where(np.isfinite(limits), limits, 20.0)
         self.companions = (_SlowDown(self, self._acceleration, self._period),)
 
-    def evaluate(self, motion: Posture) -> tuple[Array, Array, Array, Array]:
+    def evaluate(self, motion: RobotMotion) -> tuple[Array, Array, Array, Array]:
         """(y, y', row, bias) of k balls, in the order of the pairs of shapes."""
         y, rate, row, bias = self.second_derivative(motion)
         # To brake at gamma/f, where that is all the joints can, is to keep f y with gamma.
@@ -114,7 +108,7 @@ class LinkDistance:
         told = np.where(y > 0.0, f * y, np.minimum(inside - self.margin, 0.0))
         return told, rate, f[:, None] * row, f * bias + self._late(inside, rate)
 
-    def second_derivative(self, motion: Posture) -> tuple[Array, Array, Array, Array]:
+    def second_derivative(self, motion: RobotMotion) -> tuple[Array, Array, Array, Array]:
         """The same, with y'' = row u + bias as it is."""
         known: dict[object, Any] = getattr(motion, "known", {})
         rows: tuple[Array, Array, Array, Array] | None = known.get(self)
@@ -194,7 +188,7 @@ class _SlowDown:
         self._distance, self._acceleration, self._period = distance, acceleration, period
         self._count = min(_SLOWEST, distance.rows)
 
-    def evaluate(self, motion: Posture) -> tuple[float, float, Array, Array]:
+    def evaluate(self, motion: RobotMotion) -> tuple[float, float, Array, Array]:
         """(0, 0, row, bias)."""
         y, rate, row, bias = self._distance.second_derivative(motion)
         speeds, acceleration = motion.v, self._acceleration

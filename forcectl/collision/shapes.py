@@ -82,11 +82,6 @@ class Balls(NamedTuple):
     rows: list[Array]
     radius: float
 
-    @property
-    def number(self) -> int:
-        """How many balls."""
-        return sum(map(len, self.rows))
-
 
 def cover(solid: Solid, tolerance: float, box_tolerance: float) -> Balls:
     """Balls that contain a solid and stand out of it by at most a tolerance [m], `box_tolerance` if it is a box."""
@@ -155,7 +150,7 @@ class RobotShapes:
         parts = add_robot(plant, robot, tool, X_WB)
         plant.Finalize()
         tree, inspector = JointTree(plant, parts.joints), scene_graph.model_inspector()
-        candidates = sorted(inspector.GetCollisionCandidates(), key=_in_order)
+        candidates = sorted(inspector.GetCollisionCandidates(), key=lambda pair: [each.get_value() for each in pair])
         geometries = sorted({geometry for pair in candidates for geometry in pair}, key=GeometryId.get_value)
         solids = []
         for geometry in geometries:
@@ -170,8 +165,11 @@ class RobotShapes:
 
     def against(self, obstacles: Iterable[Obstacle], arms: Iterable[str] | None = None) -> RobotShapes:
         """The pairs of each obstacle with each shape that the joints of these arms move (None: of all)."""
-        chosen = self.parts.arms if arms is None else {name: self._arm(name) for name in arms}
-        joints = [i for name in chosen for i in range(*self.parts.arms[name].joints.indices(self.tree.num_joints))]
+        joints: list[int] = []
+        for name in self.parts.arms if arms is None else arms:
+            if name not in self.parts.arms:
+                raise unknown("arm", name, self.parts.arms)
+            joints += range(*self.parts.arms[name].joints.indices(self.tree.num_joints))
         solids, pairs = list(self.solids), []
         for obstacle in obstacles:
             core = _core(obstacle.name, obstacle.shape)
@@ -179,15 +177,6 @@ class RobotShapes:
             moved = [i for i, s in enumerate(self.solids) if self.tree.moves[s.link, joints].any()]
             pairs += [(i, len(solids) - 1) for i in moved]
         return RobotShapes(self.tree, self.parts, solids, pairs)
-
-    def _arm(self, name: str) -> str:
-        if name not in self.parts.arms:
-            raise unknown("arm", name, self.parts.arms)
-        return name
-
-
-def _in_order(pair: tuple[GeometryId, GeometryId]) -> tuple[int, int]:
-    return pair[0].get_value(), pair[1].get_value()
 
 
 def _core(name: str, shape: Shape) -> tuple[Array, float]:

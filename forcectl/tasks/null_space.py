@@ -191,7 +191,7 @@ class TowardsSmallMass:
     def _mobility(self, motion: ArmsMotion) -> tuple[Vector, float]:
         """w and 1/m."""
         along = self._direction @ motion.arm(self._arm).jacobian[3:]
-        w = np.linalg.solve(motion.inertia, along)
+        w: Vector = np.asarray(np.linalg.solve(motion.inertia, along), dtype=np.float64)
         return w, float(along @ w)
 
     def _mobility_gradient(self, q: Vector, w: Vector) -> Vector:

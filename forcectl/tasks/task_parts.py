@@ -2,11 +2,9 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from forcectl.errors import BadInputError
 from forcectl.framework.euler_angles import EulerAngles, angles_of
 from forcectl.framework.fields import Config, key
 from forcectl.framework.rotation_vector import RotationVector
@@ -81,27 +79,3 @@ class RelativeTaskConfig(_TaskConfig):
         """See `TaskPart`."""
         orientation = self._orientation(RelativeMotion(start.arm(self.leader), start.arm(self.follower)))
         return RelativeTask(self.leader, self.follower, self.coordinates, orientation, self.priority)
-
-
-def target_steps(
-    names: Sequence[str], sizes: Sequence[int], targets: Sequence[Sequence[TaskTargetConfig]]
-) -> list[tuple[float, slice, list[float]]]:
-    """Every change of a target: its time [s], which of all coordinates, and their values; in order of time.
-
-    Args:
-        names: of the tasks.
-        sizes: how many coordinates each has.
-        targets: of each.
-
-    Raises:
-        BadInputError: a target of another size than its task.
-    """
-    found, begin = [], 0
-    for name, size, own in zip(names, sizes, targets, strict=True):
-        for i, target in enumerate(own):
-            if len(target.value) != size:
-                key = f"tasks.{name}.targets.{i}.value"
-                raise BadInputError(f" has {len(target.value)} numbers: must have {size}, one per coordinate", key=key)
-            found.append((target.time, slice(begin, begin + size), list(target.value)))
-        begin += size
-    return sorted(found, key=lambda each: each[0])

@@ -27,7 +27,7 @@ def outside(points: np.ndarray, solid: Solid) -> np.ndarray:
 def check_cover(solid: Solid, tolerance: float, rng: np.random.Generator) -> None:
     balls = cover(solid, tolerance, tolerance)
     centres = np.concatenate(balls.rows)
-    assert len(centres) == balls.number
+    assert len(centres) == sum(map(len, balls.rows))
     assert max(map(len, balls.rows)) <= 6
     directions = rng.normal(size=(300, 3))
     directions /= np.linalg.norm(directions, axis=1)[:, None]
