@@ -110,9 +110,7 @@ def _loops(model: PlantModel) -> list[tuple[int, tuple[str, ...]]]:
 def _inversion(model: PlantModel) -> System:
     robot = model.known_robot()
     if model.constant_jacobian:
-        context = robot.create_context()
-        robot.set_positions(context, model.start)
-        jacobian = robot.jacobian(context)
+        jacobian = robot.jacobian(robot.context_at(model.start))
         return ConstantKinematicInversion(joint_direction(jacobian, model.n), model.n @ jacobian[3:], model.start)
     return KinematicInversion(robot, model.n, model.start, period=model.posture_period, limit=model.singularity_limit)
 

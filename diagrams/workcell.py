@@ -60,20 +60,8 @@ class Contact:
         return surface
 
     def add_to(self, builder: DiagramBuilder, period: float, *, robot_compliance: float) -> System:
-        """Add the environment as a force over a displacement.
-
-        Args:
-            builder: of the station.
-            period: of what is sampled [s].
-            robot_compliance: in series with it [m/N].
-        """
+        """The environment as a force over a displacement, in series with C_R [m/N]; sampled every `period` [s]."""
         return add_part(self.environment, "environment", builder, 1, period, robot_compliance=robot_compliance)
-
-    def start_context(self) -> Context:
-        """A context of `robot.plant` in the start posture."""
-        context = self.robot.create_context()
-        self.robot.set_positions(context, self.start)
-        return context
 
 
 @dataclass(frozen=True)
@@ -179,9 +167,7 @@ class Workcell:
 
     def start_context(self) -> Context:
         """A context of `robot.plant` in the start posture."""
-        context = self.robot.create_context()
-        self.robot.set_positions(context, self.start)
-        return context
+        return self.robot.context_at(self.start)
 
 
 def describe(config: StationConfig) -> Workcell:
@@ -242,11 +228,11 @@ def _start_posture(config: StationConfig, robot: RobotModel) -> Vector:
 
 
 def holding_stiffness(drive: Any, robot: RobotModel) -> Vector:
-    """Stiffness at which a drive holds its command at rest, shape (n_q,) [Nm/rad]; infinite where it does not state
-    one."""
-    told = getattr(drive, "holding_stiffness", None)
+    """At which a drive holds its command at rest, shape (n_q,) [Nm/rad]; infinite where the drive states none."""
+    if not hasattr(drive, "holding_stiffness"):
+        return np.full(robot.num_joints, np.inf)
     with about(drive):
-        stiffness: Vector = np.full(robot.num_joints, np.inf) if told is None else told(robot)
+        stiffness: Vector = drive.holding_stiffness(robot)
     return stiffness
 
 
@@ -260,8 +246,7 @@ def _contact(config: StationConfig, robot: RobotModel, start: Vector, name: str,
     if surface is not None and not surface.uniform:
         surface.direction_across(n)
     direction = check_start_posture(own, start, n, config.singularity_limit)
-    context = own.create_context()
-    own.set_positions(context, start)
+    context = own.context_at(start)
     row: Vector = n @ own.jacobian(context)[3:]
     compliance = 0.0
     if config.elastic_joints:

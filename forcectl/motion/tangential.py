@@ -62,8 +62,7 @@ def line_postures(robot: RobotModel, start: Vector, offsets: Vector) -> Vector:
     Raises:
         BadInputError: a point out of reach, or beyond a joint limit.
     """
-    context = robot.create_context()
-    robot.set_positions(context, start)
+    context = robot.context_at(start)
     X_start = robot.pose(context)
     q, postures = start.copy(), []
     for offset in offsets:

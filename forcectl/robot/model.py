@@ -203,6 +203,12 @@ class RobotModel:
             body.SetSpatialInertiaInBodyFrame(context, inertia)
         return context
 
+    def context_at(self, q: Array) -> Context:
+        """A context of `plant` at rest in posture q, shape (n,) [rad]."""
+        context = self.create_context()
+        self.set_positions(context, q)
+        return context
+
     def positions(self, context: Context) -> Array:
         """Joint positions in `context`, shape (n,) [rad]."""
         q: Array = self.plant.GetPositions(context)[self._q]

@@ -32,7 +32,7 @@ from forcectl.tasks.null_space import Criterion
 from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig
 from forcectl.tasks.reactive_controller import ReactiveController
 from forcectl.tasks.reactive_motion import MotionLimitsConfig, ReactiveMotion
-from forcectl.tasks.task_parts import TaskTargetConfig, made_task
+from forcectl.tasks.task_parts import TaskTargetConfig, made_task, start_motion
 
 Array = NDArray[np.float64]
 NamedTask = tuple[str, ArmTask, list[TaskTargetConfig]]  # its name in the scenario, and its targets over time
@@ -82,8 +82,7 @@ class ReactiveReachingConfig(Config):
         robot = model.known_robot()
         if model.obstacles and not self.link_distance > 0:
             raise invalid("link_distance", self.link_distance, "above zero to keep away from the station's boxes")
-        start = ArmsMotion(robot, robot.create_context(), model.start, np.zeros(model.num_joints))
-        tasks = self._tasks(start)
+        tasks = self._tasks(start_motion(model))
         distances = self._distances(model) if self.link_distance > 0 else []
         limits = self.limits.limits(robot.limits)
         constraints = [*distances, *constraints_of(self.constraints, model)]

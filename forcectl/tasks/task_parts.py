@@ -5,10 +5,13 @@ from __future__ import annotations
 from dataclasses import dataclass
 from typing import Protocol
 
+import numpy as np
+
 from forcectl.framework.euler_angles import EulerAngles, angles_of
 from forcectl.framework.fields import Config, key
 from forcectl.framework.rotation_vector import RotationVector
 from forcectl.framework.wiring import made_by
+from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.coordinates import COORDINATES, ArmTask, Orientation, Spatial
 from forcectl.tasks.relative_task import RelativeMotion, RelativeTask
@@ -35,6 +38,12 @@ class TaskPart(Protocol):
 
     def task(self, start: ArmsMotion) -> ArmTask:
         """The task, for the motion of the robot in its start posture."""
+
+
+def start_motion(model: PlantModel) -> ArmsMotion:
+    """The robot at rest in its start posture."""
+    robot = model.known_robot()
+    return ArmsMotion(robot, robot.create_context(), model.start, np.zeros(model.num_joints))
 
 
 def made_task(part: TaskPart, start: ArmsMotion, key: str) -> ArmTask:

@@ -13,12 +13,11 @@ from forcectl.collision.shapes import RobotShapes
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import made_by
 from forcectl.plant.plant_model import PlantModel
-from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.constraints.base import CartesianWall, Constraint
 from forcectl.tasks.constraints.of_arm import OfArm
 from forcectl.tasks.constraints.robust import Errors, RobustConstraint
 from forcectl.tasks.constraints.task_limits import TaskRange, TaskSpeedLimit
-from forcectl.tasks.task_parts import made_task
+from forcectl.tasks.task_parts import made_task, start_motion
 
 
 class ConstraintPart(Protocol):
@@ -56,7 +55,7 @@ class WallConfig(Config):
         wall = CartesianWall(self.point, self.normal, self.gamma)
         if not self.arm:
             return wall
-        _start(model).arm(self.arm)  # refused by name
+        start_motion(model).arm(self.arm)  # refused by name
         return OfArm(self.arm, wall)
 
 
@@ -74,7 +73,7 @@ class RangeConfig(Config):
 
     def constraint(self, model: PlantModel) -> TaskRange:
         """See `ConstraintPart`."""
-        task = made_task(self.task, _start(model), "task")
+        task = made_task(self.task, start_motion(model), "task")
         lower, upper = _limits(self.lower, -np.inf), _limits(self.upper, np.inf)
         return TaskRange(task, lower, upper, gamma=self.gamma, slack_weight=self.slack_weight)
 
@@ -90,7 +89,7 @@ class SpeedLimitConfig(Config):
     def constraint(self, model: PlantModel) -> TaskSpeedLimit:
         """See `ConstraintPart`."""
         limit = self.limit[0] if len(self.limit) == 1 else self.limit
-        return TaskSpeedLimit(made_task(self.task, _start(model), "task"), limit, slack_weight=self.slack_weight)
+        return TaskSpeedLimit(made_task(self.task, start_motion(model), "task"), limit, slack_weight=self.slack_weight)
 
 
 @dataclass(kw_only=True)
@@ -120,11 +119,6 @@ class RobustConfig(Config):
         seen, missed = Errors(*self.measurement_error), Errors(*self.model_error)
         inner = made_constraint(self.of, model, "of")
         return RobustConstraint(inner, self.braking, measurement_error=seen, model_error=missed, period=model.period)
-
-
-def _start(model: PlantModel) -> ArmsMotion:
-    robot = model.known_robot()
-    return ArmsMotion(robot, robot.create_context(), model.start, np.zeros(model.num_joints))
 
 
 def _limits(values: Sequence[float | None], none: float) -> list[float] | float:
