@@ -116,14 +116,10 @@ def _inversion(model: PlantModel) -> System:
 
 
 def build_controller(config: Any, model: PlantModel) -> ForceController | Enclosed:
-    """The controller of a configuration.
+    """The controller of a configuration with `add_to(builder, model)`.
 
-    A configuration whose system has the output `joint_position_command` is used as it is; a force law, with the output
+    A system with the output `joint_position_command` is used as it is; a force law, with the output
     `displacement_command`, gets the kinematic inversion.
-
-    Args:
-        config: with `add_to(builder, model)`.
-        model: of the plant.
 
     Raises:
         BadInputError: the system has neither output, or lacks an input of a force law.

@@ -5,11 +5,8 @@
                       |   estimators <
                       +--------------+
 
-`forcectl.conventions` lists the signals. From a reading to the motion it causes::
-
-    station to controller    none: readings are those of the tick
-    estimators, controller   none, when their outputs are feedthrough at the tick and held
-    controller to motors     the delays of the drive
+`forcectl.conventions` lists the signals. From a reading to the motion it causes there are only the delays of the drive
+when outputs of estimators and controller are feedthrough at the tick and held.
 """
 
 from __future__ import annotations
@@ -53,12 +50,10 @@ class LoopParts:
     """What a loop is made of.
 
     Attributes:
-        station: its configuration.
         controller: a force law, or a controller of joints.
         model: errors of the plant model.
         reference: of the force; used where something wants `desired_force`.
         motion: in the unconstrained directions; used where something wants `unconstrained_reference`.
-        estimators: by name.
         signals: choices and projections, by the name of the signal.
         seed: of every random number.
     """
@@ -107,12 +102,9 @@ class Loop(LoggedLoop):
         return self.setting.workcell
 
     def derived(self, values: NDArray[np.float64]) -> dict[str, tuple[str, NDArray[np.float64]]]:
-        """Signals that follow from logged ones, by name: unit and samples (k,).
+        """Signals that follow from the log (n, k), by name: unit and samples (k,).
 
         The contact state, and the displacement of the tool of a robot, are not needed tick by tick.
-
-        Args:
-            values: the log, shape (n, k).
         """
         further: dict[str, tuple[str, NDArray[np.float64]]] = {}
         if len(self.workcell.contacts) != 1 or "contact_state" in self.signals:
@@ -129,9 +121,6 @@ class Loop(LoggedLoop):
 
 def build_loop(parts: LoopParts) -> Loop:
     """The loop as a diagram.
-
-    Args:
-        parts: of the loop.
 
     Raises:
         BadInputError: parts that do not fit each other.
@@ -195,11 +184,7 @@ def _add_estimators(builder: DiagramBuilder, parts: LoopParts, model: PlantModel
 
 
 def _command(builder: DiagramBuilder, controller: Diagram, station: Diagram) -> None:
-    """Connect the commands.
-
-    Raises:
-        BadInputError: a command of another size than the station takes.
-    """
+    """Connect the commands that the station takes."""
     for i in range(controller.num_output_ports()):
         port = controller.get_output_port(i)
         name = port.get_name()
@@ -219,11 +204,7 @@ def _logged(
     controller: Diagram,
     estimators: Mapping[str, System],
 ) -> dict[str, OutputPort]:
-    """The ports to log by signal name.
-
-    Everything where joint readings are taken; of other stations what is looked at, and of the controller its command
-    and scalars.
-    """
+    """The ports to log: all where joint readings are taken, else what is looked at, command and scalars."""
     ports: dict[str, OutputPort] = {}
     if "reference" in sources:
         ports["desired_force"] = sources["reference"].GetOutputPort("desired_force")

@@ -3,8 +3,8 @@
     desired_force -> force law -> position loop -> servo -> contact -> force sensor -+
                          ^-----------------------------------------------------------+
 
-The smallest loop there is: no robot, only its compliance. Element i of the batch has the values of element i of every
-parameter in the Context (`set_batch`) and the noise of its own seed, and gives what the same loop gives alone.
+No robot, only its compliance. Element i of the batch has the values of element i of every parameter in the Context
+(`set_batch`) and the noise of its own seed, and gives what the same loop gives alone.
 """
 
 from __future__ import annotations

@@ -104,11 +104,7 @@ class ProjectionConfig(Config):
         return block.get_output_port()
 
     def force_lag(self, estimators: Mapping[str, Any]) -> tuple[float, float, float]:
-        """Lag of the force: bandwidth [rad/s], damping ratio [1], delay [s].
-
-        Args:
-            estimators: of the loop, by name.
-        """
+        """Lag of the force with these estimators: bandwidth [rad/s], damping ratio [1], delay [s]."""
         return force_lag(estimators)
 
     def _direction(self, arm: str, model: PlantModel) -> np.ndarray:
@@ -142,12 +138,7 @@ class Signals:
         return {} if name in self._truth else self._offers.get(name, {})
 
     def add(self, part: str, system: System) -> None:
-        """Offer the vector outputs of a part.
-
-        Args:
-            part: its name in the scenario.
-            system: in the builder.
-        """
+        """Offer the vector outputs of the part of that name."""
         for port in map(system.get_output_port, range(system.num_output_ports())):
             if port.get_data_type() == PortDataType.kVectorValued:
                 self._offers.setdefault(port.get_name(), {})[part] = port
@@ -175,12 +166,7 @@ class Signals:
         raise BadInputError(f"{nothing}: must be {allowed}", key=wanted_by)
 
     def connect(self, part: str, system: System, optional: tuple[str, ...] = ()) -> None:
-        """Connect the inputs of a part.
-
-        Args:
-            part: its name in the scenario.
-            system: in the builder.
-            optional: inputs that may stay open.
+        """Connect the inputs of the part of that name; the optional ones may stay open.
 
         Raises:
             BadInputError: an input whose signal is not there, or of another size.

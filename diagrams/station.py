@@ -85,11 +85,7 @@ class StationConfig(Config):
 
 
 def build_station(workcell: Workcell, seed: int = 0) -> Diagram:
-    """The station of a workcell, in its configured fidelity.
-
-    Args:
-        workcell: see `forcectl.diagrams.workcell.describe`.
-        seed: of every random number of the station.
+    """The station of a workcell, in its configured fidelity; `seed` is that of all its random numbers.
 
     Raises:
         BadInputError: a part that does not fit, or that the fidelity cannot realise.

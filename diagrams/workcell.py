@@ -171,10 +171,7 @@ class Workcell:
 
 
 def describe(config: StationConfig) -> Workcell:
-    """Load the robot and look at the start posture.
-
-    Args:
-        config: of the station.
+    """Load the robot of a station and look at the start posture.
 
     Raises:
         BadInputError: unknown robot, arm or tool, a posture of the wrong length, beyond the joint limits or singular

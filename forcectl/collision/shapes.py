@@ -6,10 +6,8 @@ Each pair of shapes is made of a *core* and of *balls*::
             a capsule is the core with the box (0, 0, length/2), a sphere that with (0, 0, 0)
     balls   spheres fixed on a link that together contain the other shape, up to `tolerance` beyond its surface
 
-The distance of a ball from a core has a closed form, is convex in the place of the ball, and its gradient has no jumps
-wherever parallel shapes turn past each other. So it is found without iterations, and what holds for the distances of
-all balls holds for the shapes. Distances are too small by up to `tolerance`, or `box_tolerance` where two boxes meet:
-exact wherever a sphere meets anything.
+The distance of a ball from a core has a closed form and is convex in the place of the ball. Distances are too small by
+up to `tolerance`, or `box_tolerance` where two boxes meet: exact wherever a sphere meets anything.
 """
 
 from __future__ import annotations
@@ -123,13 +121,11 @@ def _cover_box(half: Array, tolerance: float) -> Balls:
 class RobotShapes:
     """The collision shapes of a robot with its tools, and the pairs of them that Drake would check.
 
-    Args:
+    Attributes:
         tree: of the plant whose link a shape is on.
         parts: of the robot.
         solids: its shapes.
         pairs: of solids.
-
-    Attributes: as the arguments.
     """
 
     def __init__(self, tree: JointTree, parts: RobotParts, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]]):

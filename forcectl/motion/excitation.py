@@ -1,8 +1,7 @@
 """Excitation of a contact in open loop: trapezoidal-velocity moves, or any profile from a file (Sec. 4.3.2).
 
-A profile is a displacement u_hat [m] along n, negative into the surface. The one of the thesis is not published; moves
-of 1 mm up to 4 mm on springs of 5900 N/m, which press with up to 24 N, reproduce its gains (targets, section 2). On
-another contact they are scaled so that they press with the same force.
+A profile is a displacement u_hat [m] along n, negative into the surface. The one of the thesis is not published: moves
+of 1 mm up to 4 mm on springs of 5900 N/m reproduce its gains. Elsewhere they are scaled to press with the same force.
 """
 
 from __future__ import annotations

@@ -126,13 +126,7 @@ def loaded_frames(loads: Sequence[LoadConfig], robot: RobotModel) -> dict[str, F
 def add_loads(
     builder: DiagramBuilder, loads: Sequence[LoadConfig], robot: RobotModel, period: float
 ) -> dict[str, OutputPort]:
-    """Add the loads.
-
-    Args:
-        builder: of the station.
-        loads: at least one.
-        robot: that they act on.
-        period: [s].
+    """Add the loads on a robot, sampled every `period` [s].
 
     Returns:
         `external_wrench`, shape (6a,), at the TCPs, and `body_wrench`, shape (6b,), at the frames of `loaded_frames`,

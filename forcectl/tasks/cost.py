@@ -3,11 +3,9 @@
     e = x+ - x_gen,   e' = x'+ - x'_gen,   x+ = x + Ts x' + Ts^2 a/2,   x'+ = x' + Ts a,   a = J u + J'q'      (5.11)
     L = e'Q_p e/2 + e''Q_v e'/2 + e'Q_pv e' + g_p'e + g_v'e'                                                   (5.16)
 
-L is convex when the block matrix [Q_p Q_pv; Q_pv' Q_v] has no negative eigenvalue. Q_pv alone need not be anything.
-
-Position terms carry Ts^2/2, so Q_p shows only when it is large: with Q_pv = 0 and Q_p = r/(Ts/2 + r Ts^2/4) Q_v, an
-error of the position dies out at the rate r [1/s] while x_gen, x'_gen belong to one motion. Divided by Ts^2 here, so
-that its curvature is J'Q_v J and little more.
+L is convex when the block matrix [Q_p Q_pv; Q_pv' Q_v] has no negative eigenvalue. With Q_pv = 0 and
+Q_p = r/(Ts/2 + r Ts^2/4) Q_v, an error of the position dies out at the rate r [1/s] while x_gen, x'_gen belong to one
+motion. Divided by Ts^2 here, so that its curvature is J'Q_v J and little more.
 """
 
 from __future__ import annotations

@@ -1,14 +1,8 @@
 """Joint-state monitor: finds readings that are no numbers, frozen, lost, or too far from the command.
 
-A controller that integrates its own command does not need readings to compute it, but must not continue to move a robot
-whose readings are bad. So a few bad ticks are passed over, and more of them stop the motion until readings are good.
-
-Bad is, of a joint,
-
-- a position or speed that is not a number;
-- a frozen encoder: a position that repeats bit for bit while its command moves on by more than `frozen_distance`; lost
-  samples show as this in all joints that move;
-- a position further than `largest_error` from the command: the joint does not follow, or the reading jumped.
+A few bad ticks are passed over, more of them stop the motion until readings are good. Bad is, of a joint, a position or
+speed that is not a number; a position that repeats bit for bit while its command moves on by more than
+`frozen_distance` (lost samples show as this, too); a position further than `largest_error` from the command.
 """
 
 from __future__ import annotations

@@ -2,12 +2,10 @@
 
     min |q'+ - q0'|^2 ,   q'+ = q' + Ts u                                                              (5.20)
 
-with q0' = 0 for the smallest joint speeds (5.19), or q0' downhill in a potential: away from joint limits, from walls,
-obstacles and the other arm, or towards a small reflected mass. Divided by Ts^2 for the solver:
+with q0' = 0 for the smallest joint speeds (5.19), or q0' downhill in potentials. Divided by Ts^2 for the solver, and
+with a time constant T of the approach to q0' that may be longer than Ts:
 
-    u'u/2 + g'u,   g = (q' - q0')/T,   T = Ts
-
-A T longer than Ts asks for less at once: q' approaches q0' with the time constant T.
+    u'u/2 + g'u,   g = (q' - q0')/T
 """
 
 from __future__ import annotations

@@ -27,13 +27,7 @@ from forcectl.tasks.null_space import (
 
 @dataclass(frozen=True)
 class JointSetting:
-    """What criteria of the null space are made from.
-
-    Attributes:
-        model: of the plant.
-        limits: of the joints, as the controller keeps them.
-        constraints: that the controller keeps.
-    """
+    """What criteria of the null space are made from: the plant's model, limits and constraints that are kept."""
 
     model: PlantModel
     limits: JointLimits

@@ -28,11 +28,7 @@ class TaskTargetConfig(Config):
 
 
 class TaskPart(Protocol):
-    """A filler of the slot `task`.
-
-    Attributes:
-        targets: over time.
-    """
+    """A filler of the slot `task`, with its targets over time."""
 
     targets: list[TaskTargetConfig]
 

@@ -12,10 +12,9 @@ With it, the thesis' set Phi(p, p') <= 0 is left, by 0.95 mm for v_p = 10 um per
 
     { (p, p') : Phi(p - p_max, p' + v_p/Ts) <= 0 },    with braking at gamma_p - v_v/Ts
 
-sampled as in `one_step_acceleration`. It is robustly invariant: with w = p' + v_p/Ts and a = p'' + v_v/Ts the true next
-state is at most (p + Ts w + Ts^2 a/2, w + Ts a), a double integrator without errors, whose bound on a is known; and
-a state that is less in both has more room. Where (5.27) brakes as long as a corner is outside and not at all else, here
-p'' may be the largest that keeps the upper corner inside, at least -gamma_p: there is no limit cycle.
+sampled as in `one_step_acceleration`: with w = p' + v_p/Ts and a = p'' + v_v/Ts the true next state is at most
+(p + Ts w + Ts^2 a/2, w + Ts a), a double integrator without errors. Where (5.27) brakes while a corner is outside and
+not at all else, here p'' may be the largest that keeps the upper corner inside: there is no limit cycle.
 """
 
 from __future__ import annotations
