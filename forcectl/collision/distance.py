@@ -111,19 +111,17 @@ class LinkDistance:
     def second_derivative(self, motion: RobotMotion) -> tuple[Array, Array, Array, Array]:
         """The same, with y'' = row u + bias as it is."""
         known: dict[object, Any] = getattr(motion, "known", {})
-        rows: tuple[Array, Array, Array, Array] | None = known.get(self)
-        if rows is None:  # the companion asks for the same
-            state = known.get(self._tree)  # and so do further distances of the robot
-            if state is None:
-                state = known[self._tree] = self._tree.at(motion.q, motion.v)
-            rows = known[self] = self._evaluate(state)
+        if self not in known:  # the companion asks for the same
+            if self._tree not in known:  # and so do further distances of the robot
+                known[self._tree] = self._tree.at(motion.q, motion.v)
+            state = known[self._tree]
+            near = self._table.near(state, self._near, self._minimum, self.gamma)
+            rate = np.einsum("pbi,pbi->pb", near.normal, near.w)
+            least = speed_left(near.distance - self._minimum, rate, self.gamma)
+            chosen = np.sort(np.argpartition(least, self.rows - 1, axis=None)[: self.rows])
+            known[self] = self._rows(state, near, chosen)
+        rows: tuple[Array, Array, Array, Array] = known[self]
         return rows
-
-    def _evaluate(self, state: TreeState) -> tuple[Array, Array, Array, Array]:
-        near = self._table.near(state, self._near, self._minimum, self.gamma)
-        rate = np.einsum("pbi,pbi->pb", near.normal, near.w)
-        least = speed_left(near.distance - self._minimum, rate, self.gamma)
-        return self._rows(state, near, np.sort(np.argpartition(least, self.rows - 1, axis=None)[: self.rows]))
 
     def distances(self, q: Array) -> Array:
         """Distance of each of the pairs of shapes [m], too small by up to the tolerances, in posture q (n,) [rad]."""

@@ -46,19 +46,16 @@ class Orientation(Protocol):
 
 
 class Spatial(Protocol):
-    """A pose in motion, of a `RobotMotion` or of one frame in another; spatial vectors are [rotation; translation]."""
+    """A pose in motion, of a `RobotMotion` or of one frame in another; spatial vectors are [rotation; translation].
 
-    @property
-    def position(self) -> Vector:
-        """(3,) [m]."""
+    Attributes:
+        position, rotation: (3,) [m] and (3, 3).
+        velocity: V = J q', (6,) [rad/s; m/s].
+    """
 
-    @property
-    def rotation(self) -> Vector:
-        """(3, 3)."""
-
-    @property
-    def velocity(self) -> Vector:
-        """V = J q', (6,) [rad/s; m/s]."""
+    position: Vector
+    rotation: Vector
+    velocity: Vector
 
     @property
     def jacobian(self) -> Vector:

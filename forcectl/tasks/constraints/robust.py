@@ -86,14 +86,15 @@ class RobustConstraint:
             raise invalid("relative_degree of the constraint to make robust", inner.relative_degree, "2")
         self._inner, self._period = inner, check("period", period, "positive")
         gamma_p = check("gamma_p", gamma_p, "positive")
-        seen, missed = _bounds("measurement_error", measurement_error), _bounds("model_error", model_error)
-        drift = missed.rate / self._period
+        seen_value, seen_rate = _bounds("measurement_error", measurement_error)
+        missed_value, missed_rate = _bounds("model_error", model_error)
+        drift = missed_rate / self._period
         if (drift >= gamma_p).any():
             allowed = f"below gamma_p * period = {gamma_p * self._period:g}: what braking can take away"
-            raise invalid("model_error.rate", np.asarray(missed.rate).tolist(), allowed)
+            raise invalid("model_error.rate", missed_rate.tolist(), allowed)
         self._drift, self._gamma = drift, drift - gamma_p
-        self._value = seen.value + getattr(inner, "margin", 0.0)
-        self._rate = seen.rate + missed.value / self._period
+        self._value = seen_value + getattr(inner, "margin", 0.0)
+        self._rate = seen_rate + missed_value / self._period
         for name in ("slack_weight", "companions"):
             if hasattr(inner, name):
                 setattr(self, name, getattr(inner, name))
@@ -116,12 +117,7 @@ class RobustConstraint:
         return bound
 
 
-class _Bounds(NamedTuple):
-    value: Vector
-    rate: Vector
-
-
-def _bounds(name: str, errors: Errors) -> _Bounds:
+def _bounds(name: str, errors: Errors) -> list[Vector]:
     checked = []
     for part, bound in zip(("value", "rate"), errors, strict=True):
         try:
@@ -131,4 +127,4 @@ def _bounds(name: str, errors: Errors) -> _Bounds:
         if not (np.isfinite(array) & (array >= 0.0)).all():
             raise invalid(f"{name}.{part}", array.tolist(), "finite and at least zero")
         checked.append(array)
-    return _Bounds(*checked)
+    return checked
