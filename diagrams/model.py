@@ -114,8 +114,7 @@ def force_lag(parts: Mapping[str, Any]) -> tuple[float, float, float]:
     """Lag of the measured force, of the first sensor or estimator that reports one, see `plant_model`."""
     for part in parts.values():
         if hasattr(part, "force_lag"):
-            found: tuple[float, float, float] = part.force_lag()
-            return found
+            return part.force_lag()
     return NO_LAG
 
 

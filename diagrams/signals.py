@@ -112,8 +112,7 @@ class ProjectionConfig(Config):
             return unit_normal(self.along, "along")
         if arm not in model.arms:
             raise invalid("arm", arm, f"one that presses on a surface: {', '.join(model.arms)}")
-        normal: np.ndarray = model.normals[model.arms.index(arm)]
-        return normal
+        return model.normals[model.arms.index(arm)]
 
 
 class Signals:

@@ -90,5 +90,4 @@ def build_station(workcell: Workcell, seed: int = 0) -> Diagram:
     Raises:
         BadInputError: a part that does not fit, or that the fidelity cannot realise.
     """
-    station: Diagram = made_by(workcell.config.fidelity, "build", "fidelity", Diagram, "a Diagram", workcell, seed)
-    return station
+    return made_by(workcell.config.fidelity, "build", "fidelity", Diagram, "a Diagram", workcell, seed)

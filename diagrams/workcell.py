@@ -56,8 +56,7 @@ class Contact:
     @property
     def surface(self) -> SurfaceConfig | None:
         """Heights and materials; None of an environment that is a force of its own."""
-        surface: SurfaceConfig | None = getattr(self.environment, "surface", None)
-        return surface
+        return getattr(self.environment, "surface", None)
 
     def add_to(self, builder: DiagramBuilder, period: float, *, robot_compliance: float) -> System:
         """The environment as a force over a displacement, in series with C_R [m/N]; sampled every `period` [s]."""
@@ -115,8 +114,7 @@ class Workcell:
     @property
     def rotor_inertia(self) -> Vector:
         """Inertia of the rotors at the joints, without couplings between motors, shape (n_q,) [kg m2]."""
-        inertia: Vector = np.diag(self.robot.motor_inertia).copy()
-        return inertia
+        return np.diag(self.robot.motor_inertia).copy()
 
     @property
     def drive_compliance(self) -> Vector:

@@ -120,8 +120,7 @@ class LinkDistance:
             least = speed_left(near.distance - self._minimum, rate, self.gamma)
             chosen = np.sort(np.argpartition(least, self.rows - 1, axis=None)[: self.rows])
             known[self] = self._rows(state, near, chosen)
-        rows: tuple[Array, Array, Array, Array] = known[self]
-        return rows
+        return known[self]
 
     def distances(self, q: Array) -> Array:
         """Distance of each of the pairs of shapes [m], too small by up to the tolerances, in posture q (n,) [rad]."""

@@ -183,5 +183,4 @@ def speed_left(spare: Array, rate: Array, gamma: float) -> Array:
         rate: of the distance [m/s].
         gamma: < 0 [m/s^2].
     """
-    left: Array = np.copysign(np.sqrt(np.abs(spare) * (-2.0 * gamma)), spare) + rate
-    return left
+    return np.copysign(np.sqrt(np.abs(spare) * (-2.0 * gamma)), spare) + rate

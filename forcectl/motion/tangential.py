@@ -37,8 +37,7 @@ def trapezoidal_profile(distance: float, speed: float, acceleration: float, time
     end = distance / top + ramp if top > 0 else 0.0
     t = np.clip(times, 0.0, end)
     up, down = np.minimum(t, ramp), np.maximum(t - (end - ramp), 0.0)
-    covered: Vector = 0.5 * acceleration * up**2 + top * np.maximum(t - ramp, 0.0) - 0.5 * acceleration * down**2
-    return covered
+    return 0.5 * acceleration * up**2 + top * np.maximum(t - ramp, 0.0) - 0.5 * acceleration * down**2
 
 
 def ramp_duration(distance: float, speed: float, acceleration: float) -> float:
@@ -107,8 +106,7 @@ class LineConfig(Config):
         along = np.asarray(self.direction, dtype=float) / np.linalg.norm(self.direction)
         if abs(along @ n) > 1e-6:
             raise invalid("direction", self.direction, f"perpendicular to the normal {n.tolist()}")
-        line: Vector = along + self.slope * n
-        return line
+        return along + self.slope * n
 
 
 @dataclass(kw_only=True)

@@ -185,8 +185,7 @@ class Plan:
 
     def rows(self, time: float) -> Sequence[Sequence[float]]:
         """The same as three rows of numbers, in units of `unit`, at less cost."""
-        rows: Sequence[Sequence[float]] = self._trajectory.at_time(time)
-        return rows
+        return self._trajectory.at_time(time)
 
 
 class Planner:

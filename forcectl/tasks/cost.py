@@ -91,8 +91,7 @@ class TaskCost:
             position, velocity: x_gen, x'_gen at the next tick, (k,) [m or rad, per s].
         """
         error, rate = state.value + self._period * state.rate - position, state.rate - velocity
-        slope: Vector = self._by_position @ error + self._by_velocity @ rate + self._constant
-        return slope
+        return self._by_position @ error + self._by_velocity @ rate + self._constant
 
     def value(self, error: Vector, rate: Vector) -> float:
         """L of the errors e, e' at the next tick, (k,) each."""

@@ -120,8 +120,7 @@ class AwayFromJointLimits:
 
     def speed(self, motion: ArmsMotion) -> Vector:
         """See `Potential`."""
-        speed: Vector = self._gain * (self._middle - motion.q)
-        return speed
+        return self._gain * (self._middle - motion.q)
 
 
 class AwayFrom:
@@ -148,8 +147,7 @@ class AwayFrom:
         """See `Potential`."""
         y, _, row, _ = self._constraint.evaluate(motion)
         near = np.maximum(1.0 + np.asarray(y) / self._range, 0.0)
-        speed: Vector = np.atleast_1d(-self._speed * near * near) @ np.atleast_2d(row)
-        return speed
+        return np.atleast_1d(-self._speed * near * near) @ np.atleast_2d(row)
 
 
 class TowardsSmallMass:
@@ -202,8 +200,7 @@ class TowardsSmallMass:
         robot.set_positions(context, q)
         robot.set_velocities(context, w)
         coriolis = robot.load_torque(context) - robot.gravity_torque(context)
-        gradient: Vector = (j[0] - j[1] - p[0] + p[1]) / h + 2.0 * coriolis
-        return gradient
+        return (j[0] - j[1] - p[0] + p[1]) / h + 2.0 * coriolis
 
 
 def _towards(motion: ArmsMotion, wanted: Vector | float, time_constant: float | None, period: float) -> QuadraticCost:

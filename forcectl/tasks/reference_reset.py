@@ -67,5 +67,4 @@ class ReferenceReset:
 
     def _length(self, way: Vector) -> Vector:
         """Of a difference of task coordinates, for each task [m]."""
-        length: Vector = np.sqrt(np.add.reduceat((self._scale * way) ** 2, self._begins))
-        return length
+        return np.sqrt(np.add.reduceat((self._scale * way) ** 2, self._begins))

@@ -59,8 +59,7 @@ class RelativeMotion:
     @cached_property
     def jacobian(self) -> Array:
         """J, (6, n) [1; m]."""
-        J: Array = self._of_follower @ self._follower.jacobian - self._of_leader @ self._leader.jacobian
-        return J
+        return self._of_follower @ self._follower.jacobian - self._of_leader @ self._leader.jacobian
 
     @cached_property
     def bias(self) -> Array:

@@ -44,8 +44,7 @@ def start_motion(model: PlantModel) -> ArmsMotion:
 
 def made_task(part: TaskPart, start: ArmsMotion, key: str) -> ArmTask:
     """The task of a part that stands at `key`, see `made_by`."""
-    task: ArmTask = made_by(part, "task", key, ArmTask, "an ArmTask", start)
-    return task
+    return made_by(part, "task", key, ArmTask, "an ArmTask", start)
 
 
 @dataclass(kw_only=True)

@@ -294,8 +294,7 @@ class ConstraintSet:
         """y' at the next tick, of the rows of relative degree 2, as far as it is known in this one."""
         if not self.foreseen_size:
             return rows.rate
-        expected: Vector = rows.rate + self._period * (rows.matrix[self._second :].dot(u) + rows.bias)
-        return expected
+        return rows.rate + self._period * (rows.matrix[self._second :].dot(u) + rows.bias)
 
     def _bound(self, y: float, rate: float, foreseen: float, gamma: float, margin: float, steady: bool) -> float:
         """The bound of row u + bias: that of y'' minus what the tick before missed of it, within gamma."""
@@ -312,8 +311,7 @@ class ConstraintSet:
             v: joint speeds [rad/s].
         """
         time = max((np.abs(v) / self._acceleration).max().item() * 2.0, self._period)
-        braking: Vector = np.minimum(np.maximum(v / -time, rows.lower), rows.upper)
-        return braking
+        return np.minimum(np.maximum(v / -time, rows.lower), rows.upper)
 
 
 def label(constraint: Constraint) -> str:

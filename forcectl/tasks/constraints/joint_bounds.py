@@ -114,5 +114,4 @@ class JointBounds:
     def _stopping_distance(self, speed: Vector) -> Vector:
         """What a joint needs to stop from a speed that a tick at full acceleration still adds to [rad]."""
         ahead = speed + self._tick_speed
-        distance: Vector = ahead * (self._two_ticks + ahead / self._acceleration)
-        return distance
+        return ahead * (self._two_ticks + ahead / self._acceleration)

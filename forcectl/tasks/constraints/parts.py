@@ -35,8 +35,7 @@ def constraints_of(parts: Sequence[ConstraintPart], model: PlantModel) -> list[C
 def made_constraint(part: ConstraintPart, model: PlantModel, key: str) -> Constraint:
     """The constraint of a part that stands at `key`, see `made_by`."""
     wanted = "an object with relative_degree and evaluate(motion)"
-    constraint: Constraint = made_by(part, "constraint", key, Constraint, wanted, model)
-    return constraint
+    return made_by(part, "constraint", key, Constraint, wanted, model)
 
 
 @dataclass(kw_only=True)

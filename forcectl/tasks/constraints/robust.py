@@ -113,8 +113,7 @@ class RobustConstraint:
         p, w = np.add(y, self._value), np.add(rate, self._rate)
         # From outside, as a measurement may have it, it comes back within the same acceleration.
         upper = np.where(p > 0.0, -self._gamma, np.inf)
-        bound: Vector = one_step_acceleration(p, w, self._gamma, upper, self._period) - self._drift
-        return bound
+        return one_step_acceleration(p, w, self._gamma, upper, self._period) - self._drift
 
 
 def _bounds(name: str, errors: Errors) -> list[Vector]:

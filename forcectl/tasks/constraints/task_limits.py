@@ -100,13 +100,11 @@ class _Sides:
 
     def of(self, values: Vector) -> Vector:
         """Both sides of values (k, ...)."""
-        both: Vector = self._pick.dot(values)
-        return both
+        return self._pick.dot(values)
 
     def beyond(self, values: Vector) -> Vector:
         """By how much values (k,) are beyond their limits."""
-        beyond: Vector = self.of(values) - self._limit
-        return beyond
+        return self.of(values) - self._limit
 
 
 def _set(constraint: TaskRange | TaskSpeedLimit, gamma: float | None, slack_weight: float | None) -> None:
