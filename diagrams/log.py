@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
@@ -49,7 +49,7 @@ def add_log(
     builder: DiagramBuilder,
     ports: Mapping[str, OutputPort],
     period: float,
-    labels: Sequence[str] | Mapping[str, tuple[str, tuple[str, ...]]] | None,
+    labels: Mapping[str, tuple[str | None, tuple[str, ...]]],
 ) -> tuple[VectorLogSink, dict[str, LoggedSignal]]:
     """Log the ports every `period` [s]: one multiplexer and one sink, a tenth of the cost of a sink each.
 
@@ -57,8 +57,7 @@ def add_log(
 
     Args:
         ports: by signal name.
-        labels: of the components of every port with more than one; or dimension and labels by signal name, of the
-            others too.
+        labels: dimension and names of the components by signal name, where it is no scalar.
 
     Returns:
         the sink, and what its rows mean.
@@ -67,12 +66,7 @@ def add_log(
     signals, row = {}, 0
     for i, (name, port) in enumerate(ports.items()):
         builder.Connect(port, multiplexer.get_input_port(i))
-        named: tuple[str, ...] | None = None
-        dimension = None
-        if isinstance(labels, Mapping):
-            dimension, named = labels.get(name, (None, None))
-        elif labels and port.size() > 1:
-            named = tuple(labels)
+        dimension, named = labels.get(name, (None, None))
         unit = unit_of(name, _units(port.get_system()))
         signals[name] = LoggedSignal(slice(row, row + port.size()), unit, named, dimension)
         row += port.size()

@@ -157,7 +157,8 @@ def build_one_dimensional_loop(
         "displacement_command": law.GetOutputPort("displacement_command"),
         "contact_displacement": displacement,
     }
-    sink, signals = add_log(builder, ports, config.period, [str(element) for element in range(size)])
+    elements = (None, tuple(str(element) for element in range(size)))
+    sink, signals = add_log(builder, ports, config.period, dict.fromkeys(ports, elements) if size > 1 else {})
     diagram = builder.Build()
     diagram.set_name("one_dimensional_loop")
     return OneDimensionalLoop(diagram, sink, signals, config.period)

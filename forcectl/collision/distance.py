@@ -56,9 +56,7 @@ class LinkDistance:
 
     Rows are soft, for braking at gamma is not always possible to joints that turn at full speed; what a row then needs
     to stop in time, beyond the 2 gamma that constraints ask for at most, it asks for as well. With gamma = -1 two arms
-    kept the minimum in all runs of the tests, driven at random at the full speed of all joints, or straight into each
-    other or into obstacles, and in 60 reaching tasks; so they did with -2 in most. Both arms with grippers, 428 pairs
-    of a row of balls and a core, take 0.3 ms per tick (Python 3.11), companion included; bare, 134 pairs, 0.25 ms.
+    kept the minimum in all runs of the tests. Both arms with grippers take 0.3 ms per tick.
 
     Args:
         shapes: `RobotShapes.load(...)` for a robot with itself, its `against(obstacles)` for obstacles.
@@ -172,10 +170,8 @@ class _SlowDown:
 
         y + (y' s - turn s^2/2) z + y''(u = 0) s^2/2 z^2 <= 0
 
-    It binds where a row is short: a fast motion along the other shape curves into it there, with more acceleration than
-    the joints have. Rows (v/`|v|`) u <= (z^(1/2) - 1) `|v|`/Ts of the joints that move the two shapes, of the balls
-    that need it most; they give way before the distance itself does, and to be too fast is no violation: y is reported
-    as 0.
+    Rows (v/`|v|`) u <= (z^(1/2) - 1) `|v|`/Ts of the joints that move the two shapes, of the balls that need it most;
+    they give way before the distance itself does, and to be too fast is no violation: y is reported as 0.
     """
 
     relative_degree = 1

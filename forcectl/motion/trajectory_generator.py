@@ -47,9 +47,7 @@ class TrajectoryGenerator(SampledBatch):
     finite; the velocity limit is within 100 s of rest. They may change while it moves.
 
     A component with a number that is not finite keeps its last target; a target velocity beyond the limit is the limit.
-    Past a target with a velocity, the motion keeps that velocity until the target changes. A target that moves is not
-    met but caught up with: at 0.2 u/s it is still 1.7e-3 u ahead after two seconds, and half of that after eight. A
-    target further than two hours away cannot be planned.
+    What becomes of targets that move, are passed or cannot be planned stands in docs/trajectories.md.
 
     Sampling: every `period` [s]; no delay from the target to the motion, see `SampledBlock`.
 

@@ -126,10 +126,8 @@ class ReactiveController(SampledBlock):
 
     All outputs are feedthrough of all inputs at the tick.
 
-    Bad input. A reference that is not a number, or beyond 1e6: the joints brake together, along their path, and hold
-    while it lasts, with status NOT_FINITE. The same after readings that stay bad for longer than `longest_gap`; a few
-    lost samples leave the command alone. Constraints that contradict each other at a tick: soft rows give way; then the
-    joints brake. Limits that contradict each other or the start posture are an error when it is built.
+    After a reference that is not a number or beyond 1e6, or readings that stay bad for longer than `longest_gap`, the
+    joints brake together, along their path, and hold while it lasts; docs/reactive_control.md has every such case.
 
     Sampling: every `period` [s]; no delay, see `SampledBlock`: what the tick computes is put out at once and held.
 

@@ -241,7 +241,6 @@ class ConstraintSet:
         self, constraints: Sequence[Constraint], limits: JointLimits, start: RobotMotion, period: float, gamma: float
     ):
         self._n, self._period = len(start.q), check("period", period, "positive")
-        self._tick = np.array(self._period)
         every = [part for c in constraints for part in (c, *getattr(c, "companions", ()))]
         found = [(c, *_try(c, start, gamma)) for c in every]
         names = dict(zip(map(id, every), _row_names([(c, rows) for c, rows, _ in found]), strict=True))
@@ -277,7 +276,7 @@ class ConstraintSet:
         y, rate, bias = values
         limit = -bias
         if second > first:
-            limit[first:second] -= y[first:second] / self._tick
+            limit[first:second] -= y[first:second] / self._period
         if m > second:
             seen = (y[second:].tolist(), rate[second:].tolist(), foreseen.tolist())
             parts = (*seen, self._gamma, self._margin, self._steady)
