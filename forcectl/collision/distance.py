@@ -47,7 +47,7 @@ class LinkDistance:
     ::
 
         shapes = RobotShapes.load("yumi", "yumi_gripper")
-        constraints = [LinkDistance(shapes), LinkDistance(shapes.against([Obstacle(Sphere(0.1), X_WO)], ["left"]))]
+        constraints = [LinkDistance(shapes), LinkDistance(shapes.against([Obstacle(Sphere(0.1), X_WO)]))]
 
     Every row is one of the k balls that may come least faster before braking at gamma is too late, not of the k nearest
     ones: what a tick of acceleration makes urgent is among them before it is. Where the joints cannot brake that hard,

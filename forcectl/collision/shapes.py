@@ -26,7 +26,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, invalid
 from forcectl.robot.joint_tree import JointTree
 from forcectl.robot.model import RobotParts, add_robot
 
@@ -134,7 +134,7 @@ class RobotShapes:
         self.solids, self.pairs = tuple(solids), tuple(pairs)
 
     @classmethod
-    def load(cls, robot: str | Path, tool: str | Path | None, X_WB: RigidTransform | None = None) -> RobotShapes:
+    def load(cls, robot: str | Path, tool: str | Path | None) -> RobotShapes:
         """The shapes of what `forcectl.robot.model.add_robot` puts into a plant; joints in the order of `RobotModel`.
 
         Raises:
@@ -143,7 +143,7 @@ class RobotShapes:
         """
         builder = DiagramBuilder()
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.001)
-        parts = add_robot(plant, robot, tool, X_WB)
+        parts = add_robot(plant, robot, tool)
         plant.Finalize()
         tree, inspector = JointTree(plant, parts.joints), scene_graph.model_inspector()
         candidates = sorted(inspector.GetCollisionCandidates(), key=lambda pair: [each.get_value() for each in pair])
@@ -159,18 +159,13 @@ class RobotShapes:
         # Two shapes of one link keep their distance whatever the joints do.
         return cls(tree, parts, solids, [(a, b) for a, b in pairs if solids[a].link != solids[b].link])
 
-    def against(self, obstacles: Iterable[Obstacle], arms: Iterable[str] | None = None) -> RobotShapes:
-        """The pairs of each obstacle with each shape that the joints of these arms move (None: of all)."""
-        joints: list[int] = []
-        for name in self.parts.arms if arms is None else arms:
-            if name not in self.parts.arms:
-                raise unknown("arm", name, self.parts.arms)
-            joints += range(*self.parts.arms[name].joints.indices(self.tree.num_joints))
+    def against(self, obstacles: Iterable[Obstacle]) -> RobotShapes:
+        """The pairs of each obstacle with each shape that the joints move."""
+        moved = [i for i, solid in enumerate(self.solids) if self.tree.moves[solid.link].any()]
         solids, pairs = list(self.solids), []
         for obstacle in obstacles:
             core = _core(obstacle.name, obstacle.shape)
             solids.append(Solid(obstacle.name, 0, obstacle.X_WO.GetAsMatrix4(), *core))
-            moved = [i for i, s in enumerate(self.solids) if self.tree.moves[s.link, joints].any()]
             pairs += [(i, len(solids) - 1) for i in moved]
         return RobotShapes(self.tree, self.parts, solids, pairs)
 
