@@ -10,7 +10,6 @@ from numpy.typing import NDArray
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import check_count
-from forcectl.framework.kernels import largest
 from forcectl.motion.trajectory import Limits, Motion, Plan, Planner, Target, TrajectoryState, begin_again
 
 Array = NDArray[np.float64]
@@ -31,7 +30,7 @@ class GroupPlanner:
         ends = np.cumsum(self._sizes).tolist()
         self._groups = [slice(end - size, end) for end, size in zip(ends, self._sizes, strict=True)]
         self._planners = [Planner(size, synchronized) for size in self._sizes]
-        self._key, self._plans = np.empty(0), list[Plan]()
+        self._key, self._plans = np.full((10, sum(sizes)), np.nan), list[Plan]()
         self._arrival = self._braking = self._unit = np.empty(0)
 
     def __deepcopy__(self, memo: dict[int, Any]) -> GroupPlanner:
@@ -49,20 +48,21 @@ class GroupPlanner:
             limits: rows as the fields of `Limits`, (3, n).
         """
         given = state[:3] if start is None else np.array(start)
-        unchanged = np.array_equal(given, state[:3]) and np.array_equal(np.concatenate([target, limits]), state[7:13])
-        if unchanged and not largest(state[4]):
+        led = (given != state[:3]).any()
+        changed = (np.concatenate([target, limits]) != state[7:13]).any()
+        if not (led or changed or state[4].any()):
             return self._go_on(state, period)
         parts = []
         for place, planner in zip(self._groups, self._planners, strict=True):
             own = TrajectoryState(*state[:, place])
-            if np.isfinite(given[:, place]).all():
+            if led and np.isfinite(given[:, place]).all():
                 own = begin_again(own, Motion(*given[:, place]))
             parts.append(planner.follow(own, Target(*target[:, place]), Limits(*limits[:, place]), period))
         return np.concatenate(parts, axis=1)
 
     def _go_on(self, state: Array, period: float) -> Array:
         """On the same plans."""
-        if not np.array_equal(self._key, state[6:]):
+        if (self._key != state[6:]).any():
             self._key = state[6:].copy()
             pairs = zip(self._groups, self._planners, strict=True)
             self._plans = [planner.plan_of(self._key[:, place]) for place, planner in pairs]
