@@ -4,13 +4,13 @@ from forcectl.tasks.constraints.base import ConstraintSet as ConstraintSet
 from forcectl.tasks.constraints.base import ForceLimit as ForceLimit
 from forcectl.tasks.constraints.base import JointTorqueLimit as JointTorqueLimit
 from forcectl.tasks.constraints.joint_bounds import JointBounds as JointBounds
-from forcectl.tasks.constraints.of_arm import OfArm as OfArm
 from forcectl.tasks.constraints.parts import LinkDistanceConfig as LinkDistanceConfig
 from forcectl.tasks.constraints.parts import RangeConfig as RangeConfig
 from forcectl.tasks.constraints.parts import RobustConfig as RobustConfig
 from forcectl.tasks.constraints.parts import SpeedLimitConfig as SpeedLimitConfig
 from forcectl.tasks.constraints.parts import WallConfig as WallConfig
 from forcectl.tasks.constraints.robust import RobustConstraint as RobustConstraint
+from forcectl.tasks.constraints.task_limits import OfArm as OfArm
 from forcectl.tasks.constraints.task_limits import TaskRange as TaskRange
 from forcectl.tasks.constraints.task_limits import TaskSpeedLimit as TaskSpeedLimit
 from forcectl.tasks.coordinates import ArmTask as ArmTask

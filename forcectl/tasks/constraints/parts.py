@@ -14,9 +14,8 @@ from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import made_by
 from forcectl.plant.plant_model import PlantModel
 from forcectl.tasks.constraints.base import CartesianWall, Constraint
-from forcectl.tasks.constraints.of_arm import OfArm
 from forcectl.tasks.constraints.robust import Errors, RobustConstraint
-from forcectl.tasks.constraints.task_limits import TaskRange, TaskSpeedLimit
+from forcectl.tasks.constraints.task_limits import OfArm, TaskRange, TaskSpeedLimit
 from forcectl.tasks.task_parts import made_task, start_motion
 
 
