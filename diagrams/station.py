@@ -6,13 +6,8 @@
     truth  contact_force (k,) [N] along the normals, contact_state (k,), link_position (n,) [rad], and more: see
            `forcectl.conventions`
 
-k surfaces that are pressed on, a arms, n joints. Which outputs there are follows from the parts.
-
-Multibody        a MultibodyPlant with drives, elastic or rigid joints, friction, contact, sensors, any number of arms.
-Kinematic        Fig. 2.5: joint filters, servo along n, forward kinematics, C_T(q).
-OneDimensional   Fig. 2.2/2.3: joint filter, servo along n, spring. One constant Jacobian.
-
-The station starts at rest, the tool just touching each surface with zero force.
+k surfaces that are pressed on, a arms, n joints. Which outputs there are follows from the parts. The station starts at
+rest, the tool just touching each surface with zero force. Kinematic is Fig. 2.5, OneDimensional Fig. 2.2/2.3.
 """
 
 from __future__ import annotations
