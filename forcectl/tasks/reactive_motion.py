@@ -1,7 +1,9 @@
 """Motion control of Fig. 5.3 for a robot with any number of arms: targets, a generator, a controller::
 
-targets -> generator (x_gen, x_gen', x_gen'') -> reactive controller -> joint references
-           generator <- motion of the tasks (state of the controller, no delay and no loop) <-
+    targets -> generator (x_gen, x_gen', x_gen'') -> reactive controller -> joint references
+               generator <- motion of the tasks (state of the controller, no delay and no loop) <-
+
+Each task is planned on its own: an arm that is blocked does not hold up the other.
 """
 
 from __future__ import annotations
