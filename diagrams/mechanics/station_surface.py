@@ -56,7 +56,7 @@ def add_surface(
     surface = contact.environment.surface
     d = surface.direction_across(contact.n)
     if workcell.config.fidelity.constant_jacobian:
-        row = (d @ contact.robot.jacobian(contact.start_context())[3:]).reshape(1, -1)
+        row = (d @ contact.robot.jacobian(contact.robot.context_at(contact.start))[3:]).reshape(1, -1)
         place: System = affine(row, -row @ start)
     else:
         place = TipDisplacement(contact.robot, d, start, period=workcell.posture_period)

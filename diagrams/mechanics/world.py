@@ -102,7 +102,7 @@ def _add_ball(plant: MultibodyPlant, parts: RobotParts, contact: Contact) -> Geo
     parameters = parts.tool_parameters
     radius = max(parameters.contact_ball_radius if parameters else 0.0, _SHARPEST)
     tcp = parts.arms[contact.arm].tcp_frame
-    R_TW = contact.robot.pose(contact.start_context()).rotation().inverse()
+    R_TW = contact.robot.pose(contact.robot.context_at(contact.start)).rotation().inverse()
     return plant.RegisterCollisionGeometry(
         tcp.body(),
         tcp.GetFixedPoseInBodyFrame() @ RigidTransform(radius * (R_TW @ contact.n)),

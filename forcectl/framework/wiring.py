@@ -15,24 +15,32 @@ from forcectl.errors import BadInputError, about
 Matrix = NDArray[np.float64]
 
 
-def add_part(part: Any, key: str, builder: DiagramBuilder, *arguments: Any, **named: Any) -> System:
-    """The system that the `add_to` of a part adds; errors in it are about the part.
+def made_by(part: Any, method: str, key: str, kind: Any, wanted: str, *arguments: Any, **named: Any) -> Any:
+    """What a method of a part returns; errors in it are about the part.
 
     Args:
         part: fills a slot.
+        method: its name.
         key: of the part, for the message.
-        builder: first argument of `add_to`.
-        arguments: further ones.
+        kind: what is returned must be an instance of it.
+        wanted: the same in words.
+        arguments: of the method.
         named: further ones, by name.
 
     Raises:
-        BadInputError: it returns something else than a system.
+        BadInputError: it returns something else.
     """
     with about(part):
-        made = part.add_to(builder, *arguments, **named)
-    if not isinstance(made, System):
-        raise BadInputError(f"add_to must return a Drake system, not {type(made).__name__}", key=key)
+        made = getattr(part, method)(*arguments, **named)
+    if not isinstance(made, kind):
+        raise BadInputError(f"{method} must return {wanted}, not {type(made).__name__}", key=key)
     return made
+
+
+def add_part(part: Any, key: str, builder: DiagramBuilder, *arguments: Any, **named: Any) -> System:
+    """The system that the `add_to` of a part adds, see `made_by`."""
+    system: System = made_by(part, "add_to", key, System, "a Drake system", builder, *arguments, **named)
+    return system
 
 
 def affine(gain: Matrix, offset: Matrix) -> AffineSystem:

@@ -20,8 +20,7 @@ Vector = NDArray[np.float64]
 
 def tip_displacements(robot: RobotModel, n: Vector, start: Vector, positions: Vector) -> Vector:
     """dx (2.1) of k motor positions (k, n_q) [rad] from the start q_0 (n_q,), shape (k,) [m]."""
-    context = robot.create_context()
-    robot.set_positions(context, start)
+    context = robot.context_at(start)
     origin = n @ robot.tip_position(context)
     tips = np.empty(len(positions))
     for i, q in enumerate(positions):

@@ -256,6 +256,12 @@ class RobotModel(PlantJoints):
             body.SetSpatialInertiaInBodyFrame(context, inertia)
         return context
 
+    def context_at(self, q: Array) -> Context:
+        """A context of `plant` at rest in posture q, shape (n,) [rad]."""
+        context = self.create_context()
+        self.set_positions(context, q)
+        return context
+
     def pose(self, context: Context) -> RigidTransform:
         """Pose X_WT of the TCP frame in the world [m]."""
         return self.tcp_frame.CalcPoseInWorld(context)

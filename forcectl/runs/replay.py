@@ -114,7 +114,7 @@ class _Plate:
         if self._uneven:
             d = self._uneven.direction_across(self.n)
             R_WE = RotationMatrix(np.column_stack([d, np.cross(self.n, d), self.n]))
-        self.X_WE = RigidTransform(R_WE, contact.robot.pose(contact.start_context()).translation())
+        self.X_WE = RigidTransform(R_WE, contact.robot.pose(contact.robot.context_at(contact.start)).translation())
         # A bar stands beside the tool, where it does not go, and grows along n.
         self.foot = self.X_WE @ ([-0.12, 0.08, 0.0] if self._uneven else [0.1, 0.0, 0.0])
         parser = Parser(plant)

@@ -190,7 +190,7 @@ def test_a_posture_that_is_no_number_gives_rows_that_are_none() -> None:
 def test_balls_inside_a_box_are_sent_out_by_the_nearest_face() -> None:
     x, y, z = MODEL.tip_position(MODEL.create_context())
     crate = Obstacle(Box(0.4, 0.4, 0.4), RigidTransform([x, y, z + 0.17]))
-    constraint = LinkDistance(SHAPES.against([crate], ["left"]), rows=1)
+    constraint = LinkDistance(SHAPES.against([crate]), rows=1)
     deep, _, row, bias = at(constraint, HOME, np.zeros(14))
     assert deep[0] > 0.03
     assert np.isfinite(row).all()

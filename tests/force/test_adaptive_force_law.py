@@ -33,8 +33,8 @@ def force(config, duration: float, size: int = 1, **loop) -> np.ndarray:
     built = build_one_dimensional_loop(OneDimensionalLoopConfig(controller=config, **loop), size=size)
     simulator = Simulator(built.diagram)
     simulator.AdvanceTo(duration)
-    rows = built.log.signals["measured_force"].rows
-    return built.log.find(simulator.get_context()).data()[rows]
+    rows = built.signals["measured_force"].rows
+    return built.find_log(simulator.get_context()).data()[rows]
 
 
 @every_law

@@ -97,7 +97,9 @@ def test_a_robot_that_was_moved_gives_its_friction(noise):
     if noise:
         log["joint_velocity"][100:110] = np.nan
     readings = (log[name] for name in ("time", "joint_position", "joint_velocity", "motor_torque"))
-    samples = friction_samples(loop.model.momentum_model(), *readings, velocity_bandwidth=loop.model.velocity_bandwidth)
+    samples = friction_samples(
+        loop.setting.model.momentum_model(), *readings, velocity_bandwidth=loop.setting.model.velocity_bandwidth
+    )
     fit = identify_friction(*samples, slowest=0.05)
     true = loop.setting.truth.friction
     scale = np.array([true.coulomb, true.coulomb, true.viscous_forward, true.viscous_backward])

@@ -74,8 +74,7 @@ class TipContact(CompliantContact):
         self._position = self.DeclareVectorInputPort("motor_position", self._robot.num_joints)
         self._height = self.DeclareVectorInputPort("surface_height", 1) if self._uneven else None
         self._posture = posture_cache(self, self._robot, self._position)
-        context = self._robot.create_context()
-        self._robot.set_positions(context, self._start)
+        context = self._robot.context_at(self._start)
         self._origin = float(self._n @ self._robot.tip_position(context))
         # n'J, then the displacement it would have at q = 0, then C_R; and the posture they belong to.
         self._geometry = self.DeclareDiscreteState(self._at(context, self._start))

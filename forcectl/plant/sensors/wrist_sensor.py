@@ -110,8 +110,7 @@ class WristSensor(SensorElectronics):
         self._reactions = self.DeclareAbstractInputPort("reaction_forces", AbstractValue.Make([SpatialForce.Zero()]))
         self._position = self.DeclareVectorInputPort("motor_position", self._robot.num_joints)
         self._posture = posture_cache(self, self._robot, self._position)
-        context = self._robot.create_context()
-        self._robot.set_positions(context, self._start)
+        context = self._robot.context_at(self._start)
         self._in_zero = np.zeros(6)
         orientation = self._orient(context)
         if self._zeroed:
