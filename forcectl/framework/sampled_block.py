@@ -80,7 +80,9 @@ class _Ticks(_Shared):
         self._inputs = {port.get_name(): port for port in inputs}
         self._optional = [name for name in self.optional_inputs if name in self._inputs]
         self._wide = [port.get_name() for port in inputs if port.size() > math.prod(self._shape)]
-        self._all_floats = not self._shape and not self._optional and not self._wide
+        self._readers: list[tuple[str, Callable[[Context], Vector]]] = []
+        if not (self._shape or self._optional or self._wide):
+            self._readers = [(port.get_name(), port.Eval) for port in inputs]
         self._names = tuple(memory)
         initial = {name: self._initial(name, value) for name, value in memory.items()}
         self._numbers = ["time", *(name for name, value in initial.items() if value.shape == self._shape)]
@@ -202,6 +204,8 @@ class _Ticks(_Shared):
         return np.asarray(value, dtype=float)
 
     def _unpack(self, packed: Vector) -> dict[str, Any]:
+        # A copy: a view that is handed on, unchanged, would keep the context alive from within its own cache.
+        packed = packed.copy()
         memory = dict(zip(self._numbers, packed[: len(self._numbers)].tolist(), strict=True))
         for name, place in self._vectors.items():
             memory[name] = packed[place]
@@ -212,8 +216,7 @@ class _Ticks(_Shared):
         return np.concatenate([numbers, *(memory[name] for name in self._vectors)])
 
     def _compute(self, context: Context) -> Memory:
-        # A copy: a view that is handed on, unchanged, would keep the context alive from within its own cache.
-        memory, now = self._unpack(context.get_discrete_state(self._memory).CopyToVector()), context.get_time()
+        memory, now = self._unpack(context.get_discrete_state(self._memory).value()), context.get_time()
         if now - memory["time"] < self._soonest:
             return memory
         after = self.step(context, memory, self._read(context))
@@ -272,8 +275,8 @@ class SampledBatch(_Ticks, BatchBlock):
         return batch_values(f"initial {name}", value, self._size).reshape(self._shape)
 
     def _read(self, context: Context) -> Memory:
-        if self._all_floats:
-            return {name: port.Eval(context).item() for name, port in self._inputs.items()}
+        if self._readers:
+            return {name: read(context).item() for name, read in self._readers}
         inputs = super()._read(context)
         return {
             name: self.unstack(value) if name in self._wide else self.batch_value(value)
@@ -281,7 +284,7 @@ class SampledBatch(_Ticks, BatchBlock):
         }
 
     def _unpack(self, packed: Vector) -> dict[str, Any]:
-        rows = [packed.item(0), *packed[1:].reshape(-1, *self._shape)] if self._shape else packed.tolist()
+        rows = [packed.item(0), *packed[1:].copy().reshape(-1, *self._shape)] if self._shape else packed.tolist()
         memory = dict(zip(self._numbers, rows))  # noqa: B905, the argument takes longer than the rest
         for name, place in self._vectors.items():
             memory[name] = rows[place]
