@@ -17,10 +17,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.framework import Context
 
-from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
-from forcectl.force.law import ForceLaw
+from forcectl.force.adaptive_force_law import AdaptiveLawConfig
+from forcectl.force.law import ForceLaw, LawConfig
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory
@@ -235,7 +235,7 @@ _Law = TypeVar("_Law", bound=InvarianceForceLaw)
 
 
 @dataclass(kw_only=True)
-class InvarianceLimits(Config):
+class InvarianceLimits(Config, LawConfig):
     """What the configurations of laws with this constraint share."""
 
     gamma: float = key(-0.1, "deceleration towards the constraint", unit="m/s^2", bounds="below zero")
@@ -267,17 +267,9 @@ class InvarianceConfig(InvarianceLimits):
         """The block whose model has this total compliance [m/N], or a port for it (None)."""
         return self.block(InvarianceForceLaw, model, compliance)
 
-    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> InvarianceForceLaw | AdaptiveForceLaw:
-        """Add the law; its model has `compliance_error` times the true total compliance."""
-        return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))
-
 
 @dataclass(kw_only=True)
-class AdaptiveInvarianceConfig(Adaptation, InvarianceConfig):
+class AdaptiveInvarianceConfig(AdaptiveLawConfig, InvarianceConfig):
     """Scenario part `!AdaptiveInvariance`: the constraint with the compliance estimated on line. (3.56)"""
 
     compliance_error: float = key(0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="positive")
-
-    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveForceLaw:
-        """Add the law with its estimator."""
-        return self.adapt(builder, model, self.law(model, None))

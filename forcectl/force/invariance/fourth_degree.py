@@ -20,12 +20,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.framework import Context
 
 from forcectl.errors import invalid, unknown
-from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
+from forcectl.force.adaptive_force_law import AdaptiveLawConfig
 from forcectl.force.invariance.functions import FLOAT_MATH, invariance_4
-from forcectl.force.law import ForceLaw
+from forcectl.force.law import ForceLaw, LawConfig
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory
@@ -249,7 +249,7 @@ class FourthDegreeForceLaw(ForceLaw):
 
 
 @dataclass(kw_only=True)
-class FourthDegreeInvarianceConfig(Config):
+class FourthDegreeInvarianceConfig(Config, LawConfig):
     """Scenario part `!FourthDegreeInvariance`."""
 
     gamma: float = key(-1e5, "smallest fourth derivative of the force", unit="N/s^4", bounds="below zero")
@@ -291,17 +291,9 @@ class FourthDegreeInvarianceConfig(Config):
             period=model.period,
         )
 
-    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> FourthDegreeForceLaw | AdaptiveForceLaw:
-        """Add the law; its model has `compliance_error` times the true total compliance."""
-        return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))
-
 
 @dataclass(kw_only=True)
-class AdaptiveFourthDegreeInvarianceConfig(Adaptation, FourthDegreeInvarianceConfig):
+class AdaptiveFourthDegreeInvarianceConfig(AdaptiveLawConfig, FourthDegreeInvarianceConfig):
     """Scenario part `!AdaptiveFourthDegreeInvariance`: the same with the compliance estimated on line. (Fig. 3.10)"""
 
     compliance_error: float = key(2 / 3, "initial C_E_hat / C_E; 1/1.5 = stiffness 50 % too high", bounds="positive")
-
-    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveForceLaw:
-        """Add the law with its estimator."""
-        return self.adapt(builder, model, self.law(model, None))

@@ -31,13 +31,13 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, LinearSystem, Multiplexer
 
 from forcectl.force.invariance.force_law import InvarianceConfig
-from forcectl.framework.batch import BatchParameter, BatchValue, check_order, whole_multiple
+from forcectl.force.sensor_lag import sensor_model
+from forcectl.framework.batch import BatchParameter, BatchValue, check_order
 from forcectl.framework.fields import key
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.drives.position_loop import LONGEST_DELAY, PositionLoop
 from forcectl.plant.plant_model import PlantModel
-from forcectl.plant.sensors.force_sensor import sensor_filter
 
 
 class PredictiveCorrection(SampledBatch):
@@ -254,7 +254,6 @@ class PredictiveInvarianceConfig(InvarianceConfig):
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> PredictiveForceLaw:
         """Add the law; it and its correction believe in `compliance_error` times the true total compliance."""
         compliance = self.compliance_error * model.total_compliance
-        ticks = whole_multiple("delay", model.sensor_delay, model.period, "period")
         correction = PredictiveCorrection(
             model.size,
             compliance=compliance,
@@ -269,7 +268,6 @@ class PredictiveInvarianceConfig(InvarianceConfig):
             drive_compliance=model.drive_compliance,
             period=model.period,
         )
-        sensor = sensor_filter(2 * model.size, model.sensor_bandwidth, model.sensor_damping_ratio, model.period, ticks)
-        filters = self.position_loop(model), self.position_loop(model), sensor
+        filters = self.position_loop(model), self.position_loop(model), sensor_model(model, 2 * model.size)
         law = PredictiveForceLaw(self.law(model, compliance), correction, filters)
         return builder.AddNamedSystem("force_law", law)

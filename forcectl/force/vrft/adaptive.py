@@ -11,7 +11,6 @@ from dataclasses import dataclass
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 from forcectl.force.linear_law import LinearForceLaw, VrftConfig
 from forcectl.framework.fields import key
@@ -75,22 +74,10 @@ class AdaptiveVrftConfig(VrftConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not (self.proportional_gain < 0 and self.integral_gain < 0):
-            gains = f"proportional_gain = {self.proportional_gain:g}, integral_gain = {self.integral_gain:g}"
-            raise BadInputError(f"{gains}: must both be below zero, they set the range to stay within")
-        if self.fir:
-            raise invalid("fir", self.fir, "empty: the PID gains are tuned")
+        self.check_tunable("set the range to stay within", "tuned")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveVrft:
         """Add the law with its tuner."""
-        law = LinearForceLaw(
-            model.size,
-            derivative_filter=2 * model.period if self.derivative_filter is None else self.derivative_filter,
-            robot_compliance=self.robot_compliance_error * model.robot_compliance,
-            lower_limit=self.lower_limit,
-            upper_limit=self.upper_limit,
-            period=model.period,
-        )
         tuner = RecursiveVrft(
             model.size,
             bandwidth=self.reference_bandwidth,
@@ -105,4 +92,4 @@ class AdaptiveVrftConfig(VrftConfig):
             always=True,
             period=model.period,
         )
-        return builder.AddNamedSystem("force_law", AdaptiveVrft(law, tuner))
+        return builder.AddNamedSystem("force_law", AdaptiveVrft(self.law(model, gains_from_ports=True), tuner))
