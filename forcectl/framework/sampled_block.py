@@ -92,14 +92,14 @@ class _Ticks(_Shared):
             if name not in self._numbers:
                 self._vectors[name] = slice(end, end + len(value))
                 end += len(value)
-        self._length = (end - 1) * math.prod(self._shape) + 1
+        self._packed_size = (end - 1) * math.prod(self._shape) + 1
         state = self.DeclareDiscreteState(self._pack({**initial, "time": -self._period}))
         self._reads: set[Any] = {port.ticket() for port in inputs}
         self._reads |= {self.time_ticket(), self.all_parameters_ticket(), self.discrete_state_ticket(state)}
         self._state, self._memory = state, int(state)  # a number is looked up in half of the time
         self._kept = {name: self.DeclareDiscreteState(part) for name, part in (kept or {}).items()}
         if self.keeps_start:
-            self._start = self.DeclareDiscreteState(self._length + sum(port.size() for port in inputs))
+            self._start = self.DeclareDiscreteState(self._packed_size + sum(port.size() for port in inputs))
         self._now: BlockCache | None = None
         self._port: OutputPort | None = None
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._period, offset_sec=0.0, update=self._hold)
@@ -172,6 +172,10 @@ class _Ticks(_Shared):
         """The memory after the tick that the outputs show, by name, with the "time" of that tick [s]."""
         return dict(self._after(context))
 
+    def held(self, context: Context) -> dict[str, Any]:
+        """The memory as the tick before left it, by name, with the "time" of that tick [s]."""
+        return self._unpack(context.get_discrete_state(self._memory).value())
+
     def last_tick(self, context: Context) -> TickStart:
         """What the tick started from whose values the outputs show; of a block that keeps it.
 
@@ -179,13 +183,13 @@ class _Ticks(_Shared):
             BadInputError: there was none yet.
         """
         now = context.get_time()
-        memory = self._unpack(context.get_discrete_state(self._memory).CopyToVector())
+        memory = self.held(context)
         if now - memory["time"] >= self._soonest:
             return TickStart(memory, self._read(context))
         if memory["time"] < 0.0:
             raise BadInputError(f"{self.get_name()}: there was no tick yet at t = {now:g} s")
         start = context.get_discrete_state(self._start).CopyToVector()
-        ends = np.cumsum([self._length, *(port.size() for port in self._inputs.values())])
+        ends = np.cumsum([self._packed_size, *(port.size() for port in self._inputs.values())])
         before, *readings = np.split(start, ends[:-1])
         inputs = dict(zip(self._inputs, readings, strict=True))
         for name in self._unconnected(context):
@@ -216,7 +220,7 @@ class _Ticks(_Shared):
         return np.concatenate([numbers, *(memory[name] for name in self._vectors)])
 
     def _compute(self, context: Context) -> Memory:
-        memory, now = self._unpack(context.get_discrete_state(self._memory).value()), context.get_time()
+        memory, now = self.held(context), context.get_time()
         if now - memory["time"] < self._soonest:
             return memory
         after = self.step(context, memory, self._read(context))
