@@ -1,8 +1,7 @@
 """Force control on moving, stiff contact: a law that plans from the compliance, corrected by what is foreseen.
 
-A law such as [57] commands u = -C_T_hat F_bar(t), open loop: fast and without overshoot, but without feedback. Here the
-height of the surface is added, and the lag that friction leaves in the drive, each through the filters of the loop's
-model::
+A law such as [57] commands u = -C_T_hat F_bar(t), open loop. Here the height of the surface is added, and the lag that
+friction leaves in the drive, each through the filters of the loop's model::
 
     x    = dx_m - h dx_uc              displacement of the motor side minus that of the motion along the path
     s_f  = C_T_hat F_m + S x           height of the surface above that path, through the force sensor
@@ -14,9 +13,8 @@ h is the joint-reference filter with the command delay, S the filter of the forc
 their lags on a ramp, 2 z/w + delay: a surface that rises steadily is met without error. The observer has two equal
 poles exp(-w_s Ts).
 
-With the right compliance s does not depend on the command, so that nothing is fed back and the law's transients stay as
-they are. With a wrong one, r = C_T_hat/C_T, the part 1 - r of the command is taken for surface; the force still ends at
-F_bar exactly, because x ends at u + s:  C_T_hat F = s - x = -u.
+With the right compliance s does not depend on the command. With a wrong one, r = C_T_hat/C_T, the part 1 - r of the
+command is taken for surface; the force still ends at F_bar, because x ends at u + s:  C_T_hat F = s - x = -u.
 """
 
 from __future__ import annotations

@@ -1,8 +1,7 @@
 """Force control that re-tunes itself while it regulates: EWRLS-VRFT, for surfaces of several materials (Sec. 4.5).
 
-The law that is linear in its gains, with those of recursive VRFT with forgetting, from the data of the loop itself. It
-learns only while the force moves, because data at rest do not determine K_P; never from a force so low that contact may
-be lost; and within a range about the gains it starts with. New gains make the command bend, not jump.
+It learns only while the force moves, because data at rest do not determine K_P; never from a force so low that contact
+may be lost; and within a range about the gains it starts with. New gains make the command bend, not jump.
 """
 
 from __future__ import annotations
@@ -14,6 +13,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 from forcectl.force.linear_law import LinearForceLaw, VrftConfig
 from forcectl.framework.fields import key
+from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 
 
@@ -25,11 +25,10 @@ def add_tuned_law(builder: DiagramBuilder, law: LinearForceLaw, tuner: Recursive
     builder.ExportInput(law.GetInputPort("desired_force"), "desired_force")
     measured = builder.ExportInput(law.GetInputPort("measured_force"), "measured_force")
     builder.ConnectInput(measured, tuner.GetInputPort("measured_force"))
-    for name in ("displacement_command", "controller_output"):
-        builder.ExportOutput(law.GetOutputPort(name), name)
     for name in GAINS:
         builder.Connect(tuner.GetOutputPort(name), law.GetInputPort(name))
-        builder.ExportOutput(tuner.GetOutputPort(name), name)
+    for block in (law, tuner):
+        export_all_outputs(builder, block)
 
 
 class AdaptiveVrft(Diagram):

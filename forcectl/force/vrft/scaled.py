@@ -2,10 +2,8 @@
 
     K_I = -w_c C_E,    K_P = -w_c T (C_R_hat + C_E),    K_D/K_P as it is                       (equations 3.2; 4.1, 4.2)
 
-is what VRFT finds on any material: T is the lag of the loop, the same on all of them. So only C_E has to be estimated
-on the way. w_c and the gains that VRFT has found on one material tell its C_E and T; where the drives stick at every
-reversal, a larger K_P (half again as much) tracks better than that of an experiment that hardly reverses.
-New gains make the command bend, not jump.
+is what VRFT finds on any material: T is the lag of the loop, the same on all of them. So only C_E has to be estimated.
+w_c and the gains that VRFT has found on one material tell its C_E and T. New gains make the command bend, not jump.
 """
 
 from __future__ import annotations
@@ -21,7 +19,7 @@ from forcectl.estimation.excited_compliance import ExcitedCompliance
 from forcectl.force.linear_law import GAINS, LinearForceLaw, VrftConfig
 from forcectl.force.sensor_lag import sensor_model
 from forcectl.framework.fields import key
-from forcectl.framework.wiring import affine
+from forcectl.framework.wiring import affine, export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 
 
@@ -78,12 +76,8 @@ class ScaledVrft(Diagram):
         connect(displacement_filter.get_output_port(), estimator.GetInputPort("displacement"))
         connect(estimator.GetOutputPort("environment_compliance"), scale.get_input_port())
         connect(scale.get_output_port(), gains.get_input_port())
-        for block, names in (
-            (law, ("displacement_command", "controller_output")),
-            (estimator, ("environment_compliance", "learning")),
-        ):
-            for name in names:
-                builder.ExportOutput(block.GetOutputPort(name), name)
+        for block in (law, estimator):
+            export_all_outputs(builder, block)
         for i, name in enumerate(GAINS):
             connect(gains.get_output_port(i), law.GetInputPort(name))
             builder.ExportOutput(gains.get_output_port(i), name)
