@@ -124,8 +124,8 @@ class ExcitedCompliance(SampledBatch):
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
         """One sample."""
         m = self.math
-        approach, decay, robot, noise, forgetting, *guards = self.values(context)
-        excitation, least, change, low, high, rate, pause = guards
+        values = self.values(context)
+        approach, decay, robot, noise, forgetting, excitation, least, change, low, high, rate, pause = values
         c, p, shown, model = memory["estimate"], memory["covariance"], memory["environment_compliance"], memory["model"]
         force = inputs["measured_force"]
         now = -inputs["displacement"] - robot * force

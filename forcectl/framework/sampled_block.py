@@ -115,18 +115,14 @@ class _Ticks(_Shared):
     def _declare_output(self, name: str) -> None:
         vector = self._vectors.get(name)
         size = math.prod(self._shape) * (1 if vector is None else vector.stop - vector.start)
-        after: Callable[[Context], Memory]
-        if self._now:
-            after, reads = self._now.Eval, {self._now.ticket()}
-        else:
-            block: Any = ref(self)
-            after, reads = lambda context: block()._compute(context), self._reads
+        block: Any = ref(self)
+        now, reads = self._now, {self._now.ticket()} if self._now else self._reads
 
         def put_number(context: Context, output: BasicVector) -> None:
-            output.SetAtIndex(0, after(context)[name])
+            output.SetAtIndex(0, (now.Eval(context) if now else block()._compute(context))[name])
 
         def put_vector(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(after(context)[name])
+            output.SetFromVector((now.Eval(context) if now else block()._compute(context))[name])
 
         put = put_number if vector is None and not self._shape else put_vector
         self._port = self.DeclareVectorOutputPort(name, size, put, prerequisites_of_calc=reads)
@@ -220,7 +216,7 @@ class _Ticks(_Shared):
         return np.concatenate([numbers, *(memory[name] for name in self._vectors)])
 
     def _compute(self, context: Context) -> Memory:
-        memory, now = self.held(context), context.get_time()
+        memory, now = self._unpack(context.get_discrete_state(self._memory).value()), context.get_time()
         if now - memory["time"] < self._soonest:
             return memory
         after = self.step(context, memory, self._read(context))
@@ -233,9 +229,9 @@ class _Ticks(_Shared):
             return after
         if self._port is None:
             return self._compute(context)
-        (name,), value = self._names, self._port.Eval(context)
+        value = self._port.Eval(context)
         tick = math.floor(context.get_time() / self._period + 1e-3)
-        return {"time": tick * self._period, name: value if self._shape or self._vectors else value.item()}
+        return {"time": tick * self._period, self._names[0]: value if self._shape or self._vectors else value.item()}
 
     def _hold(self, context: Context, next_state: DiscreteValues) -> None:
         after = self._after(context)

@@ -44,8 +44,7 @@ from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, available_solvers, make_solver
 
-# What a tick is solved for, see `Situation`, as it is remembered to be looked at.
-_POSED = ("posed_wanted_force", "posed_desired_force", "posed_free_force", "posed_last_reference")
+_OPTIMAL, _NOT_FINITE = float(Status.OPTIMAL), float(Status.NOT_FINITE)
 
 
 class CommandGovernor(SampledBatch):
@@ -128,7 +127,8 @@ class CommandGovernor(SampledBatch):
             "wanted_force": start,
             # The last ones of so many ticks, the newest first.
             "references": np.tile(start, (max(1, self._ticks), 1)),
-            **dict.fromkeys(_POSED, 0.0),
+            # What the tick is solved for, to be looked at.
+            "posed": np.zeros((len(Situation._fields), size)),
         }
         self.declare_memory(memory, inputs, period)
         self.show("governed_reference", "status")
@@ -162,7 +162,7 @@ class CommandGovernor(SampledBatch):
         posed = Situation(wanted, desired, free, last)
         reference = closed_form(numbers, wanted, desired, free)
         fine = abs(reference) < inf
-        status = m.where(fine, float(Status.OPTIMAL), float(Status.NOT_FINITE))
+        status = m.where(fine, _OPTIMAL, _NOT_FINITE)
         if self._horizon > 1:
             reference, status = self._solve(context, elements, posed)
         elif limits is not None:
@@ -174,7 +174,7 @@ class CommandGovernor(SampledBatch):
             "status": status,
             "wanted_force": m.where(abs(after) < inf, after, wanted),
             "references": [reference, *past[:-1]],
-            **dict(zip(_POSED, posed, strict=True)),
+            "posed": posed,
         }
 
     def program(self, context: Context, element: int = 0) -> MathematicalProgram:
@@ -195,7 +195,7 @@ class CommandGovernor(SampledBatch):
         if element not in range(self._size):
             raise invalid("element", element, f"from 0 to {self._size - 1}")
         memory, (_, _, elements) = self.memory(context), self.values(context)
-        posed = _by_element([memory[name] for name in _POSED])[element]
+        posed = _by_element(memory["posed"])[element]
         program: GovernorProgram = self._program.Eval(context)
         return program.program(elements[element][0], Situation(*posed), elements[element][1])
 

@@ -34,6 +34,7 @@ from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
 
 DERIVATIVES = ("model", "difference")
+_NOT_FINITE = float(Status.NOT_FINITE)
 
 
 def fourth_derivative(
@@ -238,7 +239,7 @@ class FourthDegreeForceLaw(ForceLaw):
         return {
             "displacement_command": inside,
             "invariance_function": m.where(good, phi, 0.0),
-            "status": m.where(good, 0.0, float(Status.NOT_FINITE)),
+            "status": m.where(good, 0.0, _NOT_FINITE),
             "velocity": velocity,
             **own,
         }
