@@ -160,6 +160,15 @@ class IntegralLawConfig(Config, LawConfig):
 class IntegralConfig(IntegralLawConfig):
     """Scenario part `!Integral`."""
 
+    def unlimited_law(self, model: PlantModel, *, believes: bool) -> IntegralForceLaw:
+        """The block without limits of its command.
+
+        Args:
+            model: of the plant.
+            believes: whether its model has `compliance_error` times the total compliance; else that is a port.
+        """
+        return self.law(model, self.compliance_error * model.total_compliance if believes else None, limited=False)
+
     def linear_law(self, model: PlantModel) -> LinearIntegralForceLaw | None:
         """The block without limits as a linear system; None with a dead zone."""
         compliance = self.compliance_error * model.total_compliance

@@ -126,9 +126,9 @@ class InvarianceControlConfig(InvarianceLimits):
     def law(self, model: PlantModel, compliance: ArrayLike | None) -> InvarianceControl:
         """The nominal law and its correction, whose model has this total compliance [m/N] or a port for it."""
         correction = self.block(InvarianceCorrection, model, compliance)
-        if isinstance(self.nominal, IntegralConfig):
-            own = None if compliance is None else self.nominal.compliance_error * model.total_compliance
-            return InvarianceControl(self.nominal.law(model, own, limited=False), correction)
+        unlimited = getattr(self.nominal, "unlimited_law", None)
+        if unlimited is not None:
+            return InvarianceControl(unlimited(model, believes=compliance is not None), correction)
         builder = DiagramBuilder()
         with about(self.nominal):
             nominal = self.nominal.add_to(builder, model)
