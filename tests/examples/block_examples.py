@@ -25,7 +25,7 @@ from forcectl.plant.contact.tip_contact import TipContact
 from forcectl.plant.drives.drive import Drive
 from forcectl.plant.drives.position_loop import PositionLoop
 from forcectl.plant.drives.servo import Servo, ServoCore, ServoGains
-from forcectl.plant.sensors.force_sensor import ForceDigitiser, ForceSensor
+from forcectl.plant.sensors.force_sensor import ForceDigitiser, ForceSensor, sensor_filter
 from forcectl.plant.sensors.wrist_sensor import Electronics, WristSensor
 from forcectl.plant.tip_kinematics import ForceToWrench, LinkPosition, TipDisplacement
 from forcectl.robot.model import RobotModel
@@ -82,9 +82,7 @@ def law() -> IntegralForceLaw:
 
 def adaptive() -> AdaptiveForceLaw:
     estimator = EnvironmentComplianceEstimator(2, initial_compliance=1e-4, robot_compliance=3e-5)
-    return AdaptiveForceLaw(
-        law(), estimator, filter_bandwidth=12.6, filter_damping_ratio=1.0, filter_delay_ticks=1, period=0.002
-    )
+    return AdaptiveForceLaw(law(), estimator, sensor_filter(estimator.size, 12.6, 1.0, 0.002, 1))
 
 
 def fourth_degree(**changed: object) -> FourthDegreeForceLaw:
