@@ -71,6 +71,11 @@ def show(value: object) -> str:
     return text if len(text) <= 60 else f"{text[:28]}...{text[-29:]}"
 
 
+def one_line(error: BaseException) -> str:
+    """The class and the text of an exception that is not ours, in one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
+
+
 def invalid(key: str, value: object, allowed: str) -> BadInputError:
     """The error for a value that is not allowed: `key = value: must be ...`."""
     return BadInputError(f" = {show(value)}: must be {allowed}", key=key, value=value, allowed=allowed)

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, invalid, one_line, unknown
 
 _ALLOWED = "of a module of your own or of an installed package, not of Python's standard library"
 
@@ -34,8 +34,7 @@ def import_object(path: str, field_name: str = "path") -> Any:
     try:
         module = importlib.import_module(module_name)
     except Exception as error:  # whatever the user's module does while it is imported
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise BadInputError(f" = {path!r}: must be importable, but: {reason}", key=field_name) from error
+        raise BadInputError(f" = {path!r}: must be importable, but: {one_line(error)}", key=field_name) from error
     finally:
         if added:
             sys.path.remove(here)

@@ -48,11 +48,6 @@ class Tagged(dict[str, Any]):
         return f"!{self.tag}" if self.tag and not self else super().__repr__()
 
 
-def tag_of(tree: Tree) -> str | None:
-    """The tag of a mapping; None for anything untagged."""
-    return tree.tag if isinstance(tree, Tagged) else None
-
-
 class _Loader(yaml.SafeLoader):
     """Plain values, tagged mappings, YAML 1.2 scalars; a key written twice is an error."""
 
@@ -88,16 +83,18 @@ for _class in (_Loader, _Dumper):
     _class.add_implicit_resolver("tag:yaml.org,2002:merge", re.compile(r"^(?:<<)$"), ["<"])
 
 
+def _refusal(node: yaml.Node, text: str) -> yaml.YAMLError:
+    return yaml.constructor.ConstructorError(None, None, text, node.start_mark)
+
+
 def _construct_mapping(loader: _Loader, node: yaml.Node, tag: str | None = None) -> Iterator[Tagged]:
     if not isinstance(node, yaml.MappingNode):
-        raise yaml.constructor.ConstructorError(None, None, "expected a mapping", node.start_mark)
+        raise _refusal(node, "expected a mapping")
     written = set()
     for key_node, _ in node.value:
         key = (key_node.tag, key_node.value if isinstance(key_node, yaml.ScalarNode) else None)
         if key in written and key_node.value != "<<":
-            raise yaml.constructor.ConstructorError(
-                None, None, f"key {key_node.value!r} is written twice", key_node.start_mark
-            )
+            raise _refusal(key_node, f"key {key_node.value!r} is written twice")
         written.add(key)
     result = Tagged(tag=tag)
     yield result
@@ -106,11 +103,11 @@ def _construct_mapping(loader: _Loader, node: yaml.Node, tag: str | None = None)
 
 def _construct_tagged(loader: _Loader, suffix: str, node: yaml.Node) -> Any:
     if not suffix:
-        raise yaml.constructor.ConstructorError(None, None, "a tag needs a name, as in !Integral", node.start_mark)
+        raise _refusal(node, "a tag needs a name, as in !Integral")
     if isinstance(node, yaml.ScalarNode) and node.value == "":
         return Tagged(tag=suffix)
     if not isinstance(node, yaml.MappingNode):
-        raise yaml.constructor.ConstructorError(None, None, f"!{suffix} must be followed by a mapping", node.start_mark)
+        raise _refusal(node, f"!{suffix} must be followed by a mapping")
     return _construct_mapping(loader, node, suffix)
 
 
@@ -127,11 +124,12 @@ _Loader.add_constructor(
 _Loader.add_multi_constructor("!", _construct_tagged)
 
 
-def _represent(dumper: _Dumper, data: Tagged) -> yaml.Node:
-    return dumper.represent_mapping(f"!{data.tag}" if data.tag else "tag:yaml.org,2002:map", data.items())
-
-
-_Dumper.add_representer(Tagged, _represent)
+_Dumper.add_representer(
+    Tagged,
+    lambda dumper, data: dumper.represent_mapping(
+        f"!{data.tag}" if data.tag else "tag:yaml.org,2002:map", data.items()
+    ),
+)
 
 
 def parse(text: str, origin: str) -> Tree:
@@ -148,12 +146,11 @@ def parse(text: str, origin: str) -> Tree:
         loader = _Loader(text)
         node = loader.get_single_node()
         tree = None if node is None else loader.construct_document(node)
-        count = 0
-        for part in _values(tree):
-            count += 1
+        values = _values(tree)
+        for part in values:
             if isinstance(part, str) and _UNPRINTABLE.search(part):
                 raise BadInputError(f"{origin}: not usable: control character in {part[:40]!r}")
-        if count >= _MOST_VALUES:
+        if len(values) >= _MOST_VALUES:
             raise BadInputError(f"{origin}: not usable: more than {_MOST_VALUES} values, or an alias that holds itself")
         if isinstance(tree, Tagged) and node is not None:
             tree.lines = _lines(node)
@@ -167,15 +164,14 @@ def parse(text: str, origin: str) -> Tree:
         raise BadInputError(f"{origin}: not valid YAML: {_one_line(error, text)}") from None
 
 
-def _values(tree: Tree) -> Iterator[Tree]:
-    # Aliases make a short text unfold to any size, or to a tree without an end.
-    waiting, count = [tree], 0
-    while waiting and count < _MOST_VALUES:
-        part = waiting.pop()
-        count += 1
-        yield part
+def _values(tree: Tree) -> list[Tree]:
+    found = [tree]
+    for part in found:  # which grows
+        if len(found) >= _MOST_VALUES:  # aliases make a short text unfold to any size, or to a tree without an end
+            break
         if isinstance(part, Tagged | list):
-            waiting.extend([*part.keys(), *part.values()] if isinstance(part, Tagged) else part)
+            found.extend([*part.keys(), *part.values()] if isinstance(part, Tagged) else part)
+    return found
 
 
 def place(origin: str, lines: Mapping[str, int], key: str) -> str:
@@ -284,7 +280,9 @@ def nest(overrides: Mapping[str, Any]) -> Tagged:
 def plain(value: Any) -> Tree:
     """A value given from Python (dicts, tuples, NumPy numbers and arrays) as a tree."""
     if isinstance(value, Mapping):
-        return Tagged({k: plain(v) for k, v in value.items()}, tag_of(value), getattr(value, "given", None))
+        return Tagged(
+            {k: plain(v) for k, v in value.items()}, getattr(value, "tag", None), getattr(value, "given", None)
+        )
     if isinstance(value, list | tuple):
         return [plain(v) for v in value]
     if hasattr(value, "tolist"):  # NumPy, without importing it

@@ -23,7 +23,7 @@ def full_key(scenario: Any, error: BaseException, field: str = "") -> str:
         error: caught while it was built.
         field: that it is about; "" for a whole part.
     """
-    nodes = dict(_nodes(scenario, ""))
+    nodes = dict(_within(scenario, ""))
     at_work = [key for part in parts_of(error) for key, node in nodes.items() if node is part]
     first = field.partition(".")[0]  # "targets.0.value" is within the field `targets`
     if not first:
@@ -52,20 +52,16 @@ def located(scenario: Any, error: BadInputError, where: Callable[[str], str]) ->
 
 def _names(node: Any) -> list[str]:
     """Fields of a configuration; an object of the user's may have none."""
-    return [f.name for f in dataclasses.fields(node)] if dataclasses.is_dataclass(node) else []
-
-
-def _nodes(node: Any, key: str) -> Iterator[tuple[str, Any]]:
-    """Every configuration within one, by its dotted key."""
-    for f in dataclasses.fields(node):
-        yield from _within(getattr(node, f.name), join(key, f.name))
+    whole = dataclasses.is_dataclass(node) and not isinstance(node, type)
+    return [f.name for f in dataclasses.fields(node)] if whole else []
 
 
 def _within(part: Any, key: str) -> Iterator[tuple[str, Any]]:
+    """A configuration and every one within it, by its dotted key."""
     if isinstance(part, dict | list):
         for name, inner in part.items() if isinstance(part, dict) else enumerate(part):
             yield from _within(inner, join(key, name))
     elif is_object(part):
         yield key, part
-        if dataclasses.is_dataclass(part) and not isinstance(part, type):
-            yield from _nodes(part, key)
+        for name in _names(part):
+            yield from _within(getattr(part, name), join(key, name))

@@ -7,16 +7,15 @@ none. What only makes sense in a whole scenario (keys that must be given, togeth
 from __future__ import annotations
 
 import dataclasses
-import enum
 import math
 import typing
 from typing import Any
 
-from forcectl.framework.fields import REQUIRED, Key, interval, key_of, members
+from forcectl.framework.fields import REQUIRED, Key, interval, key_of, members, typed_fields
 from forcectl.scenario.catalog import IMPORT, SLOTS, tags_of
 from forcectl.scenario.keys import default_value
 from forcectl.scenario.scenario import Scenario
-from forcectl.scenario.schema import load_object, slot_of
+from forcectl.scenario.schema import load_object
 
 _TYPES = {float: "number", int: "integer", bool: "boolean", str: "string"}
 _INDEX = "^[0-9]+$"  # a key that stands for an element of a list, in a variant
@@ -82,28 +81,26 @@ def _slot(slot: str, found: Schema) -> Schema:
 
 def _object(cls: Any, found: Schema, title: str = "") -> Schema:
     """The keys of a configuration; none is required, for a preset or a default may give it."""
-    hints = typing.get_type_hints(cls)
-    keys = {f.name: _field(f, hints[f.name], found) for f in dataclasses.fields(cls) if f.init}
+    keys = {field.name: _field(field, kind, found) for field, kind in typed_fields(cls)}
     text = " ".join((cls.__doc__ or "").split("\n\n")[0].split())
     told = {"title": title or cls.__name__, "description": text}
     return told | {"type": "object", "properties": keys, "additionalProperties": False}
 
 
 def _field(field: dataclasses.Field[Any], kind: Any, found: Schema) -> Schema:
-    declared, data = key_of(field), field.metadata
+    declared, form = key_of(field), typing.get_origin(kind)
     unit = f" [{declared.unit}]" if declared.unit else ""
     text = f"{declared.meaning}{unit}{', ' if declared.bounds else ''}{declared.bounds}".strip()
     told: Schema = {"description": text} if text else {}
     default = default_value(field)
     if default is not REQUIRED and not (isinstance(default, float) and math.isinf(default)):
         told["default"] = default
-    slot = slot_of(field) or data.get("slots") or data.get("slot_list")
-    if slot is None:
+    if not declared.slot:
         return told | _value(kind, declared, found)
-    part = _define(f"slot {slot}", found, lambda: _slot(slot, found))
-    if "slots" in data:
+    part = _define(f"slot {declared.slot}", found, lambda: _slot(declared.slot, found))
+    if form is dict:
         return told | {"type": "object", "additionalProperties": part}
-    return told | (_list(part) if "slot_list" in data else part)
+    return told | (_list(part) if form is list else part)
 
 
 def _list(items: Schema, size: int | None = None) -> Schema:
@@ -121,10 +118,6 @@ def _value(kind: Any, declared: Key, found: Schema) -> Schema:
     if base is list:
         nested = typing.get_origin(arguments[0]) is list
         return _list(_value(arguments[0], declared, found), None if nested else declared.size)
-    if base is typing.Literal:
-        return {"enum": list(arguments)}
-    if isinstance(kind, type) and issubclass(kind, enum.Enum):
-        return {"enum": list(kind.__members__)}
     if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         return _define(kind.__name__, found, lambda: _object(kind, found))
     if kind in (float, int):
