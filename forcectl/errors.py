@@ -47,12 +47,7 @@ class BadInputError(ForcectlError, ValueError):
         return f"{type(self).__name__}({str(self)!r})"
 
     def at(self, key: str, where: str = "") -> BadInputError:
-        """The same error with its full key.
-
-        Args:
-            key: with dots.
-            where: file and line, or option, that the value is from.
-        """
+        """The same error with its full key, and with the file and line, or the option, that the value is from."""
         other = copy.copy(self)
         other.key, other.field, other.where = key, key, where
         return other

@@ -173,28 +173,20 @@ def members(kind: Any) -> list[Any]:
 def _check(name: str, value: Any, declared: Key, kind: Any, default: Any) -> None:
     """BadInputError unless a value is of the type and within the bounds of its key."""
     kinds = members(kind)
-    if value is None and type(None) in kinds:
+    kind, *others = [each for each in kinds if each is not type(None)]
+    if others or (value is None and type(None) in kinds):
         return
-    kinds = [each for each in kinds if each is not type(None)]
-    if len(kinds) > 1:
-        return
-    kind = kinds[0]
     if typing.get_origin(kind) is list:
         if not (value == [] and default == []):
             _check_list(name, value, declared, typing.get_args(kind)[0])
     elif kind in (float, int):
-        _check_number(name, value, declared, kind, _endless(declared, default))
+        _check_number(name, value, declared, kind, default)
     elif kind is bool and not isinstance(value, bool):
         raise invalid(name, value, "true or false")
     elif kind is str and not isinstance(value, str | PurePath):
         raise invalid(name, value, "text")
-    elif kind is str and declared.chosen() and value not in declared.chosen():
-        raise unknown(name, value, declared.chosen()).at(name)
-
-
-def _endless(declared: Key, default: Any) -> bool:
-    """Whether a number may be infinite, which means "no limit": only where the declaration or the default says so."""
-    return declared.bounds.endswith(" or infinite") or (isinstance(default, float) and math.isinf(default))
+    elif kind is str and (known := declared.chosen()) and value not in known:
+        raise unknown(name, value, known).at(name)
 
 
 def _check_list(name: str, values: Any, declared: Key, kind: Any) -> None:
@@ -210,9 +202,11 @@ def _check_list(name: str, values: Any, declared: Key, kind: Any) -> None:
         raise invalid(name, values, declared.bounds)
 
 
-def _check_number(name: str, value: Any, declared: Key, kind: type, endless: bool) -> None:
+def _check_number(name: str, value: Any, declared: Key, kind: type, default: Any) -> None:
     whole, bounds = kind is int, declared.bounds
     number = isinstance(value, Integral if whole else Real) and not isinstance(value, bool)
+    # Infinity means "no limit", and only where the declaration or the default says so.
+    endless = bounds.endswith(" or infinite") or (isinstance(default, float) and math.isinf(default))
     if not number or math.isnan(value) or (math.isinf(value) and not endless):
         raise invalid(name, value, "a whole number" if whole else "a finite number")
     if not interval(bounds).holds(value):

@@ -39,9 +39,8 @@ def import_object(path: str, field_name: str = "path") -> Any:
         if added:
             sys.path.remove(here)
     if not hasattr(module, name):
-        raise BadInputError(
-            f" = {path!r}: " + str(unknown(f"name in {module_name}", name, _public(module))), key=field_name
-        )
+        known = [each for each in vars(module) if not each.startswith("_")]
+        raise BadInputError(f" = {path!r}: {unknown(f'name in {module_name}', name, known)}", key=field_name)
     found = getattr(module, name)
     if callable(found) and _standard(getattr(found, "__module__", None) or type(found).__module__):
         raise invalid(field_name, path, _ALLOWED)
@@ -50,7 +49,3 @@ def import_object(path: str, field_name: str = "path") -> Any:
 
 def _standard(module_name: str) -> bool:
     return module_name.partition(".")[0] in sys.stdlib_module_names
-
-
-def _public(module: object) -> list[str]:
-    return [name for name in vars(module) if not name.startswith("_")]

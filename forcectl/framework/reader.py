@@ -1,8 +1,7 @@
 """From the tree of a YAML file to dataclasses, with one-line errors.
 
-Drake's `yaml_load_typed` reads the same format, but its errors name neither the file nor the dotted key, it fills
-objects in after construction (so a config could not check itself) and it does not resolve postponed annotations. A
-`Reader` therefore builds the dataclasses through their constructors.
+Drake's `yaml_load_typed` reads the same format, but its errors name neither file nor key, it fills objects in after
+construction (so a config could not check itself) and it does not resolve postponed annotations.
 """
 
 from __future__ import annotations
@@ -10,13 +9,13 @@ from __future__ import annotations
 import dataclasses
 import math
 import typing
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from typing import Any
 
 import numpy as np
 
 from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.framework.fields import REQUIRED, default_of, key_of, members, typed_fields
+from forcectl.framework.fields import REQUIRED, Key, default_of, key_of, members, typed_fields
 from forcectl.framework.yaml_tree import Tagged, Tree, is_object
 
 _PRIMITIVES: dict[Any, str] = {
@@ -49,13 +48,21 @@ class Reader:
         Raises:
             BadInputError: an unknown or missing key, a wrong type, or a value that the class itself refuses.
         """
+        self._missing: dict[str, str] = {}
         try:
-            return self.dataclass(cls, tree, "")
+            made = self.dataclass(cls, tree, "")
+            if self._missing:
+                (first, text), *others = self._missing.items()
+                raise BadInputError("; ".join([text, *map("".join, others)]), key=first)
         except BadInputError as error:
             raise error.at(error.field, self._where(error.field)) from error.__cause__
+        return made
 
     def dataclass(self, cls: type, tree: Tree, key: str, default: Any = None) -> Any:
-        """The instance at a dotted key; what the tree leaves out comes from `default`, else from the class."""
+        """The instance at a dotted key, None if keys are missing.
+
+        What the tree leaves out comes from `default`, else from the class.
+        """
         if is_object(tree):
             return _given(cls, tree, key)
         if not isinstance(tree, Tagged):
@@ -64,28 +71,26 @@ class Reader:
             default = _given(cls, tree.given, key)
             if type(default) is not cls:
                 return self.dataclass(type(default), tree, key)
-        _refuse_unknown(cls, tree, key)
-        if default is None and (missing := list(_missing(cls, tree, key))):
-            (first, text), *others = missing
-            raise BadInputError("; ".join([text, *map("".join, others)]), key=first)
-        values: dict[str, Any] = {}
-        for field, kind in typed_fields(cls):
-            name = field.name
+        fields = {field.name: (field, kind) for field, kind in typed_fields(cls)}
+        for name in tree:
+            if name not in fields:
+                raise unknown("key", name, fields).at(join(key, name))
+        values, missing = {}, len(self._missing)
+        for name, (field, kind) in fields.items():
+            full = join(key, name)
             start = default_of(field) if default is None else getattr(default, name)
-            values[name] = self.field(field, kind, tree[name], join(key, name), start) if name in tree else start
-        return self.construct(cls, values, key)
+            if name in tree:
+                values[name] = self.field(field, kind, tree[name], full, start)
+            elif start is REQUIRED:
+                self._missing[full] = f" is missing: must be {_wanted(key_of(field), kind)}"
+            else:
+                values[name] = start
+        return self.construct(cls, values, key) if len(self._missing) == missing else None
 
     def field(self, field: dataclasses.Field[Any], kind: Any, tree: Tree, key: str, start: Any) -> Any:
-        """`tree` as the value of a field.
-
-        Args:
-            field: of a dataclass.
-            kind: its annotation.
-            tree: of the value.
-            key: dotted key, for messages.
-            start: the value without the tree; `REQUIRED` for none.
-        """
-        return self.value(kind, tree, key, start)
+        """`tree` as the value of a field of type `kind`; `start` is the value without it, `REQUIRED` for none."""
+        endless = key_of(field).bounds.endswith(" or infinite")
+        return self.value(kind, tree, key, math.inf if endless else start)
 
     def construct(self, cls: Callable[..., Any], values: Mapping[str, Any], key: str) -> Any:
         """`cls(**values)`, with its refusal as one line about `key`."""
@@ -136,42 +141,15 @@ def _given(cls: type, given: Any, key: str) -> Any:
     return given
 
 
-def _refuse_unknown(cls: Any, tree: Tagged, key: str) -> None:
-    known = [field.name for field, _ in typed_fields(cls)]
-    for name in tree:
-        if name not in known:
-            raise unknown("key", name, known).at(join(key, name))
-
-
-def _missing(kind: Any, tree: Tree, key: str) -> Iterator[tuple[str, str]]:
-    """The keys that must be given and are not, here and in the parts within, and what is said of each."""
-    base, arguments = typing.get_origin(kind), typing.get_args(kind)
-    if base is list and isinstance(tree, list):
-        for i, part in enumerate(tree):
-            yield from _missing(arguments[0], part, f"{key}.{i}")
-    elif base is dict and isinstance(tree, Tagged):
-        for name, part in tree.items():
-            yield from _missing(arguments[1], part, join(key, name))
-    elif dataclasses.is_dataclass(kind) and isinstance(tree, Tagged) and tree.given is None:
-        _refuse_unknown(kind, tree, key)
-        for field, inner in typed_fields(kind):
-            full, needed, told = join(key, field.name), default_of(field) is REQUIRED, key_of(field)
-            if field.name in tree and (needed or not dataclasses.is_dataclass(inner)):
-                yield from _missing(inner, tree[field.name], full)
-            elif field.name not in tree and needed:
-                meaning = f"{told.meaning} [{told.unit}]" if told.unit else told.meaning
-                wanted = "a part with a tag" if told.slot else describe(inner)
-                yield full, f" is missing: must be {wanted}{f' ({meaning})' if meaning else ''}"
+def _wanted(declared: Key, kind: Any) -> str:
+    """What a key must be, in words."""
+    value = "a part with a tag" if declared.slot else describe(kind)
+    meaning = f"{declared.meaning} [{declared.unit}]" if declared.unit else declared.meaning
+    return f"{value} ({meaning})" if meaning else value
 
 
 def named(tree: Tree, key: str, allowed: str = "a mapping") -> Tagged:
-    """A mapping of names to values, refused if it is none.
-
-    Args:
-        tree: of it.
-        key: dotted key, for messages.
-        allowed: what it must be.
-    """
+    """A mapping of names to values; the error for anything else says what is allowed at the dotted key."""
     if not isinstance(tree, Tagged) or tree.tag:
         raise invalid(key, tree, allowed)
     for name in tree:

@@ -27,12 +27,12 @@ Tree = Any  # a Tagged mapping, a list of trees, a scalar or an object
 
 
 class Tagged(dict[str, Any]):
-    """A mapping with the YAML tag in front of it (without the `!`), or None.
+    """A mapping with a YAML tag.
 
     Args:
         values: keys and values.
-        tag: without the `!`.
-        given: the object that the values change, None where there is none.
+        tag: without the `!`; None for none.
+        given: the object that the values change; None for none.
 
     Attributes:
         lines: of the text that the tree was read from, where each dotted key stands; only the root has them.
@@ -133,11 +133,7 @@ _Dumper.add_representer(
 
 
 def parse(text: str, origin: str) -> Tree:
-    """The tree of a YAML text.
-
-    Args:
-        text: YAML.
-        origin: file name or option, for messages.
+    """The tree of a YAML text; `origin` is a file name or an option, for messages.
 
     Raises:
         BadInputError: the text is not YAML; the message names the line and column.
@@ -175,13 +171,7 @@ def _values(tree: Tree) -> list[Tree]:
 
 
 def place(origin: str, lines: Mapping[str, int], key: str) -> str:
-    """File and line of a dotted key, for messages; what is not in the file stands where the part around it does.
-
-    Args:
-        origin: file name.
-        lines: by dotted key, see `Tagged`.
-        key: with dots.
-    """
+    """File and line of a dotted key, for messages; what is not in the file stands where the part around it does."""
     while key and key not in lines:
         key = key.rpartition(".")[0]
     return f"{origin}:{lines[key]}" if key else origin

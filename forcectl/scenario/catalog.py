@@ -154,12 +154,7 @@ class ScenarioFile:
     folder: Path
 
     def where(self, key: str, note: str = "") -> str:
-        """Where the value at a dotted key stands: file, line and note, for messages.
-
-        Args:
-            key: in the file; what is not in it stands where the part around it does.
-            note: what else to say.
-        """
+        """Where the value at a dotted key stands: file, line and note, for messages; see `place`."""
         found = place(self.origin, self.tree.lines, key)
         return f"{found}: {note}" if note else found
 
@@ -175,11 +170,7 @@ def list_experiments() -> list[str]:
 
 
 def tags_of(slot: str) -> dict[str, str]:
-    """Tags that may fill a slot and what is behind them: the shipped ones and those of installed packages.
-
-    Args:
-        slot: a key of `SLOTS`.
-    """
+    """Tags that may fill a slot of `SLOTS`, the shipped ones and those of installed packages: tag -> import path."""
     from importlib.metadata import entry_points
 
     further = {point.name: point.value for point in entry_points(group=f"forcectl.{slot}")}

@@ -16,11 +16,11 @@ from forcectl.framework.yaml_tree import is_object
 
 
 def full_key(scenario: Any, error: BaseException, field: str = "") -> str:
-    """The dotted key in a scenario of what an error is about; "" where it is unknown.
+    """The dotted key of what an error is about that was caught while a scenario was built; "" where it is unknown.
 
     Args:
-        scenario: the dataclass that was built, of dataclasses.
-        error: caught while it was built.
+        scenario: a dataclass of dataclasses.
+        error: that was caught.
         field: that it is about; "" for a whole part.
     """
     nodes = dict(_within(scenario, ""))
@@ -36,13 +36,7 @@ def full_key(scenario: Any, error: BaseException, field: str = "") -> str:
 
 
 def located(scenario: Any, error: BadInputError, where: Callable[[str], str]) -> BadInputError:
-    """The same error with the full key of what it is about, and where that stands.
-
-    Args:
-        scenario: the dataclass that was built, of dataclasses.
-        error: caught while it was built.
-        where: says for a dotted key where its value came from.
-    """
+    """The same error with the full key of what it is about, see `full_key`, and where that stands."""
     key = "" if error.where else full_key(scenario, error, error.field)
     if not key:  # of another file, or a parameter inside a block
         key = full_key(scenario, error)

@@ -37,10 +37,7 @@ class KeyWords(NamedTuple):
 
 
 def classes_of(tag: str) -> dict[str, type]:
-    """What a tag stands for, by slot.
-
-    Args:
-        tag: shipped or registered by an installed package, with or without the `!`.
+    """What a tag stands for, by slot; with or without the `!`.
 
     Raises:
         BadInputError: no slot has the tag.
@@ -54,12 +51,7 @@ def classes_of(tag: str) -> dict[str, type]:
 
 
 def keys_of(cls: type, prefix: str = "") -> list[KeyWords]:
-    """The keys of a configuration and of the parts within it; none of a class that is no dataclass.
-
-    Args:
-        cls: the class.
-        prefix: dotted key that it stands at.
-    """
+    """The keys of a configuration at a dotted key and of the parts within it; none of a class that is no dataclass."""
     found = []
     for field, kind in typed_fields(cls) if dataclasses.is_dataclass(cls) else ():
         declared, (inner, place), name = key_of(field), part_of(kind), join(prefix, field.name)

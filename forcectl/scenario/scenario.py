@@ -109,13 +109,7 @@ class Scenario(Config):
         return self.reference_model or loop.reference_model_bandwidth or None
 
     def metrics(self, log: xr.Dataset, setting: Setting, realtime_factor: float | None) -> dict[str, float | None]:
-        """All metrics of a run.
-
-        Args:
-            log: over time.
-            setting: of the run.
-            realtime_factor: simulated time divided by computing time [1].
-        """
+        """All metrics of a run; `realtime_factor` is simulated time divided by computing time [1]."""
         window, motion = self.model_error_window, self.motion.interval()
         own = run_metrics(log, setting, window=window, motion=motion, realtime_factor=realtime_factor)
         for name in self.analyses:
@@ -126,12 +120,7 @@ class Scenario(Config):
         return own
 
     def figures(self, log: xr.Dataset, title: str) -> dict[str, Figure]:
-        """Figures of a run, by file name.
-
-        Args:
-            log: over time, or over (variant, time).
-            title: heading.
-        """
+        """Figures of a run under a title, by file name; the log is over time, or over (variant, time)."""
         figures = run_figures(log, title)
         setting = self.setting() if self.analyses else None
         for name in self.analyses:
@@ -139,11 +128,7 @@ class Scenario(Config):
         return figures
 
     def _asked(self, name: str, method: str, *arguments: Any) -> dict[str, Any]:
-        """What a method of an analysis answers.
-
-        Raises:
-            RunFailedError: an analysis of the user's that raises, or answers something else than a mapping.
-        """
+        """What a method of an analysis answers; RunFailedError if one of the user's raises or gives no mapping."""
         try:
             found = getattr(self.analyses[name], method)(*arguments)
         except Exception as error:  # whatever the user's analysis does
@@ -315,10 +300,7 @@ def build(scenario: Scenario, where: Callable[[str], str] = lambda key: "") -> L
 def origins(
     file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[str, Any] | None = None
 ) -> Callable[[str], str]:
-    """What says for a dotted key of the scenario that `resolve` makes of the same where its value is from.
-
-    That is a file and line, or an option.
-    """
+    """What says for a dotted key of the scenario that `resolve` makes of the same which file and line it is from."""
     return _Layers(file, variant, overrides or {}).where
 
 
