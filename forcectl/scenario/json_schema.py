@@ -68,14 +68,13 @@ def _slot(slot: str, found: Schema) -> Schema:
         cls = load_object(path)
         if dataclasses.is_dataclass(cls):
             fillers.append(_define(f"{slot} !{tag}", found, lambda cls=cls, tag=tag: _object(cls, found, f"!{tag}")))
-    names = [f"!{tag}" for tag in tags_of(slot)]
     imported = {
         "title": f"!{IMPORT}",
         "type": "object",
         "properties": {"path": {"type": "string"}, "parameters": {"type": "object"}, "repr": {"type": "string"}},
         "additionalProperties": False,
     }
-    alone = {"type": ["string", "null"], "description": f"a tag alone: {', '.join(names)}"}
+    alone = {"type": ["string", "null"], "description": f"a tag alone: {', '.join(f'!{tag}' for tag in tags_of(slot))}"}
     return {"anyOf": [*fillers, imported, alone]}
 
 
@@ -88,19 +87,14 @@ def _object(cls: Any, found: Schema, title: str = "") -> Schema:
 
 
 def _field(field: dataclasses.Field[Any], kind: Any, found: Schema) -> Schema:
-    declared, form = key_of(field), typing.get_origin(kind)
+    declared = key_of(field)
     unit = f" [{declared.unit}]" if declared.unit else ""
     text = f"{declared.meaning}{unit}{', ' if declared.bounds else ''}{declared.bounds}".strip()
     told: Schema = {"description": text} if text else {}
     default = default_value(field)
     if default is not REQUIRED and not (isinstance(default, float) and math.isinf(default)):
         told["default"] = default
-    if not declared.slot:
-        return told | _value(kind, declared, found)
-    part = _define(f"slot {declared.slot}", found, lambda: _slot(declared.slot, found))
-    if form is dict:
-        return told | {"type": "object", "additionalProperties": part}
-    return told | (_list(part) if form is list else part)
+    return told | _value(kind, declared, found)
 
 
 def _list(items: Schema, size: int | None = None) -> Schema:
@@ -110,7 +104,7 @@ def _list(items: Schema, size: int | None = None) -> Schema:
 
 
 def _value(kind: Any, declared: Key, found: Schema) -> Schema:
-    """The schema of a type, with the bounds of a key."""
+    """The schema of a type, with the bounds or the slot of a key."""
     kinds = members(kind)
     if len(kinds) > 1:
         return {"anyOf": [{"type": "null"} if k is type(None) else _value(k, declared, found) for k in kinds]}
@@ -118,13 +112,17 @@ def _value(kind: Any, declared: Key, found: Schema) -> Schema:
     if base is list:
         nested = typing.get_origin(arguments[0]) is list
         return _list(_value(arguments[0], declared, found), None if nested else declared.size)
+    if base is dict:
+        return {"type": "object", "additionalProperties": _value(arguments[1], declared, found)}
+    if declared.slot:
+        return _define(f"slot {declared.slot}", found, lambda: _slot(declared.slot, found))
     if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         return _define(kind.__name__, found, lambda: _object(kind, found))
     if kind in (float, int):
         return {"type": _TYPES[kind]} | _bounds(declared)
     if kind is str and declared.chosen():
         return {"enum": declared.chosen()}
-    return {"type": _TYPES.get(kind, "object")} if kind in _TYPES or base is dict else {}
+    return {"type": _TYPES[kind]} if kind in _TYPES else {}
 
 
 def _bounds(declared: Key) -> Schema:

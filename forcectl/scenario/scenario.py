@@ -163,8 +163,7 @@ def as_file(scenario: str | Path | Mapping[str, Any] | Scenario | ScenarioFile) 
     if isinstance(scenario, ScenarioFile):
         return scenario
     if isinstance(scenario, Scenario):
-        tree = Tagged({f.name: plain(getattr(scenario, f.name)) for f in fields(scenario)})
-        return ScenarioFile("scenario", "scenario", tree, Path.cwd())
+        scenario = {f.name: getattr(scenario, f.name) for f in fields(scenario)}
     if isinstance(scenario, Mapping):
         return ScenarioFile("scenario", "scenario", catalog.scenario_tree(plain(scenario), "scenario"), Path.cwd())
     if isinstance(scenario, str | Path):
@@ -314,17 +313,13 @@ def resolved_tree(scenarios: Mapping[str, Scenario]) -> Tagged:
     for tree in trees.values():
         tree.update(variants=Tagged(), preset=catalog.DEFAULT_PRESET)
     base = trees[names[0]]
-    base["expect"] = [_without_nulls(part) for part in base["expect"] if _only_about(part, names)]
+    lines = zip(scenarios[names[0]].expect, base["expect"], strict=True)
+    base["expect"] = [_without_nulls(part) for line, part in lines if {*line.variants(names).values()} <= {*names}]
     for tree in trees.values():
         tree["expect"] = base["expect"]
     if names != [ONLY_VARIANT]:
         base["variants"] = Tagged({name: difference(base, tree) for name, tree in trees.items()})
     return base
-
-
-def _only_about(expectation: Tree, names: list[str]) -> bool:
-    terms = [expectation, expectation.get("minus"), expectation.get("ratio")]
-    return all(term.get("variant") in (None, *names) for term in terms if term)
 
 
 def _without_nulls(expectation: Tree) -> Tagged:
