@@ -1,11 +1,8 @@
-"""Batches: n independent scalar loops inside one block.
+"""Batches: n scalar loops side by side inside one block; element i uses element i of every port, state and parameter.
 
-A block of size n runs n loops side by side; element i uses element i of every port, state and parameter. The equations
-are written once, with operators that mean the same on a float and on an array, and `BatchBlock` hands them floats when
-n = 1 (numpy costs ten times more on single numbers) and arrays otherwise, so a batch element equals the same loop run
-alone: bit for bit, and to rounding (1e-12) in blocks that are one of Drake's linear systems. In those (filters,
-position loops) a batch element that is not a number reaches the others, as 0 NaN is NaN; everywhere else it stays
-alone.
+The equations are written once, with operators that mean the same on a float, which they get when n = 1 (numpy costs ten
+times more on single numbers), and on an array. A batch element equals the same loop run alone bit for bit; in blocks
+that are one of Drake's linear systems to rounding (1e-12), and there one that is not a number reaches the others.
 """
 
 from __future__ import annotations

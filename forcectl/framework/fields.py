@@ -5,10 +5,8 @@
         integral_gain: float = key(1.5, "gain K_I", unit="1/s", bounds="not negative")
 
 The type is the annotation. From there come the check when a configuration is made, the error, `forcectl list !Integral`
-and the JSON Schema. What several keys must be together is checked in `__post_init__`, after that of `Config`.
-
-A slot is a key that any object with the right methods may fill. What may fill it by a short tag is listed in
-`forcectl.scenario.catalog`.
+and the JSON Schema. What several keys must be together is checked in `__post_init__`, after that of `Config`. A slot is
+a key that any object with the right methods may fill, see `forcectl.scenario.catalog`.
 """
 
 from __future__ import annotations

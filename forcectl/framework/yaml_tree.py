@@ -224,7 +224,7 @@ def merge(base: Tree, over: Tree) -> Tree:
             items[int(key)] = merge(items[int(key)], value)
         return items
     if not isinstance(base, Tagged) or not isinstance(over, Tagged) or _replaces(over, base):
-        return _copied(over)
+        return plain(over)
     result = Tagged(base, base.tag, base.given)
     for key, value in over.items():
         if key in base:
@@ -232,7 +232,7 @@ def merge(base: Tree, over: Tree) -> Tree:
         elif is_object(base.given) and is_object(getattr(base.given, str(key), None)):
             result[key] = merge(getattr(base.given, key), value)
         else:
-            result[key] = _copied(value)
+            result[key] = plain(value)
     return result
 
 
@@ -243,13 +243,6 @@ def _replaces(over: Tagged, base: Tagged) -> bool:
 def is_object(value: Any) -> bool:
     """Whether a part of a tree is an object from Python: no mapping, list, scalar or file name."""
     return not isinstance(value, Mapping | list | tuple | str | int | float | bool | PurePath | Enum | None)
-
-
-def _copied(tree: Tree) -> Tree:
-    """A tree of new mappings and lists; objects stay themselves."""
-    if isinstance(tree, Tagged):
-        return Tagged({key: _copied(value) for key, value in tree.items()}, tree.tag, tree.given)
-    return [_copied(value) for value in tree] if isinstance(tree, list) else tree
 
 
 def _is_index(key: object, items: list[Any]) -> bool:
@@ -268,7 +261,7 @@ def nest(overrides: Mapping[str, Any]) -> Tagged:
 
 
 def plain(value: Any) -> Tree:
-    """A value given from Python (dicts, tuples, NumPy numbers and arrays) as a tree."""
+    """A value given from Python (dicts, tuples, NumPy numbers and arrays) as a tree; a copy of one that is a tree."""
     if isinstance(value, Mapping):
         return Tagged(
             {k: plain(v) for k, v in value.items()}, getattr(value, "tag", None), getattr(value, "given", None)
@@ -293,7 +286,7 @@ def as_json(tree: Tree) -> Any:
 def difference(base: Tree, other: Tree) -> Tree:
     """The smallest tree that turns `base` into `other` when merged on top; an empty mapping for equal mappings."""
     if not isinstance(base, Tagged) or not isinstance(other, Tagged) or base.tag != other.tag or set(base) - set(other):
-        return _copied(other)
+        return plain(other)
     changed = Tagged()
     for key, value in other.items():
         if key not in base or not equal(base[key], value):

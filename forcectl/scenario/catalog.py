@@ -188,8 +188,7 @@ def list_blocks() -> dict[str, str]:
     sources = [file for room in ("framework", *BLOCK_ROOMS) for file in sorted((root / room).rglob("[!_]*.py"))]
     files = {file: ast.parse(file.read_text(encoding="utf-8")) for file in sources}
     classes = [(file, node) for file, tree in files.items() for node in tree.body if isinstance(node, ast.ClassDef)]
-    systems = set(SYSTEMS)
-    known = 0
+    systems, known = set(SYSTEMS), 0
     while known != len(systems):  # bases before the classes made of them, whatever the order of the files
         known = len(systems)
         systems |= {node.name for _, node in classes if systems & {ast.unparse(base) for base in node.bases}}
