@@ -42,15 +42,15 @@ class Reader:
     def __init__(self, where: Callable[[str], str] = lambda key: ""):
         self._where = where
 
-    def read(self, cls: type, tree: Tree) -> Any:
-        """An instance of dataclass `cls`.
+    def dataclass(self, cls: type, tree: Tree, key: str = "") -> Any:
+        """An instance of dataclass `cls` at a dotted key.
 
         Raises:
             BadInputError: an unknown or missing key, a wrong type, or a value that the class itself refuses.
         """
         self._missing: dict[str, str] = {}
         try:
-            made = self.dataclass(cls, tree, "")
+            made = self.part(cls, tree, key)
             if self._missing:
                 (first, text), *others = self._missing.items()
                 raise BadInputError("; ".join([text, *map("".join, others)]), key=first)
@@ -58,8 +58,8 @@ class Reader:
             raise error.at(error.field, self._where(error.field)) from error.__cause__
         return made
 
-    def dataclass(self, cls: type, tree: Tree, key: str, default: Any = None) -> Any:
-        """The instance at a dotted key, None if keys are missing.
+    def part(self, cls: type, tree: Tree, key: str, default: Any = None) -> Any:
+        """The instance of dataclass `cls` at a dotted key, None if keys are missing.
 
         What the tree leaves out comes from `default`, else from the class.
         """
@@ -70,7 +70,7 @@ class Reader:
         if tree.given is not None:
             default = _given(cls, tree.given, key)
             if type(default) is not cls:
-                return self.dataclass(type(default), tree, key)
+                return self.part(type(default), tree, key)
         fields = {field.name: (field, kind) for field, kind in typed_fields(cls)}
         for name in tree:
             if name not in fields:
@@ -106,7 +106,7 @@ class Reader:
         if kind is Any or kind is object:
             return tree
         if dataclasses.is_dataclass(kind) and isinstance(kind, type):
-            return self.dataclass(kind, tree, key, start if type(start) is kind else None)
+            return self.part(kind, tree, key, start if type(start) is kind else None)
         base, arguments = typing.get_origin(kind) or kind, typing.get_args(kind)
         if members(kind) != [kind]:
             return self._union(arguments, tree, key, start)

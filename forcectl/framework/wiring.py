@@ -37,9 +37,7 @@ def add_part(part: Any, key: str, builder: DiagramBuilder, *arguments: Any, **na
 
 def affine(gain: Matrix, offset: Matrix) -> AffineSystem:
     """y = gain u + offset, without state."""
-    outputs, inputs = gain.shape
-    empty = np.zeros((0, 0))
-    return AffineSystem(empty, np.zeros((0, inputs)), np.zeros(0), np.zeros((outputs, 0)), gain, offset, 0.0)
+    return AffineSystem(D=gain, y0=offset)
 
 
 def export_outputs(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> None:

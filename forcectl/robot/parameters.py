@@ -217,7 +217,7 @@ def _load(kind: type[T], file: Path) -> T:
         raise BadInputError(f"{file.name} is no mapping: must be keys and values")
     model = tree.get("model")
     try:
-        parameters: T = Reader(lambda key: place(file.name, tree.lines, key)).read(kind, tree)
+        parameters: T = Reader(lambda key: place(file.name, tree.lines, key)).dataclass(kind, tree, "")
     except BadInputError as error:
         if isinstance(model, str) and not (file.parent / model).is_file():
             error.text += f"; model = {model!r}: there is no such file in folder {str(file.parent)!r}"

@@ -200,7 +200,7 @@ def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[
         if isinstance(around, Tagged) and name in around:
             raise BadInputError(f"is no key any more: {instead}").at(gone, layers.where(gone))
     _locate_files(tree, file.folder)
-    scenario: Scenario = ScenarioReader(layers.where).read(Scenario, tree)
+    scenario: Scenario = ScenarioReader(layers.where).dataclass(Scenario, tree)
     names = select_variants(file)
     for i, expectation in enumerate(scenario.expect):
         for term, name in expectation.variants(names).items():

@@ -42,7 +42,7 @@ class ScenarioReader(Reader):
             given = _fitting(slot, tree.given, key)
             if not dataclasses.is_dataclass(given):
                 raise invalid(join(key, next(iter(tree))), tree, f"left out: {show(given)} is no dataclass")
-            return self.dataclass(type(given), tree, key)
+            return self.part(type(given), tree, key)
         if isinstance(tree, str):  # the tag alone, as text
             tree = Tagged(tag=tree.removeprefix("!"))
         if not isinstance(tree, Tagged):
@@ -50,7 +50,7 @@ class ScenarioReader(Reader):
         if tree.tag == IMPORT:
             return self._imported(slot, tree, key)
         if tree.tag is None and start is not None:
-            return self.dataclass(type(start), tree, key, start)
+            return self.part(type(start), tree, key, start)
         shipped = SLOTS[slot]
         tag = tree.tag or next(iter(shipped))
         table = shipped if tag in shipped else tags_of(slot)
@@ -78,7 +78,7 @@ class ScenarioReader(Reader):
     def _made(self, cls: type, tree: Tagged, key: str, start: Any = None) -> Any:
         """An object of a class that fills a slot; one that is no dataclass takes the keys as arguments."""
         if dataclasses.is_dataclass(cls):
-            return self.dataclass(cls, tree, key, start)
+            return self.part(cls, tree, key, start)
         return self.construct(cls, tree, key)
 
     def field(self, field: dataclasses.Field[Any], kind: Any, tree: Tree, key: str, start: Any) -> Any:

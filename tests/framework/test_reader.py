@@ -34,7 +34,7 @@ class Whole(Config):
 
 def read(text):
     tree = parse(text, "f.yaml")
-    return Reader(lambda dotted: place("f.yaml", tree.lines, dotted)).read(Whole, tree)
+    return Reader(lambda dotted: place("f.yaml", tree.lines, dotted)).dataclass(Whole, tree)
 
 
 def refused(text):

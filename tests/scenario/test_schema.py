@@ -58,7 +58,7 @@ READER = ScenarioReader(lambda key: "f.yaml")
 
 
 def read(text):
-    return READER.read(Outer, parse(text, "f.yaml"))
+    return READER.dataclass(Outer, parse(text, "f.yaml"))
 
 
 def test_values_of_every_kind():
@@ -90,7 +90,7 @@ def test_reading_what_was_written_gives_the_same():
     outer = read("{needed: 3, part: !Other {width: 7}, inners: [{gain: 2}]}")
     tree = to_tree(outer)
     assert tree["part"].tag == "Other"
-    assert READER.read(Outer, tree) == outer
+    assert READER.dataclass(Outer, tree) == outer
 
 
 @pytest.mark.parametrize(
