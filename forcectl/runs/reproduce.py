@@ -18,7 +18,7 @@ from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from forcectl.errors import BadInputError, ForcectlError, one_line
+from forcectl.errors import BadInputError, ForcectlError
 from forcectl.runs.directory import SUMMARY, check_free, write_json, write_whole
 from forcectl.runs.run import StoppedRunError, check_overrides, finish, verdicts_on, with_shortcuts
 from forcectl.runs.simulate import VariantOutcome, simulate
@@ -140,7 +140,7 @@ def _job(file: ScenarioFile, variant: str, overrides: Mapping[str, Any]) -> Vari
     except ForcectlError as error:
         return str(error)
     except (Exception, SystemExit) as error:  # a row of the table, with the name of what went wrong
-        return one_line(error)
+        return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def _one_thread() -> None:
@@ -197,8 +197,7 @@ def _report(part: _Part, outcomes: Mapping[str, VariantOutcome | str]) -> PartRe
         else:
             failures[name] = outcome if isinstance(outcome, str) else str(outcome.failure)
     rows = [
-        Verdict(f"run of {name!r}", None, None, None, "must complete", False, note=why)
-        for name, why in failures.items()
+        Verdict(f"run of {name!r}", None, None, None, "must complete", False, why) for name, why in failures.items()
     ]
     rows += verdicts_on(part.file, part.scenarios, done)
     if part.several:

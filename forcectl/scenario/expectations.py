@@ -132,15 +132,15 @@ class Verdict:
     deviation: float | None
     tolerance: str
     passed: bool | None
+    note: str = ""
     expected: float | None = None
     drifted: bool | None = None
-    note: str = ""
 
     def as_row(self) -> dict[str, object]:
         """The record of `summary.json`."""
         names = {"passed": "pass", "drifted": "drift"}
-        row = {names.get(name, name): value for name, value in vars(self).items() if name != "target"}
-        return row if self.note else {name: value for name, value in row.items() if name != "note"}
+        row = {names.get(name, name): value for name, value in vars(self).items() if name not in ("target", "note")}
+        return row | ({"note": self.note} if self.note else {})
 
 
 def judge(
