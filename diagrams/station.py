@@ -23,7 +23,7 @@ from forcectl.diagrams.fidelities.multibody import MultibodyFidelity
 from forcectl.diagrams.sensors import WristForceConfig
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import unknown
-from forcectl.framework.fields import Config, key, named_slots, slot, slot_list
+from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import made_by
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 
@@ -56,9 +56,9 @@ class StationConfig(Config):
     singularity_limit: float = key(20.0, "largest |J^-1 n| used undamped", unit="rad/m", bounds="positive")
     drive: Any = slot("drive", PositionDriveConfig, meaning="what the controller commands")
     environment: Any = slot("environment", EnvironmentConfig, meaning="one part, or several: !Parts")
-    sensors: dict[str, Any] = named_slots("sensor", lambda: {"force": WristForceConfig()}, meaning="by name")
-    loads: list[Any] = slot_list("load", meaning="on the robot, over time")
-    faults: list[Any] = slot_list("fault", meaning="of the joint readings, over time")
+    sensors: dict[str, Any] = slot("sensor", lambda: {"force": WristForceConfig()}, meaning="by name")
+    loads: list[Any] = slot("load", list, meaning="on the robot, over time")
+    faults: list[Any] = slot("fault", list, meaning="of the joint readings, over time")
 
     def __post_init__(self) -> None:
         super().__post_init__()

@@ -8,7 +8,7 @@ from typing import Any, Protocol
 
 from forcectl.collision.distance import LinkDistance
 from forcectl.errors import invalid
-from forcectl.framework.fields import Config, key, slot, slot_list
+from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import made_by
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.model import JointLimits
@@ -63,7 +63,7 @@ class JointSpeedConfig(Config):
 class EvasiveConfig(Config):
     """Scenario part `!Evasive`: joint speeds that lead down some potentials (5.20)."""
 
-    potentials: list[Any] = slot_list("potential", meaning="at least one; their speeds add up")
+    potentials: list[Any] = slot("potential", list, meaning="at least one; their speeds add up")
     speed: float = key(1.0, "of the fastest joint at most", unit="rad/s", bounds="positive")
     time_constant: float | None = key(0.1, "of the approach; null: a tick", unit="s", bounds="positive")
 

@@ -19,7 +19,7 @@ from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.force.invariance.robot import JointLimitConfig
-from forcectl.framework.fields import Config, key, named_slots, slot, slot_list
+from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.rotation_vector import RotationVector
 from forcectl.framework.wiring import export_all_outputs, made_by
 from forcectl.motion.references import held_trajectory
@@ -62,14 +62,14 @@ class ReactiveReachingConfig(Config):
     """Scenario part `!ReactiveReaching`."""
 
     targets: list[ReachConfig] = key([], "of whole poses; with `tasks` they have their own")
-    tasks: dict[str, Any] = named_slots("task", meaning="by name; empty: the whole pose of every arm")
+    tasks: dict[str, Any] = slot("task", dict, meaning="by name; empty: the whole pose of every arm")
     motion_limits: MotionLimitsConfig = key(MotionLimitsConfig, "limits of the references")
     limits: JointLimitConfig = key(JointLimitConfig, "of the joints; the robot's where none is given")
     null_space: Any = slot("null_space", JointSpeedConfig, meaning="what joints do that the tasks leave free")
     link_distance: float = key(
         0.01, "of the links from each other and from boxes; 0: not kept, without boxes", unit="m", bounds="not negative"
     )
-    constraints: list[Any] = slot_list("constraint", meaning="further ones")
+    constraints: list[Any] = slot("constraint", list, meaning="further ones")
     solver: str = key(DEFAULT_SOLVER, "of the quadratic programs", choices=available_solvers)
 
     def __post_init__(self) -> None:

@@ -16,7 +16,7 @@ from forcectl.force.adaptive_force_law import Adaptation
 from forcectl.force.invariance.controller import InvarianceController
 from forcectl.force.invariance.regulated_output import RegulatedCoordinate
 from forcectl.force.sensor_lag import SensorLag, sensor_model
-from forcectl.framework.fields import Config, key, slot_list
+from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.solvers import DEFAULT_SOLVER, available_solvers
@@ -111,7 +111,7 @@ class InvarianceRobotConfig(Config):
     tracking_bandwidth: float = key(30.0, "w of the unconstrained directions", unit="1/s", bounds="positive")
     tracking_acceleration: float = key(2.0, "largest, in the unconstrained directions", unit="m/s^2", bounds="positive")
     limits: JointLimitConfig = key(JointLimitConfig, "of the joints; the robot's where none is given")
-    constraints: list[Any] = slot_list("constraint", "beside those of joints and force")
+    constraints: list[Any] = slot("constraint", list, "beside those of joints and force")
     outputs: list[OutputConfig] = key([], "Cartesian coordinates that are regulated beside the force")
     solver: str = key(DEFAULT_SOLVER, "of the quadratic program", choices=available_solvers)
 

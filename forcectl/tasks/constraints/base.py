@@ -30,7 +30,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, invalid, one_line
 from forcectl.framework.batch import batch_values, check
 from forcectl.framework.kernels import largest
 from forcectl.robot.model import JointLimits, unit_normal
@@ -362,8 +362,7 @@ def _try(constraint: Any, start: RobotMotion, gamma: float) -> tuple[int, float]
     except BadInputError:
         raise
     except Exception as error:  # whatever a user's constraint does
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise BadInputError(f"constraint {name}: evaluate must return {wanted}, but: {reason}") from error
+        raise BadInputError(f"constraint {name}: evaluate must return {wanted}, but: {one_line(error)}") from error
     if row.shape not in ((n,), (rows, n)) or rows < 1:
         raise BadInputError(f"constraint {name}: evaluate returned a row of shape {row.shape}: must return {wanted}")
     if not (np.isfinite(row).all() and all(np.isfinite(part).all() for part in together)):
