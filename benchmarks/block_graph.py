@@ -28,7 +28,7 @@ def _median(work: Callable[[], Any], repeats: int) -> float:
 
 
 def benchmark(repeats: int) -> Iterator[Row]:
-    from forcectl.graph.extract import block_graph
+    from forcectl.graph.export import graph
     from forcectl.graph.formats.dot import to_dot
     from forcectl.graph.formats.html import to_html
     from forcectl.graph.formats.picture import Layouter
@@ -36,12 +36,12 @@ def benchmark(repeats: int) -> Iterator[Row]:
     from tests.examples.graph_diagrams import random_diagram
 
     diagram = random_diagram(100, 1)
-    graph = block_graph(diagram)
-    yield Row("read 100 nested blocks", _median(partial(block_graph, diagram), repeats), "s", "<= 1")
-    yield Row("lay out 100 blocks", _median(lambda: Layouter(graph).picture(), repeats), "s", "<= 1")
-    yield Row("100 blocks as SVG", _median(partial(to_svg, graph), repeats), "s", "<= 1")
-    yield Row("100 blocks as DOT", _median(partial(to_dot, graph), repeats), "s")
-    page = block_graph(random_diagram(40, 1))
+    model = graph(diagram)
+    yield Row("read 100 nested blocks", _median(partial(graph, diagram), repeats), "s", "<= 1")
+    yield Row("lay out 100 blocks", _median(lambda: Layouter(model).picture(), repeats), "s", "<= 1")
+    yield Row("100 blocks as SVG", _median(partial(to_svg, model), repeats), "s", "<= 1")
+    yield Row("100 blocks as DOT", _median(partial(to_dot, model), repeats), "s")
+    page = graph(random_diagram(40, 1))
     yield Row("40 blocks as interactive page", _median(partial(to_html, page), min(repeats, 2)), "s", "<= 10")
 
 

@@ -39,7 +39,7 @@ def benchmark(repeats: int) -> Iterator[Row]:
     for _ in range(MINUTES):
         for _ in range(round(60 / CHUNK)):
             simulator.AdvanceTo(simulator.get_context().get_time() + CHUNK)
-            loop.log.sink.FindMutableLog(simulator.get_mutable_context()).Clear()
+            loop.sink.FindMutableLog(simulator.get_mutable_context()).Clear()
         sizes.append(_resident_mb())
     yield Row(f"{fidelity}, resident after a minute", sizes[0], "MB")
     yield Row(f"{fidelity}, resident after {MINUTES} minutes", sizes[-1], "MB")

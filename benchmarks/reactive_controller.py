@@ -95,7 +95,7 @@ def _control(distances: int) -> tuple[Any, Any]:
     reactive = builder.AddSystem(ReactiveMotion(controller))
     observer = builder.AddSystem(
         MomentumObserver(
-            MomentumModel.of_robot(robot),
+            MomentumModel(robot.plant, robot.parts.joints),
             friction,
             move=0.5 * friction.coulomb,
             still=0.5 * friction.coulomb,

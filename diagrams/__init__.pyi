@@ -7,13 +7,12 @@ from forcectl.diagrams.drives.position_drive import JointImpedanceDriveConfig as
 from forcectl.diagrams.drives.position_drive import PositionDrive as PositionDrive
 from forcectl.diagrams.drives.position_drive import PositionDriveConfig as PositionDriveConfig
 from forcectl.diagrams.drives.torque_interface import TorqueInterface as TorqueInterface
-from forcectl.diagrams.fidelities.kinematic import KinematicFidelity as KinematicFidelity
-from forcectl.diagrams.fidelities.kinematic import KinematicStation as KinematicStation
+from forcectl.diagrams.fidelities.light import KinematicFidelity as KinematicFidelity
+from forcectl.diagrams.fidelities.light import LightStation as LightStation
+from forcectl.diagrams.fidelities.light import OneDimensionalFidelity as OneDimensionalFidelity
 from forcectl.diagrams.fidelities.multibody import MountingForces as MountingForces
 from forcectl.diagrams.fidelities.multibody import MultibodyFidelity as MultibodyFidelity
 from forcectl.diagrams.fidelities.multibody import MultibodyStation as MultibodyStation
-from forcectl.diagrams.fidelities.one_dimensional import OneDimensionalFidelity as OneDimensionalFidelity
-from forcectl.diagrams.fidelities.one_dimensional import OneDimensionalStation as OneDimensionalStation
 from forcectl.diagrams.force_controller import ForceController as ForceController
 from forcectl.diagrams.force_controller import build_controller as build_controller
 from forcectl.diagrams.loop import Loop as Loop

@@ -54,7 +54,7 @@ class ForceController(Diagram):
         export(law.GetInputPort("measured_force"), "measured_force")
         command = law.GetOutputPort("displacement_command")
         inversions = [
-            add("_".join(("kinematic_inversion", *label)), _inversion(model.loop(i))) for i, label in _loops(model)
+            add(f"kinematic_inversion{suffix}", _inversion(model.loop(i))) for i, suffix in enumerate(_suffixes(model))
         ]
         first = inversions[0]
         if first.HasInputPort("motor_position"):
@@ -93,39 +93,31 @@ class ForceController(Diagram):
     def _displace(builder: DiagramBuilder, name: str, law: System, model: PlantModel, feed: Any) -> None:
         """Feed an input of the law with the displacements along the normals of what `feed` connects to."""
         blocks = []
-        for i, label in _loops(model):
-            blocks.append(builder.AddNamedSystem("_".join((name, *label)), model.loop(i).tip_displacement()))
+        for i, suffix in enumerate(_suffixes(model)):
+            blocks.append(builder.AddNamedSystem(f"{name}{suffix}", model.loop(i).tip_displacement()))
             feed(blocks[-1].get_input_port())
         every = stacked(builder, f"{name}s", [block.get_output_port() for block in blocks])
         builder.Connect(every, law.GetInputPort(name))
 
 
-def _loops(model: PlantModel) -> list[tuple[int, tuple[str, ...]]]:
-    """Index of each loop, and what tells its blocks from those of the others."""
-    if model.size == 1:
-        return [(0, ())]
-    return [(i, (arm or str(i + 1),)) for i, arm in enumerate(model.arms)]
+def _suffixes(model: PlantModel) -> list[str]:
+    """What tells the blocks of each loop from those of the others."""
+    return [""] if model.size == 1 else [f"_{arm or i + 1}" for i, arm in enumerate(model.arms)]
 
 
 def _inversion(model: PlantModel) -> System:
     robot = model.known_robot()
     if model.constant_jacobian:
-        context = robot.create_context()
-        robot.set_positions(context, model.start)
-        jacobian = robot.jacobian(context)
+        jacobian = robot.jacobian(robot.context_at(model.start))
         return ConstantKinematicInversion(joint_direction(jacobian, model.n), model.n @ jacobian[3:], model.start)
     return KinematicInversion(robot, model.n, model.start, period=model.posture_period, limit=model.singularity_limit)
 
 
 def build_controller(config: Any, model: PlantModel) -> ForceController | Enclosed:
-    """The controller of a configuration.
+    """The controller of a configuration with `add_to(builder, model)`.
 
-    A configuration whose system has the output `joint_position_command` is used as it is; a force law, with the output
+    A system with the output `joint_position_command` is used as it is; a force law, with the output
     `displacement_command`, gets the kinematic inversion.
-
-    Args:
-        config: with `add_to(builder, model)`.
-        model: of the plant.
 
     Raises:
         BadInputError: the system has neither output, or lacks an input of a force law.

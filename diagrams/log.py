@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping, Sequence
+from collections.abc import Mapping
 from dataclasses import dataclass
 
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
@@ -26,75 +26,53 @@ class LoggedSignal:
 
 
 @dataclass(frozen=True)
-class SignalLog:
-    """The sink of a diagram and what its rows mean."""
-
-    sink: VectorLogSink
-    signals: dict[str, LoggedSignal]
-
-    def find(self, context: Context) -> VectorLog:
-        """The log in a root context of the diagram."""
-        return self.sink.FindLog(context)
-
-
-@dataclass(frozen=True)
 class LoggedLoop:
     """A diagram ready to simulate, with its log.
 
     Attributes:
+        sink: the block that holds the log.
+        signals: what the rows of the log are.
         period: control tick and log period [s].
     """
 
     diagram: Diagram
-    log: SignalLog
+    sink: VectorLogSink
+    signals: dict[str, LoggedSignal]
     period: float
-
-    @property
-    def sink(self) -> VectorLogSink:
-        """The block that holds the log."""
-        return self.log.sink
-
-    @property
-    def signals(self) -> dict[str, LoggedSignal]:
-        """What the rows of the log are."""
-        return self.log.signals
 
     def find_log(self, context: Context) -> VectorLog:
         """The log in a root context of `diagram`."""
-        return self.log.find(context)
+        return self.sink.FindLog(context)
 
 
 def add_log(
     builder: DiagramBuilder,
     ports: Mapping[str, OutputPort],
     period: float,
-    labels: Sequence[str] | Mapping[str, tuple[str, tuple[str, ...]]] | None,
-) -> SignalLog:
+    labels: Mapping[str, tuple[str | None, tuple[str, ...]]],
+) -> tuple[VectorLogSink, dict[str, LoggedSignal]]:
     """Log the ports every `period` [s]: one multiplexer and one sink, a tenth of the cost of a sink each.
 
     A signal has the unit that its block gives the port of that name, or that of the conventions.
 
     Args:
         ports: by signal name.
-        labels: of the components of every port with more than one; or dimension and labels by signal name, of the
-            others too.
+        labels: dimension and names of the components by signal name, where it is no scalar.
+
+    Returns:
+        the sink, and what its rows mean.
     """
     multiplexer = builder.AddNamedSystem("log_signals", Multiplexer([port.size() for port in ports.values()]))
     signals, row = {}, 0
     for i, (name, port) in enumerate(ports.items()):
         builder.Connect(port, multiplexer.get_input_port(i))
-        named: tuple[str, ...] | None = None
-        dimension = None
-        if isinstance(labels, Mapping):
-            dimension, named = labels.get(name, (None, None))
-        elif labels and port.size() > 1:
-            named = tuple(labels)
+        dimension, named = labels.get(name, (None, None))
         unit = unit_of(name, _units(port.get_system()))
         signals[name] = LoggedSignal(slice(row, row + port.size()), unit, named, dimension)
         row += port.size()
     sink = LogVectorOutput(multiplexer.get_output_port(), builder, period)
     sink.set_name("log")
-    return SignalLog(sink, signals)
+    return sink, signals
 
 
 def _units(system: System) -> dict[str, str]:

@@ -5,11 +5,8 @@
                       |   estimators <
                       +--------------+
 
-`forcectl.conventions` lists the signals. From a reading to the motion it causes::
-
-    station to controller    none: readings are those of the tick
-    estimators, controller   none, when their outputs are feedthrough at the tick and held
-    controller to motors     the delays of the drive
+`forcectl.conventions` lists the signals. From a reading to the motion it causes there are only the delays of the drive
+when outputs of estimators and controller are feedthrough at the tick and held.
 """
 
 from __future__ import annotations
@@ -25,14 +22,14 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortD
 from forcectl.conventions import TRUTH, unit_of
 from forcectl.diagrams.force_controller import build_controller
 from forcectl.diagrams.log import LoggedLoop, add_log
-from forcectl.diagrams.mechanics.truth import CONTACT_FORCE
+from forcectl.diagrams.mechanics.station_surface import CONTACT_FORCE
 from forcectl.diagrams.model import ModelConfig, Setting, plant_model
 from forcectl.diagrams.signals import SignalChoice, Signals
 from forcectl.diagrams.station import StationConfig, build_station
 from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.errors import BadInputError, about, invalid
 from forcectl.framework.enclosed import Enclosed
-from forcectl.framework.wiring import add_part, input_names
+from forcectl.framework.wiring import add_part, input_names, made_by
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.tip_kinematics import tip_displacements
 
@@ -53,12 +50,10 @@ class LoopParts:
     """What a loop is made of.
 
     Attributes:
-        station: its configuration.
         controller: a force law, or a controller of joints.
         model: errors of the plant model.
         reference: of the force; used where something wants `desired_force`.
         motion: in the unconstrained directions; used where something wants `unconstrained_reference`.
-        estimators: by name.
         signals: choices and projections, by the name of the signal.
         seed: of every random number.
     """
@@ -106,24 +101,10 @@ class Loop(LoggedLoop):
         """The workcell."""
         return self.setting.workcell
 
-    @property
-    def model(self) -> PlantModel:
-        """What controllers and estimators were given."""
-        return self.setting.model
-
-    @property
-    def true_compliance(self) -> float:
-        """C_T of the one surface at the start [m/N]."""
-        contact = self.workcell.contact
-        return contact.robot_compliance + contact.environment_compliance
-
     def derived(self, values: NDArray[np.float64]) -> dict[str, tuple[str, NDArray[np.float64]]]:
-        """Signals that follow from logged ones, by name: unit and samples (k,).
+        """Signals that follow from the log (n, k), by name: unit and samples (k,).
 
         The contact state, and the displacement of the tool of a robot, are not needed tick by tick.
-
-        Args:
-            values: the log, shape (n, k).
         """
         further: dict[str, tuple[str, NDArray[np.float64]]] = {}
         if len(self.workcell.contacts) != 1 or "contact_state" in self.signals:
@@ -140,9 +121,6 @@ class Loop(LoggedLoop):
 
 def build_loop(parts: LoopParts) -> Loop:
     """The loop as a diagram.
-
-    Args:
-        parts: of the loop.
 
     Raises:
         BadInputError: parts that do not fit each other.
@@ -165,22 +143,18 @@ def build_loop(parts: LoopParts) -> Loop:
     for name, system in estimators.items():
         signals.add(name, system)
     for name, choice in parts.signals.items():
-        with about(choice):
-            port = choice.choose(name, builder, signals, model)
-        if not isinstance(port, OutputPort):
-            fault = f"choose must return an output port, not {type(port).__name__}"
-            raise BadInputError(fault, key=f"signals.{name}")
-        signals.choose(name, port)
+        port = made_by(choice, "choose", f"signals.{name}", OutputPort, "an output port", name, builder, signals, model)
+        signals.chosen[name] = port
     for name, system in estimators.items():
         signals.connect(f"estimators.{name}", system)
     signals.connect("controller", controller, getattr(controller, "optional_inputs", ()))
     _command(builder, controller, station)
     ports = _logged(parts, sources, station, controller, estimators) | signals.chosen
-    log = add_log(builder, ports, workcell.period, _labels(ports, workcell))
+    sink, logged = add_log(builder, ports, workcell.period, _labels(ports, workcell))
     diagram = builder.Build()
     diagram.set_name("loop")
     bandwidth = getattr(parts.controller, "reference_model_bandwidth", lambda: None)()
-    return Loop(diagram, log, workcell.period, setting, bandwidth, station)
+    return Loop(diagram, sink, logged, workcell.period, setting, bandwidth, station)
 
 
 def _add_sources(
@@ -189,11 +163,8 @@ def _add_sources(
     """References, as far as the controller wants them."""
     workcell, sources = setting.workcell, {}
     if "desired_force" in wanted:
-        with about(parts.reference):
-            largest = parts.reference.largest_force()
+        largest = made_by(parts.reference, "largest_force", "reference", int | float, "a number")
         limits = [sensor.range for sensor in parts.station.sensors.values() if hasattr(sensor, "range")]
-        if not isinstance(largest, int | float):
-            raise BadInputError(f"largest_force must return a number, not {type(largest).__name__}", key="reference")
         if limits and not largest <= min(limits):
             raise invalid("reference.force", largest, f"at most the sensor's range, {min(limits):g} N")
         sources["reference"] = add_part(parts.reference, "reference", builder, setting.model.size)
@@ -213,21 +184,17 @@ def _add_estimators(builder: DiagramBuilder, parts: LoopParts, model: PlantModel
 
 
 def _command(builder: DiagramBuilder, controller: Diagram, station: Diagram) -> None:
-    """Connect the commands.
-
-    Raises:
-        BadInputError: a command of another size than the station takes.
-    """
+    """Connect the commands that the station takes."""
     for i in range(controller.num_output_ports()):
         port = controller.get_output_port(i)
         name = port.get_name()
         if not station.HasInputPort(name):
             continue
-        wanted = station.GetInputPort(name).size()
-        if port.size() != wanted:
-            fault = f"{name} has size {port.size()}: must be {wanted}, as the station takes it"
+        wanted = station.GetInputPort(name)
+        if port.size() != wanted.size():
+            fault = f"{name} has size {port.size()}: must be {wanted.size()}, as the station takes it"
             raise BadInputError(fault, key="controller")
-        builder.Connect(port, station.GetInputPort(name))
+        builder.Connect(port, wanted)
 
 
 def _logged(
@@ -237,11 +204,7 @@ def _logged(
     controller: Diagram,
     estimators: Mapping[str, System],
 ) -> dict[str, OutputPort]:
-    """The ports to log by signal name.
-
-    Everything where joint readings are taken; of other stations what is looked at, and of the controller its command
-    and scalars.
-    """
+    """The ports to log: all where joint readings are taken, else what is looked at, command and scalars."""
     ports: dict[str, OutputPort] = {}
     if "reference" in sources:
         ports["desired_force"] = sources["reference"].GetOutputPort("desired_force")

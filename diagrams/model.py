@@ -1,7 +1,6 @@
 """The model of the plant that controllers and estimators are given: scenario part `model`.
 
-Made from the station's configuration, it agrees with the plant; what the scenario says of it makes it wrong on purpose,
-as models are.
+Made from the station's configuration, it agrees with the plant; the scenario may make it wrong on purpose.
 """
 
 from __future__ import annotations
@@ -41,10 +40,7 @@ class ModelConfig(Config):
             read_friction(self.friction)
 
     def applied(self, model: PlantModel) -> PlantModel:
-        """The model with these errors.
-
-        Args:
-            model: that agrees with the plant.
+        """The model that agrees with the plant, with these errors.
 
         Raises:
             BadInputError: friction of another number of joints.
@@ -69,7 +65,6 @@ class Setting:
     """What an analysis is given of a run beside its log.
 
     Attributes:
-        workcell: the workcell.
         model: what controllers and estimators were given.
         truth: the model without the errors of the scenario's part `model`.
     """
@@ -83,7 +78,6 @@ def plant_model(workcell: Workcell, lag: tuple[float, float, float] | None = Non
     """The model that agrees with a workcell.
 
     Args:
-        workcell: the workcell.
         lag: of the measured force: bandwidth [rad/s], damping ratio [1] and delay [s]; that of the first sensor that
             reports one when None.
     """
@@ -117,15 +111,10 @@ def plant_model(workcell: Workcell, lag: tuple[float, float, float] | None = Non
 
 
 def force_lag(parts: Mapping[str, Any]) -> tuple[float, float, float]:
-    """Lag of the measured force, of the first part that reports one: bandwidth [rad/s], damping ratio [1], delay [s].
-
-    Args:
-        parts: sensors or estimators by name.
-    """
+    """Lag of the measured force, of the first sensor or estimator that reports one, see `plant_model`."""
     for part in parts.values():
         if hasattr(part, "force_lag"):
-            found: tuple[float, float, float] = part.force_lag()
-            return found
+            return part.force_lag()
     return NO_LAG
 
 
@@ -155,11 +144,7 @@ def read_friction(path: str) -> dict[str, Any]:
 
 
 def friction_of(path: str, joints: list[str]) -> JointFriction:
-    """Identified friction of the named joints.
-
-    Args:
-        path: see `read_friction`.
-        joints: names, in order.
+    """Identified friction of the named joints, in this order, from a file; see `read_friction`.
 
     Raises:
         BadInputError: the file has other joints.

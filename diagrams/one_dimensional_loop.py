@@ -3,8 +3,8 @@
     desired_force -> force law -> position loop -> servo -> contact -> force sensor -+
                          ^-----------------------------------------------------------+
 
-The smallest loop there is: no robot, only its compliance. Element i of the batch has the values of element i of every
-parameter in the Context (`set_batch`) and the noise of its own seed, and gives what the same loop gives alone.
+No robot, only its compliance. Element i of the batch has the values of element i of every parameter in the Context
+(`set_batch`) and the noise of its own seed, and gives what the same loop gives alone.
 """
 
 from __future__ import annotations
@@ -14,14 +14,14 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.diagrams.log import LoggedLoop, add_log
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, unknown
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.slot import ControllerConfig
-from forcectl.framework.batch import BatchBlock, check
+from forcectl.framework.batch import BatchBlock, check_count
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import input_names
 from forcectl.motion.references import ForceReferenceConfig, StepConfig
@@ -47,8 +47,6 @@ class OneDimensionalLoopConfig(Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        check("robot_compliance", self.robot_compliance, "not negative")
-        check("period", self.period, "positive")
         if not self.environment.surface.uniform:
             raise BadInputError(
                 " is not flat and of one material: must be, a loop without a robot does not move",
@@ -116,8 +114,7 @@ def build_one_dimensional_loop(
         BadInputError: parts that do not fit each other.
     """
     config = config or OneDimensionalLoopConfig()
-    if isinstance(size, bool) or not isinstance(size, int) or size < 1:
-        raise invalid("size", size, "a whole number, at least 1")
+    size = check_count("size", size)
     seeds = list(range(size)) if seeds is None else list(seeds)
     if len(seeds) != size:
         raise BadInputError(f" has {len(seeds)} values: must have one per batch element, {size}", key="seeds")
@@ -141,7 +138,7 @@ def build_one_dimensional_loop(
         connect(loop.GetOutputPort("reference"), parts.get_input_port())
         displacement = parts.get_output_port(0)
     else:
-        servo = config.servo.add_to(builder, size, config.period, unit="m")
+        servo = config.servo.add_to(builder, size, config.period)
         connect(loop.GetOutputPort("reference"), servo.GetInputPort("reference"))
         displacement = servo.GetOutputPort("position")
     contact = config.environment.add_to(builder, size, config.period, robot_compliance=config.robot_compliance)
@@ -153,17 +150,18 @@ def build_one_dimensional_loop(
     connect(contact.GetOutputPort("contact_force"), sensor.GetInputPort("force"))
     if "motor_displacement" in input_names(law):
         connect(displacement, law.GetInputPort("motor_displacement"))
-    ports: dict[str, OutputPort] = {
+    ports = {
         "desired_force": reference.GetOutputPort("desired_force"),
         "measured_force": sensor.GetOutputPort("measured_force"),
         "contact_force": contact.GetOutputPort("contact_force"),
         "displacement_command": law.GetOutputPort("displacement_command"),
         "contact_displacement": displacement,
     }
-    log = add_log(builder, ports, config.period, [str(element) for element in range(size)])
+    elements = (None, tuple(str(element) for element in range(size)))
+    sink, signals = add_log(builder, ports, config.period, dict.fromkeys(ports, elements) if size > 1 else {})
     diagram = builder.Build()
     diagram.set_name("one_dimensional_loop")
-    return OneDimensionalLoop(diagram, log, config.period)
+    return OneDimensionalLoop(diagram, sink, signals, config.period)
 
 
 def _add_law(builder: DiagramBuilder, config: OneDimensionalLoopConfig, model: PlantModel) -> System:

@@ -8,9 +8,9 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.diagrams.mechanics.site import Site
-from forcectl.diagrams.workcell import Workcell
-from forcectl.errors import BadInputError, about
+from forcectl.errors import BadInputError
 from forcectl.framework.fields import Config, key
+from forcectl.framework.wiring import made_by
 from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 from forcectl.plant.sensors.joint_sensors import JointSensors, ReadingFault
 from forcectl.plant.sensors.wrist_sensor import WristSensor
@@ -152,7 +152,7 @@ class JointReadingsConfig(Config):
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> JointSensors:
         """Add the block `joint_sensors`."""
-        workcell = site.workcell
+        workcell, joints = site.workcell, site.workcell.robot.parameters.arm_joints
         block = JointSensors(
             workcell.num_joints,
             start=workcell.motor_start,
@@ -163,17 +163,9 @@ class JointReadingsConfig(Config):
             position_noise=self.position_noise,
             torque_noise=self.torque_noise,
             seed=site.seed,
-            faults=_faults(workcell, workcell.robot.parameters.arm_joints),
+            faults=[
+                made_by(part, "fault", f"faults.{i}", ReadingFault, "a ReadingFault", joints)
+                for i, part in enumerate(workcell.config.faults)
+            ],
         )
         return builder.AddNamedSystem("joint_sensors", block)
-
-
-def _faults(workcell: Workcell, joints: list[str]) -> list[ReadingFault]:
-    made = []
-    for i, part in enumerate(workcell.config.faults):
-        with about(part):
-            fault = part.fault(joints)
-        if not isinstance(fault, ReadingFault):
-            raise BadInputError(f"fault must return a ReadingFault, not {type(fault).__name__}", key=f"faults.{i}")
-        made.append(fault)
-    return made

@@ -14,7 +14,7 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 import numpy as np
-from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, PortDataType, System
+from pydrake.systems.framework import DiagramBuilder, OutputPort, PortDataType, System
 from pydrake.systems.primitives import MatrixGain
 
 from forcectl.conventions import SIGNALS
@@ -25,20 +25,11 @@ from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.model import unit_normal
 
 
-@dataclass(frozen=True)
-class Offer:
-    """A signal that a part puts out."""
-
-    part: str
-    port: OutputPort
-
-
 class SignalChoice(Protocol):
     """What stands at a key of the scenario's part `signals`."""
 
     def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
         """The port that is the signal of this name."""
-        ...
 
 
 @dataclass(kw_only=True)
@@ -60,7 +51,7 @@ class FromConfig(Config):
             BadInputError: it puts out no signal of this name.
         """
         wanted = self.signal or name
-        offers = {offer.part: offer.port for offer in signals.offers(wanted)}
+        offers = signals.offers(wanted)
         if not offers:
             fault = f"nothing puts out {wanted}: must be a signal that can be measured"
             raise BadInputError(fault, key=f"signals.{name}")
@@ -113,11 +104,7 @@ class ProjectionConfig(Config):
         return block.get_output_port()
 
     def force_lag(self, estimators: Mapping[str, Any]) -> tuple[float, float, float]:
-        """Lag of the force: bandwidth [rad/s], damping ratio [1], delay [s].
-
-        Args:
-            estimators: of the loop, by name.
-        """
+        """Lag of the force with these estimators: bandwidth [rad/s], damping ratio [1], delay [s]."""
         return force_lag(estimators)
 
     def _direction(self, arm: str, model: PlantModel) -> np.ndarray:
@@ -125,8 +112,7 @@ class ProjectionConfig(Config):
             return unit_normal(self.along, "along")
         if arm not in model.arms:
             raise invalid("arm", arm, f"one that presses on a surface: {', '.join(model.arms)}")
-        normal: np.ndarray = model.normals[model.arms.index(arm)]
-        return normal
+        return model.normals[model.arms.index(arm)]
 
 
 class Signals:
@@ -138,32 +124,23 @@ class Signals:
         readings: name of what is measured instead of some of them.
 
     Attributes:
-        chosen: what the scenario chose, by the name of the signal.
+        chosen: the ports that the scenario chose, by the name of the signal.
     """
 
     def __init__(self, builder: DiagramBuilder, truth: frozenset[str], readings: Mapping[str, str]):
         self._builder, self._truth, self._readings = builder, truth, readings
-        self._offers: dict[str, list[Offer]] = {}
+        self._offers: dict[str, dict[str, OutputPort]] = {}
         self.chosen: dict[str, OutputPort] = {}
 
-    def offers(self, name: str) -> list[Offer]:
-        """Who puts out a signal of this name, the truth apart."""
-        return [] if name in self._truth else self._offers.get(name, [])
+    def offers(self, name: str) -> dict[str, OutputPort]:
+        """The ports with a signal of this name by the part they are of, the truth apart."""
+        return {} if name in self._truth else self._offers.get(name, {})
 
     def add(self, part: str, system: System) -> None:
-        """Offer the vector outputs of a part.
-
-        Args:
-            part: its name in the scenario.
-            system: in the builder.
-        """
+        """Offer the vector outputs of the part of that name."""
         for port in map(system.get_output_port, range(system.num_output_ports())):
             if port.get_data_type() == PortDataType.kVectorValued:
-                self._offers.setdefault(port.get_name(), []).append(Offer(part, port))
-
-    def choose(self, name: str, port: OutputPort) -> None:
-        """Make a port the signal of this name."""
-        self.chosen[name] = port
+                self._offers.setdefault(port.get_name(), {})[part] = port
 
     def find(self, name: str, wanted_by: str) -> OutputPort:
         """The port that is the signal of this name.
@@ -176,9 +153,9 @@ class Signals:
         name = self._readings.get(name, name)
         offers = self.offers(name)
         if len(offers) == 1:
-            return offers[0].port
+            return next(iter(offers.values()))
         if offers:
-            parts = ", ".join(repr(offer.part) for offer in offers)
+            parts = ", ".join(map(repr, offers))
             fault = f" wants {name}, which {parts} put out: must have signals.{name} to choose"
             raise BadInputError(fault, key=wanted_by)
         meaning = f" ({SIGNALS[name].meaning})" if name in SIGNALS else ""
@@ -188,12 +165,7 @@ class Signals:
         raise BadInputError(f"{nothing}: must be {allowed}", key=wanted_by)
 
     def connect(self, part: str, system: System, optional: tuple[str, ...] = ()) -> None:
-        """Connect the inputs of a part.
-
-        Args:
-            part: its name in the scenario.
-            system: in the builder.
-            optional: inputs that may stay open.
+        """Connect the inputs of the part of that name; the optional ones may stay open.
 
         Raises:
             BadInputError: an input whose signal is not there, or of another size.
@@ -202,11 +174,9 @@ class Signals:
             name = port.get_name()
             if name in optional and name not in self.chosen and not self.offers(self._readings.get(name, name)):
                 continue
-            self._connect(part, self.find(name, part), port)
-
-    def _connect(self, part: str, source: OutputPort, port: InputPort) -> None:
-        if source.size() != port.size():
-            giver = source.get_system().get_name()
-            fault = f"port {port.get_name()} has size {port.size()}: must be {source.size()}, as {giver!r} puts out"
-            raise BadInputError(fault, key=part)
-        self._builder.Connect(source, port)
+            source = self.find(name, part)
+            if source.size() != port.size():
+                giver = source.get_system().get_name()
+                fault = f"port {name} has size {port.size()}: must be {source.size()}, as {giver!r} puts out"
+                raise BadInputError(fault, key=part)
+            self._builder.Connect(source, port)

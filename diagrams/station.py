@@ -6,13 +6,8 @@
     truth  contact_force (k,) [N] along the normals, contact_state (k,), link_position (n,) [rad], and more: see
            `forcectl.conventions`
 
-k surfaces that are pressed on, a arms, n joints. Which outputs there are follows from the parts.
-
-Multibody        a MultibodyPlant with drives, elastic or rigid joints, friction, contact, sensors, any number of arms.
-Kinematic        Fig. 2.5: joint filters, servo along n, forward kinematics, C_T(q).
-OneDimensional   Fig. 2.2/2.3: joint filter, servo along n, spring. One constant Jacobian.
-
-The station starts at rest, the tool just touching each surface with zero force.
+k surfaces that are pressed on, a arms, n joints. Which outputs there are follows from the parts. The station starts at
+rest, the tool just touching each surface with zero force. Kinematic is Fig. 2.5, OneDimensional Fig. 2.2/2.3.
 """
 
 from __future__ import annotations
@@ -23,13 +18,13 @@ from typing import Any
 from pydrake.systems.framework import Diagram
 
 from forcectl.diagrams.drives.position_drive import PositionDriveConfig
-from forcectl.diagrams.fidelities.kinematic import KinematicFidelity
+from forcectl.diagrams.fidelities.light import KinematicFidelity, OneDimensionalFidelity
 from forcectl.diagrams.fidelities.multibody import MultibodyFidelity
-from forcectl.diagrams.fidelities.one_dimensional import OneDimensionalFidelity
 from forcectl.diagrams.sensors import WristForceConfig
 from forcectl.diagrams.workcell import Workcell
-from forcectl.errors import BadInputError, about, unknown
-from forcectl.framework.fields import Config, key, named_slots, slot, slot_list
+from forcectl.errors import unknown
+from forcectl.framework.fields import Config, key, slot
+from forcectl.framework.wiring import made_by
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 
 SHIPPED_FIDELITIES = {
@@ -61,9 +56,9 @@ class StationConfig(Config):
     singularity_limit: float = key(20.0, "largest |J^-1 n| used undamped", unit="rad/m", bounds="positive")
     drive: Any = slot("drive", PositionDriveConfig, meaning="what the controller commands")
     environment: Any = slot("environment", EnvironmentConfig, meaning="one part, or several: !Parts")
-    sensors: dict[str, Any] = named_slots("sensor", lambda: {"force": WristForceConfig()}, meaning="by name")
-    loads: list[Any] = slot_list("load", meaning="on the robot, over time")
-    faults: list[Any] = slot_list("fault", meaning="of the joint readings, over time")
+    sensors: dict[str, Any] = slot("sensor", lambda: {"force": WristForceConfig()}, meaning="by name")
+    loads: list[Any] = slot("load", list, meaning="on the robot, over time")
+    faults: list[Any] = slot("fault", list, meaning="of the joint readings, over time")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -84,19 +79,9 @@ class StationConfig(Config):
 
 
 def build_station(workcell: Workcell, seed: int = 0) -> Diagram:
-    """The station of a workcell, in its configured fidelity.
-
-    Args:
-        workcell: see `forcectl.diagrams.workcell.describe`.
-        seed: of every random number of the station.
+    """The station of a workcell, in its configured fidelity; `seed` is that of all its random numbers.
 
     Raises:
         BadInputError: a part that does not fit, or that the fidelity cannot realise.
     """
-    fidelity = workcell.config.fidelity
-    with about(fidelity):
-        station = fidelity.build(workcell, seed)
-    if not isinstance(station, Diagram):
-        fault = f"build must return a Diagram, not {type(station).__name__}"
-        raise BadInputError(fault, key="fidelity")
-    return station
+    return made_by(workcell.config.fidelity, "build", "fidelity", Diagram, "a Diagram", workcell, seed)

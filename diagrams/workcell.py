@@ -13,7 +13,7 @@ from forcectl.errors import BadInputError, about, invalid
 from forcectl.force.kinematic_inversion import check_start_posture
 from forcectl.framework.batch import whole_multiple
 from forcectl.framework.wiring import add_part
-from forcectl.plant.compliance import robot_compliance, total_compliance
+from forcectl.plant.compliance import compliance_along, robot_compliance
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.robot.model import RobotModel, unit_normal
@@ -56,24 +56,11 @@ class Contact:
     @property
     def surface(self) -> SurfaceConfig | None:
         """Heights and materials; None of an environment that is a force of its own."""
-        surface: SurfaceConfig | None = getattr(self.environment, "surface", None)
-        return surface
+        return getattr(self.environment, "surface", None)
 
     def add_to(self, builder: DiagramBuilder, period: float, *, robot_compliance: float) -> System:
-        """Add the environment as a force over a displacement.
-
-        Args:
-            builder: of the station.
-            period: of what is sampled [s].
-            robot_compliance: in series with it [m/N].
-        """
+        """The environment as a force over a displacement, in series with C_R [m/N]; sampled every `period` [s]."""
         return add_part(self.environment, "environment", builder, 1, period, robot_compliance=robot_compliance)
-
-    def start_context(self) -> Context:
-        """A context of `robot.plant` in the start posture."""
-        context = self.robot.create_context()
-        self.robot.set_positions(context, self.start)
-        return context
 
 
 @dataclass(frozen=True)
@@ -127,8 +114,7 @@ class Workcell:
     @property
     def rotor_inertia(self) -> Vector:
         """Inertia of the rotors at the joints, without couplings between motors, shape (n_q,) [kg m2]."""
-        inertia: Vector = np.diag(self.robot.motor_inertia).copy()
-        return inertia
+        return np.diag(self.robot.motor_inertia).copy()
 
     @property
     def drive_compliance(self) -> Vector:
@@ -179,16 +165,11 @@ class Workcell:
 
     def start_context(self) -> Context:
         """A context of `robot.plant` in the start posture."""
-        context = self.robot.create_context()
-        self.robot.set_positions(context, self.start)
-        return context
+        return self.robot.context_at(self.start)
 
 
 def describe(config: StationConfig) -> Workcell:
-    """Load the robot and look at the start posture.
-
-    Args:
-        config: of the station.
+    """Load the robot of a station and look at the start posture.
 
     Raises:
         BadInputError: unknown robot, arm or tool, a posture of the wrong length, beyond the joint limits or singular
@@ -211,7 +192,7 @@ def describe(config: StationConfig) -> Workcell:
     pressed = [each.arm for each in contacts]
     if len(set(pressed)) < len(pressed):
         raise invalid("environment", sorted(parts), "at most one surface for each arm")
-    workcell = Workcell(config, robot, start, period, _posture_period(config, period), tuple(contacts), obstacles)
+    workcell = Workcell(config, robot, start, period, config.posture_period, tuple(contacts), obstacles)
     with about(config.fidelity):
         config.fidelity.check(workcell)
     return workcell
@@ -220,14 +201,10 @@ def describe(config: StationConfig) -> Workcell:
 def _check_times(config: StationConfig, period: float) -> None:
     if whole_multiple("period", period, config.time_step, "time_step") < 1:
         raise invalid("time_step", config.time_step, f"at most the period, {period:g} s")
-    for name, delay in config.delays().items():
-        whole_multiple(name, delay, period, _PERIOD if config.period is None else "station.period")
-
-
-def _posture_period(config: StationConfig, period: float) -> float:
     if whole_multiple("posture_period", config.posture_period, period, "station.period") < 1:
         raise invalid("posture_period", config.posture_period, f"at least the period, {period:g} s")
-    return config.posture_period
+    for name, delay in config.delays().items():
+        whole_multiple(name, delay, period, _PERIOD if config.period is None else "station.period")
 
 
 def _start_posture(config: StationConfig, robot: RobotModel) -> Vector:
@@ -246,11 +223,11 @@ def _start_posture(config: StationConfig, robot: RobotModel) -> Vector:
 
 
 def holding_stiffness(drive: Any, robot: RobotModel) -> Vector:
-    """Stiffness at which a drive holds its command at rest, shape (n_q,) [Nm/rad]; infinite where it does not state
-    one."""
-    told = getattr(drive, "holding_stiffness", None)
+    """At which a drive holds its command at rest, shape (n_q,) [Nm/rad]; infinite where the drive states none."""
+    if not hasattr(drive, "holding_stiffness"):
+        return np.full(robot.num_joints, np.inf)
     with about(drive):
-        stiffness: Vector = np.full(robot.num_joints, np.inf) if told is None else told(robot)
+        stiffness: Vector = drive.holding_stiffness(robot)
     return stiffness
 
 
@@ -264,12 +241,11 @@ def _contact(config: StationConfig, robot: RobotModel, start: Vector, name: str,
     if surface is not None and not surface.uniform:
         surface.direction_across(n)
     direction = check_start_posture(own, start, n, config.singularity_limit)
-    context = own.create_context()
-    own.set_positions(context, start)
+    context = own.context_at(start)
     row: Vector = n @ own.jacobian(context)[3:]
     compliance = 0.0
     if config.elastic_joints:
         matrix = robot_compliance(own, context, own.joint_stiffness)
-        compliance = total_compliance(n, matrix, np.zeros((6, 6)), 0.0)
+        compliance = compliance_along(n, matrix)
     compliance += float(np.sum(row**2 / holding_stiffness(config.drive, own)))
     return Contact(name, part, arm, n, own, start, direction, row, compliance, 1 / part.first_stiffness)

@@ -189,18 +189,17 @@ def graph(
 
     Example: forcectl graph fig_2_7 --format html --depth 2 --out loop.html
     """
-    from forcectl.graph.export import FORMATS, export
-    from forcectl.graph.formats.render import format_of
+    from forcectl.graph import export
     from forcectl.runs.target import named_diagram
 
-    chosen = format_ or (format_of(out) if out is not None and out.suffix else "svg")
-    if chosen not in FORMATS:
-        raise unknown("format", chosen, FORMATS)
+    chosen = format_ or (export.format_of(out) if out is not None and out.suffix else "svg")
+    if chosen not in export.FORMATS:
+        raise unknown("format", chosen, export.FORMATS)
     name, diagram = named_diagram(scenario, variant, settings, fidelity)
     target = out or Path(f"{name}.{'mmd' if chosen == 'mermaid' else chosen}")
     partial = target.with_name(f".partial-{target.name}")
     try:
-        export(diagram, partial, format=chosen, depth=depth)
+        export.graph(diagram, depth=depth).save(partial, chosen)
         partial.replace(target)
     except OSError as error:
         raise BadInputError(f"--out {str(target)!r} cannot be written: {error.strerror}") from None

@@ -96,6 +96,4 @@ TRUTH = frozenset(name for name, signal in SIGNALS.items() if signal.truth)
 
 def unit_of(name: str, overrides: dict[str, str] | None = None) -> str:
     """Unit of the signal called `name`, or "" when it is not in the table."""
-    if overrides and name in overrides:
-        return overrides[name]
-    return SIGNAL_UNITS.get(name, "")
+    return (SIGNAL_UNITS | (overrides or {})).get(name, "")

@@ -47,12 +47,7 @@ class BadInputError(ForcectlError, ValueError):
         return f"{type(self).__name__}({str(self)!r})"
 
     def at(self, key: str, where: str = "") -> BadInputError:
-        """The same error with its full key.
-
-        Args:
-            key: with dots.
-            where: file and line, or option, that the value is from.
-        """
+        """The same error with its full key, and with the file and line, or the option, that the value is from."""
         other = copy.copy(self)
         other.key, other.field, other.where = key, key, where
         return other
@@ -69,6 +64,11 @@ def show(value: object) -> str:
     except (RecursionError, ValueError):
         text = f"a {type(value).__name__} too large to print"
     return text if len(text) <= 60 else f"{text[:28]}...{text[-29:]}"
+
+
+def one_line(error: BaseException) -> str:
+    """The class and the text of an exception that is not ours, in one line."""
+    return " ".join(f"{type(error).__name__}: {error}".split())
 
 
 def invalid(key: str, value: object, allowed: str) -> BadInputError:

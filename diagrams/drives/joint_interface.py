@@ -28,9 +28,10 @@ from forcectl.errors import BadInputError, invalid
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_outputs
 from forcectl.plant.drives.joint_friction import JointFriction
-from forcectl.plant.drives.joint_servo import JointServo, servo_gains
+from forcectl.plant.drives.joint_servo import JointServo
 from forcectl.plant.drives.motor_motion import MotorMotion
 from forcectl.plant.drives.motors import MOTOR_PORTS
+from forcectl.plant.drives.servo import servo_gains
 from forcectl.robot.model import RobotModel
 
 Array = NDArray[np.float64]
@@ -168,7 +169,8 @@ def _servo(workcell: Workcell, config: JointInterfaceConfig) -> JointServo:
     limit = workcell.robot.limits.torque if own.torque_limits else np.full(workcell.num_joints, np.inf)
     inertia = workcell.rotor_inertia + np.diag(workcell.robot.mass_matrix(workcell.start_context()))
     return JointServo(
-        servo_gains(inertia, bandwidth, damping_ratio, own.integral_gain),
+        servo_gains(bandwidth, damping_ratio, own.integral_gain),
+        inertia,
         limit,
         period=workcell.period,
         time_step=workcell.config.time_step,

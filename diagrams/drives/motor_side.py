@@ -57,7 +57,7 @@ class MotorSide(Diagram):
             connect(along.get_output_port(), parts.get_input_port())
             x, rate = parts.get_output_port(0), parts.get_output_port(1)
         else:
-            axis = servo.add_to(builder, 1, workcell.period, unit="m")
+            axis = servo.add_to(builder, 1, workcell.period)
             connect(along.get_output_port(), axis.GetInputPort("reference"))
             x, rate = axis.GetOutputPort("position"), axis.GetOutputPort("velocity")
 

@@ -12,7 +12,7 @@ one plant step late, because simultaneous events read the state before them.
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,7 +29,7 @@ from forcectl.framework.wiring import export_outputs
 from forcectl.plant.drives.drive import Drive
 from forcectl.plant.drives.joint_impedance import JointImpedanceConfig
 from forcectl.plant.drives.motors import MOTOR_PORTS, export_motion, joint_to_motor, rotor_inertia
-from forcectl.plant.drives.position_loop import PositionLoop, PositionLoopConfig
+from forcectl.plant.drives.position_loop import PositionLoopConfig
 from forcectl.plant.drives.servo import ServoConfig
 from forcectl.robot.model import RobotModel
 
@@ -56,19 +56,16 @@ class PositionDriveConfig(Config):
         return builder.AddNamedSystem("drive", PositionDrive(site.workcell, self.position_loop, servo))
 
     def _servo(self, workcell: Workcell) -> System:
-        robot, gains, step = workcell.robot, self.servo, workcell.config.time_step
-        parameters = robot.parameters
-        rotors = rotor_inertia(robot)
+        robot, servo, step = workcell.robot, self.servo, workcell.config.time_step
+        parameters, rotors = robot.parameters, rotor_inertia(robot)
         return Drive(
             rotors,
             joint_to_motor(robot),
+            servo.gains(rotors, parameters.velocity_loop_inertia),
             period=step,
             substeps=max(1, math.ceil(step / _LARGEST_DRIVE_STEP - 1e-9)),
-            position_gain=gains.position_gain,
-            velocity_gain=gains.rotor_velocity_gain(rotors, parameters.velocity_loop_inertia),
-            integral_gain=gains.integral_gain,
-            coulomb_friction=gains.friction_scale * parameters.coulomb_friction,
-            viscous_friction=gains.friction_scale * parameters.viscous_friction,
+            coulomb_friction=servo.friction_scale * parameters.coulomb_friction,
+            viscous_friction=servo.friction_scale * parameters.viscous_friction,
             initial_position=workcell.motor_start,
             initial_torque=workcell.gravity_torque * workcell.config.elastic_joints,
         )
@@ -131,20 +128,13 @@ class PositionDrive(Diagram):
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
         # The command is held for a tick, then everything runs on at the plant's rate. Reading the hold takes one plant
-        # step, which counts towards the command delay.
-        hold = add("command_hold", hold_line(workcell.period, q_0))
+        # step, which counts towards the command delay. A ZeroOrderHold would begin with zero.
+        eye, nothing = np.eye(n), np.zeros((n, n))
+        hold = add("command_hold", LinearSystem(nothing, eye, eye, nothing, workcell.period))
+        hold.configure_default_state(q_0)
         builder.ExportInput(hold.get_input_port(), "joint_position_command")
-        filter_ = add(
-            "position_loop",
-            PositionLoop(
-                n,
-                bandwidth=loop.bandwidth,
-                damping_ratio=loop.damping_ratio,
-                delay=max(0.0, loop.delay - step),
-                period=step,
-                initial_command=q_0,
-            ),
-        )
+        late = replace(loop, delay=max(0.0, loop.delay - step))
+        filter_ = late.add_to(builder, n, step, initial_command=q_0)
         connect(hold.get_output_port(), filter_.GetInputPort("command"))
         reference = filter_.GetOutputPort("reference")
         if servo is None:
@@ -155,16 +145,3 @@ class PositionDrive(Diagram):
             builder.ExportInput(servo.GetInputPort("spring_torque"), "spring_torque")
             export_outputs(builder, {name: servo.GetOutputPort(name) for name in MOTOR_PORTS})
         builder.BuildInto(self)
-
-
-def hold_line(period: float, initial: Vector) -> LinearSystem:
-    """Samples a signal and holds it, with a value to begin with; a ZeroOrderHold begins with zero.
-
-    Args:
-        period: of the samples [s].
-        initial: value before the first one, shape (n,).
-    """
-    n = len(initial)
-    hold = LinearSystem(np.zeros((n, n)), np.eye(n), np.eye(n), np.zeros((n, n)), period)
-    hold.configure_default_state(initial)
-    return hold

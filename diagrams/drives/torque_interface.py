@@ -100,18 +100,10 @@ class TorqueInterface(Diagram):
 def _check_sampling(
     tick: float, step: float, stiffness: Vector, damping: Vector, inertia: Vector, springs: Vector
 ) -> None:
-    """BadInputError for gains that are not stable when sampled.
+    """BadInputError for gains that are not stable when sampled every `tick`, and every `step` of the plant.
 
     Of 300 random gains, postures, surfaces and sampling periods within these bounds none was unstable; well beyond them
-    nearly all are.
-
-    Args:
-        tick: of the control [s].
-        step: of the plant [s].
-        stiffness: K_q, shape (n,) [Nm/rad].
-        damping: D_q, shape (n,) [Nms/rad].
-        inertia: of the motors, minus what the torque loop takes of it, shape (n,) [kg m^2].
-        springs: stiffness of the joint springs, shape (n,) [Nm/rad].
+    nearly all are. `inertia` is that of the motors, minus what the torque loop takes of it.
     """
     taken = (damping * tick + springs * step**2) / inertia
     worst = int(np.argmax(taken))

@@ -1,100 +1,173 @@
-"""What the fidelities without dynamics share: one surface, motor side, sensors and truth."""
+"""Fidelities without dynamics, of one surface: motor side, contact, sensors and truth.
+
+`Kinematic`, Fig. 2.5: forward kinematics and the compliance C_T(q) of the posture.
+`OneDimensional`, Fig. 2.2/2.3 behind the ports of a robot: one constant Jacobian, one spring C_T.
+"""
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from dataclasses import dataclass
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
 
-from forcectl.diagrams.mechanics.assembly import Assembly
+from forcectl.diagrams.mechanics.assembly import Assembly, through
 from forcectl.diagrams.mechanics.site import Site
-from forcectl.diagrams.mechanics.truth import add_contact_state
-from forcectl.diagrams.workcell import Vector, Workcell
-from forcectl.errors import BadInputError
+from forcectl.diagrams.mechanics.station_surface import add_contact_state, add_depth, add_surface, connect_material
+from forcectl.diagrams.workcell import Workcell
+from forcectl.errors import BadInputError, invalid
 from forcectl.framework.wiring import add_part, affine
-from forcectl.plant.tip_kinematics import LinkPosition
+from forcectl.plant.contact.tip_contact import TipContact
+from forcectl.plant.tip_kinematics import LinkPosition, TipDisplacement
 
 
-def check_light(workcell: Workcell, name: str) -> None:
-    """Whether a workcell can be realised without dynamics.
+@dataclass(kw_only=True)
+class KinematicFidelity:
+    """Scenario part `fidelity: Kinematic`."""
 
-    Args:
-        workcell: the workcell.
-        name: of the fidelity.
+    has_dynamics = False
+    constant_jacobian = False
 
-    Raises:
-        BadInputError: a part that needs dynamics.
-    """
+    def check(self, workcell: Workcell) -> None:
+        """Whether the workcell can be realised.
+
+        Raises:
+            BadInputError: it has a part that needs dynamics, or a two-sided spring.
+        """
+        _check_parts(workcell, "Kinematic")
+        check_one_sided(workcell)
+
+    def build(self, workcell: Workcell, seed: int) -> Diagram:
+        """The station."""
+        return LightStation(workcell, seed)
+
+
+@dataclass(kw_only=True)
+class OneDimensionalFidelity(KinematicFidelity):
+    """Scenario part `fidelity: OneDimensional`."""
+
+    constant_jacobian = True
+
+    def check(self, workcell: Workcell) -> None:
+        """Whether the workcell can be realised.
+
+        Raises:
+            BadInputError: it has a part that needs dynamics.
+        """
+        _check_parts(workcell, "OneDimensional")
+
+
+def _check_parts(workcell: Workcell, name: str) -> None:
     needs = f"a fidelity with dynamics, such as Multibody, not {name}"
     if len(workcell.contacts) != 1:
         raise BadInputError(f" has {len(workcell.contacts)} surfaces: must have one, or {needs}", key="environment")
     if workcell.obstacles:
         raise BadInputError(f" has boxes ({', '.join(workcell.obstacles)}): must have {needs}", key="environment")
-    if workcell.config.loads:
-        raise BadInputError(f"must be empty, or have {needs}", key="loads")
-    if workcell.config.faults:
-        raise BadInputError(f"must be empty, or have {needs}", key="faults")
+    for key in ("loads", "faults"):
+        if getattr(workcell.config, key):
+            raise BadInputError(f"must be empty, or have {needs}", key=key)
 
 
-def add_drive(assembly: Assembly, workcell: Workcell, seed: int) -> System:
-    """Add the drive of a station without dynamics.
+def check_one_sided(workcell: Workcell) -> None:
+    """Two-sided springs are for one dimension only.
 
     Raises:
-        BadInputError: it lacks the motor side's position.
+        BadInputError: there is one.
     """
-    drive = add_part(workcell.config.drive, "drive", assembly.builder, Site(workcell, seed))
-    assembly.add(drive)
-    for name in ("motor_position", "motor_velocity"):
-        if name not in assembly.signals:
-            raise BadInputError(f" has no output {name}: must have it in this fidelity", key="drive")
-    return drive
+    for contact in workcell.contacts:
+        if not getattr(contact.environment, "one_sided", True):
+            raise invalid("environment.one_sided", False, "true unless station.fidelity = OneDimensional")
 
 
-def along_normal(builder: DiagramBuilder, row: Vector, start: Vector, position: OutputPort) -> OutputPort:
-    """Displacement of the tool along n by the constant Jacobian of the start, shape (1,) [m].
+class LightStation(Diagram):
+    """Robot of motor positions only; see `forcectl.diagrams.station` for the slot it fills.
+
+    ```
+    name: LightStation
+    input_ports: [joint_position_command]
+    output_ports: [motor_position, motor_velocity, contact_force, contact_displacement, link_position,
+    (further outputs of drive and sensors; in any order), contact_state, surface_height (optional),
+    surface_damping (optional), surface_stiffness (optional)]
+    ```
+
+    The ports: see `MultibodyStation`. All outputs are state, no direct feedthrough.
+
+    Sampling: every `period` [s] of the workcell; every `posture_period` [s] what depends on the posture only.
 
     Args:
-        builder: of the station.
-        row: n'J, shape (n,) [m/rad].
-        start: motor positions at the start, shape (n,) [rad].
-        position: of the motors, shape (n,) [rad].
-    """
-    block = builder.AddNamedSystem("motor_displacement", affine(row.reshape(1, -1), np.array([-row @ start])))
-    builder.Connect(position, block.get_input_port())
-    return block.get_output_port()
-
-
-def finish_light_station(
-    station: Diagram,
-    assembly: Assembly,
-    workcell: Workcell,
-    seed: int,
-    force: OutputPort,
-    displacement: OutputPort,
-    surface: Mapping[str, OutputPort],
-) -> None:
-    """Sensors, truth and exported ports of a station without dynamics.
-
-    Args:
-        station: is built.
-        assembly: with the drive.
-        workcell: the workcell.
+        workcell: the workcell, with one surface.
         seed: of the sensors.
-        force: true contact force, shape (1,) [N].
-        displacement: of the tool along n by the motors, shape (1,) [m].
-        surface: truth of the surface, by name.
     """
-    builder, contact = assembly.builder, workcell.contact
-    for name, port in (("contact_force", force), ("contact_displacement", displacement)):
-        assembly.offer(name, port)
-    links = builder.AddNamedSystem("link_position", LinkPosition(contact.robot, contact.n, workcell.spring_stiffness))
-    assembly.add(links)
-    add_sensors(assembly, Site(workcell, seed))
-    assembly.offer("contact_state", add_contact_state(builder, force))
-    for name, port in surface.items():
-        assembly.offer(name, port)
-    assembly.finish(station)
+
+    def __init__(self, workcell: Workcell, seed: int):
+        super().__init__()
+        contact, builder, site = workcell.contact, DiagramBuilder(), Site(workcell, seed)
+        assembly = Assembly(builder)
+        assembly.add(add_part(workcell.config.drive, "drive", builder, site))
+        for name in ("motor_position", "motor_velocity"):
+            if name not in assembly.signals:
+                raise BadInputError(f" has no output {name}: must have it in this fidelity", key="drive")
+        press = _press_along_a_line if workcell.config.fidelity.constant_jacobian else _press
+        force, displacement, surface = press(assembly, workcell)
+        assembly.offer("contact_force", force)
+        assembly.offer("contact_displacement", displacement)
+        links = LinkPosition(contact.robot, contact.n, workcell.spring_stiffness)
+        assembly.add(builder.AddNamedSystem("link_position", links))
+        add_sensors(assembly, site)
+        assembly.offer("contact_state", add_contact_state(builder, force))
+        for name, port in surface.items():
+            assembly.offer(name, port)
+        assembly.finish(self)
+
+
+# True contact force, displacement of the tool along n by the motors, and truth of the surface by name.
+Pressing = tuple[OutputPort, OutputPort, dict[str, OutputPort]]
+
+
+def _press_along_a_line(assembly: Assembly, workcell: Workcell) -> Pressing:
+    contact, q_0, builder = workcell.contact, workcell.motor_start, assembly.builder
+    position, displacement = assembly.signals["motor_position"], assembly.signals.get("displacement")
+    if displacement is None:
+        row = contact.row
+        line = affine(row.reshape(1, -1), np.array([-row @ q_0]))
+        displacement = through(builder, "motor_displacement", line, position)
+    spring = contact.add_to(builder, workcell.period, robot_compliance=contact.robot_compliance)
+    surface = add_surface(builder, workcell, contact, position, q_0)
+    connect_material(builder, surface, spring)
+    uneven = "surface_height" in surface
+    depth = add_depth(builder, displacement, surface["surface_height"]) if uneven else displacement
+    builder.Connect(depth, spring.GetInputPort("displacement"))
+    return spring.GetOutputPort("contact_force"), displacement, surface
+
+
+def _press(assembly: Assembly, workcell: Workcell) -> Pressing:
+    contact, q_0, builder = workcell.contact, workcell.motor_start, assembly.builder
+    position = assembly.signals["motor_position"]
+    surface = add_surface(builder, workcell, contact, position, q_0)
+    tip = TipDisplacement(contact.robot, contact.n, q_0, period=None)
+    displacement = through(builder, "tip_displacement", tip, position)
+    if contact.surface is None:
+        spring = contact.add_to(builder, workcell.period, robot_compliance=contact.robot_compliance)
+        builder.Connect(displacement, spring.GetInputPort("displacement"))
+        return spring.GetOutputPort("contact_force"), displacement, surface
+    stiffness, damping = contact.environment.contact_values
+    block = TipContact(
+        contact.robot,
+        contact.n,
+        q_0,
+        workcell.spring_stiffness,
+        stiffness=stiffness,
+        damping=damping,
+        uneven=not contact.surface.flat,
+        period=workcell.period,
+        posture_period=workcell.posture_period,
+    )
+    builder.AddNamedSystem("contact", block)
+    builder.Connect(position, block.GetInputPort("motor_position"))
+    connect_material(builder, surface, block)
+    if "surface_height" in surface:
+        builder.Connect(surface["surface_height"], block.GetInputPort("surface_height"))
+    return block.GetOutputPort("contact_force"), displacement, surface
 
 
 def add_sensors(assembly: Assembly, site: Site) -> None:

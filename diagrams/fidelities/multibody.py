@@ -33,13 +33,11 @@ from pydrake.systems.primitives import (
     SelectorParams,
 )
 
-from forcectl.diagrams.fidelities.kinematic import check_one_sided
-from forcectl.diagrams.fidelities.light import add_sensors
-from forcectl.diagrams.mechanics.assembly import Assembly
+from forcectl.diagrams.fidelities.light import add_sensors, check_one_sided
+from forcectl.diagrams.mechanics.assembly import Assembly, through
 from forcectl.diagrams.mechanics.environment_body import drive_surface
 from forcectl.diagrams.mechanics.site import Site
-from forcectl.diagrams.mechanics.station_surface import add_surface, is_uniform
-from forcectl.diagrams.mechanics.truth import add_contact_state
+from forcectl.diagrams.mechanics.station_surface import add_contact_state, add_surface, is_uniform
 from forcectl.diagrams.mechanics.world import add_world
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError
@@ -134,9 +132,7 @@ class MultibodyStation(Diagram):
             ("link_position", [joint.position_start() for joint in parts.joints]),
             ("link_velocity", [n_q + joint.velocity_start() for joint in parts.joints]),
         ):
-            block = builder.AddNamedSystem(name, selector(size, rows, name))
-            builder.Connect(plant.get_state_output_port(), block.get_input_port())
-            assembly.add_output(block, name)
+            assembly.offer(name, through(builder, name, _selector(size, rows, name), plant.get_state_output_port()))
         _add_drive(assembly, site)
         assembly.offer("reaction_forces", plant.get_reaction_forces_output_port())
         add_sensors(assembly, site)
@@ -146,14 +142,8 @@ class MultibodyStation(Diagram):
         assembly.finish(self)
 
 
-def selector(size: int, rows: list[int], name: str) -> Selector:
-    """A block that puts out some elements of a vector.
-
-    Args:
-        size: of the vector.
-        rows: which elements, in order.
-        name: of the output port.
-    """
+def _selector(size: int, rows: list[int], name: str) -> Selector:
+    """A block that puts out some elements of a vector, at a port of this name."""
     one = SelectorParams.OutputSelection
     output = SelectorParams.OutputPortParams(
         name=name, selections=[one(input_port_index=0, input_offset=row) for row in rows]
@@ -169,9 +159,9 @@ def _add_drive(assembly: Assembly, site: Site) -> None:
     signals, instance = assembly.signals, parts.instance
     n, elastic = workcell.num_joints, workcell.config.elastic_joints
     if elastic:
-        torque = _through(builder, "spring_torque", actuation_gain(plant, instance, parts.actuators).D().T)
-        builder.Connect(plant.get_net_actuation_output_port(instance), torque.get_input_port())
-        assembly.offer("spring_torque", torque.get_output_port())
+        ordered = _ordering(actuation_gain(plant, instance, parts.actuators).D().T)
+        torque = through(builder, "spring_torque", ordered, plant.get_net_actuation_output_port(instance))
+        assembly.offer("spring_torque", torque)
     elif drive.HasInputPort("spring_torque"):
         # Springs that stand for rigid joints are too stiff for the explicit step of the drives: no load, as in the
         # stations without dynamics.
@@ -185,9 +175,9 @@ def _add_drive(assembly: Assembly, site: Site) -> None:
             for i, name in enumerate(("motor_position", "motor_velocity")):
                 builder.Connect(signals[name], both.get_input_port(i))
             assembly.offer("motor_state", both.get_output_port())
-        springs = _through(builder, "motor_side", desired_state_gain(plant, instance, parts.actuators).D())
-        builder.Connect(signals["motor_state"], springs.get_input_port())
-        builder.Connect(springs.get_output_port(), plant.get_desired_state_input_port(instance))
+        ordered = _ordering(desired_state_gain(plant, instance, parts.actuators).D())
+        springs = through(builder, "motor_side", ordered, signals["motor_state"])
+        builder.Connect(springs, plant.get_desired_state_input_port(instance))
     else:
         raise BadInputError("must have the outputs motor_position and motor_velocity", key="drive")
     for name, link in (("motor_position", "link_position"), ("motor_velocity", "link_velocity")):
@@ -195,36 +185,32 @@ def _add_drive(assembly: Assembly, site: Site) -> None:
             assembly.offer(name, signals[link])
     if "torque_integral" not in signals and elastic:
         # Torque sensors in the joints; a block that nothing reads costs nothing.
-        mean = builder.AddNamedSystem("torque_integral", DiscreteTimeIntegrator(n, workcell.config.time_step))
-        builder.Connect(signals["spring_torque"], mean.get_input_port())
-        assembly.offer("torque_integral", mean.get_output_port())
+        integrator = DiscreteTimeIntegrator(n, workcell.config.time_step)
+        assembly.offer("torque_integral", through(builder, "torque_integral", integrator, signals["spring_torque"]))
 
 
-def _through(builder: DiagramBuilder, name: str, matrix: Vector) -> System:
+def _ordering(matrix: Vector) -> System:
     """A block with this gain, which names the order of a robot's actuators."""
-    same = matrix.shape[0] == matrix.shape[1] and np.array_equal(matrix, np.eye(len(matrix)))
-    block = PassThrough(len(matrix)) if same else MatrixGain(matrix)
-    return builder.AddNamedSystem(name, block)
+    return PassThrough(len(matrix)) if np.array_equal(matrix, np.eye(len(matrix))) else MatrixGain(matrix)
 
 
 def _connect_rigid(assembly: Assembly, site: Site) -> None:
     """Motor torque and friction of joints without springs."""
     builder, workcell, plant, parts = assembly.builder, site.workcell, site.plant, site.parts
     connect, instance = builder.Connect, parts.instance
-    motors = builder.AddNamedSystem("motors", actuation_gain(plant, instance, parts.actuators))
-    connect(assembly.signals["joint_torque"], motors.get_input_port())
-    connect(motors.get_output_port(), plant.get_actuation_input_port(instance))
+    torque = actuation_gain(plant, instance, parts.actuators)
+    motors = through(builder, "motors", torque, assembly.signals["joint_torque"])
+    connect(motors, plant.get_actuation_input_port(instance))
     rest = builder.AddNamedSystem("at_rest", ConstantVectorSource(np.zeros(2 * workcell.num_joints)))
-    sticking = builder.AddNamedSystem("sticking", desired_state_gain(plant, instance, site.friction))
-    connect(rest.get_output_port(), sticking.get_input_port())
-    connect(sticking.get_output_port(), plant.get_desired_state_input_port(instance))
+    no_motion = desired_state_gain(plant, instance, site.friction)
+    sticking = through(builder, "sticking", no_motion, rest.get_output_port())
+    connect(sticking, plant.get_desired_state_input_port(instance))
     n_q, n_v = plant.num_positions(), plant.num_velocities()
-    speeds = builder.AddNamedSystem("speeds", selector(n_q + n_v, list(range(n_q, n_q + n_v)), "velocity"))
-    true = workcell.config.drive.true_friction(workcell.robot)
-    drag = builder.AddNamedSystem("friction", FrictionRest(plant, parts.joints, true))
-    connect(plant.get_state_output_port(), speeds.get_input_port())
-    connect(speeds.get_output_port(), drag.GetInputPort("velocity"))
-    connect(drag.GetOutputPort("generalized_force"), plant.get_applied_generalized_force_input_port())
+    every = _selector(n_q + n_v, list(range(n_q, n_q + n_v)), "velocity")
+    speeds = through(builder, "speeds", every, plant.get_state_output_port())
+    friction = FrictionRest(plant, parts.joints, workcell.config.drive.true_friction(workcell.robot))
+    drag = through(builder, "friction", friction, speeds)
+    connect(drag, plant.get_applied_generalized_force_input_port())
 
 
 def _add_surfaces(assembly: Assembly, site: Site) -> OutputPort | None:
@@ -251,9 +237,8 @@ def _add_surfaces(assembly: Assembly, site: Site) -> OutputPort | None:
         else:
             forces[i] = _add_own_surface(assembly, workcell, contact)
         tip = TipDisplacement(contact.robot, contact.n, workcell.motor_start, period=None)
-        tip = builder.AddNamedSystem("_".join(filter(None, ("tip_displacement", label))), tip)
-        builder.Connect(signals["motor_position"], tip.GetInputPort("motor_position"))
-        displacements.append(tip.GetOutputPort("displacement"))
+        name = "_".join(filter(None, ("tip_displacement", label)))
+        displacements.append(through(builder, name, tip, signals["motor_position"]))
     if not workcell.contacts:
         return None
     assembly.offer("contact_displacement", stacked(builder, "contact_displacements", displacements))
@@ -276,12 +261,11 @@ def _add_own_surface(assembly: Assembly, workcell: Workcell, contact: Contact) -
     """A surface of a class of one's own: its force from the displacement of the links."""
     builder = assembly.builder
     place = TipDisplacement(contact.robot, contact.n, workcell.start, period=None)
-    place = builder.AddNamedSystem(f"place_on_{contact.name}", place)
-    builder.Connect(assembly.signals["link_position"], place.GetInputPort("motor_position"))
+    displacement = through(builder, f"place_on_{contact.name}", place, assembly.signals["link_position"])
     inner = DiagramBuilder()
     own = contact.add_to(inner, workcell.config.time_step, robot_compliance=0.0)
     surface = builder.AddNamedSystem(f"surface_{contact.name}", Enclosed(inner, own))
-    builder.Connect(place.GetOutputPort("displacement"), surface.GetInputPort("displacement"))
+    builder.Connect(displacement, surface.GetInputPort("displacement"))
     return surface.GetOutputPort("contact_force")
 
 
@@ -293,9 +277,7 @@ def _own_wrenches(builder: DiagramBuilder, workcell: Workcell, forces: dict[int,
     for column, i in enumerate(forces):
         row = 6 * arms.index(workcell.contacts[i].arm) + 3
         gain[row : row + 3, column] = workcell.contacts[i].n
-    block = builder.AddNamedSystem("contact_wrench", MatrixGain(gain))
-    builder.Connect(stacked(builder, "own_forces", list(forces.values())), block.get_input_port())
-    return block.get_output_port()
+    return through(builder, "contact_wrench", MatrixGain(gain), stacked(builder, "own_forces", list(forces.values())))
 
 
 def _add_loads(assembly: Assembly, site: Site, own: OutputPort | None) -> None:

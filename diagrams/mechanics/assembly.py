@@ -2,18 +2,34 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
-
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, PortDataType, System
 
 from forcectl.conventions import TRUTH
 from forcectl.diagrams.mechanics.site import STATION_SIGNALS
 from forcectl.errors import BadInputError
+from forcectl.framework.wiring import input_names, output_names
 
 # What comes from outside of a station.
 STATION_INPUTS = ("joint_position_command", "joint_velocity_command", "joint_torque_feedforward", "external_wrench")
 # What only its parts need.
 _INTERNAL = ("motor_state", "spring_torque", "torque_integral", "joint_torque", "displacement", "reaction_forces")
+
+
+def through(builder: DiagramBuilder, name: str, block: System, source: OutputPort) -> OutputPort:
+    """Add a block behind a port.
+
+    Args:
+        builder: of the station.
+        name: of the block.
+        block: with one input and one output.
+        source: what the block reads.
+
+    Returns:
+        its output.
+    """
+    builder.AddNamedSystem(name, block)
+    builder.Connect(source, block.get_input_port(0))
+    return block.get_output_port(0)
 
 
 class Assembly:
@@ -49,7 +65,7 @@ class Assembly:
         Args:
             system: already in the builder.
         """
-        self._take(system, {})
+        self._take(system, set(), "")
 
     def add_sensor(self, system: System, name: str) -> None:
         """Take a sensor in. What another sensor puts out already has the name of this one in front.
@@ -61,40 +77,21 @@ class Assembly:
         block = system.get_name()
         if sum(each.get_name() == block for each in self.builder.GetSystems()) > 1:
             system.set_name(f"{name}_{block}")
-        ports = map(system.get_output_port, range(system.num_output_ports()))
-        self._take(system, {each: f"{name}_{each}" for each in {port.get_name() for port in ports} & self._sensed})
-        self._sensed |= {port.get_name() for port in map(system.get_output_port, range(system.num_output_ports()))}
+        self._take(system, self._sensed, f"{name}_")
+        self._sensed |= set(output_names(system))
 
-    def _take(self, system: System, renamed: Mapping[str, str]) -> None:
-        for port in map(system.get_input_port, range(system.num_input_ports())):
-            self._open.append((port.get_name(), port, system))
-        for port in map(system.get_output_port, range(system.num_output_ports())):
-            name = port.get_name()
-            if name not in renamed or name not in TRUTH:  # a truth that is known already is the same
-                self.offer(renamed.get(name, name), port)
-
-    def add_output(self, system: System, name: str) -> None:
-        """Offer the output of a block that is connected already.
-
-        Args:
-            system: with one output.
-            name: of the signal.
-        """
-        self.offer(name, system.get_output_port())
+    def _take(self, system: System, known: set[str], prefix: str) -> None:
+        for name in input_names(system):
+            self._open.append((name, system.GetInputPort(name), system))
+        for name in output_names(system):
+            if name not in known:
+                self.offer(name, system.GetOutputPort(name))
+            elif name not in TRUTH:  # a truth that is known already is the same
+                self.offer(prefix + name, system.GetOutputPort(name))
 
     def want(self, name: str, port: InputPort) -> None:
         """Connect an input of the station's own to the signal of that name when everything is there."""
         self._open.append((name, port, port.get_system()))
-
-    def connect_known(self) -> None:
-        """Connect the open inputs whose signals are there."""
-        rest = []
-        for name, port, system in self._open:
-            if name in self.signals:
-                self.builder.Connect(self.signals[name], port)
-            else:
-                rest.append((name, port, system))
-        self._open = rest
 
     def finish(self, station: Diagram) -> None:
         """Connect what is open, export what comes from outside and what is put out, and build.
@@ -102,16 +99,16 @@ class Assembly:
         Raises:
             BadInputError: an input that nothing is connected to.
         """
-        self.connect_known()
         exported: dict[str, object] = {}
-        for name in STATION_INPUTS:
-            for port in (port for wanted, port, _ in self._open if wanted == name):
-                if name in exported:
-                    self.builder.ConnectInput(exported[name], port)
-                else:
-                    exported[name] = self.builder.ExportInput(port, name)
-        for name, _, system in self._open:
-            if name not in STATION_INPUTS:
+        places = {name: i for i, name in enumerate(STATION_INPUTS)}
+        for name, port, system in sorted(self._open, key=lambda each: places.get(each[0], -1)):
+            if name in self.signals:
+                self.builder.Connect(self.signals[name], port)
+            elif name in exported:
+                self.builder.ConnectInput(exported[name], port)
+            elif name in places:
+                exported[name] = self.builder.ExportInput(port, name)
+            else:
                 known = ", ".join(sorted({*STATION_SIGNALS, *self.signals}))
                 raise BadInputError(f"{system.get_name()!r} wants {name}: must be a signal of this station: {known}")
         for name, port in self.signals.items():

@@ -54,7 +54,7 @@ def add_environment(plant: MultibodyPlant, workcell: Workcell, contact: Contact)
         BadInputError: stiffer than the compliance that the model of contact has of its own.
     """
     config, n = contact.environment, contact.n
-    tip = contact.robot.pose(contact.start_context()).translation()
+    tip = contact.robot.pose(contact.robot.context_at(contact.start)).translation()
     parser = Parser(plant)
     parser.SetAutoRenaming(True)  # one for each surface
     add_packages(parser.package_map())

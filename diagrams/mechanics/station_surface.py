@@ -9,14 +9,18 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 
+import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort, System
-from pydrake.systems.primitives import Adder, Gain
+from pydrake.systems.primitives import Adder, Gain, Saturation
 
+from forcectl.diagrams.mechanics.assembly import through
 from forcectl.diagrams.workcell import Contact, Vector, Workcell
 from forcectl.framework.wiring import affine, output_names
 from forcectl.plant.contact.surface import SurfaceHeight, SurfaceProfile
 from forcectl.plant.contact.surface_materials import SurfaceMaterial
 from forcectl.plant.tip_kinematics import TipDisplacement
+
+CONTACT_FORCE = 1e-9  # [N] from here on it is contact and not rounding
 
 
 def surface_profile(contact: Contact) -> SurfaceProfile:
@@ -52,12 +56,11 @@ def add_surface(
     surface = contact.environment.surface
     d = surface.direction_across(contact.n)
     if workcell.config.fidelity.constant_jacobian:
-        row = (d @ contact.robot.jacobian(contact.start_context())[3:]).reshape(1, -1)
-        path = builder.AddNamedSystem("path_position", affine(row, -row @ start))
+        row = (d @ contact.robot.jacobian(contact.robot.context_at(contact.start))[3:]).reshape(1, -1)
+        place: System = affine(row, -row @ start)
     else:
-        tangent = TipDisplacement(contact.robot, d, start, period=workcell.posture_period)
-        path = builder.AddNamedSystem("path_position", tangent)
-    builder.Connect(joint_position, path.get_input_port(0))
+        place = TipDisplacement(contact.robot, d, start, period=workcell.posture_period)
+    path = through(builder, "path_position", place, joint_position)
     blocks: list[System] = []
     if not surface.flat:
         blocks.append(builder.AddNamedSystem("surface_height", SurfaceHeight(surface_profile(contact))))
@@ -66,7 +69,7 @@ def add_surface(
         blocks.append(builder.AddNamedSystem("surface_material", material))
     found = {}
     for block in blocks:
-        builder.Connect(path.get_output_port(0), block.GetInputPort("path_position"))
+        builder.Connect(path, block.GetInputPort("path_position"))
         for name in sorted(output_names(block)):
             found[name] = block.GetOutputPort(name)
     return found
@@ -81,9 +84,17 @@ def connect_material(builder: DiagramBuilder, surface: Mapping[str, OutputPort],
 
 def add_depth(builder: DiagramBuilder, displacement: OutputPort, height: OutputPort) -> OutputPort:
     """dx - h, shape (1,) [m]."""
-    negative = builder.AddNamedSystem("negative_height", Gain(-1.0, 1))
-    depth = builder.AddNamedSystem("depth", Adder(2, 1))
-    builder.Connect(height, negative.get_input_port())
-    builder.Connect(displacement, depth.get_input_port(0))
-    builder.Connect(negative.get_output_port(), depth.get_input_port(1))
-    return depth.get_output_port()
+    negative = through(builder, "negative_height", Gain(-1.0, 1), height)
+    depth = through(builder, "depth", Adder(2, 1), displacement)
+    builder.Connect(negative, depth.get_system().get_input_port(1))
+    return depth
+
+
+def add_contact_state(builder: DiagramBuilder, force: OutputPort) -> OutputPort:
+    """1 while there is contact, else 0: the force in units of `CONTACT_FORCE`, limited to 1.
+
+    Two C++ primitives, because every run logs it; `forcectl.plant.contact.contact_monitor` turns losses into events.
+    """
+    count = force.size()
+    scaled = through(builder, "contact_scale", Gain(1 / CONTACT_FORCE, count), force)
+    return through(builder, "contact_state", Saturation(np.zeros(count), np.ones(count)), scaled)

@@ -33,7 +33,7 @@ from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.plant.contact.obstacle import LARGEST_STIFFNESS, ObstacleConfig
 from forcectl.plant.drives.joint_friction import COULOMB_STEEPNESS, add_coulomb_friction
-from forcectl.robot.model import RobotParts, add_robot
+from forcectl.robot.parts import RobotParts, add_robot
 
 Vector = NDArray[np.float64]
 _OBSTACLE = Rgba(0.75, 0.6, 0.42, 1.0)
@@ -55,7 +55,7 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
     config = workcell.config
     solid = bool(workcell.obstacles) or config.self_collision
     scene_graph: SceneGraph | None = None
-    if solid or _touched(workcell):
+    if solid or any(contact.surface is not None for contact in workcell.contacts):
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, config.time_step)
     else:
         # Without geometry there is nothing to look for.
@@ -93,10 +93,6 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
     return Site(workcell, seed, plant, scene_graph, parts, friction, tuple(mountings))
 
 
-def _touched(workcell: Workcell) -> bool:
-    return any(contact.surface is not None for contact in workcell.contacts)
-
-
 def _add_ball(plant: MultibodyPlant, parts: RobotParts, contact: Contact) -> GeometryId:
     """The ball of the tool as what touches a surface, with the TCP as its outermost point.
 
@@ -106,7 +102,7 @@ def _add_ball(plant: MultibodyPlant, parts: RobotParts, contact: Contact) -> Geo
     parameters = parts.tool_parameters
     radius = max(parameters.contact_ball_radius if parameters else 0.0, _SHARPEST)
     tcp = parts.arms[contact.arm].tcp_frame
-    R_TW = contact.robot.pose(contact.start_context()).rotation().inverse()
+    R_TW = contact.robot.pose(contact.robot.context_at(contact.start)).rotation().inverse()
     return plant.RegisterCollisionGeometry(
         tcp.body(),
         tcp.GetFixedPoseInBodyFrame() @ RigidTransform(radius * (R_TW @ contact.n)),

@@ -19,6 +19,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
+from forcectl.analysis.motion_metrics import FORCE_METRICS
 from forcectl.diagrams.model import Setting
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
@@ -48,10 +49,9 @@ class ForceAnalysis(Config):
         result: dict[str, float | None] = {}
         arms = setting.truth.known_robot().parts.arms
         each = {name: self._arm(log, setting.truth, i, arm.joints) for i, (name, arm) in enumerate(arms.items())}
-        for metric in next(iter(each.values())):
+        for metric in FORCE_METRICS:
             values = [value for one in each.values() if (value := one[metric]) is not None]
-            total = sum(values) if metric == "static_loads" else max(values, default=None)
-            result[metric] = total
+            result[metric] = sum(values) if metric == "static_loads" else max(values, default=None)
         if len(each) > 1:
             result |= {f"{name}.{metric}": value for name, one in each.items() for metric, value in one.items()}
         return result
@@ -69,8 +69,8 @@ class ForceAnalysis(Config):
         tau, tau_hat = (log[name].values[:, joints] for name in ("external_torque", "estimated_torque"))
         touching = log["arm_contact_force"].values[:, i] > _LEAST
         judged = time >= self.begin - 1e-9
-        error = np.linalg.norm(estimate[:, 3:] - true[:, 3:], axis=1)
-        size, shown = np.linalg.norm(true[:, 3:], axis=1), np.linalg.norm(estimate[:, 3:], axis=1)
+        force, force_error = true[:, 3:], estimate[:, 3:] - true[:, 3:]
+        error, size, shown = (np.linalg.norm(part, axis=1) for part in (force_error, force, estimate[:, 3:]))
 
         loaded = np.abs(applied).max(axis=1) > _LEAST
         constant = loaded & np.concatenate([[False], (np.diff(applied, axis=0) == 0).all(axis=1)])
@@ -82,29 +82,22 @@ class ForceAnalysis(Config):
             for s in held:
                 last = slice(part.start + s.start, part.start + s.stop)
                 static.append(slice(int(np.searchsorted(time, time[last][-1] - self.average + 1e-9)), last.stop))
-        means = [(estimate[s, 3:].mean(axis=0), true[s, 3:].mean(axis=0)) for s in static]
+        means = [(estimate[s, 3:].mean(axis=0), force[s].mean(axis=0)) for s in static]
         distance = [float(np.linalg.norm(one - two)) for one, two in means]
-        relative = [
-            100 * d / float(np.linalg.norm(two)) for d, (_, two) in zip(distance, means, strict=True) if two.any()
-        ]
+        lengths = [float(np.linalg.norm(two)) for _, two in means]
+        relative = [100 * d / length for d, length in zip(distance, lengths, strict=True) if length > 0]
         coulomb = truth.friction.coulomb[joints]
         share = [np.abs(tau_hat[s].mean(axis=0) - tau[s].mean(axis=0)) / coulomb for s in static if coulomb.all()]
 
         extended = [slice(s.start, int(np.searchsorted(time, time[s][-1] + self.settle))) for s in pushes]
         peaks = [float(100 * abs(shown[s].max() / size[s].max() - 1)) for s in extended if size[s].any()]
 
-        contact = []
-        for s in stretches(touching & judged):
-            later = slice(int(np.searchsorted(time, time[s][0] + _CONTACT_BEGINS)), s.stop)
-            if later.stop > later.start:
-                contact.append(later)
+        touched = stretches(touching & judged)
+        begun = [(int(np.searchsorted(time, time[s][0] + _CONTACT_BEGINS)), s.stop) for s in touched]
+        contact = [slice(start, stop) for start, stop in begun if stop > start]
         contact_error = [float(np.sqrt(np.mean(error[s] ** 2))) for s in contact]
-        contact_mean = [
-            100
-            * float(np.linalg.norm((estimate - true)[s, 3:].mean(axis=0)) / np.linalg.norm(true[s, 3:].mean(axis=0)))
-            for s in contact
-            if true[s, 3:].any()
-        ]
+        pairs = [(force_error[s].mean(axis=0), force[s].mean(axis=0)) for s in contact if force[s].any()]
+        contact_mean = [100 * float(np.linalg.norm(one) / np.linalg.norm(two)) for one, two in pairs]
 
         speed = np.abs(log["joint_velocity"].values[:, joints]) / truth.known_robot().limits.velocity[joints]
         nothing = ~self._lately(time, loaded | touching | (np.abs(true).max(axis=1) > _LEAST)) & judged
@@ -113,7 +106,6 @@ class ForceAnalysis(Config):
         def most(values: Array, where: Mask) -> float | None:
             return float(values[where].max()) if where.any() else None
 
-        worst_torque = np.abs(tau_hat).max(axis=1)
         return {
             "static_loads": float(len(static)),
             "static_force_error_N": max(distance, default=None),
@@ -124,7 +116,7 @@ class ForceAnalysis(Config):
             "contact_mean_error_pct": max(contact_mean, default=None),
             "quiet_force_N": most(shown, nothing & ~fast),
             "fast_force_N": most(shown, nothing & fast),
-            "fast_torque_Nm": most(worst_torque, nothing & fast),
+            "fast_torque_Nm": most(np.abs(tau_hat).max(axis=1), nothing & fast),
         }
 
     def _lately(self, time: Array, here: Mask) -> Mask:

@@ -24,8 +24,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.analysis.motion_metrics import MOTION_METRICS as MOTION_LOOP_METRICS
-from forcectl.analysis.motion_metrics import is_motion_metric
+from forcectl.analysis import motion_metrics as of_motion_loops
 
 Signal = NDArray[np.float64]
 
@@ -87,20 +86,15 @@ _MOTION_BAND = 0.02  # of the reference
 _SETTLED_SHARE = 0.1  # of the step, over which the steady state is averaged
 
 
-def metric_names() -> list[str]:
-    """Names of all metrics of a force loop."""
-    return list(METRICS)
-
-
 def is_metric(name: str) -> bool:
     """Whether `name` is a metric, also of one step out of several (`step_2.overshoot_N`)."""
     one = re.fullmatch(r"step_[1-9]\d*\.(\w+)", name)
-    return one.group(1) in STEP_METRICS if one else name in METRICS or is_motion_metric(name)
+    return one.group(1) in STEP_METRICS if one else name in METRICS or of_motion_loops.is_motion_metric(name)
 
 
 def metric_unit(name: str) -> str:
     """Unit of a metric; "" of one of the user's."""
-    return (METRICS | MOTION_LOOP_METRICS).get(name.rpartition(".")[2], ("", ""))[0]
+    return (METRICS | of_motion_loops.MOTION_METRICS).get(name.rpartition(".")[2], ("", ""))[0]
 
 
 @dataclass(frozen=True)
@@ -163,7 +157,7 @@ def time_to_share(time: Signal, force: Signal, step: Step, share: float) -> floa
 def rise_time(time: Signal, force: Signal, step: Step) -> float | None:
     """Time [s] from 10 % to 90 % of the step."""
     low, high = time_to_share(time, force, step, 0.1), time_to_share(time, force, step, 0.9)
-    return high - low if low is not None and high is not None else None
+    return None if low is None or high is None else high - low
 
 
 def settling_time(time: Signal, force: Signal, step: Step, band: float) -> float | None:
@@ -174,12 +168,6 @@ def settling_time(time: Signal, force: Signal, step: Step, band: float) -> float
         return 0.0
     last = int(outside[-1])
     return float(time[step.first + last] - step.time) if step.first + last < step.end - 1 else None
-
-
-def steady_state_error(force: Signal, step: Step) -> float:
-    """Mean of target minus force [N] over the last tenth of the step."""
-    first = step.end - max(1, round(_SETTLED_SHARE * (step.end - step.first)))
-    return float(np.mean(step.target - force[first : step.end]))
 
 
 def largest_drop(force: Signal, step: Step) -> float | None:
@@ -209,12 +197,9 @@ def model_response(time: Signal, desired: Signal, bandwidth: float, initial: flo
         initial: F_M at the first sample [N].
     """
     decay = np.exp(-bandwidth * np.diff(time))
-    response = np.empty_like(desired)
-    value = initial
-    for k in range(len(desired)):
-        response[k] = value
-        if k < len(decay):
-            value = desired[k] + (value - desired[k]) * decay[k]
+    response = np.full_like(desired, initial)
+    for k, share in enumerate(decay):
+        response[k + 1] = desired[k] + (response[k] - desired[k]) * share
     return response
 
 
@@ -240,6 +225,7 @@ def step_metrics(
         window: T_w [s].
     """
     beyond = overshoot(force, step)
+    settled = slice(step.end - max(1, round(_SETTLED_SHARE * (step.end - step.first))), step.end)
     result: dict[str, float | None] = dict.fromkeys(STEP_METRICS)
     result |= {
         "overshoot_N": beyond,
@@ -248,7 +234,7 @@ def step_metrics(
         "time_to_90pct_s": time_to_share(time, force, step, 0.9),
         "settling_time_5pct_s": settling_time(time, force, step, 0.05),
         "settling_time_2pct_s": settling_time(time, force, step, 0.02),
-        "steady_state_error_N": steady_state_error(force, step),
+        "steady_state_error_N": float(np.mean(step.target - force[settled])),
         "largest_drop_N": largest_drop(force, step),
         "touches_2pct": float(touches(force, step, 0.02)),
     }
@@ -265,16 +251,9 @@ def step_metrics(
             "model_error_sd_N": sd,
             "model_error_window_s": used,
         }
-        reached = [time_to_share(time, signal, step, 0.05) for signal in (force, model)]
-        if reached[0] is not None and reached[1] is not None:
-            result["lag_behind_model_5pct_s"] = reached[0] - reached[1]
+        ours, wanted = time_to_share(time, force, step, 0.05), time_to_share(time, model, step, 0.05)
+        result["lag_behind_model_5pct_s"] = None if ours is None or wanted is None else ours - wanted
     return result
-
-
-def longest_stretch(time: Signal, inside: NDArray[np.bool_]) -> float:
-    """Longest time [s] from one sample that is true to the next that is, or to an end of the signal."""
-    ends = np.concatenate([time[:1], time[inside], time[-1:]])
-    return float(np.diff(ends).max())
 
 
 def motion_metrics(
@@ -299,13 +278,15 @@ def motion_metrics(
     within, moving = np.abs(error) <= _MOTION_BAND * np.abs(desired), slice(first, last)
     highest = first + int(np.argmax(error[moving]))
     back = np.flatnonzero(within[highest:])
+    # An excursion ends at the next sample within the band, or with the motion.
+    ends = np.concatenate([time[[first]], time[moving][within[moving]], time[[last - 1]]])
     return result | {
         "mean_force_in_motion_N": float(np.mean(force[moving])),
         "peak_in_motion_N": max(0.0, float(error[highest])),
         "time_of_peak_in_motion_s": float(time[highest] - begin),
         "recovery_time_2pct_s": float(time[highest + back[0]] - time[highest]) if back.size else None,
         "dip_in_motion_N": max(0.0, float(-error[moving].min())),
-        "longest_excursion_2pct_s": longest_stretch(time[moving], within[moving]),
+        "longest_excursion_2pct_s": float(np.diff(ends).max()),
     }
 
 
@@ -329,11 +310,6 @@ def tuning_metrics(time: Signal, signals: Mapping[str, Signal]) -> dict[str, flo
             result["hand_over_time_s"] = float(time[tick + 1])
             result["hand_over_jump_m"] = abs(float(command[tick + 1] - command[tick]))
     return result
-
-
-def control_effort(command: Signal) -> float:
-    """Path length [m] of the displacement command: the sum of its absolute changes."""
-    return float(np.sum(np.abs(np.diff(command))))
 
 
 def force_distance(time: Signal, force: Signal, other: Signal, step: Step, share: float) -> float | None:
@@ -369,7 +345,7 @@ def metrics_of(
     """
     found = {name: np.asarray(signals[name], dtype=float) for name in (*_ALWAYS, *_SOMETIMES) if name in signals}
     time, desired, force, contact = (found[n] for n in _ALWAYS)
-    model = found.get("model_force")
+    model, violation, command = map(found.get, ("model_force", "constraint_violation", "displacement_command"))
     steps = [step_metrics(time, force, s, model, window) for s in find_steps(time, desired, float(contact[0]))]
     result: dict[str, float | None] = dict(steps[-1]) if steps else dict.fromkeys(STEP_METRICS)
     if len(steps) > 1:
@@ -377,16 +353,14 @@ def metrics_of(
     result |= dict.fromkeys(MOTION_METRICS)
     if motion is not None:
         result |= motion_metrics(time, desired, force, *motion, float(contact[0]))
-    violation = found.get("constraint_violation")
     in_contact = found["contact_state"] > 0.5 if "contact_state" in found else contact > 0
-    command = found.get("displacement_command")
     result |= tuning_metrics(time, found)
     result |= {
         "peak_force_N": float(contact.max()),
         "contact_loss_s": contact_loss(time, in_contact),
         "run_model_error_sd_N": float(np.std(force - model)) if model is not None else None,
         "run_max_abs_model_error_N": float(np.abs(force - model).max()) if model is not None else None,
-        "control_effort_m": control_effort(command) if command is not None else None,
+        "control_effort_m": float(np.sum(np.abs(np.diff(command)))) if command is not None else None,
         "constraint_violations": float(np.count_nonzero(violation > 0)) if violation is not None else None,
         "largest_constraint_violation": float(violation.max()) if violation is not None else None,
         "realtime_factor": realtime_factor,

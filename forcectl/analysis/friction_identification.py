@@ -2,26 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import Any
 
 import numpy as np
 import yaml
+from matplotlib.axes import Axes
+from matplotlib.figure import Figure
 
 from forcectl.diagrams.model import FRICTION_KEYS, Setting
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, invalid
+from forcectl.figures.force import frame
 from forcectl.figures.motion import one_variant
 from forcectl.framework.fields import Config, key
-from forcectl.plant.drives.joint_friction import JointFriction, friction_torque
-from forcectl.tuning.friction_identification import (
-    FrictionFit,
-    draw_friction,
-    friction_samples,
-    identify_friction,
-)
-
-if TYPE_CHECKING:
-    from matplotlib.figure import Figure
+from forcectl.plant.drives.joint_friction import JointFriction, friction_threshold, friction_torque
+from forcectl.tuning.friction_identification import FrictionFit, friction_samples, identify_friction
 
 _COLUMNS = 2
 _GRID = 201  # speeds at which curves are compared
@@ -37,30 +33,21 @@ class FrictionAnalysis(Config):
     slowest: float = key(0.05, "slower ticks are left out", unit="rad/s", bounds="not negative")
     begin: float = key(0.0, "earlier ticks are left out", unit="s", bounds="not negative")
 
-    def fit(self, log: Any, setting: Setting) -> FrictionFit:
-        """What the readings of one variant say.
-
-        Raises:
-            BadInputError: they do not excite a joint.
-        """
+    def _identified(self, log: Any, setting: Setting) -> FrictionFit | None:
+        """What the readings of one variant say; None where they do not excite a joint."""
         late = log.isel(time=log["time"].values >= self.begin)
         readings = (late[name].values for name in ("time", "joint_position", "joint_velocity", "motor_torque"))
-        samples = friction_samples(
-            setting.model.momentum_model(), *readings, velocity_bandwidth=setting.model.velocity_bandwidth
-        )
-        return identify_friction(*samples, slowest=self.slowest)
+        model, bandwidth = setting.model.momentum_model(), setting.model.velocity_bandwidth
+        try:
+            samples = friction_samples(model, *readings, velocity_bandwidth=bandwidth)
+            return identify_friction(*samples, slowest=self.slowest)
+        except BadInputError:
+            return None
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """`friction_...` of `ANALYSIS_METRICS`, and of every joint its numbers; none when it cannot be identified."""
-        try:
-            fit = self.fit(log, setting)
-        except BadInputError:
-            return {}
-        return friction_metrics(
-            fit,
-            setting.truth.friction,
-            [str(name) for name in log["joint"].values],
-        )
+        fit = self._identified(log, setting)
+        return friction_metrics(fit, setting.truth.friction, [str(name) for name in log["joint"].values]) if fit else {}
 
     def files(self, log: Any, setting: Setting) -> dict[str, str]:
         """`friction.yaml`, for the key `friction` of a scenario's part `model`; none when it cannot be identified.
@@ -69,25 +56,23 @@ class FrictionAnalysis(Config):
             log: of one variant.
             setting: of the run.
         """
-        try:
-            found = self.fit(log, setting).friction
-        except BadInputError:
+        fit = self._identified(log, setting)
+        if fit is None:
             return {}
         names = {"joints": [str(name) for name in log["joint"].values]}
-        values = {key: getattr(found, key).tolist() for key in FRICTION_KEYS}
+        values = {key: getattr(fit.friction, key).tolist() for key in FRICTION_KEYS}
         return {"friction.yaml": yaml.safe_dump(names | values, sort_keys=False, default_flow_style=None)}
 
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
         """One figure per arm with the joints side by side; of the first variant."""
         # Beside variants of another robot the joints come in another order.
         one = one_variant(log).sel(joint=setting.workcell.robot.parameters.arm_joints)
-        try:
-            fit = self.fit(one, setting)
-        except BadInputError:
+        fit = self._identified(one, setting)
+        if fit is None:
             return {}
-        joints = [str(name) for name in one["joint"].values]
+        joints = {str(name): k for k, name in enumerate(one["joint"].values)}
         return {
-            f"friction_{name}": _figure(fit, joints, range(arm.joints.start, arm.joints.stop), f"{title}: {name}")
+            f"friction_{name}": friction_figure(fit, dict(list(joints.items())[arm.joints]), f"{title}: {name}")
             for name, arm in setting.truth.known_robot().parts.arms.items()
         }
 
@@ -120,15 +105,23 @@ def friction_metrics(fit: FrictionFit, true: JointFriction, joints: list[str]) -
     return worst | {name: value if np.isfinite(value) else None for name, value in each.items()}
 
 
-def _figure(fit: FrictionFit, joints: list[str], mine: range, title: str) -> Figure:
-    from matplotlib.figure import Figure
+def friction_figure(fit: FrictionFit, joints: Mapping[str, int], title: str = "") -> Figure:
+    """Friction torque of joints over their speed, as in Fig. 5.2: model, threshold and the ticks of the run.
 
-    count = -(-len(mine) // _COLUMNS)
+    Args:
+        fit: of the joints.
+        joints: heading and index of each, from 0.
+        title: heading.
+    """
+    for k in joints.values():
+        if not 0 <= k < fit.friction.size:
+            raise invalid("joint", k, f"from 0 to {fit.friction.size - 1}")
+    count = -(-len(joints) // _COLUMNS)
     figure = Figure(figsize=(9.0, 0.8 + 2.3 * count), layout="constrained")
     grid = figure.subplots(count, _COLUMNS, squeeze=False).ravel()
-    for axes, k in zip(grid, mine, strict=False):
-        draw_friction(axes, fit, k, joints[k])
-    for axes in grid[len(mine) :]:
+    for axes, (name, k) in zip(grid, joints.items(), strict=False):
+        _draw(axes, fit, k, name)
+    for axes in grid[len(joints) :]:
         axes.set_axis_off()
     handles, labels = grid[0].get_legend_handles_labels()
     figure.legend(handles, labels, loc="outside upper right", ncol=3, frameon=False, fontsize=9)
@@ -136,3 +129,18 @@ def _figure(fit: FrictionFit, joints: list[str], mine: range, title: str) -> Fig
     figure.supxlabel("joint speed [rad/s]", fontsize=10)
     figure.supylabel("friction torque [Nm]", fontsize=10)
     return figure
+
+
+def _draw(axes: Axes, fit: FrictionFit, joint: int, title: str) -> None:
+    fastest = max(float(np.max(np.abs(fit.speed[:, joint]))), 1e-3)
+    # Closer together where the curve is steep.
+    side = fastest * np.linspace(0.0, 1.0, 400) ** 3
+    speed = np.concatenate([-side[:0:-1], side])
+    model = friction_torque(speed[:, None] * np.ones(fit.friction.size), fit.friction)[:, joint]
+    band = friction_threshold(speed, fit.move[joint], fit.still[joint])
+    axes.fill_between(speed, model - band, model + band, color="#c8c8c8", lw=0, label="threshold", zorder=1)
+    axes.plot(fit.speed[:, joint], fit.torque[:, joint], ".", color="black", ms=2.5, label="recorded", zorder=2)
+    axes.plot(speed, model, color="#d62728", lw=1.8, label="friction model", zorder=3)
+    axes.set_title(title, loc="left", fontsize=11, parse_math=False)
+    axes.set_xlim(-fastest, fastest)
+    frame(axes)

@@ -68,16 +68,15 @@ class ReachAnalysis(Config):
 
         if not self._whole_poses(log, setting.truth):
             return {}
-        several = "variant" in log.dims
-        names = [str(name) for name in log["variant"].values] if several else [""]
-        runs = {name: log.sel(variant=name).dropna("time", how="all") if several else log for name in names}
+        if "variant" in log.dims:
+            runs = {str(name): log.sel(variant=name).dropna("time", how="all") for name in log["variant"].values}
+        else:
+            runs = {"": log}
         found = {name: self._along(run, setting.truth) for name, run in runs.items()}
-        first = names[0]
+        first, limits = next(iter(runs)), setting.truth.known_robot().limits
         figures = {"reaching": reach_figure(runs[first], found[first][0], self.every, title)}
-        if several:
-            figures["null_space"] = null_space_figure(
-                runs, found, setting.truth.known_robot().limits, self.every, title
-            )
+        if "variant" in log.dims:
+            figures["null_space"] = null_space_figure(runs, found, limits, self.every, title)
         return figures
 
     def _whole_poses(self, log: Any, truth: PlantModel) -> bool:

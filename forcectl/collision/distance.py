@@ -16,7 +16,7 @@ through b, fixed on B, has the core behind it, so to leave the term out errs to 
 
 from __future__ import annotations
 
-from typing import Any, Protocol
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
@@ -25,6 +25,7 @@ from forcectl.collision.pairs import NearBalls, PairTable, speed_left
 from forcectl.collision.shapes import RobotShapes
 from forcectl.framework.batch import check, check_count
 from forcectl.robot.joint_tree import TreeState, cross
+from forcectl.robot.robot_motion import RobotMotion
 
 Array = NDArray[np.float64]
 Indices = NDArray[np.intp]
@@ -40,20 +41,13 @@ _LEAST_GAP = 1e-3  # [m], where the curvature of a core is not trusted any more
 _NEAR = 40  # pairs of a group and a core whose balls are looked at
 
 
-class Posture(Protocol):
-    """What a motion has to offer here: joint positions and speeds, (n,) [rad, rad/s]."""
-
-    q: Array
-    v: Array
-
-
 class LinkDistance:
     """Pairs of shapes keep a distance: a constraint, see `forcectl.tasks.constraints.base.Constraint`.
 
     ::
 
         shapes = RobotShapes.load("yumi", "yumi_gripper")
-        constraints = [LinkDistance(shapes), LinkDistance(shapes.against([Obstacle(Sphere(0.1), X_WO)], ["left"]))]
+        constraints = [LinkDistance(shapes), LinkDistance(shapes.against([Obstacle(Sphere(0.1), X_WO)]))]
 
     Every row is one of the k balls that may come least faster before braking at gamma is too late, not of the k nearest
     ones: what a tick of acceleration makes urgent is among them before it is. Where the joints cannot brake that hard,
@@ -62,9 +56,7 @@ class LinkDistance:
 
     Rows are soft, for braking at gamma is not always possible to joints that turn at full speed; what a row then needs
     to stop in time, beyond the 2 gamma that constraints ask for at most, it asks for as well. With gamma = -1 two arms
-    kept the minimum in all runs of the tests, driven at random at the full speed of all joints, or straight into each
-    other or into obstacles, and in 60 reaching tasks; so they did with -2 in most. Both arms with grippers, 428 pairs
-    of a row of balls and a core, take 0.3 ms per tick (Python 3.11), companion included; bare, 134 pairs, 0.25 ms.
+    kept the minimum in all runs of the tests. Both arms with grippers take 0.3 ms per tick.
 
     Args:
         shapes: `RobotShapes.load(...)` for a robot with itself, its `against(obstacles)` for obstacles.
@@ -103,7 +95,7 @@ class LinkDistance:
         self._acceleration = _USABLE * np.where(np.isfinite(limits), limits, 20.0)
         self.companions = (_SlowDown(self, self._acceleration, self._period),)
 
-    def evaluate(self, motion: Posture) -> tuple[Array, Array, Array, Array]:
+    def evaluate(self, motion: RobotMotion) -> tuple[Array, Array, Array, Array]:
         """(y, y', row, bias) of k balls, in the order of the pairs of shapes."""
         y, rate, row, bias = self.second_derivative(motion)
         # To brake at gamma/f, where that is all the joints can, is to keep f y with gamma.
@@ -114,22 +106,19 @@ class LinkDistance:
         told = np.where(y > 0.0, f * y, np.minimum(inside - self.margin, 0.0))
         return told, rate, f[:, None] * row, f * bias + self._late(inside, rate)
 
-    def second_derivative(self, motion: Posture) -> tuple[Array, Array, Array, Array]:
+    def second_derivative(self, motion: RobotMotion) -> tuple[Array, Array, Array, Array]:
         """The same, with y'' = row u + bias as it is."""
         known: dict[object, Any] = getattr(motion, "known", {})
-        rows: tuple[Array, Array, Array, Array] | None = known.get(self)
-        if rows is None:  # the companion asks for the same
-            state = known.get(self._tree)  # and so do further distances of the robot
-            if state is None:
-                state = known[self._tree] = self._tree.at(motion.q, motion.v)
-            rows = known[self] = self._evaluate(state)
-        return rows
-
-    def _evaluate(self, state: TreeState) -> tuple[Array, Array, Array, Array]:
-        near = self._table.near(state, self._near, self._minimum, self.gamma)
-        rate = np.einsum("pbi,pbi->pb", near.normal, near.w)
-        least = speed_left(near.distance - self._minimum, rate, self.gamma)
-        return self._rows(state, near, np.sort(np.argpartition(least, self.rows - 1, axis=None)[: self.rows]))
+        if self not in known:  # the companion asks for the same
+            if self._tree not in known:  # and so do further distances of the robot
+                known[self._tree] = self._tree.at(motion.q, motion.v)
+            state = known[self._tree]
+            near = self._table.near(state, self._near, self._minimum, self.gamma)
+            rate = np.einsum("pbi,pbi->pb", near.normal, near.w)
+            least = speed_left(near.distance - self._minimum, rate, self.gamma)
+            chosen = np.sort(np.argpartition(least, self.rows - 1, axis=None)[: self.rows])
+            known[self] = self._rows(state, near, chosen)
+        return known[self]
 
     def distances(self, q: Array) -> Array:
         """Distance of each of the pairs of shapes [m], too small by up to the tolerances, in posture q (n,) [rad]."""
@@ -181,10 +170,8 @@ class _SlowDown:
 
         y + (y' s - turn s^2/2) z + y''(u = 0) s^2/2 z^2 <= 0
 
-    It binds where a row is short: a fast motion along the other shape curves into it there, with more acceleration than
-    the joints have. Rows (v/`|v|`) u <= (z^(1/2) - 1) `|v|`/Ts of the joints that move the two shapes, of the balls
-    that need it most; they give way before the distance itself does, and to be too fast is no violation: y is reported
-    as 0.
+    Rows (v/`|v|`) u <= (z^(1/2) - 1) `|v|`/Ts of the joints that move the two shapes, of the balls that need it most;
+    they give way before the distance itself does, and to be too fast is no violation: y is reported as 0.
     """
 
     relative_degree = 1
@@ -194,7 +181,7 @@ class _SlowDown:
         self._distance, self._acceleration, self._period = distance, acceleration, period
         self._count = min(_SLOWEST, distance.rows)
 
-    def evaluate(self, motion: Posture) -> tuple[float, float, Array, Array]:
+    def evaluate(self, motion: RobotMotion) -> tuple[float, float, Array, Array]:
         """(0, 0, row, bias)."""
         y, rate, row, bias = self._distance.second_derivative(motion)
         speeds, acceleration = motion.v, self._acceleration

@@ -6,13 +6,12 @@ and a core. The middle of a row, how it moves, and the slope of the distance alo
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.collision.shapes import Balls, RobotShapes, Solid, cover
+from forcectl.collision.shapes import RobotShapes, Solid, cover
 from forcectl.errors import BadInputError
 from forcectl.robot.joint_tree import TreeState
 
@@ -85,7 +84,9 @@ class PairTable:
             raise BadInputError("collision shapes: there is no pair of shapes that move against each other")
         solids = shapes.solids
         balls = [cover(solid, tolerance, box_tolerance) for solid in solids]
-        as_balls = [_covered(a, b, solids, balls) for a, b in shapes.pairs]
+        # Boxes are cores, else the solid of more balls.
+        ranks = [(solid.is_box, sum(map(len, each.rows))) for solid, each in zip(solids, balls, strict=True)]
+        as_balls = [(a, b) if ranks[a] <= ranks[b] else (b, a) for a, b in shapes.pairs]
         groups: dict[int, list[int]] = {}
         self._groups: list[tuple[Solid, Array, float]] = []
         for i in sorted({covered for covered, _ in as_balls}):
@@ -182,14 +183,4 @@ def speed_left(spare: Array, rate: Array, gamma: float) -> Array:
         rate: of the distance [m/s].
         gamma: < 0 [m/s^2].
     """
-    left: Array = np.copysign(np.sqrt(np.abs(spare) * (-2.0 * gamma)), spare) + rate
-    return left
-
-
-def _covered(a: int, b: int, solids: Sequence[Solid], balls: Sequence[Balls]) -> tuple[int, int]:
-    """Which of two solids is taken as balls, and which as the core: boxes are cores, else the one of more balls."""
-
-    def rank(i: int) -> tuple[bool, int]:
-        return solids[i].is_box, balls[i].number
-
-    return (a, b) if rank(a) <= rank(b) else (b, a)
+    return np.copysign(np.sqrt(np.abs(spare) * (-2.0 * gamma)), spare) + rate

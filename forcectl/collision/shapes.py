@@ -6,10 +6,8 @@ Each pair of shapes is made of a *core* and of *balls*::
             a capsule is the core with the box (0, 0, length/2), a sphere that with (0, 0, 0)
     balls   spheres fixed on a link that together contain the other shape, up to `tolerance` beyond its surface
 
-The distance of a ball from a core has a closed form, is convex in the place of the ball, and its gradient has no jumps
-wherever parallel shapes turn past each other. So it is found without iterations, and what holds for the distances of
-all balls holds for the shapes. Distances are too small by up to `tolerance`, or `box_tolerance` where two boxes meet:
-exact wherever a sphere meets anything.
+The distance of a ball from a core has a closed form and is convex in the place of the ball. Distances are too small by
+up to `tolerance`, or `box_tolerance` where two boxes meet: exact wherever a sphere meets anything.
 """
 
 from __future__ import annotations
@@ -28,9 +26,9 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
 from pydrake.systems.framework import DiagramBuilder
 
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, invalid
 from forcectl.robot.joint_tree import JointTree
-from forcectl.robot.model import RobotParts, add_robot
+from forcectl.robot.parts import RobotParts, add_robot
 
 Array = NDArray[np.float64]
 
@@ -82,11 +80,6 @@ class Balls(NamedTuple):
     rows: list[Array]
     radius: float
 
-    @property
-    def number(self) -> int:
-        """How many balls."""
-        return sum(map(len, self.rows))
-
 
 def cover(solid: Solid, tolerance: float, box_tolerance: float) -> Balls:
     """Balls that contain a solid and stand out of it by at most a tolerance [m], `box_tolerance` if it is a box."""
@@ -128,13 +121,11 @@ def _cover_box(half: Array, tolerance: float) -> Balls:
 class RobotShapes:
     """The collision shapes of a robot with its tools, and the pairs of them that Drake would check.
 
-    Args:
+    Attributes:
         tree: of the plant whose link a shape is on.
         parts: of the robot.
         solids: its shapes.
         pairs: of solids.
-
-    Attributes: as the arguments.
     """
 
     def __init__(self, tree: JointTree, parts: RobotParts, solids: Sequence[Solid], pairs: Sequence[tuple[int, int]]):
@@ -143,7 +134,7 @@ class RobotShapes:
         self.solids, self.pairs = tuple(solids), tuple(pairs)
 
     @classmethod
-    def load(cls, robot: str | Path, tool: str | Path | None, X_WB: RigidTransform | None = None) -> RobotShapes:
+    def load(cls, robot: str | Path, tool: str | Path | None) -> RobotShapes:
         """The shapes of what `forcectl.robot.model.add_robot` puts into a plant; joints in the order of `RobotModel`.
 
         Raises:
@@ -152,42 +143,31 @@ class RobotShapes:
         """
         builder = DiagramBuilder()
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.001)
-        parts = add_robot(plant, robot, tool, X_WB)
+        parts = add_robot(plant, robot, tool)
         plant.Finalize()
         tree, inspector = JointTree(plant, parts.joints), scene_graph.model_inspector()
-        candidates = sorted(inspector.GetCollisionCandidates(), key=_in_order)
+        candidates = sorted(inspector.GetCollisionCandidates(), key=lambda pair: [each.get_value() for each in pair])
         geometries = sorted({geometry for pair in candidates for geometry in pair}, key=GeometryId.get_value)
         solids = []
         for geometry in geometries:
             body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
-            place = tree.frames([body.body_frame()], [inspector.GetPoseInFrame(geometry)])
+            place = tree.place(body.body_frame(), inspector.GetPoseInFrame(geometry))
             name = f"{body.name()}/{inspector.GetName(geometry)}"
-            solids.append(Solid(name, int(place.link[0]), place.X_LF[0], *_core(name, inspector.GetShape(geometry))))
+            solids.append(Solid(name, *place, *_core(name, inspector.GetShape(geometry))))
         index = {geometry: i for i, geometry in enumerate(geometries)}
         pairs = [(index[a], index[b]) for a, b in candidates]
         # Two shapes of one link keep their distance whatever the joints do.
         return cls(tree, parts, solids, [(a, b) for a, b in pairs if solids[a].link != solids[b].link])
 
-    def against(self, obstacles: Iterable[Obstacle], arms: Iterable[str] | None = None) -> RobotShapes:
-        """The pairs of each obstacle with each shape that the joints of these arms move (None: of all)."""
-        chosen = self.parts.arms if arms is None else {name: self._arm(name) for name in arms}
-        joints = [i for name in chosen for i in range(*self.parts.arms[name].joints.indices(self.tree.num_joints))]
+    def against(self, obstacles: Iterable[Obstacle]) -> RobotShapes:
+        """The pairs of each obstacle with each shape that the joints move."""
+        moved = [i for i, solid in enumerate(self.solids) if self.tree.moves[solid.link].any()]
         solids, pairs = list(self.solids), []
         for obstacle in obstacles:
             core = _core(obstacle.name, obstacle.shape)
             solids.append(Solid(obstacle.name, 0, obstacle.X_WO.GetAsMatrix4(), *core))
-            moved = [i for i, s in enumerate(self.solids) if self.tree.moves[s.link, joints].any()]
             pairs += [(i, len(solids) - 1) for i in moved]
         return RobotShapes(self.tree, self.parts, solids, pairs)
-
-    def _arm(self, name: str) -> str:
-        if name not in self.parts.arms:
-            raise unknown("arm", name, self.parts.arms)
-        return name
-
-
-def _in_order(pair: tuple[GeometryId, GeometryId]) -> tuple[int, int]:
-    return pair[0].get_value(), pair[1].get_value()
 
 
 def _core(name: str, shape: Shape) -> tuple[Array, float]:

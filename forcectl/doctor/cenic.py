@@ -61,7 +61,7 @@ def _damped_instances(plant: MultibodyPlant) -> list[ModelInstanceIndex]:
 
 def _may_carry_velocity(values: StartValues, path: str, port: InputPort) -> bool:
     """Whether the velocities of a desired state (positions, then velocities) could differ from zero at some time."""
-    reader = PortAddress(path, int(port.get_index()))
+    reader = PortAddress("input", path, int(port.get_index()))
     if values.wiring.source(reader) is None:
         return False  # an open desired state switches the gains off
     if not _is_constant(values.wiring, reader):
@@ -81,8 +81,8 @@ def _is_constant(wiring: Wiring, reader: PortAddress) -> bool:
     block = wiring.systems[source.system]
     if isinstance(block, ConstantVectorSource):
         return True
-    passed = [i for i, o in wiring.feedthrough(source.system) if o == source.index]
+    passed = wiring.passed(source)
     plain = (
         type(block).__module__.startswith("pydrake.systems.primitives") and block.CreateDefaultContext().is_stateless()
     )
-    return plain and bool(passed) and all(_is_constant(wiring, PortAddress(source.system, i)) for i in passed)
+    return plain and bool(passed) and all(_is_constant(wiring, reader) for reader in passed)

@@ -13,40 +13,28 @@ from forcectl.inspect.wiring import PortAddress, Wiring, is_vector
 
 
 def _shape(wiring: Wiring, port: PortAddress) -> str:
-    drake_port = wiring.input_port(port)
-    return f"size {drake_port.size()}" if is_vector(drake_port) else "abstract"
+    return f"size {wiring.port(port).size()}" if is_vector(wiring.port(port)) else "abstract"
 
 
 def unconnected_inputs(wiring: Wiring) -> Iterator[Finding]:
     """Inputs that nothing feeds, at every level; inputs of the examined diagram itself are only noted."""
-    for level in wiring.levels:
-        for child in level.children:
-            system = wiring.systems[child]
-            free = [
-                port
-                for port in (PortAddress(child, i) for i in range(system.num_input_ports()))
-                if port not in level.connections and port not in level.exported_inputs
-            ]
-            if is_library_plant(system):
-                yield from _plant_inputs(wiring, child, free)
-                continue
-            for port in free:
-                yield _unconnected(wiring, port)
+    for path, system in wiring.systems.items():
+        free = [port for port in wiring.inputs(path) if path and port not in wiring.sources]
+        if is_library_plant(system):
+            yield from _plant_inputs(wiring, path, free)
+        else:
+            yield from (_unconnected(wiring, port) for port in free)
     if wiring.root is not None:
-        for i in range(wiring.root.num_input_ports()):
-            port = PortAddress("", i)
-            yield info(
-                "open-diagram-input",
-                wiring.input_name(port),
-                f"input of the whole diagram ({_shape(wiring, port)}), not connected from outside",
-            )
+        for port in wiring.inputs(""):
+            text = f"input of the whole diagram ({_shape(wiring, port)}), not connected from outside"
+            yield info("open-diagram-input", wiring.name(port), text)
 
 
 def _unconnected(wiring: Wiring, port: PortAddress) -> Finding:
-    name = wiring.input_name(port)
-    if wiring.input_port(port).get_name() in optional_inputs(wiring.systems[port.system]):
+    name = wiring.name(port)
+    if wiring.port(port).get_name() in optional_inputs(wiring.systems[port.system]):
         return info("optional-input", name, f"optional input ({_shape(wiring, port)}) not connected")
-    inner = [wiring.input_name(p) for p in wiring.inner_inputs(port)]
+    inner = list(map(wiring.name, wiring.inner_inputs(port)))
     leads = f", which leads to {', '.join(inner)}" if inner and inner != [name] else ""
     return error(
         "unconnected-input",
@@ -59,7 +47,7 @@ def _unconnected(wiring: Wiring, port: PortAddress) -> Finding:
 def _plant_inputs(wiring: Wiring, path: str, free: list[PortAddress]) -> Iterator[Finding]:
     """A plant's inputs are optional, but for two that change the physics silently when left open."""
     system = wiring.systems[path]
-    names = {wiring.input_port(port).get_name() for port in free}
+    names = {wiring.port(port).get_name() for port in free}
     if names:
         yield info("plant-inputs", path, f"{len(names)} inputs of the plant not connected")
     if not isinstance(system, MultibodyPlant):
@@ -85,16 +73,10 @@ def unused_outputs(wiring: Wiring) -> Iterator[Finding]:
     """Outputs that nothing reads and nothing exports, at every level."""
     if wiring.root is None:
         return  # a builder does not tell which outputs it exports
-    for level in wiring.levels:
-        used = {*level.connections.values(), *level.exported_outputs.values()}
-        for child in level.children:
-            unused = [
-                wiring.output_name(port)
-                for port in (PortAddress(child, i) for i in range(wiring.systems[child].num_output_ports()))
-                if port not in used
-            ]
-            if unused and is_library_plant(wiring.systems[child]):
-                yield info("plant-outputs", child, f"{len(unused)} outputs of the plant not used")
-                continue
-            for name in unused:
-                yield info("unused-output", name, "nothing reads this output")
+    used = set(wiring.sources.values())
+    for path, system in wiring.systems.items():
+        unused = [port for port in wiring.outputs(path) if path and port not in used]
+        if unused and is_library_plant(system):
+            yield info("plant-outputs", path, f"{len(unused)} outputs of the plant not used")
+        else:
+            yield from (info("unused-output", wiring.name(port), "nothing reads this output") for port in unused)

@@ -10,8 +10,8 @@ from pydrake.systems.primitives import DiscreteTimeDelay
 
 from forcectl.doctor.report import Finding, error, warning
 from forcectl.inspect.delay import DelayChain
-from forcectl.inspect.probe import samples_through
 from forcectl.inspect.schedule import clean
+from forcectl.inspect.stages import samples_through
 from forcectl.inspect.start import StartValues
 from forcectl.inspect.ways import Hop, Hops, declared_delays
 from forcectl.inspect.wiring import PortAddress
@@ -48,41 +48,40 @@ def declared_findings(values: StartValues, hops: Hops) -> Iterator[Finding]:
         if not path and not isinstance(system, Diagram):
             continue  # a single block stands in the list under its own name as well
         table = getattr(system, "sample_delay", {})
-        known = declared_delays(system)
+        known = declared_delays(wiring, path)
         if len(known) < len(table):
             yield error("sample-delay-ports", path, f"sample_delay names ports that the block has not: {sorted(table)}")
-        for (i, o), delay in known.items():
-            way = _way_inside(hops, path, i, o)
+        for (reader, output), delay in known.items():
+            way = _way_inside(hops, reader, output)
             if way is None:
                 yield warning("delay-differs", path, f"sample_delay between ports that nothing joins: {sorted(table)}")
                 continue
-            found = [_measured(values, hops, hop) for hop in way]
-            if any(part is None for part in found):
+            found = [part for hop in way if (part := _measured(values, hops, hop)) is not None]
+            if len(found) < len(way):
                 continue  # a block that cannot be run alone: nothing to compare with
-            whole = sum(part for part in found if part is not None)
+            whole = sum(found)
             periods = [hop.event.period for hop in way if hop.event is not None]
             # Each sampled block may leave its last sample uncounted, see above.
             allowed = [whole - sum(periods[:n]) for n in range(len(periods) + 1)]
             if not any(math.isclose(delay, value, rel_tol=1e-6, abs_tol=1e-9) for value in allowed):
-                outputs = system.get_output_port(o, False).get_name()
                 yield warning(
                     "delay-differs",
-                    f"{path}.{outputs}" if path else outputs,
+                    wiring.name(output),
                     f"sample_delay says {delay:g} s, but run alone it takes {clean(whole):g} s; correct one of them",
                 )
 
 
-def _way_inside(hops: Hops, path: str, input_index: int, output_index: int) -> list[Hop] | None:
-    wiring = hops.wiring
-    starts = list(wiring.inner_inputs(PortAddress(path, input_index)))
-    if starts == [PortAddress(path, input_index)]:  # a block, where only the one hop is meant
-        return next(([hop] for hop in hops.through(starts[0]) if hop.output == output_index), None)
-    return hops.shortest(starts, wiring.origin(PortAddress(path, output_index)), inside=path)
+def _way_inside(hops: Hops, reader: PortAddress, output: PortAddress) -> list[Hop] | None:
+    starts = list(hops.wiring.inner_inputs(reader))
+    if starts == [reader]:  # a block, where only the one hop is meant
+        return next(([hop] for hop in hops.through(reader) if hop.output == output), None)
+    end = hops.wiring.source(output)
+    return None if end is None else hops.shortest(starts, end, inside=reader.system)
 
 
 def _measured(values: StartValues, hops: Hops, hop: Hop) -> float | None:
     """What a reader of the block's own period sees [s]; None when the block cannot be run alone."""
     if hop.event is None:
-        return hops.declared(hop.block, hop.input, hop.output) or 0.0
+        return hops.declared(hop.input, hop.output) or 0.0
     samples = samples_through(values, hop)
     return None if samples is None else samples * hop.event.period

@@ -109,13 +109,12 @@ def _delays(
 ) -> tuple[tuple[DelayChain, ...], float | None]:
     """The tables, and their sum where they close a loop; what is wrong with them is added to `findings`."""
     defaults = ways_around(values.wiring)
-    ways, asked = defaults, False
-    if sensor is not None or command is not None or expected is not None:
+    asked = not (sensor is None and command is None and expected is None)
+    ways = defaults
+    if asked:
         first, last = defaults[-1] if defaults and defaults[-1][0] == SENSOR else (SENSOR, COMMANDS[0])
-        named = (sensor if sensor is not None else first, command if command is not None else last)
-        asked = True
-        if named not in defaults:
-            ways = way_and_back(values.wiring, *named)
+        named = (first if sensor is None else sensor, last if command is None else command)
+        ways = defaults if named in defaults else way_and_back(values.wiring, *named)
     chains = {way: chain for way in ways if (chain := trace(values, hops, *way)) is not None}
     source, target = ways[-1] if ways else ("", "")
     text = "no signal reaches the second port from the first"

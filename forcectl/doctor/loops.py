@@ -19,7 +19,7 @@ _ADVICE = (
 def algebraic_loops(wiring: Wiring) -> Iterator[Finding]:
     """Ports that need themselves within one instant: at least one finding for every group of entangled ports."""
     for loop in _loops(wiring):
-        names = [name for output, reader in loop for name in (wiring.output_name(output), wiring.input_name(reader))]
+        names = [name for output, reader in loop for name in map(wiring.name, (output, reader))]
         path = " -> ".join([*names, names[0]])
         yield error("algebraic-loop", path, f"each of these needs the next within one instant; {_ADVICE}")
 
@@ -29,9 +29,7 @@ def _loops(wiring: Wiring) -> Iterator[list[tuple[PortAddress, PortAddress]]]:
     readers = wiring.readers()
 
     def following(reader: PortAddress) -> list[tuple[PortAddress, PortAddress]]:
-        outputs = [
-            PortAddress(reader.system, o) for i, o in sorted(wiring.feedthrough(reader.system)) if i == reader.index
-        ]
+        outputs = [output for output in wiring.outputs(reader.system) if reader in wiring.passed(output)]
         return [(output, other) for output in outputs for other in readers.get(output, ())]
 
     done: set[PortAddress] = set()

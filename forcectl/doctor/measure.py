@@ -10,6 +10,7 @@ from forcectl.errors import invalid
 from forcectl.inspect.delay import ends_of_way
 from forcectl.inspect.events import read_timing
 from forcectl.inspect.ports import PortName
+from forcectl.inspect.schedule import clean
 from forcectl.inspect.start import StartValues, fix_open_inputs
 from forcectl.inspect.ways import Hops
 from forcectl.inspect.wiring import Wiring, is_vector
@@ -61,9 +62,8 @@ def measure_delay(
     wiring = Wiring(system)
     hops = Hops(wiring, read_timing(StartValues(wiring)).events)
     first, end = ends_of_way(hops, source, target)
-    stepped = first.readers
-    watched = wiring.output_port(end)
-    for port in (*map(wiring.input_port, stepped), watched):
+    watched = wiring.port(end)
+    for port in (*map(wiring.port, first.readers), watched):
         if not is_vector(port):
             raise invalid("port", port.get_name(), "a vector port: a step of an abstract value has no meaning")
 
@@ -78,8 +78,8 @@ def measure_delay(
         if start > 0:
             runs[-1].AdvanceTo(begin)
     for run, step in zip(runs, (0.0, amplitude), strict=True):
-        for reader in stepped:
-            block, port = wiring.systems[reader.system], wiring.input_port(reader)
+        for reader in first.readers:
+            block, port = wiring.systems[reader.system], wiring.port(reader)
             here = block.GetMyMutableContextFromRoot(run.get_mutable_context())
             value = port.Eval(here) if port.HasValue(here) else np.zeros(port.size())
             port.FixValue(here, value + step)
@@ -89,5 +89,5 @@ def measure_delay(
             for run in runs:
                 run.AdvanceTo(begin + k * tick)
         if np.any(np.abs(watched.Eval(contexts[1]) - watched.Eval(contexts[0])) > threshold):
-            return float(f"{k * tick:.9g}")
+            return clean(k * tick)
     return None

@@ -2,15 +2,13 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING
+from rich.console import Console
+from rich.markup import escape  # square brackets are units here, not markup
+from rich.table import Table
 
 from forcectl.doctor.report import SEVERITIES, Report
 from forcectl.inspect.delay import DelayChain
 from forcectl.inspect.events import PeriodicEvent
-
-if TYPE_CHECKING:
-    from rich.console import Console
-    from rich.table import Table
 
 _STYLE = {"error": "bold red", "warning": "yellow", "info": "dim"}
 
@@ -23,7 +21,7 @@ def render(report: Report, console: Console, *, verbose: bool = False) -> None:
         table = _table("Findings", "severity", "code", "where", "what")
         for finding in findings:
             severity = f"[{_STYLE[finding.severity]}]{finding.severity}[/]"
-            table.add_row(severity, *map(_plain, (finding.code, finding.path, finding.message)))
+            table.add_row(severity, *map(escape, (finding.code, finding.path, finding.message)))
         console.print(table)
     if report.events:
         console.print(_events(report.events))
@@ -35,11 +33,11 @@ def render(report: Report, console: Console, *, verbose: bool = False) -> None:
     if verbose and report.feedthrough:
         table = _table("Direct feedthrough", "block", "output", "<- inputs")
         for row in report.feedthrough:
-            table.add_row(*map(_plain, (row.block, row.output, ", ".join(row.inputs) or "-")))
+            table.add_row(*map(escape, (row.block, row.output, ", ".join(row.inputs) or "-")))
         console.print(table)
     counts = ", ".join(f"{len(report.of_severity(s))} {s}" for s in SEVERITIES)
     style = "red" if not report.ok else "yellow" if report.warnings else "green"
-    console.print(f"[{style}]{_plain(report.name or 'diagram')}: {counts}[/]")
+    console.print(f"[{style}]{escape(report.name or 'diagram')}: {counts}[/]")
 
 
 def _events(events: tuple[PeriodicEvent, ...]) -> Table:
@@ -49,35 +47,26 @@ def _events(events: tuple[PeriodicEvent, ...]) -> Table:
         groups.setdefault((event.period, event.offset, event.kind), []).append(event.block)
     table = _table("Sample periods", "period [s]", "offset [s]", "kind", "blocks")
     for (period, offset, kind), blocks in sorted(groups.items()):
-        table.add_row(f"{period:g}", f"{offset:g}", kind, _plain(", ".join(blocks)))
+        table.add_row(f"{period:g}", f"{offset:g}", kind, escape(", ".join(blocks)))
     return table
 
 
 def _delays(chain: DelayChain) -> Table:
-    table = _table(f"Delay {_plain(chain.source)} -> {_plain(chain.target)}", "block", "way", "kind", "samples",
+    table = _table(f"Delay {escape(chain.source)} -> {escape(chain.target)}", "block", "way", "kind", "samples",
                    "delay [s]", "known from")  # fmt: skip
     for row in chain.rows:
         samples = str(row.samples) if row.samples else ""
-        way = _plain(f"{row.input} -> {row.output}")
-        table.add_row(_plain(row.block), way, row.kind, samples, f"{row.delay:g}", row.basis)
+        way = escape(f"{row.input} -> {row.output}")
+        table.add_row(escape(row.block), way, row.kind, samples, f"{row.delay:g}", row.basis)
     reader = f"read by {chain.reader}" if chain.reader else ""
     worst = f" (up to {chain.worst:g})" if chain.worst > chain.total else ""
     table.add_section()
-    table.add_row("total", _plain(reader), "", "", f"{chain.total:g}{worst}", "")
+    table.add_row("total", escape(reader), "", "", f"{chain.total:g}{worst}", "")
     return table
 
 
 def _table(title: str, *columns: str) -> Table:
-    from rich.table import Table
-
     table = Table(title=title, title_justify="left")
     for column in columns:
-        table.add_column(_plain(column), overflow="fold")  # paths are never cut
+        table.add_column(escape(column), overflow="fold")  # paths are never cut
     return table
-
-
-def _plain(text: str) -> str:
-    """Square brackets are units here, not markup."""
-    from rich.markup import escape
-
-    return escape(text)

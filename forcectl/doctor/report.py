@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from dataclasses import asdict, dataclass
+from functools import partial
 from typing import Any
 
 from forcectl.inspect.delay import DelayChain
@@ -25,19 +26,10 @@ class Finding:
         return f"{self.severity} [{self.code}] {self.path}: {self.message}"
 
 
-def error(code: str, path: str, message: str) -> Finding:
-    """Something that makes the diagram wrong."""
-    return Finding("error", code, path, message)
-
-
-def warning(code: str, path: str, message: str) -> Finding:
-    """Something that deserves a second look."""
-    return Finding("warning", code, path, message)
-
-
-def info(code: str, path: str, message: str) -> Finding:
-    """Something worth knowing."""
-    return Finding("info", code, path, message)
+# Each takes code, path and message.
+error = partial(Finding, "error")  # makes the diagram wrong
+warning = partial(Finding, "warning")  # deserves a second look
+info = partial(Finding, "info")  # worth knowing
 
 
 @dataclass(frozen=True)

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 from collections.abc import Iterator
 
 from forcectl.doctor.report import Finding, error, info, warning
@@ -19,24 +20,20 @@ def failed_updates(values: StartValues, timing: Timing) -> Iterator[Finding]:
         open_ports = [port.get_name() for port in ports if not port.HasValue(context)]
         missing = [name for name in open_ports if name not in optional_inputs(system)]
         if missing:
-            names = ", ".join(missing)
-            yield info("timing-unknown", path, f"could not be run to see its events: no value at {names}")
+            text = f"could not be run to see its events: no value at {', '.join(missing)}"
+            yield info("timing-unknown", path, text)
             continue
-        what = f"{type(failure).__name__}: {one_line(failure)}"
-        text = f"its updates fail when the block runs alone from its start values: {what}"
-        yield error("update-raises", path, text)
+        text = "its updates fail when the block runs alone from its start values"
+        yield error("update-raises", path, f"{text}: {type(failure).__name__}: {one_line(failure)}")
 
 
 def timing_findings(events: tuple[PeriodicEvent, ...]) -> Iterator[Finding]:
     """Periods that do not divide each other, and updates that are out of step; publishing is only noted."""
-    seen: dict[tuple[str, float, float], PeriodicEvent] = {}
+    seen: dict[tuple[bool, float, float], PeriodicEvent] = {}
     for event in events:
-        role = "publish" if event.kind == "publish" else "update"
-        seen.setdefault((role, event.period, event.offset), event)
-    unique = list(seen.values())
-    for i, first in enumerate(unique):
-        for second in unique[i + 1 :]:
-            yield from _compare(first, second)
+        seen.setdefault((event.kind == "publish", event.period, event.offset), event)
+    for first, second in itertools.combinations(seen.values(), 2):
+        yield from _compare(first, second)
 
 
 def _compare(a: PeriodicEvent, b: PeriodicEvent) -> Iterator[Finding]:

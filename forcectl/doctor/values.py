@@ -22,9 +22,8 @@ def non_finite_outputs(values: StartValues) -> Iterator[Finding]:
     bad: dict[PortAddress, str] = {}
     for path, system in wiring.leaves():
         context = system.GetMyContextFromRoot(root)
-        for o in range(system.num_output_ports()):
-            output = PortAddress(path, o)
-            port = wiring.output_port(output)
+        for output in wiring.outputs(path):
+            port = wiring.port(output)
             if not is_vector(port):
                 continue
             try:
@@ -39,18 +38,17 @@ def non_finite_outputs(values: StartValues) -> Iterator[Finding]:
 
 
 def _judge(wiring: Wiring, bad: dict[PortAddress, str], output: PortAddress, what: str) -> Finding:
-    feeding = [PortAddress(output.system, i) for i, o in wiring.feedthrough(output.system) if o == output.index]
-    sources = {reader: wiring.source(reader) for reader in feeding}
-    name = wiring.output_name(output)
+    sources = {reader: wiring.source(reader) for reader in wiring.passed(output)}
+    name = wiring.name(output)
     for source in sources.values():
         if source in bad:
-            return info("passes-on", name, f"{what}; comes from {wiring.output_name(source)}")
+            return info("passes-on", name, f"{what}; comes from {wiring.name(source)}")
     if what.startswith("is not"):
         return error("non-finite-output", name, f"{what}; outputs must start finite")
     # A block with an open abstract input cannot be looked at without it; the open input itself is reported.
     open_abstract = [
-        wiring.input_name(p) for p, source in sources.items()
-        if not is_vector(wiring.input_port(p)) and (source is None or not source.system)
+        wiring.name(reader) for reader, source in sources.items()
+        if not is_vector(wiring.port(reader)) and (source is None or not source.system)
     ]  # fmt: skip
     if open_abstract:
         return info("not-computed", name, f"not looked at: {', '.join(open_abstract)} is open")

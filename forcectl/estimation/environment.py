@@ -15,9 +15,10 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues
+from pydrake.systems.framework import BasicVector, Context
 
-from forcectl.framework.batch import BatchBlock, BatchParameter, BatchValue, batch_values, check, check_order
+from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check_order
+from forcectl.framework.sampled_block import Memory, SampledBatch
 
 
 def ewrls_step(
@@ -39,7 +40,7 @@ def ewrls_step(
     return estimate + gain * (target - regressor * estimate), (covariance - gain * regressor * covariance) / forgetting
 
 
-class EnvironmentComplianceEstimator(BatchBlock):
+class EnvironmentComplianceEstimator(SampledBatch):
     """EWRLS estimate of the environment compliance of n contacts.
 
     ```
@@ -93,45 +94,37 @@ class EnvironmentComplianceEstimator(BatchBlock):
                 "upper_bound": BatchParameter(upper_bound, "positive", "m/N"),
             },
         )
-        check("period", period, "positive")
-        self._force = self.DeclareVectorInputPort("measured_force", size)
-        self._displacement = self.DeclareVectorInputPort("displacement", size)
-        self._estimate = self.DeclareDiscreteState(
-            batch_values("initial_compliance", initial_compliance, size, "positive and finite")
-        )
-        self._covariance = self.DeclareDiscreteState(
-            batch_values("initial_covariance", initial_covariance, size, "positive and finite")
-        )
-        reads: Any = {self.discrete_state_ticket(self._estimate), self.all_parameters_ticket()}
+        inputs = [self.DeclareVectorInputPort(name, size) for name in ("measured_force", "displacement")]
+        memory = {
+            "estimate": batch_values("initial_compliance", initial_compliance, size, "positive and finite"),
+            "covariance": batch_values("initial_covariance", initial_covariance, size, "positive and finite"),
+        }
+        self.declare_memory(memory, inputs, period)
+        reads: Any = {self.discrete_state_ticket(self._state), self.all_parameters_ticket()}
         self.DeclareVectorOutputPort("environment_compliance", size, self._environment, prerequisites_of_calc=reads)
         self.DeclareVectorOutputPort("compliance", size, self._total, prerequisites_of_calc=reads)
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
 
     def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
         """The bounds are in order."""
         check_order("lower_bound", "upper_bound", values)
 
-    def _update(self, context: Context, next_state: DiscreteValues) -> None:
-        mu, robot, _, minimum, _, _ = self._values.Eval(context)
-        force = self.batch_value(self._force.Eval(context))
-        target = -self.batch_value(self._displacement.Eval(context)) - robot * force
-        old = self.batch_value(context.get_discrete_state(self._estimate).value())
-        old_covariance = self.batch_value(context.get_discrete_state(self._covariance).value())
-        new, covariance = ewrls_step(old, old_covariance, target, force, mu)
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
+        """One sample."""
+        mu, robot, _, minimum, _, _ = self.values(context)
+        force = inputs["measured_force"]
+        target = -inputs["displacement"] - robot * force
+        new, covariance = ewrls_step(memory["estimate"], memory["covariance"], target, force, mu)
         # Infinity minus infinity is not a number, so one comparison catches both NaN and overflow.
         learn = (abs(force) >= minimum) & (new - new == 0) & (covariance - covariance == 0)
-        next_state.set_value(self._estimate, self.stack(self.math.where(learn, new, old)))
-        next_state.set_value(self._covariance, self.stack(self.math.where(learn, covariance, old_covariance)))
+        return self.choose(learn, {"estimate": new, "covariance": covariance}, memory)
 
     def _bounded(self, context: Context) -> BatchValue:
-        *_, lower, upper = self._values.Eval(context)
-        return self.math.minimum(
-            self.math.maximum(self.batch_value(context.get_discrete_state(self._estimate).value()), lower), upper
-        )
+        *_, lower, upper = self.values(context)
+        return self.math.minimum(self.math.maximum(self.held(context)["estimate"], lower), upper)
 
     def _environment(self, context: Context, output: BasicVector) -> None:
         self.write(output, self._bounded(context))
 
     def _total(self, context: Context, output: BasicVector) -> None:
-        _, robot, drive, *_ = self._values.Eval(context)
+        _, robot, drive, *_ = self.values(context)
         self.write(output, self._bounded(context) + robot + drive)

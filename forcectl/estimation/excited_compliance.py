@@ -4,11 +4,9 @@
     F_M = M(z) F_bar                                      what the force is meant to be, the instrument
     k = P z/(R + z P z),    C_E += k (x - F C_E),    P -= k z P,    P += (Ts/T) (C_E^2 - P)
 
-Surface and friction move force and displacement together, in the ratio of the controller and not of the contact: least
-squares with F as regressor would be biased by them. F_M contains neither. x, F and z = F_M pass the same high-pass
-w_h s/(s + w_h), so that slopes, the bending of the robot and an error of C_R in the weight of the tool drop out. The
-forgetting is bounded: in the time T without information P returns to its initial value, C_E within 100 %.
-dx is measured at the motors, behind friction and delay of the drives, and filtered like the force: x follows F at once.
+Surface and friction move force and displacement together, in the ratio of the controller and not of the contact: they
+would bias least squares with F as regressor. x, F and z = F_M pass the same high-pass w_h s/(s + w_h), so that slopes
+and the bending of the robot drop out. In the time T without information P returns to its initial value.
 """
 
 from __future__ import annotations
@@ -126,8 +124,8 @@ class ExcitedCompliance(SampledBatch):
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
         """One sample."""
         m = self.math
-        approach, decay, robot, noise, forgetting, *guards = self.values(context)
-        excitation, least, change, low, high, rate, pause = guards
+        values = self.values(context)
+        approach, decay, robot, noise, forgetting, excitation, least, change, low, high, rate, pause = values
         c, p, shown, model = memory["estimate"], memory["covariance"], memory["environment_compliance"], memory["model"]
         force = inputs["measured_force"]
         now = -inputs["displacement"] - robot * force

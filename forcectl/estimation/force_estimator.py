@@ -15,6 +15,7 @@ from forcectl.errors import unknown
 from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.wrench import WrenchEstimator
 from forcectl.framework.fields import Config, key
+from forcectl.framework.wiring import export_outputs
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.model import RobotModel
 
@@ -86,8 +87,7 @@ class ForceEstimator(Diagram):
             "reading_ok": observer.GetOutputPort("reading_ok"),
             "near_singular": flags.get_output_port(),
         }
-        for name, port in outputs.items():
-            builder.ExportOutput(port, name)
+        export_outputs(builder, outputs)
         builder.BuildInto(self)
 
 

@@ -9,13 +9,11 @@ Sampled, the balance over a tick gives the mean external torque d in it, and (5.
 
     d_k = (p_k - p_{k-1} - int tau dt)/T - mean(C'q' + tau_g - tau_F),   r_k = r_{k-1} + (1 - e^{-K_R T})(d_k - r_{k-1})
 
-This is (5.6)* itself, differenced: no sum grows without end, p(0) is the first sample, and a lost sample makes T
-longer. The motor torque is the mean over each tick, as the robot measures it at the rate of its drives: torque sampled
-at the tick is off by 10-15 % of every transient.
+This is (5.6)* itself, differenced: p(0) is the first sample, and a lost sample makes T longer. The motor torque is the
+mean over each tick, as the robot measures it at the rate of its drives.
 
 Speeds that are differentiated and low-pass filtered are late, T/2 + 1/w_v. Position and torque, which are not, then go
-through the same filter: the balance is that of one instant again, a little earlier. Without it a YuMi with friction
-that swings at 1 rad/s shows three times as much of what is not there.
+through the same filter: the balance is that of one instant again, a little earlier.
 """
 
 from __future__ import annotations

@@ -226,7 +226,7 @@ class RecursiveVrft(SampledBatch):
             self.show_held(name, "theta", i, unit)
 
     def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:
-        """(A, forgetting, resolution, least force and rate, bounds of K_P and K_I Ts or None, P_0)."""
+        """(A, forgetting, resolution or None, least force and rate, bounds of K_P and K_I Ts or None, P_0)."""
         m = self.math
         bandwidth, forgetting, resolution, force, rate, span = values
         bounds = None
@@ -236,7 +236,7 @@ class RecursiveVrft(SampledBatch):
         return (
             1.0 - self._period * bandwidth,
             forgetting,
-            resolution,
+            resolution if np.any(resolution) else None,
             force,
             rate,
             bounds,
@@ -253,7 +253,9 @@ class RecursiveVrft(SampledBatch):
         """One sample."""
         m = self.math
         decay, forgetting, resolution, least, slowest, bounds, highest = self.values(context)
-        y, data, rate = rounded(inputs["measured_force"], resolution, m), memory["data"], memory["rate"]
+        y, data, rate = inputs["measured_force"], memory["data"], memory["rate"]
+        if resolution is not None:
+            y = rounded(y, resolution, m)
         phi, target, learn, after = regressor_step(data, inputs["controller_output"], y, decay, self._prefilter, m)
         rate = rate + _SMOOTHING * ((after[4] - data[4]) / self._period - rate)
         learn = learn & (abs(after[4]) >= least) & (abs(rate) >= slowest)

@@ -18,15 +18,15 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context
 from scipy.linalg.lapack import dgesdd, dposv
 
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import check
-from forcectl.framework.cache import BlockCache, scratch
+from forcectl.framework.cache import scratch
 from forcectl.framework.kernels import is_definite
+from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.robot.momentum_model import MomentumModel
 
 Array = NDArray[np.float64]
@@ -61,7 +61,7 @@ def wrench_from_torques(jacobian: Array, torque: Array, *, smallest: float, leng
     return solution, bool(s[-1] < smallest) or len(s) < rows
 
 
-class WrenchEstimator(LeafSystem):
+class WrenchEstimator(SampledBlock):
     """Wrench of the environment on the robot from external joint torques.
 
     ```
@@ -75,11 +75,11 @@ class WrenchEstimator(LeafSystem):
     ticks since it rose; below -0.5 r_0 is forgotten, zero.
     wrench: shape (6,), of the environment on the robot at the origin of `frame`, [torque; force] in `expressed_in`
     [Nm, N]. near_singular: shape (1,), 1 while a direction is damped, else 0 [1].
-    All outputs are feedthrough of all inputs at the tick.
+    All outputs are feedthrough of all inputs at the tick, and held.
 
     Torques or positions that are not finite hold the wrench of the last tick.
 
-    Sampling: every `period` [s] what is held and the mean for r_0; no delay.
+    Sampling: every `period` [s]; no delay, see `SampledBlock`.
 
     Args:
         model: the n joints.
@@ -121,65 +121,34 @@ class WrenchEstimator(LeafSystem):
             "wrench": "Nm,N",
             "near_singular": "1",
         }
-        self._torque = self.DeclareVectorInputPort("external_torque", n)
-        self._position = self.DeclareVectorInputPort("joint_position", n)
-        self._tare = self.DeclareVectorInputPort("tare", 1)
-        self._zero = self.DeclareDiscreteState(n)
-        self._count = self.DeclareDiscreteState(1)
-        self._last = self.DeclareDiscreteState(7)  # wrench, near_singular
+        sizes = {"external_torque": n, "joint_position": n, "tare": 1}
+        inputs = [self.DeclareVectorInputPort(name, size) for name, size in sizes.items()]
         self._scratch = scratch(self, "plant context", model.create_context)
-        reads: Any = {port.ticket() for port in (self._torque, self._position, self._tare)}
-        reads |= {self.discrete_state_ticket(self._zero), self.discrete_state_ticket(self._last)}
-        self._now = BlockCache(
-            self,
-            "wrench and near_singular",
-            lambda: AbstractValue.Make(BasicVector(7)),
-            lambda block, context, value: value.get_mutable_value().SetFromVector(block._estimate(context)),
-            reads,
-        )
-        known = {self._now.ticket()}
-        self.DeclareVectorOutputPort("wrench", 6, self._show_wrench, prerequisites_of_calc=known)
-        self.DeclareVectorOutputPort("near_singular", 1, self._show_near, prerequisites_of_calc=known)
-        self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=check("period", period, "positive"), offset_sec=0.0, update=self._hold
-        )
+        memory = {"wrench": np.zeros(6), "near_singular": 0.0, "zero": np.zeros(n), "tared": 0.0}
+        self.declare_memory(memory, inputs, period)
+        self.show("wrench", "near_singular")
 
-    def _tare_level(self, context: Context) -> float:
-        return float(self._tare.Eval(context)[0]) if self._tare.HasValue(context) else 0.0
-
-    def _estimate(self, context: Context) -> Array:
-        torque, q = self._torque.Eval(context), self._position.Eval(context)
-        if not (np.isfinite(torque).all() and np.isfinite(q).all()):
-            held: Array = context.get_discrete_state(self._last).value()
-            return held
-        level = self._tare_level(context)
-        if not level < -0.5:
-            torque = torque - context.get_discrete_state(self._zero).value()
-        now = np.zeros(7)
-        jacobian = self._model.jacobian(self._scratch.Eval(context), q, self._frame, self._expressed_in)
-        first, mine = self._first_row, self._joints
-        now[first:6], now[6] = wrench_from_torques(
-            jacobian[first:, mine], torque[mine], smallest=self._smallest, length=self._length
-        )
-        if level > 0.5:
-            now[:6] = 0.0
-        return now
-
-    def _hold(self, context: Context, next_state: DiscreteValues) -> None:
-        next_state.set_value(self._last, self._now.Eval(context).value())
-        level, torque = self._tare_level(context), self._torque.Eval(context)
-        count = context.get_discrete_state(self._count).value()[0]
-        if level > 0.5 and np.isfinite(torque).all():
-            mean = context.get_discrete_state(self._zero).value() if count > 0 else np.zeros_like(torque)
-            next_state.set_value(self._zero, mean + (torque - mean) / (count + 1))
-            next_state.set_value(self._count, [count + 1])
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
+        """One tick of the estimate."""
+        torque, q = inputs["external_torque"], inputs["joint_position"]
+        level = inputs["tare"].item() if "tare" in inputs else 0.0
+        known = bool(np.isfinite(torque).all())
+        wrench, near, zero, tared = (memory[name] for name in ("wrench", "near_singular", "zero", "tared"))
+        if known and np.isfinite(q).all():
+            felt = torque if level < -0.5 else torque - zero
+            jacobian = self._model.jacobian(self._scratch.Eval(context), q, self._frame, self._expressed_in)
+            first, mine = self._first_row, self._joints
+            wrench = np.zeros(6)
+            wrench[first:], near = wrench_from_torques(
+                jacobian[first:, mine], felt[mine], smallest=self._smallest, length=self._length
+            )
+            if level > 0.5:
+                wrench[:] = 0.0
+        if level > 0.5 and known:
+            mean = zero if tared > 0 else np.zeros_like(torque)
+            zero, tared = mean + (torque - mean) / (tared + 1), tared + 1
         elif not level > 0.5:
-            next_state.set_value(self._count, [0.0])
+            tared = 0.0
             if level < -0.5:
-                next_state.set_value(self._zero, np.zeros_like(torque))
-
-    def _show_wrench(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._now.Eval(context).value()[:6])
-
-    def _show_near(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._now.Eval(context).value()[6])
+                zero = np.zeros_like(zero)
+        return {"wrench": wrench, "near_singular": float(near), "zero": zero, "tared": tared}

@@ -2,12 +2,11 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
-import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -37,16 +36,14 @@ def force_figure(log: Any, title: str = "") -> Figure:
         title: heading.
     """
     figure, axes = _new(title, "force [N]")
-    desired = _distinct([one["desired_force"].values for _, one in _variants(log)])
-    for i, values in enumerate(desired):
+    desired = {one["desired_force"].values.tobytes(): one["desired_force"] for *_, one in _drawn(log)}
+    for i, values in enumerate(desired.values()):
         axes.plot(log["time"], values, color=_REFERENCE, lw=1.0, label="reference" if i == 0 else None, zorder=1)
-    with_model = False
-    for (colour, dashes), (name, one) in zip(_styles(log), _variants(log), strict=True):
+    for colour, dashes, name, one in _drawn(log):
         axes.plot(one["time"], one["measured_force"], color=colour, ls=dashes, lw=1.8, label=name, zorder=3)
         if "model_force" in one:
             axes.plot(one["time"], one["model_force"], color=colour, lw=1.2, ls=(0, (5, 3)), alpha=0.9, zorder=2)
-            with_model = True
-    if with_model:
+    if "model_force" in log:
         axes.plot([], [], color=_REFERENCE, lw=1.2, ls=(0, (5, 3)), label="reference model")
     _finish(figure, axes, log)
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
@@ -57,7 +54,7 @@ def error_figure(log: Any, title: str = "") -> Figure:
     """Measured force minus reference model of every variant over time."""
     figure, axes = _new(title, "force minus reference model [N]")
     axes.axhline(0.0, color=_REFERENCE, lw=1.0, zorder=1)
-    for (colour, dashes), (name, one) in zip(_styles(log), _variants(log), strict=True):
+    for colour, dashes, name, one in _drawn(log):
         axes.plot(one["time"], one["measured_force"] - one["model_force"], color=colour, ls=dashes, lw=1.6, label=name)
     _finish(figure, axes, log)
     return figure
@@ -66,10 +63,9 @@ def error_figure(log: Any, title: str = "") -> Figure:
 def tuning_figure(log: Any, title: str = "") -> Figure:
     """Output of a controller, at first its excitation, and the gains tuned meanwhile, of every variant over time."""
     signals = {name: label for name, label in _TUNING.items() if name in log}
-    figure = Figure(figsize=(8.0, 0.8 + 1.7 * len(signals)), layout="constrained")
-    rows = figure.subplots(len(signals), sharex=True, squeeze=False)[:, 0]
+    figure, rows = stacked(len(signals), 8.0, 0.8 + 1.7 * len(signals))
     for axes, (name, label) in zip(rows, signals.items(), strict=True):
-        for (colour, dashes), (variant, one) in zip(_styles(log), _variants(log), strict=True):
+        for colour, dashes, variant, one in _drawn(log):
             axes.plot(one["time"], one[name], color=colour, ls=dashes, lw=1.6, label=variant)
         axes.set_ylabel(label)
         # The first samples make the gains jump so far that nothing else would be seen.
@@ -77,9 +73,7 @@ def tuning_figure(log: Any, title: str = "") -> Figure:
         low, high = min(0.0, float(later.min())), max(0.0, float(later.max()))
         if high > low:
             axes.set_ylim(low - 0.1 * (high - low), high + 0.1 * (high - low))
-        frame(axes)
     rows[0].set_title(title, loc="left", fontsize=11, parse_math=False)
-    rows[-1].set_xlabel("time [s]")
     _finish(figure, rows[0], log)
     return figure
 
@@ -111,13 +105,31 @@ def save(figure: Figure, stem: Path) -> list[Path]:
 
 
 def _new(title: str, ylabel: str) -> tuple[Figure, Axes]:
-    figure = Figure(figsize=(8.0, 4.5), layout="constrained")
-    axes = figure.add_subplot()
+    figure, (axes,) = stacked(1, 8.0, 4.5)
     axes.set_title(title, loc="left", fontsize=11, parse_math=False)
-    axes.set_xlabel("time [s]")
     axes.set_ylabel(ylabel)
-    frame(axes)
     return figure, axes
+
+
+def stacked(
+    count: int, width: float, height: float, title: str = "", ratios: Sequence[float] | None = None
+) -> tuple[Figure, list[Axes]]:
+    """A figure of axes above each other, over the same time.
+
+    Args:
+        count: of the axes.
+        width, height: of the figure [in].
+        title: above them all.
+        ratios: of their heights; None: all alike.
+    """
+    figure = Figure(figsize=(width, height), layout="constrained")
+    rows = list(figure.subplots(count, sharex=True, squeeze=False, height_ratios=ratios)[:, 0])
+    if title:
+        figure.suptitle(title, x=0.01, ha="left", fontsize=11, parse_math=False)
+    rows[-1].set_xlabel("time [s]")
+    for axes in rows:
+        frame(axes)
+    return figure, rows
 
 
 def frame(axes: Axes) -> None:
@@ -129,7 +141,7 @@ def frame(axes: Axes) -> None:
 
 def _finish(figure: Figure, axes: Axes, log: Any) -> None:
     axes.set_xlim(float(log["time"][0]), float(log["time"][-1]))
-    if sum(1 for _ in _variants(log)) > _MOST_LABELLED:
+    if log.sizes.get("variant", 1) > _MOST_LABELLED:
         return
     handles, labels = axes.get_legend_handles_labels()
     if len(labels) <= _MOST_INSIDE:
@@ -142,23 +154,11 @@ def _finish(figure: Figure, axes: Axes, log: Any) -> None:
         text.set_parse_math(False)  # names are names, with or without dollar signs
 
 
-def _variants(log: Any) -> Iterator[tuple[str, Any]]:
-    if "variant" not in log.dims:
-        yield str(log["variant"].item()) if "variant" in log.coords else "measured force", log
-        return
-    for name in log["variant"].values:
-        yield str(name), log.sel(variant=name)
-
-
-def _styles(log: Any) -> list[tuple[str, Any]]:
-    """Colour and dashes of every variant, no two alike: where the colours are used up, they begin again in dots."""
-    count = log.sizes.get("variant", 1)
-    return [(COLOURS[i % len(COLOURS)], _DASHES[i // len(COLOURS) % len(_DASHES)]) for i in range(count)]
-
-
-def _distinct(signals: list[Any]) -> list[Any]:
-    kept: list[Any] = []
-    for signal in signals:
-        if not any(np.array_equal(signal, other, equal_nan=True) for other in kept):
-            kept.append(signal)
-    return kept
+def _drawn(log: Any) -> Iterator[tuple[str, Any, str, Any]]:
+    """Colour, dashes, name and log of every variant, no two alike: used up, the colours begin again in dots."""
+    if "variant" in log.dims:
+        variants = [(str(name), log.sel(variant=name)) for name in log["variant"].values]
+    else:
+        variants = [(str(log["variant"].item()) if "variant" in log.coords else "measured force", log)]
+    for i, (name, one) in enumerate(variants):
+        yield COLOURS[i % len(COLOURS)], _DASHES[i // len(COLOURS) % len(_DASHES)], name, one

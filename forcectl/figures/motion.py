@@ -4,13 +4,9 @@ from __future__ import annotations
 
 from typing import Any
 
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 
-from forcectl.figures.force import COLOURS, frame
-
-_AXES = ("x", "y", "z")
-
+from forcectl.figures.force import COLOURS, stacked
 
 _OF_COMPONENTS = {"joint": "link_position", "arm": "arm_contact_force", "wrench_component": "tip_wrench"}
 
@@ -37,15 +33,11 @@ def motion_figures(log: Any, title: str = "") -> dict[str, Figure]:
     return figures
 
 
-def _rows(log: Any) -> list[str]:
-    return [str(name) for name in log["arm"].values]
-
-
 def speed_figure(log: Any, title: str = "") -> Figure:
     """Joint speeds over time, one row per arm."""
-    arms, joints = _rows(log), [str(name) for name in log["joint"].values]
+    arms, joints = ([str(name) for name in log[part].values] for part in ("arm", "joint"))
     each = len(joints) // len(arms)
-    figure, rows = _stack(len(arms), title)
+    figure, rows = stacked(len(arms), 8.0, 0.9 + 2.6 * len(arms), title)
     for i, (arm, axes) in enumerate(zip(arms, rows, strict=True)):
         for k, joint in enumerate(joints[i * each : (i + 1) * each]):
             axes.plot(log["time"], log["link_velocity"].sel(joint=joint), color=_colour(k), lw=1.2, label=joint)
@@ -56,10 +48,10 @@ def speed_figure(log: Any, title: str = "") -> Figure:
 
 def force_figure(log: Any, title: str = "") -> Figure:
     """True forces at the tool centre points over time, and what was estimated, one row per arm."""
-    arms = _rows(log)
-    figure, rows = _stack(len(arms), title)
+    arms = [str(name) for name in log["arm"].values]
+    figure, rows = stacked(len(arms), 8.0, 0.9 + 2.6 * len(arms), title)
     for arm, axes in zip(arms, rows, strict=True):
-        for k, part in enumerate(_AXES):
+        for k, part in enumerate("xyz"):
             component = f"{arm}_force_{part}"
             if "estimated_wrench" in log:
                 estimate = log["estimated_wrench"].sel(wrench_component=component)
@@ -73,13 +65,3 @@ def force_figure(log: Any, title: str = "") -> Figure:
 
 def _colour(index: int) -> str:
     return COLOURS[index % len(COLOURS)]
-
-
-def _stack(count: int, title: str) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(8.0, 0.9 + 2.6 * count), layout="constrained")
-    rows = list(figure.subplots(count, sharex=True, squeeze=False)[:, 0])
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11, parse_math=False)
-    rows[-1].set_xlabel("time [s]")
-    for axes in rows:
-        frame(axes)
-    return figure, rows

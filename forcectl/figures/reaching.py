@@ -6,11 +6,10 @@ from collections.abc import Mapping
 from typing import Any
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from forcectl.figures.force import COLOURS, frame
+from forcectl.figures.force import COLOURS, stacked
 
 Array = NDArray[np.float64]
 
@@ -18,7 +17,7 @@ Array = NDArray[np.float64]
 def reach_figure(log: Any, distance: Array, every: int, title: str = "") -> Figure:
     """Tool centre points with their targets, one row per arm; distance of the links; joint speeds and what binds."""
     arms, time = [str(name) for name in log["arm"].values], log["time"].values
-    figure, rows = _stack(len(arms) + 2, title)
+    figure, rows = stacked(len(arms) + 2, 7.5, 0.8 + 1.9 * (len(arms) + 2), title)
     place, target = (log[name].values.reshape(len(time), len(arms), 6) for name in ("task_position", "task_target"))
     for i, arm in enumerate(arms):
         for k, axis in enumerate("xyz"):
@@ -41,7 +40,7 @@ def null_space_figure(
     runs: Mapping[str, Any], found: Mapping[str, tuple[Array, Array]], limits: Any, every: int, title: str = ""
 ) -> Figure:
     """Joint speeds, room to the joint limits (`JointLimits`), least distance and reflected mass of every variant."""
-    figure, rows = _stack(4, title)
+    figure, rows = stacked(4, 7.5, 0.8 + 1.9 * 4, title)
     for k, (name, log) in enumerate(runs.items()):
         time, colour = log["time"].values, COLOURS[k % len(COLOURS)]
         q, v = (log[f"joint_{kind}_command"].values for kind in ("position", "velocity"))
@@ -51,21 +50,8 @@ def null_space_figure(
         rows[1].plot(time, room, color=colour, lw=1.2)
         rows[2].plot(time[::every], 1e3 * distance, color=colour, lw=1.2)
         rows[3].plot(time[::every], mass.mean(axis=1), color=colour, lw=1.2)
-    for axes, label in zip(
-        rows,
-        ("joint speeds [rad/s]", "room to limits [deg]", "least distance [mm]", "reflected mass [kg]"),
-        strict=True,
-    ):
+    labels = "joint speeds [rad/s]", "room to limits [deg]", "least distance [mm]", "reflected mass [kg]"
+    for axes, label in zip(rows, labels, strict=True):
         axes.set_ylabel(label)
     rows[0].legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=4)
-    rows[-1].set_xlabel("time [s]")
     return figure
-
-
-def _stack(count: int, title: str) -> tuple[Figure, list[Axes]]:
-    figure = Figure(figsize=(7.5, 0.8 + 1.9 * count), layout="constrained")
-    grid = figure.subplots(count, 1, sharex=True, squeeze=False).ravel()
-    for axes in grid:
-        frame(axes)
-    figure.suptitle(title, x=0.01, ha="left", fontsize=11, parse_math=False)
-    return figure, list(grid)

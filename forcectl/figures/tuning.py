@@ -3,11 +3,10 @@
 from __future__ import annotations
 
 import numpy as np
-from matplotlib.axes import Axes
 from matplotlib.figure import Figure
 from numpy.typing import NDArray
 
-from forcectl.figures.force import COLOURS
+from forcectl.figures.force import COLOURS, stacked
 
 Array = NDArray[np.float64]
 
@@ -22,19 +21,15 @@ def experiment_figure(time: Array, displacement: Array, force: Array, model_forc
         displacement: (k,) [m].
         force, model_force: (k,) [N].
     """
-    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
-    above, below = figure.subplots(2, 1, sharex=True)
+    figure, (above, below) = stacked(2, 8.0, 5.0)
     above.set_title(title, loc="left", fontsize=11, parse_math=False)
     above.plot(time, 1e3 * displacement, color=COLOURS[0], lw=1.5)
     above.set_ylabel("displacement [mm]")
     below.plot(time, force, color=COLOURS[0], lw=1.5, label="recorded")
     below.plot(time, model_force, color=COLOURS[1], lw=1.2, ls=(0, (5, 3)), label="plant model, from the displacement")
     below.set_ylabel("force [N]")
-    below.set_xlabel("time [s]")
     below.set_xlim(float(time[0]), float(time[-1]))
     below.legend(frameon=False, fontsize=9, loc="best")
-    for axes in (above, below):
-        _plain(axes)
     return figure
 
 
@@ -45,8 +40,7 @@ def prediction_figure(time: Array, predicted: Array, model: Array, title: str = 
         time: (k,) [s].
         predicted, model: (k,) [N]; the prediction may end in NaN.
     """
-    figure = Figure(figsize=(8.0, 5.0), layout="constrained")
-    above, below = figure.subplots(2, 1, sharex=True, height_ratios=(3, 1))
+    figure, (above, below) = stacked(2, 8.0, 5.0, ratios=(3, 1))
     above.set_title(title, loc="left", fontsize=11, parse_math=False)
     above.plot(time, predicted, color=COLOURS[0], lw=1.8, label="tuned loop, predicted")
     above.plot(time, model, color=_GREY, lw=1.4, ls=(0, (5, 3)), label="reference model")
@@ -55,19 +49,10 @@ def prediction_figure(time: Array, predicted: Array, model: Array, title: str = 
     below.axhline(0.0, color=_GREY, lw=1.0)
     below.plot(time, predicted - model, color=COLOURS[0], lw=1.5)
     below.set_ylabel("difference [N]")
-    below.set_xlabel("time [s]")
     below.set_xlim(float(time[0]), float(time[-1]))
-    for axes in (above, below):
-        _plain(axes)
     largest = float(model.max())
     # A loop that runs away must not hide the model it runs away from.
     if not (predicted[-1] == predicted[-1] and abs(predicted).max() < 3 * largest):
         above.set_ylim(-largest, 3 * largest)
         below.set_ylim(-2 * largest, 2 * largest)
     return figure
-
-
-def _plain(axes: Axes) -> None:
-    axes.grid(color="#e4e4e4", lw=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)

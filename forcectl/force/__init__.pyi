@@ -23,8 +23,6 @@ from forcectl.force.invariance.fourth_degree import (
 )
 from forcectl.force.invariance.fourth_degree import FourthDegreeForceLaw as FourthDegreeForceLaw
 from forcectl.force.invariance.fourth_degree import FourthDegreeInvarianceConfig as FourthDegreeInvarianceConfig
-from forcectl.force.invariance.functions import alpha_for_compliance as alpha_for_compliance
-from forcectl.force.invariance.functions import alpha_for_rate_limit as alpha_for_rate_limit
 from forcectl.force.invariance.functions import invariance_function as invariance_function
 from forcectl.force.invariance.predictive import PredictiveCorrection as PredictiveCorrection
 from forcectl.force.invariance.predictive import PredictiveForceLaw as PredictiveForceLaw

@@ -4,17 +4,16 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import LinearSystem
 
 from forcectl.errors import BadInputError
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
-from forcectl.force.law import ForceLaw
-from forcectl.framework.batch import whole_multiple
+from forcectl.force.law import ForceLaw, LawConfig
+from forcectl.force.sensor_lag import sensor_model
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
-from forcectl.plant.sensors.force_sensor import sensor_filter
 
 
 class AdaptiveForceLaw(Diagram):
@@ -36,20 +35,15 @@ class AdaptiveForceLaw(Diagram):
 
     Args:
         law: a `ForceLaw` or diagram of one, with the ports of the force law's slot and the input `compliance`.
+        estimator: of the compliance.
+        displacement_filter: of the displacement, that of the force.
 
     Raises:
         BadInputError: the law has no such input.
     """
 
     def __init__(
-        self,
-        law: ForceLaw | Diagram,
-        estimator: EnvironmentComplianceEstimator,
-        *,
-        filter_bandwidth: ArrayLike,
-        filter_damping_ratio: ArrayLike,
-        filter_delay_ticks: int,
-        period: float,
+        self, law: ForceLaw | Diagram, estimator: EnvironmentComplianceEstimator, displacement_filter: LinearSystem
     ):
         super().__init__()
         if not law.HasInputPort("compliance"):
@@ -58,13 +52,12 @@ class AdaptiveForceLaw(Diagram):
         builder = DiagramBuilder()
         builder.AddNamedSystem("law", law)
         builder.AddNamedSystem("estimator", estimator)
-        filter_ = sensor_filter(estimator.size, filter_bandwidth, filter_damping_ratio, period, filter_delay_ticks)
-        builder.AddNamedSystem("displacement_filter", filter_)
+        builder.AddNamedSystem("displacement_filter", displacement_filter)
         builder.ExportInput(law.GetInputPort("desired_force"), "desired_force")
         measured = builder.ExportInput(law.GetInputPort("measured_force"), "measured_force")
         builder.ConnectInput(measured, estimator.GetInputPort("measured_force"))
-        builder.ExportInput(filter_.get_input_port(), "motor_displacement")
-        builder.Connect(filter_.get_output_port(), estimator.GetInputPort("displacement"))
+        builder.ExportInput(displacement_filter.get_input_port(), "motor_displacement")
+        builder.Connect(displacement_filter.get_output_port(), estimator.GetInputPort("displacement"))
         builder.Connect(estimator.GetOutputPort("compliance"), law.GetInputPort("compliance"))
         export_all_outputs(builder, law)
         builder.ExportOutput(estimator.GetOutputPort("environment_compliance"), "environment_compliance")
@@ -73,7 +66,7 @@ class AdaptiveForceLaw(Diagram):
 
 @dataclass(kw_only=True)
 class Adaptation(Config):
-    """What the configurations of adaptive laws share: the estimator and what it starts from."""
+    """The estimator and what it starts from."""
 
     compliance_error: float = key(0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="positive")
     forgetting: float = key(0.995, "forgetting factor mu", bounds="above 0 and at most 1")
@@ -93,14 +86,12 @@ class Adaptation(Config):
             period=model.period,
         )
 
-    def adapt(self, builder: DiagramBuilder, model: PlantModel, law: ForceLaw | Diagram) -> AdaptiveForceLaw:
-        """Add the law with the estimator."""
-        block = AdaptiveForceLaw(
-            law,
-            self.estimator(model),
-            filter_bandwidth=model.sensor_bandwidth,
-            filter_damping_ratio=model.sensor_damping_ratio,
-            filter_delay_ticks=whole_multiple("delay", model.sensor_delay, model.period, "period"),
-            period=model.period,
-        )
-        return builder.AddNamedSystem("force_law", block)
+
+@dataclass(kw_only=True)
+class AdaptiveLawConfig(Adaptation, LawConfig):
+    """Base of the configurations of adaptive laws."""
+
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveForceLaw:
+        """Add the law with its estimator."""
+        law = AdaptiveForceLaw(self.law(model, None), self.estimator(model), sensor_model(model, model.size))
+        return builder.AddNamedSystem("force_law", law)

@@ -16,7 +16,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 from pydrake.systems.primitives import LinearSystem, Multiplexer
 
-from forcectl.force.law import ForceLaw
+from forcectl.force.law import ForceLaw, LawConfig
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory
@@ -130,8 +130,8 @@ class LinearIntegralForceLaw(Diagram):
 
 
 @dataclass(kw_only=True)
-class IntegralConfig(Config):
-    """Scenario part `!Integral`."""
+class IntegralLawConfig(Config, LawConfig):
+    """What the configurations of integral laws share."""
 
     integral_gain: float = key(1.5, "gain K_I", unit="1/s", bounds="not negative")
     compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="positive")
@@ -155,6 +155,11 @@ class IntegralConfig(Config):
             period=model.period,
         )
 
+
+@dataclass(kw_only=True)
+class IntegralConfig(IntegralLawConfig):
+    """Scenario part `!Integral`."""
+
     def unlimited_law(self, model: PlantModel, *, believes: bool) -> IntegralForceLaw:
         """The block without limits of its command.
 
@@ -172,7 +177,3 @@ class IntegralConfig(Config):
         return LinearIntegralForceLaw(
             model.size, integral_gain=self.integral_gain, compliance=compliance, period=model.period
         )
-
-    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> IntegralForceLaw:
-        """Add the law; its model has `compliance_error` times the true total compliance."""
-        return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))

@@ -74,8 +74,7 @@ def check_start_posture(robot: RobotModel, posture: Vector, n: Vector, limit: fl
     Raises:
         BadInputError: the posture is singular for motion along n.
     """
-    context = robot.create_context()
-    robot.set_positions(context, posture)
+    context = robot.context_at(posture)
     direction = joint_direction(robot.jacobian(context), n)
     size = float(np.linalg.norm(direction))
     if not size <= limit:
@@ -132,8 +131,7 @@ class KinematicInversion(LeafSystem):
         self._unconstrained = self.DeclareVectorInputPort("unconstrained_reference", q)
         self.port_units = {"near_singular": "1"}
         self._posture = posture_cache(self, robot, self._position)
-        context = robot.create_context()
-        robot.set_positions(context, self._start)
+        context = robot.context_at(self._start)
         first, damped = damped_direction(robot.jacobian(context), self._n, self._limit, self._damping)
         self._direction = self.DeclareDiscreteState(first)
         self._near = self.DeclareDiscreteState([float(damped)])

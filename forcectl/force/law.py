@@ -2,13 +2,16 @@
 
 from __future__ import annotations
 
+from abc import abstractmethod
 from collections.abc import Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from forcectl.framework.batch import BatchParameter, check_order
 from forcectl.framework.sampled_block import SampledBatch
+from forcectl.plant.plant_model import PlantModel
 
 
 class ForceLaw(SampledBatch):
@@ -64,3 +67,17 @@ class ForceLaw(SampledBatch):
     def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
         """The limits are in order."""
         check_order("lower_limit", "upper_limit", values)
+
+
+class LawConfig:
+    """What the configurations of laws with a model of the compliance share."""
+
+    compliance_error: float
+
+    @abstractmethod
+    def law(self, model: PlantModel, compliance: ArrayLike | None) -> ForceLaw | Diagram:
+        """The block whose model has this total compliance [m/N], or a port for it (None)."""
+
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
+        """Add the law; its model has `compliance_error` times the true total compliance."""
+        return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))

@@ -18,7 +18,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, DiagramBuilder, System
 
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, invalid
 from forcectl.force.law import ForceLaw
 from forcectl.framework.batch import BatchParameter, BatchValue
 from forcectl.framework.fields import Config, key
@@ -177,11 +177,20 @@ class VrftConfig(Config):
         """Bandwidth [rad/s] of the reference model M(s) = w/(s + w)."""
         return self.reference_bandwidth
 
-    def law(self, model: PlantModel) -> LinearForceLaw:
+    def check_tunable(self, use: str, what: str) -> None:
+        """BadInputError unless gains that change can start from these: `use` of both, and `what` happens to the PID."""
+        if not (self.proportional_gain < 0 and self.integral_gain < 0):
+            gains = f"proportional_gain = {self.proportional_gain:g}, integral_gain = {self.integral_gain:g}"
+            raise BadInputError(f"{gains}: must both be below zero, they {use}")
+        if self.fir:
+            raise invalid("fir", self.fir, f"empty: the PID gains are {what}")
+
+    def law(self, model: PlantModel, *, gains_from_ports: bool = False) -> LinearForceLaw:
         """The block; its model has `robot_compliance_error` times the true compliance of the robot."""
+        gains = (self.proportional_gain, self.integral_gain, self.derivative_gain)
         return LinearForceLaw(
             model.size,
-            gains=(self.proportional_gain, self.integral_gain, self.derivative_gain),
+            gains=None if gains_from_ports else gains,
             fir=self.fir,
             derivative_filter=2 * model.period if self.derivative_filter is None else self.derivative_filter,
             robot_compliance=self.robot_compliance_error * model.robot_compliance,

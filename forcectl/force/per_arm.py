@@ -10,7 +10,7 @@ from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.errors import BadInputError, about, invalid
 from forcectl.framework.enclosed import Enclosed
-from forcectl.framework.fields import Config, named_slots
+from forcectl.framework.fields import Config, slot
 from forcectl.framework.wiring import stacked
 from forcectl.plant.plant_model import PlantModel
 
@@ -21,7 +21,7 @@ _INPUTS = ("desired_force", "measured_force", "motor_displacement", "path_displa
 class PerArmConfig(Config):
     """Scenario part `!PerArm`: force laws by the name of the arm that presses."""
 
-    laws: dict[str, Any] = named_slots("controller", meaning="by the name of the arm")
+    laws: dict[str, Any] = slot("controller", dict, meaning="by the name of the arm")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> PerArm:
         """Add the laws.

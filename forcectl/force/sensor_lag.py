@@ -11,6 +11,8 @@ model says. d is what the motion does not explain, a surface that rises: it goes
 
 from __future__ import annotations
 
+from pydrake.systems.primitives import LinearSystem
+
 from forcectl.framework.batch import whole_multiple
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.sensors.force_sensor import sensor_filter
@@ -18,6 +20,17 @@ from forcectl.plant.sensors.force_sensor import sensor_filter
 _WAY_BACK = 0.25
 _SMOOTHING = 0.25  # of the rate d', in lags
 _MAX_DISPLACEMENT = 10.0  # [m] nothing moves so far
+
+
+def sensor_model(model: PlantModel, size: int) -> LinearSystem:
+    """The filter and delay of the force sensor as they are known, for so many signals."""
+    return sensor_filter(
+        size, model.sensor_bandwidth, model.sensor_damping_ratio, model.period, _sensor_delay_ticks(model)
+    )
+
+
+def _sensor_delay_ticks(model: PlantModel) -> int:
+    return whole_multiple("delay", model.sensor_delay, model.period, "period")
 
 
 class SensorLag:
@@ -44,8 +57,7 @@ class SensorLag:
     @classmethod
     def of(cls, model: PlantModel) -> SensorLag:
         """That of a loop."""
-        delay = whole_multiple("delay", model.sensor_delay, model.period, "period")
-        return cls(model.sensor_bandwidth, model.sensor_damping_ratio, model.period, delay)
+        return cls(model.sensor_bandwidth, model.sensor_damping_ratio, model.period, _sensor_delay_ticks(model))
 
     def lead(self, memory: list[float], command: float, moved: float, depth: float) -> tuple[float, list[float]]:
         """What is to be added to C_T_hat F/2 [m], and the memory of the next tick.

@@ -8,9 +8,7 @@ from forcectl.framework.cache import BlockCache as BlockCache
 from forcectl.framework.enclosed import Enclosed as Enclosed
 from forcectl.framework.euler_angles import EulerAngles as EulerAngles
 from forcectl.framework.fields import Config as Config
-from forcectl.framework.fields import named_slots as named_slots
 from forcectl.framework.fields import slot as slot
-from forcectl.framework.fields import slot_list as slot_list
 from forcectl.framework.imports import import_object as import_object
 from forcectl.framework.rotation_vector import RotationVector as RotationVector
 from forcectl.framework.sampled_block import SampledBatch as SampledBatch

@@ -1,17 +1,14 @@
-"""Batches: n independent scalar loops inside one block.
+"""Batches: n scalar loops side by side inside one block; element i uses element i of every port, state and parameter.
 
-A block of size n runs n loops side by side; element i uses element i of every port, state and parameter. The equations
-are written once, with operators that mean the same on a float and on an array, and `BatchBlock` hands them floats when
-n = 1 (numpy costs ten times more on single numbers) and arrays otherwise, so a batch element equals the same loop run
-alone: bit for bit, and to rounding (1e-12) in blocks that are one of Drake's linear systems. In those (filters,
-position loops) a batch element that is not a number reaches the others, as 0 NaN is NaN; everywhere else it stays
-alone.
+The equations are written once, with operators that mean the same on a float, which they get when n = 1 (numpy costs ten
+times more on single numbers), and on an array. A batch element equals the same loop run alone bit for bit; in blocks
+that are one of Drake's linear systems to rounding (1e-12), and there one that is not a number reaches the others.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
 from types import SimpleNamespace
@@ -24,6 +21,7 @@ from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.cache import BlockCache
+from forcectl.framework.fields import interval
 
 BatchValue = Any  # a float when the batch has one element, else an array of shape (n,)
 
@@ -40,16 +38,6 @@ SCALAR_MATH: Any = SimpleNamespace(
     where=lambda condition, a, b: a if condition else b,
 )
 
-_CHECKS: dict[str, Callable[[NDArray[np.float64]], NDArray[np.bool_]]] = {
-    "positive": lambda v: v > 0,
-    "positive and finite": lambda v: (v > 0) & np.isfinite(v),
-    "not negative": lambda v: v >= 0,
-    "negative and finite": lambda v: (v < 0) & np.isfinite(v),
-    "finite": np.isfinite,
-    "a number": lambda v: ~np.isnan(v),
-    "above 0 and at most 1": lambda v: (v > 0) & (v <= 1),
-}
-
 
 @dataclass(frozen=True)
 class BatchParameter:
@@ -57,8 +45,7 @@ class BatchParameter:
 
     Attributes:
         value: number or shape (n,).
-        allowed: "positive", "not negative" or "a number" (each may be infinite), "finite", "positive and finite",
-            "negative and finite" or "above 0 and at most 1".
+        allowed: bounds as in `Key`; may be infinite unless they say "finite", and "a number" is any.
         unit: for documentation and graphs.
     """
 
@@ -85,7 +72,7 @@ def batch_values(name: str, value: ArrayLike, size: int, allowed: str = "finite"
         raise BadInputError(f" has shape {array.shape}: must be one number or shape ({size},)", key=name)
     array = np.broadcast_to(array.ravel(), size).astype(float)
     # Infinity is a legal "no limit" wherever only a sign is asked for; NaN never is.
-    if np.isnan(array).any() or not _CHECKS[allowed](array).all():
+    if np.isnan(array).any() or not interval(allowed).holds(array).all():
         raise invalid(name, array.tolist() if size > 1 else float(array[0]), allowed)
     return array
 
@@ -137,12 +124,9 @@ class BatchBlock(LeafSystem):
         self._shape: tuple[int, ...] = (size,) if size > 1 or self.on_arrays else ()
         self.math = np if self._shape else SCALAR_MATH
         self._allowed = {name: p.allowed for name, p in parameters.items()}
-        self._index = {}
-        for name, p in parameters.items():
-            self._index[name] = self.DeclareNumericParameter(
-                BasicVector(batch_values(f"{type(self).__name__}.{name}", p.value, size, p.allowed))
-            )
-        self.check_together({name: batch_values(name, p.value, size, p.allowed) for name, p in parameters.items()})
+        values = {name: self._checked(name, p.value) for name, p in parameters.items()}
+        self.check_together(values)
+        self._index = {name: self.DeclareNumericParameter(BasicVector(value)) for name, value in values.items()}
         self.parameter_names = tuple(parameters)
         self.parameter_units = {name: p.unit for name, p in parameters.items()}
         self._values = BlockCache(
@@ -161,7 +145,7 @@ class BatchBlock(LeafSystem):
     def set_parameter(self, context: Context, name: str, value: ArrayLike) -> None:
         """Set a parameter in this block's context, checked like at construction."""
         index = self._find(name)
-        checked = batch_values(f"{type(self).__name__}.{name}", value, self._size, self._allowed[name])
+        checked = self._checked(name, value)
         self.check_together({n: self.parameter(context, n) for n in self._index} | {name: checked})
         context.get_mutable_numeric_parameter(index).SetFromVector(checked)
 
@@ -172,6 +156,9 @@ class BatchBlock(LeafSystem):
 
     def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
         """Raise BadInputError when parameters that are fine alone do not fit each other; nothing by default."""
+
+    def _checked(self, name: str, value: ArrayLike) -> NDArray[np.float64]:
+        return batch_values(f"{type(self).__name__}.{name}", value, self._size, self._allowed[name])
 
     def _find(self, name: str) -> int:
         if name not in self._index:
@@ -191,8 +178,7 @@ class BatchBlock(LeafSystem):
         value.set_value(self.derive(values))
 
     def choose(self, condition: BatchValue, new: dict[str, Any], old: Mapping[str, Any]) -> dict[str, Any]:
-        """The new batch values in the batch elements where the condition holds, the old ones of the same names
-        elsewhere."""
+        """The new batch values where the condition holds, the old ones of the same names elsewhere."""
         if self._shape:
             return {name: np.where(condition, value, old[name]) for name, value in new.items()}
         return new if condition else {name: old[name] for name in new}

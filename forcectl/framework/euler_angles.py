@@ -21,9 +21,8 @@ import math
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from forcectl.errors import invalid
 from forcectl.framework.batch import check
-from forcectl.framework.rotation_vector import OrientationState
+from forcectl.framework.rotation_vector import OrientationState, transposed
 
 Array = NDArray[np.float64]
 
@@ -165,10 +164,7 @@ class EulerAngles:
     """
 
     def __init__(self, base: ArrayLike | None = None, *, about: ArrayLike | None = None, smallest: float = SMALLEST):
-        R = np.eye(3) if base is None else np.asarray(base, dtype=float)
-        if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0:
-            raise invalid("base", np.asarray(base).tolist(), "a rotation matrix (3, 3)")
-        self._back = R.T
+        self._back = transposed(base)
         self._about = None if about is None else np.asarray(about, dtype=float)
         self._smallest = check("smallest", smallest, "above 0 and at most 1")
 

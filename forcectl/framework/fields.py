@@ -5,15 +5,12 @@
         integral_gain: float = key(1.5, "gain K_I", unit="1/s", bounds="not negative")
 
 The type is the annotation. From there come the check when a configuration is made, the error, `forcectl list !Integral`
-and the JSON Schema. What several keys must be together is checked in `__post_init__`, after that of `Config`.
-
-A slot is a key that any object with the right methods may fill. What may fill it by a short tag is listed in
-`forcectl.scenario.catalog`.
+and the JSON Schema. What several keys must be together is checked in `__post_init__`, after that of `Config`. A slot is
+a key that any object with the right methods may fill, see `forcectl.scenario.catalog`.
 """
 
 from __future__ import annotations
 
-import copy
 import dataclasses
 import math
 import re
@@ -29,8 +26,15 @@ from forcectl.errors import invalid, unknown
 
 REQUIRED: Any = dataclasses.MISSING
 _NUMBERS = {2: "two", 3: "three", 6: "six"}
-_BOUND = re.compile(r"(above|at least|from|below|at most|to) (zero|[-+.\de]+)")
-_WORDS = {"positive or infinite": "above zero", "positive": "above zero", "not negative": "at least zero"}
+_BOUND = re.compile(r"(above|at least|from|below|at most|to) (zero|-?inf|[-+.\de]+)")
+_WORDS = {
+    "positive or infinite": "above zero",
+    "positive": "above zero",
+    "negative": "below zero",
+    "not negative": "at least zero",
+    "finite": "above -inf, below inf",
+}
+_ANY = ("", "a number", "not all zero")  # bounds that are none
 
 
 @dataclasses.dataclass(frozen=True)
@@ -44,6 +48,7 @@ class Key:
             1", "positive or infinite"; of a list also "not all zero".
         choices: of a text, or of each one in a list; may be a function, called when they are needed.
         size: of a list, or of each of the innermost ones; None for any.
+        slot: that a part, or each of several, fills; "" for none.
     """
 
     meaning: str = ""
@@ -51,6 +56,7 @@ class Key:
     bounds: str = ""
     choices: Iterable[str] | Callable[[], Iterable[str]] = ()
     size: int | None = None
+    slot: str = ""
 
     def chosen(self) -> list[str]:
         """The choices there are; empty for any text."""
@@ -70,54 +76,32 @@ def key(
 
     Args:
         default: a value, which is copied, or a function that makes one; left out: the key must be given.
-        meaning: in words.
-        unit: of numbers.
-        bounds: of numbers.
-        choices: of a text.
-        size: of a list.
     """
-    metadata = {"key": Key(meaning, unit, bounds, choices, size)}
-    if default is REQUIRED:
-        return dataclasses.field(metadata=metadata)
-    if not callable(default) and not isinstance(default, list | dict):
-        return dataclasses.field(default=default, metadata=metadata)
-    factory = default if callable(default) else lambda: copy.copy(default)
-    return dataclasses.field(default_factory=factory, metadata=metadata)
+    return _field(default, Key(meaning, unit, bounds, choices, size))
 
 
-def slot(name: str, default: Callable[[], Any] | None = None, meaning: str = "") -> Any:
-    """A field filled by one part.
+def slot(name: str, default: Any = REQUIRED, meaning: str = "") -> Any:
+    """A field filled by a part; one of type dict by any number of parts by their names, one of type list by several.
 
     Args:
         name: of the slot, a key of the catalog's table.
-        default: makes what fills it where nothing else is said; None: it must be said.
+        default: makes what fills it where nothing else is said; left out: it must be said.
         meaning: in words.
     """
-    metadata = {"slot": name, "key": Key(meaning)}
-    if default is None:
-        return dataclasses.field(metadata=metadata)
-    return dataclasses.field(default_factory=default, metadata=metadata)
+    return _field(default, Key(meaning, slot=name))
 
 
-def named_slots(name: str, default: Callable[[], dict[str, Any]] = dict, meaning: str = "") -> Any:
-    """A field filled by any number of parts, each with a name of its own.
-
-    Args:
-        name: of the slot, a key of the catalog's table.
-        default: makes what fills it where nothing else is said, by name.
-        meaning: in words.
-    """
-    return dataclasses.field(default_factory=default, metadata={"slots": name, "key": Key(meaning)})
+def _field(default: Any, declared: Key) -> Any:
+    factory = default.copy if isinstance(default, list | dict) else default
+    if callable(factory):
+        return dataclasses.field(default_factory=factory, metadata={"key": declared})
+    return dataclasses.field(default=default, metadata={"key": declared})
 
 
-def slot_list(name: str, meaning: str = "") -> Any:
-    """A field filled by any number of parts, one after the other; empty by default.
-
-    Args:
-        name: of the slot, a key of the catalog's table.
-        meaning: in words.
-    """
-    return dataclasses.field(default_factory=list, metadata={"slot_list": name, "key": Key(meaning)})
+def typed_fields(cls: Any) -> list[tuple[dataclasses.Field[Any], Any]]:
+    """The fields of a dataclass that are keys, each with its type."""
+    hints = typing.get_type_hints(cls)
+    return [(field, hints[field.name]) for field in dataclasses.fields(cls) if field.init]
 
 
 def key_of(field: dataclasses.Field[Any]) -> Key:
@@ -140,15 +124,15 @@ class Interval:
     without_low: bool = False
     without_high: bool = False
 
-    def holds(self, value: float) -> bool:
-        """Whether a number is within."""
+    def holds(self, value: Any) -> Any:
+        """Whether a number is within, or each one of an array."""
         above = value > self.low if self.without_low else value >= self.low
-        return above and (value < self.high if self.without_high else value <= self.high)
+        return above & (value < self.high if self.without_high else value <= self.high)
 
 
 @cache
 def interval(bounds: str) -> Interval:
-    """The interval that bounds in words stand for; all numbers for "" and "not all zero".
+    """The interval that bounds in words stand for; of two that say something of the same end the first counts.
 
     Raises:
         ValueError: other words than those of `Key`.
@@ -156,9 +140,9 @@ def interval(bounds: str) -> Interval:
     found: dict[str, Any] = {}
     for word, number in _BOUND.findall(" ".join(_WORDS.get(part, part) for part in re.split(r"(?:, | and )", bounds))):
         end = "low" if word in ("above", "at least", "from") else "high"
-        found[end] = 0.0 if number == "zero" else float(number)
-        found[f"without_{end}"] = word in ("above", "below")
-    if not found and bounds not in ("", "not all zero"):
+        found.setdefault(end, 0.0 if number == "zero" else float(number))
+        found.setdefault(f"without_{end}", word in ("above", "below"))
+    if not found and bounds not in _ANY:
         raise ValueError(f"bounds = {bounds!r}: must be in the words of Key")
     return Interval(**found)
 
@@ -175,9 +159,7 @@ class Config:
 @cache
 def _keys(cls: type) -> list[tuple[str, Key, Any, Any]]:
     """Name, declaration, type and default of every key of a configuration."""
-    hints = typing.get_type_hints(cls)
-    fields = [f for f in dataclasses.fields(cls) if "key" in f.metadata and "slot" not in f.metadata]
-    return [(f.name, key_of(f), hints[f.name], default_of(f)) for f in fields]
+    return [(f.name, key_of(f), kind, default_of(f)) for f, kind in typed_fields(cls) if "key" in f.metadata]
 
 
 def members(kind: Any) -> list[Any]:
@@ -189,28 +171,20 @@ def members(kind: Any) -> list[Any]:
 def _check(name: str, value: Any, declared: Key, kind: Any, default: Any) -> None:
     """BadInputError unless a value is of the type and within the bounds of its key."""
     kinds = members(kind)
-    if value is None and type(None) in kinds:
+    kind, *others = [each for each in kinds if each is not type(None)]
+    if others or (value is None and type(None) in kinds):
         return
-    kinds = [each for each in kinds if each is not type(None)]
-    if len(kinds) > 1:
-        return
-    kind = kinds[0]
     if typing.get_origin(kind) is list:
         if not (value == [] and default == []):
             _check_list(name, value, declared, typing.get_args(kind)[0])
     elif kind in (float, int):
-        _check_number(name, value, declared, kind, _endless(declared, default))
+        _check_number(name, value, declared, kind, default)
     elif kind is bool and not isinstance(value, bool):
         raise invalid(name, value, "true or false")
     elif kind is str and not isinstance(value, str | PurePath):
         raise invalid(name, value, "text")
-    elif kind is str and declared.chosen() and value not in declared.chosen():
-        raise unknown(name, value, declared.chosen()).at(name)
-
-
-def _endless(declared: Key, default: Any) -> bool:
-    """Whether a number may be infinite, which means "no limit": only where the declaration or the default says so."""
-    return declared.bounds.endswith(" or infinite") or (isinstance(default, float) and math.isinf(default))
+    elif kind is str and (known := declared.chosen()) and value not in known:
+        raise unknown(name, value, known).at(name)
 
 
 def _check_list(name: str, values: Any, declared: Key, kind: Any) -> None:
@@ -226,9 +200,11 @@ def _check_list(name: str, values: Any, declared: Key, kind: Any) -> None:
         raise invalid(name, values, declared.bounds)
 
 
-def _check_number(name: str, value: Any, declared: Key, kind: type, endless: bool) -> None:
+def _check_number(name: str, value: Any, declared: Key, kind: type, default: Any) -> None:
     whole, bounds = kind is int, declared.bounds
     number = isinstance(value, Integral if whole else Real) and not isinstance(value, bool)
+    # Infinity means "no limit", and only where the declaration or the default says so.
+    endless = bounds.endswith(" or infinite") or (isinstance(default, float) and math.isinf(default))
     if not number or math.isnan(value) or (math.isinf(value) and not endless):
         raise invalid(name, value, "a whole number" if whole else "a finite number")
     if not interval(bounds).holds(value):

@@ -7,7 +7,7 @@ import sys
 from pathlib import Path
 from typing import Any
 
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, invalid, one_line, unknown
 
 _ALLOWED = "of a module of your own or of an installed package, not of Python's standard library"
 
@@ -34,15 +34,13 @@ def import_object(path: str, field_name: str = "path") -> Any:
     try:
         module = importlib.import_module(module_name)
     except Exception as error:  # whatever the user's module does while it is imported
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise BadInputError(f" = {path!r}: must be importable, but: {reason}", key=field_name) from error
+        raise BadInputError(f" = {path!r}: must be importable, but: {one_line(error)}", key=field_name) from error
     finally:
         if added:
             sys.path.remove(here)
     if not hasattr(module, name):
-        raise BadInputError(
-            f" = {path!r}: " + str(unknown(f"name in {module_name}", name, _public(module))), key=field_name
-        )
+        known = [each for each in vars(module) if not each.startswith("_")]
+        raise BadInputError(f" = {path!r}: {unknown(f'name in {module_name}', name, known)}", key=field_name)
     found = getattr(module, name)
     if callable(found) and _standard(getattr(found, "__module__", None) or type(found).__module__):
         raise invalid(field_name, path, _ALLOWED)
@@ -51,7 +49,3 @@ def import_object(path: str, field_name: str = "path") -> Any:
 
 def _standard(module_name: str) -> bool:
     return module_name.partition(".")[0] in sys.stdlib_module_names
-
-
-def _public(module: object) -> list[str]:
-    return [name for name in vars(module) if not name.startswith("_")]

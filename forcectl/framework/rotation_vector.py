@@ -47,10 +47,7 @@ class RotationVector:
     """
 
     def __init__(self, base: ArrayLike | None = None):
-        R = np.eye(3) if base is None else np.asarray(base, dtype=float)
-        if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0:
-            raise invalid("base", np.asarray(base).tolist(), "a rotation matrix (3, 3)")
-        self._back = R.T
+        self._back = transposed(base)
 
     def state(self, rotation: Vector, angular_velocity: Vector) -> OrientationState:
         """Of the orientation R (3, 3) that turns at w (3,) [rad/s]."""
@@ -100,6 +97,14 @@ class RotationVector:
         skew = np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
         R: Vector = (np.eye(3) + first * skew + second * skew @ skew) @ self._back.T
         return R
+
+
+def transposed(base: ArrayLike | None) -> Vector:
+    """R_0', shape (3, 3), of the base R_0 of coordinates, checked; None: the identity."""
+    R = np.eye(3) if base is None else np.asarray(base, dtype=float)
+    if R.shape != (3, 3) or not np.allclose(R @ R.T, np.eye(3), atol=1e-9) or np.linalg.det(R) < 0:
+        raise invalid("base", R.tolist(), "a rotation matrix (3, 3)")
+    return R.T
 
 
 def _rotation_vector(R: list[list[float]]) -> tuple[float, float, float]:

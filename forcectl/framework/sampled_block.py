@@ -80,7 +80,9 @@ class _Ticks(_Shared):
         self._inputs = {port.get_name(): port for port in inputs}
         self._optional = [name for name in self.optional_inputs if name in self._inputs]
         self._wide = [port.get_name() for port in inputs if port.size() > math.prod(self._shape)]
-        self._all_floats = not self._shape and not self._optional and not self._wide
+        self._readers: list[tuple[str, Callable[[Context], Vector]]] = []
+        if not (self._shape or self._optional or self._wide):
+            self._readers = [(port.get_name(), port.Eval) for port in inputs]
         self._names = tuple(memory)
         initial = {name: self._initial(name, value) for name, value in memory.items()}
         self._numbers = ["time", *(name for name, value in initial.items() if value.shape == self._shape)]
@@ -90,14 +92,14 @@ class _Ticks(_Shared):
             if name not in self._numbers:
                 self._vectors[name] = slice(end, end + len(value))
                 end += len(value)
-        self._length = (end - 1) * math.prod(self._shape) + 1
+        self._packed_size = (end - 1) * math.prod(self._shape) + 1
         state = self.DeclareDiscreteState(self._pack({**initial, "time": -self._period}))
         self._reads: set[Any] = {port.ticket() for port in inputs}
         self._reads |= {self.time_ticket(), self.all_parameters_ticket(), self.discrete_state_ticket(state)}
         self._state, self._memory = state, int(state)  # a number is looked up in half of the time
         self._kept = {name: self.DeclareDiscreteState(part) for name, part in (kept or {}).items()}
         if self.keeps_start:
-            self._start = self.DeclareDiscreteState(self._length + sum(port.size() for port in inputs))
+            self._start = self.DeclareDiscreteState(self._packed_size + sum(port.size() for port in inputs))
         self._now: BlockCache | None = None
         self._port: OutputPort | None = None
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._period, offset_sec=0.0, update=self._hold)
@@ -113,18 +115,14 @@ class _Ticks(_Shared):
     def _declare_output(self, name: str) -> None:
         vector = self._vectors.get(name)
         size = math.prod(self._shape) * (1 if vector is None else vector.stop - vector.start)
-        after: Callable[[Context], Memory]
-        if self._now:
-            after, reads = self._now.Eval, {self._now.ticket()}
-        else:
-            block: Any = ref(self)
-            after, reads = lambda context: block()._compute(context), self._reads
+        block: Any = ref(self)
+        now, reads = self._now, {self._now.ticket()} if self._now else self._reads
 
         def put_number(context: Context, output: BasicVector) -> None:
-            output.SetAtIndex(0, after(context)[name])
+            output.SetAtIndex(0, (now.Eval(context) if now else block()._compute(context))[name])
 
         def put_vector(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(after(context)[name])
+            output.SetFromVector((now.Eval(context) if now else block()._compute(context))[name])
 
         put = put_number if vector is None and not self._shape else put_vector
         self._port = self.DeclareVectorOutputPort(name, size, put, prerequisites_of_calc=reads)
@@ -170,6 +168,10 @@ class _Ticks(_Shared):
         """The memory after the tick that the outputs show, by name, with the "time" of that tick [s]."""
         return dict(self._after(context))
 
+    def held(self, context: Context) -> dict[str, Any]:
+        """The memory as the tick before left it, by name, with the "time" of that tick [s]."""
+        return self._unpack(context.get_discrete_state(self._memory).value())
+
     def last_tick(self, context: Context) -> TickStart:
         """What the tick started from whose values the outputs show; of a block that keeps it.
 
@@ -177,13 +179,13 @@ class _Ticks(_Shared):
             BadInputError: there was none yet.
         """
         now = context.get_time()
-        memory = self._unpack(context.get_discrete_state(self._memory).CopyToVector())
+        memory = self.held(context)
         if now - memory["time"] >= self._soonest:
             return TickStart(memory, self._read(context))
         if memory["time"] < 0.0:
             raise BadInputError(f"{self.get_name()}: there was no tick yet at t = {now:g} s")
         start = context.get_discrete_state(self._start).CopyToVector()
-        ends = np.cumsum([self._length, *(port.size() for port in self._inputs.values())])
+        ends = np.cumsum([self._packed_size, *(port.size() for port in self._inputs.values())])
         before, *readings = np.split(start, ends[:-1])
         inputs = dict(zip(self._inputs, readings, strict=True))
         for name in self._unconnected(context):
@@ -202,6 +204,8 @@ class _Ticks(_Shared):
         return np.asarray(value, dtype=float)
 
     def _unpack(self, packed: Vector) -> dict[str, Any]:
+        # A copy: a view that is handed on, unchanged, would keep the context alive from within its own cache.
+        packed = packed.copy()
         memory = dict(zip(self._numbers, packed[: len(self._numbers)].tolist(), strict=True))
         for name, place in self._vectors.items():
             memory[name] = packed[place]
@@ -212,8 +216,7 @@ class _Ticks(_Shared):
         return np.concatenate([numbers, *(memory[name] for name in self._vectors)])
 
     def _compute(self, context: Context) -> Memory:
-        # A copy: a view that is handed on, unchanged, would keep the context alive from within its own cache.
-        memory, now = self._unpack(context.get_discrete_state(self._memory).CopyToVector()), context.get_time()
+        memory, now = self._unpack(context.get_discrete_state(self._memory).value()), context.get_time()
         if now - memory["time"] < self._soonest:
             return memory
         after = self.step(context, memory, self._read(context))
@@ -226,9 +229,9 @@ class _Ticks(_Shared):
             return after
         if self._port is None:
             return self._compute(context)
-        (name,), value = self._names, self._port.Eval(context)
+        value = self._port.Eval(context)
         tick = math.floor(context.get_time() / self._period + 1e-3)
-        return {"time": tick * self._period, name: value if self._shape or self._vectors else value.item()}
+        return {"time": tick * self._period, self._names[0]: value if self._shape or self._vectors else value.item()}
 
     def _hold(self, context: Context, next_state: DiscreteValues) -> None:
         after = self._after(context)
@@ -272,8 +275,8 @@ class SampledBatch(_Ticks, BatchBlock):
         return batch_values(f"initial {name}", value, self._size).reshape(self._shape)
 
     def _read(self, context: Context) -> Memory:
-        if self._all_floats:
-            return {name: port.Eval(context).item() for name, port in self._inputs.items()}
+        if self._readers:
+            return {name: read(context).item() for name, read in self._readers}
         inputs = super()._read(context)
         return {
             name: self.unstack(value) if name in self._wide else self.batch_value(value)
@@ -281,7 +284,7 @@ class SampledBatch(_Ticks, BatchBlock):
         }
 
     def _unpack(self, packed: Vector) -> dict[str, Any]:
-        rows = [packed.item(0), *packed[1:].reshape(-1, *self._shape)] if self._shape else packed.tolist()
+        rows = [packed.item(0), *packed[1:].copy().reshape(-1, *self._shape)] if self._shape else packed.tolist()
         memory = dict(zip(self._numbers, rows))  # noqa: B905, the argument takes longer than the rest
         for name, place in self._vectors.items():
             memory[name] = rows[place]

@@ -15,31 +15,37 @@ from forcectl.errors import BadInputError, about
 Matrix = NDArray[np.float64]
 
 
-def add_part(part: Any, key: str, builder: DiagramBuilder, *arguments: Any, **named: Any) -> System:
-    """The system that the `add_to` of a part adds; errors in it are about the part.
+def made_by(part: Any, method: str, key: str, kind: Any, wanted: str, *arguments: Any, **named: Any) -> Any:
+    """What a method of a part returns; errors in it are about the part.
 
     Args:
         part: fills a slot.
+        method: its name.
         key: of the part, for the message.
-        builder: first argument of `add_to`.
-        arguments: further ones.
+        kind: what is returned must be an instance of it.
+        wanted: the same in words.
+        arguments: of the method.
         named: further ones, by name.
 
     Raises:
-        BadInputError: it returns something else than a system.
+        BadInputError: it returns something else.
     """
     with about(part):
-        made = part.add_to(builder, *arguments, **named)
-    if not isinstance(made, System):
-        raise BadInputError(f"add_to must return a Drake system, not {type(made).__name__}", key=key)
+        made = getattr(part, method)(*arguments, **named)
+    if not isinstance(made, kind):
+        raise BadInputError(f"{method} must return {wanted}, not {type(made).__name__}", key=key)
     return made
+
+
+def add_part(part: Any, key: str, builder: DiagramBuilder, *arguments: Any, **named: Any) -> System:
+    """The system that the `add_to` of a part adds, see `made_by`."""
+    system: System = made_by(part, "add_to", key, System, "a Drake system", builder, *arguments, **named)
+    return system
 
 
 def affine(gain: Matrix, offset: Matrix) -> AffineSystem:
     """y = gain u + offset, without state."""
-    outputs, inputs = gain.shape
-    empty = np.zeros((0, 0))
-    return AffineSystem(empty, np.zeros((0, inputs)), np.zeros(0), np.zeros((outputs, 0)), gain, offset, 0.0)
+    return AffineSystem(D=gain, y0=offset)
 
 
 def export_outputs(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> None:
@@ -49,25 +55,13 @@ def export_outputs(builder: DiagramBuilder, ports: Mapping[str, OutputPort]) -> 
 
 
 def export_all_outputs(builder: DiagramBuilder, system: System, but: Sequence[str] = ()) -> None:
-    """Export the outputs of a system under their own names, in their order.
-
-    Args:
-        builder: has the system.
-        system: whose ports are exported.
-        but: names of outputs that are not.
-    """
+    """Export the outputs of a system under their own names, in their order, but for those named in `but`."""
     ports = map(system.get_output_port, range(system.num_output_ports()))
     export_outputs(builder, {port.get_name(): port for port in ports if port.get_name() not in but})
 
 
 def stacked(builder: DiagramBuilder, name: str, ports: Sequence[OutputPort]) -> OutputPort:
-    """Scalar ports one after the other, shape (k,).
-
-    Args:
-        builder: has their systems.
-        name: of the block that stacks them; a single port needs none.
-        ports: each of shape (1,), at least one.
-    """
+    """At least one port of shape (1,), one after the other, shape (k,); a single one needs no block of that name."""
     if len(ports) == 1:
         return ports[0]
     block = builder.AddNamedSystem(name, Multiplexer([1] * len(ports)))

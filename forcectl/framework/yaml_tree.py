@@ -27,12 +27,12 @@ Tree = Any  # a Tagged mapping, a list of trees, a scalar or an object
 
 
 class Tagged(dict[str, Any]):
-    """A mapping with the YAML tag in front of it (without the `!`), or None.
+    """A mapping with a YAML tag.
 
     Args:
         values: keys and values.
-        tag: without the `!`.
-        given: the object that the values change, None where there is none.
+        tag: without the `!`; None for none.
+        given: the object that the values change; None for none.
 
     Attributes:
         lines: of the text that the tree was read from, where each dotted key stands; only the root has them.
@@ -46,11 +46,6 @@ class Tagged(dict[str, Any]):
 
     def __repr__(self) -> str:
         return f"!{self.tag}" if self.tag and not self else super().__repr__()
-
-
-def tag_of(tree: Tree) -> str | None:
-    """The tag of a mapping; None for anything untagged."""
-    return tree.tag if isinstance(tree, Tagged) else None
 
 
 class _Loader(yaml.SafeLoader):
@@ -88,16 +83,18 @@ for _class in (_Loader, _Dumper):
     _class.add_implicit_resolver("tag:yaml.org,2002:merge", re.compile(r"^(?:<<)$"), ["<"])
 
 
+def _refusal(node: yaml.Node, text: str) -> yaml.YAMLError:
+    return yaml.constructor.ConstructorError(None, None, text, node.start_mark)
+
+
 def _construct_mapping(loader: _Loader, node: yaml.Node, tag: str | None = None) -> Iterator[Tagged]:
     if not isinstance(node, yaml.MappingNode):
-        raise yaml.constructor.ConstructorError(None, None, "expected a mapping", node.start_mark)
+        raise _refusal(node, "expected a mapping")
     written = set()
     for key_node, _ in node.value:
         key = (key_node.tag, key_node.value if isinstance(key_node, yaml.ScalarNode) else None)
         if key in written and key_node.value != "<<":
-            raise yaml.constructor.ConstructorError(
-                None, None, f"key {key_node.value!r} is written twice", key_node.start_mark
-            )
+            raise _refusal(key_node, f"key {key_node.value!r} is written twice")
         written.add(key)
     result = Tagged(tag=tag)
     yield result
@@ -106,11 +103,11 @@ def _construct_mapping(loader: _Loader, node: yaml.Node, tag: str | None = None)
 
 def _construct_tagged(loader: _Loader, suffix: str, node: yaml.Node) -> Any:
     if not suffix:
-        raise yaml.constructor.ConstructorError(None, None, "a tag needs a name, as in !Integral", node.start_mark)
+        raise _refusal(node, "a tag needs a name, as in !Integral")
     if isinstance(node, yaml.ScalarNode) and node.value == "":
         return Tagged(tag=suffix)
     if not isinstance(node, yaml.MappingNode):
-        raise yaml.constructor.ConstructorError(None, None, f"!{suffix} must be followed by a mapping", node.start_mark)
+        raise _refusal(node, f"!{suffix} must be followed by a mapping")
     return _construct_mapping(loader, node, suffix)
 
 
@@ -127,19 +124,16 @@ _Loader.add_constructor(
 _Loader.add_multi_constructor("!", _construct_tagged)
 
 
-def _represent(dumper: _Dumper, data: Tagged) -> yaml.Node:
-    return dumper.represent_mapping(f"!{data.tag}" if data.tag else "tag:yaml.org,2002:map", data.items())
-
-
-_Dumper.add_representer(Tagged, _represent)
+_Dumper.add_representer(
+    Tagged,
+    lambda dumper, data: dumper.represent_mapping(
+        f"!{data.tag}" if data.tag else "tag:yaml.org,2002:map", data.items()
+    ),
+)
 
 
 def parse(text: str, origin: str) -> Tree:
-    """The tree of a YAML text.
-
-    Args:
-        text: YAML.
-        origin: file name or option, for messages.
+    """The tree of a YAML text; `origin` is a file name or an option, for messages.
 
     Raises:
         BadInputError: the text is not YAML; the message names the line and column.
@@ -148,12 +142,11 @@ def parse(text: str, origin: str) -> Tree:
         loader = _Loader(text)
         node = loader.get_single_node()
         tree = None if node is None else loader.construct_document(node)
-        count = 0
-        for part in _values(tree):
-            count += 1
+        values = _values(tree)
+        for part in values:
             if isinstance(part, str) and _UNPRINTABLE.search(part):
                 raise BadInputError(f"{origin}: not usable: control character in {part[:40]!r}")
-        if count >= _MOST_VALUES:
+        if len(values) >= _MOST_VALUES:
             raise BadInputError(f"{origin}: not usable: more than {_MOST_VALUES} values, or an alias that holds itself")
         if isinstance(tree, Tagged) and node is not None:
             tree.lines = _lines(node)
@@ -167,25 +160,18 @@ def parse(text: str, origin: str) -> Tree:
         raise BadInputError(f"{origin}: not valid YAML: {_one_line(error, text)}") from None
 
 
-def _values(tree: Tree) -> Iterator[Tree]:
-    # Aliases make a short text unfold to any size, or to a tree without an end.
-    waiting, count = [tree], 0
-    while waiting and count < _MOST_VALUES:
-        part = waiting.pop()
-        count += 1
-        yield part
+def _values(tree: Tree) -> list[Tree]:
+    found = [tree]
+    for part in found:  # which grows
+        if len(found) >= _MOST_VALUES:  # aliases make a short text unfold to any size, or to a tree without an end
+            break
         if isinstance(part, Tagged | list):
-            waiting.extend([*part.keys(), *part.values()] if isinstance(part, Tagged) else part)
+            found.extend([*part.keys(), *part.values()] if isinstance(part, Tagged) else part)
+    return found
 
 
 def place(origin: str, lines: Mapping[str, int], key: str) -> str:
-    """File and line of a dotted key, for messages; what is not in the file stands where the part around it does.
-
-    Args:
-        origin: file name.
-        lines: by dotted key, see `Tagged`.
-        key: with dots.
-    """
+    """File and line of a dotted key, for messages; what is not in the file stands where the part around it does."""
     while key and key not in lines:
         key = key.rpartition(".")[0]
     return f"{origin}:{lines[key]}" if key else origin
@@ -238,7 +224,7 @@ def merge(base: Tree, over: Tree) -> Tree:
             items[int(key)] = merge(items[int(key)], value)
         return items
     if not isinstance(base, Tagged) or not isinstance(over, Tagged) or _replaces(over, base):
-        return _copied(over)
+        return plain(over)
     result = Tagged(base, base.tag, base.given)
     for key, value in over.items():
         if key in base:
@@ -246,7 +232,7 @@ def merge(base: Tree, over: Tree) -> Tree:
         elif is_object(base.given) and is_object(getattr(base.given, str(key), None)):
             result[key] = merge(getattr(base.given, key), value)
         else:
-            result[key] = _copied(value)
+            result[key] = plain(value)
     return result
 
 
@@ -257,13 +243,6 @@ def _replaces(over: Tagged, base: Tagged) -> bool:
 def is_object(value: Any) -> bool:
     """Whether a part of a tree is an object from Python: no mapping, list, scalar or file name."""
     return not isinstance(value, Mapping | list | tuple | str | int | float | bool | PurePath | Enum | None)
-
-
-def _copied(tree: Tree) -> Tree:
-    """A tree of new mappings and lists; objects stay themselves."""
-    if isinstance(tree, Tagged):
-        return Tagged({key: _copied(value) for key, value in tree.items()}, tree.tag, tree.given)
-    return [_copied(value) for value in tree] if isinstance(tree, list) else tree
 
 
 def _is_index(key: object, items: list[Any]) -> bool:
@@ -282,9 +261,11 @@ def nest(overrides: Mapping[str, Any]) -> Tagged:
 
 
 def plain(value: Any) -> Tree:
-    """A value given from Python (dicts, tuples, NumPy numbers and arrays) as a tree."""
+    """A value given from Python (dicts, tuples, NumPy numbers and arrays) as a tree; a copy of one that is a tree."""
     if isinstance(value, Mapping):
-        return Tagged({k: plain(v) for k, v in value.items()}, tag_of(value), getattr(value, "given", None))
+        return Tagged(
+            {k: plain(v) for k, v in value.items()}, getattr(value, "tag", None), getattr(value, "given", None)
+        )
     if isinstance(value, list | tuple):
         return [plain(v) for v in value]
     if hasattr(value, "tolist"):  # NumPy, without importing it
@@ -305,7 +286,7 @@ def as_json(tree: Tree) -> Any:
 def difference(base: Tree, other: Tree) -> Tree:
     """The smallest tree that turns `base` into `other` when merged on top; an empty mapping for equal mappings."""
     if not isinstance(base, Tagged) or not isinstance(other, Tagged) or base.tag != other.tag or set(base) - set(other):
-        return _copied(other)
+        return plain(other)
     changed = Tagged()
     for key, value in other.items():
         if key not in base or not equal(base[key], value):

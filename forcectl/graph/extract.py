@@ -5,56 +5,28 @@ from __future__ import annotations
 import re
 from collections import defaultdict
 from dataclasses import replace
-from typing import TypeAlias
 
 import numpy as np
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, Diagram, System
 from pydrake.systems.primitives import AffineSystem, Gain, Multiplexer, Saturation, VectorLogSink
 
-from forcectl.errors import BadInputError, invalid
-from forcectl.framework.wiring import input_names
-from forcectl.graph.model import Block, BlockGraph, Category, Edge, Endpoint, Parameter, Port
+from forcectl.graph.model import Block, Category, Edge, Endpoint, Parameter, Port
 from forcectl.inspect.events import PeriodicEvent, read_timing
 from forcectl.inspect.names import is_automatic, type_name
 from forcectl.inspect.ports import unit, value_type
 from forcectl.inspect.start import StartValues, is_library_plant
-from forcectl.inspect.wiring import DiagramLevel, PortAddress, Side, Wiring
+from forcectl.inspect.wiring import DiagramLevel, PortAddress, Wiring
 
 _MOST_MATRIX_ELEMENTS = 64
 
-_End: TypeAlias = tuple[Side, PortAddress]
 
-
-def block_graph(
-    diagram: System,
-    *,
-    depth: int | None = 1,
-    hide_unused: bool = True,
-    signals: bool = True,
-    loggers: bool = False,
-    context: Context | None = None,
-) -> BlockGraph:
-    """Read a diagram once; the result does not refer to it any more.
-
-    Args:
-        diagram: any Drake diagram, or a single leaf system.
-        depth: levels of nested diagrams that are unfolded: 0 shows one box, 1 its blocks, None everything.
-        hide_unused: leave out ports that nothing is connected to.
-        signals: write size and unit on the wires.
-        loggers: show blocks that only record a signal.
-        context: of the diagram, for the values of parameters; the default context when None.
-
-    Raises:
-        BadInputError: when `diagram` is no Drake system or `depth` is negative.
-    """
-    if not isinstance(diagram, System):
-        raise BadInputError(f"diagram = {diagram!r}: must be a Drake diagram or system that is built")
-    if depth is not None and (isinstance(depth, bool) or not isinstance(depth, int) or depth < 0):
-        raise invalid("depth", depth, "a whole number >= 0, or None for all levels")
+def read_blocks(diagram: System, context: Context, hide_unused: bool, loggers: bool) -> Block:
+    """A diagram, or a single leaf system, with everything inside of it; the arguments are those of `export.graph`."""
     wiring = Wiring(diagram)
     top = "" if isinstance(diagram, Diagram) else next(path for path, _ in wiring.leaves())
-    reader = _Reader(wiring, hide_unused, loggers, context or diagram.CreateDefaultContext())
-    return BlockGraph(reader.read(top, set(_ends(wiring, top))), depth, signals)
+    used = {*wiring.inputs(top), *wiring.outputs(top)}
+    return _Reader(wiring, hide_unused, loggers, context).read(top, used)
 
 
 class _Reader:
@@ -71,13 +43,16 @@ class _Reader:
         for event in timing.events:
             self._samples[event.block].append(event)
 
-    def read(self, path: str, used: set[_End]) -> Block:
+    def read(self, path: str, used: set[PortAddress]) -> Block:
         system = self._wiring.systems[path]
-        ends = [end for end in _ends(self._wiring, path) if end in used or not self._hide_unused]
+        inputs, outputs = (
+            [port for port in ports if port in used or not self._hide_unused]
+            for ports in (self._wiring.inputs(path), self._wiring.outputs(path))
+        )
         blocks: tuple[Block, ...] = ()
         edges: tuple[Edge, ...] = ()
         if isinstance(system, Diagram):
-            blocks, edges = self._inside(path, set(ends))
+            blocks, edges = self._inside(path, {*inputs, *outputs})
         samples = tuple(sorted(self._samples[path], key=lambda event: (event.period, event.offset)))
         return Block(
             path=path,
@@ -85,8 +60,8 @@ class _Reader:
             type_name=type_name(system),
             kind="diagram" if isinstance(system, Diagram) else "leaf",
             category=_category(system, bool(samples)),
-            inputs=tuple(self._port(end, used) for end in ends if end[0] == "input"),
-            outputs=tuple(self._port(end, used) for end in ends if end[0] == "output"),
+            inputs=tuple(self._port(port, used) for port in inputs),
+            outputs=tuple(self._port(port, used) for port in outputs),
             automatic_name=is_automatic(system.get_name()),
             samples=samples,
             every_step=path in self._every_step,
@@ -96,83 +71,60 @@ class _Reader:
             edges=edges,
         )
 
-    def _inside(self, path: str, terminals: set[_End]) -> tuple[tuple[Block, ...], tuple[Edge, ...]]:
-        level = self._wiring.inside(path)
-        if level is None:
-            return (), ()
+    def _inside(self, path: str, terminals: set[PortAddress]) -> tuple[tuple[Block, ...], tuple[Edge, ...]]:
+        level = self._wiring.levels[path]
         hidden = set() if self._loggers else _recorders(self._wiring, level)
         place = {owner: number for number, owner in enumerate([path, *level.children])}
         wires = sorted(
             (
-                wire
-                for wire in level.wires()
-                if all(port.system != path or (side, port) in terminals for side, port in wire)
+                (source, reader)
+                for reader, source in level.sources.items()
+                if all(port.system != path or port in terminals for port in (source, reader))
             ),
-            key=lambda wire: [(place[port.system], port.index) for _, port in wire],
+            key=lambda wire: [(place[port.system], port.index) for port in wire],
         )
-        shown = [wire for wire in wires if not any(port.system in hidden for _, port in wire)]
-        used = {end for wire in shown for end in wire}
+        shown = [wire for wire in wires if not any(port.system in hidden for port in wire)]
+        used = {port for wire in shown for port in wire}
         # A signal that is only recorded keeps its port.
-        used |= {source for source, reader in wires if reader[1].system in hidden and source[1].system not in hidden}
+        used |= {source for source, reader in wires if reader.system in hidden and source.system not in hidden}
         blocks = tuple(self.read(child, used) for child in level.children if child not in hidden)
         return blocks, self._edges(shown)
 
-    def _edges(self, wires: list[tuple[_End, _End]]) -> tuple[Edge, ...]:
-        units: dict[_End, str] = {}
+    def _edges(self, wires: list[tuple[PortAddress, PortAddress]]) -> tuple[Edge, ...]:
+        units: dict[PortAddress, str] = {}
         for source, target in wires:  # a signal has the unit of its source, else the first that any of its targets has
-            units[source] = units.get(source) or unit(self._wiring, *source) or unit(self._wiring, *target)
+            units[source] = units.get(source) or unit(self._wiring, source) or unit(self._wiring, target)
         edges = []
         for source, target in wires:
             port = replace(self._port(source, set()), unit=units[source])
-            start, end = (Endpoint(p.system, self._wiring.port(side, p).get_name()) for side, p in (source, target))
-            edges.append(Edge(start, end, port.signal, port.size, port.unit))
+            start, end = (Endpoint(p.system, self._wiring.port(p).get_name()) for p in (source, target))
+            edges.append(Edge(start, end, port.signal, port.size))
         return tuple(edges)
 
-    def _port(self, end: _End, used: set[_End]) -> Port:
-        side, port = end
-        system, drake_port = self._wiring.systems[port.system], self._wiring.port(*end)
-        abstract = value_type(drake_port)
+    def _port(self, address: PortAddress, used: set[PortAddress]) -> Port:
+        port = self._wiring.port(address)
+        abstract = value_type(port)
         feedthrough: tuple[str, ...] = ()
-        if side == "output" and not isinstance(system, Diagram):
-            pairs, inputs = sorted(self._wiring.feedthrough(port.system)), input_names(system)
-            feedthrough = tuple(inputs[i] for i, o in pairs if o == port.index)
-        size = 0 if abstract else drake_port.size()
-        return Port(drake_port.get_name(), size, unit(self._wiring, *end), abstract, end in used, feedthrough)
-
-
-def _ends(wiring: Wiring, path: str) -> list[_End]:
-    """All ports of a system, inputs first."""
-    system = wiring.systems[path]
-    inputs: list[_End] = [("input", PortAddress(path, i)) for i in range(system.num_input_ports())]
-    return [*inputs, *(("output", PortAddress(path, i)) for i in range(system.num_output_ports()))]
+        if address.side == "output" and address.system not in self._wiring.levels:
+            feedthrough = tuple(self._wiring.port(passed).get_name() for passed in self._wiring.passed(address))
+        size = 0 if abstract else port.size()
+        return Port(port.get_name(), size, unit(self._wiring, address), abstract, address in used, feedthrough)
 
 
 def _recorders(wiring: Wiring, level: DiagramLevel) -> set[str]:
     """Paths of the loggers in a diagram, and of the multiplexers that only gather signals for them."""
     found = {child for child in level.children if isinstance(wiring.systems[child], VectorLogSink)}
     fed: dict[str, set[str]] = defaultdict(set)
-    for reader, source in level.connections.items():
+    for reader, source in level.sources.items():
         fed[source.system].add(reader.system)
-    outside = {source.system for source in level.exported_outputs.values()}
-    gather = {
-        child
-        for child in level.children
-        if isinstance(wiring.systems[child], Multiplexer) and fed[child] and fed[child] <= found
-    }
-    return found | (gather - outside)
+    multiplexers = (child for child in level.children if isinstance(wiring.systems[child], Multiplexer))
+    return found | {child for child in multiplexers if fed[child] and fed[child] <= found}
 
 
 def _states(system: System) -> tuple[int, int, int]:
-    if isinstance(system, Diagram):
-        inside = [_states(child) for child in system.GetSystems()]
-        return (sum(s[0] for s in inside), sum(s[1] for s in inside), sum(s[2] for s in inside))
     discrete = system.AllocateDiscreteVariables()
-    groups = range(discrete.num_groups())
-    return (
-        system.num_continuous_states(),
-        sum(discrete.get_vector(group).size() for group in groups),
-        system.num_abstract_states(),
-    )
+    size = sum(discrete.get_vector(group).size() for group in range(discrete.num_groups()))
+    return system.num_continuous_states(), size, system.num_abstract_states()
 
 
 def _category(system: System, has_events: bool) -> Category:
@@ -191,36 +143,28 @@ def _parameters(system: System, root_context: Context) -> tuple[Parameter, ...]:
     """Numeric parameters from the context, and the matrices of linear blocks."""
     if isinstance(system, Diagram) or is_library_plant(system):
         return ()  # a plant's parameters are one group per body: no help in a picture
-    found: list[Parameter] = []
+    found: list[tuple[str, ArrayLike]] = []
     if isinstance(system, AffineSystem):
         matrices = {"A": system.A(), "B": system.B(), "C": system.C(), "D": system.D()}
-        found = [
-            Parameter(name, tuple(float(x) for x in np.ravel(matrix)))
-            for name, matrix in matrices.items()
-            if 0 < np.size(matrix) <= _MOST_MATRIX_ELEMENTS
-        ]
+        found += [(name, m) for name, m in matrices.items() if 0 < np.size(m) <= _MOST_MATRIX_ELEMENTS]
     elif isinstance(system, Gain):
-        found = [Parameter("gain", _response(system, 1.0))]
+        found.append(("gain", _response(system, 1.0)))
     elif isinstance(system, Saturation):
-        found = [
-            Parameter("lower limit", _response(system, -np.inf)),
-            Parameter("upper limit", _response(system, np.inf)),
-        ]
-    count = system.num_numeric_parameter_groups()
-    if count:
+        found += [("lower limit", _response(system, -np.inf)), ("upper limit", _response(system, np.inf))]
+    if count := system.num_numeric_parameter_groups():
         context = system.GetMyContextFromRoot(root_context)
-        names = _parameter_names(system, count)
-        for index, name in enumerate(names):
-            found.append(Parameter(name, tuple(float(x) for x in context.get_numeric_parameter(index).value())))
-    return tuple(found)
+        for index, name in enumerate(_parameter_names(system, count)):
+            found.append((name, context.get_numeric_parameter(index).value()))
+    return tuple(Parameter(name, tuple(map(float, np.ravel(values)))) for name, values in found)
 
 
-def _response(system: System, value: float) -> tuple[float, ...]:
+def _response(system: System, value: float) -> ArrayLike:
     """Output of a stateless C++ block for a constant input; tells what the block has no accessor for."""
     context = system.CreateDefaultContext()
     port = system.get_input_port(0)
     port.FixValue(context, np.full(port.size(), value))
-    return tuple(float(x) for x in system.get_output_port(0).Eval(context))
+    response: ArrayLike = system.get_output_port(0).Eval(context)
+    return response
 
 
 def _parameter_names(system: System, count: int) -> list[str]:

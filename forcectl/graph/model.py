@@ -77,7 +77,6 @@ class Edge:
     target: Endpoint
     signal: str
     size: int
-    unit: str
 
 
 @dataclass(frozen=True)
@@ -109,11 +108,12 @@ class Block:
     blocks: tuple[Block, ...] = ()
     edges: tuple[Edge, ...] = ()
 
-    def walk(self) -> Iterator[Block]:
-        """This block and everything inside, parents first."""
+    def walk(self, levels: int | None = None) -> Iterator[Block]:
+        """This block and what is inside, parents first: so many levels of it, None for all."""
         yield self
-        for block in self.blocks:
-            yield from block.walk()
+        if levels != 0:
+            for block in self.blocks:
+                yield from block.walk(None if levels is None else levels - 1)
 
     @property
     def height(self) -> int:
@@ -134,32 +134,28 @@ class BlockGraph:
     Attributes:
         root: the top-level diagram (or a single leaf).
         depth: levels that are unfolded; None means all.
-        signals: whether wires carry size and unit.
     """
 
     root: Block
     depth: int | None = 1
-    signals: bool = True
 
     @cached_property
     def by_path(self) -> dict[str, Block]:
         """Every block of the graph, folded away or not."""
         return {block.path: block for block in self.root.walk()}
 
-    @property
-    def max_depth(self) -> int:
-        """The depth at which everything is unfolded."""
-        return self.root.height
-
     def unfolded(self, depth: int | None = None) -> frozenset[str]:
         """Paths of the diagrams drawn open at `depth` (default: the depth of the graph)."""
         levels = self.depth if depth is None else depth
-        return frozenset(_open_paths(self.root, self.max_depth if levels is None else levels))
+        if levels == 0:
+            return frozenset()
+        reached = self.root.walk(None if levels is None else levels - 1)
+        return frozenset(block.path for block in reached if block.kind == "diagram")
 
     @property
     def nodes(self) -> tuple[Block, ...]:
         """The blocks that are visible at the graph's depth, open diagrams included, parents first."""
-        return tuple(_visible(self.root, self.unfolded()))
+        return tuple(self.root.walk(self.depth))
 
     @property
     def edges(self) -> tuple[Edge, ...]:
@@ -167,19 +163,18 @@ class BlockGraph:
         shown = self.unfolded()
         return tuple(edge for block in self.nodes if block.path in shown for edge in block.edges)
 
+    def port_number(self, end: Endpoint, side: str, inside: str) -> tuple[str, int]:
+        """Side and number of the port at one end of a wire: what enters the diagram `inside` is an output within.
 
-def _open_paths(block: Block, levels: int) -> Iterator[str]:
-    if block.kind == "diagram" and levels > 0:
-        yield block.path
-        for child in block.blocks:
-            yield from _open_paths(child, levels - 1)
-
-
-def _visible(block: Block, unfolded: frozenset[str]) -> Iterator[Block]:
-    yield block
-    if block.path in unfolded:
-        for child in block.blocks:
-            yield from _visible(child, unfolded)
+        Args:
+            end: of the wire.
+            side: "out" for its source, "in" for its target.
+            inside: path of the diagram that holds the wire.
+        """
+        if end.block == inside:
+            side = "in" if side == "out" else "out"
+        block = self.by_path[end.block]
+        return side, [port.name for port in (block.inputs if side == "in" else block.outputs)].index(end.port)
 
 
 def format_time(seconds: float) -> str:

@@ -2,7 +2,6 @@ from forcectl.inspect.delay import DelayChain as DelayChain
 from forcectl.inspect.delay import DelayRow as DelayRow
 from forcectl.inspect.events import PeriodicEvent as PeriodicEvent
 from forcectl.inspect.events import Timing as Timing
-from forcectl.inspect.events import events_of as events_of
 from forcectl.inspect.events import read_timing as read_timing
 from forcectl.inspect.feedthrough import FeedthroughRow as FeedthroughRow
 from forcectl.inspect.feedthrough import feedthrough_table as feedthrough_table

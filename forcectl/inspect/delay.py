@@ -55,7 +55,7 @@ class Start:
     """
 
     name: str
-    readers: tuple[PortAddress, ...]
+    readers: list[PortAddress]
     output: PortAddress | None
 
 
@@ -71,26 +71,21 @@ def ends_of_way(hops: Hops, source: PortName, target: PortName) -> tuple[Start, 
     name, inputs, output = start_of_way(hops.wiring, source)
     end = one_output(hops.wiring, target)
     if output is None:
-        return Start(name, tuple(inputs), None), end
+        return Start(name, inputs, None), end
     for origin in _same_instant(hops.wiring, output):
         readers = hops.readers.get(origin, [])
         if origin == end or hops.shortest(readers, end) is not None:
-            return Start(name, tuple(readers), origin if origin.system else None), end
-    return Start(name, tuple(hops.readers.get(output, ())), output), end
+            return Start(name, readers, origin if origin.system else None), end
+    return Start(name, hops.readers.get(output, []), output), end
 
 
 def _same_instant(wiring: Wiring, output: PortAddress) -> Iterator[PortAddress]:
     """A leaf output and everything it is computed from without a state in between, the nearest first."""
-    found = {output: None}
     queue = [output]
-    while queue:
-        port = queue.pop(0)
+    for port in queue:  # grows on the way
         yield port
-        passed = sorted(wiring.feedthrough(port.system)) if port.system else []
-        sources = [wiring.source(PortAddress(port.system, i)) for i, o in passed if o == port.index]
-        new = [source for source in sources if source is not None and source not in found]
-        found.update(dict.fromkeys(new))
-        queue += dict.fromkeys(new)
+        sources = map(wiring.source, wiring.passed(port) if port.system else ())
+        queue += dict.fromkeys(source for source in sources if source is not None and source not in queue)
 
 
 def trace(values: StartValues, hops: Hops, source: PortName, target: PortName) -> DelayChain | None:
@@ -100,7 +95,7 @@ def trace(values: StartValues, hops: Hops, source: PortName, target: PortName) -
         BadInputError: a name that no port has, or that several different ports have.
     """
     start, end = ends_of_way(hops, source, target)
-    way: list[Hop] | None = [] if start.output == end else hops.shortest(list(start.readers), end)
+    way = [] if start.output == end else hops.shortest(start.readers, end)
     if way is None:
         return None
     stages = stages_of(values, hops, way)
@@ -153,14 +148,14 @@ def _consumers(hops: Hops, output: PortAddress, seen: set[PortAddress]) -> dict[
         if reader in seen:
             continue
         seen.add(reader)
-        update = hops.update_of(reader.system)
+        update = hops.updates.get(reader.system)
         if update is None and hops.wiring.systems[reader.system].num_continuous_states():
             found[reader.system] = None
             continue
         behind: dict[str, PeriodicEvent | None] = {}
         for hop in hops.through(reader):
             if hop.event is None:
-                behind |= _consumers(hops, PortAddress(hop.block, hop.output), seen)
+                behind |= _consumers(hops, hop.output, seen)
         sooner = any(event is None or update is None or event.period < update.period for event in behind.values())
         found |= behind if sooner or update is None else {reader.system: update}
     return found
@@ -169,18 +164,18 @@ def _consumers(hops: Hops, output: PortAddress, seen: set[PortAddress]) -> dict[
 def _passed_at(hops: Hops, way: list[Hop]) -> list[PeriodicEvent]:
     """The fastest update of the blocks behind the last hold that only pass the signal on, such as a plant."""
     held = max((k for k, hop in enumerate(way) if hop.event is not None), default=-1)
-    updates = [hops.update_of(hop.block) for hop in way[held + 1 :]]
+    updates = [hops.updates.get(hop.block) for hop in way[held + 1 :]]
     return sorted((event for event in updates if event is not None), key=lambda event: event.period)[:1]
 
 
 def _rhythm_of(hops: Hops, output: PortAddress) -> PeriodicEvent | None:
     """The event that changes the value on an output: of the block itself or of one it passes on."""
-    update = hops.update_of(output.system)
+    update = hops.updates.get(output.system)
     feeding = [i for i, o in hops.wiring.feedthrough(output.system) if o == output.index]
     if update is not None and not feeding:
         return update
     for i in feeding:
-        source = hops.wiring.source(PortAddress(output.system, i))
+        source = hops.wiring.source(PortAddress("input", output.system, i))
         if source is not None and source.system and (found := _rhythm_of(hops, source)) is not None:
             return found
     return None

@@ -8,7 +8,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable
+from collections.abc import Iterator
 from dataclasses import dataclass, field
 
 from pydrake.multibody.plant import MultibodyPlant
@@ -21,9 +21,6 @@ from forcectl.inspect.wiring import is_python_block, is_vector
 _STEPS = 48  # events looked at per block
 _HORIZON = 1e4  # [s], slowest event that is found
 _MOMENT = 1e-9  # [s], shorter than any period
-KINDS = ("unrestricted", "discrete", "publish")  # Drake's order at one instant
-
-Counters = tuple[int, int, int]  # events so far, by kind
 
 
 @dataclass(frozen=True)
@@ -60,28 +57,17 @@ def read_timing(values: StartValues) -> Timing:
     every_step: set[str] = set()
     failures: dict[str, BaseException] = {}
     for path, system in values.wiring.leaves():
-        if isinstance(system, MultibodyPlant):
-            events += _of_plant(path, system)
-            continue
-        if _acts_outside(system):
-            events += _declared_discrete(path, system)
+        if isinstance(system, MultibodyPlant) or _acts_outside(system):
+            events += _declared(path, system)
             continue
         try:
             busy = _kinds_at_every_step(system, values.block_context(path))
-            events += events_of(system, values.block_context(path), path, without=busy)
+            events += _periodic_events(path, system, values.block_context(path), busy)
             every_step |= {path} if busy else set()
         except FAILURES as failure:
             failures[path] = failure
-            events += _declared_discrete(path, system)
+            events += _declared(path, system)
     return Timing(tuple(events), frozenset(every_step), failures)
-
-
-def _of_plant(path: str, plant: MultibodyPlant) -> list[PeriodicEvent]:
-    if not plant.time_step() > 0:
-        return []
-    # With sampled output ports the whole step is one unrestricted update (measured by its delay to a controller).
-    kind = "unrestricted" if plant.has_sampled_output_ports() else "discrete"
-    return [PeriodicEvent(path, kind, float(plant.time_step()), 0.0)]
 
 
 def _acts_outside(system: System) -> bool:
@@ -90,11 +76,14 @@ def _acts_outside(system: System) -> bool:
     return any(not is_vector(system.get_input_port(i, False)) for i in range(system.num_input_ports()))
 
 
-def _declared_discrete(path: str, system: System) -> list[PeriodicEvent]:
+def _declared(path: str, system: System) -> list[PeriodicEvent]:
+    """What a block says about its updates without being run."""
+    if isinstance(system, MultibodyPlant):
+        # With sampled output ports the whole step is one unrestricted update (measured by its delay to a controller).
+        kind = "unrestricted" if system.has_sampled_output_ports() else "discrete"
+        return [PeriodicEvent(path, kind, float(system.time_step()), 0.0)] if system.time_step() > 0 else []
     timing = system.GetUniquePeriodicDiscreteUpdateAttribute()
-    if timing is None:
-        return []
-    return [PeriodicEvent(path, "discrete", timing.period_sec(), timing.offset_sec())]
+    return [] if timing is None else [PeriodicEvent(path, "discrete", timing.period_sec(), timing.offset_sec())]
 
 
 def _alone(system: System, context: Context) -> Simulator:
@@ -104,36 +93,29 @@ def _alone(system: System, context: Context) -> Simulator:
     return simulator
 
 
-def _counters(simulator: Simulator) -> Counters:
-    return (
-        simulator.get_num_unrestricted_updates(),
-        simulator.get_num_discrete_updates(),
-        simulator.get_num_publishes(),
-    )
+def _counters(simulator: Simulator) -> dict[str, int]:
+    """Events so far, by kind, in Drake's order at one instant."""
+    return {
+        "unrestricted": simulator.get_num_unrestricted_updates(),
+        "discrete": simulator.get_num_discrete_updates(),
+        "publish": simulator.get_num_publishes(),
+    }
 
 
-def _kinds_at_every_step(system: System, context: Context) -> frozenset[str]:
+def _kinds_at_every_step(system: System, context: Context) -> set[str]:
     """The kinds of events that happen in a step during which no period ends."""
     simulator = _alone(system, context)
     simulator.Initialize()
     simulator.AdvanceTo(_MOMENT)  # carries out what is due at time zero
     before = _counters(simulator)
     simulator.AdvanceTo(2 * _MOMENT)
-    after = _counters(simulator)
-    return frozenset(kind for kind, old, new in zip(KINDS, before, after, strict=True) if new > old)
+    return {kind for kind, count in _counters(simulator).items() if count > before[kind]}
 
 
-def events_of(system: System, context: Context, path: str = "", *, without: Iterable[str] = ()) -> list[PeriodicEvent]:
-    """The periodic events of one block.
-
-    Args:
-        system: the block.
-        context: its own, with its inputs fixed; it is changed.
-        path: of the block, for the events.
-        without: kinds that are left out, because they happen at every step anyway.
-    """
+def _periodic_events(path: str, system: System, context: Context, busy: set[str]) -> Iterator[PeriodicEvent]:
+    """The periodic events of one block, but for the kinds that happen at every step anyway."""
     simulator = _alone(system, context)
-    stops: list[tuple[float, Counters]] = []
+    stops: list[tuple[float, dict[str, int]]] = []
 
     def look(current: Context) -> EventStatus:
         stops.append((current.get_time(), _counters(simulator)))
@@ -147,42 +129,35 @@ def events_of(system: System, context: Context, path: str = "", *, without: Iter
         simulator.AdvanceTo(_HORIZON)
     finally:
         simulator.clear_monitor()  # a monitor that refers to the system would keep both alive for ever
-    kinds = [kind for kind in KINDS if kind not in without]
-    return [event for kind in kinds for event in _decompose(_times(stops, kind), stops[-1][0], kind, path)]
+    for kind in stops[-1][1]:
+        if kind not in busy:
+            yield from _decompose(_times(stops, kind), kind, path)
 
 
-def _times(stops: list[tuple[float, Counters]], kind: str) -> list[float]:
+def _times(stops: list[tuple[float, dict[str, int]]], kind: str) -> list[float]:
     """When events of one kind happened. Updates run at the start of the step after a stop, publishes at its end."""
-    index = KINDS.index(kind)
-    times = []
-    if kind == "publish" and stops[0][1][index]:
-        times.append(stops[0][0])
+    at_end = kind == "publish"
+    times = [stops[0][0]] if at_end and stops[0][1][kind] else []
     for (earlier, before), (later, after) in itertools.pairwise(stops):
-        if after[index] > before[index]:
-            times.append(later if kind == "publish" else earlier)
+        if after[kind] > before[kind]:
+            times.append(later if at_end else earlier)
     return times
 
 
-def _decompose(times: list[float], end: float, kind: str, path: str) -> list[PeriodicEvent]:
+def _decompose(left: list[float], kind: str, path: str) -> Iterator[PeriodicEvent]:
     """Split times of events into periodic sequences, the earliest and fastest first."""
-    events = []
-    left = list(times)
     while len(left) >= 2:
         offset = left[0]
         for candidate in left[1:]:
             period = _rounded(candidate - offset)
-            expected = _lattice(offset, period, left[-1])
+            count = math.floor((left[-1] - offset) / period + 1e-6) + 1
+            expected = [offset + k * period for k in range(count)]
             if all(_contains(left, t) for t in expected):
                 break
         else:
-            break
-        events.append(PeriodicEvent(path, kind, period, _rounded(offset)))
+            return
+        yield PeriodicEvent(path, kind, period, _rounded(offset))
         left = [t for t in left if not _contains(expected, t)]
-    return events
-
-
-def _lattice(offset: float, period: float, end: float) -> list[float]:
-    return [offset + k * period for k in range(math.floor((end - offset) / period + 1e-6) + 1)]
 
 
 def _contains(times: list[float], wanted: float) -> bool:

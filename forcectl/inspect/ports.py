@@ -4,13 +4,11 @@ from __future__ import annotations
 
 import difflib
 import re
-from collections.abc import Iterator
 
 from pydrake.systems.framework import InputPort, OutputPort, System
 
 from forcectl.conventions import unit_of
 from forcectl.errors import BadInputError
-from forcectl.framework.wiring import input_names, output_names
 from forcectl.inspect.wiring import PortAddress, Side, Wiring, is_vector
 
 PortName = str | tuple[str, str]  # "station/sensor.measured_force", "measured_force", or (system path, port name)
@@ -22,9 +20,8 @@ def find_outputs(wiring: Wiring, name: PortName) -> list[PortAddress]:
     A bare port name means the ports of that name that are nested least: `measured_force` is the station's, not that
     of a block inside it.
     """
-    outermost = [wiring.origin(port) for port in _nested_least(wiring, "output", name)]
-    feeding = (_feeding(wiring, port) for port in find_inputs(wiring, name))
-    return _unique(outermost or [port for port in feeding if port is not None])
+    sources = map(wiring.source, _nested_least(wiring, "output", name) or find_inputs(wiring, name))
+    return list(dict.fromkeys(port for port in sources if port is not None and port.side == "output"))
 
 
 def find_inputs(wiring: Wiring, name: PortName) -> list[PortAddress]:
@@ -42,7 +39,7 @@ def one_output(wiring: Wiring, name: PortName) -> PortAddress:
     if len(found) == 1:
         return found[0]
     if found:
-        options = ", ".join(wiring.output_name(port) for port in found)
+        options = ", ".join(map(wiring.name, found))
         raise BadInputError(f"port {_text(name)!r} is ambiguous: give the block as well, one of {options}")
     raise _unknown(wiring, name)
 
@@ -59,14 +56,13 @@ def start_of_way(wiring: Wiring, name: PortName) -> tuple[str, list[PortAddress]
     inputs = find_inputs(wiring, name)
     if not inputs:
         raise _unknown(wiring, name)
-    inner = [reader for port in inputs for reader in wiring.inner_inputs(port)]
-    return wiring.input_name(inputs[0]), _unique(inner), None
+    inner = dict.fromkeys(reader for port in inputs for reader in wiring.inner_inputs(port))
+    return wiring.name(inputs[0]), list(inner), None
 
 
-def unit(wiring: Wiring, side: Side, port: PortAddress) -> str:
+def unit(wiring: Wiring, port: PortAddress) -> str:
     """Unit of a port by `conventions.unit_of` and its system's `port_units`, "" for an unknown one."""
-    name = wiring.port(side, port).get_name()
-    return unit_of(name, getattr(wiring.systems[port.system], "port_units", None))
+    return unit_of(wiring.port(port).get_name(), getattr(wiring.systems[port.system], "port_units", None))
 
 
 def value_type(port: InputPort | OutputPort) -> str:
@@ -89,26 +85,20 @@ def optional_inputs(system: System) -> tuple[str, ...]:
     return tuple(getattr(system, "optional_inputs", ()))
 
 
-def _all_ports(wiring: Wiring, side: Side) -> Iterator[tuple[PortAddress, str]]:
-    for path, system in wiring.systems.items():
-        for i, name in enumerate(input_names(system) if side == "input" else output_names(system)):
-            yield PortAddress(path, i), name
+def _all_ports(wiring: Wiring, side: Side) -> dict[PortAddress, tuple[str, str]]:
+    """Every port, and the path and the name that it can be called by."""
+    ports = [port for path in wiring.systems for port in (wiring.inputs if side == "input" else wiring.outputs)(path)]
+    return {port: (port.system, wiring.port(port).get_name()) for port in ports}
 
 
 def _nested_least(wiring: Wiring, side: Side, name: PortName) -> list[PortAddress]:
     depths = {
-        port: wiring.depth(port.system)
-        for port, own in _all_ports(wiring, side)
-        if ((port.system, own) == name if isinstance(name, tuple) else name in (own, _text((port.system, own))))
+        port: len(wiring.parents(port.system)) + bool(port.system)
+        for port, own in _all_ports(wiring, side).items()
+        if (own == name if isinstance(name, tuple) else name in (own[1], _text(own)))
     }
     least = min(depths.values(), default=0)
     return [port for port, depth in depths.items() if depth == least]
-
-
-def _feeding(wiring: Wiring, reader: PortAddress) -> PortAddress | None:
-    inner = next(wiring.inner_inputs(reader), None)
-    source = wiring.source(inner) if inner is not None else None
-    return source if source is not None and source.system else None
 
 
 def _text(name: PortName) -> str:
@@ -117,14 +107,10 @@ def _text(name: PortName) -> str:
 
 def _unknown(wiring: Wiring, name: PortName) -> BadInputError:
     """A plant alone has hundreds of ports: only the nearest names are listed."""
-    known = [_text((port.system, own)) for side in ("input", "output") for port, own in _all_ports(wiring, side)]
+    known = [_text(own) for own in (*_all_ports(wiring, "input").values(), *_all_ports(wiring, "output").values())]
     bare = {full.rpartition(".")[2]: full for full in reversed(known)}
     wanted = _text(name)
     near = difflib.get_close_matches(wanted, known, n=3, cutoff=0.5)
     near += [bare[own] for own in difflib.get_close_matches(wanted.rpartition(".")[2], bare, n=3, cutoff=0.6)]
     nearest = ", ".join(list(dict.fromkeys(near))[:3]) or "none; `forcectl graph` shows the ports"
     return BadInputError(f"unknown port {wanted!r}: must be block.port, nearest: {nearest}")
-
-
-def _unique(ports: list[PortAddress]) -> list[PortAddress]:
-    return list(dict.fromkeys(ports))

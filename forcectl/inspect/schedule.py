@@ -1,10 +1,8 @@
 """When a change comes out at the end of a chain of sampled blocks: arithmetic on ticks, without Drake.
 
-How Drake orders one instant: unrestricted updates first, then discrete updates; updates of the same kind all read
-the state from before. So a value that changes in a discrete update at t_k is seen by another discrete (or
-unrestricted) update at its first tick after t_k, while one that changes in an unrestricted update is seen by the
-discrete updates of the same instant. A block therefore adds the time from the tick at which it reads its input to
-the tick at which the next reader on the way reads its output, which is one period of the faster of the two.
+Unrestricted updates of an instant run before discrete ones; updates of the same kind read the state from before. So a
+block adds the time from the tick at which it reads its input to the tick at which the next reader on the way reads
+its output, one period of the faster of the two; see docs/doctor.md.
 """
 
 from __future__ import annotations

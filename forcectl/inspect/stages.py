@@ -10,12 +10,18 @@ from __future__ import annotations
 import math
 from dataclasses import replace
 
-from forcectl.framework.wiring import input_names, output_names
-from forcectl.inspect.probe import samples_through
+import numpy as np
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.systems.analysis import Simulator
+
+from forcectl.inspect.events import PeriodicEvent
 from forcectl.inspect.schedule import Stage, schedule
-from forcectl.inspect.start import StartValues
+from forcectl.inspect.start import FAILURES, StartValues
 from forcectl.inspect.ways import Hop, Hops, declared_delays
-from forcectl.inspect.wiring import PortAddress
+from forcectl.inspect.wiring import is_vector
+
+_MOST_SAMPLES = 200
+_STEPS = (1.0, -1.0, 1e-3)  # sizes of the disturbance: one of them should leave a dead zone or a saturation
 
 
 def stages_of(values: StartValues, hops: Hops, way: list[Hop]) -> list[Stage]:
@@ -39,15 +45,9 @@ def stages_of(values: StartValues, hops: Hops, way: list[Hop]) -> list[Stage]:
 
 
 def _stage(values: StartValues, hops: Hops, hop: Hop) -> Stage:
-    wiring = hops.wiring
-    stage = Stage(
-        hop.block,
-        wiring.input_port(PortAddress(hop.block, hop.input)).get_name(),
-        wiring.output_port(PortAddress(hop.block, hop.output)).get_name(),
-        hop.kind,
-        "structure",
-    )
-    declared = hops.declared(hop.block, hop.input, hop.output)
+    source, output = (hops.wiring.port(port).get_name() for port in (hop.input, hop.output))
+    stage = Stage(hop.block, source, output, hop.kind, "structure")
+    declared = hops.declared(hop.input, hop.output)
     if hop.event is None:
         return stage if declared is None else replace(stage, delay=declared, basis="declared")
     measured = samples_through(values, hop)
@@ -64,20 +64,49 @@ def _stage(values: StartValues, hops: Hops, hop: Hop) -> Stage:
 def _declared_diagram(hops: Hops, way: list[Hop], start: int) -> tuple[Stage, int] | None:
     """The outermost nested diagram that declares the delay of a part of the way from `start`, and where it ends."""
     wiring = hops.wiring
-    first = PortAddress(way[start].block, way[start].input)
     for path in wiring.parents(way[start].block):
-        system = wiring.systems[path]
-        for (i, o), delay in declared_delays(system).items():
-            if first not in wiring.inner_inputs(PortAddress(path, i)):
+        for (reader, output), delay in declared_delays(wiring, path).items():
+            if way[start].input not in wiring.inner_inputs(reader):
                 continue
-            last = wiring.origin(PortAddress(path, o))
             for end in range(start, len(way)):
                 if path not in wiring.parents(way[end].block):
                     break
-                if PortAddress(way[end].block, way[end].output) == last:
+                if way[end].output == wiring.source(output):
                     event = next((hop.event for hop in way[start : end + 1] if hop.event is not None), None)
                     kind = "fixed" if event is None else event.kind
                     samples = 0 if event is None else round(delay / event.period)
-                    names = input_names(system)[i], output_names(system)[o]
-                    return Stage(path, *names, kind, "declared", event, samples, delay), end + 1
+                    source, target = (wiring.port(port).get_name() for port in (reader, output))
+                    return Stage(path, source, target, kind, "declared", event, samples, delay), end + 1
+    return None
+
+
+def samples_through(values: StartValues, hop: Hop) -> int | None:
+    """Samples between a change at the input and the first change a reader of the same period sees at the output.
+
+    Two copies of the block run from the same start, one with its input disturbed. None: no change was seen within
+    200 samples, or the block cannot be run alone.
+    """
+    if hop.event is None or isinstance(values.wiring.systems[hop.block], MultibodyPlant):
+        return None
+    if not all(is_vector(values.wiring.port(port)) for port in (hop.input, hop.output)):
+        return None
+    try:
+        return min((n for step in _STEPS if (n := _count(values, hop, hop.event, step)) is not None), default=None)
+    except FAILURES:
+        return None
+
+
+def _count(values: StartValues, hop: Hop, event: PeriodicEvent, step: float) -> int | None:
+    plain, disturbed = values.block_context(hop.block), values.block_context(hop.block)
+    port, output = values.wiring.port(hop.input), values.wiring.port(hop.output)
+    port.FixValue(disturbed, port.Eval(plain) + step)
+    runs = [Simulator(values.wiring.systems[hop.block], context) for context in (plain, disturbed)]
+    for run in runs:
+        run.Initialize()
+    for sample in range(1, _MOST_SAMPLES + 1):
+        for run in runs:
+            run.AdvanceTo(event.offset + sample * event.period)
+        a, b = (output.Eval(run.get_context()) for run in runs)
+        if not np.array_equal(a, b, equal_nan=True):
+            return sample
     return None

@@ -34,33 +34,26 @@ class StartValues:
         system = self.wiring.systems[path]
         context = system.CreateDefaultContext()
         here = system.GetMyContextFromRoot(self.root) if self.root is not None else None
-        for i in range(system.num_input_ports()):
-            port = system.get_input_port(i, False)
+        for address in self.wiring.inputs(path):
+            port = self.wiring.port(address)
             try:
                 if here is not None and port.HasValue(here):
                     port.FixValue(context, port.EvalAbstract(here).Clone())
                     continue
             except FAILURES:
                 pass  # the block that feeds this input fails; it is reported on its own
-            open_by_choice = here is not None or port.get_name() in optional_inputs(system)
-            if is_vector(port) and not open_by_choice:
+            if here is None and is_vector(port) and port.get_name() not in optional_inputs(system):
                 port.FixValue(context, np.zeros(port.size()))
         return context
 
 
 def fix_open_inputs(wiring: Wiring, root: Context) -> None:
     """Fix the open vector inputs of a diagram and of its blocks to zero; inputs that have a value keep it."""
-    diagram = wiring.systems[""]
-    for i in range(diagram.num_input_ports()):
-        port = diagram.get_input_port(i, False)
-        if is_vector(port) and not port.HasValue(root):
-            port.FixValue(root, np.zeros(port.size()))
-    for reader in wiring.leaf_inputs():
-        system, port = wiring.systems[reader.system], wiring.input_port(reader)
-        if not is_vector(port) or wiring.source(reader) is not None:
-            continue
+    for reader in [*wiring.inputs(""), *wiring.leaf_inputs()]:
+        system, port = wiring.systems[reader.system], wiring.port(reader)
+        fed = bool(reader.system) and wiring.source(reader) is not None
         # A plant's open inputs mean "nothing applied"; a zero there could switch something on.
+        optional = bool(reader.system) and (is_library_plant(system) or port.get_name() in optional_inputs(system))
         context = system.GetMyMutableContextFromRoot(root)
-        left_open = is_library_plant(system) or port.get_name() in optional_inputs(system)
-        if not left_open and not port.HasValue(context):
+        if is_vector(port) and not fed and not optional and not port.HasValue(context):
             port.FixValue(context, np.zeros(port.size()))

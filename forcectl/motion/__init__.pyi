@@ -1,6 +1,5 @@
 from forcectl.motion.excitation import ExcitationFileConfig as ExcitationFileConfig
 from forcectl.motion.excitation import TrapezoidalMovesConfig as TrapezoidalMovesConfig
-from forcectl.motion.group_planner import GroupPlanner as GroupPlanner
 from forcectl.motion.joint_path import DitherConfig as DitherConfig
 from forcectl.motion.joint_path import JointExcitationConfig as JointExcitationConfig
 from forcectl.motion.joint_path import JointMovesConfig as JointMovesConfig
@@ -31,6 +30,7 @@ from forcectl.motion.trajectory import TrajectoryState as TrajectoryState
 from forcectl.motion.trajectory import begin as begin
 from forcectl.motion.trajectory import begin_again as begin_again
 from forcectl.motion.trajectory import limits_of as limits_of
+from forcectl.motion.trajectory_generator import GroupPlanner as GroupPlanner
 from forcectl.motion.trajectory_generator import TrajectoryGenerator as TrajectoryGenerator
 from forcectl.motion.velocity_generator import VelocityGenerator as VelocityGenerator
 from forcectl.motion.velocity_generator import velocity_step as velocity_step

@@ -1,8 +1,7 @@
 """Excitation of a contact in open loop: trapezoidal-velocity moves, or any profile from a file (Sec. 4.3.2).
 
-A profile is a displacement u_hat [m] along n, negative into the surface. The one of the thesis is not published; moves
-of 1 mm up to 4 mm on springs of 5900 N/m, which press with up to 24 N, reproduce its gains (targets, section 2). On
-another contact they are scaled so that they press with the same force.
+A profile is a displacement u_hat [m] along n, negative into the surface. The one of the thesis is not published: moves
+of 1 mm up to 4 mm on springs of 5900 N/m reproduce its gains. Elsewhere they are scaled to press with the same force.
 """
 
 from __future__ import annotations
@@ -12,15 +11,14 @@ from dataclasses import dataclass
 from itertools import pairwise
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.polynomial import Polynomial
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.trajectories import PiecewisePolynomial
 
 from forcectl.errors import BadInputError
-from forcectl.framework.batch import check
 from forcectl.framework.fields import Config, key
-from forcectl.motion.references import Reference, linear_trajectory, read_signal
+from forcectl.motion.references import Reference, linear_trajectory, read_signal, stack_scaled
 
 SPRING_STIFFNESS = 5900.0  # [N/m] that the default moves are made for
 _SHORTEST = 1e-9  # segment of a trajectory [s]
@@ -67,17 +65,8 @@ def trapezoidal_moves(
     return PiecewisePolynomial(pieces, times)
 
 
-def stack_scaled(trajectory: PiecewisePolynomial, scale: NDArray[np.float64]) -> PiecewisePolynomial:
-    """One scalar trajectory times each of `scale` (n,): shape (n, 1)."""
-    pieces = []
-    for i in range(trajectory.get_number_of_segments()):
-        coefficients = trajectory.getPolynomial(i).GetCoefficients()
-        pieces.append(np.array([[Polynomial(factor * coefficients)] for factor in scale]))
-    return PiecewisePolynomial(pieces, trajectory.get_segment_times())
-
-
 class _Excitation:
-    """What the configurations of excitations share: scaling, and adding themselves for a batch of n."""
+    """What the configurations of excitations share."""
 
     scale: float | None
 
@@ -118,10 +107,6 @@ class TrapezoidalMovesConfig(_Excitation, Config):
         super().__post_init__()
         if len(self.depths) < 2 or len(set(self.depths)) < 2:
             raise BadInputError(f" = {self.depths}: must be at least two, not all equal", key="depths")
-        for name in ("speed", "acceleration"):
-            check(name, getattr(self, name), "positive")
-        for name in ("rest", "start_rest"):
-            check(name, getattr(self, name), "not negative")
 
     def trajectory(self) -> PiecewisePolynomial:
         """Displacement over time before scaling [m]: minus the depths."""

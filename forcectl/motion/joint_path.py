@@ -3,8 +3,7 @@
     q(t) = moves(t) + sum_i envelope_i(t) A_i sin(2 pi f_i (t - t_i))
 
 A move goes with s(x) = 10 x^3 - 15 x^4 + 6 x^5, at rest at both ends. Sines begin and end within `ramp` of their time
-by 1/2 - cos/2, so that position and speed are continuous. A dither, small sines of all joints, keeps joints from
-sticking: friction of a joint that moves is known, friction of one at rest may be anything up to Coulomb's.
+by 1/2 - cos/2. A dither keeps joints from sticking: friction of a joint at rest may be anything up to Coulomb's.
 """
 
 from __future__ import annotations

@@ -63,8 +63,7 @@ class LoadConfig(Config):
             return np.zeros(6)
         edge = min(within, self.hold - within)
         share = min(1.0, edge / self.ramp) if self.ramp > 0 else 1.0
-        full: Array = share * np.array(self.wrenches[int(which)], dtype=float)
-        return full
+        return share * np.array(self.wrenches[int(which)], dtype=float)
 
 
 class Loads(LeafSystem):
@@ -127,13 +126,7 @@ def loaded_frames(loads: Sequence[LoadConfig], robot: RobotModel) -> dict[str, F
 def add_loads(
     builder: DiagramBuilder, loads: Sequence[LoadConfig], robot: RobotModel, period: float
 ) -> dict[str, OutputPort]:
-    """Add the loads.
-
-    Args:
-        builder: of the station.
-        loads: at least one.
-        robot: that they act on.
-        period: [s].
+    """Add the loads on a robot, sampled every `period` [s].
 
     Returns:
         `external_wrench`, shape (6a,), at the TCPs, and `body_wrench`, shape (6b,), at the frames of `loaded_frames`,

@@ -10,6 +10,7 @@ from itertools import pairwise
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
+from pydrake.polynomial import Polynomial
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import ConstantVectorSource, TrajectorySource
 from pydrake.trajectories import FunctionHandleTrajectory, PiecewisePolynomial, Trajectory
@@ -36,6 +37,15 @@ def linear_trajectory(times: ArrayLike, values: ArrayLike) -> PiecewisePolynomia
     return PiecewisePolynomial.FirstOrderHold(
         np.asarray(times, dtype=float), np.atleast_2d(np.asarray(values, dtype=float))
     )
+
+
+def stack_scaled(trajectory: PiecewisePolynomial, scale: NDArray[np.float64]) -> PiecewisePolynomial:
+    """One scalar trajectory times each of `scale` (n,): shape (n, 1)."""
+    pieces = []
+    for i in range(trajectory.get_number_of_segments()):
+        coefficients = trajectory.getPolynomial(i).GetCoefficients()
+        pieces.append(np.array([[Polynomial(factor * coefficients)] for factor in scale]))
+    return PiecewisePolynomial(pieces, trajectory.get_segment_times())
 
 
 class Reference(Diagram):
@@ -79,17 +89,9 @@ class _ForceReference:
 
     def add_to(self, builder: DiagramBuilder, size: int) -> Reference:
         """Add the block `reference` with the output `desired_force`, shape (n,) [N]."""
-        trajectory = self.trajectory()
-        if size > 1:
-            trajectory = _repeat(trajectory, size)
-        return builder.AddNamedSystem("reference", Reference("desired_force", trajectory))
-
-
-def _repeat(trajectory: PiecewisePolynomial | float, size: int) -> PiecewisePolynomial | ArrayLike:
-    if isinstance(trajectory, float):
-        return np.full(size, trajectory)
-    repeated = [trajectory.getPolynomialMatrix(i) for i in range(trajectory.get_number_of_segments())]
-    return PiecewisePolynomial([np.vstack([m] * size) for m in repeated], trajectory.get_segment_times())
+        trajectory, each = self.trajectory(), np.ones(size)
+        repeated = trajectory * each if isinstance(trajectory, float) else stack_scaled(trajectory, each)
+        return builder.AddNamedSystem("reference", Reference("desired_force", repeated))
 
 
 def _check_times(name: str, times: list[float]) -> None:
@@ -150,9 +152,8 @@ class RampConfig(_ForceReference, Config):
         """The reference over time [N]."""
         end = self.start_time + abs(self.force - self.initial_force) / self.rate
         if not _SHORTEST <= end - self.start_time < math.inf:
-            return StepConfig(
-                force=self.force, start_time=self.start_time, initial_force=self.initial_force
-            ).trajectory()
+            step = StepConfig(force=self.force, start_time=self.start_time, initial_force=self.initial_force)
+            return step.trajectory()
         return linear_trajectory([self.start_time, end], [self.initial_force, self.force])
 
 

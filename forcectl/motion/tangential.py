@@ -37,8 +37,7 @@ def trapezoidal_profile(distance: float, speed: float, acceleration: float, time
     end = distance / top + ramp if top > 0 else 0.0
     t = np.clip(times, 0.0, end)
     up, down = np.minimum(t, ramp), np.maximum(t - (end - ramp), 0.0)
-    covered: Vector = 0.5 * acceleration * up**2 + top * np.maximum(t - ramp, 0.0) - 0.5 * acceleration * down**2
-    return covered
+    return 0.5 * acceleration * up**2 + top * np.maximum(t - ramp, 0.0) - 0.5 * acceleration * down**2
 
 
 def ramp_duration(distance: float, speed: float, acceleration: float) -> float:
@@ -62,8 +61,7 @@ def line_postures(robot: RobotModel, start: Vector, offsets: Vector) -> Vector:
     Raises:
         BadInputError: a point out of reach, or beyond a joint limit.
     """
-    context = robot.create_context()
-    robot.set_positions(context, start)
+    context = robot.context_at(start)
     X_start = robot.pose(context)
     q, postures = start.copy(), []
     for offset in offsets:
@@ -108,8 +106,7 @@ class LineConfig(Config):
         along = np.asarray(self.direction, dtype=float) / np.linalg.norm(self.direction)
         if abs(along @ n) > 1e-6:
             raise invalid("direction", self.direction, f"perpendicular to the normal {n.tolist()}")
-        line: Vector = along + self.slope * n
-        return line
+        return along + self.slope * n
 
 
 @dataclass(kw_only=True)
@@ -136,10 +133,9 @@ class TangentialMotionConfig(LineConfig):
         line = self.per_metre(n)
         end = move_duration(self.distance, self.speed, self.acceleration)
         ramp = np.linspace(0.0, ramp_duration(self.distance, self.speed, self.acceleration), _RAMP_KNOTS)
-        times = np.concatenate([ramp[:-1], end - ramp[::-1]])
-        if end > 2.001 * ramp[-1]:
-            cruise = np.linspace(ramp[-1], end - ramp[-1], _KNOTS)[:-1]
-            times = np.concatenate([ramp[:-1], cruise, end - ramp[::-1]])
+        knots = _KNOTS if end > 2.001 * ramp[-1] else 1
+        cruise = np.linspace(ramp[-1], end - ramp[-1], knots)[:-1]
+        times = np.concatenate([ramp[:-1], cruise, end - ramp[::-1]])
         covered = trapezoidal_profile(self.distance, self.speed, self.acceleration, times)
         postures = line_postures(robot, start, covered[:, None] * line) - start
         rest = np.zeros(robot.num_joints)

@@ -1,18 +1,12 @@
 """On-line trajectories with limited velocity, acceleration and jerk, planned by Ruckig from any state of motion.
 
 A trajectory state is a plan from a state of motion (its origin) to a target, and how far along it the motion is. It
-goes on until the target or a limit changes; then the motion of this tick is the origin of a new plan. Everything a
-generator remembers are the numbers of its `TrajectoryState`: the plan is computed from them, and `Planner` keeps the
-last one only to save time.
+goes on until the target or a limit changes; then the motion of this tick is the origin of a new plan. `Planner` keeps
+the last plan only to save time: it follows from the numbers of a `TrajectoryState`.
 
-What Ruckig alone does not do, by measurement (0.19):
-
-- From a state on an arc of a time-optimal trajectory, which is where every new target finds the motion, it misses the
-  fastest profile once in a hundred times, by rounding, and returns one that is up to five seconds longer. Planning with
-  two jerk limits that differ by 1e-9 and taking the faster profile finds it.
-- One synchronised plan in 1e4 fails: that one is planned without synchronisation.
-- With velocity limits far above 1 it fails more often, see `Planner._take`.
-- Durations beyond 7600 s cannot be planned: such a component brakes to rest, and is planned again at every tick.
+What Ruckig (0.19) alone does not do: from an arc of a time-optimal trajectory, where every new target finds the motion,
+rounding makes it miss the fastest profile once in a hundred times, by up to five seconds. Planning with two jerk limits
+that differ by 1e-9 and taking the faster profile finds it. One synchronised plan in 1e4 fails, and is planned without.
 """
 
 from __future__ import annotations
@@ -105,11 +99,6 @@ class TrajectoryState(NamedTuple):
         """The limits of the plan."""
         return Limits(*self[10:13])
 
-    @property
-    def origin(self) -> Motion:
-        """The motion the plan starts from."""
-        return Motion(*self[13:])
-
 
 def check_limits_together(limits: Limits) -> None:
     """BadInputError when the velocity limit is out of reach: more than 100 s from rest with the other two."""
@@ -157,13 +146,11 @@ def begin(position: ArrayLike, velocity: ArrayLike = 0.0, acceleration: ArrayLik
 def begin_again(state: TrajectoryState, motion: Motion) -> TrajectoryState:
     """The trajectory state if `motion` (finite) is its own but for rounding, else one that starts from `motion`.
 
-    The target is kept, if there was a plan to one. So a generator can be led by what became of its last command, and
-    still follows one plan as long as that command is carried out.
+    The target is kept, if there was a plan to one. So a generator that is led by what became of its last command
+    follows one plan as long as that command is carried out.
     """
     if not state.velocity_limit.any():
         return begin(*motion)
-    if _equal(motion, state.motion):
-        return state
     p, v, a = given = np.array(motion)  # a copy
     if (np.abs(given - np.array(state.motion)) <= _SAME * (1.0 + np.abs(given))).all():
         return state
@@ -198,20 +185,7 @@ class Plan:
 
     def rows(self, time: float) -> Sequence[Sequence[float]]:
         """The same as three rows of numbers, in units of `unit`, at less cost."""
-        rows: Sequence[Sequence[float]] = self._trajectory.at_time(time)
-        return rows
-
-
-class _Standstill:
-    """What a trajectory of Ruckig does here, without motion."""
-
-    duration = 0.0
-
-    def __init__(self, position: Array):
-        self._motion = np.array([position, 0.0 * position, 0.0 * position])
-
-    def at_time(self, time: float) -> Array:
-        return self._motion
+        return self._trajectory.at_time(time)
 
 
 class Planner:
@@ -231,11 +205,7 @@ class Planner:
         self._input.synchronization = _ALONE
         self._limits: Limits | None = None
         self._unit: Array | None = None
-        self._known: tuple[bytes, Plan] | None = None
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> Planner:
-        """Another planner that has planned nothing."""
-        return Planner(self.size, self.synchronized)
+        self._known: tuple[Array, Plan] | None = None
 
     def plan(self, start: Motion, target: Target, limits: Limits) -> Plan:
         """The fastest trajectory; from outside the limits, it first returns to within them.
@@ -260,7 +230,9 @@ class Planner:
             free = [a or b for a, b in zip(free, brakes, strict=True)]
             fastest = self._prepare(start, target, limits, free)
             if fastest is None:
-                return Plan(_Standstill(start.position), [0.0] * self.size, [True] * self.size)
+                brakes = free = [True] * self.size
+                still = Motion(start.position, np.zeros(self.size), np.zeros(self.size))
+                fastest = self._prepare(still, Target(*still), limits, free)
         arrival = fastest.independent_min_durations
         if self.synchronized and self.size > 1:
             self._input.per_dof_synchronization = [_ALONE if one else _TOGETHER for one in free]
@@ -280,10 +252,9 @@ class Planner:
             limits: of this tick, from `limits_of`.
         """
         target, new = _next_target(state, target)
-        if new is None and _equal(limits, state.limits) and not any(state.braking.tolist()):
+        if not new.any() and np.array_equal(limits, state.limits) and not state.braking.any():
             return self._go_on(np.array(state), period)
-        gone_by = state.arrived * (state.target_velocity != 0.0)
-        coasting = gone_by if new is None else np.where(new, 0.0, gone_by)
+        coasting = np.where(new, 0.0, state.arrived * (state.target_velocity != 0.0))
         unknown = 0.0 * coasting
         anew = (*state.motion, unknown, unknown, unknown, coasting, *target, *limits, *state.motion)
         return self._go_on(np.array(anew), period)
@@ -296,12 +267,11 @@ class Planner:
 
     def plan_of(self, rows: Array) -> Plan:
         """The plan that a trajectory state is on, from the fields of `TrajectoryState` that determine it, (10, n)."""
-        key = rows.tobytes()
-        if self._known is None or self._known[0] != key:
-            coasting, *others = rows.copy()
-            position, velocity, mode = others[:3]
+        if self._known is None or not np.array_equal(self._known[0], rows):
+            rows = rows.copy()
+            coasting, position, velocity, mode = rows[:4]
             target = Target(position, velocity, np.maximum(mode, coasting))
-            self._known = key, self.plan(Motion(*others[6:]), target, Limits(*others[3:6]))
+            self._known = rows, self.plan(Motion(*rows[7:]), target, Limits(*rows[4:7]))
         return self._known[1]
 
     def _prepare(self, start: Motion, target: Target, limits: Limits, free: list[bool]) -> Any:
@@ -342,7 +312,7 @@ class Planner:
 
     def _take(self, limits: Limits) -> None:
         """Keep the limits as lists, with their margins; of acceleration also as much as can be of use."""
-        if self._limits is not None and _equal(limits, self._limits):
+        if self._limits is not None and np.array_equal(limits, self._limits):
             return
         self._limits = limits
         # Ruckig has absolute tolerances, which large numbers miss by rounding: they get a unit, a power of two.
@@ -375,22 +345,10 @@ class Planner:
         return [a and not b for a, b in zip(beyond, free, strict=True)]
 
 
-def _equal(one: tuple[Array, Array, Array], other: tuple[Array, Array, Array]) -> bool:
-    (a, b, c), (d, e, f) = one, other
-    return a.tobytes() == d.tobytes() and b.tobytes() == e.tobytes() and c.tobytes() == f.tobytes()
-
-
-def _next_target(state: TrajectoryState, target: Target) -> tuple[Target, NDArray[np.bool_] | None]:
-    """The target that counts, and in which components it is not that of the trajectory state; None for nowhere."""
-    last = state.target
-    if _equal(target, last):
-        return last, None
-    now, before = np.array(target), np.array(last)
+def _next_target(state: TrajectoryState, target: Target) -> tuple[Target, NDArray[np.bool_]]:
+    """The target that counts, and in which components it is not that of the trajectory state."""
+    now, before = np.array(target), np.array(state.target)
     free = now[2] > 0.5
-    if free.any():
-        now[0, free], now[2, free] = 0.0, 1.0
-    good = np.isfinite(now)
-    if not good.all():
-        now = np.where(good.all(axis=0), now, before)
-    new = (now != before).any(axis=0)
-    return (Target(*now), new) if new.any() else (last, None)
+    now[0, free], now[2, free] = 0.0, 1.0
+    now = np.where(np.isfinite(now).all(axis=0), now, before)
+    return Target(*now), (now != before).any(axis=0)

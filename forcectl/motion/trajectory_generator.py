@@ -9,14 +9,87 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context
 
-from forcectl.framework.batch import BatchParameter, BatchValue, batch_values
+from forcectl.errors import invalid
+from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check_count
 from forcectl.framework.cache import scratch
 from forcectl.framework.sampled_block import Memory, SampledBatch
-from forcectl.motion.group_planner import GroupPlanner, check_groups
-from forcectl.motion.trajectory import Limits, TrajectoryState, begin, check_limits_together
+from forcectl.motion.trajectory import (
+    Limits,
+    Motion,
+    Plan,
+    Planner,
+    Target,
+    TrajectoryState,
+    begin,
+    begin_again,
+    check_limits_together,
+)
 
+Array = NDArray[np.float64]
 _TARGET = ("target_position", "target_velocity", "velocity_mode")
 _START = ("start_position", "start_velocity", "start_acceleration")
+
+
+class GroupPlanner:
+    """Planners of groups of components.
+
+    Holds no state but the last plans, to save time: results depend on the arguments only.
+
+    Args:
+        sizes: how many components, one after the other, each group has.
+        synchronized: see `Planner`.
+    """
+
+    def __init__(self, sizes: Sequence[int], synchronized: bool = True):
+        self._sizes, self._synchronized = tuple(sizes), synchronized
+        ends = np.cumsum(self._sizes).tolist()
+        self._groups = [slice(end - size, end) for end, size in zip(ends, self._sizes, strict=True)]
+        self._planners = [Planner(size, synchronized) for size in self._sizes]
+        self._key, self._plans = np.full((10, sum(sizes)), np.nan), list[Plan]()
+        self._arrival = self._braking = self._unit = np.empty(0)
+
+    def __deepcopy__(self, memo: dict[int, Any]) -> GroupPlanner:
+        """Another one that has planned nothing."""
+        return GroupPlanner(self._sizes, self._synchronized)
+
+    def follow(self, state: Array, start: Sequence[Array] | None, target: Array, limits: Array, period: float) -> Array:
+        """The trajectory states one `period` [s] later.
+
+        Args:
+            state: rows as the fields of `TrajectoryState`, (16, n).
+            start: the motion to go on from, rows as the fields of `Motion`, (3, n); that of the trajectory state when
+                None, or in groups where it is not finite.
+            target: rows as the fields of `Target`, (3, n).
+            limits: rows as the fields of `Limits`, (3, n).
+        """
+        given = state[:3] if start is None else np.array(start)
+        led = (given != state[:3]).any()
+        changed = (np.concatenate([target, limits]) != state[7:13]).any()
+        if not (led or changed or state[4].any()):
+            return self._go_on(state, period)
+        parts = []
+        for place, planner in zip(self._groups, self._planners, strict=True):
+            own = TrajectoryState(*state[:, place])
+            if led and np.isfinite(given[:, place]).all():
+                own = begin_again(own, Motion(*given[:, place]))
+            parts.append(planner.follow(own, Target(*target[:, place]), Limits(*limits[:, place]), period))
+        return np.concatenate(parts, axis=1)
+
+    def _go_on(self, state: Array, period: float) -> Array:
+        """On the same plans."""
+        if (self._key != state[6:]).any():
+            self._key = state[6:].copy()
+            pairs = zip(self._groups, self._planners, strict=True)
+            self._plans = [planner.plan_of(self._key[:, place]) for place, planner in pairs]
+            self._arrival = np.concatenate([plan.arrival for plan in self._plans])
+            self._braking = np.concatenate([plan.braking for plan in self._plans])
+            self._unit = np.tile(np.concatenate([plan.unit for plan in self._plans]), (3, 1))
+        after, elapsed = state.copy(), state[5] + period
+        for place, plan in zip(self._groups, self._plans, strict=True):
+            after[:3, place] = plan.rows(elapsed.item(place.start))
+        after[:3] *= self._unit
+        after[3], after[4], after[5] = self._arrival <= elapsed, self._braking, elapsed
+        return after
 
 
 class TrajectoryGenerator(SampledBatch):
@@ -47,9 +120,7 @@ class TrajectoryGenerator(SampledBatch):
     finite; the velocity limit is within 100 s of rest. They may change while it moves.
 
     A component with a number that is not finite keeps its last target; a target velocity beyond the limit is the limit.
-    Past a target with a velocity, the motion keeps that velocity until the target changes. A target that moves is not
-    met but caught up with: at 0.2 u/s it is still 1.7e-3 u ahead after two seconds, and half of that after eight. A
-    target further than two hours away cannot be planned.
+    What becomes of targets that move, are passed or cannot be planned stands in docs/trajectories.md.
 
     Sampling: every `period` [s]; no delay from the target to the motion, see `SampledBlock`.
 
@@ -89,14 +160,16 @@ class TrajectoryGenerator(SampledBatch):
         self.sample_delay = {("target_position", "position"): 0.0}
         self.port_units = {"velocity_mode": "1", "arrived": "1", "braking": "1"}
         inputs = [self.DeclareVectorInputPort(name, size) for name in (*_TARGET, *_START)]
-        sizes = check_groups(groups, size)
+        sizes = [size] if groups is None else [check_count("groups", count) for count in groups]
+        if sum(sizes) != size:
+            raise invalid("groups", sizes, f"numbers that add up to {size}")
         self._planner = scratch(self, "planner", lambda: GroupPlanner(sizes, synchronized))
         self._none = np.zeros(size)
         memory = begin(batch_values("initial_position", initial_position, size))._asdict()
         self.declare_memory(memory, inputs, period)
         self.show("position", "velocity", "acceleration", "arrived", "braking")
 
-    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+    def check_together(self, values: Mapping[str, Array]) -> None:
         """The velocity limit can be reached."""
         check_limits_together(Limits(*values.values()))
 

@@ -3,9 +3,7 @@
     x_gen''[k] = clip((x'_trg - x'[k])/Ts, -x''_max, x''_max)
     x_gen'[k+1] = x'[k] + Ts x_gen''[k],    x_gen[k+1] = x[k] + Ts x'[k] + Ts^2/2 x_gen''[k]
 
-The target velocity is reached as fast as the acceleration limit allows, without overshoot; there is no limit of jerk.
-The state x[k], x'[k] may be the generator's own or any other: see design equations, section 5.1, for which of them goes
-with an admittance filter.
+The state x[k], x'[k] may be the generator's own or any other.
 """
 
 from __future__ import annotations

@@ -1,13 +1,11 @@
-from forcectl.plant.compliance import RobotCompliance as RobotCompliance
+from forcectl.plant.compliance import compliance_along as compliance_along
 from forcectl.plant.compliance import joint_compliance as joint_compliance
 from forcectl.plant.compliance import link_compliance as link_compliance
-from forcectl.plant.compliance import total_compliance as total_compliance
 from forcectl.plant.contact.compliant_contact import CompliantContact as CompliantContact
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig as EnvironmentConfig
 from forcectl.plant.contact.compliant_contact import LinearContact as LinearContact
 from forcectl.plant.contact.contact_monitor import ContactMode as ContactMode
 from forcectl.plant.contact.contact_monitor import ContactMonitor as ContactMonitor
-from forcectl.plant.contact.contact_monitor import ContactMonitorCore as ContactMonitorCore
 from forcectl.plant.contact.obstacle import ObstacleConfig as ObstacleConfig
 from forcectl.plant.contact.parts import EnvironmentPartsConfig as EnvironmentPartsConfig
 from forcectl.plant.contact.surface import GrooveConfig as GrooveConfig
@@ -28,7 +26,6 @@ from forcectl.plant.contact.tip_contact import TipContact as TipContact
 from forcectl.plant.drives.drive import Drive as Drive
 from forcectl.plant.drives.joint_friction import FrictionRest as FrictionRest
 from forcectl.plant.drives.joint_friction import JointFriction as JointFriction
-from forcectl.plant.drives.joint_friction import StickingSpeed as StickingSpeed
 from forcectl.plant.drives.joint_friction import friction_torque as friction_torque
 from forcectl.plant.drives.joint_impedance import GravityCompensation as GravityCompensation
 from forcectl.plant.drives.joint_impedance import JointImpedance as JointImpedance
@@ -41,6 +38,8 @@ from forcectl.plant.drives.position_loop import PositionLoopConfig as PositionLo
 from forcectl.plant.drives.servo import Servo as Servo
 from forcectl.plant.drives.servo import ServoConfig as ServoConfig
 from forcectl.plant.drives.servo import ServoCore as ServoCore
+from forcectl.plant.drives.servo import ServoGains as ServoGains
+from forcectl.plant.drives.servo import servo_gains as servo_gains
 from forcectl.plant.drives.torque_drive import TorqueDrive as TorqueDrive
 from forcectl.plant.plant_model import PlantModel as PlantModel
 from forcectl.plant.sensors.force_sensor import ForceDigitiser as ForceDigitiser
@@ -49,7 +48,7 @@ from forcectl.plant.sensors.force_sensor import ForceSensorConfig as ForceSensor
 from forcectl.plant.sensors.force_sensor import SensorElectronics as SensorElectronics
 from forcectl.plant.sensors.force_sensor import sensor_filter as sensor_filter
 from forcectl.plant.sensors.joint_sensors import JointSensors as JointSensors
-from forcectl.plant.sensors.reading_fault import ReadingFaultConfig as ReadingFaultConfig
+from forcectl.plant.sensors.joint_sensors import ReadingFaultConfig as ReadingFaultConfig
 from forcectl.plant.sensors.wrist_sensor import WristSensor as WristSensor
 from forcectl.plant.tip_kinematics import ForceToWrench as ForceToWrench
 from forcectl.plant.tip_kinematics import LinkPosition as LinkPosition

@@ -14,12 +14,11 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import NDArray
 from pydrake.math import RigidTransform
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import Context
 
-from forcectl.errors import BadInputError, invalid
-from forcectl.robot.model import RobotModel, posture_cache
+from forcectl.robot.model import RobotModel
 
 Array = NDArray[np.float64]
 
@@ -62,16 +61,14 @@ def link_compliance(X_WD: Sequence[RigidTransform], p_WT: Array, diagonals: Sequ
     return total
 
 
-def total_compliance(n: Array, C_J: Array, C_L: Array, C_E: float) -> float:
-    """C_T = n'(C_J + C_L) n + C_E [m/N] (2.7).
+def compliance_along(n: Array, compliance: Array) -> float:
+    """n'C n [m/N] (2.7).
 
     Args:
         n: unit vector in W, shape (3,).
-        C_J, C_L: shape (6, 6).
-        C_E: compliance of the environment along n [m/N].
+        compliance: C, shape (6, 6).
     """
-    along = (C_J + C_L)[3:, 3:]
-    return float(n @ along @ n) + C_E
+    return float(n @ compliance[3:, 3:] @ n)
 
 
 def robot_compliance(robot: RobotModel, context: Context, stiffness: Array) -> Array:
@@ -86,64 +83,3 @@ def robot_compliance(robot: RobotModel, context: Context, stiffness: Array) -> A
         diagonals = [robot.parameters.link_compliance[frame] for frame in poses]
         compliance += link_compliance(list(poses.values()), robot.pose(context).translation(), diagonals)
     return compliance
-
-
-class RobotCompliance(LeafSystem):
-    """Compliance of the robot along n in its present posture, C_R(q) = n'(C_J(q) + C_L(q)) n.
-
-    ```
-    name: RobotCompliance
-    input_ports: [motor_position]
-    output_ports: [robot_compliance]
-    parameters: [joint_stiffness]
-    ```
-
-    motor_position: shape (n_q,) [rad]. Must be connected.
-    robot_compliance: shape (1,), C_R [m/N], > 0. Feedthrough of motor_position.
-    joint_stiffness: numeric parameter, shape (n_q,) [Nm/rad], > 0; starts as `robot.joint_stiffness`.
-
-    Sampling: none; evaluated when read, from the posture of the motors (the deflection is small).
-    """
-
-    parameter_names = ("joint_stiffness",)
-    parameter_units = {"joint_stiffness": "Nm/rad"}
-
-    def __init__(self, robot: RobotModel, n: ArrayLike):
-        """`n`: unit vector of the constrained direction in W, shape (3,).
-
-        Raises:
-            BadInputError: `n` is not a unit vector.
-        """
-        super().__init__()
-        self._robot = robot
-        self._n = np.asarray(n, dtype=float)
-        if self._n.shape != (3,) or not abs(np.linalg.norm(self._n) - 1) < 1e-9:
-            raise invalid("RobotCompliance.n", self._n.tolist(), "three numbers of unit length")
-        self._stiffness = self.DeclareNumericParameter(BasicVector(robot.joint_stiffness))
-        self._motor_position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
-        self._posture = posture_cache(self, robot, self._motor_position)
-        self.DeclareVectorOutputPort(
-            "robot_compliance",
-            1,
-            self._calc_compliance,
-            prerequisites_of_calc={self._posture.ticket(), self.all_parameters_ticket()},
-        )
-
-    def set_joint_stiffness(self, context: Context, stiffness: ArrayLike) -> None:
-        """Set the joint stiffness, shape (n_q,) [Nm/rad], in this block's context.
-
-        Raises:
-            BadInputError: wrong length, or an entry that is not positive.
-        """
-        values = np.asarray(stiffness, dtype=float)
-        expected = (self._robot.num_joints,)
-        if values.shape != expected:
-            raise BadInputError(f"joint_stiffness has shape {values.shape}: must be {expected}")
-        if not (values > 0).all():
-            raise invalid("joint_stiffness", values.tolist(), "positive")
-        context.get_mutable_numeric_parameter(self._stiffness).SetFromVector(values)
-
-    def _calc_compliance(self, context: Context, output: BasicVector) -> None:
-        stiffness = context.get_numeric_parameter(self._stiffness).value()
-        compliance = robot_compliance(self._robot, self._posture.Eval(context), stiffness)
-        output.SetAtIndex(0, float(self._n @ compliance[3:, 3:] @ self._n))

@@ -117,8 +117,7 @@ class PlantModel:
         robot = self.known_robot()
         if not self.constant_jacobian:
             return TipDisplacement(robot, self.n, self.start, period=self.posture_period)
-        context = robot.create_context()
-        robot.set_positions(context, self.start)
+        context = robot.context_at(self.start)
         row = (self.n @ robot.jacobian(context)[3:]).reshape(1, -1)
         return AffineSystem(D=row, y0=-row @ self.start)
 

@@ -20,8 +20,7 @@ Vector = NDArray[np.float64]
 
 def tip_displacements(robot: RobotModel, n: Vector, start: Vector, positions: Vector) -> Vector:
     """dx (2.1) of k motor positions (k, n_q) [rad] from the start q_0 (n_q,), shape (k,) [m]."""
-    context = robot.create_context()
-    robot.set_positions(context, start)
+    context = robot.context_at(start)
     origin = n @ robot.tip_position(context)
     tips = np.empty(len(positions))
     for i, q in enumerate(positions):
@@ -161,7 +160,7 @@ class ForceToWrench(LeafSystem):
     def __init__(self, robot: RobotModel, n: ArrayLike):
         super().__init__()
         self._robot, self._n = robot, unit_normal(n)
-        self._frame = robot.parts.sensor_frame or robot.parts.flange_frame
+        self._frame = robot.arm.sensor_frame or robot.arm.flange_frame
         self._force = self.DeclareVectorInputPort("measured_force", 1)
         self._position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
         self._plant_context = posture_cache(self, robot, self._position)

@@ -20,17 +20,14 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from forcectl.framework.cache import BlockCache
-from forcectl.robot.model import RobotModel, RobotParts, posture_cache
+from forcectl.robot.model import RobotModel, posture_cache
+from forcectl.robot.parts import RobotParts
 
 Array = NDArray[np.float64]
 
 
-def bodies_beyond(plant: MultibodyPlant, parts: RobotParts) -> list[tuple[set[int], set[int]]]:
-    """For each arm the indices of all its bodies that move, and of those that move rigidly with its TCP.
-
-    Args:
-        plant: finalized, with the robot.
-    """
+def _bodies_beyond(plant: MultibodyPlant, parts: RobotParts) -> list[tuple[set[int], set[int]]]:
+    """For each arm the indices of all its bodies that move, and of those that move rigidly with its TCP."""
     found = []
     for arm in parts.arms.values():
         joints = [parts.joints[i].index() for i in range(arm.joints.start, arm.joints.stop)]
@@ -41,13 +38,7 @@ def bodies_beyond(plant: MultibodyPlant, parts: RobotParts) -> list[tuple[set[in
 
 
 class _Wrenches:
-    """Inputs of wrenches on a robot: at the TCPs, of contacts there, and at further frames.
-
-    Args:
-        block: declares the ports.
-        arms: number a of arms.
-        bodies: number b of further frames.
-    """
+    """Inputs of wrenches on a robot: at the TCPs of a arms, of contacts there, and at b further frames."""
 
     def __init__(self, block: LeafSystem, arms: int, bodies: int):
         self.arms, self.bodies = arms, bodies
@@ -166,7 +157,7 @@ class LoadTruth(LeafSystem):
     def __init__(self, robot: RobotModel, plant: MultibodyPlant, parts: RobotParts, frames: Sequence[Frame] = ()):
         super().__init__()
         n, count = robot.num_joints, len(parts.arms)
-        self._robot, self._bodies = robot, bodies_beyond(plant, parts)
+        self._robot, self._bodies = robot, _bodies_beyond(plant, parts)
         self._arms, self._frames = list(robot.parts.arms.values()), list(frames)
         order = plant.GetVelocitiesFromArray(parts.instance, np.arange(plant.num_velocities(), dtype=float)).tolist()
         self._rows = [order.index(joint.velocity_start()) for joint in parts.joints]

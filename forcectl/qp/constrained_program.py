@@ -115,7 +115,7 @@ class ConstrainedProgram:
             len(names),
             [len(rows) for rows in tasks],
             slack_weight=weights,
-            solver=make_solver(solver) if isinstance(solver, str) else solver,
+            solver=make_solver(solver),
             variables=[f"u[{joint}]" for joint in joints],
             rows=names,
             costs=costs,

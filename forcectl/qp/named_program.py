@@ -43,8 +43,6 @@ class Coefficients(NamedTuple):
 class NamedProgram:
     """A `MathematicalProgram` that is built once, when it is first needed, and filled with other numbers at every tick.
 
-    A copy has the same names and a program of its own: Drake's clones of a program share their coefficients.
-
     Args:
         variables: names of v without the slack variables.
         rows: names of the rows.
@@ -68,16 +66,6 @@ class NamedProgram:
         self._cost_name, self._bounds_name, self._soft = cost, bounds, tuple(soft)
         self._program: Any = None
         self._asked = 0  # rows, when it was filled last
-
-    def __deepcopy__(self, memo: dict[int, Any]) -> NamedProgram:
-        return NamedProgram(
-            self._variables,
-            self._names,
-            cost=self._cost_name,
-            bounds=self._bounds_name,
-            soft=self._soft,
-            equalities=self._equal_names,
-        )
 
     def fill(self, numbers: Coefficients, equal: tuple[Array, Array] | None = None) -> MathematicalProgram:
         """The program with these numbers.

@@ -5,9 +5,7 @@
 
 The equalities of a level are met by its variables: u = u_above + N z, with N an orthonormal basis of what all J_i leave
 free. So they hold to rounding, also where a J_i loses rank, and z = 0 is feasible at every level: a level that cannot
-be solved leaves the answer of those above. In (5.18) as it is printed, with equality rows, the second program is
-degenerate by construction. Two variables instead of fourteen are solved in half of the time, too. What is shown of a
-level is (5.18) in u, as it is printed.
+be solved leaves the answer of those above. What is shown of a level is (5.18) in u, as it is printed.
 
 Rows that level 1 could keep only with a slack are kept below it as far as it kept them.
 """
@@ -78,7 +76,6 @@ class PrioritizedProgram:
         tasks: how many rows the task of each level but the last has.
         slack_weight: see `QuadraticProgram`.
         solver: see `QuadraticProgram`.
-        tolerance: see `QuadraticProgram`.
         variables: names of u, (n,); numbered when left out.
         rows: names of the rows, (m,); numbered when left out.
         costs: what each level minimises; numbered when left out.
@@ -98,7 +95,6 @@ class PrioritizedProgram:
         *,
         slack_weight: ArrayLike = np.inf,
         solver: str | Solver = DEFAULT_SOLVER,
-        tolerance: float = 1e-8,
         variables: Sequence[str] = (),
         rows: Sequence[str] = (),
         costs: Sequence[str] = (),
@@ -117,13 +113,12 @@ class PrioritizedProgram:
         of_rows = rows or [f"row {i + 1}" for i in range(m)]
         of_cost = costs or [f"objective {k + 1}" for k in range(self.levels)]
         of_task = task_rows or [f"row {i + 1} of task {k + 1}" for k, size in enumerate(tasks) for i in range(size)]
-        solve = make_solver(solver) if isinstance(solver, str) else solver
+        solver = make_solver(solver)
         self._first = QuadraticProgram(
             n,
             m,
             slack_weight=slack_weight,
-            solver=solve,
-            tolerance=tolerance,
+            solver=solver,
             variables=of_u,
             rows=of_rows,
             cost=of_cost[0],
@@ -132,7 +127,7 @@ class PrioritizedProgram:
         # Below the first level the bounds of u are rows, too. What is free of J_1 ... is the columns after theirs.
         taken = [sum(tasks[: k + 1]) for k in range(len(tasks))]
         free = [n - k for k in taken]
-        self._below = [QuadraticProgram(d, m + n, solver=solve, tolerance=tolerance) for d in free if d > 0]
+        self._below = [QuadraticProgram(d, m + n, solver=solver) for d in free if d > 0]
         above = [n, *free]
         self._picks = [np.vstack([np.zeros((above[k] - d, d)), np.eye(d)]) for k, d in enumerate(free) if d > 0]
         # (5.18) in u, to look at.

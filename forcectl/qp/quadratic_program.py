@@ -18,7 +18,7 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from enum import IntEnum
-from typing import NamedTuple
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -31,6 +31,8 @@ from forcectl.qp.named_program import Coefficients, NamedProgram
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, make_solver
 
 Array = NDArray[np.float64]
+
+_TOLERANCE = 1e-8  # by how much a row may be missed, relative to its terms [1]
 
 
 class Status(IntEnum):
@@ -72,7 +74,6 @@ class QuadraticProgram:
             units of the mean diagonal of H: 1e4 and more keeps the slack near the smallest possible, and rows with a
             hundred times the weight give way only after the others.
         solver: its name, or the solver.
-        tolerance: by how much a row may be missed, relative to its terms [1].
         variables: names of u, (n,); numbered when left out.
         rows: names of the rows, (m,); numbered when left out.
         cost: what is minimised.
@@ -89,7 +90,6 @@ class QuadraticProgram:
         *,
         slack_weight: ArrayLike = np.inf,
         solver: str | Solver = DEFAULT_SOLVER,
-        tolerance: float = 1e-8,
         variables: Sequence[str] = (),
         rows: Sequence[str] = (),
         cost: str = "objective",
@@ -104,8 +104,7 @@ class QuadraticProgram:
         weight = np.broadcast_to(weight, self._m)
         self._soft = np.flatnonzero(np.isfinite(weight))
         self._weight = weight[self._soft]
-        self._tolerance = tolerance
-        self._solver = make_solver(solver) if isinstance(solver, str) else solver
+        self._solver = make_solver(solver)
         self._no_row, self._no_lower = np.full(self._m, -np.inf), np.full(self._n, -np.inf)
         self._no_upper = -self._no_lower
         # The second program has one more variable per soft row: E u - s.
@@ -141,7 +140,7 @@ class QuadraticProgram:
             u_upper: the same.
             fallback: u when there is no solution: hold-and-brake, say. Shape (n,), returned as it is.
         """
-        program = self._coefficients(hessian, gradient, matrix, upper, lower, u_lower, u_upper)
+        program = self._coefficients(hessian, gradient, matrix, upper, lower=lower, u_lower=u_lower, u_upper=u_upper)
         if not all_finite(hessian, gradient, matrix):
             return Solution(fallback, Status.NOT_FINITE, 0.0)
         u, infeasible = self._attempt(self._hard, program, lower is not None)
@@ -158,27 +157,19 @@ class QuadraticProgram:
         slack = np.maximum(reached - upper[self._soft], program.lower[self._soft] - reached)
         return Solution(u, Status.SLACK, max(0.0, slack.max().item()))
 
-    def program(
-        self,
-        status: Status,
-        hessian: Array,
-        gradient: Array,
-        matrix: Array,
-        upper: Array,
-        *,
-        lower: Array | None = None,
-        u_lower: Array | None = None,
-        u_upper: Array | None = None,
-    ) -> MathematicalProgram:
-        """The program behind an answer of that status, with these coefficients; see `solve`.
+    def program(self, status: Status, *coefficients: Array, **bounds: Any) -> MathematicalProgram:
+        """The program behind an answer of that status; with slack variables unless it is the optimum without them.
 
-        It has slack variables unless the answer is the optimum without them.
+        Args:
+            status: of the answer.
+            coefficients: H, f, E and the upper bounds, as for `solve`.
+            bounds: the others, by their names there.
 
         Raises:
             BadInputError: a coefficient is not a number: then there was no program.
         """
-        program = self._coefficients(hessian, gradient, matrix, upper, lower, u_lower, u_upper)
-        if status is Status.NOT_FINITE or not (all_finite(hessian, gradient, matrix) and _bounded(program)):
+        program = self._coefficients(*coefficients, **bounds)
+        if status is Status.NOT_FINITE or not (all_finite(*coefficients[:3]) and _bounded(program)):
             raise BadInputError("program: the last tick had none: a coefficient is not a number")
         if status is Status.OPTIMAL or not len(self._soft):
             return self._hard.fill(program)
@@ -190,9 +181,10 @@ class QuadraticProgram:
         gradient: Array,
         matrix: Array,
         upper: Array,
-        lower: Array | None,
-        u_lower: Array | None,
-        u_upper: Array | None,
+        *,
+        lower: Array | None = None,
+        u_lower: Array | None = None,
+        u_upper: Array | None = None,
     ) -> Coefficients:
         return Coefficients(
             hessian,
@@ -220,13 +212,7 @@ class QuadraticProgram:
         )
 
     def _attempt(self, named: NamedProgram, program: Coefficients, lower: bool) -> tuple[Array | None, bool]:
-        """The solver's answer if it holds, and whether the program was found infeasible.
-
-        Args:
-            named: for the solver.
-            program: its numbers.
-            lower: whether rows have lower bounds.
-        """
+        """The solver's answer if it holds, and whether the program was found infeasible; `lower`: rows have bounds."""
         try:
             u, infeasible = self._solver(named, program)
         except Exception:  # a solver of Drake, of a package or of a test: whatever it raises, the tick goes on
@@ -240,16 +226,15 @@ class QuadraticProgram:
 
     def _plainly(self, program: Coefficients, u: Array, reached: Array, lower: bool) -> bool:
         """Whether u satisfies every row and bound, to the tolerance."""
-        tolerance = self._tolerance
-        inside = keeps(u, reached, program.upper, program.v_lower, program.v_upper, tolerance)
-        return inside and (not lower or largest(program.lower - reached) <= tolerance)
+        inside = keeps(u, reached, program.upper, program.v_lower, program.v_upper, _TOLERANCE)
+        return inside and (not lower or largest(program.lower - reached) <= _TOLERANCE)
 
     def _holds(self, program: Coefficients, u: Array, reached: Array) -> bool:
         """Whether u is finite and satisfies every row and bound, to the tolerance relative to its terms."""
         if not np.isfinite(u).all():
             return False
-        rows = self._tolerance * (1.0 + np.abs(program.matrix) @ np.abs(u))
-        bounds = self._tolerance * (1.0 + np.abs(u))
+        rows = _TOLERANCE * (1.0 + np.abs(program.matrix) @ np.abs(u))
+        bounds = _TOLERANCE * (1.0 + np.abs(u))
         above = (reached <= program.upper + rows).all() and (u <= program.v_upper + bounds).all()
         below = (reached >= program.lower - rows).all() and (u >= program.v_lower - bounds).all()
         return bool(above and below)

@@ -8,7 +8,7 @@ solvers. Drake has it from some version on; before that the same solver comes fr
 from __future__ import annotations
 
 from functools import cache
-from typing import Any, Protocol
+from typing import Protocol
 
 import daqp
 import numpy as np
@@ -78,9 +78,6 @@ class DrakeSolver:
         for name, value in options.items():
             self._options.SetOption(self._solver.solver_id(), name, value)
 
-    def __deepcopy__(self, memo: dict[int, Any]) -> DrakeSolver:
-        return self
-
     def __call__(self, program: NamedProgram, numbers: Coefficients) -> tuple[Array | None, bool]:
         """See `Solver`."""
         result = self._solver.Solve(program.fill(numbers), None, self._options)
@@ -130,12 +127,14 @@ def check_solver(name: str) -> str:
     return name
 
 
-def make_solver(name: str) -> Solver:
-    """The solver of that name; "daqp" is Drake's where Drake has it, else the package's.
+def make_solver(name: str | Solver) -> Solver:
+    """The solver of that name, or the solver itself; "daqp" is Drake's where Drake has it, else the package's.
 
     Raises:
         BadInputError: see `check_solver`.
     """
+    if callable(name):
+        return name
     if check_solver(name) == DEFAULT_SOLVER:
         return drake_daqp() if _has("DaqpSolver") else DaqpPackage()
     return DrakeSolver(*_OF_DRAKE[name])

@@ -1,4 +1,4 @@
-"""Kinematics of all links of a robot at once, in numpy: poses, Jacobians, velocities, bias accelerations.
+"""Kinematics of all links of a robot at once, in numpy: poses, velocities, bias accelerations.
 
 Drake computes the same one frame at a time, 4 to 5 us for pose, Jacobian and bias acceleration of each; for the nearest
 points of many pairs of links that is most of a control tick. Here the links are the rows of an array::
@@ -10,28 +10,13 @@ points of many pairs of links that is most of a control tick. Here the links are
 
 and the spatial velocity of a point p of link i is [w; l + w x p] (Featherstone, Rigid Body Dynamics Algorithms, 2.10).
 
-In a block of a robot with any number of arms, once::
-
-    tree = JointTree(robot.plant, robot.parts.joints)
-    tips = tree.frames([arm.tcp_frame for arm in robot.parts.arms.values()])
-
-and per tick::
-
-    motion = tree.at(q, v).of(tips)
-    motion.poses            (k, 4, 4)   X_WF
-    motion.jacobians        (k, 6, n)   each as `RobotModel.jacobian_of` returns it
-    motion.velocities       (k, 6)      J v
-    motion.biases           (k, 6)      J'v, as `RobotModel.bias_acceleration_of`
-
 What is not asked for is not computed, and nothing returned is overwritten later. Links and joints of a YuMi take 15 us,
-with speeds and bias accelerations 20, all four quantities of both TCPs 18 more (Python 3.11); Drake takes 19 for the
-two TCPs alone. So this pays from about eight frames on, or when the state is shared, as with `LinkDistance`.
+with speeds and bias accelerations 20 (Python 3.11).
 """
 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
 from functools import cached_property
 
 import numpy as np
@@ -55,11 +40,6 @@ _LEFT_6 = np.concatenate([_LEFT, _LEFT, _LEFT + 3])
 _RIGHT_6 = np.concatenate([_RIGHT, _RIGHT + 3, _RIGHT])
 _DIFFERENCE = np.concatenate([np.eye(3), -np.eye(3)])
 _SUM_6 = np.block([[_DIFFERENCE, np.zeros((6, 3))], [np.zeros((12, 3)), np.concatenate([_DIFFERENCE, _DIFFERENCE])]])
-_IDENTITY = np.eye(6)
-# p -> what a motion about the origin of W adds at p, (6, 6) flat: the matrix of w -> w x p.
-_SHIFT = np.zeros((3, 36))
-for _i, _j, _k in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-    _SHIFT[_i, 6 * (3 + _j) + _k], _SHIFT[_i, 6 * (3 + _k) + _j] = 1.0, -1.0
 
 
 def cross(a: Array, b: Array) -> Array:
@@ -67,21 +47,6 @@ def cross(a: Array, b: Array) -> Array:
     terms = a.take(_LEFT, 1) * b.take(_RIGHT, 1)
     product: Array = terms[:, :3] - terms[:, 3:]
     return product
-
-
-@dataclass(frozen=True)
-class FixedFrames:
-    """k frames, each fixed on a link.
-
-    Attributes:
-        link: (k,), 0 for the world and 1 + i for what joint i moves.
-        X_LF: pose on the link, (k, 4, 4).
-        moved: (k, 1, n), 1 for the joints that move the frame.
-    """
-
-    link: Indices
-    X_LF: Array
-    moved: Array
 
 
 class JointTree:
@@ -171,24 +136,17 @@ class JointTree:
         X[:3, 3] = p + np.cross(turn, slide)
         return X, revolute
 
-    def link_of(self, frame: Frame) -> int:
-        """The link a frame of the plant is fixed on."""
-        movers = self._movers.get(int(frame.body().index()), [])
-        return max((1 + i for i in movers), key=lambda link: self.moves[link].sum(), default=0)
-
-    def frames(self, frames: Sequence[Frame], offsets: Sequence[RigidTransform] | None = None) -> FixedFrames:
-        """Frames of the plant, or what is fixed in them.
+    def place(self, frame: Frame, offset: RigidTransform) -> tuple[int, Array]:
+        """The link that a frame of the plant is fixed on, and the pose on it of what is fixed in the frame, (4, 4) [m].
 
         Args:
-            frames: of the plant.
-            offsets: pose in each of them; identity when None.
+            frame: of the plant.
+            offset: pose in it.
         """
-        links = np.array([self.link_of(frame) for frame in frames], dtype=np.intp)
-        X_WF = np.empty((len(frames), 4, 4))
-        for i, frame in enumerate(frames):
-            X = frame.CalcPoseInWorld(self._zero)
-            X_WF[i] = (X if offsets is None else X @ offsets[i]).GetAsMatrix4()
-        return FixedFrames(links, np.linalg.inv(self._X_WL[links]) @ X_WF, self.moves[links][:, None])
+        movers = self._movers.get(int(frame.body().index()), [])
+        link = max((1 + i for i in movers), key=lambda link: self.moves[link].sum(), default=0)
+        X_LF: Array = np.linalg.inv(self._X_WL[link]) @ (frame.CalcPoseInWorld(self._zero) @ offset).GetAsMatrix4()
+        return link, X_LF
 
     def at(self, q: Array, v: Array) -> TreeState:
         """The tree at joint positions q and speeds v, each (n,) [rad, m; rad/s, m/s]."""
@@ -246,47 +204,3 @@ class TreeState:
         terms = self.link_velocities[1:].take(_LEFT_6, 1) * self._joint_velocities.take(_RIGHT_6, 1)
         biases: Array = self.tree.moves @ (terms @ _SUM_6)
         return biases
-
-    def of(self, frames: FixedFrames) -> FrameMotions:
-        """The motion of frames fixed on the links."""
-        return FrameMotions(self, frames)
-
-
-class FrameMotions:
-    """The motion of k frames that are fixed on links.
-
-    Attributes:
-        poses: X_WF, (k, 4, 4) [m].
-    """
-
-    def __init__(self, state: TreeState, frames: FixedFrames):
-        """Use `TreeState.of`."""
-        self._state, self._frames = state, frames
-        self.poses: Array = state.X_WL.take(frames.link, 0) @ frames.X_LF
-        # What takes motions of the point at the origin of W to the origins of the frames, (k, 6, 6).
-        self._shift: Array = (self.poses[:, :3, 3] @ _SHIFT).reshape(-1, 6, 6)
-        self._shift += _IDENTITY
-
-    @cached_property
-    def jacobians(self) -> Array:
-        """J_WF: spatial velocity of each origin per joint speed, (k, 6, n) [1; m]."""
-        k, S = len(self._shift), self._state.screws
-        J: Array = (self._shift.reshape(6 * k, 6) @ S.T).reshape(k, 6, len(S))
-        J *= self._frames.moved
-        return J
-
-    @cached_property
-    def velocities(self) -> Array:
-        """J v, (k, 6) [rad/s; m/s]."""
-        return self._shifted(self._state.link_velocities)
-
-    @cached_property
-    def biases(self) -> Array:
-        """J'v: spatial acceleration of each origin when no joint speed changes, (k, 6) [rad/s^2; m/s^2]."""
-        A, V = self._shifted(self._state.link_biases), self.velocities
-        A[:, 3:] += cross(V[:, :3], V[:, 3:])
-        return A
-
-    def _shifted(self, of_links: Array) -> Array:
-        shifted: Array = self._shift @ of_links.take(self._frames.link, 0)[:, :, None]
-        return shifted[:, :, 0]

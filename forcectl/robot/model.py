@@ -10,6 +10,7 @@ from __future__ import annotations
 
 import copy
 import threading
+from collections.abc import Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -22,6 +23,7 @@ from pydrake.multibody.tree import (
     BodyIndex,
     Frame,
     JacobianWrtVariable,
+    Joint,
     MultibodyForces,
     RigidBody,
     SpatialInertia,
@@ -32,18 +34,7 @@ from pydrake.systems.framework import Context, InputPort, LeafSystem
 from forcectl.errors import invalid, unknown
 from forcectl.framework.cache import BlockCache
 from forcectl.robot.parameters import ControlParameters
-from forcectl.robot.parts import ArmParts, RobotParts, add_robot, frame_named
-
-__all__ = [
-    "ArmParts",
-    "JointLimits",
-    "RobotModel",
-    "RobotParts",
-    "add_robot",
-    "has_moved",
-    "posture_cache",
-    "unit_normal",
-]
+from forcectl.robot.parts import RobotParts, add_robot, frame_named
 
 Array = NDArray[np.float64]
 _ORIGIN = np.zeros(3)
@@ -73,32 +64,101 @@ def unit_normal(n: ArrayLike, name: str = "normal") -> Array:
     return unit
 
 
-class PlantForces(threading.local):
+class _Forces(threading.local):
     """A place to work in for what computes forces of a plant, overwritten at every use; each thread has its own."""
 
     def __init__(self, plant: MultibodyPlant):
         self.forces = MultibodyForces(plant)
 
 
-class RobotModel:
+class PlantJoints:
+    """n joints of a plant, each with one position and one velocity; other joints stay as they are in a context.
+
+    Holds no state: every function takes a context of `plant`. Vectors over joints have shape (n,), in the order of
+    `joints`.
+
+    Args:
+        plant: finalized.
+        joints: of the plant.
+    """
+
+    def __init__(self, plant: MultibodyPlant, joints: Sequence[Joint]):
+        self.plant, self.num_joints = plant, len(joints)
+        self._world, self._scratch = plant.world_frame(), _Forces(plant)
+        self._q = np.array([joint.position_start() for joint in joints])
+        self._v = np.array([joint.velocity_start() for joint in joints])
+        # Nothing else in the plant, in order: the usual case, and no need to pick the joints out of the plant's.
+        in_order = np.arange(plant.num_positions())
+        self._all = np.array_equal(self._q, in_order) and np.array_equal(self._v, in_order)
+
+    def set_positions(self, context: Context, q: Array) -> None:
+        """Set the joint positions q, shape (n,) [rad]."""
+        if self._all:
+            self.plant.SetPositions(context, q)
+            return
+        everything = self.plant.GetPositions(context)
+        everything[self._q] = q
+        self.plant.SetPositions(context, everything)
+
+    def set_velocities(self, context: Context, v: Array) -> None:
+        """Set the joint speeds v, shape (n,) [rad/s]."""
+        if self._all:
+            self.plant.SetVelocities(context, v)
+            return
+        everything = self.plant.GetVelocities(context)
+        everything[self._v] = v
+        self.plant.SetVelocities(context, everything)
+
+    def jacobian_of(self, context: Context, frame: Frame, expressed_in: Frame | None = None) -> Array:
+        """Spatial velocity of the origin of `frame` in the world per joint speed, shape (6, n) [1; m].
+
+        Args:
+            context: with the posture.
+            frame: of the plant.
+            expressed_in: frame the components are in; the world when None.
+        """
+        world = self._world
+        J = self.plant.CalcJacobianSpatialVelocity(
+            context, JacobianWrtVariable.kV, frame, _ORIGIN, world, expressed_in or world
+        )
+        columns: Array = J if self._all else J[:, self._v]
+        return columns
+
+    def mass_matrix(self, context: Context) -> Array:
+        """Mass matrix of what the plant holds, that is without rotors, shape (n, n) [kg m2]."""
+        M: Array = self.plant.CalcMassMatrix(context)
+        return M if self._all else M[np.ix_(self._v, self._v)]
+
+    def link_torque(self, context: Context, vdot: Array) -> Array:
+        """M(q) vdot + c(q, v) + g(q), without rotors, at q and v of `context`, shape (n,) [Nm]."""
+        forces = self._scratch.forces
+        self.plant.CalcForceElementsContribution(context, forces)
+        if self._all:
+            torque: Array = self.plant.CalcInverseDynamics(context, vdot, forces)
+            return torque
+        everything = np.zeros(self.plant.num_velocities())
+        everything[self._v] = vdot
+        torque = self.plant.CalcInverseDynamics(context, everything, forces)[self._v]
+        return torque
+
+
+class RobotModel(PlantJoints):
     """Control-side quantities of a robot with its tool: kinematics, torques, inertias, stiffness.
 
     Of a robot with several arms the vectors cover the joints of all, and what is said of the TCP is said of the first
     arm's; `parts.arms` has the frames and joints of each, and the functions that end in `_of` take any frame.
 
-    Holds no state: every function takes a context of `plant` (see `create_context`), so that a block can keep one in a
-    cache entry. Vectors over joints have shape (n,), n = `num_joints`, in the order of the control parameters; other
-    joints of the model (a gripper, say) stay at their defaults. Spatial vectors are [rotation; translation], in the
-    world W.
+    A block keeps a context in a cache entry, see `create_context`. Joints are in the order of the control parameters;
+    others of the model (a gripper's, say) stay at their defaults. Spatial vectors are [rotation; translation], in W.
 
     Attributes:
         parameters, tool_parameters: what the YAML files say; `tool_parameters` is None without a tool.
         plant: robot and tool, fixed to the world, continuous, without geometry, finalized.
         parts: joints, actuators and frames in `plant`.
-        tcp_frame: tool centre point T, of the first arm.
+        arm: the first one, or that of `for_arm`.
+        tcp_frame: its tool centre point T.
         limits: joint limits.
-        stiffness_set: name of the joint-stiffness set in use.
-        joint_stiffness: its values [Nm/rad].
+        joint_stiffness: of the set in use [Nm/rad].
         motor_from_joint: T, motor speeds per joint speeds, shape (n, n) [1].
         motor_inertia: T' diag(J_m) T, shape (n, n), joint side [kg m2].
         source: what `load` was given as robot and tool.
@@ -109,25 +169,15 @@ class RobotModel:
 
     def __init__(self, plant: MultibodyPlant, parts: RobotParts, stiffness_set: str | None = None):
         """Use `load`."""
-        parameters = parts.parameters
-        self.parameters = parameters
+        super().__init__(plant, parts.joints)
+        self.parameters = parameters = parts.parameters
         self.tool_parameters = parts.tool_parameters
-        self.plant = plant
-        self.parts = parts
-        self.num_joints = parameters.num_joints
-        self._world = plant.world_frame()
-        self.tcp_frame = parts.tcp_frame
+        self.parts, self.arm = parts, parts.first_arm
+        self.tcp_frame = self.arm.tcp_frame
         self.limits = _limits(parts)
-        self.stiffness_set = parameters.default_stiffness_set if stiffness_set is None else stiffness_set
         self.joint_stiffness = parameters.stiffness(stiffness_set)
         self.motor_from_joint = _motor_from_joint(parameters)
         self.motor_inertia = self.motor_from_joint.T @ np.diag(parameters.rotor_inertia) @ self.motor_from_joint
-        self._scratch = PlantForces(plant)
-        self._q = np.array([joint.position_start() for joint in parts.joints])
-        self._v = np.array([joint.velocity_start() for joint in parts.joints])
-        # An arm and nothing else, in order: the usual case, and no need to pick its joints out of the plant's.
-        every = np.arange(self.num_joints)
-        self._arm_only = np.array_equal(self._q, every[: plant.num_positions()]) and plant.num_positions() == len(every)
         self._link_frames = {
             frame: frame_named(plant, frame, parts.instance, "link_compliance frame")
             for frame in parameters.link_compliance
@@ -169,7 +219,8 @@ class RobotModel:
         if name not in self.parts.arms:
             raise unknown("arm", name, self.parts.arms)
         other = copy.copy(self)
-        other.tcp_frame = self.parts.arms[name].tcp_frame
+        other.arm = self.parts.arms[name]
+        other.tcp_frame = other.arm.tcp_frame
         return other
 
     def with_inertia_error(self, scale: float, payload: float) -> RobotModel:
@@ -180,12 +231,14 @@ class RobotModel:
             payload: mass at the TCP of every arm [kg].
         """
         other = copy.copy(self)
-        bodies = [self.plant.get_body(BodyIndex(i)) for i in range(1, self.plant.num_bodies())]
         changed = {}
-        for body in bodies:
+        for i in range(1, self.plant.num_bodies()):
+            body = self.plant.get_body(BodyIndex(i))
             inertia = body.default_spatial_inertia()
             if inertia.get_mass() > 0:
-                changed[body] = scaled_inertia(inertia, scale)
+                changed[body] = SpatialInertia(
+                    scale * inertia.get_mass(), inertia.get_com(), inertia.get_unit_inertia()
+                )
         for arm in self.parts.arms.values():
             body, place = arm.tcp_frame.body(), arm.tcp_frame.GetFixedPoseInBodyFrame().translation()
             held = changed.get(body, body.default_spatial_inertia())
@@ -203,28 +256,11 @@ class RobotModel:
             body.SetSpatialInertiaInBodyFrame(context, inertia)
         return context
 
-    def positions(self, context: Context) -> Array:
-        """Joint positions in `context`, shape (n,) [rad]."""
-        q: Array = self.plant.GetPositions(context)[self._q]
-        return q
-
-    def set_positions(self, context: Context, q: Array) -> None:
-        """Set the joint positions q, shape (n,) [rad]."""
-        if self._arm_only:
-            self.plant.SetPositions(context, q)
-            return
-        everything = self.plant.GetPositions(context)
-        everything[self._q] = q
-        self.plant.SetPositions(context, everything)
-
-    def set_velocities(self, context: Context, v: Array) -> None:
-        """Set the joint speeds v, shape (n,) [rad/s]."""
-        if self._arm_only:
-            self.plant.SetVelocities(context, v)
-            return
-        everything = self.plant.GetVelocities(context)
-        everything[self._v] = v
-        self.plant.SetVelocities(context, everything)
+    def context_at(self, q: Array) -> Context:
+        """A context of `plant` at rest in posture q, shape (n,) [rad]."""
+        context = self.create_context()
+        self.set_positions(context, q)
+        return context
 
     def pose(self, context: Context) -> RigidTransform:
         """Pose X_WT of the TCP frame in the world [m]."""
@@ -239,19 +275,8 @@ class RobotModel:
         """J_WT: spatial velocity of the TCP in the world per joint speed, shape (6, n) [1; m]."""
         return self.jacobian_of(context, self.tcp_frame)
 
-    def jacobian_of(self, context: Context, frame: Frame) -> Array:
-        """Spatial velocity of the origin of `frame` in the world per joint speed, shape (6, n) [1; m]."""
-        world = self._world
-        J = self.plant.CalcJacobianSpatialVelocity(context, JacobianWrtVariable.kV, frame, _ORIGIN, world, world)
-        columns: Array = J if self._arm_only else J[:, self._v]
-        return columns
-
-    def bias_acceleration(self, context: Context) -> Array:
-        """J'v: spatial acceleration of the TCP in the world at the joint speeds of `context`, none changing, (6,)."""
-        return self.bias_acceleration_of(context, self.tcp_frame)
-
     def bias_acceleration_of(self, context: Context, frame: Frame) -> Array:
-        """As `bias_acceleration`, of the origin of `frame`, shape (6,)."""
+        """J'v: spatial acceleration of the origin of `frame` in the world while no joint speed changes, shape (6,)."""
         world = self._world
         A = self.plant.CalcBiasSpatialAcceleration(context, JacobianWrtVariable.kV, frame, _ORIGIN, world, world)
         bias: Array = A.get_coeffs()
@@ -268,33 +293,11 @@ class RobotModel:
 
     def load_torque(self, context: Context) -> Array:
         """c(q, v) + g(q): joint torque of a motion without acceleration, at q and v of `context`, shape (n,) [Nm]."""
-        return self.torque(context, np.zeros(self.num_joints), rotors=False)
+        return self.link_torque(context, np.zeros(self.num_joints))
 
-    def torque(self, context: Context, vdot: Array, rotors: bool = True) -> Array:
-        """Joint-side torque of the motion at q and v of `context`, without friction, shape (n,) [Nm].
-
-        (M(q) + B) vdot + c(q, v) + g(q), with the rotors' B = `motor_inertia` if `rotors`.
-        """
-        forces = self._scratch.forces
-        self.plant.CalcForceElementsContribution(context, forces)
-        if self._arm_only:
-            torque: Array = self.plant.CalcInverseDynamics(context, vdot, forces)
-        else:
-            everything = np.zeros(self.plant.num_velocities())
-            everything[self._v] = vdot
-            torque = self.plant.CalcInverseDynamics(context, everything, forces)[self._v]
-        return torque + self.motor_inertia.dot(vdot) if rotors else torque
-
-    def mass_matrix(self, context: Context) -> Array:
-        """Link-side mass matrix, without rotors, shape (n, n) [kg m2]."""
-        M: Array = self.plant.CalcMassMatrix(context)
-        return M if self._arm_only else M[np.ix_(self._v, self._v)]
-
-    def inverse_dynamics(self, context: Context, q: Array, v: Array, vdot: Array, rotors: bool = True) -> Array:
-        """As `torque`, of the motion (q, v, vdot), shape (n,) [Nm]. Leaves q and v in `context`."""
-        self.set_positions(context, q)
-        self.set_velocities(context, v)
-        return self.torque(context, vdot, rotors)
+    def torque(self, context: Context, vdot: Array) -> Array:
+        """(M(q) + B) vdot + c(q, v) + g(q) with the rotors' B, joint side, without friction, shape (n,) [Nm]."""
+        return self.link_torque(context, vdot) + self.motor_inertia.dot(vdot)
 
     def smallest_singular_value(self, context: Context) -> float:
         """Distance from a singular posture [1]: smallest singular value of the TCP Jacobian.
@@ -302,22 +305,12 @@ class RobotModel:
         Translations are divided by the parameters' `characteristic_length`. With fewer than six joints it shows whether
         the joints move the TCP independently. Of several arms it is the least.
         """
-        return min(self._smallest_singular_value(context, arm) for arm in self.parts.arms.values())
-
-    def _smallest_singular_value(self, context: Context, arm: ArmParts) -> float:
-        J = self.jacobian_of(context, arm.tcp_frame)[:, arm.joints]
-        J[3:] /= self.parameters.characteristic_length
-        return float(np.linalg.svd(J, compute_uv=False)[-1])
-
-
-def scaled_inertia(inertia: SpatialInertia, scale: float) -> SpatialInertia:
-    """A body of the same shape with another density.
-
-    Args:
-        inertia: of the body.
-        scale: factor on mass and inertia, > 0 [1].
-    """
-    return SpatialInertia(scale * inertia.get_mass(), inertia.get_com(), inertia.get_unit_inertia())
+        smallest = []
+        for arm in self.parts.arms.values():
+            J = self.jacobian_of(context, arm.tcp_frame)[:, arm.joints]
+            J[3:] /= self.parameters.characteristic_length
+            smallest.append(float(np.linalg.svd(J, compute_uv=False)[-1]))
+        return min(smallest)
 
 
 def posture_cache(block: LeafSystem, robot: RobotModel, position: InputPort) -> BlockCache:

@@ -14,23 +14,20 @@ from collections.abc import Callable, Sequence
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, JacobianWrtVariable, Joint
+from pydrake.multibody.tree import Frame, Joint
 from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError
 from forcectl.framework.batch import check_count
 from forcectl.framework.kernels import largest
-from forcectl.robot.model import PlantForces, RobotModel
+from forcectl.robot.model import PlantJoints
 
 Array = NDArray[np.float64]
-_ORIGIN = np.zeros(3)
 _DIFFERENCE = 1e-5  # largest joint step of the central difference of B [rad] or [m]
 
 
-class MomentumModel:
+class MomentumModel(PlantJoints):
     """Momentum terms of n joints of a plant; other joints stay at rest at their defaults.
-
-    Holds no state: contexts come from `create_context`.
 
     Args:
         plant: finalized; best continuous and without geometry.
@@ -57,21 +54,11 @@ class MomentumModel:
         for joint in joints:
             if joint.num_positions() != 1 or joint.num_velocities() != 1:
                 raise BadInputError(f"joint {joint.name()!r}: must have one position and one velocity")
-        self.plant = plant
+        check_count("number of joints", len(joints))
+        super().__init__(plant, joints)
         self._create_context = create_context or plant.CreateDefaultContext
-        self.num_joints = check_count("number of joints", len(joints))
-        self._q = np.array([joint.position_start() for joint in joints])
-        self._v = np.array([joint.velocity_start() for joint in joints])
-        in_order = np.arange(plant.num_positions())
-        self._all = np.array_equal(self._q, in_order) and np.array_equal(self._v, in_order)
-        self._at_rest = np.zeros(plant.num_velocities())
-        self._scratch = PlantForces(plant)
+        self._at_rest = np.zeros(self.num_joints)
         self._rotors = None if rotor_inertia is None else _inertia_matrix(rotor_inertia, self.num_joints)
-
-    @classmethod
-    def of_robot(cls, robot: RobotModel, *, rotors: bool = False) -> MomentumModel:
-        """The arm of a robot; with its rotors when the torque is that of the motors."""
-        return cls(robot.plant, robot.parts.joints, robot.motor_inertia if rotors else None)
 
     def create_context(self) -> Context:
         """A context of `plant` to compute in."""
@@ -79,26 +66,9 @@ class MomentumModel:
 
     def _mass_times(self, context: Context, q: Array, v: Array) -> Array:
         """B(q) v without extra rotors, shape (n,) [kg m2/s]."""
-        self._set_positions(context, q)
-        M = self.plant.CalcMassMatrix(context)
-        product: Array = M.dot(v) if self._all else M[np.ix_(self._v, self._v)].dot(v)
+        self.set_positions(context, q)
+        product: Array = self.mass_matrix(context).dot(v)
         return product
-
-    def _set_positions(self, context: Context, q: Array) -> None:
-        if self._all:
-            self.plant.SetPositions(context, q)
-            return
-        everything = self.plant.GetPositions(context)
-        everything[self._q] = q
-        self.plant.SetPositions(context, everything)
-
-    def _set_velocities(self, context: Context, v: Array) -> None:
-        if self._all:
-            self.plant.SetVelocities(context, v)
-            return
-        everything = np.zeros(self.plant.num_velocities())
-        everything[self._v] = v
-        self.plant.SetVelocities(context, everything)
 
     def terms(self, context: Context, q: Array, v: Array) -> tuple[Array, Array]:
         """p and C'q' + tau_g at joint positions and speeds of shape (n,) [rad, rad/s].
@@ -120,13 +90,10 @@ class MomentumModel:
             momentum = rate = np.zeros(self.num_joints)
         if self._rotors is not None:
             momentum = momentum + self._rotors.dot(v)
-        self._set_positions(context, q)
-        self._set_velocities(context, v)
-        forces = self._scratch.forces
-        self.plant.CalcForceElementsContribution(context, forces)
+        self.set_positions(context, q)
+        self.set_velocities(context, v)
         # C q' - tau_g, in one sweep over the links.
-        held = self.plant.CalcInverseDynamics(context, self._at_rest, forces)
-        return momentum, rate - (held if self._all else held[self._v])
+        return momentum, rate - self.link_torque(context, self._at_rest)
 
     def owns(self, frame: Frame) -> bool:
         """Whether the frame is one of `plant`."""
@@ -141,13 +108,8 @@ class MomentumModel:
             context: is left in the posture q, shape (n,) [rad].
             expressed_in: frame the components are in.
         """
-        self._set_positions(context, q)
-        plant = self.plant
-        J = plant.CalcJacobianSpatialVelocity(
-            context, JacobianWrtVariable.kV, frame, _ORIGIN, plant.world_frame(), expressed_in
-        )
-        columns: Array = J if self._all else J[:, self._v]
-        return columns
+        self.set_positions(context, q)
+        return self.jacobian_of(context, frame, expressed_in)
 
 
 def _inertia_matrix(inertia: ArrayLike, n: int) -> Array:

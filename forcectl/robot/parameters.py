@@ -229,13 +229,8 @@ Check = tuple[str, Any, str, bool]  # (field, value, what is allowed, whether it
 
 
 def _control_checks(parameters: ControlParameters) -> Iterator[Check]:
-    n = parameters.num_joints
-    yield (
-        "arm_joints",
-        parameters.arm_joints,
-        "different joint names, at least one",
-        0 < n == len(set(parameters.arm_joints)),
-    )
+    n, names = parameters.num_joints, parameters.arm_joints
+    yield "arm_joints", names, "different joint names, at least one", 0 < n == len(set(names))
     yield from _arm_checks(parameters)
     for name in _PER_JOINT:
         yield _numbers(name, getattr(parameters, name), n, "not negative" if name in _NOT_NEGATIVE else "")
@@ -252,24 +247,15 @@ def _control_checks(parameters: ControlParameters) -> Iterator[Check]:
     for i, coupling in enumerate(parameters.motor_coupling):
         for name in ("motor_of", "driven_by"):
             joint = getattr(coupling, name)
-            yield f"motor_coupling.{i}.{name}", joint, "one of the arm joints", joint in parameters.arm_joints
+            yield f"motor_coupling.{i}.{name}", joint, "one of the arm joints", joint in names
 
 
 def _arm_checks(parameters: ControlParameters) -> Iterator[Check]:
+    flange = parameters.flange_frame
     if not parameters.arms:
-        yield (
-            "flange_frame",
-            parameters.flange_frame,
-            "a frame of the model (or give `arms`)",
-            bool(parameters.flange_frame),
-        )
+        yield "flange_frame", flange, "a frame of the model (or give `arms`)", bool(flange)
     else:
-        yield (
-            "flange_frame",
-            parameters.flange_frame,
-            "left out beside `arms`: each arm has its own",
-            not parameters.flange_frame,
-        )
+        yield "flange_frame", flange, "left out beside `arms`: each arm has its own", not flange
         joints = [joint for arm in parameters.arms.values() for joint in arm.joints]
         yield "arms", joints, "those of arm_joints, in the same order", joints == parameters.arm_joints
         for name, arm in parameters.arms.items():

@@ -50,8 +50,7 @@ class ArmParts:
 class RobotParts:
     """A robot and its tools as they are in a plant.
 
-    Joints and actuators are those of all arms, in the order of the parameters. `arms` has at least one entry; the
-    properties speak of the first.
+    Joints and actuators are those of all arms, in the order of the parameters. `arms` has at least one entry.
     """
 
     parameters: ControlParameters
@@ -65,36 +64,6 @@ class RobotParts:
     def first_arm(self) -> ArmParts:
         """The only arm of most robots."""
         return next(iter(self.arms.values()))
-
-    @property
-    def tool_instance(self) -> ModelInstanceIndex | None:
-        """The first arm's tool."""
-        return self.first_arm.tool_instance
-
-    @property
-    def flange_frame(self) -> Frame:
-        """The first arm's flange."""
-        return self.first_arm.flange_frame
-
-    @property
-    def tcp_frame(self) -> Frame:
-        """The first arm's tool centre point: the flange when there is no tool."""
-        return self.first_arm.tcp_frame
-
-    @property
-    def contact_ball_frame(self) -> Frame | None:
-        """Centre of the ball of the first arm's tool."""
-        return self.first_arm.contact_ball_frame
-
-    @property
-    def sensor_frame(self) -> Frame | None:
-        """Where the first arm's wrist sensor measures."""
-        return self.first_arm.sensor_frame
-
-    @property
-    def sensor_weld(self) -> Joint | None:
-        """The joint whose reaction the first arm's wrist sensor measures."""
-        return self.first_arm.sensor_weld
 
 
 def add_robot(

@@ -62,7 +62,7 @@ class RobotMotion:
         robot.set_velocities(context, v)
         self.jacobian: Vector = robot.jacobian(context)
         self.velocity: Vector = self.jacobian.dot(v)
-        self.bias: Vector = robot.bias_acceleration(context)
+        self.bias: Vector = robot.bias_acceleration_of(context, robot.tcp_frame)
 
     @cached_property
     def inertia(self) -> Vector:

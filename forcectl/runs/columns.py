@@ -7,7 +7,6 @@ tabs between. A log is NetCDF as `forcectl run` writes it: each variable over `t
 from __future__ import annotations
 
 import csv
-import io
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -57,26 +56,20 @@ class Columns:
         Raises:
             BadInputError: there is none (the message names those that there are), or a cell of it is no number.
         """
-        column = self._named(wanted, names, kind)
+        found = next((name for name in names if name in self.columns), None) if wanted is None else _key(wanted)
+        if found is None:
+            there = ", ".join(column.label for column in self.columns.values())
+            choices = " or ".join(names[:3])
+            raise BadInputError(
+                f"{self.origin} has no column of {kind}: has {there}; name one {choices}, or say which it is"
+            )
+        if found not in self.columns:
+            known = [column.name for column in self.columns.values()]
+            raise BadInputError(f"{self.origin}: {unknown(f'column of {kind}', wanted, known)}")
+        column = self.columns[found]
         if column.fault:
             raise BadInputError(f"{self.origin} {column.fault}")
         return column
-
-    def _named(self, wanted: str | None, names: Sequence[str], kind: str) -> Column:
-        there = ", ".join(column.label for column in self.columns.values())
-        if wanted is not None:
-            if _key(wanted) not in self.columns:
-                raise BadInputError(f"{self.origin}: {unknown(f'column of {kind}', wanted, self._names())}")
-            return self.columns[_key(wanted)]
-        for name in names:
-            if name in self.columns:
-                return self.columns[name]
-        raise BadInputError(
-            f"{self.origin} has no column of {kind}: has {there}; name one {' or '.join(names[:3])}, or say which it is"
-        )
-
-    def _names(self) -> list[str]:
-        return [column.name for column in self.columns.values()]
 
 
 def read_columns(path: Path, variant: str | None = None) -> Columns:
@@ -114,7 +107,7 @@ def _read_csv(path: Path) -> Columns:
         raise BadInputError(f"{path.name} is empty: must have a header and rows")
     separator = max(";\t,", key=lines[0][1].count)
     header = [part.strip() for part in _cells(lines[0][1], separator)]
-    if all(_is_number(part) for part in header):
+    if all(_number(part) is not None for part in header):
         raise BadInputError(
             f"{path.name} has no header: its first row must name columns and units, as in "
             "time [s], displacement [mm], force [N]"
@@ -123,25 +116,23 @@ def _read_csv(path: Path) -> Columns:
     if not rows:
         raise BadInputError(f"{path.name} has a header and no rows")
     decimal_comma = separator == ";" and "." not in rows[0][1]
-    faults = [""] * len(header)
-    body = "\n".join(line for _, line in rows)
-    body = body.replace(",", ".") if decimal_comma else body
-    try:
-        values = np.loadtxt(io.StringIO(body), delimiter=separator, ndmin=2, comments=None)
-    except ValueError:
-        values, faults = _read_slowly(path.name, header, separator, rows, decimal_comma)
-    if values.shape[1] != len(header):
-        raise BadInputError(
-            f"{path.name} row {rows[0][0]} has {values.shape[1]} cells: must have {len(header)}, as the header"
-        )
+    table = [_cells(line.replace(",", ".") if decimal_comma else line, separator) for _, line in rows]
+    numbers = [number for number, _ in rows]
+    for number, row in zip(numbers, table, strict=True):
+        if len(row) != len(header):
+            wanted = f"must have {len(header)}, as the header"
+            raise BadInputError(f"{path.name} row {number} has {len(row)} cells: {wanted}")
     columns: dict[str, Column] = {}
-    for i, part in enumerate(header):
+    for part, cells in zip(header, zip(*table, strict=True), strict=True):
         found = _HEADER.match(part)
         name, unit = (found["name"], found["unit"] or "") if found else (part, "")
         if _key(name) in columns:
             raise BadInputError(f"{path.name} has two columns called {name!r}: rename one")
-        columns[_key(name)] = Column(name, unit, np.ascontiguousarray(values[:, i]), faults[i])
-    numbers = [n for n, _ in rows]
+        values = [_number(cell) for cell in cells]
+        wrong = next((k for k, value in enumerate(values) if value is None and cells[k].strip()), None)
+        shown = "" if wrong is None else repr(cells[wrong].strip()[:40])
+        fault = "" if wrong is None else f"row {numbers[wrong]}, column {part}: {shown} must be a number"
+        columns[_key(name)] = Column(name, unit, np.array(values, dtype=float), fault)
     return Columns(path.name, columns, lambda k: f"row {numbers[k]}")
 
 
@@ -152,30 +143,11 @@ def _cells(line: str, separator: str) -> list[str]:
         return [line]
 
 
-def _is_number(text: str) -> bool:
+def _number(text: str) -> float | None:
     try:
-        float(text)
+        return float(text)
     except ValueError:
-        return False
-    return True
-
-
-def _read_slowly(
-    name: str, header: list[str], separator: str, rows: list[tuple[int, str]], decimal_comma: bool
-) -> tuple[Array, list[str]]:
-    """Cell by cell: the values, NaN where there is no number, and the first fault of each column."""
-    values, faults = np.full((len(rows), len(header)), np.nan), [""] * len(header)
-    for k, (number, line) in enumerate(rows):
-        cells = _cells(line, separator)
-        if len(cells) != len(header):
-            raise BadInputError(f"{name} row {number} has {len(cells)} cells: must have {len(header)}, as the header")
-        for i, cell in enumerate(cells):
-            cell = cell.strip().replace(",", ".") if decimal_comma else cell.strip()
-            if _is_number(cell):
-                values[k, i] = float(cell)
-            elif cell and not faults[i]:
-                faults[i] = f"row {number}, column {header[i]}: {cell[:40]!r} must be a number"
-    return values, faults
+        return None
 
 
 def _read_log(path: Path, variant: str | None) -> Columns:
@@ -188,21 +160,18 @@ def _read_log(path: Path, variant: str | None) -> Columns:
     if "variant" in log.dims:
         names = [str(name) for name in log["variant"].values]
         if variant is None:
-            raise BadInputError(
-                f"{path.name} has several variants: say which with --variant, one of: {', '.join(names)}"
-            )
+            known = ", ".join(names)
+            raise BadInputError(f"{path.name} has several variants: say which with --variant, one of: {known}")
         if variant not in names:
             raise unknown(f"variant of {path.name}", variant, names)
         log = log.isel(variant=names.index(variant)).dropna("time", how="all")
-    elif variant is not None and variant != str(log.coords["variant"].item() if "variant" in log.coords else ""):
+    elif variant not in (None, str(log.coords["variant"].item() if "variant" in log.coords else "")):
         raise BadInputError(f"--variant {variant!r}: must be left out, {path.name} has one variant only")
     if "time" not in log.dims:
         raise BadInputError(f"{path.name} has no dimension 'time': must be the log of a run")
     columns = {}
-    for name in ["time", *log.data_vars]:
-        variable = log[name] if name in log.variables else None
-        if variable is not None and variable.dims == ("time",) and np.issubdtype(variable.dtype, np.number):
-            columns[_key(str(name))] = Column(
-                str(name), str(variable.attrs.get("units", "")), np.asarray(variable.values, dtype=float)
-            )
+    for name in map(str, (name for name in ["time", *log.data_vars] if name in log.variables)):
+        if log[name].dims == ("time",) and np.issubdtype(log[name].dtype, np.number):
+            unit = str(log[name].attrs.get("units", ""))
+            columns[_key(name)] = Column(name, unit, np.asarray(log[name].values, dtype=float))
     return Columns(path.name, columns, lambda k: f"sample {k}")

@@ -9,7 +9,7 @@
     replay.html      on request (replay_1.html ... for the variants in order)
 
 A run that had to stop leaves `<name>.failed` instead, with the log up to there and without metrics of what did not
-finish; its manifest has `"status": "failed"` and the reason.
+finish; its manifest has `"status": "failed"` and the reason. So does one whose pictures cannot be drawn.
 """
 
 from __future__ import annotations
@@ -70,6 +70,8 @@ def free_name(folder: Path, stem: str) -> Path:
 def write_whole(directory: Path, fill: Callable[[Path], None], force: bool = False) -> Path:
     """Let `fill` write into a temporary sibling of `directory`, then give it that name.
 
+    What `fill` has written before an error is kept as `<name>.failed`.
+
     Raises:
         BadInputError: the place cannot be written to, or `directory` exists and `force` is not given.
     """
@@ -81,17 +83,28 @@ def write_whole(directory: Path, fill: Callable[[Path], None], force: bool = Fal
         raise BadInputError(f"output {str(directory)!r} cannot be written: {error.strerror}") from None
     try:
         fill(partial)
-        if directory.exists():
-            shutil.rmtree(directory)
-        partial.rename(directory)
+        _replace(directory, partial)
+    except Exception:
+        if any(partial.iterdir()):
+            _replace(directory.with_name(directory.name.removesuffix(FAILED) + FAILED), partial)
+        raise
     finally:
         shutil.rmtree(partial, ignore_errors=True)
     return directory
 
 
+def _replace(directory: Path, new: Path) -> None:
+    if directory.exists():
+        shutil.rmtree(directory)
+    new.rename(directory)
+
+
 def write_json(path: Path, content: Any) -> None:
-    """Write strict JSON (no NaN), one key per line."""
-    path.write_text(json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n", encoding="utf-8")
+    """Write strict JSON (no NaN), one key per line; an earlier file stays as it is until the new one is whole."""
+    text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
+    partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
+    partial.write_text(text, encoding="utf-8")
+    partial.replace(path)
 
 
 def manifest(scenario_text: str, details: Mapping[str, Any]) -> dict[str, Any]:

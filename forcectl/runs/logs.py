@@ -7,7 +7,6 @@ One variant is a dataset over `time` with the scalar coordinate `variant`; sever
 
 from __future__ import annotations
 
-import math
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -19,15 +18,17 @@ from numpy.typing import NDArray
 from forcectl.analysis.force_metrics import model_response
 from forcectl.conventions import unit_of
 
+Array = NDArray[np.float64]
+
 
 class ChunkedLog:
     """Samples of a run, taken out of the diagram's log piece by piece, so that each is looked at and copied once."""
 
     def __init__(self) -> None:
-        self._times: list[NDArray[np.float64]] = []
-        self._data: list[NDArray[np.float64]] = []
+        self._times: list[Array] = []
+        self._data: list[Array] = []
 
-    def take(self, log: Any) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def take(self, log: Any) -> tuple[Array, Array]:
         """Move everything out of a Drake `VectorLog`; returns the new times (k,) [s] and values (n, k)."""
         # A chunk may begin with the sample that the last one ended with.
         times, data = log.sample_times().copy(), log.data().copy()
@@ -43,18 +44,18 @@ class ChunkedLog:
         keep = self._times[-1] <= when
         self._times[-1], self._data[-1] = self._times[-1][keep], self._data[-1][:, keep]
 
-    def samples(self) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def samples(self) -> tuple[Array, Array]:
         """All times (k,) [s] and values (n, k) so far."""
         return np.concatenate(self._times), np.concatenate(self._data, axis=1)
 
 
 def to_dataset(
-    times: NDArray[np.float64],
-    values: NDArray[np.float64],
+    times: Array,
+    values: Array,
     signals: Mapping[str, Any],
     variant: str,
     model_bandwidth: float | None = None,
-    derived: Mapping[str, tuple[str, NDArray[np.float64]]] | None = None,
+    derived: Mapping[str, tuple[str, Array]] | None = None,
 ) -> xr.Dataset:
     """The log of one variant.
 
@@ -73,7 +74,8 @@ def to_dataset(
         if signal.labels is None:
             dataset[name] = ("time", rows[0].copy(), attributes)
         else:
-            component = signal.dimension or ("joint" if _are_joints(name) else f"{name}_component")
+            of_joints = name.startswith(("motor_", "link_", "joint_"))
+            component = signal.dimension or ("joint" if of_joints else f"{name}_component")
             dataset = dataset.assign_coords({component: list(signal.labels)})
             dataset[name] = (("time", component), rows.T.copy(), attributes)
     for name, (unit, samples) in (derived or {}).items():
@@ -83,17 +85,13 @@ def to_dataset(
         columns = desired.values.reshape(len(times), -1).T
         first = np.broadcast_to(dataset["contact_force"].values[:1].ravel() if times.size else 0.0, len(columns))
         responses = [model_response(times, d, model_bandwidth, float(f)) for d, f in zip(columns, first, strict=True)]
-        attributes = {
+        dataset["model_force"] = (desired.dims, np.array(responses).T.reshape(desired.shape))
+        dataset["model_force"].attrs = {
             "units": unit_of("model_force"),
             "long_name": "reference model",
             "bandwidth_rad_s": model_bandwidth,
         }
-        dataset["model_force"] = (desired.dims, np.array(responses).T.reshape(desired.shape), attributes)
     return dataset
-
-
-def _are_joints(name: str) -> bool:
-    return name.split("_")[0] in ("motor", "link", "joint")
 
 
 def stack(logs: Sequence[xr.Dataset]) -> xr.Dataset:
@@ -124,7 +122,7 @@ def read_netcdf(path: str | Path) -> xr.Dataset:
 
 
 def first_fault(
-    times: NDArray[np.float64], values: NDArray[np.float64], signals: Mapping[str, Any], limits: Mapping[str, float]
+    times: Array, values: Array, signals: Mapping[str, Any], limits: Mapping[str, float]
 ) -> tuple[str, float, float] | None:
     """The first sample that no healthy run has: (signal, time [s], value), or None.
 
@@ -134,20 +132,11 @@ def first_fault(
         signals: name -> rows.
         limits: name -> largest absolute value; every signal must be finite.
     """
-    healthy = np.isfinite(values).all() and all(_within(values, signals, n, limit) for n, limit in limits.items())
-    if healthy:
-        return None
-    found: list[tuple[float, str, float]] = []
+    found = []
     for name, signal in signals.items():
         rows = values[signal.rows]
-        bad = ~np.isfinite(rows) | (np.abs(rows) > limits.get(name, math.inf))
-        columns = np.flatnonzero(bad.any(axis=0))
-        if columns.size:
-            k = int(columns[0])
-            found.append((float(times[k]), name, float(rows[bad[:, k], k][0])))
-    time, name, value = min(found, key=lambda item: item[0])
-    return name, time, value
-
-
-def _within(values: NDArray[np.float64], signals: Mapping[str, Any], name: str, limit: float) -> bool:
-    return name not in signals or bool((np.abs(values[signals[name].rows]) <= limit).all())
+        bad = ~np.isfinite(rows) | (np.abs(rows) > limits.get(name, np.inf))
+        if bad.any():
+            k = int(np.argmax(bad.any(axis=0)))
+            found.append((name, float(times[k]), float(rows[bad[:, k], k][0])))
+    return min(found, key=lambda fault: fault[1], default=None)

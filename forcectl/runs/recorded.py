@@ -8,6 +8,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
+from forcectl.analysis.force_estimation import stretches
 from forcectl.conventions import unit_of
 from forcectl.errors import BadInputError
 from forcectl.runs.columns import Column, Columns, read_columns
@@ -106,21 +107,19 @@ def read_record(
     force = table.find(output_column, NAMES["force"], "force")
     if moved is force:
         raise BadInputError(f"{table.origin}: column {moved.label} cannot be both displacement and force")
-    factors = [
-        _factor(table, column, quantity)
-        for column, quantity in ((time, "time"), (moved, "displacement"), (force, "force"))
-    ]
+    columns = {"time": time, "displacement": moved, "force": force}
+    factors = {quantity: _factor(table, column, quantity) for quantity, column in columns.items()}
     if time.values.size < _FEWEST:
         raise BadInputError(
             f"{table.origin} has {time.values.size} rows: must have at least {_FEWEST}; "
             "record the experiment from rest to rest"
         )
-    for column in (time, moved, force):
+    for column in columns.values():
         _check_finite(table, column)
-    period = _check_sampling(table, time.values * factors[0])
-    for column, factor, quantity in ((moved, factors[1], "displacement"), (force, factors[2], "force")):
-        _check_size(table, column, factor, quantity)
-    u, y = moved.values * (-factors[1] if flip_input else factors[1]), force.values * factors[2]
+    period = _check_sampling(table, time.values * factors["time"])
+    for quantity in _LARGEST:
+        _check_size(table, columns[quantity], factors[quantity], quantity)
+    u, y = moved.values * factors["displacement"] * (-1 if flip_input else 1), force.values * factors["force"]
     for column, values, what in ((moved, u, "the experiment must move it"), (force, y, "is there contact?")):
         if values.min() == values.max():
             raise BadInputError(
@@ -134,25 +133,16 @@ def read_record(
 
 
 def _factor(table: Columns, column: Column, quantity: str) -> float:
-    known = UNITS[quantity]
+    known, what = UNITS[quantity], f"{table.origin}: column {column.name!r} has"
     # Logs of our own that leave out a unit still have that of their name.
-    unit = column.unit or (_OWN_UNITS.get(column.name, unit_of(column.name)) if _is_log(table) else "")
+    is_log = table.row(0).startswith("sample")
+    unit = column.unit or (_OWN_UNITS.get(column.name, unit_of(column.name)) if is_log else "")
     if not unit:
         example = {"time": "s", "displacement": "mm", "force": "N"}[quantity]
-        raise BadInputError(
-            f"{table.origin}: column {column.name!r} has no unit: write it in the header, "
-            f"as in '{column.name} [{example}]'"
-        )
+        raise BadInputError(f"{what} no unit: write it in the header, as in '{column.name} [{example}]'")
     if unit not in known:
-        raise BadInputError(
-            f"{table.origin}: column {column.name!r} has the unit {unit!r}: must be one of {quantity}, "
-            f"{', '.join(known)}"
-        )
+        raise BadInputError(f"{what} the unit {unit!r}: must be one of {quantity}, {', '.join(known)}")
     return known[unit]
-
-
-def _is_log(table: Columns) -> bool:
-    return table.row(0).startswith("sample")
 
 
 def _check_finite(table: Columns, column: Column) -> None:
@@ -165,13 +155,13 @@ def _check_finite(table: Columns, column: Column) -> None:
 
 
 def _check_size(table: Columns, column: Column, factor: float, quantity: str) -> None:
-    bad = np.flatnonzero(np.abs(column.values) > _LARGEST[quantity] / factor)
+    largest = _LARGEST[quantity] / factor
+    bad = np.flatnonzero(np.abs(column.values) > largest)
     if bad.size:
         k = int(bad[0])
         raise BadInputError(
             f"{table.origin} {table.row(k)}, column {column.label}: {column.values[k]:g} is no {quantity} of a robot: "
-            f"must be at most {_LARGEST[quantity] / factor:g} {column.unit or unit_of(column.name)}; "
-            "correct the row or the unit"
+            f"must be at most {largest:g} {column.unit or unit_of(column.name)}; correct the row or the unit"
         )
 
 
@@ -211,15 +201,13 @@ def _check_saturation(table: Columns, column: Column, u: Array, y: Array) -> Non
     sign = np.sign(np.sum((u - u.mean()) * (y - y.mean()))) or 1.0
     for toward in (1.0, -1.0):
         extreme = (toward * y).max()
-        there = np.concatenate([[False], toward * y >= extreme - _SAME * np.ptp(y), [False]])
-        edges = np.flatnonzero(there[1:] != there[:-1])
-        for start, end in zip(edges[::2], edges[1::2], strict=True):
-            on = toward * sign * (u[start:end] - u[start]) > _BEYOND * np.ptp(u)
+        for part in stretches(toward * y >= extreme - _SAME * np.ptp(y)):
+            on = toward * sign * (u[part] - u[part.start]) > _BEYOND * np.ptp(u)
             if on.sum() >= _STUCK:
-                k = int(start + np.argmax(on))
+                k = int(part.start + np.argmax(on))
                 why = "the sensor is saturated" if toward > 0 else "contact is lost or the sensor is saturated"
                 raise BadInputError(
                     f"{table.origin} {table.row(k)}, column {column.label}: stands still at {column.values[k]:g} from "
-                    f"{table.row(int(start))} to {table.row(int(end - 1))} while the displacement moves on: {why}; "
+                    f"{table.row(part.start)} to {table.row(part.stop - 1)} while the displacement moves on: {why}; "
                     "record smaller moves in contact"
                 )

@@ -33,7 +33,7 @@ from pydrake.systems.framework import Context, DiagramBuilder
 
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.models import add_packages
-from forcectl.robot.model import add_robot
+from forcectl.robot.parts import add_robot
 
 FRAMES = 32.0  # pictures per second of simulated time
 ARROW = 0.02  # [m/N] length of the bars that show forces
@@ -41,7 +41,7 @@ _LEAST = 0.05  # [N] of a force that is shown
 _BLUE, _DARK = Rgba(0.0, 0.45, 0.7, 1.0), Rgba(0.15, 0.15, 0.17, 1.0)
 _ORANGE, _WOOD = Rgba(0.84, 0.37, 0.0, 1.0), Rgba(0.75, 0.6, 0.42, 1.0)
 _LOOKS = {"tip_wrench": (0.010, _BLUE), "estimated_wrench": (0.007, _ORANGE)}  # width [m], colour
-_PLATE = np.array([0.3, 0.2])  # [m] length and width of the plate
+_PLATE = 0.3, 0.2  # [m] length and width of the plate
 
 
 def write_replay(log: xr.Dataset, workcell: Workcell, path: Path) -> None:
@@ -77,11 +77,11 @@ def _draw(log: xr.Dataset, workcell: Workcell, path: Path) -> None:
         tip = plates[0].X_WE.translation()
         meshcat.SetCameraPose(tip + np.array([0.3, -1.4, 0.3]), 0.85 * tip)
     bars = {
-        name: [ForceBar(meshcat, f"{name}/{arm}", *look) for arm in parts.arms]
+        name: [_ForceBar(meshcat, f"{name}/{arm}", *look) for arm in parts.arms]
         for name, look in _LOOKS.items()
         if name in log
     }
-    beside = [ForceBar(meshcat, plate.name("force"), 0.012, _BLUE) for plate in plates]
+    beside = [_ForceBar(meshcat, plate.name("force"), 0.012, _BLUE) for plate in plates]
     joints = log["link_position" if "link_position" in log else "motor_position"].values
     positions, indices = plant.GetPositions(own), [joint.position_start() for joint in parts.joints]
 
@@ -104,13 +104,7 @@ def _draw(log: xr.Dataset, workcell: Workcell, path: Path) -> None:
 
 
 class _Plate:
-    """The plate that a surface is drawn as.
-
-    Args:
-        plant: not finalized.
-        contact: of the surface.
-        index: of the contact.
-    """
+    """The plate that the surface of a contact is drawn as; the plant is not finalized."""
 
     def __init__(self, plant: MultibodyPlant, contact: Contact, index: int):
         self.n, self._index = contact.n, index
@@ -120,7 +114,7 @@ class _Plate:
         if self._uneven:
             d = self._uneven.direction_across(self.n)
             R_WE = RotationMatrix(np.column_stack([d, np.cross(self.n, d), self.n]))
-        self.X_WE = RigidTransform(R_WE, contact.robot.pose(contact.start_context()).translation())
+        self.X_WE = RigidTransform(R_WE, contact.robot.pose(contact.robot.context_at(contact.start)).translation())
         # A bar stands beside the tool, where it does not go, and grows along n.
         self.foot = self.X_WE @ ([-0.12, 0.08, 0.0] if self._uneven else [0.1, 0.0, 0.0])
         parser = Parser(plant)
@@ -136,16 +130,15 @@ class _Plate:
             plant.WeldFrames(plant.world_frame(), top, self.X_WE)
 
     def name(self, what: str) -> str:
-        """Path of something of this plate in the page."""
         return what if self._index == 0 else f"{what}_{self._index + 1}"
 
     def draw_grooves(self, meshcat: Meshcat) -> None:
-        """Draw the grooves of the surface."""
         meshcat.SetTransform(self.name("grooves"), self.X_WE)
-        parts, length = (self._uneven.heights.values(), self._uneven.length) if self._uneven else ((), 0.0)
-        lines = (line for part in parts if hasattr(part, "lines") for line in part.lines(length))
-        on_plate = ((centre, width) for centre, width in lines if abs(centre) < _PLATE[0] / 2)
-        for i, (centre, width) in enumerate(on_plate):
+        if not self._uneven:
+            return
+        parts = [part for part in self._uneven.heights.values() if hasattr(part, "lines")]
+        lines = [line for part in parts for line in part.lines(self._uneven.length)]
+        for i, (centre, width) in enumerate(line for line in lines if abs(line[0]) < _PLATE[0] / 2):
             line = f"{self.name('grooves')}/lines/{i}"
             meshcat.SetObject(line, Box(width, _PLATE[1], 2e-4), _DARK)
             meshcat.SetTransform(line, RigidTransform([centre, 0.0, 0.0]))
@@ -157,28 +150,15 @@ class _Plate:
             meshcat.SetTransform(f"{self.name('grooves')}/lines", RigidTransform([0.0, 0.0, height]), when)
 
 
-class ForceBar:
-    """A bar that shows a force: `ARROW` long per newton, hidden below `_LEAST`.
-
-    Args:
-        meshcat: to draw in.
-        path: of the bar in the page; nothing else may be drawn there.
-        width: of its square section [m].
-        colour: of the bar.
-    """
+class _ForceBar:
+    """A bar of a width [m] that shows a force: `ARROW` long per newton, hidden below `_LEAST`."""
 
     def __init__(self, meshcat: Meshcat, path: str, width: float, colour: Rgba):
         self._meshcat, self._path = meshcat, path
         meshcat.SetObject(path, Box(width, width, 1.0), colour)
 
     def draw(self, start: NDArray[np.float64], force: NDArray[np.float64], when: float) -> None:
-        """Draw it from a point along a force.
-
-        Args:
-            start: in W (3,) [m].
-            force: in W (3,) [N].
-            when: time in the recording [s].
-        """
+        """Draw it from a point (3,) [m] along a force (3,) [N], both in W, at a time [s] of the recording."""
         size = float(np.linalg.norm(force))
         shown = size > _LEAST
         self._meshcat.SetProperty(self._path, "visible", shown, when)

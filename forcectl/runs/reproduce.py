@@ -1,17 +1,17 @@
 """Reproduction: experiments by variants by fidelities in parallel processes, the thesis' numbers beside ours.
 
-Writes, under the output directory, one run directory per experiment and fidelity, and `summary.json`:
-{experiment: {target: {published, ours, deviation, tolerance, pass, expected, drift}}}. Targets of an experiment that
-runs on several fidelities end in the fidelity, in brackets; `pass` is null for a value that is reported but not judged
-there, `drift` for one without an expected number there.
+Writes, under the output directory, one run directory per experiment and fidelity as soon as it has run, and with it
+`summary.json`: {experiment: {target: {published, ours, deviation, tolerance, pass, expected, drift}}}. Targets of an
+experiment that runs on several fidelities end in the fidelity, in brackets; `pass` is null for a value that is reported
+but not judged there, `drift` for one without an expected number there.
 """
 
 from __future__ import annotations
 
-import contextlib
 import multiprocessing
 import os
-from collections.abc import Callable, Iterable, Mapping, Sequence
+from collections import defaultdict
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
 from concurrent.futures import Future, ProcessPoolExecutor, as_completed
 from concurrent.futures.process import BrokenProcessPool
 from dataclasses import dataclass, field, replace
@@ -19,7 +19,7 @@ from pathlib import Path
 from typing import Any
 
 from forcectl.errors import BadInputError, ForcectlError
-from forcectl.runs.directory import SUMMARY, check_free, write_json, write_whole
+from forcectl.runs.directory import SUMMARY, write_json, write_whole
 from forcectl.runs.run import StoppedRunError, check_overrides, finish, verdicts_on, with_shortcuts
 from forcectl.runs.simulate import VariantOutcome, simulate
 from forcectl.scenario.catalog import ScenarioFile, find_scenario
@@ -42,14 +42,13 @@ class _Part:
 
 @dataclass(frozen=True)
 class PartReport:
-    """One experiment on one fidelity, judged. `failures`: variant -> why it has no metrics."""
+    """One experiment on one fidelity, judged."""
 
     experiment: str
     title: str
     fidelity: str
     verdicts: list[Verdict]
     metrics: dict[str, dict[str, float | None]]
-    failures: dict[str, str]
 
 
 @dataclass(frozen=True)
@@ -102,17 +101,14 @@ def reproduce(
     parts = [part for file in files for part in _parts(file, fidelity)]
     directory = None if out is None else Path(out).expanduser()
     if directory is not None:
-        check_free(directory, force)
-    outcomes = _simulate_all(parts, workers or os.cpu_count() or 1, progress)
-    result = Reproduction([_report(part, outcomes[i]) for i, part in enumerate(parts)])
-
-    def fill(folder: Path) -> None:
-        for i, part in enumerate(parts):
-            _write(part, outcomes[i], folder / part.file.name / part.fidelity)
-        write_json(folder / SUMMARY, result.summary())
-
-    if directory is not None:
-        write_whole(directory, fill, force)
+        write_whole(directory, lambda folder: write_json(folder / SUMMARY, {}), force)
+    reports: dict[int, PartReport] = {}
+    result = Reproduction()
+    for i, outcomes in _simulate_all(parts, workers or os.cpu_count() or 1, progress):
+        reports[i] = _report(parts[i], outcomes, directory)
+        result = Reproduction([reports[k] for k in sorted(reports)])
+        if directory is not None:
+            write_json(directory / SUMMARY, result.summary())
     return result
 
 
@@ -155,63 +151,63 @@ def _pool(workers: int) -> ProcessPoolExecutor:
 
 def _simulate_all(
     parts: Sequence[_Part], workers: int, progress: Progress | None
-) -> list[dict[str, VariantOutcome | str]]:
-    """Variant -> outcome for every part."""
-    results: list[dict[str, VariantOutcome | str]] = [{} for _ in parts]
+) -> Iterator[tuple[int, dict[str, VariantOutcome | str]]]:
+    """The number of every part and its outcomes by variant, as soon as the last of them is there."""
+    results: defaultdict[int, dict[str, VariantOutcome | str]] = defaultdict(dict)
     jobs = [(i, variant) for i, part in enumerate(parts) for variant in part.scenarios]
-
-    def take(i: int, variant: str, future: Future[VariantOutcome | str]) -> None:
-        results[i][variant] = future.result()
-        if progress:
-            label = f"{parts[i].file.name} [{parts[i].fidelity}]"
-            progress(label, len(results[i]) / len(parts[i].scenarios))
 
     def submit(pool: ProcessPoolExecutor, i: int, variant: str) -> Future[VariantOutcome | str]:
         return pool.submit(_job, parts[i].file, variant, parts[i].overrides)
 
+    def complete(i: int, variant: str, outcome: VariantOutcome | str) -> bool:
+        results[i][variant] = outcome
+        done, wanted = len(results[i]), len(parts[i].scenarios)
+        if progress:
+            progress(f"{parts[i].file.name} [{parts[i].fidelity}]", done / wanted)
+        return done == wanted
+
     lost = []
     with _pool(max(1, min(workers, len(jobs)))) as pool:
-        running = {submit(pool, i, variant): (i, variant) for i, variant in jobs}
+        running = {submit(pool, *job): job for job in jobs}
         for future in as_completed(running):
-            try:
-                take(*running[future], future)
-            except BrokenProcessPool:
-                lost.append(running[future])
+            i, variant = running.pop(future)
+            if isinstance(future.exception(), BrokenProcessPool):
+                lost.append((i, variant))
+            elif complete(i, variant, future.result()):
+                yield i, results.pop(i)
     # One process that dies takes the others' work with it: repeat what was lost, each in a process of its own.
     for i, variant in lost:
         with _pool(1) as pool:
             try:
-                take(i, variant, submit(pool, i, variant))
+                outcome = submit(pool, i, variant).result()
             except BrokenProcessPool:
-                results[i][variant] = "the process ended unexpectedly"
-    return results
+                outcome = "the process ended unexpectedly"
+        if complete(i, variant, outcome):
+            yield i, results.pop(i)
 
 
-def _report(part: _Part, outcomes: Mapping[str, VariantOutcome | str]) -> PartReport:
-    done: list[VariantOutcome] = []
-    failures = {}
+def _report(part: _Part, outcomes: Mapping[str, VariantOutcome | str], out: Path | None) -> PartReport:
+    """A part judged, and written to its directory under `out`."""
+    rows = []
     for name in part.scenarios:
         outcome = outcomes[name]
-        if isinstance(outcome, VariantOutcome) and outcome.failure is None:
-            done.append(outcome)
-        else:
-            failures[name] = outcome if isinstance(outcome, str) else str(outcome.failure)
-    rows = [
-        Verdict(f"run of {name!r}", None, None, None, "must complete", False, why) for name, why in failures.items()
-    ]
+        failure = outcome if isinstance(outcome, str) else outcome.failure
+        if failure is not None:
+            rows.append(Verdict(f"run of {name!r}", None, None, None, "must complete", False, failure))
+    simulated = [outcome for name in part.scenarios if isinstance(outcome := outcomes[name], VariantOutcome)]
+    done = [outcome for outcome in simulated if outcome.failure is None]
     rows += verdicts_on(part.file, part.scenarios, done)
+    if simulated and out is not None:
+        try:
+            directory = out / part.file.name / part.fidelity
+            finish(part.file, part.scenarios, simulated, directory, overrides=part.overrides)
+        except StoppedRunError:
+            pass  # it is written beside, and a row already
+        except Exception as error:  # what cannot be drawn is a row, and costs no other result
+            why = " ".join(f"{type(error).__name__}: {error}".split())
+            rows.append(Verdict("results", None, None, None, "must be written", False, why))
     if part.several:
         rows = [replace(row, target=f"{row.target} [{part.fidelity}]") for row in rows]
     title = next(iter(part.scenarios.values())).title
     metrics = {outcome.variant: outcome.metrics for outcome in done}
-    return PartReport(part.file.name, title, part.fidelity, rows, metrics, failures)
-
-
-def _write(part: _Part, outcomes: Mapping[str, VariantOutcome | str], directory: Path) -> None:
-    done = [outcomes[name] for name in part.scenarios]
-    with_log = [outcome for outcome in done if isinstance(outcome, VariantOutcome)]
-    if not with_log:
-        return
-    # A run that had to stop is written beside, and is a row of the table already.
-    with contextlib.suppress(StoppedRunError):
-        finish(part.file, part.scenarios, with_log, directory, overrides=part.overrides)
+    return PartReport(part.file.name, title, part.fidelity, rows, metrics)

@@ -19,15 +19,7 @@ from forcectl.runs.logs import stack, write_netcdf
 from forcectl.runs.simulate import VariantOutcome, simulate
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.expectations import Verdict, judge
-from forcectl.scenario.scenario import (
-    Scenario,
-    as_file,
-    build,
-    origins,
-    resolve,
-    resolved_tree,
-    select_variants,
-)
+from forcectl.scenario.scenario import Scenario, as_file, build, origins, resolve, resolved_tree, select_variants
 from forcectl.scenario.trees import part_tree
 
 Progress = Callable[[str, float], None]  # (variant, share done)
@@ -176,11 +168,7 @@ def finish(
 
     def fill(folder: Path) -> None:
         text = dump(resolved_tree(scenarios))
-        status = (
-            {"status": "failed", "failure": failed.failure, "failed_variant": failed.variant}
-            if failed
-            else {"status": "done"}
-        )
+        reason = {"failure": failed.failure, "failed_variant": failed.variant} if failed else {}
         details = {
             "scenario": file.name,
             "title": first.title,
@@ -189,7 +177,8 @@ def finish(
             "seed": first.seed,
             "variants": list(scenarios),
             "overrides": {key: as_json(part_tree(value)) for key, value in overrides.items()},
-            **status,
+            "status": "failed" if failed else "done",
+            **reason,
             "expectations": {v.target: v.as_row() for v in verdicts},
         }
         (folder / "scenario.yaml").write_text(f"# {file.name}, resolved\n{text}", encoding="utf-8")
@@ -197,15 +186,13 @@ def finish(
         write_netcdf(log, folder / "log.nc")
         write_json(folder / "metrics.json", metrics)
         _write_pictures(folder, log, first, diagram, first.title or file.name)
-        _write_files(folder, scenarios, outcomes)
-        if replay:
-            _write_replays(folder, scenarios, outcomes)
+        for number, outcome in enumerate(outcomes, start=1):
+            mark = f"_{number}" if len(scenarios) > 1 else ""
+            _write_files(folder, mark, outcome, scenarios[outcome.variant], replay)
 
     if failed is not None:
-        kept = None
-        if directory is not None:
-            # An earlier failure at the same place is out of date.
-            kept = write_whole(directory.with_name(directory.name + FAILED), fill, force=True)
+        # An earlier failure at the same place is out of date.
+        kept = directory and write_whole(directory.with_name(directory.name + FAILED), fill, force=True)
         where = f"; the log up to there is in {kept}" if kept else ""
         raise StoppedRunError(f"variant {failed.variant!r}: {failed.failure}{where}", log, kept) from failed.cause
     if directory is not None:
@@ -219,54 +206,47 @@ def verdicts_on(
     """The verdicts on every expectation whose variants were all run."""
     first = next(iter(scenarios.values()))
     names = select_variants(file)
-    fidelities = first.fidelities if isinstance(first, Scenario) else []
-    done = {outcome.variant: outcome for outcome in outcomes if outcome.failure is None}
-    metrics = {name: outcome.metrics for name, outcome in done.items()}
+    done = [outcome for outcome in outcomes if outcome.failure is None]
+    metrics = {outcome.variant: outcome.metrics for outcome in done}
+    logs = {outcome.variant: outcome.log for outcome in done}
 
     def distance(variant: str, other: str, share: float) -> float | None:
-        if not {variant, other} <= set(done):
+        if variant not in logs or other not in logs:
             return None
-        one, two = done[variant].log, done[other].log
+        one, two = logs[variant], logs[other]
         time, desired = two["time"].values, two["desired_force"].values
         steps = find_steps(time, desired, two["contact_force"].values[0].item())
         forces = one["measured_force"].values, two["measured_force"].values
         return force_distance(time, *forces, steps[-1], share) if steps else None
 
     return [
-        judge(expectation, metrics, names, first.fidelity, distance, fidelities)
+        judge(expectation, metrics, names, first.fidelity, distance, first.fidelities)
         for expectation in first.expect
         if set(expectation.variants(names).values()) <= set(scenarios)
     ]
 
 
-def _write_files(folder: Path, scenarios: Mapping[str, Scenario], outcomes: Sequence[VariantOutcome]) -> None:
-    """What analyses have to say in files of their own."""
-    for number, outcome in enumerate(outcomes, start=1):
-        scenario = scenarios[outcome.variant]
-        for analysis in scenario.analyses.values():
-            if not hasattr(analysis, "files") or outcome.failure is not None:
-                continue
-            for name, text in analysis.files(outcome.log, scenario.setting()).items():
+def _write_files(folder: Path, mark: str, outcome: VariantOutcome, scenario: Scenario, replay: bool) -> None:
+    """What analyses have to say of a variant in files of their own, and its replay; `mark` ends the files' names."""
+    setting = scenario.setting()
+    for analysis in scenario.analyses.values():
+        if hasattr(analysis, "files") and outcome.failure is None:
+            for name, text in analysis.files(outcome.log, setting).items():
                 path = Path(name)
-                stem = path.stem if len(scenarios) == 1 else f"{path.stem}_{number}"
-                (folder / f"{stem}{path.suffix}").write_text(text, encoding="utf-8")
+                (folder / f"{path.stem}{mark}{path.suffix}").write_text(text, encoding="utf-8")
+    if replay and outcome.log.sizes["time"]:
+        from forcectl.runs.replay import write_replay
 
-
-def _write_replays(folder: Path, scenarios: Mapping[str, Scenario], outcomes: Sequence[VariantOutcome]) -> None:
-    from forcectl.runs.replay import write_replay
-
-    for number, outcome in enumerate(outcomes, start=1):
-        if outcome.log.sizes["time"]:
-            name = "replay.html" if len(scenarios) == 1 else f"replay_{number}.html"
-            write_replay(outcome.log, scenarios[outcome.variant].setting().workcell, folder / name)
+        write_replay(outcome.log, setting.workcell, folder / f"replay{mark}.html")
 
 
 def _write_pictures(folder: Path, log: xr.Dataset, scenario: Scenario, diagram: Diagram, title: str) -> None:
     # Matplotlib takes half a second to import, and a run from Python without a directory needs none of it.
     from forcectl.figures.force import write_figures
-    from forcectl.graph.export import export
+    from forcectl.graph.export import graph
 
     if log.sizes["time"] > 1:  # a run may stop before its first step
         write_figures(scenario.figures(log, title), folder / "figures")
+    picture = graph(diagram)
     for format_ in ("dot", "svg", "html"):
-        export(diagram, folder / f"diagram.{format_}", format=format_)
+        picture.save(folder / f"diagram.{format_}")

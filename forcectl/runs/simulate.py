@@ -8,9 +8,8 @@ from dataclasses import dataclass
 
 import numpy as np
 import xarray as xr
-from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, Diagram
+from pydrake.systems.framework import Context, Diagram, System
 
 from forcectl.diagrams.loop import Loop
 from forcectl.errors import RunFailedError
@@ -75,14 +74,13 @@ def simulate(
     times, values = log.samples()
     bandwidth = scenario.model_bandwidth(loop)
     dataset = to_dataset(times, values, loop.signals, variant, bandwidth, loop.derived(values))
-    if failure is not None:
-        return VariantOutcome(variant, dataset, {}, failure, loop.diagram, cause)
-    factor = scenario.duration / computing if computing > 0 else None
-    try:
-        metrics = scenario.metrics(dataset, loop.setting, factor)
-    except RunFailedError as error:
-        return VariantOutcome(variant, dataset, {}, str(error), loop.diagram, error)
-    return VariantOutcome(variant, dataset, metrics, None, loop.diagram)
+    metrics: dict[str, float | None] = {}
+    if failure is None:
+        try:
+            metrics = scenario.metrics(dataset, loop.setting, scenario.duration / computing if computing > 0 else None)
+        except RunFailedError as error:
+            failure, cause = str(error), error
+    return VariantOutcome(variant, dataset, metrics, failure, loop.diagram, cause)
 
 
 def _advance(simulator: Simulator, until: float) -> tuple[BaseException | None, float]:
@@ -105,24 +103,17 @@ def _reason(error: BaseException) -> str:
     return text if isinstance(error, RuntimeError) and text else f"{type(error).__name__} {text}".strip()
 
 
-def _state_fault(system: Diagram, context: Context, path: str = "") -> str:
+def _state_fault(diagram: Diagram, context: Context) -> str:
     """Which block's state is not a finite number, in words; else that the simulation stopped."""
-    for block in system.GetSystems():
-        name = f"{path}{block.get_name()}"
+    for name, block in _blocks(diagram):
         own = block.GetMyContextFromRoot(context)
-        if isinstance(block, Diagram):
-            found = _state_fault(block, context, f"{name}/")
-            if found != _STOPPED:
-                return found
-        elif not all(np.isfinite(group).all() for group in _state(own)):
+        groups = [own.get_discrete_state(i).value() for i in range(own.num_discrete_state_groups())]
+        if not np.isfinite(np.concatenate([own.get_continuous_state_vector().CopyToVector(), *groups])).all():
             return f"state of {name} is not a finite number"
-    return _STOPPED
+    return "simulation stopped"
 
 
-_STOPPED = "simulation stopped"
-
-
-def _state(context: Context) -> Iterator[NDArray[np.float64]]:
-    yield context.get_continuous_state_vector().CopyToVector()
-    for group in range(context.num_discrete_state_groups()):
-        yield context.get_discrete_state(group).value()
+def _blocks(diagram: Diagram, path: str = "") -> Iterator[tuple[str, System]]:
+    for block in diagram.GetSystems():
+        name = f"{path}{block.get_name()}"
+        yield from _blocks(block, f"{name}/") if isinstance(block, Diagram) else [(name, block)]

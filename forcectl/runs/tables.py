@@ -7,7 +7,7 @@ from collections.abc import Mapping, Sequence
 from rich.markup import escape
 from rich.table import Table
 
-from forcectl.analysis.force_metrics import metric_names, metric_unit
+from forcectl.analysis.force_metrics import METRICS, metric_unit
 from forcectl.runs.listing import new_table
 from forcectl.scenario.expectations import Verdict
 
@@ -17,7 +17,7 @@ def metrics_table(metrics: Mapping[str, Mapping[str, float | None]], title: str 
     table = new_table(escape(title), "metric", "unit")
     for variant in metrics:
         table.add_column(escape(variant), justify="right")
-    names = list(dict.fromkeys([*metric_names(), *(name for values in metrics.values() for name in values)]))
+    names = list(dict.fromkeys([*METRICS, *(name for values in metrics.values() for name in values)]))
     for name in names:
         values = [one.get(name) for one in metrics.values()]
         if any(v is not None for v in values):

@@ -8,10 +8,10 @@ from typing import Any
 
 from pydrake.systems.framework import System
 
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, invalid, one_line
+from forcectl.framework.imports import import_object
 from forcectl.framework.yaml_tree import parse
 from forcectl.runs.run import with_shortcuts
-from forcectl.scenario.imported import call_for_diagram
 from forcectl.scenario.scenario import as_file, build, origins, resolve, select_variants
 
 
@@ -46,8 +46,23 @@ def named_diagram(
         BadInputError: there is no such scenario or function, or it cannot be built.
     """
     if ":" in target and not Path(target).exists():
-        return target.rpartition(":")[2], call_for_diagram(target)
+        return target.rpartition(":")[2], _call_for_diagram(target)
     file = as_file(target)
     overrides = with_shortcuts(parse_settings(settings), None, fidelity)
     name = select_variants(file, variant)[0]
     return file.name, build(resolve(file, name, overrides), origins(file, name, overrides)).diagram
+
+
+def _call_for_diagram(path: str) -> System:
+    """The diagram, or single block, that the function at "package.module:function" returns without arguments."""
+    function = import_object(path, "diagram")
+    if not callable(function):
+        raise invalid("diagram", path, "a function that returns a Drake Diagram")
+    wanted = f" = {path!r}: must return a Drake Diagram"
+    try:
+        diagram = function()
+    except Exception as error:  # whatever the user's function does
+        raise BadInputError(f"{wanted}, but raised {one_line(error)}", key="diagram") from error
+    if not isinstance(diagram, System):
+        raise BadInputError(f"{wanted}, not {type(diagram).__name__}", key="diagram")
+    return diagram

@@ -9,8 +9,8 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
+from functools import partial
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 
@@ -58,7 +58,7 @@ class Tuned:
         part = Tagged({"proportional_gain": 0.0, "integral_gain": 0.0, "derivative_gain": 0.0}, "Vrft")
         pid = self.fit.pid
         if pid is None:
-            part["fir"] = [float(gain) for gain in self.fit.gains]
+            part["fir"] = self.fit.gains.tolist()
         else:
             part["proportional_gain"], part["integral_gain"] = pid.proportional, pid.integral
             part["derivative_gain"], part["derivative_filter"] = pid.derivative, pid.derivative_time
@@ -87,16 +87,10 @@ class Tuned:
         )
 
     @property
-    def _between_rests(self) -> float | None:
-        """The stiffness that the rests of the record show where the plant model has another one [N/m]."""
-        shown, model = self.record.gain_at_rest, self.fit.plant.static_gain
-        return -shown if shown is not None and abs(model - shown) > _HYSTERESIS * abs(shown) else None
-
-    @property
     def stiffness(self) -> float:
         """Of the contact: of the plant model, or of the rests between the moves where the model fails there [N/m]."""
-        shown = self._between_rests
-        return -self.fit.plant.static_gain if shown is None else shown
+        shown, model = self.record.gain_at_rest, self.fit.plant.static_gain
+        return -shown if shown is not None and abs(model - shown) > _HYSTERESIS * abs(shown) else -model
 
     @property
     def step(self) -> float:
@@ -106,11 +100,11 @@ class Tuned:
     @property
     def warnings(self) -> tuple[str, ...]:
         """Of the fit, and of the record."""
-        own = []
-        if self._between_rests is not None:
+        own, of_model = [], -self.fit.plant.static_gain
+        if self.stiffness != of_model:
             own.append(
-                f"the plant model is {-self.fit.plant.static_gain:.4g} N/m stiff and the contact at rest "
-                f"{self.stiffness:.4g} N/m (friction?): the latter is written to the station"
+                f"the plant model is {of_model:.4g} N/m stiff and the contact at rest {self.stiffness:.4g} N/m "
+                "(friction?): the latter is written to the station"
             )
         if self.record.resting < LONG_REST:
             own.append("the record does not begin with a rest: its first sample is taken for the values at rest")
@@ -162,18 +156,15 @@ def tune_vrft(
     directory = None if out is None else Path(out).expanduser()
     if directory is not None:
         check_free(directory, force)
-    columns: dict[str, Any] = {
-        "input_column": input_column,
-        "output_column": output_column,
-        "variant": variant,
-        "flip_input": flip_input,
-    }
-    record = read_record(data, **columns)
+    read = partial(
+        read_record, input_column=input_column, output_column=output_column, variant=variant, flip_input=flip_input
+    )
+    record = read(data)
     model = config.model(record.period)
     _check_against_model(record, model)
     instrument = None
     if second is not None:
-        again = read_record(second, **columns)
+        again = read(second)
         if again.u.size != record.u.size or not math.isclose(again.period, record.period, rel_tol=1e-3):
             raise BadInputError(
                 f"{again.origin} has {again.u.size} samples at {again.period:g} s: must have {record.u.size} at "
@@ -189,7 +180,7 @@ def tune_vrft(
             "displacement and a positive force; use --flip-input where displacements into the surface are positive"
         )
     if compensated is None:
-        compensated = record.input_name.split(" ")[0].lower() not in ("displacement_command",)
+        compensated = record.input_name.split(" ")[0].lower() != "displacement_command"
     tuned = Tuned(config, record, fit, compensated, directory)
     if tuned.stiffness <= 0:
         raise BadInputError(
@@ -231,10 +222,7 @@ def _basis(form: str, period: float) -> ControllerBasis:
 
 def _check_repeated(record: Recorded, again: Recorded) -> None:
     """Refuse a second record that is not the same experiment: as an instrument it would mislead without a sign."""
-    for name, first, second in (
-        (again.input_name, record.u, again.u),
-        (again.output_name, record.y, again.y),
-    ):
+    for name, first, second in ((again.input_name, record.u, again.u), (again.output_name, record.y, again.y)):
         if (differs := float(np.linalg.norm(second - first) / np.linalg.norm(first))) > _REPEATED:
             raise BadInputError(
                 f"{again.origin}: column {name} differs from that of {record.origin} by {100 * differs:.0f} %: must be "
@@ -259,9 +247,8 @@ def _check_against_model(record: Recorded, model: ReferenceModel) -> None:
 
 
 def _write(tuned: Tuned, folder: Path) -> None:
-    remark = (
-        "of the contact in the record" if tuned.compensated else "of robot and contact together: the joints are rigid"
-    )
+    of_both = "of robot and contact together: the joints are rigid"
+    remark = "of the contact in the record" if tuned.compensated else of_both
     text = f"# station: the stiffness is that {remark}\n{dump(tuned.scenario)}"
     (folder / CONTROLLER).write_text(text, encoding="utf-8")
     write_json(folder / SUMMARY, summary(tuned.fit, tuned.record, tuned.warnings))

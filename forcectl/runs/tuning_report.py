@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from rich.table import Table
 from forcectl.runs.listing import new_table
 from forcectl.runs.recorded import Recorded
 from forcectl.tuning.fit import OUT_OF_REACH, VrftFit
+from forcectl.tuning.identifiability import HIGHEST
 
 
 def gains_table(fit: VrftFit) -> Table:
@@ -20,52 +21,44 @@ def gains_table(fit: VrftFit) -> Table:
     for column in ("value", "standard error", "noise share"):
         table.add_column(column, justify="right")
     for i, (name, unit) in enumerate(zip(fit.basis.names, fit.basis.units, strict=True)):
-        refined = fit.vrft_gains is not None
         share = "–" if fit.noise_share is None else f"{100 * fit.noise_share[i]:.1f} %"
-        error = "–" if refined else f"{fit.standard_errors[i]:.2g}"
+        error = "–" if fit.vrft_gains is not None else f"{fit.standard_errors[i]:.2g}"
         table.add_row(name, unit.replace("[", r"\["), f"{fit.gains[i]:.6g}", error, share)
     return table
 
 
 def report_lines(fit: VrftFit, record: Recorded) -> list[str]:
     """Data, gains in the other form, fit and prediction, a line each."""
-    lines = [
-        f"data: {record.input_name} to {record.output_name}, {record.u.size} samples at {record.period:.6g} s",
-    ]
+    lines = [f"data: {record.input_name} to {record.output_name}, {record.u.size} samples at {record.period:.6g} s"]
     if fit.pid is not None and fit.basis.form == "discrete PID":
         gains = fit.pid.proportional, fit.pid.integral, fit.pid.derivative
         lines.append("continuous form: K_P {:.6g} m/N, K_I {:.6g} m/(N s), K_D {:.6g} m s/N".format(*gains))
     elif fit.pid is not None:
         lines.append("discrete form: K_P {:.6g}, K_I Ts {:.6g}, K_D/Ts {:.6g} m/N".format(*fit.pid.discrete))
     noise = "unknown (never at rest)" if fit.noise_rms is None else f"{fit.noise_rms:.2g} N rms at rest"
+    more = " or more" if fit.excitation_order >= HIGHEST else ""
     lines.append(
         f"fit: R^2 {fit.r_squared:.6f}, residual {fit.residual_rms:.3g} m, condition {fit.condition_number:.3g}, "
-        f"excitation order {_order(fit.excitation_order)}, noise {noise}"
+        f"excitation order {fit.excitation_order}{more}, noise {noise}"
     )
     if fit.vrft_gains is not None:
         before = ", ".join(f"{name} {gain:.6g}" for name, gain in zip(fit.basis.names, fit.vrft_gains, strict=True))
         lines.append(f"refined on the plant model; VRFT alone: {before}")
-    plant = (
-        f"a plant model from the same record, of order {fit.plant.order} with a delay of "
-        f"{fit.plant.delay * fit.plant.period:.3g} s, which explains {100 * fit.plant.explained:.2f} % of the force"
-    )
+    verdict = "the loop is unstable"
     if fit.stable:
-        verdict = "out of reach" if fit.out_of_reach else f"within reach, up to {100 * OUT_OF_REACH:g} %"
-        missed = f"the loop misses the reference model by {100 * fit.model_mismatch:.1f} % ({verdict})"
-        lines.append(f"predicted with {plant}: {missed}, overshoot {_overshoot(fit):.1f} %")
-    else:
-        lines.append(f"predicted with {plant}: the loop is unstable")
+        reach = "out of reach" if fit.out_of_reach else f"within reach, up to {100 * OUT_OF_REACH:g} %"
+        missed = f"the loop misses the reference model by {100 * fit.model_mismatch:.1f} % ({reach})"
+        verdict = f"{missed}, overshoot {_overshoot(fit):.1f} %"
+    lines.append(
+        f"predicted with a plant model from the same record, of order {fit.plant.order} with a delay of "
+        f"{fit.plant.delay * fit.plant.period:.3g} s, which explains {100 * fit.plant.explained:.2f} % of the force: "
+        f"{verdict}"
+    )
     off = f"{100 * fit.model_error:.1f} %" if math.isfinite(fit.model_error) else "more than can be told"
     trust = f"checked on the record: in the loop the plant model is off by {off}"
-    if fit.record_mismatch is not None and math.isfinite(fit.record_mismatch):
-        read = f"{100 * fit.record_mismatch:.1f} %"
-        trust += f"; without any model, the record shows the reference model missed by {read}"
-    lines.append(trust)
-    return lines
-
-
-def _order(order: int) -> str:
-    return f"{order} or more" if order >= 10 else str(order)
+    if (read := _finite(fit.record_mismatch)) is not None:
+        trust += f"; without any model, the record shows the reference model missed by {100 * read:.1f} %"
+    return [*lines, trust]
 
 
 def _overshoot(fit: VrftFit) -> float:
@@ -75,7 +68,11 @@ def _overshoot(fit: VrftFit) -> float:
 def summary(fit: VrftFit, record: Recorded, warnings: Sequence[str]) -> dict[str, Any]:
     """The report as plain values: numbers that do not exist are null."""
     pid = fit.pid
-    predicted, wanted = fit.predicted_step, fit.model_step
+
+    def by_gain(values: Iterable[Any] | None) -> dict[str, Any] | None:
+        return None if values is None else dict(zip(fit.basis.names, values, strict=True))
+
+    gains = zip(fit.gains.tolist(), fit.standard_errors.tolist(), fit.basis.units, strict=True)
     return {
         "data": {
             "file": record.origin,
@@ -93,32 +90,24 @@ def summary(fit: VrftFit, record: Recorded, warnings: Sequence[str]) -> dict[str
         },
         "controller": {
             "form": fit.basis.form,
-            "gains": {
-                name: {"value": float(gain), "standard_error": _finite(float(error)), "unit": unit}
-                for name, gain, error, unit in zip(
-                    fit.basis.names, fit.gains, fit.standard_errors, fit.basis.units, strict=True
-                )
-            },
-            "continuous": None
-            if pid is None
-            else {"K_P": pid.proportional, "K_I": pid.integral, "K_D": pid.derivative, "T_D": pid.derivative_time},
-            "discrete": None if pid is None else dict(zip(("K_P", "K_I Ts", "K_D/Ts"), pid.discrete, strict=True)),
+            "gains": by_gain(
+                {"value": gain, "standard_error": _finite(error), "unit": unit} for gain, error, unit in gains
+            ),
+            "continuous": pid
+            and {"K_P": pid.proportional, "K_I": pid.integral, "K_D": pid.derivative, "T_D": pid.derivative_time},
+            "discrete": pid and dict(zip(("K_P", "K_I Ts", "K_D/Ts"), pid.discrete, strict=True)),
         },
         "fit": {
             "prefiltered": fit.prefiltered,
             "instrumented": fit.instrumented,
             "refined": fit.vrft_gains is not None,
-            "vrft_gains": None
-            if fit.vrft_gains is None
-            else dict(zip(fit.basis.names, fit.vrft_gains.tolist(), strict=True)),
+            "vrft_gains": by_gain(None if fit.vrft_gains is None else fit.vrft_gains.tolist()),
             "r_squared": fit.r_squared,
             "residual_rms_m": fit.residual_rms,
             "condition_number": _finite(fit.condition_number),
             "excitation_order": fit.excitation_order,
             "noise_rms_N": fit.noise_rms,
-            "noise_share": None
-            if fit.noise_share is None
-            else dict(zip(fit.basis.names, fit.noise_share.tolist(), strict=True)),
+            "noise_share": by_gain(None if fit.noise_share is None else fit.noise_share.tolist()),
         },
         "prediction": {
             "from": "plant model identified from the same record (output error)",
@@ -129,16 +118,16 @@ def summary(fit: VrftFit, record: Recorded, warnings: Sequence[str]) -> dict[str
             "model_mismatch": _finite(fit.model_mismatch),
             "model_error": _finite(fit.model_error),
             "trusted": fit.trusted,
-            "record_mismatch": None if fit.record_mismatch is None else _finite(fit.record_mismatch),
-            "best_mismatch": None if fit.best_mismatch is None else _finite(fit.best_mismatch),
+            "record_mismatch": _finite(fit.record_mismatch),
+            "best_mismatch": _finite(fit.best_mismatch),
             "out_of_reach": fit.out_of_reach,
             "stable": fit.stable,
             "overshoot_pct": _overshoot(fit) if fit.stable else None,
-            "largest_difference": float(np.abs(predicted - wanted).max()) if fit.stable else None,
+            "largest_difference": float(np.abs(fit.predicted_step - fit.model_step).max()) if fit.stable else None,
         },
         "warnings": list(warnings),
     }
 
 
-def _finite(value: float) -> float | None:
-    return value if math.isfinite(value) else None
+def _finite(value: float | None) -> float | None:
+    return value if value is not None and math.isfinite(value) else None

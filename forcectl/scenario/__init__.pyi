@@ -8,7 +8,6 @@ from forcectl.scenario.catalog import tags_of as tags_of
 from forcectl.scenario.expectations import Expectation as Expectation
 from forcectl.scenario.expectations import Verdict as Verdict
 from forcectl.scenario.expectations import judge as judge
-from forcectl.scenario.imported import call_for_diagram as call_for_diagram
 from forcectl.scenario.scenario import Scenario as Scenario
 from forcectl.scenario.scenario import build as build
 from forcectl.scenario.scenario import load_scenario as load_scenario

@@ -66,8 +66,8 @@ SLOTS: dict[str, dict[str, str]] = {
     },
     "fidelity": {
         "Multibody": "forcectl.diagrams.fidelities.multibody:MultibodyFidelity",
-        "Kinematic": "forcectl.diagrams.fidelities.kinematic:KinematicFidelity",
-        "OneDimensional": "forcectl.diagrams.fidelities.one_dimensional:OneDimensionalFidelity",
+        "Kinematic": "forcectl.diagrams.fidelities.light:KinematicFidelity",
+        "OneDimensional": "forcectl.diagrams.fidelities.light:OneDimensionalFidelity",
     },
     "drive": {
         "PositionLoop": "forcectl.diagrams.drives.position_drive:PositionDriveConfig",
@@ -115,7 +115,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "AwayFrom": f"{_NULL_SPACE}:ConstraintPotentialConfig",
         "TowardsSmallMass": f"{_NULL_SPACE}:SmallMassPotentialConfig",
     },
-    "fault": {"ReadingFault": "forcectl.plant.sensors.reading_fault:ReadingFaultConfig"},
+    "fault": {"ReadingFault": "forcectl.plant.sensors.joint_sensors:ReadingFaultConfig"},
 }
 # What an object must have to fill a slot.
 CONTRACTS: dict[str, tuple[str, ...]] = {
@@ -154,12 +154,7 @@ class ScenarioFile:
     folder: Path
 
     def where(self, key: str, note: str = "") -> str:
-        """Where the value at a dotted key stands: file, line and note, for messages.
-
-        Args:
-            key: in the file; what is not in it stands where the part around it does.
-            note: what else to say.
-        """
+        """Where the value at a dotted key stands: file, line and note, for messages; see `place`."""
         found = place(self.origin, self.tree.lines, key)
         return f"{found}: {note}" if note else found
 
@@ -175,11 +170,7 @@ def list_experiments() -> list[str]:
 
 
 def tags_of(slot: str) -> dict[str, str]:
-    """Tags that may fill a slot and what is behind them: the shipped ones and those of installed packages.
-
-    Args:
-        slot: a key of `SLOTS`.
-    """
+    """Tags that may fill a slot of `SLOTS`, the shipped ones and those of installed packages: tag -> import path."""
     from importlib.metadata import entry_points
 
     further = {point.name: point.value for point in entry_points(group=f"forcectl.{slot}")}
@@ -194,11 +185,10 @@ def list_presets() -> list[str]:
 def list_blocks() -> dict[str, str]:
     """Every file with a Drake system, as `room/name`, with the first line of its documentation."""
     root = Path(__file__).parent.parent
-    sources = [file for room in ("framework", *BLOCK_ROOMS) for file in _sources(root / room)]
+    sources = [file for room in ("framework", *BLOCK_ROOMS) for file in sorted((root / room).rglob("[!_]*.py"))]
     files = {file: ast.parse(file.read_text(encoding="utf-8")) for file in sources}
     classes = [(file, node) for file, tree in files.items() for node in tree.body if isinstance(node, ast.ClassDef)]
-    systems = set(SYSTEMS)
-    known = 0
+    systems, known = set(SYSTEMS), 0
     while known != len(systems):  # bases before the classes made of them, whatever the order of the files
         known = len(systems)
         systems |= {node.name for _, node in classes if systems & {ast.unparse(base) for base in node.bases}}
@@ -208,10 +198,6 @@ def list_blocks() -> dict[str, str]:
         if not name.startswith("framework/"):
             found[name] = (ast.get_docstring(files[file]) or "").split("\n", 1)[0].replace("::", ".")
     return found
-
-
-def _sources(folder: Path) -> list[Path]:
-    return sorted(folder.rglob("[!_]*.py"))
 
 
 def find_scenario(name_or_path: str | Path) -> ScenarioFile:
@@ -234,15 +220,9 @@ def find_scenario(name_or_path: str | Path) -> ScenarioFile:
     raise unknown("scenario", name, list_experiments())
 
 
-def find_preset(name: object) -> ScenarioFile:
-    """The plant preset of that name.
-
-    Raises:
-        BadInputError: no such preset.
-    """
-    if name not in list_presets():
-        raise unknown("preset", str(name), list_presets())
-    return read_scenario(experiments_folder() / "presets" / f"{name}.yaml", str(name))
+def find_preset(name: str) -> ScenarioFile:
+    """The plant preset of that name, one of `list_presets`."""
+    return read_scenario(experiments_folder() / "presets" / f"{name}.yaml", name)
 
 
 def read_scenario(path: Path, name: str) -> ScenarioFile:
@@ -262,12 +242,9 @@ def read_scenario(path: Path, name: str) -> ScenarioFile:
 def scenario_tree(tree: Any, origin: str) -> Tagged:
     """The root of a scenario; keys that begin with an underscore (anchors, templates) are dropped, as in Drake."""
     if not isinstance(tree, Tagged) or tree.tag is not None:
-        kind = (
-            "empty" if tree is None else "a tagged mapping" if isinstance(tree, Tagged) else f"a {type(tree).__name__}"
-        )
-        raise BadInputError(
-            f"{origin} is {kind}: must be a mapping of scenario keys, such as station, controller, duration"
-        )
+        kind = "a tagged mapping" if isinstance(tree, Tagged) else f"a {type(tree).__name__}"
+        wanted = "must be a mapping of scenario keys, such as station, controller, duration"
+        raise BadInputError(f"{origin} is {'empty' if tree is None else kind}: {wanted}")
     root = Tagged({k: v for k, v in tree.items() if not str(k).startswith("_")})
     root.lines = tree.lines
     return root

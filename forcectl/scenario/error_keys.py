@@ -16,14 +16,14 @@ from forcectl.framework.yaml_tree import is_object
 
 
 def full_key(scenario: Any, error: BaseException, field: str = "") -> str:
-    """The dotted key in a scenario of what an error is about; "" where it is unknown.
+    """The dotted key of what an error is about that was caught while a scenario was built; "" where it is unknown.
 
     Args:
-        scenario: the dataclass that was built, of dataclasses.
-        error: caught while it was built.
+        scenario: a dataclass of dataclasses.
+        error: that was caught.
         field: that it is about; "" for a whole part.
     """
-    nodes = dict(_nodes(scenario, ""))
+    nodes = dict(_within(scenario, ""))
     at_work = [key for part in parts_of(error) for key, node in nodes.items() if node is part]
     first = field.partition(".")[0]  # "targets.0.value" is within the field `targets`
     if not first:
@@ -36,13 +36,7 @@ def full_key(scenario: Any, error: BaseException, field: str = "") -> str:
 
 
 def located(scenario: Any, error: BadInputError, where: Callable[[str], str]) -> BadInputError:
-    """The same error with the full key of what it is about, and where that stands.
-
-    Args:
-        scenario: the dataclass that was built, of dataclasses.
-        error: caught while it was built.
-        where: says for a dotted key where its value came from.
-    """
+    """The same error with the full key of what it is about, see `full_key`, and where that stands."""
     key = "" if error.where else full_key(scenario, error, error.field)
     if not key:  # of another file, or a parameter inside a block
         key = full_key(scenario, error)
@@ -52,20 +46,16 @@ def located(scenario: Any, error: BadInputError, where: Callable[[str], str]) ->
 
 def _names(node: Any) -> list[str]:
     """Fields of a configuration; an object of the user's may have none."""
-    return [f.name for f in dataclasses.fields(node)] if dataclasses.is_dataclass(node) else []
-
-
-def _nodes(node: Any, key: str) -> Iterator[tuple[str, Any]]:
-    """Every configuration within one, by its dotted key."""
-    for f in dataclasses.fields(node):
-        yield from _within(getattr(node, f.name), join(key, f.name))
+    whole = dataclasses.is_dataclass(node) and not isinstance(node, type)
+    return [f.name for f in dataclasses.fields(node)] if whole else []
 
 
 def _within(part: Any, key: str) -> Iterator[tuple[str, Any]]:
+    """A configuration and every one within it, by its dotted key."""
     if isinstance(part, dict | list):
         for name, inner in part.items() if isinstance(part, dict) else enumerate(part):
             yield from _within(inner, join(key, name))
     elif is_object(part):
         yield key, part
-        if dataclasses.is_dataclass(part) and not isinstance(part, type):
-            yield from _nodes(part, key)
+        for name in _names(part):
+            yield from _within(getattr(part, name), join(key, name))

@@ -3,10 +3,11 @@
 from __future__ import annotations
 
 import difflib
+import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
-from forcectl.analysis.force_metrics import PAIR_METRICS, is_metric, metric_names
+from forcectl.analysis.force_metrics import METRICS, PAIR_METRICS, is_metric
 from forcectl.analysis.motion_metrics import MOTION_METRICS
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.fields import Config, key
@@ -49,6 +50,10 @@ class Tolerance(Config):
     def width(self, number: float) -> float:
         """Allowed distance from `number`."""
         return max(self.absolute, self.relative * abs(number))
+
+    def holds(self, number: float, ours: float | None) -> bool:
+        """Whether ours is within the allowed distance from `number`."""
+        return ours is not None and abs(ours - number) <= self.width(number)
 
 
 DRIFT = Tolerance(relative=0.05)  # where a line says nothing else
@@ -133,15 +138,8 @@ class Verdict:
 
     def as_row(self) -> dict[str, object]:
         """The record of `summary.json`."""
-        row: dict[str, object] = {
-            "published": self.published,
-            "ours": self.ours,
-            "deviation": self.deviation,
-            "tolerance": self.tolerance,
-            "pass": self.passed,
-            "expected": self.expected,
-            "drift": self.drifted,
-        }
+        names = {"passed": "pass", "drifted": "drift"}
+        row = {names.get(name, name): value for name, value in vars(self).items() if name not in ("target", "note")}
         return row | ({"note": self.note} if self.note else {})
 
 
@@ -179,12 +177,8 @@ def judge(
         passed=(ours is not None and _within(expectation, ours)) if judged else None,
         note=note,
         expected=expected,
-        drifted=None if expected is None else _drifted(expectation.drift or DRIFT, expected, ours),
+        drifted=None if expected is None else not (expectation.drift or DRIFT).holds(expected, ours),
     )
-
-
-def _drifted(drift: Tolerance, expected: float, ours: float | None) -> bool:
-    return ours is None or abs(ours - expected) > drift.width(expected)
 
 
 def _value(
@@ -212,16 +206,11 @@ def _value(
 
 
 def _within(expectation: Expectation, ours: float) -> bool:
-    published, low, high = expectation.published, expectation.minimum, expectation.maximum
-    if (
-        expectation.tolerance
-        and isinstance(published, float)
-        and abs(ours - published) > expectation.tolerance.width(published)
-    ):
-        return False
-    if expectation.strict:
-        return (low is None or ours > low) and (high is None or ours < high)
-    return (low is None or ours >= low) and (high is None or ours <= high)
+    published, tolerance, strict = expectation.published, expectation.tolerance, expectation.strict
+    low = -math.inf if expectation.minimum is None else expectation.minimum
+    high = math.inf if expectation.maximum is None else expectation.maximum
+    near = tolerance is None or not isinstance(published, float) or tolerance.holds(published, ours)
+    return near and (low < ours < high if strict else low <= ours <= high)
 
 
 def tolerance_text(expectation: Expectation) -> str:
@@ -242,7 +231,7 @@ def tolerance_text(expectation: Expectation) -> str:
 def _check_metric(name: str) -> None:
     if not is_metric(name):
         # All of them would fill a page: those that look most like it.
-        names = sorted({*metric_names(), *MOTION_METRICS})
+        names = sorted({*METRICS, *MOTION_METRICS})
         near = difflib.get_close_matches(name, names, n=_NAMED, cutoff=0.0)
         raise BadInputError(
             f" = {name!r}: {unknown('metric', name, near)} and {len(names) - len(near)} more", key="metric"

@@ -7,16 +7,15 @@ none. What only makes sense in a whole scenario (keys that must be given, togeth
 from __future__ import annotations
 
 import dataclasses
-import enum
 import math
 import typing
 from typing import Any
 
-from forcectl.framework.fields import REQUIRED, Key, interval, key_of, members
+from forcectl.framework.fields import REQUIRED, Key, interval, key_of, members, typed_fields
 from forcectl.scenario.catalog import IMPORT, SLOTS, tags_of
 from forcectl.scenario.keys import default_value
 from forcectl.scenario.scenario import Scenario
-from forcectl.scenario.schema import load_object, slot_of
+from forcectl.scenario.schema import load_object
 
 _TYPES = {float: "number", int: "integer", bool: "boolean", str: "string"}
 _INDEX = "^[0-9]+$"  # a key that stands for an element of a list, in a variant
@@ -69,41 +68,33 @@ def _slot(slot: str, found: Schema) -> Schema:
         cls = load_object(path)
         if dataclasses.is_dataclass(cls):
             fillers.append(_define(f"{slot} !{tag}", found, lambda cls=cls, tag=tag: _object(cls, found, f"!{tag}")))
-    names = [f"!{tag}" for tag in tags_of(slot)]
     imported = {
         "title": f"!{IMPORT}",
         "type": "object",
         "properties": {"path": {"type": "string"}, "parameters": {"type": "object"}, "repr": {"type": "string"}},
         "additionalProperties": False,
     }
-    alone = {"type": ["string", "null"], "description": f"a tag alone: {', '.join(names)}"}
+    alone = {"type": ["string", "null"], "description": f"a tag alone: {', '.join(f'!{tag}' for tag in tags_of(slot))}"}
     return {"anyOf": [*fillers, imported, alone]}
 
 
 def _object(cls: Any, found: Schema, title: str = "") -> Schema:
     """The keys of a configuration; none is required, for a preset or a default may give it."""
-    hints = typing.get_type_hints(cls)
-    keys = {f.name: _field(f, hints[f.name], found) for f in dataclasses.fields(cls) if f.init}
+    keys = {field.name: _field(field, kind, found) for field, kind in typed_fields(cls)}
     text = " ".join((cls.__doc__ or "").split("\n\n")[0].split())
     told = {"title": title or cls.__name__, "description": text}
     return told | {"type": "object", "properties": keys, "additionalProperties": False}
 
 
 def _field(field: dataclasses.Field[Any], kind: Any, found: Schema) -> Schema:
-    declared, data = key_of(field), field.metadata
+    declared = key_of(field)
     unit = f" [{declared.unit}]" if declared.unit else ""
     text = f"{declared.meaning}{unit}{', ' if declared.bounds else ''}{declared.bounds}".strip()
     told: Schema = {"description": text} if text else {}
     default = default_value(field)
     if default is not REQUIRED and not (isinstance(default, float) and math.isinf(default)):
         told["default"] = default
-    slot = slot_of(field) or data.get("slots") or data.get("slot_list")
-    if slot is None:
-        return told | _value(kind, declared, found)
-    part = _define(f"slot {slot}", found, lambda: _slot(slot, found))
-    if "slots" in data:
-        return told | {"type": "object", "additionalProperties": part}
-    return told | (_list(part) if "slot_list" in data else part)
+    return told | _value(kind, declared, found)
 
 
 def _list(items: Schema, size: int | None = None) -> Schema:
@@ -113,7 +104,7 @@ def _list(items: Schema, size: int | None = None) -> Schema:
 
 
 def _value(kind: Any, declared: Key, found: Schema) -> Schema:
-    """The schema of a type, with the bounds of a key."""
+    """The schema of a type, with the bounds or the slot of a key."""
     kinds = members(kind)
     if len(kinds) > 1:
         return {"anyOf": [{"type": "null"} if k is type(None) else _value(k, declared, found) for k in kinds]}
@@ -121,17 +112,17 @@ def _value(kind: Any, declared: Key, found: Schema) -> Schema:
     if base is list:
         nested = typing.get_origin(arguments[0]) is list
         return _list(_value(arguments[0], declared, found), None if nested else declared.size)
-    if base is typing.Literal:
-        return {"enum": list(arguments)}
-    if isinstance(kind, type) and issubclass(kind, enum.Enum):
-        return {"enum": list(kind.__members__)}
+    if base is dict:
+        return {"type": "object", "additionalProperties": _value(arguments[1], declared, found)}
+    if declared.slot:
+        return _define(f"slot {declared.slot}", found, lambda: _slot(declared.slot, found))
     if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         return _define(kind.__name__, found, lambda: _object(kind, found))
     if kind in (float, int):
         return {"type": _TYPES[kind]} | _bounds(declared)
     if kind is str and declared.chosen():
         return {"enum": declared.chosen()}
-    return {"type": _TYPES.get(kind, "object")} if kind in _TYPES or base is dict else {}
+    return {"type": _TYPES[kind]} if kind in _TYPES else {}
 
 
 def _bounds(declared: Key) -> Schema:

@@ -18,9 +18,9 @@ from forcectl.analysis.slot import run_figures, run_metrics
 from forcectl.diagrams.loop import Loop, LoopParts, build_loop
 from forcectl.diagrams.model import ModelConfig, Setting
 from forcectl.diagrams.station import StationConfig
-from forcectl.errors import BadInputError, RunFailedError, invalid, show, unknown
+from forcectl.errors import BadInputError, RunFailedError, invalid, one_line, show, unknown
 from forcectl.force.integral import IntegralConfig
-from forcectl.framework.fields import Config, key, named_slots, slot
+from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.yaml_tree import Tagged, Tree, difference, is_object, merge, nest, plain
 from forcectl.motion.references import StepConfig
 from forcectl.motion.tangential import TangentialMotionConfig
@@ -63,12 +63,12 @@ class Scenario(Config):
     preset: str = key(catalog.DEFAULT_PRESET, "name of a file in experiments/presets")
     station: StationConfig = key(StationConfig, "robot, drives, environment and sensors")
     model: ModelConfig = key(ModelConfig, "how the model of the plant differs from it")
-    estimators: dict[str, Any] = named_slots("estimator", meaning="by name")
+    estimators: dict[str, Any] = slot("estimator", dict, meaning="by name")
     controller: Any = slot("controller", IntegralConfig, meaning="force law, or controller of joints")
     reference: Any = slot("reference", StepConfig, meaning="of the force")
     motion: Any = slot("motion", TangentialMotionConfig, meaning="motion in the unconstrained directions")
-    signals: dict[str, Any] = named_slots("signal", meaning="choices and projections, by the name of the signal")
-    analyses: dict[str, Any] = named_slots("analysis", meaning="further metrics and figures, by name")
+    signals: dict[str, Any] = slot("signal", dict, meaning="choices and projections, by the name of the signal")
+    analyses: dict[str, Any] = slot("analysis", dict, meaning="further metrics and figures, by name")
     duration: float = key(5.0, "simulated time", unit="s", bounds=f"positive, at most {LONGEST_DURATION:g}")
     seed: int = key(0, "of every random number in the run", bounds="from 0 to 9223372036854775807")
     reference_model: float | None = key(None, "of M(s); null: the controller's own", unit="rad/s", bounds="positive")
@@ -88,16 +88,7 @@ class Scenario(Config):
     @property
     def parts(self) -> LoopParts:
         """What the loop is made of."""
-        return LoopParts(
-            station=self.station,
-            controller=self.controller,
-            model=self.model,
-            reference=self.reference,
-            motion=self.motion,
-            estimators=self.estimators,
-            signals=self.signals,
-            seed=self.seed,
-        )
+        return LoopParts(**{part.name: getattr(self, part.name) for part in fields(LoopParts)})
 
     def build(self) -> Loop:
         """The loop as a diagram."""
@@ -115,36 +106,21 @@ class Scenario(Config):
 
     def model_bandwidth(self, loop: Loop) -> float | None:
         """Bandwidth of the reference model [rad/s]; None without one."""
-        own = self.reference_model
-        bandwidth: float | None = own if own is not None else loop.reference_model_bandwidth
-        return bandwidth or None
+        return self.reference_model or loop.reference_model_bandwidth or None
 
     def metrics(self, log: xr.Dataset, setting: Setting, realtime_factor: float | None) -> dict[str, float | None]:
-        """All metrics of a run.
-
-        Args:
-            log: over time.
-            setting: of the run.
-            realtime_factor: simulated time divided by computing time [1].
-        """
+        """All metrics of a run; `realtime_factor` is simulated time divided by computing time [1]."""
         window, motion = self.model_error_window, self.motion.interval()
         own = run_metrics(log, setting, window=window, motion=motion, realtime_factor=realtime_factor)
         for name in self.analyses:
-            found = self._asked(name, "metrics", log, setting)
+            own |= (found := self._asked(name, "metrics", log, setting))
             for metric, value in found.items():
-                if value is not None and not isinstance(value, Real):
-                    fault = f"metric {metric} = {show(value)}: must be a number or None"
-                    raise RunFailedError(f"analyses.{name}: {fault}")
-            own |= found
+                if not isinstance(value, Real | None):
+                    raise RunFailedError(f"analyses.{name}: metric {metric} = {show(value)}: must be a number or None")
         return own
 
     def figures(self, log: xr.Dataset, title: str) -> dict[str, Figure]:
-        """Figures of a run, by file name.
-
-        Args:
-            log: over time, or over (variant, time).
-            title: heading.
-        """
+        """Figures of a run under a title, by file name; the log is over time, or over (variant, time)."""
         figures = run_figures(log, title)
         setting = self.setting() if self.analyses else None
         for name in self.analyses:
@@ -152,16 +128,11 @@ class Scenario(Config):
         return figures
 
     def _asked(self, name: str, method: str, *arguments: Any) -> dict[str, Any]:
-        """What a method of an analysis answers.
-
-        Raises:
-            RunFailedError: an analysis of the user's that raises, or answers something else than a mapping.
-        """
+        """What a method of an analysis answers; RunFailedError if one of the user's raises or gives no mapping."""
         try:
             found = getattr(self.analyses[name], method)(*arguments)
         except Exception as error:  # whatever the user's analysis does
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise RunFailedError(f"analyses.{name}: {method} raised {reason}") from error
+            raise RunFailedError(f"analyses.{name}: {method} raised {one_line(error)}") from error
         if not isinstance(found, Mapping):
             raise RunFailedError(f"analyses.{name}: {method} must return a mapping, not {type(found).__name__}")
         return dict(found)
@@ -192,8 +163,7 @@ def as_file(scenario: str | Path | Mapping[str, Any] | Scenario | ScenarioFile) 
     if isinstance(scenario, ScenarioFile):
         return scenario
     if isinstance(scenario, Scenario):
-        tree = Tagged({f.name: plain(getattr(scenario, f.name)) for f in fields(scenario)})
-        return ScenarioFile("scenario", "scenario", tree, Path.cwd())
+        scenario = {f.name: getattr(scenario, f.name) for f in fields(scenario)}
     if isinstance(scenario, Mapping):
         return ScenarioFile("scenario", "scenario", catalog.scenario_tree(plain(scenario), "scenario"), Path.cwd())
     if isinstance(scenario, str | Path):
@@ -209,7 +179,8 @@ def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]
     """
     variants = file.tree.get("variants") or Tagged({ONLY_VARIANT: Tagged()})
     if not isinstance(variants, Tagged) or not all(isinstance(name, str) for name in variants):
-        raise ScenarioReader(file.where).invalid("variants", variants, "a mapping of names to values (quote names)")
+        wanted = "a mapping of names to values (quote names)"
+        raise invalid("variants", variants, wanted).at("variants", file.where("variants"))
     if variant is not None and variant not in variants:
         raise unknown(f"variant of {file.origin}", variant, variants)
     return list(variants) if variant is None else [variant]
@@ -222,28 +193,21 @@ def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[
         BadInputError: names file or option, dotted key, value and what is allowed.
     """
     layers = _Layers(file, variant, overrides or {})
-    reader = ScenarioReader(layers.where)
     tree = layers.merged()
-    _refuse_gone(reader, tree)
+    for gone, instead in _GONE.items():
+        part, _, name = gone.rpartition(".")
+        around = tree.get(part) if part else tree
+        if isinstance(around, Tagged) and name in around:
+            raise BadInputError(f"is no key any more: {instead}").at(gone, layers.where(gone))
     _locate_files(tree, file.folder)
-    scenario: Scenario = reader.dataclass(Scenario, tree, "")
+    scenario: Scenario = ScenarioReader(layers.where).dataclass(Scenario, tree)
     names = select_variants(file)
     for i, expectation in enumerate(scenario.expect):
         for term, name in expectation.variants(names).items():
             if name not in names:
-                raise reader.unknown(f"expect.{i}.{term}", name, names, "variant")
+                key = f"expect.{i}.{term}"
+                raise unknown("variant", name, names).at(key, layers.where(key))
     return scenario
-
-
-def _refuse_gone(reader: ScenarioReader, tree: Tagged) -> None:
-    """Keys of earlier versions are refused with what to write instead."""
-    for gone, instead in _GONE.items():
-        part: Tree = tree
-        for name in gone.split(".")[:-1]:
-            part = part.get(name) if isinstance(part, Tagged) else None
-        last = gone.rpartition(".")[2]
-        if isinstance(part, Tagged) and last in part:
-            raise reader.error(gone, f"is no key any more: {instead}")
 
 
 class _Layers:
@@ -254,7 +218,8 @@ class _Layers:
         variants = file.tree.get("variants")
         changes = variants.get(variant) if isinstance(variants, Tagged) else None
         if changes is not None and not isinstance(changes, Tagged):
-            raise ScenarioReader(file.where).invalid(f"variants.{variant}", changes, "a mapping of scenario keys")
+            key = f"variants.{variant}"
+            raise invalid(key, changes, "a mapping of scenario keys").at(key, file.where(key))
         forced, varied = nest(overrides), nest(changes or {})
         # A slot without a tag means its default, and stays that when a later layer changes only some of its keys.
         self._layers: list[tuple[Callable[[str], str], Tagged]] = [
@@ -265,7 +230,7 @@ class _Layers:
         ]
         name = self.merged().get("preset", catalog.DEFAULT_PRESET)
         if name not in catalog.list_presets():
-            raise ScenarioReader(self.where).unknown("preset", name, catalog.list_presets(), "preset")
+            raise unknown("preset", name, catalog.list_presets()).at("preset", self.where("preset"))
         preset = catalog.find_preset(str(name))
         preset.tree.pop("description", None)
         self._layers.insert(1, (lambda key: preset.where(key, f"preset {name!r}"), preset.tree))
@@ -334,10 +299,7 @@ def build(scenario: Scenario, where: Callable[[str], str] = lambda key: "") -> L
 def origins(
     file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[str, Any] | None = None
 ) -> Callable[[str], str]:
-    """What says for a dotted key of the scenario that `resolve` makes of the same where its value is from.
-
-    That is a file and line, or an option.
-    """
+    """What says for a dotted key of the scenario that `resolve` makes of the same which file and line it is from."""
     return _Layers(file, variant, overrides or {}).where
 
 
@@ -347,24 +309,17 @@ def resolved_tree(scenarios: Mapping[str, Scenario]) -> Tagged:
     Presets and defaults are written out, so that the tree means the same when they change later.
     """
     names = list(scenarios)
-    trees = {}
-    for name, scenario in scenarios.items():
-        trees[name] = tree_of_fields(scenario)
-        trees[name].update(variants=Tagged())
-        trees[name].update(preset=catalog.DEFAULT_PRESET)
+    trees = {name: tree_of_fields(scenario) for name, scenario in scenarios.items()}
+    for tree in trees.values():
+        tree.update(variants=Tagged(), preset=catalog.DEFAULT_PRESET)
     base = trees[names[0]]
-    base["expect"] = [_without_nulls(part) for part in base["expect"] if _only_about(part, names)]
+    lines = zip(scenarios[names[0]].expect, base["expect"], strict=True)
+    base["expect"] = [_without_nulls(part) for line, part in lines if {*line.variants(names).values()} <= {*names}]
     for tree in trees.values():
         tree["expect"] = base["expect"]
     if names != [ONLY_VARIANT]:
-        changes = {name: difference(trees[names[0]], tree) for name, tree in trees.items()}
-        base["variants"] = Tagged(changes)
+        base["variants"] = Tagged({name: difference(base, tree) for name, tree in trees.items()})
     return base
-
-
-def _only_about(expectation: Tree, names: list[str]) -> bool:
-    terms = [expectation, expectation.get("minus"), expectation.get("ratio")]
-    return all(term.get("variant") in (None, *names) for term in terms if term)
 
 
 def _without_nulls(expectation: Tree) -> Tagged:

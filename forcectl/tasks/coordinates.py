@@ -14,6 +14,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.batch import check_count
 from forcectl.framework.rotation_vector import OrientationState
 from forcectl.robot.arms_motion import ArmsMotion
 
@@ -42,36 +43,27 @@ class Orientation(Protocol):
 
     def state(self, rotation: Vector, angular_velocity: Vector) -> OrientationState:
         """Of the rotation R (3, 3) that turns at w (3,) [rad/s]."""
-        ...
 
 
 class Spatial(Protocol):
-    """A pose in motion, of a `RobotMotion` or of one frame in another; spatial vectors are [rotation; translation]."""
+    """A pose in motion, of a `RobotMotion` or of one frame in another; spatial vectors are [rotation; translation].
 
-    @property
-    def position(self) -> Vector:
-        """(3,) [m]."""
-        ...
+    Attributes:
+        position, rotation: (3,) [m] and (3, 3).
+        velocity: V = J q', (6,) [rad/s; m/s].
+    """
 
-    @property
-    def rotation(self) -> Vector:
-        """(3, 3)."""
-        ...
-
-    @property
-    def velocity(self) -> Vector:
-        """V = J q', (6,) [rad/s; m/s]."""
-        ...
+    position: Vector
+    rotation: Vector
+    velocity: Vector
 
     @property
     def jacobian(self) -> Vector:
         """J, (6, n) [1; m]."""
-        ...
 
     @property
     def bias(self) -> Vector:
         """J'q', (6,) [rad/s^2; m/s^2]."""
-        ...
 
 
 class ArmTask:
@@ -102,8 +94,7 @@ class ArmTask:
         self._rows = [COORDINATES.index(name) for name in coordinates]
         if not self._rows or self._rows != sorted(set(self._rows)):
             raise invalid("coordinates", list(coordinates), f"some of {', '.join(COORDINATES)}, in that order")
-        if isinstance(priority, bool) or not isinstance(priority, int) or priority < 1:
-            raise invalid("priority", priority, "a whole number, at least 1")
+        priority = check_count("priority", priority)
         if self._rows[-1] > 2 and orientation is None:
             raise BadInputError(f"coordinates {list(coordinates)} of {arm}: orientation is missing")
         self.arm, self.coordinates, self.priority = arm, tuple(coordinates), priority

@@ -3,11 +3,9 @@
     e = x+ - x_gen,   e' = x'+ - x'_gen,   x+ = x + Ts x' + Ts^2 a/2,   x'+ = x' + Ts a,   a = J u + J'q'      (5.11)
     L = e'Q_p e/2 + e''Q_v e'/2 + e'Q_pv e' + g_p'e + g_v'e'                                                   (5.16)
 
-L is convex when the block matrix [Q_p Q_pv; Q_pv' Q_v] has no negative eigenvalue. Q_pv alone need not be anything.
-
-Position terms carry Ts^2/2, so Q_p shows only when it is large: with Q_pv = 0 and Q_p = r/(Ts/2 + r Ts^2/4) Q_v, an
-error of the position dies out at the rate r [1/s] while x_gen, x'_gen belong to one motion. Divided by Ts^2 here, so
-that its curvature is J'Q_v J and little more.
+L is convex when the block matrix [Q_p Q_pv; Q_pv' Q_v] has no negative eigenvalue. With Q_pv = 0 and
+Q_p = r/(Ts/2 + r Ts^2/4) Q_v, an error of the position dies out at the rate r [1/s] while x_gen, x'_gen belong to one
+motion. Divided by Ts^2 here, so that its curvature is J'Q_v J and little more.
 """
 
 from __future__ import annotations
@@ -18,18 +16,12 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.batch import check
+from forcectl.framework.batch import batch_values, check
 from forcectl.tasks.coordinates import TaskState
 
 Vector = NDArray[np.float64]
 
 _ROUNDING = 1e-12  # an eigenvalue that far below zero, of the largest, is zero
-
-
-def position_weight(rate: float, period: float) -> float:
-    """Q_p [1/s^2] beside Q_v = 1 with which an error of the position dies out at `rate` [1/s]."""
-    r = check("rate", rate, "positive")
-    return r / (0.5 * period + 0.25 * r * period**2)
 
 
 @dataclass(frozen=True)
@@ -50,53 +42,28 @@ class Weights:
     velocity_slope: ArrayLike = 0.0
     rate: float = 40.0
 
-    def cost(self, scale: Vector, period: float) -> TaskCost:
-        """The cost of k coordinates; `scale` (k,) makes them comparable [1/m or 1/rad]."""
-        velocity = scale**2 if self.velocity is None else self.velocity
-        position = self.position
-        if position is None:
-            position = position_weight(self.rate, period) * np.asarray(velocity, dtype=float)
-        return TaskCost(
-            len(scale),
-            period,
-            position=position,
-            velocity=velocity,
-            cross=self.cross,
-            position_slope=self.position_slope,
-            velocity_slope=self.velocity_slope,
-        )
-
 
 class TaskCost:
-    """The cost above for k task coordinates.
+    """The cost above for the k coordinates of a level.
 
     Args:
-        size: k.
+        weights: of the level.
+        scale: makes its coordinates comparable, (k,) [1/m or 1/rad].
         period: tick Ts [s].
-        position: Q_p, (k, k), its diagonal (k,), or a number.
-        velocity: Q_v.
-        cross: Q_pv.
-        position_slope, velocity_slope: g_p, g_v, (k,) or a number.
 
     Raises:
         BadInputError: wrong shapes, or weights that are not convex, or that leave a coordinate without any cost.
     """
 
-    def __init__(
-        self,
-        size: int,
-        period: float,
-        *,
-        position: ArrayLike,
-        velocity: ArrayLike = 1.0,
-        cross: ArrayLike = 0.0,
-        position_slope: ArrayLike = 0.0,
-        velocity_slope: ArrayLike = 0.0,
-    ):
-        Ts = check("period", period, "positive")
+    def __init__(self, weights: Weights, scale: Vector, period: float):
+        size, Ts = len(scale), check("period", period, "positive")
         self._period = Ts
-        Qp, Qv = _matrix("position", position, size), _matrix("velocity", velocity, size)
-        Qpv = _matrix("cross", cross, size)
+        Qv = _matrix("velocity", scale**2 if weights.velocity is None else weights.velocity, size)
+        # With which an error of the position dies out at the rate, see above.
+        r = check("rate", weights.rate, "positive")
+        default = r / (0.5 * Ts + 0.25 * r * Ts**2) * Qv
+        Qp = _matrix("position", default if weights.position is None else weights.position, size)
+        Qpv = _matrix("cross", weights.cross, size)
         for name, Q in (("position", Qp), ("velocity", Qv)):
             if not np.allclose(Q, Q.T, rtol=1e-12, atol=0.0):
                 raise invalid(f"weights.{name}", Q.tolist(), "symmetric")
@@ -112,9 +79,10 @@ class TaskCost:
             raise BadInputError("weights: a task coordinate costs nothing, neither its position nor its velocity")
         self._by_position = (half * Qp + Qpv.T) / Ts
         self._by_velocity = (half * Qpv + Qv) / Ts
-        slopes = [_vector("position_slope", position_slope, size), _vector("velocity_slope", velocity_slope, size)]
-        self._constant = (half * slopes[0] + slopes[1]) / Ts
-        self._half, self._slopes = 0.5 * together, np.concatenate(slopes)
+        position_slope = batch_values("weights.position_slope", weights.position_slope, size)
+        velocity_slope = batch_values("weights.velocity_slope", weights.velocity_slope, size)
+        self._constant = (half * position_slope + velocity_slope) / Ts
+        self._half, self._slopes = 0.5 * together, np.concatenate([position_slope, velocity_slope])
 
     def slope(self, state: TaskState, position: Vector, velocity: Vector) -> Vector:
         """w of L/Ts^2 = a'W a/2 + w'a + constant, with W = `curvature`, for a = J u + J'q'; (k,).
@@ -123,37 +91,23 @@ class TaskCost:
             position, velocity: x_gen, x'_gen at the next tick, (k,) [m or rad, per s].
         """
         error, rate = state.value + self._period * state.rate - position, state.rate - velocity
-        slope: Vector = self._by_position @ error + self._by_velocity @ rate + self._constant
-        return slope
+        return self._by_position @ error + self._by_velocity @ rate + self._constant
 
     def value(self, error: Vector, rate: Vector) -> float:
         """L of the errors e, e' at the next tick, (k,) each."""
         both = np.concatenate([error, rate])
-        value: float = ((self._half @ both + self._slopes) @ both).item()
-        return value
+        return float((self._half @ both + self._slopes) @ both)
 
 
 def _matrix(name: str, value: ArrayLike, size: int) -> Vector:
-    array = _array(name, value)
-    if array.ndim < 2 and array.size in (1, size):
-        return np.diag(np.broadcast_to(array.ravel(), size))
-    if array.shape != (size, size):
-        raise BadInputError(f"weights.{name} has shape {array.shape}: must be a number, ({size},) or ({size}, {size})")
-    return array
-
-
-def _vector(name: str, value: ArrayLike, size: int) -> Vector:
-    array = _array(name, value)
-    if array.ndim > 1 or array.size not in (1, size):
-        raise BadInputError(f"weights.{name} has shape {array.shape}: must be a number or ({size},)")
-    return np.broadcast_to(array.ravel(), size).astype(float)
-
-
-def _array(name: str, value: ArrayLike) -> Vector:
     try:
         array = np.asarray(value, dtype=float)
     except (TypeError, ValueError):
         raise invalid(f"weights.{name}", value, "numbers") from None
     if not np.isfinite(array).all():
         raise invalid(f"weights.{name}", array.tolist(), "finite")
+    if array.ndim < 2 and array.size in (1, size):
+        return np.diag(np.broadcast_to(array.ravel(), size))
+    if array.shape != (size, size):
+        raise BadInputError(f"weights.{name} has shape {array.shape}: must be a number, ({size},) or ({size}, {size})")
     return array

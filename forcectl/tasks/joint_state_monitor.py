@@ -1,14 +1,8 @@
 """Joint-state monitor: finds readings that are no numbers, frozen, lost, or too far from the command.
 
-A controller that integrates its own command does not need readings to compute it, but must not continue to move a robot
-whose readings are bad. So a few bad ticks are passed over, and more of them stop the motion until readings are good.
-
-Bad is, of a joint,
-
-- a position or speed that is not a number;
-- a frozen encoder: a position that repeats bit for bit while its command moves on by more than `frozen_distance`; lost
-  samples show as this in all joints that move;
-- a position further than `largest_error` from the command: the joint does not follow, or the reading jumped.
+A few bad ticks are passed over, more of them stop the motion until readings are good. Bad is, of a joint, a position or
+speed that is not a number; a position that repeats bit for bit while its command moves on by more than
+`frozen_distance` (lost samples show as this, too); a position further than `largest_error` from the command.
 """
 
 from __future__ import annotations
@@ -29,16 +23,16 @@ class Readings(NamedTuple):
     """What is remembered of the readings from tick to tick.
 
     Attributes:
-        position: last one, (n,) [rad]; NaN before the first.
-        command: commanded position when it last changed, (n,) [rad].
-        good: 1 for a joint whose reading was, else 0, (n,).
-        gap: ticks since all were good.
+        read_position: last one, (n,) [rad]; NaN before the first.
+        read_command: commanded position when it last changed, (n,) [rad].
+        reading_ok: 1 for a joint whose reading was good, else 0, (n,).
+        reading_gap: ticks since all were good.
     """
 
-    position: Vector
-    command: Vector
-    good: Vector
-    gap: float
+    read_position: Vector
+    read_command: Vector
+    reading_ok: Vector
+    reading_gap: float
 
 
 class JointStateMonitor:
@@ -65,17 +59,17 @@ class JointStateMonitor:
             position, velocity: as read (n,) [rad, rad/s].
             q: as commanded for this tick (n,) [rad].
         """
-        error, same = np.abs(position - q), position == past.position
+        error, same = np.abs(position - q), position == past.read_position
         # Of a NaN every comparison is false: such a reading is not near.
         if largest(error) <= self._largest_error and math.isfinite(velocity.dot(velocity)) and not largest(same):
             return Readings(position, q, self._ones, 0.0)
         read = np.isfinite(position)
-        command = np.where(same | ~read, past.command, q)
+        command = np.where(same | ~read, past.read_command, q)
         good = (error <= self._largest_error) & np.isfinite(velocity)
         good &= np.abs(q - command) <= self._frozen_distance
-        gap = 0.0 if good.all() else past.gap + 1.0
-        return Readings(np.where(read, position, past.position), command, good.astype(float), gap)
+        gap = 0.0 if good.all() else past.reading_gap + 1.0
+        return Readings(np.where(read, position, past.read_position), command, good.astype(float), gap)
 
     def stops(self, readings: Readings) -> bool:
         """Whether to stop the motion."""
-        return readings.gap > self._ticks
+        return readings.reading_gap > self._ticks

@@ -2,12 +2,10 @@
 
     min |q'+ - q0'|^2 ,   q'+ = q' + Ts u                                                              (5.20)
 
-with q0' = 0 for the smallest joint speeds (5.19), or q0' downhill in a potential: away from joint limits, from walls,
-obstacles and the other arm, or towards a small reflected mass. Divided by Ts^2 for the solver:
+with q0' = 0 for the smallest joint speeds (5.19), or q0' downhill in potentials. Divided by Ts^2 for the solver, and
+with a time constant T of the approach to q0' that may be longer than Ts:
 
-    u'u/2 + g'u,   g = (q' - q0')/T,   T = Ts
-
-A T longer than Ts asks for less at once: q' approaches q0' with the time constant T.
+    u'u/2 + g'u,   g = (q' - q0')/T
 """
 
 from __future__ import annotations
@@ -42,7 +40,6 @@ class Criterion(Protocol):
 
     def cost(self, motion: ArmsMotion, period: float) -> QuadraticCost:
         """At this motion, for ticks of `period` [s]."""
-        ...
 
 
 @runtime_checkable
@@ -51,7 +48,6 @@ class Potential(Protocol):
 
     def speed(self, motion: ArmsMotion) -> Vector:
         """Its share of q0', (n,) [rad/s]; downhill."""
-        ...
 
 
 class JointSpeed:
@@ -66,11 +62,11 @@ class JointSpeed:
 
     def cost(self, motion: ArmsMotion, period: float) -> QuadraticCost:
         """See `Criterion`."""
-        return _towards(motion, None, self._time, period)
+        return _towards(motion, 0.0, self._time, period)
 
     def rests_in(self, period: float) -> bool:
         """Whether it asks for rest after one tick of `period` [s]."""
-        return self._time is None or self._time <= period
+        return (self._time or 0.0) <= period
 
 
 class EvasiveMotion:
@@ -97,9 +93,8 @@ class EvasiveMotion:
 
     def cost(self, motion: ArmsMotion, period: float) -> QuadraticCost:
         """See `Criterion`."""
-        wanted = self._potentials[0].speed(motion)
-        for potential in self._potentials[1:]:
-            wanted = wanted + potential.speed(motion)
+        first, *others = (potential.speed(motion) for potential in self._potentials)
+        wanted: Vector = sum(others, first)
         fastest = np.abs(wanted).max().item()
         if fastest > self._speed:
             wanted = wanted * (self._speed / fastest)
@@ -125,8 +120,7 @@ class AwayFromJointLimits:
 
     def speed(self, motion: ArmsMotion) -> Vector:
         """See `Potential`."""
-        speed: Vector = self._gain * (self._middle - motion.q)
-        return speed
+        return self._gain * (self._middle - motion.q)
 
 
 class AwayFrom:
@@ -153,8 +147,7 @@ class AwayFrom:
         """See `Potential`."""
         y, _, row, _ = self._constraint.evaluate(motion)
         near = np.maximum(1.0 + np.asarray(y) / self._range, 0.0)
-        speed: Vector = np.atleast_1d(-self._speed * near * near) @ np.atleast_2d(row)
-        return speed
+        return np.atleast_1d(-self._speed * near * near) @ np.atleast_2d(row)
 
 
 class TowardsSmallMass:
@@ -181,36 +174,34 @@ class TowardsSmallMass:
 
     def speed(self, motion: ArmsMotion) -> Vector:
         """See `Potential`."""
-        along = self._direction @ motion.arm(self._arm).jacobian[3:]
-        w: Vector = np.asarray(np.linalg.solve(motion.inertia, along), dtype=np.float64)
-        mobility = (along @ w).item()
+        w, mobility = self._mobility(motion)
         if not mobility > 1e-9:  # the direction is blocked: nothing is lighter nearby to first order
             return np.zeros(len(w))
         return self._gain / mobility * self._mobility_gradient(motion.q, w)
 
     def mass(self, motion: ArmsMotion) -> float:
         """m [kg] at this motion."""
-        along = self._direction @ motion.arm(self._arm).jacobian[3:]
-        mobility = (along @ np.linalg.solve(motion.inertia, along)).item()
+        mobility = self._mobility(motion)[1]
         return 1.0 / mobility if mobility > 0.0 else math.inf
+
+    def _mobility(self, motion: ArmsMotion) -> tuple[Vector, float]:
+        """w and 1/m."""
+        along = self._direction @ motion.arm(self._arm).jacobian[3:]
+        w: Vector = np.asarray(np.linalg.solve(motion.inertia, along), dtype=np.float64)
+        return w, float(along @ w)
 
     def _mobility_gradient(self, q: Vector, w: Vector) -> Vector:
         robot, context, h = self._robot, self._context, 1e-5 / max(np.abs(w).max().item(), 1e-9)
-        found = []
+        j, p = [], []
         for step in (h, -h):
             robot.set_positions(context, q + step * w)
-            found.append(
-                (self._direction @ robot.jacobian_of(context, self._frame)[3:], robot.mass_matrix(context) @ w)
-            )
-        (j_ahead, p_ahead), (j_back, p_back) = found
+            j.append(self._direction @ robot.jacobian_of(context, self._frame)[3:])
+            p.append(robot.mass_matrix(context) @ w)
         robot.set_positions(context, q)
         robot.set_velocities(context, w)
         coriolis = robot.load_torque(context) - robot.gravity_torque(context)
-        gradient: Vector = (j_ahead - j_back - p_ahead + p_back) / h + 2.0 * coriolis
-        return gradient
+        return (j[0] - j[1] - p[0] + p[1]) / h + 2.0 * coriolis
 
 
-def _towards(motion: ArmsMotion, wanted: Vector | None, time_constant: float | None, period: float) -> QuadraticCost:
-    time = period if time_constant is None else max(time_constant, period)
-    gradient: Vector = (motion.v if wanted is None else motion.v - wanted) / time
-    return QuadraticCost(np.eye(len(motion.v)), gradient)
+def _towards(motion: ArmsMotion, wanted: Vector | float, time_constant: float | None, period: float) -> QuadraticCost:
+    return QuadraticCost(np.eye(len(motion.v)), (motion.v - wanted) / max(time_constant or 0.0, period))

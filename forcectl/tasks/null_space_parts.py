@@ -7,8 +7,9 @@ from dataclasses import dataclass
 from typing import Any, Protocol
 
 from forcectl.collision.distance import LinkDistance
-from forcectl.errors import BadInputError, about, invalid
-from forcectl.framework.fields import Config, key, slot, slot_list
+from forcectl.errors import invalid
+from forcectl.framework.fields import Config, key, slot
+from forcectl.framework.wiring import made_by
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.model import JointLimits
 from forcectl.tasks.constraints.base import Constraint
@@ -26,13 +27,7 @@ from forcectl.tasks.null_space import (
 
 @dataclass(frozen=True)
 class JointSetting:
-    """What criteria of the null space are made from.
-
-    Attributes:
-        model: of the plant.
-        limits: of the joints, as the controller keeps them.
-        constraints: that the controller keeps.
-    """
+    """What criteria of the null space are made from: the plant's model, limits and constraints that are kept."""
 
     model: PlantModel
     limits: JointLimits
@@ -43,24 +38,14 @@ class NullSpacePart(Protocol):
     """A filler of the slot `null_space`."""
 
     def criterion(self, setting: JointSetting) -> Criterion:
-        """The criterion.
-
-        Args:
-            setting: of the controller.
-        """
-        ...
+        """The criterion."""
 
 
 class PotentialPart(Protocol):
     """A filler of the slot `potential`."""
 
     def potentials(self, setting: JointSetting) -> list[Potential]:
-        """One potential or several.
-
-        Args:
-            setting: of the controller.
-        """
-        ...
+        """One potential or several."""
 
 
 @dataclass(kw_only=True)
@@ -78,7 +63,7 @@ class JointSpeedConfig(Config):
 class EvasiveConfig(Config):
     """Scenario part `!Evasive`: joint speeds that lead down some potentials (5.20)."""
 
-    potentials: list[Any] = slot_list("potential", meaning="at least one; their speeds add up")
+    potentials: list[Any] = slot("potential", list, meaning="at least one; their speeds add up")
     speed: float = key(1.0, "of the fastest joint at most", unit="rad/s", bounds="positive")
     time_constant: float | None = key(0.1, "of the approach; null: a tick", unit="s", bounds="positive")
 
@@ -91,12 +76,7 @@ class EvasiveConfig(Config):
         """See `NullSpacePart`."""
         made: list[Potential] = []
         for i, part in enumerate(self.potentials):
-            with about(part):
-                found = part.potentials(setting)
-            if not isinstance(found, list):
-                fault = f"potentials must return a list, not {type(found).__name__}"
-                raise BadInputError(fault, key=f"potentials.{i}")
-            made += found
+            made += made_by(part, "potentials", f"potentials.{i}", list, "a list", setting)
         return EvasiveMotion(made, self.speed, self.time_constant)
 
 
@@ -152,21 +132,3 @@ class SmallMassPotentialConfig(Config):
         robot = setting.model.known_robot()
         arms = [self.arm] if self.arm else list(robot.parts.arms)
         return [TowardsSmallMass(robot, arm, self.direction, self.gain) for arm in arms]
-
-
-def criterion_of(part: NullSpacePart, setting: JointSetting) -> Criterion:
-    """The criterion of a part.
-
-    Args:
-        part: what fills the slot.
-        setting: of the controller.
-
-    Raises:
-        BadInputError: its method returns something else.
-    """
-    with about(part):
-        made = part.criterion(setting)
-    if not isinstance(made, Criterion):
-        fault = f"criterion must return an object with cost(motion, period), not {type(made).__name__}"
-        raise BadInputError(fault, key="null_space")
-    return made

@@ -3,13 +3,9 @@
     level 1, 2, ...   L of the tasks of that priority (5.16) + damping |u - u_rest|^2/2
     last level        the criterion, (5.19), (5.20)
 
-The damping makes the optimum unique and keeps joint speeds in bounds where a joint limit leaves an arm little to move
-with. It is small (a task moves 0.1 % slower where its singular value is 0.3) except near a singular posture of the
-first level, where it grows as in a damped inverse. u_rest = -q'/Ts is rest at the next tick: with less of it, an arm
-stretched towards a target out of its reach trembles in the direction that it cannot move in.
-
-The rows of the joint torques are in the programs only in ticks in which the answer of a level without them exceeds a
-limit: then all levels are solved again, with these rows.
+The damping makes the optimum unique. It is small (a task moves 0.1 % slower where its singular value is 0.3) except
+near a singular posture of the first level, where it grows as in a damped inverse. u_rest = -q'/Ts is rest at the next
+tick. Rows of the joint torques are in the programs only in ticks in which an answer without them exceeds a limit.
 """
 
 from __future__ import annotations
@@ -175,8 +171,7 @@ class TaskProgram:
     def criterion(self, posed: Posed, u: Vector) -> float:
         """u'H u/2 + g'u of the last level."""
         last = posed.problem.levels[-1]
-        cost: float = ((0.5 * (last.hessian @ u) + last.gradient) @ u).item()
-        return cost
+        return float((0.5 * (last.hessian @ u) + last.gradient) @ u)
 
     def costs(self, error: Vector, rate: Vector) -> list[float]:
         """L of every level but the last (5.16), of the errors e, e' of all task coordinates at the next tick."""
@@ -207,5 +202,6 @@ def task_levels(
     levels = []
     for level, own in zip(found, given, strict=True):
         rows = np.flatnonzero(priority == level)
-        levels.append(TaskLevel(rows, [names[row] for row in rows], own.cost(scale[rows], period), scale[rows]))
+        cost = TaskCost(own, scale[rows], period)
+        levels.append(TaskLevel(rows, [names[row] for row in rows], cost, scale[rows]))
     return levels

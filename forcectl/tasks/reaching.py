@@ -5,6 +5,7 @@ A MotionController (see `forcectl.tasks.slot`): targets over time, generator and
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Any
 
@@ -16,23 +17,25 @@ from pydrake.systems.primitives import TrajectorySource
 
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
-from forcectl.errors import invalid, unknown
+from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.force.invariance.robot import JointLimitConfig
-from forcectl.framework.fields import Config, key, named_slots, slot, slot_list
+from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.rotation_vector import RotationVector
-from forcectl.framework.wiring import export_all_outputs
+from forcectl.framework.wiring import export_all_outputs, made_by
 from forcectl.motion.references import held_trajectory
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.solvers import DEFAULT_SOLVER, available_solvers
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.constraints.parts import constraints_of
 from forcectl.tasks.coordinates import ArmTask
-from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig, criterion_of
+from forcectl.tasks.null_space import Criterion
+from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig
 from forcectl.tasks.reactive_controller import ReactiveController
-from forcectl.tasks.reactive_motion import MotionLimits, ReactiveMotion
-from forcectl.tasks.task_parts import TaskTargetConfig, made_task, target_steps
+from forcectl.tasks.reactive_motion import MotionLimitsConfig, ReactiveMotion
+from forcectl.tasks.task_parts import TaskTargetConfig, made_task, start_motion
 
 Array = NDArray[np.float64]
+NamedTask = tuple[str, ArmTask, list[TaskTargetConfig]]  # its name in the scenario, and its targets over time
 
 
 @dataclass(kw_only=True)
@@ -55,35 +58,18 @@ class ReachConfig(Config):
 
 
 @dataclass(kw_only=True)
-class MotionLimitsConfig(Config):
-    """Limits of the references, in metres and in radians."""
-
-    speed: float = key(0.5, "of positions", unit="m/s", bounds="positive")
-    acceleration: float = key(2.0, "of positions", unit="m/s^2", bounds="positive")
-    jerk: float = key(20.0, "of positions", unit="m/s^3", bounds="positive")
-    turn_speed: float = key(1.5, "of rotations", unit="rad/s", bounds="positive")
-    turn_acceleration: float = key(6.0, "of rotations", unit="rad/s^2", bounds="positive")
-    turn_jerk: float = key(60.0, "of rotations", unit="rad/s^3", bounds="positive")
-
-    def linear_and_angular(self) -> tuple[MotionLimits, MotionLimits]:
-        """In metres, in radians."""
-        linear = MotionLimits(self.speed, self.acceleration, self.jerk)
-        return linear, MotionLimits(self.turn_speed, self.turn_acceleration, self.turn_jerk)
-
-
-@dataclass(kw_only=True)
 class ReactiveReachingConfig(Config):
     """Scenario part `!ReactiveReaching`."""
 
     targets: list[ReachConfig] = key([], "of whole poses; with `tasks` they have their own")
-    tasks: dict[str, Any] = named_slots("task", meaning="by name; empty: the whole pose of every arm")
+    tasks: dict[str, Any] = slot("task", dict, meaning="by name; empty: the whole pose of every arm")
     motion_limits: MotionLimitsConfig = key(MotionLimitsConfig, "limits of the references")
     limits: JointLimitConfig = key(JointLimitConfig, "of the joints; the robot's where none is given")
     null_space: Any = slot("null_space", JointSpeedConfig, meaning="what joints do that the tasks leave free")
     link_distance: float = key(
         0.01, "of the links from each other and from boxes; 0: not kept, without boxes", unit="m", bounds="not negative"
     )
-    constraints: list[Any] = slot_list("constraint", meaning="further ones")
+    constraints: list[Any] = slot("constraint", list, meaning="further ones")
     solver: str = key(DEFAULT_SOLVER, "of the quadratic programs", choices=available_solvers)
 
     def __post_init__(self) -> None:
@@ -96,62 +82,65 @@ class ReactiveReachingConfig(Config):
         robot = model.known_robot()
         if model.obstacles and not self.link_distance > 0:
             raise invalid("link_distance", self.link_distance, "above zero to keep away from the station's boxes")
-        start = ArmsMotion(robot, robot.create_context(), model.start, np.zeros(model.num_joints))
-        tasks = self._tasks(start)
+        tasks = self._tasks(start_motion(model))
         distances = self._distances(model) if self.link_distance > 0 else []
         limits = self.limits.limits(robot.limits)
         constraints = [*distances, *constraints_of(self.constraints, model)]
+        wanted, setting = "an object with cost(motion, period)", JointSetting(model, limits, constraints)
         controller = ReactiveController(
             robot,
-            tasks,
+            [task for _, task, _ in tasks],
             start=model.start,
-            criterion=criterion_of(self.null_space, JointSetting(model, limits, constraints)),
+            criterion=made_by(self.null_space, "criterion", "null_space", Criterion, wanted, setting),
             constraints=constraints,
             limits=limits,
             period=model.period,
             solver=self.solver,
         )
-        made = ReactiveReaching(controller, self._targets(start, controller), *self.motion_limits.linear_and_angular())
-        return builder.AddNamedSystem("reactive_reaching", made)
+        targets = _targets(tasks, controller.task_start)
+        return builder.AddNamedSystem("reactive_reaching", ReactiveReaching(controller, targets, self.motion_limits))
 
-    def _tasks(self, start: ArmsMotion) -> list[ArmTask]:
-        if not self.tasks:
-            return [ArmTask(arm, orientation=RotationVector(start.arm(arm).rotation)) for arm in start.arm_names]
-        return [made_task(part, start, f"tasks.{name}") for name, part in self.tasks.items()]
+    def _tasks(self, start: ArmsMotion) -> list[NamedTask]:
+        if self.tasks:
+            return [(name, made_task(part, start, f"tasks.{name}"), part.targets) for name, part in self.tasks.items()]
+        for target in self.targets:
+            if target.arm not in start.arm_names:
+                raise unknown("targets.arm", target.arm, start.arm_names)
+        found = []
+        for arm in start.arm_names:
+            task = ArmTask(arm, orientation=RotationVector(start.arm(arm).rotation))
+            found.append((arm, task, [each.of_task() for each in self.targets if each.arm == arm]))
+        return found
 
     def _distances(self, model: PlantModel) -> list[LinkDistance]:
         shapes = RobotShapes.load(*model.known_robot().source)
         found = [LinkDistance(shapes, self.link_distance, period=model.period)]
         if model.obstacles:
-            boxes = [
-                Obstacle(Box(*each.size), each.pose, f"obstacle {i + 1}") for i, each in enumerate(model.obstacles)
-            ]
+            boxes = [Obstacle(Box(*box.size), box.pose, f"obstacle {i + 1}") for i, box in enumerate(model.obstacles)]
             found.append(LinkDistance(shapes.against(boxes), self.link_distance, period=model.period))
         return found
 
-    def _targets(self, start: ArmsMotion, controller: ReactiveController) -> TrajectorySource:
-        """Task coordinates over time."""
-        if self.tasks:
-            parts = self.tasks.values()
-            sizes = [task.size for task in controller.tasks]
-            steps = target_steps(list(self.tasks), sizes, [part.targets for part in parts])
-        else:
-            arms = list(start.arm_names)
-            for target in self.targets:
-                if target.arm not in arms:
-                    raise unknown("targets.arm", target.arm, arms)
-            of_arm = [[each.of_task() for each in self.targets if each.arm == arm] for arm in arms]
-            steps = target_steps(arms, [6] * len(arms), of_arm)
-        now = controller.task_start
-        times, values = [0.0], [now.copy()]
-        for time, place, value in steps:
-            now[place] = value
-            if time > times[-1]:
-                times.append(time)
-                values.append(now.copy())
-            else:
-                values[-1] = now.copy()
-        return TrajectorySource(held_trajectory(times, np.array(values).T))
+
+def _targets(tasks: Sequence[NamedTask], now: Array) -> TrajectorySource:
+    """Coordinates of all tasks over time.
+
+    Raises:
+        BadInputError: a target of another size than its task.
+    """
+    steps, begin = [], 0
+    for name, task, targets in tasks:
+        for i, target in enumerate(targets):
+            if len(target.value) != task.size:
+                wrong = f" has {len(target.value)} numbers: must have {task.size}, one per coordinate"
+                raise BadInputError(wrong, key=f"tasks.{name}.targets.{i}.value")
+            steps.append((target.time, slice(begin, begin + task.size), target.value))
+        begin += task.size
+    values = {0.0: now}
+    for time, place, value in sorted(steps, key=lambda step: step[0]):
+        now = now.copy()
+        now[place] = value
+        values[time] = now
+    return TrajectorySource(held_trajectory(list(values), np.array(list(values.values())).T))
 
 
 class ReactiveReaching(Diagram):
@@ -174,13 +163,11 @@ class ReactiveReaching(Diagram):
     Sampling: every `period` [s] of the controller; no delay from the readings to the references.
     """
 
-    def __init__(
-        self, controller: ReactiveController, target: TrajectorySource, linear: MotionLimits, angular: MotionLimits
-    ):
+    def __init__(self, controller: ReactiveController, target: TrajectorySource, limits: MotionLimitsConfig):
         super().__init__()
         builder = DiagramBuilder()
         source = builder.AddNamedSystem("target", target)
-        motion = builder.AddNamedSystem("motion", ReactiveMotion(controller, linear, angular))
+        motion = builder.AddNamedSystem("motion", ReactiveMotion(controller, limits))
         builder.Connect(source.get_output_port(), motion.GetInputPort("task_target"))
         for name in ("joint_position", "joint_velocity"):
             builder.ExportInput(motion.GetInputPort(name), name)

@@ -49,6 +49,7 @@ _DIAGNOSTICS = (
     *("status", "active_constraints", "slack", "constraint_violation", "tracking_error", "near_singular"),
     *("levels_solved", "holding", "reached", "stalled"),
 )
+_QUANTITIES = ("position", "velocity", "acceleration")
 
 
 class Tick(NamedTuple):
@@ -125,10 +126,8 @@ class ReactiveController(SampledBlock):
 
     All outputs are feedthrough of all inputs at the tick.
 
-    Bad input. A reference that is not a number, or beyond 1e6: the joints brake together, along their path, and hold
-    while it lasts, with status NOT_FINITE. The same after readings that stay bad for longer than `longest_gap`; a few
-    lost samples leave the command alone. Constraints that contradict each other at a tick: soft rows give way; then the
-    joints brake. Limits that contradict each other or the start posture are an error when it is built.
+    After a reference that is not a number or beyond 1e6, or readings that stay bad for longer than `longest_gap`, the
+    joints brake together, along their path, and hold while it lasts; docs/reactive_control.md has every such case.
 
     Sampling: every `period` [s]; no delay, see `SampledBlock`: what the tick computes is put out at once and held.
 
@@ -223,25 +222,20 @@ class ReactiveController(SampledBlock):
 
     def _declare(self, start: Vector, task_start: Vector) -> None:
         n, k = self._n, self._size
-        quantities = ("position", "velocity", "acceleration")
-        names = [f"task_{quantity}_reference" for quantity in quantities]
-        references = [self.DeclareVectorInputPort(name, k) for name in names]
+        references = [self.DeclareVectorInputPort(f"task_{name}_reference", k) for name in _QUANTITIES]
         target = self.DeclareVectorInputPort("task_target", k)
         measured = [self.DeclareVectorInputPort(name, n) for name in ("joint_position", "joint_velocity")]
         memory = {
             "joint_position_command": start,
             "joint_velocity_command": np.zeros(n),
             "foreseen": np.zeros(self._constraints.foreseen_size),
-            "read_position": np.full(n, np.nan),
-            "read_command": start,
-            "reading_ok": np.ones(n),
-            "reading_gap": 0.0,
-            "target": np.full(k, np.nan),
-            "progress": np.array([np.inf, 0.0, 0.0, 0.0]),
+            **Readings(np.full(n, np.nan), start, np.ones(n), 0.0)._asdict(),
             **dict.fromkeys(_DIAGNOSTICS, 0.0),
+            **Progress(np.full(k, np.nan), np.inf, 0.0, 0.0, 0.0)._asdict(),
             "stage_costs": np.zeros(self._tasks_program.size),
         }
-        kept = {"task_position": task_start, "task_velocity": np.zeros(k), "task_acceleration": np.zeros(k)}
+        motion = (task_start, np.zeros(k), np.zeros(k))
+        kept = {f"task_{name}": value for name, value in zip(_QUANTITIES, motion, strict=True)}
         program = self._tasks_program
         self._scratch = scratch(self, "commanded posture", self._robot.create_context)
         self._program = scratch(self, "quadratic programs", lambda: deepcopy(program))
@@ -298,7 +292,7 @@ class ReactiveController(SampledBlock):
             led = self._reference_reset.start(
                 led, (position, velocity, inputs.get("task_acceleration_reference", a)), target
             )
-        progress = Progress(memory["target"], *memory["progress"].tolist())
+        progress = Progress(*(memory[name] for name in Progress._fields))
         if target is not None:
             progress = self._progress.look(progress, target, x, rate)
         violation = max(rows.violation, found.beyond)
@@ -312,19 +306,13 @@ class ReactiveController(SampledBlock):
             "near_singular": float(posed is not None and posed.near_singular),
             "levels_solved": found.levels,
             "holding": float(found.levels == 0),
-            "reached": float(progress.reached),
-            "stalled": float(progress.stalled),
             "joint_position_command": q + 0.5 * Ts * (v + after),
             "joint_velocity_command": after,
             "foreseen": self._constraints.foresee(rows, u),
-            "read_position": readings.position,
-            "read_command": readings.command,
-            "reading_ok": readings.good,
-            "reading_gap": readings.gap,
-            "target": progress.target,
-            "progress": np.array(progress[1:]),
+            **readings._asdict(),
+            **progress._asdict(),
             "stage_costs": costs,
-            **dict(zip(("task_position", "task_velocity", "task_acceleration"), led, strict=True)),
+            **{f"task_{name}": value for name, value in zip(_QUANTITIES, led, strict=True)},
         }
 
     def _tick(self, context: Context, start: TickStart) -> Tick:
@@ -346,12 +334,7 @@ class ReactiveController(SampledBlock):
     def _look(self, start: TickStart) -> tuple[Readings, bool]:
         """The readings of this tick, and whether they stop the motion."""
         memory, inputs = start
-        past = Readings(
-            position=memory["read_position"],
-            command=memory["read_command"],
-            good=memory["reading_ok"],
-            gap=memory["reading_gap"],
-        )
+        past = Readings(*(memory[name] for name in Readings._fields))
         if "joint_position" not in inputs:
             return past, False
         q, v = memory["joint_position_command"], memory["joint_velocity_command"]

@@ -13,26 +13,22 @@ from dataclasses import dataclass
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from forcectl.framework.batch import check
+from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.motion.trajectory_generator import TrajectoryGenerator
 from forcectl.tasks.reactive_controller import ReactiveController
 
 
-@dataclass(frozen=True)
-class MotionLimits:
-    """Limits of the references of one kind of coordinate: velocity, acceleration, jerk [u/s, u/s^2, u/s^3], > 0."""
+@dataclass(kw_only=True)
+class MotionLimitsConfig(Config):
+    """Limits of the references, in metres and in radians."""
 
-    velocity: float
-    acceleration: float
-    jerk: float
-
-    def __post_init__(self) -> None:
-        for name in ("velocity", "acceleration", "jerk"):
-            check(name, getattr(self, name), "positive")
-
-
-LINEAR, ANGULAR = MotionLimits(0.5, 2.0, 20.0), MotionLimits(1.5, 6.0, 60.0)  # in metres, in radians
+    speed: float = key(0.5, "of positions", unit="m/s", bounds="positive")
+    acceleration: float = key(2.0, "of positions", unit="m/s^2", bounds="positive")
+    jerk: float = key(20.0, "of positions", unit="m/s^3", bounds="positive")
+    turn_speed: float = key(1.5, "of rotations", unit="rad/s", bounds="positive")
+    turn_acceleration: float = key(6.0, "of rotations", unit="rad/s^2", bounds="positive")
+    turn_jerk: float = key(60.0, "of rotations", unit="rad/s^3", bounds="positive")
 
 
 class ReactiveMotion(Diagram):
@@ -56,23 +52,23 @@ class ReactiveMotion(Diagram):
 
     Args:
         controller: is built into this diagram.
-        linear, angular: limits of the references.
+        limits: of the references; None: the defaults.
     """
 
     optional_inputs = ("joint_position", "joint_velocity")
 
-    def __init__(self, controller: ReactiveController, linear: MotionLimits = LINEAR, angular: MotionLimits = ANGULAR):
+    def __init__(self, controller: ReactiveController, limits: MotionLimitsConfig | None = None):
         super().__init__()
-        builder = DiagramBuilder()
+        builder, limits = DiagramBuilder(), limits or MotionLimitsConfig()
         add, connect = builder.AddNamedSystem, builder.Connect
         add("controller", controller)
         tasks = controller.tasks
         kinds = np.concatenate([task.angular for task in tasks])
         generator = TrajectoryGenerator(
             len(kinds),
-            velocity_limit=np.where(kinds, angular.velocity, linear.velocity),
-            acceleration_limit=np.where(kinds, angular.acceleration, linear.acceleration),
-            jerk_limit=np.where(kinds, angular.jerk, linear.jerk),
+            velocity_limit=np.where(kinds, limits.turn_speed, limits.speed),
+            acceleration_limit=np.where(kinds, limits.turn_acceleration, limits.acceleration),
+            jerk_limit=np.where(kinds, limits.turn_jerk, limits.jerk),
             initial_position=controller.task_start,
             groups=[task.size for task in tasks],
             period=controller.period,

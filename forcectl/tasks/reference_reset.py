@@ -1,13 +1,10 @@
 """Reference reset: what a trajectory generator continues from when its last reference was missed, task by task.
 
 Where the motion is within 5 mm of the reference (angles in characteristic lengths), the generator continues from its
-own reference and follows one plan. Where constraints made the motion deviate further, it starts anew 5 mm ahead of the
-motion on the way to the target, with what the motion has of speed in that direction. Then the motion slides along what
-is in its way, and comes to rest where that brings it no closer to the target. Without a target it starts from the
-motion itself.
-
-To start from the motion itself always, as Algorithm 2 says, gives a time-optimal generator the speed along the obstacle
-as well: nothing brakes it, and at the border of its workspace an arm oscillates without end.
+own reference. Where constraints made the motion deviate further, it starts anew 5 mm ahead of the motion on the way to
+the target, with what the motion has of speed in that direction; without a target from the motion itself. So the motion
+slides along what is in its way, and comes to rest where that brings it no closer to the target. To start from the
+motion itself always, as Algorithm 2 says, lets an arm oscillate without end at the border of its workspace.
 """
 
 from __future__ import annotations
@@ -70,5 +67,4 @@ class ReferenceReset:
 
     def _length(self, way: Vector) -> Vector:
         """Of a difference of task coordinates, for each task [m]."""
-        length: Vector = np.sqrt(np.add.reduceat((self._scale * way) ** 2, self._begins))
-        return length
+        return np.sqrt(np.add.reduceat((self._scale * way) ** 2, self._begins))

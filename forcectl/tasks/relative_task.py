@@ -13,47 +13,22 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from functools import cached_property
+from typing import Any
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.common.value import AbstractValue
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.framework.batch import check
-from forcectl.framework.cache import BlockCache, scratch
+from forcectl.framework.cache import scratch
 from forcectl.framework.euler_angles import angles_of
+from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import RobotModel
 from forcectl.tasks.coordinates import COORDINATES, ArmTask, Orientation, Spatial
 
 Array = NDArray[np.float64]
-
-
-class FrameMotion:
-    """The motion of any frame of a robot in the world; spatial vectors are [rotation; translation].
-
-    Args:
-        robot: any number of arms.
-        context: of `robot.plant`, with the joints' positions and speeds; must stay in this posture while the motion is
-            in use.
-        frame: of `robot.plant`.
-        v: the joints' speeds, (n,) [rad/s].
-    """
-
-    def __init__(self, robot: RobotModel, context: Context, frame: Frame, v: Array):
-        X_WF = frame.CalcPoseInWorld(context)
-        self.position: Array = X_WF.translation()
-        self.rotation: Array = X_WF.rotation().matrix()
-        self.jacobian = robot.jacobian_of(context, frame)
-        self.velocity: Array = self.jacobian @ v
-        self._robot, self._context, self._frame = robot, context, frame
-
-    @cached_property
-    def bias(self) -> Array:
-        """J'v, (6,) [rad/s^2; m/s^2]."""
-        return self._robot.bias_acceleration_of(self._context, self._frame)
 
 
 class RelativeMotion:
@@ -84,8 +59,7 @@ class RelativeMotion:
     @cached_property
     def jacobian(self) -> Array:
         """J, (6, n) [1; m]."""
-        J: Array = self._of_follower @ self._follower.jacobian - self._of_leader @ self._leader.jacobian
-        return J
+        return self._of_follower @ self._follower.jacobian - self._of_leader @ self._leader.jacobian
 
     @cached_property
     def bias(self) -> Array:
@@ -130,7 +104,7 @@ class RelativeTask(ArmTask):
         return RelativeMotion(motion.arm(self.leader), motion.arm(self.arm))
 
 
-class RelativePose(LeafSystem):
+class RelativePose(SampledBlock):
     """Pose and velocity of one frame of a robot in another that moves itself, for logs and state machines.
 
     ```
@@ -144,11 +118,11 @@ class RelativePose(LeafSystem):
     relative_angles: shape (3,), Euler angles phi, theta, psi of R [rad], see
     `forcectl.framework.euler_angles.angles_of`; continuous but for the singularity.
     relative_velocity: shape (6,), V in the leader's axes, [rotation; translation] [rad/s, m/s].
-    All outputs are feedthrough of all inputs.
+    All outputs are feedthrough of all inputs at the tick, and held.
 
     Readings that are not finite hold what was put out at the last tick.
 
-    Sampling: every `period` [s] what is held; no delay.
+    Sampling: every `period` [s]; no delay, see `SampledBlock`.
 
     Args:
         robot: its joints are those of the inputs.
@@ -158,60 +132,36 @@ class RelativePose(LeafSystem):
         BadInputError: a frame of another plant.
     """
 
+    port_units = {"relative_position": "m", "relative_angles": "rad", "relative_velocity": "rad/s,m/s"}
+
     def __init__(self, robot: RobotModel, leader: Frame, follower: Frame, *, period: float = 0.004):
         super().__init__()
         for frame in (leader, follower):
             if frame.GetParentPlant() is not robot.plant:
                 raise BadInputError(f"frame {frame.name()!r}: must be of the plant of the robot")
-        self._robot, self._frames = robot, (leader, follower)
-        self.port_units = {
-            "joint_position": "rad",
-            "joint_velocity": "rad/s",
-            "relative_position": "m",
-            "relative_angles": "rad",
-            "relative_velocity": "rad/s,m/s",
-        }
-        n = robot.num_joints
-        self._position = self.DeclareVectorInputPort("joint_position", n)
-        self._velocity = self.DeclareVectorInputPort("joint_velocity", n)
-        self._last = self.DeclareDiscreteState(12)
+        self._robot, self._leader, self._follower = robot, leader, follower
         self._scratch = scratch(self, "plant context", robot.create_context)
-        self._now = BlockCache(
-            self,
-            "relative motion",
-            lambda: AbstractValue.Make(BasicVector(12)),
-            lambda block, context, value: value.get_mutable_value().SetFromVector(block._calculate(context)),
-            {self._position.ticket(), self._velocity.ticket(), self.discrete_state_ticket(self._last)},
-        )
-        self._show("relative_position", slice(0, 3))
-        self._show("relative_angles", slice(3, 6))
-        self._show("relative_velocity", slice(6, 12))
-        self.DeclarePeriodicDiscreteUpdateEvent(
-            period_sec=check("period", period, "positive"), offset_sec=0.0, update=self._hold
-        )
+        names = ("joint_position", "joint_velocity")
+        inputs = [self.DeclareVectorInputPort(name, robot.num_joints) for name in names]
+        memory = {"relative_position": np.zeros(3), "relative_angles": np.zeros(3), "relative_velocity": np.zeros(6)}
+        self.declare_memory(memory, inputs, period)
+        self.show(*memory)
 
-    def _show(self, name: str, place: slice) -> None:
-        now = self._now
-
-        def show(context: Context, output: BasicVector) -> None:
-            output.SetFromVector(now.Eval(context).value()[place])
-
-        self.DeclareVectorOutputPort(name, place.stop - place.start, show, prerequisites_of_calc={now.ticket()})
-
-    def _calculate(self, context: Context) -> Array:
-        q, v = self._position.Eval(context), self._velocity.Eval(context)
-        last: Array = context.get_discrete_state(self._last).value()
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
+        """The pose and velocity of a tick."""
+        q, v = inputs["joint_position"], inputs["joint_velocity"]
         if not (np.isfinite(q).all() and np.isfinite(v).all()):
-            return last
-        scratch = self._scratch.Eval(context)
-        self._robot.set_positions(scratch, q)
-        self._robot.set_velocities(scratch, v)
-        relative = RelativeMotion(*(FrameMotion(self._robot, scratch, frame, v) for frame in self._frames))
-        angles = angles_of(relative.rotation, last[3:6])
-        return np.concatenate([relative.position, angles, relative.velocity])
-
-    def _hold(self, context: Context, next_state: DiscreteValues) -> None:
-        next_state.set_value(self._last, self._now.Eval(context).value())
+            return dict(memory)
+        plant_context = self._scratch.Eval(context)
+        self._robot.set_positions(plant_context, q)
+        self._robot.set_velocities(plant_context, v)
+        pose = self._follower.CalcPose(plant_context, self._leader)
+        velocity = self._follower.CalcSpatialVelocity(plant_context, self._leader, self._leader)
+        return {
+            "relative_position": pose.translation(),
+            "relative_angles": angles_of(pose.rotation().matrix(), memory["relative_angles"]),
+            "relative_velocity": velocity.get_coeffs(),
+        }
 
 
 def _cross_matrix(a: Array) -> Array:

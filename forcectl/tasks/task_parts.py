@@ -2,14 +2,16 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
 from dataclasses import dataclass
 from typing import Protocol
 
-from forcectl.errors import BadInputError, about
+import numpy as np
+
 from forcectl.framework.euler_angles import EulerAngles, angles_of
 from forcectl.framework.fields import Config, key
 from forcectl.framework.rotation_vector import RotationVector
+from forcectl.framework.wiring import made_by
+from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.coordinates import COORDINATES, ArmTask, Orientation, Spatial
 from forcectl.tasks.relative_task import RelativeMotion, RelativeTask
@@ -26,39 +28,23 @@ class TaskTargetConfig(Config):
 
 
 class TaskPart(Protocol):
-    """A filler of the slot `task`.
-
-    Attributes:
-        targets: over time.
-    """
+    """A filler of the slot `task`, with its targets over time."""
 
     targets: list[TaskTargetConfig]
 
     def task(self, start: ArmsMotion) -> ArmTask:
-        """The task.
-
-        Args:
-            start: motion of the robot in its start posture.
-        """
-        ...
+        """The task, for the motion of the robot in its start posture."""
 
 
-def made_task(part: TaskPart, start: ArmsMotion, place: str) -> ArmTask:
-    """The task of a part.
+def start_motion(model: PlantModel) -> ArmsMotion:
+    """The robot at rest in its start posture."""
+    robot = model.known_robot()
+    return ArmsMotion(robot, robot.create_context(), model.start, np.zeros(model.num_joints))
 
-    Args:
-        part: what fills the slot.
-        start: motion of the robot in its start posture.
-        place: key of the part, for the message.
 
-    Raises:
-        BadInputError: its method returns something else.
-    """
-    with about(part):
-        made = part.task(start)
-    if not isinstance(made, ArmTask):
-        raise BadInputError(f"task must return an ArmTask, not {type(made).__name__}", key=place)
-    return made
+def made_task(part: TaskPart, start: ArmsMotion, key: str) -> ArmTask:
+    """The task of a part that stands at `key`, see `made_by`."""
+    return made_by(part, "task", key, ArmTask, "an ArmTask", start)
 
 
 @dataclass(kw_only=True)
@@ -97,27 +83,3 @@ class RelativeTaskConfig(_TaskConfig):
         """See `TaskPart`."""
         orientation = self._orientation(RelativeMotion(start.arm(self.leader), start.arm(self.follower)))
         return RelativeTask(self.leader, self.follower, self.coordinates, orientation, self.priority)
-
-
-def target_steps(
-    names: Sequence[str], sizes: Sequence[int], targets: Sequence[Sequence[TaskTargetConfig]]
-) -> list[tuple[float, slice, list[float]]]:
-    """Every change of a target: its time [s], which of all coordinates, and their values; in order of time.
-
-    Args:
-        names: of the tasks.
-        sizes: how many coordinates each has.
-        targets: of each.
-
-    Raises:
-        BadInputError: a target of another size than its task.
-    """
-    found, begin = [], 0
-    for name, size, own in zip(names, sizes, targets, strict=True):
-        for i, target in enumerate(own):
-            if len(target.value) != size:
-                key = f"tasks.{name}.targets.{i}.value"
-                raise BadInputError(f" has {len(target.value)} numbers: must have {size}, one per coordinate", key=key)
-            found.append((target.time, slice(begin, begin + size), list(target.value)))
-        begin += size
-    return sorted(found, key=lambda each: each[0])

@@ -8,7 +8,7 @@ from pydrake.systems.framework import InputPort, OutputPort, System
 
 from forcectl.framework.wiring import input_names, output_names
 from forcectl.inspect.names import own_name
-from forcectl.inspect.wiring import is_vector
+from forcectl.inspect.wiring import Wiring, is_vector
 
 ABSTRACT = "abstract"  # stands for the size of a port that carries no vector
 
@@ -64,12 +64,7 @@ def assert_feedthrough(system: System, pairs: Iterable[tuple[str, str]]) -> None
     __tracebackhide__ = True
     wanted = set(pairs)
     outputs, inputs = output_names(system), input_names(system)
-    found = {
-        (output, source)
-        for o, output in enumerate(outputs)
-        for i, source in enumerate(inputs)
-        if system.HasDirectFeedthrough(i, o)
-    }
+    found = {(outputs[o], inputs[i]) for i, o in Wiring(system).feedthrough("")}
     lines = [
         f"  ({output!r}, {source!r}): no such {'output' if output not in outputs else 'input'}; outputs {outputs}, "
         f"inputs {inputs}"

@@ -7,16 +7,15 @@ import gc
 import resource
 import sys
 import weakref
-from collections.abc import Callable
+from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 
 from pydrake.systems.analysis import Simulator
-from pydrake.systems.framework import Context, DiagramBuilder, LeafSystem, System
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, LeafSystem, System
 
 from forcectl.errors import invalid
-from forcectl.testing.runs import python_systems
 
 
 @dataclass(frozen=True)
@@ -83,13 +82,11 @@ def _use(
     build: Callable[[], System], duration: float, run: Callable[[System], None] | None
 ) -> list[weakref.ref[System]]:
     system = build()
-    references = [weakref.ref(each) for each in python_systems(system)]
+    references = [weakref.ref(each) for each in _systems(system)]
     if run is not None:
         run(system)
     elif duration > 0:
-        simulator = Simulator(system)
-        simulator.AdvanceTo(duration)
-        del simulator
+        Simulator(system).AdvanceTo(duration)
     del system
     gc.collect()
     return references
@@ -119,24 +116,27 @@ def _drake_releases_blocks() -> bool:
     return all(reference() is None for reference in _use(smallest, 0.0, None))
 
 
+def _systems(system: System) -> Iterator[System]:
+    """The system and everything inside it."""
+    yield system
+    if isinstance(system, Diagram):
+        for inner in system.GetSystems():
+            yield from _systems(inner)
+
+
 def _holders(system: System, alive: list[System]) -> str:
-    ignored = {id(alive)}
-    kinds = [type(holder).__name__ for holder in gc.get_referrers(system) if id(holder) not in ignored]
-    return ", ".join(sorted({kind for kind in kinds if kind != "frame"})) or "C++"
+    kinds = {type(holder).__name__ for holder in gc.get_referrers(system) if holder is not alive}
+    return ", ".join(sorted(kinds - {"frame"})) or "C++"
 
 
 def _memory_kb() -> float:
     """Memory of this process [kB]: resident now where /proc tells it, else the highest so far."""
-    _return_free_memory()
+    # The C library gives its free memory back, where it can: a leak would hide in it for a long time.
+    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
+    if trim is not None:
+        trim(0)
     status = Path("/proc/self/statm")
     if status.exists():
         return int(status.read_text().split()[1]) * resource.getpagesize() / 1024
     highest = resource.getrusage(resource.RUSAGE_SELF).ru_maxrss
     return highest / 1024 if sys.platform == "darwin" else float(highest)
-
-
-def _return_free_memory() -> None:
-    """Have the C library give its free memory back, where it can: a leak would hide in it for a long time."""
-    trim = getattr(ctypes.CDLL(None), "malloc_trim", None)
-    if trim is not None:
-        trim(0)

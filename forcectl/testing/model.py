@@ -51,9 +51,13 @@ def assert_matches_model(response: StepResponse, model: Model, *, atol: float = 
 
 def _expected(response: StepResponse, model: Model) -> Array:
     if isinstance(model, LinearSystem):
-        duration = float(response.time[-1])
-        found = step_response(model, *_only_ports(model), response.amplitude, duration, response.period)
-        return found.value
+        source, output = model.get_input_port(), model.get_output_port()
+        if source.size() != 1 or output.size() != 1:
+            raise BadInputError(
+                f"the model has {source.size()} inputs and {output.size()} outputs: must have one of each"
+            )
+        ports, duration = (source.get_name(), output.get_name()), float(response.time[-1])
+        return step_response(model, *ports, response.amplitude, duration, response.period).value
     if callable(model):
         value = np.asarray(model(response.time), dtype=float)
         if value.shape not in ((), response.time.shape):
@@ -62,13 +66,6 @@ def _expected(response: StepResponse, model: Model) -> Array:
     if isinstance(model, tuple) and len(model) in (2, 3):
         return _transfer_function(response, model)
     raise invalid("model", model, "a function of time, (num, den), (num, den, period) or a LinearSystem")
-
-
-def _only_ports(model: LinearSystem) -> tuple[str, str]:
-    source, output = model.get_input_port(), model.get_output_port()
-    if source.size() != 1 or output.size() != 1:
-        raise BadInputError(f"the model has {source.size()} inputs and {output.size()} outputs: must have one of each")
-    return source.get_name(), output.get_name()
 
 
 def _transfer_function(response: StepResponse, model: TransferFunction) -> Array:

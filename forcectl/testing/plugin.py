@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import TYPE_CHECKING, Protocol
+from typing import TYPE_CHECKING
 
 import pytest
 
@@ -14,22 +14,6 @@ if TYPE_CHECKING:
     from forcectl.doctor import Report
     from forcectl.inspect.ports import PortName
     from forcectl.testing.runs import Log
-
-
-class CheckDiagram(Protocol):
-    """What the fixture `check_diagram` gives."""
-
-    def __call__(
-        self,
-        system: System | DiagramBuilder,
-        *,
-        warnings: bool = True,
-        allow: Iterable[str] = (),
-        sensor: PortName | None = None,
-        command: PortName | None = None,
-        expected_delay: float | None = None,
-    ) -> Report:
-        """Fail unless the doctor finds nothing; see `check_diagram`."""
 
 
 @pytest.fixture
@@ -47,7 +31,7 @@ def run_diagram() -> Callable[..., Log]:
 
 
 @pytest.fixture
-def check_diagram() -> CheckDiagram:
+def check_diagram() -> Callable[..., Report]:
     """Let the doctor look at a diagram (or at a builder before Build) and fail with its report.
 
     check_diagram(diagram)                                  no errors and no warnings

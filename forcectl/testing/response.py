@@ -50,7 +50,6 @@ def step_response(
     input_index: int | None = None,
     output_index: int = 0,
     others: Mapping[str, Input] | None = None,
-    accuracy: float = 1e-9,
 ) -> StepResponse:
     """Step one input at t = 0 from the default context and watch one element of an output.
 
@@ -64,7 +63,6 @@ def step_response(
         input_index: the element that steps; default all of them.
         output_index: the element that is watched.
         others: values of other inputs, see `run_diagram`; default zero.
-        accuracy: of the integration of continuous states.
 
     Raises:
         BadInputError: a port or an element that does not exist, or a time that is not positive.
@@ -81,25 +79,15 @@ def step_response(
     size = vector_outputs(system, [output])[output].size()
     if not 0 <= output_index < size:
         raise invalid("output_index", output_index, f"0 ... {size - 1}")
-    log = run_diagram(
-        system,
-        duration,
-        period=period,
-        inputs={**(others or {}), input: stepped},
-        outputs=[output],
-        accuracy=accuracy,
-    )
+    inputs = {**(others or {}), input: stepped}
+    log = run_diagram(system, duration, period=period, inputs=inputs, outputs=[output], accuracy=1e-9)
     named_input = input if input_index is None else f"{input}[{input_index}]"
     named_output = output if size == 1 else f"{output}[{output_index}]"
     return StepResponse(log.time, log[output][:, output_index], float(amplitude), named_input, named_output)
 
 
 def _final(response: StepResponse, final: float | None) -> tuple[float, float]:
-    """(final value, signed height of the step at the output).
-
-    Raises:
-        AssertionError: the response goes nowhere, so that a share of it means nothing.
-    """
+    """Final value, and signed height of the step at the output, which must not be zero."""
     __tracebackhide__ = True
     end = float(response.value[-1]) if final is None else float(final)
     height = end - float(response.value[0])

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Callable, Iterator, Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
@@ -62,7 +62,10 @@ def run_diagram(
     Raises:
         BadInputError: a port that does not exist, or a value that does not fit.
     """
-    check_times(duration, period)
+    if not period > 0:
+        raise invalid("period", period, "positive [s]")
+    if not duration >= period:
+        raise invalid("duration", duration, f"at least one period ({period:g} s)")
     context = system.CreateDefaultContext() if context is None else context
     fixed = fix_inputs(system, context, inputs or {})
     ports = vector_outputs(system, outputs)
@@ -85,18 +88,6 @@ def run_diagram(
         for name, output in ports.items():
             values[name].append(output.Eval(context).copy())
     return Log(time, {name: np.array(rows) for name, rows in values.items()})
-
-
-def check_times(duration: float, period: float) -> None:
-    """Both must be positive, and at least one period must fit.
-
-    Raises:
-        BadInputError: otherwise.
-    """
-    if not period > 0:
-        raise invalid("period", period, "positive [s]")
-    if not duration >= period:
-        raise invalid("duration", duration, f"at least one period ({period:g} s)")
 
 
 def vector_inputs(system: System) -> dict[str, InputPort]:
@@ -149,26 +140,3 @@ def _vector(port: InputPort, value: ArrayLike) -> Array:
     if array.ndim > 1 or array.size not in (1, port.size()):
         raise BadInputError(f"input {port.get_name()!r}: value of shape {array.shape}, the port has size {port.size()}")
     return np.broadcast_to(array.ravel(), port.size()).copy()
-
-
-def first_difference(a: Log, b: Log) -> str | None:
-    """Where two logs first differ by a single bit, as text; None when they do not."""
-    earliest: tuple[int, str, int] | None = None
-    for name in a.values:
-        # Bit patterns, so that NaN equals NaN and 0.0 is not -0.0.
-        differs = a.values[name].view(np.uint64) != b.values[name].view(np.uint64)
-        for k, i in np.argwhere(differs)[:1]:
-            if earliest is None or k < earliest[0]:
-                earliest = (int(k), name, int(i))
-    if earliest is None:
-        return None
-    k, name, i = earliest
-    return f"{name}[{i}] at t = {a.time[k]:g} s: {a.values[name][k, i]!r} and {b.values[name][k, i]!r}"
-
-
-def python_systems(system: System) -> Iterator[System]:
-    """The system and everything inside it."""
-    yield system
-    if hasattr(system, "GetSystems"):
-        for inner in system.GetSystems():
-            yield from python_systems(inner)

@@ -11,16 +11,17 @@ from __future__ import annotations
 
 from collections.abc import Sequence
 from dataclasses import dataclass, replace
+from itertools import compress
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.signal import lfilter
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.batch import check, check_count
 
 _LONGEST_FIR = 1000
 
+Array = NDArray[np.float64]
 Filter = tuple[tuple[float, ...], tuple[float, ...]]  # numerator and denominator in powers of z^-1
 
 
@@ -93,45 +94,27 @@ class ControllerBasis:
         for name in names:
             if name not in self.names:
                 raise unknown("gain", name, self.names)
-        keep = [i for i, name in enumerate(self.names) if name in names]
+        keep = [name in names for name in self.names]
         return replace(
             self,
-            names=tuple(self.names[i] for i in keep),
-            units=tuple(self.units[i] for i in keep),
-            filters=tuple(self.filters[i] for i in keep),
+            names=tuple(compress(self.names, keep)),
+            units=tuple(compress(self.units, keep)),
+            filters=tuple(compress(self.filters, keep)),
         )
 
-    def response(self, gains: ArrayLike, error: ArrayLike) -> NDArray[np.float64]:
-        """The controller's output for a force error (k,) [N] that was zero before its first sample."""
-        signal = np.asarray(error, dtype=float)
-        total = np.zeros(signal.shape)
-        for gain, (numerator, denominator) in zip(np.asarray(gains, dtype=float), self.filters, strict=True):
-            total += gain * lfilter(numerator, denominator, signal)
-        return total
-
-    def transfer(self, gains: ArrayLike) -> tuple[NDArray[np.float64], NDArray[np.float64]]:
+    def transfer(self, gains: ArrayLike) -> tuple[Array, Array]:
         """C(z) with these gains as one numerator and denominator of the same length, in powers of z^-1."""
-        below: NDArray[np.float64] = np.ones(1)
-        above: NDArray[np.float64] = np.zeros(1)
+        above, below = np.zeros(1), np.ones(1)
         for shared in dict.fromkeys(denominator for _, denominator in self.filters):
-            part: NDArray[np.float64] = np.zeros(1)
+            part = np.zeros(1)
             for gain, (numerator, denominator) in zip(np.asarray(gains, dtype=float), self.filters, strict=True):
                 if denominator == shared:
-                    part = _sum(part, gain * np.asarray(numerator))
-            above = _sum(np.convolve(above, shared), np.convolve(part, below))
+                    part = np.add(*same_length(part, gain * np.asarray(numerator)))
+            above = np.add(*same_length(np.convolve(above, shared), np.convolve(part, below)))
             below = np.convolve(below, shared)
-        size = max(above.size, below.size)
-        return np.pad(above, (0, size - above.size)), np.pad(below, (0, size - below.size))
+        return same_length(above, below)
 
-    def frequency_response(self, gains: ArrayLike, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """C(exp(i w Ts)) at `frequency` w [rad/s], > 0."""
-        back = np.exp(-1j * np.asarray(frequency, dtype=float) * self.period)
-        total = np.zeros(back.shape, dtype=complex)
-        for gain, (numerator, denominator) in zip(np.asarray(gains, dtype=float), self.filters, strict=True):
-            total += gain * np.polynomial.Polynomial(numerator)(back) / np.polynomial.Polynomial(denominator)(back)
-        return total
-
-    def pid_gains(self, gains: Sequence[float] | NDArray[np.float64]) -> PidGains | None:
+    def pid_gains(self, gains: Sequence[float] | Array) -> PidGains | None:
         """The gains in both forms; None for a basis that is no PID."""
         if self.form not in ("discrete PID", "continuous PID"):
             return None
@@ -142,15 +125,15 @@ class ControllerBasis:
         return PidGains(proportional, integral, derivative, self.period, self.derivative_time)
 
 
-def _sum(one: NDArray[np.float64], other: NDArray[np.float64]) -> NDArray[np.float64]:
+def same_length(one: Array, other: Array) -> tuple[Array, Array]:
+    """Two polynomials in powers of z^-1, the shorter one filled up with zeros."""
     size = max(one.size, other.size)
-    return np.pad(one, (0, size - one.size)) + np.pad(other, (0, size - other.size))
+    return np.pad(one, (0, size - one.size)), np.pad(other, (0, size - other.size))
 
 
 def discrete_pid(period: float) -> ControllerBasis:
     """The PID basis (4.20); its gains K_P, K_I Ts, K_D/Ts are all in [m/N]. `period`: Ts [s]."""
-    check("period", period, "positive")
-    filters: tuple[Filter, ...] = (((1.0,), (1.0,)), ((1.0,), (1.0, -1.0)), ((1.0, -1.0), (1.0,)))
+    filters = (((1.0,), (1.0,)), ((1.0,), (1.0, -1.0)), ((1.0, -1.0), (1.0,)))
     return ControllerBasis(("K_P", "K_I", "K_D"), ("m/N", "m/N", "m/N"), filters, period, "discrete PID")
 
 
@@ -164,11 +147,7 @@ def continuous_pid(period: float, derivative_time: float | None = None) -> Contr
     check("period", period, "positive")
     time = 2 * period if derivative_time is None else check("derivative_time", derivative_time, "not negative")
     slow = period + time
-    filters: tuple[Filter, ...] = (
-        ((1.0,), (1.0,)),
-        ((period,), (1.0, -1.0)),
-        ((1.0 / slow, -1.0 / slow), (1.0, -time / slow)),
-    )
+    filters = (((1.0,), (1.0,)), ((period,), (1.0, -1.0)), ((1.0 / slow, -1.0 / slow), (1.0, -time / slow)))
     units = ("m/N", "m/(N s)", "m s/N")
     return ControllerBasis(("K_P", "K_I", "K_D"), units, filters, period, "continuous PID", time)
 
@@ -177,5 +156,5 @@ def fir(length: int, period: float) -> ControllerBasis:
     """`length` taps theta_0 ... theta_(length-1) [m/N], each a sample of delay `period` [s] more than the last."""
     if check_count("length", length) > _LONGEST_FIR:
         raise invalid("length", length, f"at most {_LONGEST_FIR} taps")
-    filters: tuple[Filter, ...] = tuple(((*[0.0] * i, 1.0), (1.0,)) for i in range(length))
+    filters = tuple(((*[0.0] * i, 1.0), (1.0,)) for i in range(length))
     return ControllerBasis(tuple(f"theta_{i}" for i in range(length)), ("m/N",) * length, filters, period, "FIR")

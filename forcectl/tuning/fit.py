@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.tuning.controller_basis import ControllerBasis, PidGains
+from forcectl.tuning.identifiability import HIGHEST
 from forcectl.tuning.plant_model import IdentifiedPlant
 from forcectl.tuning.reference_model import ReferenceModel
 
@@ -29,7 +30,6 @@ class VrftFit:
         gains: theta in the form of `basis`, shape (p,).
         standard_errors: of theta, shape (p,), robust against correlated residuals; they do not contain the bias that
             noise in the output causes; NaN of refined gains.
-        pid: the gains in discrete and continuous form; None for a basis that is no PID.
         r_squared: share of the (filtered) input that the fit explains [-].
         residual_rms: of what it does not [m].
         condition_number: of the regressors, each scaled to length one [-].
@@ -49,12 +49,10 @@ class VrftFit:
 
     basis: ControllerBasis
     model: ReferenceModel
-    samples: int
     prefiltered: bool
     instrumented: bool
     gains: Array
     standard_errors: Array
-    pid: PidGains | None
     r_squared: float
     residual_rms: float
     condition_number: float
@@ -70,6 +68,11 @@ class VrftFit:
     best_mismatch: float | None
     vrft_gains: Array | None = None
     warnings: tuple[str, ...] = ()
+
+    @property
+    def pid(self) -> PidGains | None:
+        """The gains in discrete and continuous form; None for a basis that is no PID."""
+        return self.basis.pid_gains(self.gains)
 
     @property
     def model_mismatch(self) -> float:
@@ -89,14 +92,10 @@ class VrftFit:
         return max(self.model_mismatch, read) if self.stable else np.inf
 
     @property
-    def bettered(self) -> bool:
-        """Whether other gains are expected to follow the reference model clearly better."""
-        return self.best_mismatch is not None and self.model_mismatch > _BETTERED * self.best_mismatch + _NONE
-
-    @property
     def out_of_reach(self) -> bool:
         """Whether the loop is expected to miss the model by more than `OUT_OF_REACH`, or other gains to do better."""
-        return self.expected_mismatch > OUT_OF_REACH or (self.trusted and self.bettered)
+        best = np.inf if self.best_mismatch is None or not self.trusted else self.best_mismatch
+        return self.expected_mismatch > OUT_OF_REACH or self.model_mismatch > _BETTERED * best + _NONE
 
 
 def mismatch(step: Array, wanted: Array) -> float:
@@ -107,7 +106,7 @@ def mismatch(step: Array, wanted: Array) -> float:
 def warnings(fit: VrftFit, y: Array) -> Iterator[str]:
     """What is to be said about a fit to a record with the output y, a line each."""
     size = fit.basis.size
-    if fit.excitation_order < min(size, 10):
+    if fit.excitation_order < min(size, HIGHEST):
         yield f"the record excites {fit.excitation_order} of {size} gains: move more often, or in another rhythm"
     noise = fit.noise_share if fit.noise_share is not None else np.zeros(size)
     noisy = noise > _NOISE_SHARE

@@ -14,7 +14,7 @@ the load and not the speed. From what the fit leaves over come the two levels of
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING
+from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -22,15 +22,10 @@ from scipy.optimize import nnls
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check
-from forcectl.plant.drives.joint_friction import JointFriction, friction_threshold, friction_torque, mean_features
+from forcectl.plant.drives.joint_friction import JointFriction, friction_threshold, mean_features
 from forcectl.robot.momentum_model import MomentumModel
 
-if TYPE_CHECKING:
-    from matplotlib.axes import Axes
-    from matplotlib.figure import Figure
-
 Array = NDArray[np.float64]
-_COEFFICIENTS = ("tau_O [Nm]", "tau_C [Nm]", "D+ [Nms/rad]", "D- [Nms/rad]")
 _LEAST_SAMPLES = 20
 _WORST_CONDITION = 1e4
 _OUTLIERS = 0.99  # share of the ticks that the threshold covers
@@ -62,19 +57,6 @@ class FrictionFit:
     speed: Array
     torque: Array
 
-    def report(self) -> str:
-        """A table: one line per joint, coefficients with their standard errors."""
-        f = self.friction
-        values = np.array([f.offset, f.coulomb, f.viscous_forward, f.viscous_backward])
-        head = "joint" + "".join(f"{name:>20}" for name in _COEFFICIENTS)
-        lines = [f"{head}{'rms [Nm]':>12}{'explained':>12}{'move [Nm]':>12}{'still [Nm]':>12}{'ticks':>8}"]
-        for j in range(f.size):
-            pairs = (f"{v:.4g} +- {d:.2g}" for v, d in zip(values[:, j], self.deviation[:, j], strict=True))
-            coefficients = "".join(f"{pair:>20}" for pair in pairs)
-            quality = f"{self.rms[j]:12.4g}{self.explained[j]:12.5f}{self.move[j]:12.3g}{self.still[j]:12.3g}"
-            lines.append(f"{j + 1:5d}{coefficients}{quality}{self.used[j]:8d}")
-        return "\n".join(lines)
-
 
 def friction_samples(
     model: MomentumModel,
@@ -103,16 +85,15 @@ def friction_samples(
         BadInputError: wrong shapes or times that do not increase.
     """
     t = np.asarray(time, dtype=float)
-    n = model.num_joints
     rows = {"position": position, "velocity": velocity, "motor_torque": motor_torque}
     arrays = {name: np.asarray(values, dtype=float) for name, values in rows.items()}
     if t.ndim != 1 or len(t) < 2 or not np.all(np.diff(t) > 0):
         raise BadInputError("time: must be at least two increasing times")
     for name, array in arrays.items():
-        if array.shape != (len(t), n):
-            raise BadInputError(f"{name} has shape {array.shape}: must be ({len(t)}, {n})")
+        if array.shape != (len(t), model.num_joints):
+            raise BadInputError(f"{name} has shape {array.shape}: must be ({len(t)}, {model.num_joints})")
     q, v, torque = arrays.values()
-    good = np.isfinite(q).all(axis=1) & np.isfinite(v).all(axis=1) & np.isfinite(torque).all(axis=1)
+    good = np.isfinite(np.hstack([q, v, torque])).all(axis=1)
     if velocity_bandwidth is not None:
         bandwidth = check("velocity_bandwidth", velocity_bandwidth, "positive")
         q, torque = (_late(t, values, good, bandwidth) for values in (q, torque))
@@ -153,26 +134,19 @@ def identify_friction(before: ArrayLike, after: ArrayLike, torque: ArrayLike, *,
     if not (np.isfinite(start).all() and np.isfinite(end).all() and np.isfinite(load).all()):
         raise invalid("samples", "not finite", "finite; leave out what was lost")
     fits = [_fit_joint(j + 1, start[:, j], end[:, j], load[:, j], slow) for j in range(load.shape[1])]
-    offset, coulomb, forward, backward = np.array([fit[0] for fit in fits]).T
-    friction = JointFriction(
-        load.shape[1], offset=offset, coulomb=coulomb, viscous_forward=forward, viscous_backward=backward
-    )
-    deviation, (rms, explained, move, still) = (
-        np.array([fit[1] for fit in fits]).T,
-        np.array([fit[2] for fit in fits]).T,
-    )
-    used = np.array([fit[3] for fit in fits])
+    coefficients, deviation, rms, explained, move, still, used = (np.array(part).T for part in zip(*fits, strict=True))
+    names = ("offset", "coulomb", "viscous_forward", "viscous_backward")
+    friction = JointFriction(load.shape[1], **dict(zip(names, coefficients, strict=True)))
     return FrictionFit(friction, deviation, rms, explained, move, still, used, 0.5 * (start + end), load)
 
 
-def _fit_joint(
-    joint: int, before: Array, after: Array, torque: Array, slowest: float
-) -> tuple[Array, Array, tuple[float, float, float, float], int]:
+def _fit_joint(joint: int, before: Array, after: Array, torque: Array, slowest: float) -> tuple[Any, ...]:
+    """Coefficients and all that `FrictionFit` has of one joint, in its order."""
     moving = (np.minimum(np.abs(before), np.abs(after)) >= slowest) & (before * after >= 0)
     count = int(moving.sum())
     if count < _LEAST_SAMPLES:
         raise BadInputError(f"joint {joint}: has {count} ticks in motion: must have at least {_LEAST_SAMPLES}")
-    features = np.column_stack([np.ones(count), *mean_features(before[moving], after[moving])])
+    features = _features(before[moving], after[moving])
     scale = np.linalg.norm(features, axis=0)
     if np.any(scale == 0) or np.linalg.cond(features / np.where(scale > 0, scale, 1.0)) > _WORST_CONDITION:
         raise BadInputError(f"joint {joint}: is not excited: must move both ways, each at more than one speed")
@@ -189,54 +163,20 @@ def _fit_joint(
     spread = float(np.var(wanted))
     explained = 1.0 - float(np.mean(left**2)) / spread if spread > 0 else 0.0
     move, still = _threshold_levels(before, after, torque, coefficients)
-    return coefficients, deviation, (float(np.sqrt(np.mean(left**2))), explained, move, still), count
+    return coefficients, deviation, float(np.sqrt(np.mean(left**2))), explained, move, still, count
+
+
+def _features(before: Array, after: Array) -> Array:
+    return np.column_stack([np.ones(len(before)), *mean_features(before, after)])
 
 
 def _threshold_levels(before: Array, after: Array, torque: Array, coefficients: Array) -> tuple[float, float]:
     """Levels of (5.3)* that cover 99 % of the ticks, at speed and, added to that, near rest."""
-    features = np.column_stack([np.ones(len(torque)), *mean_features(before, after)])
-    error, speed = np.abs(torque - features @ coefficients), 0.5 * np.abs(before + after)
+    error, speed = np.abs(torque - _features(before, after) @ coefficients), 0.5 * np.abs(before + after)
     slow = speed < _NEAR_REST
-    move = float(np.quantile(error[~slow], _OUTLIERS)) if np.any(~slow) else float(np.quantile(error, _OUTLIERS))
-    if not np.any(slow):
+    move = float(np.quantile(error if slow.all() else error[~slow], _OUTLIERS))
+    if not slow.any():
         return move, 0.0
     # What is above the level at speed, as it would be at rest.
     excess = np.maximum(error[slow] - move, 0.0) / friction_threshold(speed[slow], 0.0, 1.0)
     return move, float(np.quantile(excess, _OUTLIERS))
-
-
-def friction_figure(fit: FrictionFit, joint: int, title: str = "") -> Figure:
-    """Friction torque of one joint over its speed, as in Fig. 5.2: model, threshold and the ticks of the run.
-
-    Args:
-        joint: index from 0.
-    """
-    from matplotlib.figure import Figure
-
-    if not 0 <= joint < fit.friction.size:
-        raise invalid("joint", joint, f"from 0 to {fit.friction.size - 1}")
-    figure = Figure(figsize=(7.0, 4.5), layout="constrained")
-    axes = figure.add_subplot()
-    draw_friction(axes, fit, joint, title or f"joint {joint + 1}")
-    axes.set_xlabel("joint speed [rad/s]")
-    axes.set_ylabel("friction torque [Nm]")
-    axes.legend(frameon=False, fontsize=9, loc="upper left")
-    return figure
-
-
-def draw_friction(axes: Axes, fit: FrictionFit, joint: int, title: str) -> None:
-    """What `friction_figure` shows, on axes that may be one of many."""
-    fastest = max(float(np.max(np.abs(fit.speed[:, joint]))), 1e-3)
-    # Closer together where the curve is steep.
-    side = fastest * np.linspace(0.0, 1.0, 400) ** 3
-    speed = np.concatenate([-side[:0:-1], side])
-    model = friction_torque(speed[:, None] * np.ones(fit.friction.size), fit.friction)[:, joint]
-    band = friction_threshold(speed, fit.move[joint], fit.still[joint])
-    axes.fill_between(speed, model - band, model + band, color="#c8c8c8", lw=0, label="threshold", zorder=1)
-    axes.plot(fit.speed[:, joint], fit.torque[:, joint], ".", color="black", ms=2.5, label="recorded", zorder=2)
-    axes.plot(speed, model, color="#d62728", lw=1.8, label="friction model", zorder=3)
-    axes.set_title(title, loc="left", fontsize=11, parse_math=False)
-    axes.set_xlim(-fastest, fastest)
-    axes.grid(color="#e4e4e4", lw=0.8)
-    axes.set_axisbelow(True)
-    axes.spines[["top", "right"]].set_visible(False)

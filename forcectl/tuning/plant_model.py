@@ -14,8 +14,9 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from scipy.linalg import qr
 from scipy.signal import lfilter
+
+from forcectl.tuning.reference_model import delayed
 
 Array = NDArray[np.float64]
 
@@ -56,14 +57,9 @@ class IdentifiedPlant:
         """n, the number of poles."""
         return self.denominator.size - 1
 
-    @property
-    def delayed_numerator(self) -> Array:
-        """z^-d B, the zeros of the delay in front."""
-        return np.concatenate([np.zeros(self.delay), self.numerator])
-
     def response(self, u: ArrayLike) -> Array:
         """The output for an input (k,) that was zero before its first sample."""
-        late = _late(np.asarray(u, dtype=float), self.delay)
+        late = delayed(np.asarray(u, dtype=float), self.delay)
         return np.asarray(lfilter(self.numerator, self.denominator, late), dtype=float)
 
     @property
@@ -92,7 +88,7 @@ def identify_plants(u: ArrayLike, y: ArrayLike, period: float) -> list[Identifie
     for order in _ORDERS:
         # A delay and lags look alike to smooth moves: the search may end at the wrong one.
         starts = (_searched(u, y, order), _steiglitz_mcbride(u, y, order, 1, _SEARCHES))
-        found = min((_refined(u, y, start) for start in starts), key=_misfit)
+        found = min((_refined(u, y, start) for start in starts), key=lambda found: found.misfit)
         share = 1 - found.misfit / power if power else 0.0
         noise = np.log(found.misfit / y.size + _EXACT * float(np.mean(y**2)) + np.finfo(float).tiny)
         criterion = float(y.size * noise + (2 * order + 1) * np.log(y.size))
@@ -117,10 +113,6 @@ class _Found:
     delay: int
 
 
-def _late(u: Array, delay: int) -> Array:
-    return np.concatenate([np.zeros(min(delay, u.size)), u[: max(u.size - delay, 0)]])
-
-
 def _searched(u: Array, y: Array, order: int) -> _Found:
     """The best of the candidate delays and their neighbours, roughly."""
     first = slice(0, _SEARCH if np.any(u[1:_SEARCH] != u[0]) else None)
@@ -130,30 +122,23 @@ def _searched(u: Array, y: Array, order: int) -> _Found:
     def at(delay: int) -> _Found:
         return _steiglitz_mcbride(part, told, order, delay, _SEARCHES, every)
 
-    delays = [d for d in _DELAYS if d == 1 or d < part.size // 10]
-    best = min(map(at, delays), key=_misfit)
+    best = min((at(d) for d in _DELAYS if d == 1 or d < part.size // 10), key=lambda found: found.misfit)
     reach = max(best.delay // 4, 1)
     while reach:
-        near = [best.delay + sign * reach for sign in (-1, 1)]
-        found = min((at(d) for d in near if 1 <= d < part.size // 2), key=_misfit, default=best)
-        if found.misfit < best.misfit:
-            best = found
-        else:
+        near = [at(d) for d in (best.delay - reach, best.delay + reach) if 1 <= d < part.size // 2]
+        nearest = min([best, *near], key=lambda found: found.misfit)
+        if nearest is best:
             reach //= 2
+        best = nearest
     return _steiglitz_mcbride(u, y, order, best.delay, _SEARCHES)
-
-
-def _misfit(found: _Found) -> float:
-    return found.misfit
 
 
 def _steiglitz_mcbride(u: Array, y: Array, order: int, delay: int, iterations: int, every: int = 1) -> _Found:
     """The best of a few iterations: B and F by least squares on signals filtered with the last 1/F."""
-    late, below = _late(u, delay), np.ones(1)
+    late, below = delayed(u, delay), np.ones(1)
     best = _Found(float(y @ y), np.zeros(order), np.eye(1, order + 1)[0], delay)
     for _ in range(iterations):
-        through, told = lfilter([1.0], below, late), lfilter([1.0], below, y)
-        columns = [*_shifted(through, range(order)), *(-c for c in _shifted(told, range(1, order + 1))), told]
+        columns = [*_sensitivities(below, late, y, order), lfilter([1.0], below, y)]
         found = _least_squares(np.column_stack([c[::every] for c in columns]))
         above, below = found[:order], _stable(np.concatenate([[1.0], found[order:]]))
         misfit = float(np.sum((y - lfilter(above, below, late)) ** 2))
@@ -164,17 +149,14 @@ def _steiglitz_mcbride(u: Array, y: Array, order: int, delay: int, iterations: i
 
 def _refined(u: Array, y: Array, best: _Found) -> _Found:
     """The smallest output error near a candidate (Levenberg and Marquardt)."""
-    late, damping, order = _late(u, best.delay), 1e-6, best.below.size - 1
+    late, damping, order = delayed(u, best.delay), 1e-6, best.below.size - 1
     for _ in range(_REFINEMENTS):
-        output = np.asarray(lfilter(best.above, best.below, late), dtype=float)
-        through, told = lfilter([1.0], best.below, late), lfilter([1.0], best.below, output)
-        columns = [*_shifted(through, range(order)), *(-c for c in _shifted(told, range(1, order + 1)))]
-        rows = np.column_stack([*columns, y - output])
+        output = lfilter(best.above, best.below, late)
+        rows = np.column_stack([*_sensitivities(best.below, late, output, order), y - output])
         last = best
         while damping < 1e3:
             step = _least_squares(rows, damping)
-            above, below = last.above + step[:order], last.below.copy()
-            below[1:] += step[order:]
+            above, below = last.above + step[:order], last.below + np.concatenate([[0.0], step[order:]])
             if _physical(below):
                 misfit = float(np.sum((y - lfilter(above, below, late)) ** 2))
                 if misfit < last.misfit:
@@ -187,22 +169,31 @@ def _refined(u: Array, y: Array, best: _Found) -> _Found:
     return best
 
 
-def _shifted(x: Array, delays: range) -> list[Array]:
-    return [_late(x, d) for d in delays]
+def _sensitivities(below: Array, u: Array, y: Array, order: int) -> list[Array]:
+    """What B and F change in an output y of theirs: u/F and -y/F, each sample by sample later."""
+    by_u, by_y = lfilter([1.0], below, u), -lfilter([1.0], below, y)
+    return [*(delayed(by_u, d) for d in range(order)), *(delayed(by_y, d) for d in range(1, order + 1))]
 
 
 def _least_squares(rows: Array, damping: float = 0.0) -> Array:
     """x of the smallest `|A x - b|` for rows [A, b], in units of the columns' lengths held back by `damping`."""
-    (triangle,) = qr(np.asfortranarray(rows), mode="r", overwrite_a=True, check_finite=False)
-    size = rows.shape[1] - 1
-    triangle = np.pad(triangle[: size + 1], ((0, max(size + 1 - len(triangle), 0)), (0, 0)))
-    matrix, wanted = triangle[:, :size], triangle[:, size]
+    triangle = triangle_of(rows)
+    matrix, lengths = unit_columns(triangle[:, :-1])
+    held = damping * np.linalg.norm(matrix, 2) * np.eye(lengths.size)
+    wanted = np.concatenate([triangle[:, -1], np.zeros(lengths.size)])
+    return np.asarray(np.linalg.lstsq(np.vstack([matrix, held]), wanted, rcond=1e-14)[0] / lengths)
+
+
+def triangle_of(rows: Array) -> Array:
+    """R of the QR factorisation, shape (n, n) of at least n rows."""
+    return np.asarray(np.linalg.qr(rows, mode="r"))
+
+
+def unit_columns(matrix: Array) -> tuple[Array, Array]:
+    """The matrix with columns of length one, and their lengths; columns of zeros stay."""
     lengths = np.linalg.norm(matrix, axis=0)
     lengths = np.where(lengths > 0, lengths, 1.0)
-    left, singular, right = np.linalg.svd(matrix / lengths, full_matrices=False)
-    kept = singular > 1e-14 * singular[0] if singular[0] else np.zeros(size, dtype=bool)
-    shrunk = np.where(kept, singular / (singular**2 + (damping * singular[0]) ** 2 + ~kept), 0.0)
-    return np.asarray(right.T @ (shrunk * (left.T @ wanted)) / lengths, dtype=float)
+    return matrix / lengths, lengths
 
 
 def _physical(below: Array) -> bool:

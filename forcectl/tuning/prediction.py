@@ -16,16 +16,16 @@ outside of the unit circle) the virtual reference y/M takes its place in the mod
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Iterable, Sequence
 from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.signal import lfilter
 
-from forcectl.tuning.controller_basis import ControllerBasis
+from forcectl.tuning.controller_basis import ControllerBasis, same_length
 from forcectl.tuning.plant_model import IdentifiedPlant, from_first_movement
-from forcectl.tuning.reference_model import ReferenceModel
+from forcectl.tuning.reference_model import ReferenceModel, delayed
 
 Array = NDArray[np.float64]
 
@@ -62,27 +62,22 @@ class PolynomialLoop:
         polynomial = np.trim_zeros(self.closed, "b")
         if polynomial.size <= _MOST_POLES:
             return float(np.abs(np.roots(polynomial)).max(initial=0.0)) < 1.0
-        with np.errstate(over="ignore", invalid="ignore"):
-            pulse = lfilter(self.below, self.closed, np.eye(1, _ROUNDS * polynomial.size)[0])
+        pulse = lfilter(self.below, self.closed, np.eye(1, _ROUNDS * polynomial.size)[0])
         *_, before, after = np.array_split(pulse, 4)
         return float(np.abs(after).max()) <= float(np.abs(before).max()) < _DIVERGED
 
     def step(self, samples: int) -> Array:
         """The response of T to a unit step, shape (samples,); NaN from where it has diverged."""
-        with np.errstate(over="ignore", invalid="ignore"):
-            step = np.asarray(lfilter(self.above, self.closed, np.ones(samples)), dtype=float)
-        wrong = ~(np.abs(step) < _DIVERGED)
-        if wrong.any():
-            step[int(np.argmax(wrong)) :] = np.nan
-        return step
+        step: Array = lfilter(self.above, self.closed, np.ones(samples))
+        diverged = np.maximum.accumulate(~(np.abs(step) < _DIVERGED))
+        return np.where(diverged, np.nan, step)
 
 
 def closed_loop(plant: IdentifiedPlant, basis: ControllerBasis, gains: ArrayLike) -> PolynomialLoop:
     """The loop of a plant model and the controller with these gains."""
     over, under = basis.transfer(gains)
-    above, below = np.convolve(over, plant.delayed_numerator), np.convolve(under, plant.denominator)
-    size = max(above.size, below.size)
-    return PolynomialLoop(np.pad(above, (0, size - above.size)), np.pad(below, (0, size - below.size)))
+    late = np.concatenate([np.zeros(plant.delay), plant.numerator])
+    return PolynomialLoop(*same_length(np.convolve(over, late), np.convolve(under, plant.denominator)))
 
 
 class RecordCheck:
@@ -103,12 +98,10 @@ class RecordCheck:
         over = np.trim_zeros(over, "b")
         if not over.size or not over[0] or over.size > _LONGEST_INVERSE:
             return None
-        with np.errstate(over="ignore", invalid="ignore"):
-            pulse = np.asarray(lfilter(under, over, np.eye(1, self._u.size)[0]), dtype=float)
-            tail = np.abs(pulse[-max(pulse.size // 10, 1) :]).max()
-            if not tail <= _FADED * np.abs(pulse).max() < np.inf:
-                return None
-            return self._y + np.asarray(lfilter(under, over, self._u), dtype=float)
+        pulse = np.abs(lfilter(under, over, np.eye(1, self._u.size)[0]))
+        if not pulse[-max(pulse.size // 10, 1) :].max() <= _FADED * pulse.max() < np.inf:
+            return None
+        return self._y + np.asarray(lfilter(under, over, self._u), dtype=float)
 
     def mismatch(self, gains: ArrayLike) -> float | None:
         """The record mismatch [-]; None where there is no r."""
@@ -125,14 +118,13 @@ class RecordCheck:
     def _errors(self, plant: IdentifiedPlant, gains: ArrayLike) -> tuple[float, float]:
         """The model error with and without what the loop makes of white noise in the output."""
         loop, residual = closed_loop(plant, self._basis, gains), self._y - plant.response(self._u)
-        with np.errstate(over="ignore", invalid="ignore"):
-            missed = np.asarray(lfilter(loop.below, loop.closed, residual), dtype=float)
-            pulse = np.asarray(lfilter(loop.below, loop.closed, np.eye(1, residual.size)[0]), dtype=float)
-            if not np.abs(pulse).max() < _DIVERGED:
-                return np.inf, np.inf
-            # White noise is what neighbouring residuals differ by.
-            noise = 0.5 * float(np.mean(np.diff(residual) ** 2)) * float(np.cumsum(pulse**2).sum())
-            share = max(1 - noise / max(float(missed @ missed), np.finfo(float).tiny), 0.0)
+        missed: Array = lfilter(loop.below, loop.closed, residual)
+        pulse: Array = lfilter(loop.below, loop.closed, np.eye(1, residual.size)[0])
+        if not np.abs(pulse).max() < _DIVERGED:
+            return np.inf, np.inf
+        # White noise is what neighbouring residuals differ by.
+        noise = 0.5 * float(np.mean(np.diff(residual) ** 2)) * float(np.cumsum(pulse**2).sum())
+        share = max(1 - noise / max(float(missed @ missed), np.finfo(float).tiny), 0.0)
         error = _ratio(missed, self._away(gains))
         return error, float(np.sqrt(share)) * error
 
@@ -144,7 +136,7 @@ class RecordCheck:
         if self._model.invertible:
             over, under = self._model.numerator[self._model.delay :], self._model.denominator
             virtual = np.asarray(lfilter(under, over, self._y), dtype=float)  # early by the delay of M
-            return virtual - np.concatenate([np.zeros(self._model.delay), self._y[: -self._model.delay]])
+            return virtual - delayed(self._y, self._model.delay)
         return self._y - self._model.response(self._y)
 
     def believed(self, plants: Sequence[IdentifiedPlant], gains: ArrayLike) -> IdentifiedPlant:
@@ -154,20 +146,24 @@ class RecordCheck:
         is not linear, and then a higher order follows the record closer and is less true: of one or two lags the more
         likely one that is sound, else the lowest order.
         """
-        errors = [self._errors(plant, gains)[0] for plant in plants]
-        good = [p for p, error in zip(plants, errors, strict=True) if error <= _AS_GOOD * min(errors)]
-        likely = min(good, key=lambda plant: plant.criterion)
+        rated = [(plant, self._errors(plant, gains)[0]) for plant in plants]
+        least = min(error for _, error in rated)
+        good = [(plant, error) for plant, error in rated if error <= _AS_GOOD * least]
+        likely = _likeliest(plant for plant, _ in good)
         # A loop that is unstable has no error; the model that says so counts if it is beyond doubt.
-        other = min(plants, key=lambda plant: plant.criterion)
-        if all(other is not plant for plant in good) and _BEYOND_DOUBT * (1 - other.explained) < 1 - likely.explained:
+        other = _likeliest(plants)
+        if other is not likely and _BEYOND_DOUBT * (1 - other.explained) < 1 - likely.explained:
             return other
         residual = self._y - likely.response(self._u)
         noise = float(residual[1:] @ residual[:-1]) <= _NOISE * float(residual @ residual)
-        if noise or not np.isfinite(min(errors)):
+        if noise or not np.isfinite(least):
             return likely
-        sound = [p for p, error in zip(plants, errors, strict=True) if error <= _SOUND and p.order <= _SIMPLE]
-        sound = [plant for plant in sound if any(plant is other for other in good)]
-        return min(sound, key=lambda plant: plant.criterion) if sound else good[0]
+        sound = [plant for plant, error in good if error <= _SOUND and plant.order <= _SIMPLE]
+        return _likeliest(sound) if sound else good[0][0]
+
+
+def _likeliest(plants: Iterable[IdentifiedPlant]) -> IdentifiedPlant:
+    return min(plants, key=lambda plant: plant.criterion)
 
 
 def _ratio(missed: Array, whole: Array) -> float:

@@ -17,11 +17,13 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from scipy.linalg import expm
-from scipy.signal import sosfilt, zpk2sos
+from scipy.signal import freqz_zpk, sosfilt, zpk2sos
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check, check_count
 from forcectl.framework.fields import Config, key
+
+Array = NDArray[np.float64]
 
 _MOST_DELAY = 100_000  # [samples]
 
@@ -70,12 +72,12 @@ class ReferenceModel:
         return float(self.gain * np.prod(1 - np.asarray(self.zeros)).real / np.prod(1 - np.asarray(self.poles)).real)
 
     @property
-    def numerator(self) -> NDArray[np.float64]:
+    def numerator(self) -> Array:
         """Coefficients in powers of z^-1, the zeros of the delay in front."""
         return np.concatenate([np.zeros(self.delay), self.gain * np.atleast_1d(np.poly(np.asarray(self.zeros)).real)])
 
     @property
-    def denominator(self) -> NDArray[np.float64]:
+    def denominator(self) -> Array:
         """Coefficients in powers of z^-1, the first one 1."""
         return np.atleast_1d(np.poly(np.asarray(self.poles)).real)
 
@@ -99,25 +101,20 @@ class ReferenceModel:
     @property
     def bandwidth(self) -> float:
         """Where `|M|` has fallen to 1/sqrt(2) of its static value [rad/s]; of the first-order model w_c, about."""
-        rates = np.geomspace(1e-5, 0.999 * np.pi, 4000) / self.period
-        low = np.abs(self.frequency_response(rates)) < abs(self.static_gain) / np.sqrt(2)
-        return float(rates[int(np.argmax(low))] if low.any() else rates[-1])
+        angles = np.geomspace(1e-5, 0.999 * np.pi, 4000)
+        _, response = freqz_zpk(self.zeros, self.poles, self.gain, worN=angles)
+        low = np.abs(response) < abs(self.static_gain) / np.sqrt(2)
+        return float((angles[int(np.argmax(low))] if low.any() else angles[-1]) / self.period)
 
-    def sections(self) -> NDArray[np.float64]:
-        """M without its delay as second-order sections, shape (n, 6), for `scipy.signal.sosfilt`."""
-        return np.asarray(zpk2sos(np.asarray(self.zeros), np.asarray(self.poles), self.gain), dtype=float)
-
-    def response(self, signal: ArrayLike) -> NDArray[np.float64]:
+    def response(self, signal: ArrayLike) -> Array:
         """The output for a reference (k,) that was zero before its first sample."""
-        out: NDArray[np.float64] = sosfilt(self.sections(), np.asarray(signal, dtype=float))
-        return np.concatenate([np.zeros(min(self.delay, out.size)), out[: max(out.size - self.delay, 0)]])
+        sections = zpk2sos(np.asarray(self.zeros), np.asarray(self.poles), self.gain)
+        return delayed(sosfilt(sections, np.asarray(signal, dtype=float)), self.delay)
 
-    def frequency_response(self, frequency: ArrayLike) -> NDArray[np.complex128]:
-        """M(exp(i w Ts)) at `frequency` w [rad/s]."""
-        z = np.exp(1j * np.asarray(frequency, dtype=float) * self.period)
-        over = np.prod([1 - zero / z for zero in self.zeros], axis=0)
-        under = np.prod([1 - pole / z for pole in self.poles], axis=0)
-        return np.asarray(self.gain * z ** -float(self.delay) * over / under, dtype=complex)
+
+def delayed(signal: Array, samples: int) -> Array:
+    """A signal (k,) so many samples later, zero before."""
+    return np.concatenate([np.zeros(min(samples, signal.size)), signal[: max(signal.size - samples, 0)]])
 
 
 def first_order(bandwidth: float, period: float, *, exact: bool = False, delay: int = 0) -> ReferenceModel:
@@ -192,7 +189,7 @@ def from_discrete(numerator: ArrayLike, denominator: ArrayLike, period: float) -
     gain = above[0] / below[0]
     # Roots at the origin are delays of a polynomial in z^-1 and are left out on both sides.
     above, below = np.trim_zeros(above, "b"), np.trim_zeros(below, "b")
-    return ReferenceModel(_roots(np.roots(above)), _roots(np.roots(below)), float(gain), delay, period)
+    return ReferenceModel(tuple(np.roots(above).tolist()), tuple(np.roots(below).tolist()), float(gain), delay, period)
 
 
 @dataclass(frozen=True, kw_only=True)
@@ -213,8 +210,7 @@ class ReferenceModelConfig(Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        ways = [self.bandwidth is not None, self.poles is not None, self.numerator is not None]
-        if sum(ways) != 1:
+        if sum(way is not None for way in (self.bandwidth, self.poles, self.numerator)) != 1:
             raise BadInputError(
                 "reference model: must have exactly one of bandwidth, poles, numerator (with denominator)"
             )
@@ -229,18 +225,17 @@ class ReferenceModelConfig(Config):
             return from_bandwidth(self.bandwidth, self.order, period, delay=self.delay)
         if self.poles is not None:
             return from_poles([_pole(p) for p in self.poles], period, delay=self.delay)
+        numerator, denominator = self.numerator or [], self.denominator or []
         if self.discrete:
-            denominator = [*(self.denominator or []), *[0.0] * _extra(self.delay)]
-            return from_discrete(self.numerator or [], denominator, period)
-        return from_continuous(self.numerator or [], self.denominator or [], period, delay=self.delay)
+            return from_discrete(numerator, [*denominator, *[0.0] * _extra(self.delay)], period)
+        return from_continuous(numerator, denominator, period, delay=self.delay)
 
 
-def _pole(value: Any) -> complex:
-    if isinstance(value, list):
-        if len(value) != 2:
-            raise invalid("poles", value, "a number, or [real part, imaginary part]")
-        return complex(*value)
-    return complex(value)
+def _pole(value: float | list[float]) -> complex:
+    parts = value if isinstance(value, list) else [value, 0.0]
+    if len(parts) != 2:
+        raise invalid("poles", value, "a number, or [real part, imaginary part]")
+    return complex(*parts)
 
 
 def _extra(delay: int) -> int:
@@ -249,7 +244,7 @@ def _extra(delay: int) -> int:
     return delay
 
 
-def _coefficients(name: str, values: ArrayLike) -> NDArray[np.float64]:
+def _coefficients(name: str, values: ArrayLike) -> Array:
     try:
         array = np.atleast_1d(np.asarray(values, dtype=float))
     except (TypeError, ValueError):
@@ -259,11 +254,7 @@ def _coefficients(name: str, values: ArrayLike) -> NDArray[np.float64]:
     return array
 
 
-def _roots(values: NDArray[Any]) -> tuple[complex, ...]:
-    return tuple(complex(v) for v in values)
-
-
-def _held(poles: NDArray[Any], numerator: NDArray[np.float64], period: float, delay: int) -> ReferenceModel:
+def _held(poles: NDArray[Any], numerator: Array, period: float, delay: int) -> ReferenceModel:
     """A continuous model numerator/prod(s - p), strictly proper, behind a zero-order hold."""
     check("period", period, "positive")
     if not np.isfinite(poles).all() or (poles.real >= 0).any():
@@ -274,13 +265,10 @@ def _held(poles: NDArray[Any], numerator: NDArray[np.float64], period: float, de
     order = poles.size
     above = numerator * period ** np.arange(order - numerator.size + 1, order + 1)
     # Companion form with the input as a further, constant state: its exponential is the sampled system.
-    system = np.zeros((order + 1, order + 1))
-    system[: order - 1, 1:order] = np.eye(order - 1)
+    system = np.eye(order + 1, k=1)
     system[order - 1, :order] = -below.real[:0:-1]
-    system[order - 1, order] = 1.0
     step = expm(system)
-    row = np.zeros(order)
-    row[: above.size] = above[::-1]
+    row = np.pad(above[::-1], (0, order - above.size))
     state, pulses = step[:order, order], np.empty(order)
     for k in range(order):
         pulses[k] = row @ state
@@ -291,6 +279,5 @@ def _held(poles: NDArray[Any], numerator: NDArray[np.float64], period: float, de
     zeros = np.roots(over)
     scale = np.prod(1 - sampled).real / np.prod(1 - zeros).real
     gain = (numerator[-1] / np.prod(-poles).real) * scale if numerator[-1] else over[0]
-    return ReferenceModel(
-        _roots(zeros), _roots(sampled), float(gain), 1 + (order - 1 - zeros.size) + _extra(delay), period
-    )
+    late = order - zeros.size + _extra(delay)
+    return ReferenceModel(tuple(zeros.tolist()), tuple(sampled.tolist()), float(gain), late, period)

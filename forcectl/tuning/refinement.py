@@ -42,7 +42,8 @@ def nearest_gains(plant: IdentifiedPlant, basis: ControllerBasis, start: Array, 
         # The integral gain alone that reaches the reference in the time of the model.
         integral = basis.names.index("K_I")
         lag = max(float(np.sum(1 - wanted)), 1.0) * basis.period
-        unit = float(basis.response(np.eye(basis.size)[integral], np.ones(1))[0])  # what it adds in a sample
+        over, under = basis.filters[integral]
+        unit = over[0] / under[0]  # what it adds in a sample
         starts.append(np.eye(basis.size)[integral] * basis.period / (lag * plant.static_gain * unit))
     found += [_descend(plant, basis, np.asarray(first, dtype=float), wanted) for first in starts]
     return min(found, key=lambda pair: pair[0])[1]

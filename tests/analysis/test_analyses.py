@@ -9,16 +9,18 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from forcectl.analysis.force_estimation import ForceAnalysis, stretches
-from forcectl.analysis.friction_identification import FrictionAnalysis, friction_metrics
+from forcectl.analysis.friction_identification import FrictionAnalysis, friction_figure, friction_metrics
 from forcectl.analysis.motion_metrics import FORCE_METRICS, FRICTION_METRICS, is_motion_metric, joint_metrics
 from forcectl.diagrams.model import Setting
 from forcectl.errors import BadInputError
 from forcectl.figures.motion import motion_figures, one_variant
-from forcectl.plant.drives.joint_friction import JointFriction, mean_features
+from forcectl.plant.drives.joint_friction import JointFriction, friction_torque, mean_features
 from forcectl.plant.plant_model import PlantModel
 from forcectl.runs.logs import stack
+from forcectl.tuning.friction_identification import identify_friction
 from tests.examples import stations
 from tests.examples.joint_interface_runs import describe
 
@@ -170,6 +172,22 @@ def test_friction_is_found_where_the_log_holds_it(monkeypatch):
     assert found["left_joint_1.coulomb_Nm"] == pytest.approx(2.0, rel=1e-4)
     assert all(is_motion_metric(name) for name in found)
     assert set(FrictionAnalysis(slowest=0.02).figures(log, exact, "T")) == {"friction_left"}
+
+
+def test_the_figure_of_friction_shows_what_was_recorded_and_the_model():
+    t = TICK * np.arange(400)[:, None]
+    speed = np.array([1.5, 3.0]) * np.sin(np.array([3.0, 5.0]) * t)
+    true = JointFriction(2, coulomb=[2.0, 0.5], viscous_forward=[1.0, 0.3], offset=[0.3, -0.8])
+    fit = identify_friction(speed, speed, friction_torque(speed, true))
+    figure = friction_figure(fit, {"axis of test": 1})
+    FigureCanvasAgg(figure).draw()
+    axes = figure.axes[0]
+    assert axes.get_title(loc="left") == "axis of test"
+    recorded, line = axes.lines
+    np.testing.assert_array_equal(recorded.get_ydata(), fit.torque[:, 1])
+    assert line.get_ydata()[-1] == pytest.approx(-0.8 + 0.5 + 0.3 * line.get_xdata()[-1])
+    with pytest.raises(BadInputError, match="joint = 2"):
+        friction_figure(fit, {"none": 2})
 
 
 def test_a_run_that_excites_nothing_has_no_friction_metrics():

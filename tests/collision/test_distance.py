@@ -18,7 +18,7 @@ from tests.examples.collision_world import Posture, World
 
 MODEL = RobotModel.load("yumi", "yumi_gripper")
 SHAPES = RobotShapes.load("yumi", "yumi_gripper")
-HOME = MODEL.positions(MODEL.create_context())
+HOME = MODEL.parameters.default_posture
 OBSTACLES = [
     Obstacle(Sphere(0.08), RigidTransform([0.45, 0.1, 0.3]), "ball"),
     Obstacle(Capsule(0.05, 0.4), RigidTransform(RollPitchYaw(0.4, 0.8, 0.0), [0.4, -0.2, 0.5]), "bar"),
@@ -190,7 +190,7 @@ def test_a_posture_that_is_no_number_gives_rows_that_are_none() -> None:
 def test_balls_inside_a_box_are_sent_out_by_the_nearest_face() -> None:
     x, y, z = MODEL.tip_position(MODEL.create_context())
     crate = Obstacle(Box(0.4, 0.4, 0.4), RigidTransform([x, y, z + 0.17]))
-    constraint = LinkDistance(SHAPES.against([crate], ["left"]), rows=1)
+    constraint = LinkDistance(SHAPES.against([crate]), rows=1)
     deep, _, row, bias = at(constraint, HOME, np.zeros(14))
     assert deep[0] > 0.03
     assert np.isfinite(row).all()

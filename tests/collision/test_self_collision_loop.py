@@ -47,17 +47,18 @@ def at_random(seed: int) -> Wish:
 def towards(seed: int, goal: np.ndarray | None = None) -> Wish:
     """Both tools at full speed towards each other, or towards a place, with joints turning at random besides."""
     rng = np.random.default_rng(seed)
-    tips = SHAPES.tree.frames([arm.tcp_frame for arm in SHAPES.parts.arms.values()])
+    tips, context = [arm.tcp_frame for arm in MODEL.parts.arms.values()], MODEL.create_context()
     aside, turn = np.zeros(3), np.zeros(N)
 
     def wish(tick: int, motion: Posture) -> np.ndarray:
         nonlocal aside, turn
         if tick % 100 == 0:
             aside, turn = 0.1 * rng.normal(size=3), 0.3 * LIMITS.velocity * rng.normal(size=N)
-        found = SHAPES.tree.at(motion.q, motion.v).of(tips)
-        left, right = found.poses[:, :3, 3]
+        MODEL.set_positions(context, motion.q)
+        left, right = (tip.CalcPoseInWorld(context).translation() for tip in tips)
+        jacobian = np.vstack([MODEL.jacobian_of(context, tip)[3:] for tip in tips])
         way = [right - left + aside, left - right - aside] if goal is None else [goal - left, goal - right]
-        wanted = np.linalg.lstsq(found.jacobians[:, 3:].reshape(6, N), 5 * np.concatenate(way), rcond=1e-2)[0] + turn
+        wanted = np.linalg.lstsq(jacobian, 5 * np.concatenate(way), rcond=1e-2)[0] + turn
         return np.clip(wanted, -LIMITS.velocity, LIMITS.velocity)
 
     return wish
@@ -65,7 +66,7 @@ def towards(seed: int, goal: np.ndarray | None = None) -> Wish:
 
 def drive(wish: Wish, ticks: int, *constraints: LinkDistance) -> tuple[float, np.ndarray]:
     """The largest y of all ticks [m], and the postures."""
-    motion = Posture(MODEL.positions(MODEL.create_context()), np.zeros(N))
+    motion = Posture(MODEL.parameters.default_posture, np.zeros(N))
     together = ConstraintSet(constraints, LIMITS, motion, PERIOD, -1.0)  # type: ignore[arg-type]
     program = QuadraticProgram(N, together.size, slack_weight=together.slack_weights)
     unforeseen, worst, postures = np.zeros(together.foreseen_size), -np.inf, []

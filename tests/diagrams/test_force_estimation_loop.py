@@ -17,7 +17,7 @@ from forcectl.estimation.momentum_observer import residual_step
 from forcectl.motion.joint_path import DitherConfig, JointExcitationConfig, JointMovesConfig
 from forcectl.motion.loads import LoadConfig
 from forcectl.plant.drives.joint_friction import friction_threshold
-from forcectl.plant.sensors.reading_fault import ReadingFaultConfig
+from forcectl.plant.sensors.joint_sensors import ReadingFaultConfig
 from forcectl.robot.model import RobotModel
 from tests.examples.motion_runs import DIRECTIONS, motion_loop, postures, run, six_loads, static_means
 
@@ -56,11 +56,11 @@ def test_with_wrong_friction_the_estimate_stays_within_the_bound_of_the_threshol
     estimator = ForceEstimatorConfig(friction_scale=factor, threshold_move=0.5, threshold_still=0.5)
     load = LoadConfig(start=0.6, hold=1.0, wrenches=[[0, 0, 0, 6.0, -3.0, 8.0]])
     loop = motion_loop(name, tool, DITHER, estimator, [load])
-    log, coulomb = run(loop, 1.6), loop.model.friction.coulomb
+    log, coulomb = run(loop, 1.6), loop.setting.model.friction.coulomb
     threshold = friction_threshold(log["joint_velocity"], 0.5 * coulomb, 0.5 * coulomb)
     shown, late = [np.zeros(7)], np.zeros(7)
     for torque in log["external_torque"][1:]:
-        late = late + (1 - np.exp(-0.004 * loop.model.velocity_bandwidth)) * (torque - late)
+        late = late + (1 - np.exp(-0.004 * loop.setting.model.velocity_bandwidth)) * (torque - late)
         shown.append(residual_step(shown[-1], late, 25.0, 0.004))
     error = np.abs(log["estimated_torque"] - np.array(shown))
     widest = np.array([threshold[max(0, k - 50) : k + 1].max(axis=0) for k in range(len(threshold))])
@@ -76,10 +76,10 @@ def test_in_fast_free_motion_little_is_felt(robot):
     excitation = JointExcitationConfig(speed_shares=[0.6], duration=2.5)
     log = run(loop := motion_loop(name, tool, excitation, ForceEstimatorConfig()), 2.5)
     late = log["time"] > 0.3
-    assert np.max(np.abs(log["joint_velocity"]) / loop.model.robot.limits.velocity) > 0.25
-    assert np.max(np.abs(log["residual"][late]) / loop.model.friction.coulomb) < 0.4
+    assert np.max(np.abs(log["joint_velocity"]) / loop.setting.model.robot.limits.velocity) > 0.25
+    assert np.max(np.abs(log["residual"][late]) / loop.setting.model.friction.coulomb) < 0.4
     rms = np.sqrt(np.mean(log["residual"][late] ** 2, axis=0))
-    assert np.max(rms / loop.model.friction.coulomb) < 0.06
+    assert np.max(rms / loop.setting.model.friction.coulomb) < 0.06
 
 
 @pytest.mark.slow

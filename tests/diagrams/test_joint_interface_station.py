@@ -11,7 +11,7 @@ from forcectl.diagrams.mechanics.assembly import STATION_INPUTS
 from forcectl.diagrams.model import plant_model
 from forcectl.errors import BadInputError
 from forcectl.plant.contact.obstacle import ObstacleConfig
-from forcectl.plant.sensors.reading_fault import ReadingFaultConfig
+from forcectl.plant.sensors.joint_sensors import ReadingFaultConfig
 from forcectl.testing import assert_memory_released
 from tests.examples.joint_interface_runs import INTERFACE_OUTPUTS, TICK, describe, run, whole_robot
 from tests.examples.robot_folders import write_planar_robot

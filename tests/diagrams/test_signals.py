@@ -102,8 +102,8 @@ def test_a_projection_is_the_force_along_the_normal():
     projection = loop.diagram.GetSubsystemByName("measured_force_projection")
     gain = projection.D()
     assert gain.shape == (2, 12)
-    np.testing.assert_allclose(gain[0, 3:6], loop.model.normals[0])
-    np.testing.assert_allclose(gain[1, 9:12], loop.model.normals[1])
+    np.testing.assert_allclose(gain[0, 3:6], loop.setting.model.normals[0])
+    np.testing.assert_allclose(gain[1, 9:12], loop.setting.model.normals[1])
     assert np.count_nonzero(gain) == 2
 
 

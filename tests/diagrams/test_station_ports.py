@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from pathlib import Path
 
 import numpy as np
@@ -14,6 +15,7 @@ from forcectl.diagrams.loop import Loop
 from forcectl.diagrams.mechanics.assembly import STATION_INPUTS
 from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig, build_station
 from forcectl.diagrams.workcell import describe
+from forcectl.doctor import Report
 from forcectl.errors import BadInputError
 from forcectl.force.adaptive_integral import AdaptiveIntegralConfig
 from forcectl.force.integral import IntegralConfig
@@ -27,7 +29,6 @@ from forcectl.testing import (
     assert_same_after_reset_and_clone,
     run_diagram,
 )
-from forcectl.testing.plugin import CheckDiagram
 from tests.examples.robot_folders import CONTROL, write_planar_robot
 from tests.examples.station_runs import PERIOD, SENSOR, quiet_sensor
 from tests.examples.stations import pressing
@@ -118,7 +119,7 @@ def test_controller_acts_at_once_on_force_reference_and_free_motion_only(fidelit
 @every_fidelity
 @pytest.mark.parametrize("controller", CONTROLLERS, ids=lambda c: type(c).__name__)
 def test_doctor_finds_nothing_wrong_with_a_closed_loop(
-    check_diagram: CheckDiagram, fidelity: str, controller: object
+    check_diagram: Callable[..., Report], fidelity: str, controller: object
 ) -> None:
     report = check_diagram(build_loop(fidelity, controller).diagram)
     # The tick's force makes the tick's command: the controller adds no sample of its own.

@@ -43,7 +43,7 @@ def in_contact(diagram, latest=3.0, force="contact_force"):
     """A context of the diagram at the first time at which its contact force is 1 N, and at `latest` otherwise."""
     wiring = Wiring(diagram)
     (port,) = find_outputs(wiring, force)
-    block, output = wiring.systems[port.system], wiring.output_port(port)
+    block, output = wiring.systems[port.system], wiring.port(port)
     simulator = Simulator(diagram)
 
     def look(context):

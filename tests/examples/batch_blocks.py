@@ -20,7 +20,7 @@ from forcectl.framework.batch import BatchBlock
 from forcectl.motion.trajectory_generator import TrajectoryGenerator
 from forcectl.motion.velocity_generator import VelocityGenerator
 from forcectl.plant.contact.compliant_contact import CompliantContact
-from forcectl.plant.contact.contact_monitor import ContactMonitorCore
+from forcectl.plant.contact.contact_monitor import ContactMonitor
 from forcectl.plant.drives.joint_impedance import JointImpedance
 from forcectl.plant.drives.servo import ServoCore
 from forcectl.plant.sensors.force_sensor import ForceDigitiser
@@ -217,5 +217,5 @@ BATCH_BLOCKS: dict[type[BatchBlock], tuple[Callable[..., BatchBlock], dict[str, 
         {"velocity_limit": POSITIVE, "acceleration_limit": POSITIVE, "jerk_limit": POSITIVE},
     ),
     VelocityGenerator: (velocity_generator, {"velocity_limit": POSITIVE, "acceleration_limit": POSITIVE}),
-    ContactMonitorCore: (lambda size=2, **changed: ContactMonitorCore(size, **changed), {}),
+    ContactMonitor: (lambda size=2, **changed: ContactMonitor(size, **changed), {}),
 }

@@ -19,17 +19,17 @@ from forcectl.force.invariance.force_law import InvarianceForceLaw
 from forcectl.force.invariance.fourth_degree import FourthDegreeForceLaw
 from forcectl.force.kinematic_inversion import ConstantKinematicInversion, KinematicInversion
 from forcectl.motion.references import Reference, held_trajectory
-from forcectl.plant.compliance import RobotCompliance
 from forcectl.plant.contact.compliant_contact import CompliantContact, LinearContact
-from forcectl.plant.contact.contact_monitor import ContactMonitor, ContactMonitorCore
+from forcectl.plant.contact.contact_monitor import ContactMonitor
 from forcectl.plant.contact.tip_contact import TipContact
 from forcectl.plant.drives.drive import Drive
 from forcectl.plant.drives.position_loop import PositionLoop
-from forcectl.plant.drives.servo import Servo, ServoCore
-from forcectl.plant.sensors.force_sensor import ForceDigitiser, ForceSensor
+from forcectl.plant.drives.servo import Servo, ServoCore, ServoGains
+from forcectl.plant.sensors.force_sensor import ForceDigitiser, ForceSensor, sensor_filter
 from forcectl.plant.sensors.wrist_sensor import Electronics, WristSensor
 from forcectl.plant.tip_kinematics import ForceToWrench, LinkPosition, TipDisplacement
-from forcectl.robot.model import RobotModel, add_robot
+from forcectl.robot.model import RobotModel
+from forcectl.robot.parts import add_robot
 from forcectl.testing.runs import Input
 from tests.examples.block_example import Example, each
 from tests.examples.block_examples_estimation import ESTIMATION_EXAMPLES
@@ -82,9 +82,7 @@ def law() -> IntegralForceLaw:
 
 def adaptive() -> AdaptiveForceLaw:
     estimator = EnvironmentComplianceEstimator(2, initial_compliance=1e-4, robot_compliance=3e-5)
-    return AdaptiveForceLaw(
-        law(), estimator, filter_bandwidth=12.6, filter_damping_ratio=1.0, filter_delay_ticks=1, period=0.002
-    )
+    return AdaptiveForceLaw(law(), estimator, sensor_filter(estimator.size, 12.6, 1.0, 0.002, 1))
 
 
 def fourth_degree(**changed: object) -> FourthDegreeForceLaw:
@@ -96,11 +94,9 @@ def drive() -> Drive:
     return Drive(
         [2.0, 3.0],
         np.array([[1.0, 0.0], [-0.1, 1.0]]),
+        ServoGains(25.0, 200.0, 15.0),
         period=0.0005,
         substeps=2,
-        position_gain=25.0,
-        velocity_gain=200.0,
-        integral_gain=15.0,
         coulomb_friction=[5.0, 2.0],
         viscous_friction=[1.0, 0.5],
         initial_position=np.array([0.0, 0.0]),
@@ -124,7 +120,7 @@ def wrist_sensor() -> Diagram:
         "seed": 1,
         "period": 0.002,
     }
-    weld = parts.sensor_weld
+    weld = parts.first_arm.sensor_weld
     read = builder.AddSystem(WristSensor(plant, weld, weld, robot(), Z, START, electronics=electronics))
     builder.Connect(plant.get_reaction_forces_output_port(), read.GetInputPort("reaction_forces"))
     builder.ExportInput(read.GetInputPort("motor_position"), "motor_position")
@@ -165,11 +161,6 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
             each("contact_force", "displacement"),
             {"displacement": push},
         ),
-        Example(
-            lambda: CompliantContact(2, stiffness=5900, damping=50, compliance_port=True),
-            each("contact_force", "displacement", "robot_compliance"),
-            {"displacement": push, "robot_compliance": 3e-5},
-        ),
     ],
     LinearContact: [
         Example(
@@ -178,7 +169,6 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
             {"displacement": push},
         )
     ],
-    ContactMonitorCore: [Example(lambda: ContactMonitorCore(2), inputs={"contact_force": force})],
     ContactMonitor: [Example(lambda: ContactMonitor(2), inputs={"contact_force": lambda t: force(t) - 8})],
     Drive: [
         Example(
@@ -210,13 +200,6 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
     ],
     ServoCore: [Example(lambda: ServoCore(2, unit="m"), inputs={"reference": spectral})],
     Servo: [Example(lambda: Servo(ServoCore(2)), inputs={"reference": spectral}, periods={"period": 0.002})],
-    RobotCompliance: [
-        Example(
-            lambda: RobotCompliance(robot(), Z),
-            each("robot_compliance", "motor_position"),
-            {"motor_position": posture},
-        )
-    ],
     TipContact: [
         Example(
             lambda: TipContact(robot(), Z, START, robot().joint_stiffness, stiffness=5900, damping=50),

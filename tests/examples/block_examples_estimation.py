@@ -12,7 +12,7 @@ from pydrake.systems.framework import System
 
 from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.wrench import WrenchEstimator
-from forcectl.plant.drives.joint_friction import FrictionRest, JointFriction, StickingSpeed
+from forcectl.plant.drives.joint_friction import FrictionRest, JointFriction
 from forcectl.robot.momentum_model import MomentumModel
 from tests.examples.block_example import Example, each
 
@@ -106,13 +106,6 @@ ESTIMATION_EXAMPLES: dict[type[System], list[Example]] = {
             each("wrench", *WRENCH_INPUTS) | each("near_singular", *WRENCH_INPUTS),
             WRENCH_INPUTS,
         ),
-    ],
-    StickingSpeed: [
-        Example(
-            lambda: StickingSpeed(friction(), [0.01, 0.02]),
-            each("speed", "free_speed"),
-            {"free_speed": swing_speed},
-        )
     ],
     FrictionRest: [Example(friction_rest, each("generalized_force", "velocity"), {"velocity": swing_speed})],
 }

@@ -15,11 +15,13 @@ from forcectl.estimation.force_estimator import READINGS, ForceEstimator, ForceE
 from forcectl.motion.joint_path import JointPath, Move, Sines
 from forcectl.motion.loads import LoadConfig, Loads
 from forcectl.plant.drives.joint_friction import JointFriction
-from forcectl.plant.drives.joint_servo import JointServo, ReferenceHold, servo_gains
+from forcectl.plant.drives.joint_servo import JointServo, ReferenceHold
 from forcectl.plant.drives.motor_motion import MotorMotion
+from forcectl.plant.drives.servo import servo_gains
 from forcectl.plant.sensors.joint_sensors import JointSensors
 from forcectl.plant.tip_load import LoadTruth, TipLoad
-from forcectl.robot.model import RobotModel, RobotParts, add_robot
+from forcectl.robot.model import RobotModel
+from forcectl.robot.parts import RobotParts, add_robot
 from tests.examples.block_example import Example, each
 from tests.examples.block_examples_stations import ARM, arm_workcell
 
@@ -143,7 +145,7 @@ JOINT_INTERFACE_EXAMPLES: dict[type[System], list[Example]] = {
     JointServo: [
         Example(
             lambda: JointServo(
-                servo_gains([0.3, 0.1], 100.0, 1.0, 15.0), LIMIT, period=0.004, time_step=0.001, start=0.0
+                servo_gains(100.0, 1.0, 15.0), [0.3, 0.1], LIMIT, period=0.004, time_step=0.001, start=0.0
             ),
             each("motor_torque", "position", "velocity"),
             SERVO_INPUTS,

@@ -14,9 +14,8 @@ from pydrake.systems.framework import DiagramBuilder, System
 from forcectl.diagrams.drives.joint_interface import JointInterface
 from forcectl.diagrams.drives.motor_side import MotorSide
 from forcectl.diagrams.drives.position_drive import JointImpedanceDriveConfig, PositionDrive, PositionDriveConfig
-from forcectl.diagrams.fidelities.kinematic import KinematicStation
+from forcectl.diagrams.fidelities.light import LightStation
 from forcectl.diagrams.fidelities.multibody import MountingForces, MultibodyStation
-from forcectl.diagrams.fidelities.one_dimensional import OneDimensionalStation
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.mechanics.world import add_world
 from forcectl.diagrams.sensors import NormalForce, WristForce
@@ -174,12 +173,10 @@ ONE_DIMENSIONAL, KINEMATIC, MULTIBODY = (
 )
 
 STATION_EXAMPLES: dict[type[System], list[Example]] = {
-    OneDimensionalStation: [
+    LightStation: [
         example(ONE_DIMENSIONAL, PERIOD),
         example(lambda: describe(pressing(fidelity="OneDimensional", environment=uneven())), PERIOD),
         example(lambda: describe(pressing(fidelity="OneDimensional", environment=Foam())), PERIOD),
-    ],
-    KinematicStation: [
         example(KINEMATIC, POSTURE),
         example(lambda: describe(pressing(fidelity="Kinematic", environment=uneven())), POSTURE),
         example(lambda: describe(pressing(fidelity="Kinematic", environment=Foam())), PERIOD),

@@ -12,7 +12,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, CoulombFriction
 from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.collision.shapes import Obstacle
-from forcectl.robot.model import add_robot
+from forcectl.robot.parts import add_robot
 
 
 @dataclass(frozen=True)

@@ -3,10 +3,12 @@
 from __future__ import annotations
 
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import System
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import Context, System
 from pydrake.trajectories import PiecewisePolynomial
 
 from forcectl.motion.references import held_trajectory
@@ -34,6 +36,15 @@ def velocity_generator(size: int = 2, **changed: Any) -> VelocityGenerator:
 @cache
 def two_arms() -> RobotModel:
     return RobotModel.load("yumi", tool=None)
+
+
+def frame_motion(robot: RobotModel, context: Context, frame: Frame, v: np.ndarray) -> SimpleNamespace:
+    """The motion of any frame in the world at the state in `context`, whose speeds are v."""
+    X, J = frame.CalcPoseInWorld(context), robot.jacobian_of(context, frame)
+    bias = robot.bias_acceleration_of(context, frame)
+    return SimpleNamespace(
+        position=X.translation(), rotation=X.rotation().matrix(), jacobian=J, velocity=J @ v, bias=bias
+    )
 
 
 def relative_pose() -> RelativePose:

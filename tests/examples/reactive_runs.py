@@ -34,9 +34,9 @@ class Reach:
 class Reacher:
     """Runs one diagram again and again, each time from its start, until the target is reached or given up."""
 
-    def __init__(self, controller: ReactiveController | None = None, **linear_and_angular: Any):
+    def __init__(self, controller: ReactiveController | None = None):
         self.controller = reactive_controller() if controller is None else controller
-        self.diagram = ReactiveMotion(self.controller, **linear_and_angular)
+        self.diagram = ReactiveMotion(self.controller)
         self._context = two_arms().create_context()
 
     def motion(self, q: np.ndarray) -> ArmsMotion:

@@ -20,6 +20,7 @@ from forcectl.force.invariance.correction import AdaptiveInvarianceControlConfig
 from forcectl.force.invariance.force_law import AdaptiveInvarianceConfig, InvarianceForceLaw
 from forcectl.motion.references import SequenceConfig
 from forcectl.plant.plant_model import PlantModel
+from forcectl.plant.sensors.force_sensor import sensor_filter
 from forcectl.qp.quadratic_program import Status
 from forcectl.testing import run_diagram
 
@@ -33,8 +34,8 @@ def force(config, duration: float, size: int = 1, **loop) -> np.ndarray:
     built = build_one_dimensional_loop(OneDimensionalLoopConfig(controller=config, **loop), size=size)
     simulator = Simulator(built.diagram)
     simulator.AdvanceTo(duration)
-    rows = built.log.signals["measured_force"].rows
-    return built.log.find(simulator.get_context()).data()[rows]
+    rows = built.signals["measured_force"].rows
+    return built.find_log(simulator.get_context()).data()[rows]
 
 
 @every_law
@@ -59,9 +60,7 @@ def test_batch_elements_do_not_see_each_other(config):
 
 def adaptive(law) -> AdaptiveForceLaw:
     estimator = EnvironmentComplianceEstimator(1, initial_compliance=1e-4, robot_compliance=3e-5)
-    return AdaptiveForceLaw(
-        law, estimator, filter_bandwidth=12.6, filter_damping_ratio=1.0, filter_delay_ticks=0, period=PERIOD
-    )
+    return AdaptiveForceLaw(law, estimator, sensor_filter(estimator.size, 12.6, 1.0, PERIOD, 0))
 
 
 @pytest.mark.parametrize(

@@ -24,7 +24,7 @@ from forcectl.plant.contact.compliant_contact import CompliantContact, LinearCon
 from forcectl.plant.contact.contact_monitor import ContactMonitor
 from forcectl.plant.drives.position_loop import PositionLoop
 from forcectl.plant.drives.servo import Servo, ServoCore
-from forcectl.plant.sensors.force_sensor import ForceDigitiser, ForceSensor
+from forcectl.plant.sensors.force_sensor import ForceDigitiser, ForceSensor, sensor_filter
 from forcectl.testing import assert_memory_released, assert_same_after_reset_and_clone, run_diagram
 
 Values = Mapping[str, Any]
@@ -44,10 +44,7 @@ def adaptive(n: int, p: Values) -> AdaptiveForceLaw:
     return AdaptiveForceLaw(
         IntegralForceLaw(n, integral_gain=p["gain"], dead_zone=p["zone"]),
         estimator,
-        filter_bandwidth=p["bandwidth"],
-        filter_damping_ratio=p["damping"],
-        filter_delay_ticks=2,
-        period=PERIOD,
+        sensor_filter(n, p["bandwidth"], p["damping"], PERIOD, 2),
     )
 
 
@@ -86,10 +83,6 @@ BLOCKS: dict[str, tuple[Make, dict[str, tuple[int, float]]]] = {
     "damped contact": (
         lambda n, p: CompliantContact(n, stiffness=p["stiffness"], damping=p["rate"], robot_compliance=p["robot"]),
         {"displacement": (1, 2e-3)},
-    ),
-    "contact with a port": (
-        lambda n, p: CompliantContact(n, stiffness=p["stiffness"], damping=p["rate"], compliance_port=True),
-        {"displacement": (1, 2e-3), "robot_compliance": (1, -1e-5)},
     ),
     "linear contact": (
         lambda n, p: LinearContact(n, stiffness=p["stiffness"], robot_compliance=p["robot"]),

@@ -21,9 +21,8 @@ from pydrake.systems.framework import Context, Diagram, EventStatus, InputPort, 
 
 import forcectl
 from forcectl.conventions import SIGNALS, unit_of
-from forcectl.diagrams.fidelities.kinematic import KinematicStation
+from forcectl.diagrams.fidelities.light import LightStation
 from forcectl.diagrams.fidelities.multibody import MultibodyStation
-from forcectl.diagrams.fidelities.one_dimensional import OneDimensionalStation
 from forcectl.diagrams.mechanics.assembly import STATION_INPUTS
 from forcectl.errors import BadInputError
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
@@ -47,7 +46,7 @@ CASES = [
     for kind, examples in EXAMPLES.items()
     for i, example in enumerate(examples)
 ]
-STATIONS = (OneDimensionalStation, KinematicStation, MultibodyStation)
+STATIONS = (LightStation, MultibodyStation)
 
 
 BASES = {ForceLaw, BatchBlock, SampledBatch, SampledBlock, SensorElectronics}

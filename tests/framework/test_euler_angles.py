@@ -152,7 +152,7 @@ class Tool:
         robot.set_velocities(context, v)
         X = robot.pose(context)
         self.position, self.rotation = X.translation(), X.rotation().matrix()
-        self.jacobian, self.bias = robot.jacobian(context), robot.bias_acceleration(context)
+        self.jacobian, self.bias = robot.jacobian(context), robot.bias_acceleration_of(context, robot.tcp_frame)
         self.velocity = self.jacobian @ v
 
 

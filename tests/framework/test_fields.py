@@ -137,6 +137,10 @@ def test_a_field_says_what_it_is():
         ("above 0 and below 1", Interval(0.0, 1.0, True, True)),
         ("from -1e-3 to 2", Interval(-1e-3, 2.0)),
         ("positive, at most 86400", Interval(0.0, 86400.0, True)),
+        ("positive and finite", Interval(0.0, math.inf, True, True)),
+        ("negative and finite", Interval(-math.inf, 0.0, True, True)),
+        ("finite", Interval(-math.inf, math.inf, True, True)),
+        ("a number", Interval()),
     ],
 )
 def test_bounds_in_words_are_an_interval(bounds, expected):

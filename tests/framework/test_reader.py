@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from dataclasses import dataclass
 
 import numpy as np
@@ -18,6 +19,7 @@ class Part(Config):
     width: float = key(meaning="of it", unit="m", bounds="positive")
     height: float = key(meaning="of it", unit="m")
     name: str = key("x")
+    reach: float = key(4.0, bounds="positive or infinite")
 
 
 @dataclass(kw_only=True)
@@ -32,7 +34,7 @@ class Whole(Config):
 
 def read(text):
     tree = parse(text, "f.yaml")
-    return Reader(lambda dotted: place("f.yaml", tree.lines, dotted)).dataclass(Whole, tree, "")
+    return Reader(lambda dotted: place("f.yaml", tree.lines, dotted)).dataclass(Whole, tree)
 
 
 def refused(text):
@@ -57,9 +59,16 @@ def test_all_that_is_missing_is_told_at_once_with_its_meaning():
     )
 
 
+def test_a_number_may_be_infinite_where_its_bounds_say_so():
+    assert read("{needed: 1, part: {width: 1, height: 2, reach: .inf}}").part.reach == math.inf
+    assert refused("{needed: 1, part: {width: .inf, height: 2}}").endswith("part.width = inf: must be a finite number")
+
+
 def test_a_misspelt_key_is_told_before_what_is_missing_for_it():
     message = refused("needed: 1\npart:\n  witdh: 1\n  height: 2\n")
-    assert message == "f.yaml:3: part.witdh: unknown key 'witdh': did you mean 'width'? known: width, height, name"
+    assert (
+        message == "f.yaml:3: part.witdh: unknown key 'witdh': did you mean 'width'? known: width, height, name, reach"
+    )
 
 
 @pytest.mark.parametrize("values", ["3", "[1, a]", "[1, true]", "{a: 1}"])

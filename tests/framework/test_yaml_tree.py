@@ -9,7 +9,7 @@ from hypothesis import example, given
 from hypothesis import strategies as st
 
 from forcectl.errors import BadInputError
-from forcectl.framework.yaml_tree import Tagged, difference, dump, merge, nest, parse, place, tag_of
+from forcectl.framework.yaml_tree import Tagged, difference, dump, merge, nest, parse, place
 
 AWKWARD = "a1.e-+~<=:#'\"{}[],!&*%@`|>? \n\t\u00e9\u2028"
 scalars = (
@@ -58,7 +58,7 @@ def test_scalars_follow_yaml_1_2():
 
 def test_a_tag_may_stand_alone_or_before_a_mapping():
     tree = parse("{a: !Integral {integral_gain: 3}, b: !Step }", "f")
-    assert (tag_of(tree["a"]), tag_of(tree["b"]), tree["b"]) == ("Integral", "Step", {})
+    assert (tree["a"].tag, tree["b"].tag, tree["b"]) == ("Integral", "Step", {})
 
 
 @given(mappings)
@@ -98,7 +98,7 @@ def test_another_tag_replaces_the_same_tag_or_none_merges():
     assert merge(base, parse("{c: !B {y: 3}}", "f")) == {"c": {"y": 3}}
     merged = merge(base, parse("{c: {y: 3}}", "f"))
     assert merged == {"c": {"x": 1, "y": 3}}
-    assert tag_of(merged["c"]) == "A"
+    assert merged["c"].tag == "A"
     assert merge(base, parse("{c: !A {y: 3}}", "f")) == {"c": {"x": 1, "y": 3}}
 
 

@@ -1,53 +1,58 @@
 from __future__ import annotations
 
+import struct
+import subprocess
+import sys
+
 import pytest
 
 from forcectl.errors import BadInputError
-from forcectl.graph.export import FORMATS, Graph, block_graph, export, graph
+from forcectl.graph.export import FORMATS, format_of, graph
 from tests.examples.graph_diagrams import ForceLaw, force_loop, random_diagram
+
+STARTS = {
+    "dot": "digraph",
+    "html": "<!DOCTYPE html>",
+    "mermaid": "flowchart LR",
+    "pdf": b"%PDF-1.",
+    "png": b"\x89PNG\r\n\x1a\n",
+    "svg": "<svg",
+}
 
 
 def test_a_graph_shows_itself_in_a_notebook():
     shown = graph(force_loop())
-    assert shown._repr_svg_().startswith("<svg")
-    assert "<svg" in shown._repr_html_()
-    bundle = shown._repr_mimebundle_()
-    assert bundle["image/svg+xml"] == shown.to_svg()
-    assert bundle["text/plain"] == "<block diagram 'closed_loop': 4 blocks, 4 wires>"
+    assert shown._repr_svg_() == shown.render("svg")
+    assert shown.render("svg") in shown._repr_html_()
+    assert repr(shown) == "<block diagram 'closed_loop': 4 blocks, 4 wires>"
 
 
-def test_every_text_format_has_a_method():
-    shown = graph(force_loop())
-    assert shown.to_dot() == export(force_loop(), format="dot")
-    assert shown.to_mermaid() == export(force_loop(), format="mermaid")
-    assert shown.to_html() == export(force_loop(), format="html")
-    assert shown.to_svg() == export(force_loop())
+@pytest.mark.parametrize(("format", "start"), STARTS.items(), ids=STARTS)
+def test_every_format_is_written_and_returned(format, start, tmp_path):
+    path, shown = tmp_path / "file", graph(force_loop())
+    shown.save(path, format)
+    content = shown.render(format)
+    assert content.startswith(start)
+    assert path.read_bytes() == (content.encode() if isinstance(content, str) else content)
 
 
 @pytest.mark.parametrize("ending", ["svg", "html", "dot", "mmd"])
 def test_save_follows_the_file_name(ending, tmp_path):
-    path = tmp_path / f"loop.{ending}"
-    graph(force_loop()).save(path)
-    assert "force_law" in path.read_text(encoding="utf-8")
-    assert export(force_loop(), path) == path.read_text(encoding="utf-8")
-
-
-def test_the_format_wins_over_the_file_name(tmp_path):
-    path = tmp_path / ".partial-loop"
-    export(force_loop(), path, format="dot", depth=0)
-    assert path.read_text(encoding="utf-8").startswith("digraph")
+    path, shown = tmp_path / f"loop.{ending}", graph(force_loop())
+    shown.save(path)
+    assert path.read_text(encoding="utf-8") == shown.render(format_of(path))
 
 
 @pytest.mark.parametrize("format", ["dot", "mermaid", "svg"])
 def test_one_level_is_unfolded_unless_a_depth_is_given(format):
-    assert export(force_loop(), format=format) == export(force_loop(), format=format, depth=1)
-    assert "position_loop" not in export(force_loop(), format=format)
-    assert "position_loop" in export(force_loop(), format=format, depth=2)
-    assert export(force_loop(), format=format, depth=2) == export(force_loop(), format=format, depth=None)
+    assert graph(force_loop()).render(format) == graph(force_loop(), depth=1).render(format)
+    assert "position_loop" not in graph(force_loop()).render(format)
+    assert "position_loop" in graph(force_loop(), depth=2).render(format)
+    assert graph(force_loop(), depth=2).render(format) == graph(force_loop(), depth=None).render(format)
 
 
 def test_the_page_holds_all_levels_and_opens_at_the_first():
-    page = export(force_loop(), format="html")
+    page = graph(force_loop()).render("html")
     scene = page.partition('id="scene"')[2].partition("</svg>")[0]
     assert ">station<" in scene
     assert ">position_loop<" not in scene
@@ -55,30 +60,47 @@ def test_the_page_holds_all_levels_and_opens_at_the_first():
 
 
 def test_a_single_block_is_drawn_too():
-    assert "ForceLaw" in export(ForceLaw(), format="dot")
+    assert "ForceLaw" in graph(ForceLaw()).render("dot")
 
 
-@pytest.mark.parametrize("format", ["jpeg", "SVG", ""])
-def test_unknown_formats_are_refused_and_nothing_is_written(format, tmp_path):
-    path = tmp_path / "loop.svg"
-    if format:
-        with pytest.raises(BadInputError, match="unknown format"):
-            export(force_loop(), path, format=format)
-        assert not path.exists()
-    else:
-        with pytest.raises(BadInputError, match="unknown format"):
-            export(force_loop(), tmp_path / "loop")
+@pytest.mark.parametrize(("name", "format"), [("loop.svg", "jpeg"), ("loop.svg", "SVG"), ("loop", None)])
+def test_unknown_formats_are_refused_and_nothing_is_written(name, format, tmp_path):
+    with pytest.raises(BadInputError, match="unknown format"):
+        graph(force_loop()).save(tmp_path / name, format)
+    assert not (tmp_path / name).exists()
 
 
-def test_the_model_is_within_reach():
+def test_unknown_format_names_the_nearest():
+    with pytest.raises(BadInputError, match=r"unknown format 'pgn': did you mean 'png'\? known: dot, html"):
+        graph(force_loop()).render("pgn")
+
+
+def test_a_bitmap_has_two_pixels_per_pixel_of_the_svg():
     shown = graph(force_loop())
-    assert isinstance(shown, Graph)
-    assert shown.model == block_graph(force_loop())
-    assert tuple(sorted(FORMATS)) == FORMATS
+    size = [int(part) for part in shown.render("svg").split('"')[5:8:2]]
+    assert struct.unpack(">II", shown.render("png")[16:24]) == pytest.approx([2 * side for side in size], abs=2)
+
+
+def test_text_formats_do_not_wait_for_matplotlib():
+    script = (
+        "import sys; from tests.examples.graph_diagrams import force_loop; from forcectl.graph.export import graph\n"
+        "for format in ('dot', 'html', 'mermaid', 'svg'): graph(force_loop()).render(format)\n"
+        "print('matplotlib' in sys.modules)"
+    )
+    done = subprocess.run([sys.executable, "-c", script], capture_output=True, text=True, check=True)
+    assert done.stdout == "False\n"
+
+
+def test_formats_by_file_name():
+    names = ["a.svg", "a.HTML", "a.htm", "a.gv", "a.mmd", "a.b.png", "a.PDF"]
+    assert [format_of(name) for name in names] == ["svg", "html", "html", "dot", "mermaid", "png", "pdf"]
+    assert tuple(STARTS) == FORMATS
+    with pytest.raises(BadInputError, match="unknown format 'jpg'"):
+        format_of("a.jpg")
 
 
 def test_a_diagram_of_a_hundred_blocks_shows_them_all():
-    text = graph(random_diagram(100, 3), depth=1).to_svg()
+    text = graph(random_diagram(100, 3), depth=1).render("svg")
     assert text.count("data-path=") == 101
 
 
@@ -86,6 +108,6 @@ def test_drawing_changes_nothing():
     diagram = force_loop()
     context = diagram.CreateDefaultContext()
     before = context.get_discrete_state(0).value().copy()
-    graph(diagram, context=context).to_html()
+    graph(diagram, context=context).render("html")
     assert (context.get_discrete_state(0).value() == before).all()
     assert context.get_time() == 0.0

@@ -8,7 +8,7 @@ from pydrake.systems.framework import DiagramBuilder, LeafSystem
 from pydrake.systems.primitives import ConstantVectorSource, LogVectorOutput, Multiplexer, VectorLogSink, ZeroOrderHold
 
 from forcectl.errors import BadInputError
-from forcectl.graph.extract import block_graph
+from forcectl.graph.export import graph
 from forcectl.graph.model import Endpoint
 from tests.examples.graph_diagrams import ALL, ForceLaw, arm_with_controller, force_loop, odd_names, primitive_loop
 
@@ -25,18 +25,18 @@ def test_nodes_follow_the_depth():
         None: ["closed_loop", "station", *inside, "reference", "force_law"],
     }
     for depth, wanted in expected.items():
-        assert [block.name for block in block_graph(force_loop(), depth=depth).nodes] == wanted
-    assert block_graph(force_loop(), depth=0).edges == ()
-    assert block_graph(force_loop(), depth=2).nodes == block_graph(force_loop(), depth=None).nodes
-    assert block_graph(force_loop()).max_depth == 2
+        assert [block.name for block in graph(force_loop(), depth=depth).nodes] == wanted
+    assert graph(force_loop(), depth=0).edges == ()
+    assert graph(force_loop(), depth=2).nodes == graph(force_loop(), depth=None).nodes
+    assert graph(force_loop()).root.height == 2
 
 
 def test_wires_carry_size_and_unit_even_from_ports_without_a_unit():
-    edges = {(edge.source, edge.target): edge for edge in block_graph(force_loop()).edges}
+    edges = {(edge.source, edge.target): edge for edge in graph(force_loop()).edges}
     reference = edges[Endpoint("reference", "y0"), Endpoint("force_law", "desired_force")]
-    assert (reference.signal, reference.size, reference.unit) == ("1 · N", 1, "N")
+    assert (reference.signal, reference.size) == ("1 · N", 1)
     force = edges[Endpoint("station", "contact_force"), Endpoint("", "contact_force")]
-    assert force.unit == "N"
+    assert force.signal == "1 · N"
     assert len(edges) == 4
 
 
@@ -48,23 +48,23 @@ def test_units_of_a_block_override_the_table():
             super().__init__()
             self.DeclareVectorInputPort("current", 3)
 
-    graph = block_graph(Motor(), hide_unused=False)
-    assert graph.root.inputs[0].signal == "3 · A"
+    model = graph(Motor(), hide_unused=False)
+    assert model.root.inputs[0].signal == "3 · A"
 
 
 def test_loggers_are_hidden_but_what_they_record_keeps_its_port():
-    plain = block_graph(force_loop())
+    plain = graph(force_loop())
     assert "log" not in plain.by_path
     assert "contact_displacement" in names(plain.by_path["station"].outputs)
-    shown = block_graph(force_loop(), loggers=True)
+    shown = graph(force_loop(), loggers=True)
     assert "log" in shown.by_path
     assert Endpoint("log", "data") in {edge.target for edge in shown.edges}
 
 
 def test_unused_ports_are_hidden_by_default():
-    plant = block_graph(arm_with_controller()).by_path["plant"]
+    plant = graph(arm_with_controller()).by_path["plant"]
     assert set(names(plant.inputs)) == {"geometry_query", "actuation"}
-    everything = block_graph(arm_with_controller(), hide_unused=False).by_path["plant"]
+    everything = graph(arm_with_controller(), hide_unused=False).by_path["plant"]
     assert len(everything.outputs) > 10 > len(plant.outputs)
     connected = {port.name for port in everything.outputs if port.connected}
     assert connected == set(names(plant.outputs))
@@ -75,29 +75,29 @@ def test_what_is_unused_outside_is_left_out_inside():
     builder.AddNamedSystem("inner", primitive_loop())
     outer = builder.Build()
     outer.set_name("outer")
-    graph = block_graph(outer, depth=None)
-    assert graph.by_path["inner"].outputs == ()
-    assert all(edge.target.block != "inner" for edge in graph.edges)
+    model = graph(outer, depth=None)
+    assert model.by_path["inner"].outputs == ()
+    assert all(edge.target.block != "inner" for edge in model.edges)
 
 
 def test_states_sample_times_and_kinds():
-    graph = block_graph(force_loop(), depth=None)
-    law = graph.by_path["force_law"]
+    model = graph(force_loop(), depth=None)
+    law = model.by_path["force_law"]
     assert (law.kind, law.category, law.type_name) == ("leaf", "discrete", "ForceLaw")
     assert (law.period_text, law.states) == ("2 ms", (0, 1, 0))
-    sensor = graph.by_path["station/force_sensor"]
+    sensor = model.by_path["station/force_sensor"]
     assert (sensor.category, sensor.states) == ("continuous", (1, 0, 0))
-    assert graph.by_path["station"].category == "nested"
-    assert graph.by_path["station"].type_name == "Station"
-    assert graph.by_path["station/contact_stiffness"].category == "stateless"
-    arm = block_graph(arm_with_controller())
+    assert model.by_path["station"].category == "nested"
+    assert model.by_path["station"].type_name == "Station"
+    assert model.by_path["station/contact_stiffness"].category == "stateless"
+    arm = graph(arm_with_controller())
     assert arm.by_path["plant"].category == "multibody"
     assert arm.by_path["plant"].period_text == "1 ms"
 
 
 def test_direct_feedthrough_is_told_per_output():
-    graph = block_graph(odd_names(), depth=None)
-    block = graph.by_path['block "A" <1> & </script>']
+    model = graph(odd_names(), depth=None)
+    block = model.by_path['block "A" <1> & </script>']
     by_name = {port.name: port for port in block.outputs}
     assert by_name["list & dict"].feedthrough == ('in "a" <b>', "x|{y}")
     assert by_name["v"].feedthrough == ()
@@ -108,42 +108,42 @@ def test_parameters_come_from_the_context_with_documented_names():
     context = diagram.CreateDefaultContext()
     law = diagram.GetSubsystemByName("force_law")
     law.GetMyMutableContextFromRoot(context).get_mutable_numeric_parameter(0).SetAtIndex(0, 4.5)
-    given = block_graph(diagram, context=context).by_path["force_law"].parameters
+    given = graph(diagram, context=context).by_path["force_law"].parameters
     assert [(p.name, p.values) for p in given] == [("integral_gain", (4.5,)), ("compliance", (3.2e-5,))]
-    default = block_graph(diagram).by_path["force_law"].parameters
+    default = graph(diagram).by_path["force_law"].parameters
     assert default[0].values == (3.0,)
 
 
 def test_gains_and_limits_of_primitives_are_read():
-    graph = block_graph(force_loop(), depth=None)
-    gain = graph.by_path["station/contact_stiffness"].parameters
+    model = graph(force_loop(), depth=None)
+    gain = model.by_path["station/contact_stiffness"].parameters
     assert [(p.name, p.values) for p in gain] == [("gain", (-25000.0,))]
-    limits = graph.by_path["station/one_sided"].parameters
+    limits = model.by_path["station/one_sided"].parameters
     assert [p.values for p in limits] == [(0.0,), (1e4,)]
-    matrices = {p.name: p.values for p in graph.by_path["station/force_sensor"].parameters}
+    matrices = {p.name: p.values for p in model.by_path["station/force_sensor"].parameters}
     assert matrices["A"] == (-300.0,)
 
 
 def test_unnamed_systems_are_numbered_by_type_and_abstract_ports_tell_their_type():
-    graph = block_graph(odd_names())
-    assert [block.name for block in graph.nodes[1:]] == ['block "A" <1> & </script>', "Odd 1", "Odd 2"]
-    assert graph.root.name == "Diagram"
-    assert graph.nodes[2].automatic_name
-    assert {edge.signal for edge in graph.edges} == {"object", "3"}
-    query = [edge for edge in block_graph(arm_with_controller()).edges if edge.source.port == "query"]
+    model = graph(odd_names())
+    assert [block.name for block in model.nodes[1:]] == ['block "A" <1> & </script>', "Odd 1", "Odd 2"]
+    assert model.root.name == "Diagram"
+    assert model.nodes[2].automatic_name
+    assert {edge.signal for edge in model.edges} == {"object", "3"}
+    query = [edge for edge in graph(arm_with_controller()).edges if edge.source.port == "query"]
     assert [edge.signal for edge in query] == ["QueryObject"]
 
 
 def test_a_single_leaf_is_a_graph_of_one_box():
-    graph = block_graph(ForceLaw(), depth=None)
-    assert [block.name for block in graph.nodes] == ["ForceLaw"]
-    assert names(graph.root.inputs) == ["desired_force", "measured_force"]
-    assert names(graph.root.outputs) == ["displacement_command"]
+    model = graph(ForceLaw(), depth=None)
+    assert [block.name for block in model.nodes] == ["ForceLaw"]
+    assert names(model.root.inputs) == ["desired_force", "measured_force"]
+    assert names(model.root.outputs) == ["displacement_command"]
 
 
 @pytest.mark.parametrize("make", ALL.values(), ids=ALL)
 def test_two_diagrams_built_alike_give_equal_graphs(make):
-    assert block_graph(make(), depth=None) == block_graph(make(), depth=None)
+    assert graph(make(), depth=None) == graph(make(), depth=None)
 
 
 def test_the_graph_does_not_keep_the_diagram_alive():
@@ -155,11 +155,11 @@ def test_the_graph_does_not_keep_the_diagram_alive():
     builder.Connect(hold.get_output_port(), log.get_input_port())
     diagram = builder.Build()
     watched = weakref.ref(diagram)
-    graph = block_graph(diagram)
+    model = graph(diagram)
     del builder, hold, log, diagram
     gc.collect()
     assert watched() is None
-    assert graph.nodes[1].name == "kept"
+    assert model.nodes[1].name == "kept"
 
 
 def test_a_multiplexer_that_only_gathers_for_a_log_is_hidden_with_it():
@@ -170,16 +170,16 @@ def test_a_multiplexer_that_only_gathers_for_a_log_is_hidden_with_it():
         builder.Connect(source.get_output_port(), mux.get_input_port(i))
     LogVectorOutput(mux.get_output_port(), builder)
     diagram = builder.Build()
-    assert [block.name for block in block_graph(diagram).nodes] == ["Diagram", "source"]
-    assert len(block_graph(diagram, loggers=True).nodes) == 4
+    assert [block.name for block in graph(diagram).nodes] == ["Diagram", "source"]
+    assert len(graph(diagram, loggers=True).nodes) == 4
 
 
 @pytest.mark.parametrize("depth", [-1, 1.5, True, "2"])
 def test_bad_depth_is_refused_by_name(depth):
     with pytest.raises(BadInputError, match=r"^depth = .*whole number"):
-        block_graph(force_loop(), depth=depth)
+        graph(force_loop(), depth=depth)
 
 
 def test_something_that_is_no_diagram_is_refused():
     with pytest.raises(BadInputError, match="diagram = 'loop'"):
-        block_graph("loop")
+        graph("loop")

@@ -8,7 +8,7 @@ from pydrake.systems.primitives import Adder, Gain, Integrator
 
 import tests.examples.graph_diagrams as diagrams
 from forcectl.doctor import examine
-from forcectl.graph.extract import block_graph
+from forcectl.graph.export import graph
 from forcectl.inspect.names import block_names, type_name
 from forcectl.inspect.wiring import PortAddress, Wiring
 
@@ -43,10 +43,10 @@ def test_type_names_have_no_template_arguments():
 def test_the_doctor_and_the_block_diagram_use_the_same_paths(make):
     system = make()
     wiring = Wiring(system)
-    graph = block_graph(system, depth=None, loggers=True)
-    leaves = {block.path for block in graph.root.walk() if block.kind == "leaf"}
+    model = graph(system, depth=None, loggers=True)
+    leaves = {block.path for block in model.root.walk() if block.kind == "leaf"}
     assert leaves == {path for path, _ in wiring.leaves()}
-    assert set(graph.by_path) == {path for path in wiring.systems if path or graph.root.kind == "diagram"}
+    assert set(model.by_path) == {path for path in wiring.systems if path or model.root.kind == "diagram"}
     report = examine(system)
     assert {event.block for event in report.events} <= leaves
     assert {row.block for row in report.feedthrough} <= leaves
@@ -63,5 +63,5 @@ def test_a_slash_in_a_name_makes_no_second_owner_of_a_path():
     builder.Connect(diagram.get_output_port(), other.get_input_port())
     wiring = Wiring(builder.Build())
     assert [path for path, _ in wiring.leaves()] == ["a/b", "a/b 2"]
-    assert wiring.source(PortAddress("a/b", 0)) == PortAddress("a/b 2", 0)
+    assert wiring.source(PortAddress("input", "a/b", 0)) == PortAddress("output", "a/b 2", 0)
     assert (wiring.parents("a/b"), wiring.parents("a/b 2")) == ([], ["a"])

@@ -13,13 +13,12 @@ from tests.examples.graph_diagrams import arm_with_controller, force_loop
 
 def test_a_port_is_found_by_its_name_its_path_or_both_in_a_pair():
     wiring = Wiring(force_loop())
-    sensor = PortAddress("station/force_sensor", 0)
+    sensor = PortAddress("output", "station/force_sensor", 0)
     for name in ("measured_force", "station.measured_force", ("station", "measured_force"), "station/force_sensor.y0"):
         assert find_outputs(wiring, name) == [sensor]
-    assert find_inputs(wiring, "measured_force") == [PortAddress("force_law", 1)]
-    assert one_output(wiring, "desired_force") == PortAddress(
-        "reference", 0
-    )  # no output has that name, but it feeds one
+    assert find_inputs(wiring, "measured_force") == [PortAddress("input", "force_law", 1)]
+    # No output has that name, but it feeds an input that has.
+    assert one_output(wiring, "desired_force") == PortAddress("output", "reference", 0)
 
 
 def test_of_a_thousand_ports_only_the_nearest_are_listed():
@@ -45,7 +44,7 @@ def test_units_and_value_types_of_ports():
     motor = Motor()
     motor.set_name("motor")
     wiring = Wiring(motor)
-    assert [unit(wiring, "input", PortAddress("motor", i)) for i in range(3)] == ["A", "N", ""]
+    assert [unit(wiring, PortAddress("input", "motor", i)) for i in range(3)] == ["A", "N", ""]
     assert (input_names(motor), output_names(motor)) == (["current", "measured_force", "pose"], [])
     assert value_type(motor.get_input_port(0)) == ""
     assert value_type(motor.get_input_port(2)) == "object"

@@ -31,16 +31,22 @@ def nested():
     return outer.Build()
 
 
+def port(name: str, side="input") -> PortAddress:
+    """`path:index`."""
+    path, index = name.split(":")
+    return PortAddress(side, path, int(index))
+
+
 def test_sources_are_followed_through_all_levels():
     wiring = Wiring(nested())
     assert [path for path, _ in wiring.leaves()] == ["c", "cell/a", "cell/deep/b"]
-    assert wiring.source(PortAddress("c", 0)) == PortAddress("cell/deep/b", 0)
-    assert wiring.source(PortAddress("cell/deep/b", 0)) == PortAddress("cell/a", 0)
-    assert wiring.source(PortAddress("cell/deep/b", 1)) == PortAddress("cell/a", 0)
-    assert wiring.source(PortAddress("cell/a", 0)) == PortAddress("", 0)
-    assert wiring.origin(PortAddress("cell", 0)) == PortAddress("cell/deep/b", 0)
-    assert list(wiring.inner_inputs(PortAddress("", 0))) == [PortAddress("cell/a", 0)]
-    assert wiring.readers()[PortAddress("cell/a", 0)] == [PortAddress("cell/deep/b", 0), PortAddress("cell/deep/b", 1)]
+    assert wiring.source(port("c:0")) == port("cell/deep/b:0", "output")
+    assert wiring.source(port("cell/deep/b:0")) == port("cell/a:0", "output")
+    assert wiring.source(port("cell/deep/b:1")) == port("cell/a:0", "output")
+    assert wiring.source(port("cell/a:0")) == port(":0")
+    assert wiring.source(port("cell:0", "output")) == port("cell/deep/b:0", "output")
+    assert list(wiring.inner_inputs(port(":0"))) == [port("cell/a:0")]
+    assert wiring.readers()[port("cell/a:0", "output")] == [port("cell/deep/b:0"), port("cell/deep/b:1")]
 
 
 def test_a_builder_shows_the_same_as_its_diagram():
@@ -49,9 +55,9 @@ def test_a_builder_shows_the_same_as_its_diagram():
     builder.Connect(a.get_output_port(), b.get_input_port())
     builder.ExportInput(a.get_input_port(), "u")
     before = Wiring(builder)
-    sources = {port: before.source(port) for port in before.leaf_inputs()}
+    sources = {reader: before.source(reader) for reader in before.leaf_inputs()}
     after = Wiring(builder.Build())
-    assert sources == {port: after.source(port) for port in after.leaf_inputs()}
+    assert sources == {reader: after.source(reader) for reader in after.leaf_inputs()}
 
 
 def test_blocks_without_a_name_get_a_readable_one():
@@ -64,6 +70,6 @@ def test_blocks_without_a_name_get_a_readable_one():
 
 def test_an_output_is_shown_by_the_name_of_the_outermost_diagram():
     wiring = Wiring(nested())
-    assert wiring.shown_name(PortAddress("cell/deep/b", 0)) == "cell.y"
-    assert wiring.shown_name(PortAddress("cell/a", 0)) == "cell/a.y0"
-    assert wiring.shown_name(PortAddress("c", 0)) == "c.y0"
+    assert wiring.shown_name(port("cell/deep/b:0", "output")) == "cell.y"
+    assert wiring.shown_name(port("cell/a:0", "output")) == "cell/a.y0"
+    assert wiring.shown_name(port("c:0", "output")) == "c.y0"

@@ -14,7 +14,7 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
 from forcectl.models import models_folder
-from forcectl.robot.model import RobotParts, add_robot
+from forcectl.robot.parts import RobotParts, add_robot
 
 GOLDEN = yaml.safe_load((Path(__file__).parents[1] / "data" / "yumi_golden.yaml").read_text())
 AXES = (1, 2, 7, 3, 4, 5, 6)

@@ -17,6 +17,7 @@ from pydrake.systems.framework import DiagramBuilder
 from forcectl.models import add_packages, list_robots, models_folder
 from forcectl.robot.model import RobotModel
 from forcectl.robot.momentum_model import MomentumModel
+from forcectl.robot.robot_motion import RobotMotion
 from tests.examples.pinocchio_model import PinocchioModel
 
 GOLDEN = yaml.safe_load((Path(__file__).parents[1] / "data" / "yumi_golden.yaml").read_text())
@@ -91,7 +92,7 @@ def random_states(robot: RobotModel, count: int, seed: int):
 def test_home_is_the_factory_home_target(side, arm):
     golden = GOLDEN["home"][side]
     context = arm.create_context()
-    np.testing.assert_allclose(np.degrees(arm.positions(context)), golden["q_deg"], atol=1e-12)
+    np.testing.assert_allclose(np.degrees(arm.plant.GetPositions(context)), golden["q_deg"], atol=1e-12)
     np.testing.assert_allclose(arm.pose(context).translation(), golden["xyz"], atol=1e-6)
     assert angle_between(arm.pose(context).rotation().matrix(), matrix(golden["quaternion"])) < 1e-3
 
@@ -146,8 +147,8 @@ def test_one_arm_is_that_arm_of_the_robot(both, side, arm):
     for q, v, vdot in random_states(arm, 5, seed=2):
         whole, rates, accelerations = both.parameters.default_posture.copy(), np.zeros(14), np.zeros(14)
         whole[part.joints], rates[part.joints], accelerations[part.joints] = q, v, vdot
-        torque = both.inverse_dynamics(context, whole, rates, accelerations)[part.joints]
-        np.testing.assert_allclose(arm.inverse_dynamics(mine, q, v, vdot), torque, rtol=1e-10, atol=1e-10)
+        torque = RobotMotion(both, context, whole, rates).torque(accelerations)[part.joints]
+        np.testing.assert_allclose(RobotMotion(arm, mine, q, v).torque(vdot), torque, rtol=1e-10, atol=1e-10)
         assert arm.pose(mine).IsNearlyEqualTo(part.tcp_frame.CalcPoseInWorld(context), 1e-12)
         for body in ("left_link_6", "right_link_6"):
             poses = [r.plant.GetBodyByName(body).EvalPoseInWorld(c) for r, c in ((both, context), (arm, mine))]
@@ -235,7 +236,9 @@ def test_dynamics_agree_with_an_independent_library(both, reference):
     context = both.create_context()
     worst = 0.0
     for q, v, vdot in random_states(both, 200, seed=3):
-        torque = both.inverse_dynamics(context, q, v, vdot, rotors=False)
+        both.set_positions(context, q)
+        both.set_velocities(context, v)
+        torque = both.link_torque(context, vdot)
         bias = both.load_torque(context) - both.gravity_torque(context)
         theirs = reference.inverse_dynamics(q, v, vdot)
         worst = max(
@@ -251,7 +254,7 @@ def test_dynamics_agree_with_an_independent_library(both, reference):
 
 @pytest.mark.parametrize("speed", [0.05, 3.0])
 def test_momentum_terms_agree_with_an_independent_library(both, reference, speed):
-    model, rng = MomentumModel.of_robot(both), np.random.default_rng(12)
+    model, rng = MomentumModel(both.plant, both.parts.joints), np.random.default_rng(12)
     context, n = model.create_context(), both.num_joints
     for _ in range(25):
         q, v = rng.uniform(-1.5, 1.5, n), speed * rng.normal(size=n)
@@ -374,7 +377,7 @@ def test_directives_build_the_same_robot(both):
     parse("yumi/yumi.dmd.yaml", plant)
     plant.Finalize()
     theirs, mine = plant.CreateDefaultContext(), both.create_context()
-    np.testing.assert_allclose(plant.GetPositions(theirs), both.positions(mine), atol=1e-12)
+    np.testing.assert_allclose(plant.GetPositions(theirs), both.plant.GetPositions(mine), atol=1e-12)
     np.testing.assert_allclose(plant.CalcMassMatrix(theirs), both.mass_matrix(mine), atol=1e-12)
 
 

@@ -1,4 +1,4 @@
-"""Joint, link and total compliance against definitions, and the block that evaluates them."""
+"""Compliance of joints, links and robot against definitions."""
 
 from __future__ import annotations
 
@@ -8,20 +8,17 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 
-from forcectl.errors import BadInputError
 from forcectl.plant.compliance import (
-    RobotCompliance,
+    compliance_along,
     joint_compliance,
     link_compliance,
     motion_to_tcp,
     robot_compliance,
-    total_compliance,
 )
 from forcectl.robot.model import RobotModel
 from tests.examples.robot_folders import CONTROL, LINK_LENGTH, write_planar_robot
 
 POSTURE = np.array([0.3, 0.5, -1.2, 0.7, 1.1, -0.4])
-Z = np.array([0.0, 0.0, 1.0])
 
 
 @pytest.fixture(scope="module")
@@ -29,10 +26,10 @@ def robot() -> RobotModel:
     return RobotModel.load()
 
 
-def evaluate(block: RobotCompliance, q: np.ndarray) -> float:
-    context = block.CreateDefaultContext()
-    block.GetInputPort("motor_position").FixValue(context, q)
-    return block.GetOutputPort("robot_compliance").Eval(context).item()
+def along(robot: RobotModel, n: np.ndarray, q: np.ndarray, stiffness: np.ndarray) -> float:
+    context = robot.create_context()
+    robot.set_positions(context, q)
+    return compliance_along(n, robot_compliance(robot, context, stiffness))
 
 
 def test_joint_compliance_is_the_deflection_under_a_small_load(robot):
@@ -78,58 +75,28 @@ def test_link_compliances_add():
     np.testing.assert_allclose(link_compliance([], tcp, []), np.zeros((6, 6)))
 
 
-def test_total_compliance_takes_translations_along_n():
+def test_compliance_along_takes_translations():
     """(2.7) in the thesis' order: n = [n_t; 0] with the six-by-six matrices reordered to (translation, rotation)."""
-    generator = np.random.default_rng(3)
-    C_J, C_L = (m @ m.T for m in generator.normal(size=(2, 6, 6)))
-    n = np.array([2.0, -1.0, 2.0]) / 3
+    half = np.random.default_rng(3).normal(size=(6, 6))
+    C, n = half @ half.T, np.array([2.0, -1.0, 2.0]) / 3
     swap = np.roll(np.eye(6), 3, axis=0)  # [rotation; translation] -> (translation, rotation)
     n6 = np.concatenate([n, np.zeros(3)])
-    assert total_compliance(n, C_J, C_L, 0.5) == pytest.approx(n6 @ swap @ (C_J + C_L) @ swap.T @ n6 + 0.5)
+    assert compliance_along(n, C) == pytest.approx(n6 @ swap @ C @ swap.T @ n6)
 
 
-def test_block_in_the_default_posture_gives_the_identified_compliance(robot):
-    assert evaluate(RobotCompliance(robot, Z), robot.parameters.default_posture) == pytest.approx(3.2e-5, rel=1e-9)
+def test_the_default_posture_has_the_identified_compliance(robot):
+    z, q = np.array([0.0, 0.0, 1.0]), robot.parameters.default_posture
+    assert along(robot, z, q, robot.joint_stiffness) == pytest.approx(3.2e-5, rel=1e-9)
 
 
 @pytest.mark.parametrize("n", [(0, 0, 1), (1, 0, 0), (0.6, -0.48, 0.64)])
-def test_block_equals_the_formula_in_any_posture(robot, n):
+def test_any_posture_has_that_of_the_formula(robot, n):
     context = robot.create_context()
     robot.set_positions(context, POSTURE)
     J_n = np.array(n) @ robot.jacobian(context)[3:]
-    assert evaluate(RobotCompliance(robot, n), POSTURE) == pytest.approx(np.sum(J_n**2 / robot.joint_stiffness))
-
-
-def test_block_follows_its_input_and_its_parameter(robot):
-    block = RobotCompliance(robot, Z)
-    context, other = block.CreateDefaultContext(), block.CreateDefaultContext()
-    port, output = block.GetInputPort("motor_position"), block.GetOutputPort("robot_compliance")
-    for c in (context, other):
-        port.FixValue(c, robot.parameters.default_posture)
-    first = output.Eval(context).item()
-    block.set_joint_stiffness(context, 2 * robot.joint_stiffness)
-    assert output.Eval(context).item() == pytest.approx(first / 2)
-    assert output.Eval(other).item() == first
-    port.FixValue(context, POSTURE)
-    assert output.Eval(context).item() == pytest.approx(evaluate(block, POSTURE) / 2)
-    assert output.Eval(other).item() == first
-
-
-def test_rigid_joints_have_no_compliance(robot):
-    block = RobotCompliance(robot, Z)
-    context = block.CreateDefaultContext()
-    block.GetInputPort("motor_position").FixValue(context, POSTURE)
-    block.set_joint_stiffness(context, np.full(6, np.inf))
-    assert block.GetOutputPort("robot_compliance").Eval(context).item() == 0.0
-
-
-def test_ports_and_feedthrough(robot):
-    block = RobotCompliance(robot, Z)
-    assert [block.get_input_port(i).get_name() for i in range(block.num_input_ports())] == ["motor_position"]
-    assert [block.get_output_port(i).get_name() for i in range(block.num_output_ports())] == ["robot_compliance"]
-    assert block.GetInputPort("motor_position").size() == 6
-    assert block.GetOutputPort("robot_compliance").size() == 1
-    assert block.HasDirectFeedthrough(0, 0)
+    expected = np.sum(J_n**2 / robot.joint_stiffness)
+    assert along(robot, np.array(n), POSTURE, robot.joint_stiffness) == pytest.approx(expected)
+    assert along(robot, np.array(n), POSTURE, np.full(6, np.inf)) == 0.0, "rigid joints"
 
 
 def test_links_of_a_users_robot_bend(tmp_path: Path):
@@ -140,22 +107,4 @@ def test_links_of_a_users_robot_bend(tmp_path: Path):
     joints = LINK_LENGTH**2 * (4 / 1000 + 1 / 800)
     expected = joints + 2e-4 * LINK_LENGTH**2 + 5e-6
     n = np.array([0.0, 1.0, 0.0])
-    assert evaluate(RobotCompliance(robot, n), np.zeros(3)) == pytest.approx(expected)
-    both = robot_compliance(robot, robot.create_context(), robot.joint_stiffness)
-    assert total_compliance(n, both, np.zeros((6, 6)), 1e-5) == pytest.approx(expected + 1e-5)
-
-
-@pytest.mark.parametrize("n", [(0, 0, 0), (0, 0, 2), (0, 1), (np.nan, 0, 1)])
-def test_a_direction_that_is_no_unit_vector_is_refused(robot, n):
-    with pytest.raises(BadInputError, match="unit length"):
-        RobotCompliance(robot, n)
-
-
-@pytest.mark.parametrize(
-    ("stiffness", "message"),
-    [([1.0] * 5, r"shape \(5,\): must be \(6,\)"), ([1, 1, 0, 1, 1, 1], "positive"), ([-1.0] * 6, "positive")],
-)
-def test_a_bad_stiffness_is_refused(robot, stiffness, message):
-    block = RobotCompliance(robot, Z)
-    with pytest.raises(BadInputError, match=message):
-        block.set_joint_stiffness(block.CreateDefaultContext(), stiffness)
+    assert along(robot, n, np.zeros(3), robot.joint_stiffness) == pytest.approx(expected)

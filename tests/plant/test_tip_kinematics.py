@@ -114,7 +114,7 @@ def test_wrench_without_a_sensor_is_at_the_flange():
     wrench = evaluate(ForceToWrench(bare, NORMALS[1]), "measured_wrench", measured_force=2.0, motor_position=POSTURE)
     context = bare.create_context()
     bare.set_positions(context, POSTURE)
-    X_WF = bare.parts.flange_frame.CalcPoseInWorld(context)
+    X_WF = bare.arm.flange_frame.CalcPoseInWorld(context)
     np.testing.assert_allclose(X_WF.rotation().matrix() @ wrench[3:], 2.0 * NORMALS[1], atol=1e-9)
     lever = bare.pose(context).translation() - X_WF.translation()
     expected = np.cross(lever, 2.0 * NORMALS[1])

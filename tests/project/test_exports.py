@@ -88,7 +88,7 @@ def test_the_function_graph_and_the_room_graph_do_not_hide_each_other():
     block = affine(np.eye(1), np.ones(1))
     for _ in range(2):
         assert isinstance(fc.graph(block), Graph)
-    assert to_svg(fc.graph(block).model).startswith("<svg")
+    assert to_svg(fc.graph(block)).startswith("<svg")
 
 
 def test_rooms_are_imported_without_drake():

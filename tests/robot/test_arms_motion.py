@@ -11,8 +11,7 @@ import pytest
 from forcectl.errors import BadInputError
 from forcectl.robot.robot_motion import RobotMotion, orientation_error
 from forcectl.tasks.constraints.base import CartesianWall, JointTorqueLimit
-from forcectl.tasks.constraints.of_arm import OfArm
-from forcectl.tasks.constraints.task_limits import TaskRange, TaskSpeedLimit
+from forcectl.tasks.constraints.task_limits import OfArm, TaskRange, TaskSpeedLimit
 from forcectl.tasks.coordinates import ArmTask
 from tests.examples.reactive_examples import N, arm_tasks, at, two_arms
 

@@ -33,6 +33,11 @@ def every_frame(plant: MultibodyPlant) -> list[Frame]:
     return [plant.get_frame(FrameIndex(i)) for i in range(plant.num_frames())]
 
 
+def at_point(motion: np.ndarray, p: np.ndarray) -> np.ndarray:
+    """Spatial velocities of the point at the origin of W, [..., 6], as those of the point p."""
+    return np.concatenate([motion[..., :3], motion[..., 3:] + np.cross(motion[..., :3], p)], axis=-1)
+
+
 def compare(plant: MultibodyPlant, joints: list[Joint], frames: list[Frame], q: np.ndarray, v: np.ndarray) -> None:
     """Every quantity of every frame, to 1e-12 of its size."""
     context, W = plant.CreateDefaultContext(), plant.world_frame()
@@ -43,12 +48,16 @@ def compare(plant: MultibodyPlant, joints: list[Joint], frames: list[Frame], q: 
     plant.SetPositions(context, position)
     plant.SetVelocities(context, velocity)
     tree = JointTree(plant, joints)
-    motion = tree.at(q, v).of(tree.frames(frames))
-    for k, frame in enumerate(frames):
+    state = tree.at(q, v)
+    for frame in frames:
         J = plant.CalcJacobianSpatialVelocity(context, JacobianWrtVariable.kV, frame, np.zeros(3), W, W)
         bias = plant.CalcBiasSpatialAcceleration(context, JacobianWrtVariable.kV, frame, np.zeros(3), W, W)
         expected = (frame.CalcPoseInWorld(context).GetAsMatrix4(), J[:, columns], J @ velocity, bias.get_coeffs())
-        found = (motion.poses[k], motion.jacobians[k], motion.velocities[k], motion.biases[k])
+        link, X_LF = tree.place(frame, RigidTransform())
+        X = state.X_WL[link] @ X_LF
+        V, A = (at_point(motion[link], X[:3, 3]) for motion in (state.link_velocities, state.link_biases))
+        A[3:] += np.cross(V[:3], V[3:])
+        found = (X, at_point(state.screws, X[:3, 3]).T * tree.moves[link], V, A)
         for mine, drakes in zip(found, expected, strict=True):
             np.testing.assert_allclose(mine, drakes, atol=1e-12 * np.abs(drakes).max(initial=1.0), rtol=0)
 
@@ -99,22 +108,20 @@ def test_frames_may_be_fixed_in_frames_of_the_plant() -> None:
     X_TF = RigidTransform(RollPitchYaw(0.1, 0.2, 0.3), [0.1, -0.2, 0.3])
     q, context = rng.uniform(-2, 2, 14), model.create_context()
     model.set_positions(context, q)
-    found = tree.at(q, np.zeros(14)).of(tree.frames([model.tcp_frame, model.tcp_frame], [X_TF, RigidTransform()])).poses
-    X_WT = model.pose(context)
-    np.testing.assert_allclose(found, [(X_WT @ X_TF).GetAsMatrix4(), X_WT.GetAsMatrix4()], atol=1e-14)
-    world = tree.frames([model.plant.world_frame()])
-    assert world.link.tolist() == [0]
-    np.testing.assert_array_equal(tree.at(q, q).of(world).jacobians, np.zeros((1, 6, 14)))
+    link, X_LF = tree.place(model.tcp_frame, X_TF)
+    found = tree.link_poses(q)[link] @ X_LF
+    np.testing.assert_allclose(found, (model.pose(context) @ X_TF).GetAsMatrix4(), atol=1e-14)
+    assert tree.place(model.plant.world_frame(), RigidTransform())[0] == 0
 
 
 def test_a_state_is_not_overwritten_by_the_next() -> None:
     model = RobotModel.load("comau_smart_six", None)
     tree = JointTree(model.plant, model.parts.joints)
-    tip, q = tree.frames([model.tcp_frame]), np.full(6, 0.3)
-    first = tree.at(q, q).of(tip)
-    kept = first.poses.copy(), first.jacobians.copy(), first.biases.copy()
-    tree.at(2 * q, q).of(tip).biases.sum()
-    for now, then in zip((first.poses, first.jacobians, first.biases), kept, strict=True):
+    q = np.full(6, 0.3)
+    first = tree.at(q, q)
+    kept = first.X_WL.copy(), first.screws.copy(), first.link_biases.copy()
+    tree.at(2 * q, q).link_biases.sum()
+    for now, then in zip((first.X_WL, first.screws, first.link_biases), kept, strict=True):
         np.testing.assert_array_equal(now, then)
 
 

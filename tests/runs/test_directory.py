@@ -34,6 +34,19 @@ def test_an_interrupted_write_leaves_nothing(tmp_path):
     assert list(tmp_path.iterdir()) == []
 
 
+def test_what_was_written_before_an_error_is_kept_beside(tmp_path):
+    def fill(folder):
+        (folder / "one").write_text("1")
+        raise RuntimeError("no ink")
+
+    for name in ("run", "run", "run.failed"):
+        with pytest.raises(RuntimeError, match="no ink"):
+            write_whole(tmp_path / name, fill, force=True)
+        assert [path.name for path in tmp_path.iterdir()] == ["run.failed"]
+        assert (tmp_path / "run.failed" / "one").read_text() == "1"
+        (tmp_path / "run.failed" / "manifest.json").write_text("{}")
+
+
 def test_an_interrupted_replacement_keeps_the_earlier_run(tmp_path):
     target = tmp_path / "run"
     write_whole(target, lambda folder: (folder / "manifest.json").write_text("old"))

@@ -11,7 +11,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from forcectl.diagrams.station import StationConfig
 from forcectl.diagrams.workcell import describe
-from forcectl.robot.model import add_robot
+from forcectl.robot.parts import add_robot
 from forcectl.runs.replay import ARROW, write_replay
 from tests.examples.replay_page import drawn
 from tests.examples.stations import free

@@ -9,6 +9,7 @@ import pytest
 
 import forcectl as fc
 from forcectl import cli
+from forcectl.runs import run as run_module
 from forcectl.scenario.catalog import find_scenario
 from tests.examples.experiment_runs import run_experiment
 
@@ -83,6 +84,31 @@ def test_variants_and_fidelities_run_in_processes_and_are_judged(files, monkeypa
         assert part in output.out
 
 
+def test_results_are_there_once_an_experiment_has_run_and_one_that_cannot_be_drawn_costs_no_other(files, monkeypatch):
+    (files / "plain.yaml").write_text("title: Plain\nduration: 0.2\n")
+    draw, known = run_module._write_pictures, []
+
+    def without_quick(folder, log, scenario, *rest):
+        if scenario.title == "Quick":
+            raise RuntimeError("no ink")
+        draw(folder, log, scenario, *rest)
+
+    def look(_, share):
+        if share == 1.0:
+            known.append(set(json.loads((files / "here" / "summary.json").read_text())))
+
+    monkeypatch.setattr(run_module, "_write_pictures", without_quick)
+    report = fc.reproduce(["quick.yaml", "plain.yaml"], fidelity="OneDimensional", workers=1, out="here", progress=look)
+    assert [len(names) for names in known] == [0, 1]
+    assert [part.experiment for part in report.parts] == ["quick", "plain"]
+    rows = json.loads((files / "here" / "summary.json").read_text())["quick"]
+    assert (rows["results"]["pass"], rows["results"]["note"]) == (False, "RuntimeError: no ink")
+    assert rows["peak"]["pass"] is True
+    assert [path.name for path in (files / "here" / "quick").iterdir()] == ["OneDimensional.failed"]
+    for folder in ("quick/OneDimensional.failed", "plain/OneDimensional"):
+        assert (files / "here" / folder / "log.nc").exists()
+
+
 def test_check_turns_a_missed_target_into_exit_code_1(files, monkeypatch, capfd):
     arguments = ["quick.yaml", "--check", "--fidelity", "OneDimensional", "--workers", "1"]
     assert call(arguments, monkeypatch, capfd)[0] == 1
@@ -118,7 +144,7 @@ def test_results_equal_those_of_a_run_in_this_process(files):
             if name != "realtime_factor":
                 assert part.metrics[variant][name] == value
     assert report.passed is False
-    assert part.failures == {}
+    assert set(part.metrics) == {"soft", "stiff"}
 
 
 def test_nothing_is_run_when_one_experiment_is_wrong_or_the_output_exists(files, monkeypatch, capfd):

@@ -12,7 +12,7 @@ import pytest
 import yaml
 
 import forcectl as fc
-from forcectl.analysis.force_metrics import metric_names
+from forcectl.analysis.force_metrics import METRICS
 from forcectl.errors import BadInputError, RunFailedError
 from forcectl.force.integral import IntegralConfig
 from forcectl.framework.yaml_tree import Tagged
@@ -137,7 +137,7 @@ def test_metrics_of_the_issue_are_all_there():
     )
     for name in wanted.split():
         assert isinstance(metrics[name], float), name
-    assert list(metrics) == metric_names()
+    assert list(metrics) == list(METRICS)
 
 
 def test_the_run_directory_is_complete_and_runs_again(tmp_path):

@@ -9,7 +9,7 @@ from importlib.metadata import EntryPoint
 import pytest
 
 from forcectl.errors import BadInputError
-from forcectl.framework.fields import Config, key, key_of, named_slots, slot, slot_list
+from forcectl.framework.fields import Config, key, key_of, slot
 from forcectl.scenario.catalog import SLOTS, tags_of
 from forcectl.scenario.keys import KeyWords, classes_of, keys_of
 from forcectl.scenario.scenario import Scenario
@@ -30,8 +30,9 @@ class Own(Config):
     other: Inner | None = key(None)
     several: list[Inner] = key([], "more")
     law: object = slot("reference", load_object(SLOTS["reference"]["Step"]), "filled")
-    named: dict[str, object] = named_slots("reference", meaning="by name")
-    listed: list[object] = slot_list("reference")
+    named: dict[str, object] = slot("reference", dict, meaning="by name")
+    listed: list[object] = slot("reference", list)
+    law_needed: object = slot("reference")
 
 
 def test_every_key_is_told_in_words():
@@ -48,6 +49,7 @@ def test_every_key_is_told_in_words():
         KeyWords("law", "a part of the slot reference", "", "", "!Step", "filled"),
         KeyWords("named", "names, each with a part of the slot reference", "", "", "{}", "by name"),
         KeyWords("listed", "a list of parts of the slot reference", "", "", "[]", ""),
+        KeyWords("law_needed", "a part of the slot reference", "", "", "", ""),
     ]
 
 

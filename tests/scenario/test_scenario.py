@@ -167,6 +167,13 @@ def test_one_variant_resolves_with_only_the_expectations_about_it():
     assert [e["target"] for e in tree["expect"]] == ["F2.7 overshoot, K_I = 3"]
 
 
+def test_one_variant_resolves_without_distances_from_others():
+    file = as_file("fig_3_4")
+    tree = resolved_tree({"[56]": resolve(file, "[56]")})
+    assert "distance_to" not in dump(tree["expect"])
+    assert load_scenario(tree).expect
+
+
 def test_a_reference_file_beside_the_scenario_is_found_from_anywhere(tmp_path, monkeypatch):
     folder = tmp_path / "study"
     folder.mkdir()

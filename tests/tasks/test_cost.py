@@ -11,7 +11,7 @@ from hypothesis import strategies as st
 
 from forcectl.errors import BadInputError
 from forcectl.tasks.coordinates import TaskState
-from forcectl.tasks.cost import TaskCost, Weights, position_weight
+from forcectl.tasks.cost import TaskCost, Weights
 
 K, TS = 4, 0.004
 
@@ -34,7 +34,7 @@ def random_weights(seed: int) -> dict[str, Any]:
 @given(st.integers(0, 10**6))
 def test_curvature_and_slope_are_those_of_the_cost(seed: int) -> None:
     rng = np.random.default_rng(seed)
-    cost = TaskCost(K, TS, **random_weights(seed))
+    cost = TaskCost(Weights(**random_weights(seed)), np.ones(K), TS)
     x, rate, place, speed = rng.normal(size=(4, K)) * np.array([1e-3, 0.1, 1e-3, 0.1])[:, None]
     state = TaskState(x, rate, np.zeros((K, K)), np.zeros(K))
 
@@ -49,7 +49,7 @@ def test_curvature_and_slope_are_those_of_the_cost(seed: int) -> None:
 
 @pytest.mark.parametrize("rate", [5.0, 40.0, 100.0])
 def test_an_error_of_the_position_dies_out_at_its_rate(rate: float) -> None:
-    cost = TaskCost(1, TS, position=position_weight(rate, TS))
+    cost = TaskCost(Weights(rate=rate), np.ones(1), TS)
     x, v, none, error = np.array([1e-3]), np.zeros(1), np.zeros(1), []
     for _ in range(200):
         state = TaskState(x, v, np.eye(1), none)
@@ -62,7 +62,7 @@ def test_an_error_of_the_position_dies_out_at_its_rate(rate: float) -> None:
 
 
 def test_lengths_and_angles_are_compared_by_their_scale() -> None:
-    cost = Weights().cost(np.array([1 / 0.28, 1.0]), TS)
+    cost = TaskCost(Weights(), np.array([1 / 0.28, 1.0]), TS)
     assert cost.curvature[0, 0] * 0.28**2 == pytest.approx(cost.curvature[1, 1])
 
 
@@ -82,4 +82,4 @@ def test_lengths_and_angles_are_compared_by_their_scale() -> None:
 )
 def test_weights_that_are_not_convex_or_do_not_fit_are_refused(changes: dict[str, Any], said: str) -> None:
     with pytest.raises(BadInputError, match=said):
-        TaskCost(K, TS, **{"position": 1e3} | changes)
+        TaskCost(Weights(**{"position": 1e3} | changes), np.ones(K), TS)

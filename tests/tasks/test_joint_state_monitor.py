@@ -33,12 +33,12 @@ def ramp(ticks: int, speed: float = 1.0) -> np.ndarray:
 
 def test_a_robot_that_follows_is_good() -> None:
     found = state(ramp(20) - 0.02, ramp(20))
-    assert all((each.good == 1).all() and each.gap == 0 for each in found)
+    assert all((each.reading_ok == 1).all() and each.reading_gap == 0 for each in found)
 
 
 def test_at_rest_readings_repeat() -> None:
     found = state(np.zeros((50, 2)) + 0.1, np.zeros((50, 2)) + 0.1)
-    assert all((each.good == 1).all() for each in found)
+    assert all((each.reading_ok == 1).all() for each in found)
 
 
 @pytest.mark.parametrize("bad", [np.nan, np.inf, -np.inf])
@@ -46,41 +46,41 @@ def test_what_is_no_number_is_bad_for_its_joint(bad: float) -> None:
     read = ramp(10)
     read[4:, 1] = bad
     found = state(read, ramp(10))
-    np.testing.assert_array_equal(found[3].good, [1, 1])
-    np.testing.assert_array_equal(found[4].good, [1, 0])
-    assert found[-1].gap == 6
-    assert np.isfinite(found[-1].position).all()
-    np.testing.assert_array_equal(state(ramp(2), ramp(2), np.array([0.0, bad]))[-1].good, [1, 0])
+    np.testing.assert_array_equal(found[3].reading_ok, [1, 1])
+    np.testing.assert_array_equal(found[4].reading_ok, [1, 0])
+    assert found[-1].reading_gap == 6
+    assert np.isfinite(found[-1].read_position).all()
+    np.testing.assert_array_equal(state(ramp(2), ramp(2), np.array([0.0, bad]))[-1].reading_ok, [1, 0])
 
 
 def test_an_encoder_is_frozen_once_its_command_has_moved_on() -> None:
     read = ramp(20)
     read[5:, 0] = read[4, 0]
     found = state(read, ramp(20))
-    good = [each.good[0] for each in found]
+    good = [each.reading_ok[0] for each in found]
     # 10 mrad at 4 mrad a tick.
     assert good[:7] == [1] * 7
     assert good[7:] == [0] * 13
-    assert all(each.good[1] == 1 for each in found)
+    assert all(each.reading_ok[1] == 1 for each in found)
     read[15:, 0] = ramp(20)[15:, 0]
-    assert state(read, ramp(20))[-1].good[0] == 1
+    assert state(read, ramp(20))[-1].reading_ok[0] == 1
 
 
 def test_a_jitter_of_the_command_about_a_joint_that_sticks_is_none() -> None:
     command = 0.004 * (np.arange(60)[:, None] % 2) * np.ones(2)
-    assert all((each.good == 1).all() for each in state(np.zeros((60, 2)), command))
+    assert all((each.reading_ok == 1).all() for each in state(np.zeros((60, 2)), command))
 
 
 def test_a_joint_that_does_not_follow_is_bad() -> None:
     found = state(ramp(100) * 0.1 + 1e-5, ramp(100))
-    assert found[70].good.min() == 1
-    assert found[99].good.max() == 0
+    assert found[70].reading_ok.min() == 1
+    assert found[99].reading_ok.max() == 0
 
 
 def test_few_bad_ticks_are_passed_over() -> None:
     watch = monitor()
-    assert not watch.stops(BEGIN._replace(gap=5.0))
-    assert watch.stops(BEGIN._replace(gap=6.0))
+    assert not watch.stops(BEGIN._replace(reading_gap=5.0))
+    assert watch.stops(BEGIN._replace(reading_gap=6.0))
 
 
 @pytest.mark.parametrize(

@@ -28,7 +28,8 @@ from forcectl.tasks.null_space_parts import (
     LinkPotentialConfig,
     SmallMassPotentialConfig,
 )
-from forcectl.tasks.reaching import MotionLimitsConfig, ReachConfig, ReactiveReachingConfig
+from forcectl.tasks.reaching import ReachConfig, ReactiveReachingConfig
+from forcectl.tasks.reactive_motion import MotionLimitsConfig
 from forcectl.testing import assert_memory_released
 from tests.examples.stations import free
 

@@ -12,8 +12,7 @@ import pytest
 from forcectl.errors import BadInputError
 from forcectl.qp.quadratic_program import Status
 from forcectl.tasks.constraints.base import CartesianWall
-from forcectl.tasks.constraints.of_arm import OfArm
-from forcectl.tasks.constraints.task_limits import TaskRange, TaskSpeedLimit
+from forcectl.tasks.constraints.task_limits import OfArm, TaskRange, TaskSpeedLimit
 from forcectl.tasks.cost import Weights
 from forcectl.tasks.null_space import AwayFrom, EvasiveMotion, TowardsSmallMass
 from forcectl.tasks.program import task_levels

@@ -12,8 +12,7 @@ from forcectl.framework.euler_angles import EulerAngles
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.robot_motion import RobotMotion
 from forcectl.tasks.constraints.base import CartesianWall, Evaluation
-from forcectl.tasks.constraints.of_arm import OfArm
-from forcectl.tasks.constraints.task_limits import TaskRange, TaskSpeedLimit
+from forcectl.tasks.constraints.task_limits import OfArm, TaskRange, TaskSpeedLimit
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.null_space import EvasiveMotion, JointSpeed, QuadraticCost, TowardsSmallMass
 from forcectl.tasks.reactive_controller import ReactiveController

@@ -13,8 +13,7 @@ from forcectl.qp.prioritized_program import Level, PrioritizedProgram, Prioritiz
 from forcectl.qp.quadratic_program import Status
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.constraints.base import CartesianWall, Constraint, ConstraintSet, JointTorqueLimit, Rows
-from forcectl.tasks.constraints.of_arm import OfArm
-from forcectl.tasks.constraints.task_limits import TaskRange, TaskSpeedLimit
+from forcectl.tasks.constraints.task_limits import OfArm, TaskRange, TaskSpeedLimit
 from forcectl.tasks.coordinates import TaskState
 from forcectl.tasks.cost import Weights
 from forcectl.tasks.null_space import JointSpeed

@@ -18,8 +18,8 @@ from forcectl.framework.rotation_vector import RotationVector
 from forcectl.models import models_folder
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import RobotModel
-from forcectl.tasks.relative_task import FrameMotion, RelativeMotion, RelativePose, RelativeTask
-from tests.examples.motion_examples import two_arms
+from forcectl.tasks.relative_task import RelativeMotion, RelativePose, RelativeTask
+from tests.examples.motion_examples import frame_motion, two_arms
 from tests.examples.pinocchio_model import PinocchioModel
 
 H = 1e-5
@@ -50,7 +50,7 @@ def put(robot: RobotModel, context: Context, q: np.ndarray, v: np.ndarray) -> No
 
 def relative(robot: RobotModel, context: Context, q: np.ndarray, v: np.ndarray, frames: tuple[Frame, Frame]):
     put(robot, context, q, v)
-    return RelativeMotion(*(FrameMotion(robot, context, frame, v) for frame in frames))
+    return RelativeMotion(*(frame_motion(robot, context, frame, v) for frame in frames))
 
 
 def test_pose_jacobian_and_bias_are_those_of_drake(robot):

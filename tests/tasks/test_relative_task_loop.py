@@ -12,8 +12,8 @@ from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.coordinates import COORDINATES, ArmTask, Orientation
 from forcectl.tasks.reactive_controller import ReactiveController
 from forcectl.tasks.reactive_motion import ReactiveMotion
-from forcectl.tasks.relative_task import FrameMotion, RelativeMotion, RelativeTask
-from tests.examples.motion_examples import two_arms
+from forcectl.tasks.relative_task import RelativeMotion, RelativeTask
+from tests.examples.motion_examples import frame_motion, two_arms
 
 Array = np.ndarray
 AWAY = np.array([0.3, 0.2, -0.2, 0.2, 0.4, -0.3, 0.5, -0.2, 0.1, 0.3, -0.1, 0.3, 0.5, -0.2])  # from the default [rad]
@@ -53,7 +53,7 @@ class Arms:
         self._robot.set_positions(self._scratch, q)
         self._robot.set_velocities(self._scratch, v)
         frames = [arm.tcp_frame for arm in self._robot.parts.arms.values()]
-        return here, reference, RelativeMotion(*(FrameMotion(self._robot, self._scratch, f, v) for f in frames))
+        return here, reference, RelativeMotion(*(frame_motion(self._robot, self._scratch, f, v) for f in frames))
 
 
 @pytest.mark.parametrize("orientation", [EulerAngles, RotationVector])

@@ -4,13 +4,12 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
 
 from forcectl.errors import BadInputError
 from forcectl.motion.joint_path import JointExcitationConfig
 from forcectl.plant.drives.joint_friction import JointFriction, mean_features
 from forcectl.robot.momentum_model import MomentumModel
-from forcectl.tuning.friction_identification import friction_figure, friction_samples, identify_friction
+from forcectl.tuning.friction_identification import friction_samples, identify_friction
 from tests.examples.block_examples_estimation import chain_plant
 from tests.examples.motion_runs import motion_loop, run
 
@@ -62,24 +61,6 @@ def test_the_threshold_covers_what_the_model_leaves_over():
     assert np.all(fit.still >= 0.0)
 
 
-def test_report_and_figure():
-    fit = identify_friction(*ticks(0.2))
-    lines = fit.report().splitlines()
-    assert len(lines) == 3
-    assert "tau_C [Nm]" in lines[0]
-    figure = friction_figure(fit, 1, "axis of test")
-    FigureCanvasAgg(figure).draw()
-    (axes,) = figure.axes
-    assert axes.get_title(loc="left") == "axis of test"
-    recorded, model = axes.lines
-    np.testing.assert_array_equal(recorded.get_ydata(), fit.torque[:, 1])
-    assert model.get_ydata()[-1] == pytest.approx(
-        fit.friction.offset[1] + fit.friction.coulomb[1] + fit.friction.viscous_forward[1] * model.get_xdata()[-1]
-    )
-    with pytest.raises(BadInputError, match="joint = 2"):
-        friction_figure(fit, 2)
-
-
 def test_a_run_that_says_too_little_is_refused_by_joint():
     before, after, torque = ticks()
     still = before.copy()
@@ -116,7 +97,9 @@ def test_a_robot_that_was_moved_gives_its_friction(noise):
     if noise:
         log["joint_velocity"][100:110] = np.nan
     readings = (log[name] for name in ("time", "joint_position", "joint_velocity", "motor_torque"))
-    samples = friction_samples(loop.model.momentum_model(), *readings, velocity_bandwidth=loop.model.velocity_bandwidth)
+    samples = friction_samples(
+        loop.setting.model.momentum_model(), *readings, velocity_bandwidth=loop.setting.model.velocity_bandwidth
+    )
     fit = identify_friction(*samples, slowest=0.05)
     true = loop.setting.truth.friction
     scale = np.array([true.coulomb, true.coulomb, true.viscous_forward, true.viscous_backward])

@@ -158,29 +158,22 @@ def test_without_the_prefilter_the_same_noise_takes_k_p_and_the_report_says_so()
 def test_instruments_remove_the_bias_of_noise():
     basis = discrete_pid(TS).only("K_P", "K_I")
     truth = fit_vrft(*record(), MODEL, basis, prefilter=False).gains
-    found: dict[str, list[float]] = {"plain": [], "second": [], "delayed": []}
+    plain, second = [], []
     for seed in range(4):
         u, y = record(0.02, seed)
-        options = {
-            "plain": {},
-            "second": {"instrument": record(0.02, 100 + seed)[1]},
-            "delayed": {"instrument_delay": 3},
-        }
-        for name, option in options.items():
-            fit = fit_vrft(u, y, MODEL, basis, prefilter=False, **option)
-            assert fit.instrumented == (name != "plain")
-            found[name].append(fit.gains[0] / truth[0])
-    assert np.mean(found["plain"]) < 0.2  # errors in variables
-    assert np.mean(found["second"]) == pytest.approx(1.0, abs=0.1)
-    assert np.mean(found["delayed"]) == pytest.approx(1.0, abs=0.1)
+        for found, instrument in ((plain, None), (second, record(0.02, 100 + seed)[1])):
+            fit = fit_vrft(u, y, MODEL, basis, prefilter=False, instrument=instrument)
+            assert fit.instrumented == (instrument is not None)
+            found.append(fit.gains[0] / truth[0])
+    assert np.mean(plain) < 0.2  # errors in variables
+    assert np.mean(second) == pytest.approx(1.0, abs=0.1)
 
 
 def test_an_instrument_changes_nothing_without_noise_where_the_controller_is_exact():
     u, y = record(lags=(12.6,))
-    for options in ({"instrument": y}, {"instrument_delay": 5}):
-        fit = fit_vrft(u, y, MODEL, discrete_pid(TS).only("K_P", "K_I"), **options)
-        plain = fit_vrft(u, y, MODEL, discrete_pid(TS).only("K_P", "K_I"))
-        np.testing.assert_allclose(fit.gains, plain.gains, rtol=1e-8)
+    fit = fit_vrft(u, y, MODEL, discrete_pid(TS).only("K_P", "K_I"), instrument=y)
+    plain = fit_vrft(u, y, MODEL, discrete_pid(TS).only("K_P", "K_I"))
+    np.testing.assert_allclose(fit.gains, plain.gains, rtol=1e-8)
 
 
 def test_standard_errors_cover_the_scatter_of_seeds():
@@ -203,16 +196,6 @@ def test_a_fir_controller_is_found_again():
         fit = fit_vrft(u[:-1], y[:-1], MODEL, fir(5, TS), prefilter=prefilter)
         np.testing.assert_allclose(fit.gains, taps, rtol=1e-9)
         assert fit.pid is None
-
-
-def test_a_weight_that_filters_both_sides_changes_nothing_where_the_controller_is_exact():
-    u, y = record(lags=(12.6,))
-    basis = discrete_pid(TS)
-    weighted = fit_vrft(u, y, MODEL, basis, weight=((1.0, -0.5), (1.0, -0.9)))
-    np.testing.assert_allclose(weighted.gains[:2], fit_vrft(u, y, MODEL, basis).gains[:2], rtol=1e-8)
-    lagged = record()
-    plain, weighted = (fit_vrft(*lagged, MODEL, basis, weight=w) for w in (None, ((1.0, -1.0), (1.0,))))
-    assert abs(weighted.gains[0] / plain.gains[0] - 1) > 1e-3  # another criterion, another optimum
 
 
 def test_a_reference_model_with_the_delay_of_the_plant_is_matched_one_that_is_too_fast_is_out_of_reach():
@@ -276,9 +259,6 @@ GOOD_U, GOOD_Y = record()
         ({"u": "words"}, "numbers"),
         ({"model": first_order(1.5, 0.004)}, "period of the reference model"),
         ({"instrument": GOOD_Y[:-1]}, "instrument has"),
-        ({"instrument": GOOD_Y, "instrument_delay": 3}, "left out"),
-        ({"instrument_delay": 0}, "at least 1"),
-        ({"prefilter": False, "weight": ((1.0,), (1.0,))}, "weight"),
         ({"prefilter": False, "model": from_bandwidth(1.5, 4, TS)}, "no stable inverse"),
     ],
 )

@@ -1,15 +1,14 @@
 """MPC command governor: gives a force loop of moderate bandwidth the reference that makes it fast (Sec. 4.6).
 
-It uses the model of the loop only and is designed by two bandwidths, a delay and two weights; `governor_program` has
-the problem and `governor_stability` says for which true delays the whole is stable. That r[0] is far above the desired
-force is intended: it is how a slow loop becomes fast.
+`program` has the problem, and `stability` says for which true delays the whole is stable. That r[0] is far above the
+desired force is intended: it is how a slow loop becomes fast.
 """
 
 from __future__ import annotations
 
 from collections.abc import Mapping, Sequence
-from copy import deepcopy
 from dataclasses import dataclass
+from functools import partial
 from math import inf
 from typing import Any
 
@@ -40,13 +39,12 @@ from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, c
 from forcectl.framework.cache import scratch
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
-from forcectl.framework.wiring import export_all_outputs
+from forcectl.framework.wiring import export_all_outputs, input_names
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
-from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, available_solvers
+from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, available_solvers, make_solver
 
-# What a tick is solved for, see `Situation`, as it is remembered to be looked at.
-_POSED = ("posed_wanted_force", "posed_desired_force", "posed_free_force", "posed_last_reference")
+_OPTIMAL, _NOT_FINITE = float(Status.OPTIMAL), float(Status.NOT_FINITE)
 
 
 class CommandGovernor(SampledBatch):
@@ -76,24 +74,11 @@ class CommandGovernor(SampledBatch):
 
     Args:
         size: batch size n.
-        inner_pole: A, shape (n,) or a number, like the other parameters.
-        reference_pole: At.
         delay: of the inner loop, T_d = N `period` [s].
-        output_weight: Q_y.
-        reference_weight: Q_r.
         horizon: h, 1 to 500 [ticks]; 1 is the thesis' and has a closed form with all limits, more is a quadratic
             program per batch element and tick.
-        lower_limit: of r [N].
-        upper_limit: of r [N].
-        rate_limit: of r [N/s].
-        lower_force: of the predicted force [N].
-        upper_force: of the predicted force [N].
         initial_force: at which the loop rests before the first tick, shape (n,) or a number [N].
-        period: tick [s].
         solver: of the program: its name, or the solver.
-
-    Raises:
-        BadInputError: a value that is not allowed.
     """
 
     def __init__(
@@ -118,7 +103,7 @@ class CommandGovernor(SampledBatch):
         ticks = whole_multiple("delay", check("delay", delay), check("period", period, "positive"), "period")
         self._ticks = check_ticks("delay in ticks", ticks)
         self._horizon = check_horizon(horizon)
-        program = GovernorProgram(self._horizon, solver=solver)
+        solver = make_solver(solver)
         parameters = {
             "inner_pole": BatchParameter(inner_pole, "a number", "1"),
             "reference_pole": BatchParameter(reference_pole, "a number", "1"),
@@ -134,7 +119,7 @@ class CommandGovernor(SampledBatch):
         self._period = period
         self.sample_delay = {("measured_force", "governed_reference"): 0.0}
         inputs = [self.DeclareVectorInputPort(name, size) for name in ("desired_force", "measured_force")]
-        self._program = scratch(self, "quadratic program", lambda: deepcopy(program))
+        self._program = scratch(self, "quadratic program", partial(GovernorProgram, self._horizon, solver=solver))
         start = batch_values("initial_force", initial_force, size)
         memory = {
             "governed_reference": start,
@@ -142,7 +127,8 @@ class CommandGovernor(SampledBatch):
             "wanted_force": start,
             # The last ones of so many ticks, the newest first.
             "references": np.tile(start, (max(1, self._ticks), 1)),
-            **dict.fromkeys(_POSED, 0.0),
+            # What the tick is solved for, to be looked at.
+            "posed": np.zeros((len(Situation._fields), size)),
         }
         self.declare_memory(memory, inputs, period)
         self.show("governed_reference", "status")
@@ -176,7 +162,7 @@ class CommandGovernor(SampledBatch):
         posed = Situation(wanted, desired, free, last)
         reference = closed_form(numbers, wanted, desired, free)
         fine = abs(reference) < inf
-        status = m.where(fine, float(Status.OPTIMAL), float(Status.NOT_FINITE))
+        status = m.where(fine, _OPTIMAL, _NOT_FINITE)
         if self._horizon > 1:
             reference, status = self._solve(context, elements, posed)
         elif limits is not None:
@@ -188,7 +174,7 @@ class CommandGovernor(SampledBatch):
             "status": status,
             "wanted_force": m.where(abs(after) < inf, after, wanted),
             "references": [reference, *past[:-1]],
-            **dict(zip(_POSED, posed, strict=True)),
+            "posed": posed,
         }
 
     def program(self, context: Context, element: int = 0) -> MathematicalProgram:
@@ -209,7 +195,7 @@ class CommandGovernor(SampledBatch):
         if element not in range(self._size):
             raise invalid("element", element, f"from 0 to {self._size - 1}")
         memory, (_, _, elements) = self.memory(context), self.values(context)
-        posed = _by_element([memory[name] for name in _POSED])[element]
+        posed = _by_element(memory["posed"])[element]
         program: GovernorProgram = self._program.Eval(context)
         return program.program(elements[element][0], Situation(*posed), elements[element][1])
 
@@ -276,10 +262,9 @@ class GovernedForceLaw(Diagram):
         measured = builder.ExportInput(governor.GetInputPort("measured_force"), "measured_force")
         builder.ConnectInput(measured, law.GetInputPort("measured_force"))
         builder.Connect(governor.GetOutputPort("governed_reference"), law.GetInputPort("desired_force"))
-        for i in range(law.num_input_ports()):
-            port = law.get_input_port(i)
-            if port.get_name() not in ("desired_force", "measured_force"):
-                builder.ExportInput(port, port.get_name())
+        for name in input_names(law):
+            if name not in ("desired_force", "measured_force"):
+                builder.ExportInput(law.GetInputPort(name), name)
         builder.ExportOutput(governor.GetOutputPort("governed_reference"), "governed_reference")
         builder.ExportOutput(governor.GetOutputPort("status"), "governor_status")
         export_all_outputs(builder, law)
@@ -339,18 +324,16 @@ class GovernedConfig(Config):
         Raises:
             BadInputError: a bandwidth that is not below 1/period, or a delay that is not a whole number of periods.
         """
-        poles = {}
-        for name, bandwidth in (
-            ("inner_bandwidth", self._inner_bandwidth()),
-            ("reference_bandwidth", self.reference_bandwidth),
-        ):
+
+        def pole(name: str, bandwidth: float | None) -> float:
             if bandwidth is None or not bandwidth * model.period < 1:
                 raise invalid(name, bandwidth, f"below 1/period = {1 / model.period:g}")
-            poles[name] = 1 - bandwidth * model.period
+            return 1 - bandwidth * model.period
+
         return CommandGovernor(
             model.size,
-            inner_pole=poles["inner_bandwidth"],
-            reference_pole=poles["reference_bandwidth"],
+            inner_pole=pole("inner_bandwidth", self._inner_bandwidth()),
+            reference_pole=pole("reference_bandwidth", self.reference_bandwidth),
             delay=self.delay,
             output_weight=self.output_weight,
             reference_weight=self.reference_weight,

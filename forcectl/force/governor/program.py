@@ -47,7 +47,7 @@ _FORCE_WEIGHT_OF_ONE = 1e10
 
 
 class ClosedFormCoefficients(NamedTuple):
-    """The numbers of the closed form: floats, or arrays of shape (n,) for a batch of n.
+    """The numbers of the closed form, batch values.
 
     Attributes:
         input_gain: 1-A.
@@ -237,15 +237,12 @@ def over_horizon(
     *,
     horizon: int = 1,
 ) -> Horizon:
-    """The numbers of the program, once per change of a parameter.
+    """The numbers of the program of one batch element, once per change of a parameter.
 
-    The other arguments are those of `coefficients`, for one batch element.
+    The other arguments and errors are those of `coefficients`.
 
     Args:
         horizon: h, 1 to 500 [ticks].
-
-    Raises:
-        BadInputError: see `coefficients`, or a horizon outside of that.
     """
     c = coefficients(inner_pole, reference_pole, delay_ticks, output_weight, reference_weight)
     ticks = np.arange(check_horizon(horizon), dtype=float)
@@ -281,8 +278,7 @@ class GovernorProgram:
     """
 
     def __init__(self, horizon: int, *, solver: str | Solver = DEFAULT_SOLVER):
-        h = check_horizon(horizon)
-        self._solver = make_solver(solver) if isinstance(solver, str) else solver
+        h, self._solver = check_horizon(horizon), make_solver(solver)
         times = ["t", *(f"t+{j}" for j in range(1, h))]
         self._program = QuadraticProgram(
             h,

@@ -9,12 +9,11 @@ and the poles of the loop, apart from zeros, are the roots of::
     z^N (z - (1-alpha) A) + alpha A^(N+1) (z^eps - 1),          eps >= 0                                         (4.40)
     z^Nbar (z - (1-alpha) A) + alpha A^(N+1) (1 - z^-eps),      eps < 0
 
-Three tests, the strongest first. (i) Exact: the spectral radius. (ii) Sufficient for one Nbar, by Rouche's theorem::
+Three tests, the strongest first: (i) exact; (ii) sufficient for one Nbar, by Rouche's theorem; (iii) for every Nbar::
 
-    alpha A^(N+1) |e^(j eps w) - 1| < |e^(jw) - (1-alpha) A|    for all w
-
-(iii) Sufficient for every Nbar at once: alpha (2 A^(N+1) - A) < 1 - A. The bound (4.42), sufficient according to the
-thesis, is necessary only (`published_bound`), and no test uses it.
+    (i)   the spectral radius is below 1
+    (ii)  alpha A^(N+1) |e^(j eps w) - 1| < |e^(jw) - (1-alpha) A|    for all w
+    (iii) alpha (2 A^(N+1) - A) < 1 - A
 """
 
 from __future__ import annotations
@@ -48,10 +47,8 @@ def feedback_weight(
 ) -> float:
     """alpha [1], in [0, 1]: what share of the predicted free force the governor takes back. (4.32)
 
-    A longer horizon without active limits feeds the same quantity back, with a larger alpha.
-
-    Raises:
-        BadInputError: see `coefficients`.
+    See `over_horizon` for the arguments. A longer horizon without active limits feeds the same back, with a larger
+    alpha.
     """
     numbers = over_horizon(inner_pole, inner_pole, delay_ticks, output_weight, reference_weight, horizon=horizon)
     gains = np.linalg.solve(numbers.hessian, numbers.c.gain * numbers.response.T @ numbers.free_decay)
@@ -136,11 +133,9 @@ def largest_alpha(inner_pole: float, delay_ticks: int, true_delay_ticks: int) ->
 
 
 def published_bound(inner_pole: float, delay_ticks: int, true_delay_ticks: int) -> float:
-    """The bound of alpha [1] of (4.42), which the thesis calls sufficient for delays that differ by any amount.
+    """The bound of alpha [1] of (4.42), sufficient according to the thesis but necessary only; no test uses it.
 
-    It is what the first row of Jury's table says for eps = 1, so a necessary condition there and no guarantee: with
-    A = 0.997, N = 40, where it is 0.7746, a true delay of 20 ticks is unstable from alpha = 0.09 on. For eps < 0 it has
-    Nbar in the place of N.
+    With A = 0.997, N = 40, where it is 0.7746, a true delay of 20 ticks is unstable from alpha = 0.09 on.
     """
     _check(inner_pole, 0.0, delay_ticks, true_delay_ticks)
     a, n = inner_pole, max(delay_ticks, true_delay_ticks)
@@ -151,7 +146,7 @@ def published_bound(inner_pole: float, delay_ticks: int, true_delay_ticks: int) 
 
 @dataclass(frozen=True)
 class DelayCase:
-    """One true delay: Nbar [ticks], eps = N - Nbar, the tests, and the alpha [1] up to which it is stable.
+    """One true delay: Nbar [ticks], the tests, and the alpha [1] up to which it is stable.
 
     Attributes:
         stable: by test (i).
@@ -159,7 +154,6 @@ class DelayCase:
     """
 
     true_delay_ticks: int
-    mismatch: int
     spectral_radius: float
     stable: bool
     certain: bool
@@ -168,22 +162,14 @@ class DelayCase:
 
 @dataclass(frozen=True)
 class StabilityReport:
-    """What the tests say of one governor; `str` of it is a table.
+    """What the tests say of one governor.
 
     Attributes:
-        inner_pole: A.
-        delay_ticks: N.
-        alpha: of `feedback_weight`.
         for_every_delay: test (iii).
-        alpha_for_every_delay: its bound, infinite when every alpha up to 1 meets it.
         cases: in the order asked for.
     """
 
-    inner_pole: float
-    delay_ticks: int
-    alpha: float
     for_every_delay: bool
-    alpha_for_every_delay: float
     cases: tuple[DelayCase, ...]
 
     @property
@@ -195,23 +181,6 @@ class StabilityReport:
     def largest_alpha(self) -> float:
         """The alpha [1] up to which all true delays asked for are stable."""
         return min(case.largest_alpha for case in self.cases)
-
-    def __str__(self) -> str:
-        lines = [
-            f"A = {self.inner_pole:g}, N = {self.delay_ticks}, alpha = {self.alpha:.5g}",
-            f"stable for every true delay: {'yes' if self.for_every_delay else 'not certain'} "
-            f"(alpha below {min(self.alpha_for_every_delay, 1.0):.5g})",
-            f"stable for the true delays below: {'yes' if self.stable else 'NO'} "
-            f"(alpha below {self.largest_alpha:.5g})",
-            "",
-            "true delay  mismatch  spectral radius  stable  certain  largest alpha",
-        ]
-        lines += [
-            f"{case.true_delay_ticks:10d}  {case.mismatch:8d}  {case.spectral_radius:15.8f}  "
-            f"{'yes' if case.stable else 'NO':>6s}  {'yes' if case.certain else 'no':>7s}  {case.largest_alpha:13.5g}"
-            for case in self.cases
-        ]
-        return "\n".join(lines)
 
 
 def stability_report(
@@ -236,15 +205,13 @@ def stability_report(
         cases.append(
             DelayCase(
                 true_delay_ticks=int(ticks),
-                mismatch=int(delay_ticks - ticks),
                 spectral_radius=radius,
                 stable=radius < 1.0 - _POLE_MARGIN,
                 certain=frequency_margin(inner_pole, alpha, delay_ticks, ticks) > _FREQUENCY_MARGIN,
                 largest_alpha=largest_alpha(inner_pole, delay_ticks, ticks),
             )
         )
-    bound = alpha_for_every_delay(inner_pole, delay_ticks)
-    return StabilityReport(inner_pole, int(delay_ticks), alpha, alpha < bound, bound, tuple(cases))
+    return StabilityReport(alpha < alpha_for_every_delay(inner_pole, delay_ticks), tuple(cases))
 
 
 def _check(inner_pole: float, alpha: float, delay_ticks: int, true_delay_ticks: int) -> None:

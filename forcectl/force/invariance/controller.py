@@ -4,13 +4,11 @@
     min |y'' - ybar''|^2 + |J_uc u + J_uc' q' - (xbar_uc'' + K_D e' + K_P e)|^2    s.t.   E u <= f    (3.51), (3.53)*
     q[k+1] = q[k] + Ts q'[k] + Ts^2 u/2,    q'[k+1] = q'[k] + Ts u
 
-with q the commanded joint positions, x = x(q), and ybar'' the acceleration of the scalar law (`regulate_force`). With a
-nominal gain, instead, the integral law proposes the force's part of u_nom, and min `|u - u_nom|^2` is corrected by the
-same rows (3.18). Further regulated outputs have a y, a ybar'' and a row of their own (3.37).
+with q the commanded joint positions and ybar'' the acceleration of the scalar law (`regulate_force`). Further regulated
+outputs have a y, a ybar'' and a row of their own (3.37); see `Objective` for a nominal law.
 
-The rows are, soft ones first: y'' <= ybar'' for every regulated output; then, hard, the maximum force, joint torques
-and whatever constraints there are. Joint positions, speeds and accelerations bound u. When they contradict each other
-the regulated outputs give way, the force last; then, or when nothing can be solved, the joints brake together and hold.
+The rows are y'' <= ybar'' for every regulated output; then, hard, the maximum force, joint torques and the constraints.
+When they contradict each other the regulated outputs give way, the force last; then the joints brake together and hold.
 """
 
 from __future__ import annotations
@@ -167,7 +165,8 @@ class InvarianceController(SampledBlock):
     ):
         super().__init__()
         self.sample_delay = {("desired_force", "joint_position_command"): 0.0}
-        self._model, self._n = model, model.known_robot().num_joints
+        robot = model.known_robot()
+        self._model, self._robot, self._n = model, robot, robot.num_joints
         self._period = check("period", period, "positive")
         self._gamma = check_gamma("gamma", gamma)
         self._upper = (
@@ -181,16 +180,12 @@ class InvarianceController(SampledBlock):
         self._nominal_gain = None if nominal_gain is None else check("nominal_gain", nominal_gain, "positive")
         self._known_compliance = math.nan if compliance is None else check("compliance", compliance, "positive")
 
-        self._origin = RobotMotion(
-            model.known_robot(), model.known_robot().create_context(), model.start, np.zeros(self._n)
-        )
+        self._origin = RobotMotion(robot, robot.create_context(), model.start, np.zeros(self._n))
         self._origin.contact = ContactMotion(0.0, 0.0, model.n @ self._origin.jacobian[3:], 0.0, 1.0, 0.0)
-        limits = checked_limits(model.known_robot().limits if limits is None else limits, self._origin)
-        everything: list[Constraint] = []
-        if maximum_force < math.inf:
-            everything.append(ForceLimit(maximum_force, self._gamma))
-        everything += constraints
+        limits = checked_limits(robot.limits if limits is None else limits, self._origin)
+        force_limit = [ForceLimit(maximum_force, self._gamma)] if maximum_force < math.inf else []
         constraint_gamma = check_gamma("constraint_gamma", constraint_gamma)
+        everything = [*force_limit, *constraints]
         self._constraints = ConstraintSet(everything, limits, self._origin, self._period, constraint_gamma)
 
         self._outputs = tuple(outputs)
@@ -199,8 +194,7 @@ class InvarianceController(SampledBlock):
             raise BadInputError("their axes must be perpendicular to the normal and to each other", key="outputs")
         for output in outputs:
             check_gamma("outputs.gamma", output.gamma)
-        length = model.known_robot().parameters.characteristic_length
-        tracking = Tracking(tracking_bandwidth, tracking_acceleration, length)
+        tracking = Tracking(tracking_bandwidth, tracking_acceleration, robot.parameters.characteristic_length)
         nominal = self._nominal_gain is not None
         self._objective = Objective(self._axes, tracking, model.singularity_limit, self._n, nominal)
 
@@ -210,7 +204,7 @@ class InvarianceController(SampledBlock):
             self._constraints,
             limits.torque,
             solver,
-            joints=[joint.name() for joint in model.known_robot().parts.joints],
+            joints=[joint.name() for joint in robot.parts.joints],
             further=further,
             costs=["regulated outputs and unconstrained directions"],
             often_free=False,
@@ -232,8 +226,8 @@ class InvarianceController(SampledBlock):
         if math.isnan(self._known_compliance):
             self._compliance = self.DeclareVectorInputPort("compliance", 1)
             inputs.append(self._compliance)
-        model = self._model.known_robot()
-        self._scratch = [scratch(self, name, model.create_context) for name in ("commanded posture", "path posture")]
+        make = self._robot.create_context
+        self._scratch = [scratch(self, name, make) for name in ("commanded posture", "path posture")]
         memory = {
             "joint_position_command": self._model.start,
             "joint_velocity_command": np.zeros(n),
@@ -253,9 +247,8 @@ class InvarianceController(SampledBlock):
     def program(self, context: Context) -> MathematicalProgram:
         """The quadratic program of the last tick, with all its rows; variables, rows and costs have names.
 
-        Its solution is what the joints accelerate with, u [rad/s^2], followed by the slacks of the regulated outputs
-        when these had to give way. The program belongs to the context, and is filled anew by the next look at it. Any
-        solver finds u to 1e-6, interior-point ones with tolerances of 1e-12.
+        Its solution is u [rad/s^2], followed by the slacks of the regulated outputs when these had to give way. The
+        program belongs to the context, and is filled anew by the next look at it.
 
         Args:
             context: of this block.
@@ -273,12 +266,12 @@ class InvarianceController(SampledBlock):
     def _motion(self, context: Context, q: Vector, v: Vector) -> RobotMotion:
         if self._model.constant_jacobian:
             return ConstantJacobianMotion(self._origin, q, v)
-        return RobotMotion(self._model.known_robot(), self._scratch[0].Eval(context), q, v)
+        return RobotMotion(self._robot, self._scratch[0].Eval(context), q, v)
 
     def _tip_pose(self, context: Context, q: Vector) -> TipPose:
         if self._model.constant_jacobian:
             return constant_jacobian_pose(self._origin, q)
-        return tip_pose(self._model.known_robot(), self._scratch[1].Eval(context), q)
+        return tip_pose(self._robot, self._scratch[1].Eval(context), q)
 
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
         """The memory after a tick."""
@@ -358,7 +351,9 @@ class InvarianceController(SampledBlock):
         for output, xi, vi in zip(self._outputs, x[1:], rates[1:], strict=True):
             outputs.append(output.regulate(xi, vi, Ts))
         if self._nominal_gain is not None:
-            outputs[0] = self._nominal(self._nominal_gain, force, compliance * (measured - desired))
+            # The acceleration of the integral law.
+            wish = (-self._nominal_gain * (compliance * (measured - desired)) - force.rate) / Ts
+            outputs[0] = corrected(force, wish, self._gamma, Ts)
         # Where q[k] should be is the reference of one tick ago; with the one of now, differences about it are central.
         before = now if first else memory["reference_before"]
         speed, bend = (now - before) / (2 * Ts), (now - 2 * last + before) / Ts**2
@@ -367,10 +362,6 @@ class InvarianceController(SampledBlock):
         level, near = self._objective.level(motion, along, wanted)
         problem = Problem(motion, rows, [level], self._objective.rows(along, outputs))
         return InvarianceTick(motion, rows, along, x, rate, state, in_sensor, force, problem, near, (now, last))
-
-    def _nominal(self, gain: float, force: Regulated, force_error: float) -> Regulated:
-        """The force with the acceleration of the integral law; `force_error`: C_T_hat (F - F_bar) [m]."""
-        return corrected(force, (-gain * force_error - force.rate) / self._period, self._gamma, self._period)
 
 
 def check_gamma(name: str, gamma: float) -> float:

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from forcectl.errors import about
-from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
+from forcectl.force.adaptive_force_law import AdaptiveLawConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.invariance.force_law import InvarianceForceLaw, InvarianceLimits, one_step_acceleration
 from forcectl.framework.batch import BatchValue
@@ -134,17 +134,9 @@ class InvarianceControlConfig(InvarianceLimits):
             nominal = self.nominal.add_to(builder, model)
         return InvarianceControl(Enclosed(builder, nominal), correction)
 
-    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> InvarianceControl | AdaptiveForceLaw:
-        """Add the law; the model of its constraint has `compliance_error` times the true total compliance."""
-        return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))
-
 
 @dataclass(kw_only=True)
-class AdaptiveInvarianceControlConfig(Adaptation, InvarianceControlConfig):
+class AdaptiveInvarianceControlConfig(AdaptiveLawConfig, InvarianceControlConfig):
     """Scenario part `!AdaptiveInvarianceControl`: constraint and integral law with the estimated compliance. (3.56)"""
 
     compliance_error: float = key(0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="positive")
-
-    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveForceLaw:
-        """Add the law with its estimator."""
-        return self.adapt(builder, model, self.law(model, None))

@@ -17,10 +17,10 @@ from typing import Any, TypeVar
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.framework import Context
 
-from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
-from forcectl.force.law import ForceLaw
+from forcectl.force.adaptive_force_law import AdaptiveLawConfig
+from forcectl.force.law import ForceLaw, LawConfig
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory
@@ -40,9 +40,8 @@ def one_step_acceleration(
     be brought to rest at 0 with decelerations within gamma that change at the ticks only; gamma if there is none. For
     y > 0 the same is done for (-y, -y'), with the opposite sign. (3.31)*, (3.33)*, (3.57), sampled
 
-    The set of such states is a polygon: its corners lie on the parabola Phi = y - y'^2/(2 gamma) = 0 at speeds of whole
-    multiples of -gamma Ts, and it is at most -gamma Ts^2/8 smaller. So Phi(y1, y1') <= 0 holds as well, and unlike on
-    the parabola itself every braking ends exactly at rest: no chatter at the end.
+    The set of such states is a polygon with corners on the parabola Phi = y - y'^2/(2 gamma) = 0 at speeds of whole
+    multiples of -gamma Ts. So Phi(y1, y1') <= 0 holds as well, and every braking ends exactly at rest.
 
     Args:
         y: constraint output, violated when positive.
@@ -118,12 +117,10 @@ class InvarianceForceLaw(ForceLaw):
     A desired force below the present one is reached in the same manner from the other side. The set point may move at
     any time, also by a changing estimate of the compliance: position and velocity of the command stay continuous.
 
-    A rising reference is followed at the distance the command needs to stop, so that F never passes F_bar, however the
-    reference goes on. A falling one is followed with its speed and its acceleration, by differences. If it begins to
-    fall at r [N/s] all at once, F exceeds it until the command moves as fast, by at most C_T r^2/(2 upper_acceleration)
-    + 2 Ts r; and where it stops all at once, F falls short by at most C_T r^2/(-2 gamma). A smooth one that leaves the
-    command a fifth of its acceleration is exceeded by less than a thousandth of its amplitude (sines, once reached). A
-    single jump is a step, not a speed.
+    A rising reference is followed at the distance the command needs to stop, so that F never passes F_bar. A falling
+    one is followed with its speed and its acceleration, by differences. If it begins to fall at r [N/s] all at once, F
+    exceeds it by at most C_T r^2/(2 upper_acceleration) + 2 Ts r; where it stops all at once, F falls short by at most
+    C_T r^2/(-2 gamma). A single jump is a step, not a speed.
 
     A desired force, measured force or compliance that is not finite (or a compliance not above zero) brakes the command
     within gamma and holds it there. Lost contact does not show in the inputs of the law: the command stays at its set
@@ -235,7 +232,7 @@ _Law = TypeVar("_Law", bound=InvarianceForceLaw)
 
 
 @dataclass(kw_only=True)
-class InvarianceLimits(Config):
+class InvarianceLimits(Config, LawConfig):
     """What the configurations of laws with this constraint share."""
 
     gamma: float = key(-0.1, "deceleration towards the constraint", unit="m/s^2", bounds="below zero")
@@ -267,17 +264,9 @@ class InvarianceConfig(InvarianceLimits):
         """The block whose model has this total compliance [m/N], or a port for it (None)."""
         return self.block(InvarianceForceLaw, model, compliance)
 
-    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> InvarianceForceLaw | AdaptiveForceLaw:
-        """Add the law; its model has `compliance_error` times the true total compliance."""
-        return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))
-
 
 @dataclass(kw_only=True)
-class AdaptiveInvarianceConfig(Adaptation, InvarianceConfig):
+class AdaptiveInvarianceConfig(AdaptiveLawConfig, InvarianceConfig):
     """Scenario part `!AdaptiveInvariance`: the constraint with the compliance estimated on line. (3.56)"""
 
     compliance_error: float = key(0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="positive")
-
-    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveForceLaw:
-        """Add the law with its estimator."""
-        return self.adapt(builder, model, self.law(model, None))

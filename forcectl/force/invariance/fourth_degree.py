@@ -20,12 +20,12 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Context, DiagramBuilder
+from pydrake.systems.framework import Context
 
 from forcectl.errors import invalid, unknown
-from forcectl.force.adaptive_force_law import Adaptation, AdaptiveForceLaw
+from forcectl.force.adaptive_force_law import AdaptiveLawConfig
 from forcectl.force.invariance.functions import FLOAT_MATH, invariance_4
-from forcectl.force.law import ForceLaw
+from forcectl.force.law import ForceLaw, LawConfig
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory
@@ -34,6 +34,7 @@ from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.quadratic_program import Status
 
 DERIVATIVES = ("model", "difference")
+_NOT_FINITE = float(Status.NOT_FINITE)
 
 
 def fourth_derivative(
@@ -69,10 +70,9 @@ def speed_window(
 ) -> tuple[BatchValue, BatchValue]:
     """Smallest and largest velocity of the command [m/s] when y' and y'' are differences of the measured force.
 
-    Without a contact to answer it, a = c y4/w^2 + 2 z w v (3.65)* feeds itself from v_u = c `|y4|`/(2 z w^3) on (3 mm/s
-    at 1e4 N/m and 1e5 N/s^4). In contact 3 v_u is allowed, and what changes 0.6 of the reference or error in 2 z/w, the
-    settling of the force filter. Slower are the approach without contact (v_u, a quarter), a retreat, and pressing on
-    under too much force (a tenth of v_u, and the error in 2 z/w). With too little force and no contact: no retreat.
+    Without a contact to answer it, a = c y4/w^2 + 2 z w v (3.65)* feeds itself from v_u = c `|y4|`/(2 z w^3) on. In
+    contact 3 v_u is allowed, and what changes 0.6 of the reference or error in 2 z/w. Slower are the approach without
+    contact (v_u, a quarter), and the way back (a tenth of v_u, and the error in 2 z/w); none without contact.
 
     Args:
         y: F - F_bar [N].
@@ -122,12 +122,9 @@ class FourthDegreeForceLaw(ForceLaw):
     that is not a number brakes the command within the acceleration limit and holds it. Lost contact, for differences a
     measured force below rest_region, stops a retreat and is followed slowly, down to the lower limit.
 
-    Range, differences, default plant, gamma -1e5: 1e3 to 1e6 N/m is held without running off. What the friction of the
-    drives lets go at once (0.1 mm of command: 1 N at 1e4 N/m, up to 5 N at 1e5 and 1e6 N/m) is hunted when it exceeds
-    rest_region: 5 N at 1e6 N/m goes up to 7.8 N, 12 to 2 N at 1e6 N/m up to 4.8 N, with contact lost at times. C_T_hat
-    three times too large, alpha = 0 and gamma = -1e7 hunt too (15 N up to 24 N at 1e4 N/m), a third is smooth and slow.
-    Far below the `|gamma|` or above the bandwidth that fit the plant, friction holds: gamma = -1e3 and w = 75.4 rad/s
-    behind a filter of 12.6 rad/s never get beyond 1 N at 1e4 N/m. The reference 0 ends up to 0.1 mm off the surface.
+    Range, differences, default plant, gamma -1e5: 1e3 to 1e6 N/m. What friction lets go at once (0.1 mm of command: 1 N
+    at 1e4 N/m, up to 5 N at 1e6 N/m) makes a limit cycle where it exceeds rest_region; so do C_T_hat three times too
+    large, alpha = 0 and gamma = -1e7. Far below the `|gamma|` or above the bandwidth of the plant, friction holds.
 
     Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledBlock`.
 
@@ -242,14 +239,14 @@ class FourthDegreeForceLaw(ForceLaw):
         return {
             "displacement_command": inside,
             "invariance_function": m.where(good, phi, 0.0),
-            "status": m.where(good, 0.0, float(Status.NOT_FINITE)),
+            "status": m.where(good, 0.0, _NOT_FINITE),
             "velocity": velocity,
             **own,
         }
 
 
 @dataclass(kw_only=True)
-class FourthDegreeInvarianceConfig(Config):
+class FourthDegreeInvarianceConfig(Config, LawConfig):
     """Scenario part `!FourthDegreeInvariance`."""
 
     gamma: float = key(-1e5, "smallest fourth derivative of the force", unit="N/s^4", bounds="below zero")
@@ -291,17 +288,9 @@ class FourthDegreeInvarianceConfig(Config):
             period=model.period,
         )
 
-    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> FourthDegreeForceLaw | AdaptiveForceLaw:
-        """Add the law; its model has `compliance_error` times the true total compliance."""
-        return builder.AddNamedSystem("force_law", self.law(model, self.compliance_error * model.total_compliance))
-
 
 @dataclass(kw_only=True)
-class AdaptiveFourthDegreeInvarianceConfig(Adaptation, FourthDegreeInvarianceConfig):
+class AdaptiveFourthDegreeInvarianceConfig(AdaptiveLawConfig, FourthDegreeInvarianceConfig):
     """Scenario part `!AdaptiveFourthDegreeInvariance`: the same with the compliance estimated on line. (Fig. 3.10)"""
 
     compliance_error: float = key(2 / 3, "initial C_E_hat / C_E; 1/1.5 = stiffness 50 % too high", bounds="positive")
-
-    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveForceLaw:
-        """Add the law with its estimator."""
-        return self.adapt(builder, model, self.law(model, None))

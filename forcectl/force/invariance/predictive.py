@@ -1,8 +1,7 @@
 """Force control on moving, stiff contact: a law that plans from the compliance, corrected by what is foreseen.
 
-A law such as [57] commands u = -C_T_hat F_bar(t), open loop: fast and without overshoot, but without feedback. Here the
-height of the surface is added, and the lag that friction leaves in the drive, each through the filters of the loop's
-model::
+A law such as [57] commands u = -C_T_hat F_bar(t), open loop. Here the height of the surface is added, and the lag that
+friction leaves in the drive, each through the filters of the loop's model::
 
     x    = dx_m - h dx_uc              displacement of the motor side minus that of the motion along the path
     s_f  = C_T_hat F_m + S x           height of the surface above that path, through the force sensor
@@ -14,9 +13,8 @@ h is the joint-reference filter with the command delay, S the filter of the forc
 their lags on a ramp, 2 z/w + delay: a surface that rises steadily is met without error. The observer has two equal
 poles exp(-w_s Ts).
 
-With the right compliance s does not depend on the command, so that nothing is fed back and the law's transients stay as
-they are. With a wrong one, r = C_T_hat/C_T, the part 1 - r of the command is taken for surface; the force still ends at
-F_bar exactly, because x ends at u + s:  C_T_hat F = s - x = -u.
+With the right compliance s does not depend on the command. With a wrong one, r = C_T_hat/C_T, the part 1 - r of the
+command is taken for surface; the force still ends at F_bar, because x ends at u + s:  C_T_hat F = s - x = -u.
 """
 
 from __future__ import annotations
@@ -31,13 +29,13 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, LinearSystem, Multiplexer
 
 from forcectl.force.invariance.force_law import InvarianceConfig
-from forcectl.framework.batch import BatchParameter, BatchValue, check_order, whole_multiple
+from forcectl.force.sensor_lag import sensor_model
+from forcectl.framework.batch import BatchParameter, BatchValue, check_order
 from forcectl.framework.fields import key
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.drives.position_loop import LONGEST_DELAY, PositionLoop
 from forcectl.plant.plant_model import PlantModel
-from forcectl.plant.sensors.force_sensor import sensor_filter
 
 
 class PredictiveCorrection(SampledBatch):
@@ -254,7 +252,6 @@ class PredictiveInvarianceConfig(InvarianceConfig):
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> PredictiveForceLaw:
         """Add the law; it and its correction believe in `compliance_error` times the true total compliance."""
         compliance = self.compliance_error * model.total_compliance
-        ticks = whole_multiple("delay", model.sensor_delay, model.period, "period")
         correction = PredictiveCorrection(
             model.size,
             compliance=compliance,
@@ -269,7 +266,6 @@ class PredictiveInvarianceConfig(InvarianceConfig):
             drive_compliance=model.drive_compliance,
             period=model.period,
         )
-        sensor = sensor_filter(2 * model.size, model.sensor_bandwidth, model.sensor_damping_ratio, model.period, ticks)
-        filters = self.position_loop(model), self.position_loop(model), sensor
+        filters = self.position_loop(model), self.position_loop(model), sensor_model(model, 2 * model.size)
         law = PredictiveForceLaw(self.law(model, compliance), correction, filters)
         return builder.AddNamedSystem("force_law", law)

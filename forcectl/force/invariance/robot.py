@@ -15,12 +15,10 @@ from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.force.adaptive_force_law import Adaptation
 from forcectl.force.invariance.controller import InvarianceController
 from forcectl.force.invariance.regulated_output import RegulatedCoordinate
-from forcectl.force.sensor_lag import SensorLag
-from forcectl.framework.batch import whole_multiple
-from forcectl.framework.fields import Config, key, slot_list
+from forcectl.force.sensor_lag import SensorLag, sensor_model
+from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
-from forcectl.plant.sensors.force_sensor import sensor_filter
 from forcectl.qp.solvers import DEFAULT_SOLVER, available_solvers
 from forcectl.robot.model import JointLimits, unit_normal
 from forcectl.tasks.constraints.parts import constraints_of
@@ -53,9 +51,7 @@ class AdaptiveInvarianceController(Diagram):
         add, connect = builder.AddNamedSystem, builder.Connect
         add("law", controller)
         add("estimator", estimator)
-        delay = whole_multiple("delay", model.sensor_delay, model.period, "period")
-        filter_ = sensor_filter(1, model.sensor_bandwidth, model.sensor_damping_ratio, model.period, delay)
-        add("displacement_filter", filter_)
+        filter_ = add("displacement_filter", sensor_model(model, 1))
         tip = add("motor_displacement", model.tip_displacement())
         ports = {}
         for name in ("desired_force", "measured_force", "motor_position", "motor_velocity", "unconstrained_reference"):
@@ -115,7 +111,7 @@ class InvarianceRobotConfig(Config):
     tracking_bandwidth: float = key(30.0, "w of the unconstrained directions", unit="1/s", bounds="positive")
     tracking_acceleration: float = key(2.0, "largest, in the unconstrained directions", unit="m/s^2", bounds="positive")
     limits: JointLimitConfig = key(JointLimitConfig, "of the joints; the robot's where none is given")
-    constraints: list[Any] = slot_list("constraint", "beside those of joints and force")
+    constraints: list[Any] = slot("constraint", list, "beside those of joints and force")
     outputs: list[OutputConfig] = key([], "Cartesian coordinates that are regulated beside the force")
     solver: str = key(DEFAULT_SOLVER, "of the quadratic program", choices=available_solvers)
 

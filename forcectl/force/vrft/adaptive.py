@@ -1,8 +1,7 @@
 """Force control that re-tunes itself while it regulates: EWRLS-VRFT, for surfaces of several materials (Sec. 4.5).
 
-The law that is linear in its gains, with those of recursive VRFT with forgetting, from the data of the loop itself. It
-learns only while the force moves, because data at rest do not determine K_P; never from a force so low that contact may
-be lost; and within a range about the gains it starts with. New gains make the command bend, not jump.
+It learns only while the force moves, because data at rest do not determine K_P; never from a force so low that contact
+may be lost; and within a range about the gains it starts with. New gains make the command bend, not jump.
 """
 
 from __future__ import annotations
@@ -11,10 +10,10 @@ from dataclasses import dataclass
 
 from pydrake.systems.framework import Diagram, DiagramBuilder
 
-from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 from forcectl.force.linear_law import LinearForceLaw, VrftConfig
 from forcectl.framework.fields import key
+from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 
 
@@ -26,11 +25,10 @@ def add_tuned_law(builder: DiagramBuilder, law: LinearForceLaw, tuner: Recursive
     builder.ExportInput(law.GetInputPort("desired_force"), "desired_force")
     measured = builder.ExportInput(law.GetInputPort("measured_force"), "measured_force")
     builder.ConnectInput(measured, tuner.GetInputPort("measured_force"))
-    for name in ("displacement_command", "controller_output"):
-        builder.ExportOutput(law.GetOutputPort(name), name)
     for name in GAINS:
         builder.Connect(tuner.GetOutputPort(name), law.GetInputPort(name))
-        builder.ExportOutput(tuner.GetOutputPort(name), name)
+    for block in (law, tuner):
+        export_all_outputs(builder, block)
 
 
 class AdaptiveVrft(Diagram):
@@ -75,22 +73,10 @@ class AdaptiveVrftConfig(VrftConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not (self.proportional_gain < 0 and self.integral_gain < 0):
-            gains = f"proportional_gain = {self.proportional_gain:g}, integral_gain = {self.integral_gain:g}"
-            raise BadInputError(f"{gains}: must both be below zero, they set the range to stay within")
-        if self.fir:
-            raise invalid("fir", self.fir, "empty: the PID gains are tuned")
+        self.check_tunable("set the range to stay within", "tuned")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveVrft:
         """Add the law with its tuner."""
-        law = LinearForceLaw(
-            model.size,
-            derivative_filter=2 * model.period if self.derivative_filter is None else self.derivative_filter,
-            robot_compliance=self.robot_compliance_error * model.robot_compliance,
-            lower_limit=self.lower_limit,
-            upper_limit=self.upper_limit,
-            period=model.period,
-        )
         tuner = RecursiveVrft(
             model.size,
             bandwidth=self.reference_bandwidth,
@@ -105,4 +91,4 @@ class AdaptiveVrftConfig(VrftConfig):
             always=True,
             period=model.period,
         )
-        return builder.AddNamedSystem("force_law", AdaptiveVrft(law, tuner))
+        return builder.AddNamedSystem("force_law", AdaptiveVrft(self.law(model, gains_from_ports=True), tuner))

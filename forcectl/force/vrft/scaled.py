@@ -2,10 +2,8 @@
 
     K_I = -w_c C_E,    K_P = -w_c T (C_R_hat + C_E),    K_D/K_P as it is                       (equations 3.2; 4.1, 4.2)
 
-is what VRFT finds on any material: T is the lag of the loop, the same on all of them. So only C_E has to be estimated
-on the way. w_c and the gains that VRFT has found on one material tell its C_E and T; where the drives stick at every
-reversal, a larger K_P (half again as much) tracks better than that of an experiment that hardly reverses.
-New gains make the command bend, not jump.
+is what VRFT finds on any material: T is the lag of the loop, the same on all of them. So only C_E has to be estimated.
+w_c and the gains that VRFT has found on one material tell its C_E and T. New gains make the command bend, not jump.
 """
 
 from __future__ import annotations
@@ -15,15 +13,14 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import AffineSystem, Demultiplexer, LinearSystem
+from pydrake.systems.primitives import Demultiplexer, LinearSystem
 
-from forcectl.errors import BadInputError, invalid
 from forcectl.estimation.excited_compliance import ExcitedCompliance
 from forcectl.force.linear_law import GAINS, LinearForceLaw, VrftConfig
-from forcectl.framework.batch import whole_multiple
+from forcectl.force.sensor_lag import sensor_model
 from forcectl.framework.fields import key
+from forcectl.framework.wiring import affine, export_all_outputs
 from forcectl.plant.plant_model import PlantModel
-from forcectl.plant.sensors.force_sensor import sensor_filter
 
 
 class ScaledVrft(Diagram):
@@ -69,11 +66,8 @@ class ScaledVrft(Diagram):
         add("law", law)
         add("estimator", estimator)
         add("displacement_filter", displacement_filter)
-        gain, empty = np.vstack([np.diag(row) for row in slopes]), np.zeros((0, 0))
-        scale = AffineSystem(
-            empty, np.zeros((0, size)), np.zeros(0), np.zeros((3 * size, 0)), gain, offsets.ravel(), 0.0
-        )
-        add("gains_of_compliance", scale)
+        slope = np.vstack([np.diag(row) for row in slopes])
+        scale = add("gains_of_compliance", affine(slope, offsets.ravel()))
         gains = add("gains", Demultiplexer([size] * 3))
         for name in ("desired_force", "measured_force"):
             outer = builder.ExportInput(law.GetInputPort(name), name)
@@ -82,12 +76,8 @@ class ScaledVrft(Diagram):
         connect(displacement_filter.get_output_port(), estimator.GetInputPort("displacement"))
         connect(estimator.GetOutputPort("environment_compliance"), scale.get_input_port())
         connect(scale.get_output_port(), gains.get_input_port())
-        for block, names in (
-            (law, ("displacement_command", "controller_output")),
-            (estimator, ("environment_compliance", "learning")),
-        ):
-            for name in names:
-                builder.ExportOutput(block.GetOutputPort(name), name)
+        for block in (law, estimator):
+            export_all_outputs(builder, block)
         for i, name in enumerate(GAINS):
             connect(gains.get_output_port(i), law.GetInputPort(name))
             builder.ExportOutput(gains.get_output_port(i), name)
@@ -114,11 +104,7 @@ class ScaledVrftConfig(VrftConfig):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not (self.proportional_gain < 0 and self.integral_gain < 0):
-            gains = f"proportional_gain = {self.proportional_gain:g}, integral_gain = {self.integral_gain:g}"
-            raise BadInputError(f"{gains}: must both be below zero, they tell the compliance and the lag")
-        if self.fir:
-            raise invalid("fir", self.fir, "empty: the PID gains are scaled")
+        self.check_tunable("tell the compliance and the lag", "scaled")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> ScaledVrft:
         """Add the law with its estimator."""
@@ -127,14 +113,6 @@ class ScaledVrftConfig(VrftConfig):
         # Slopes with C_E for the K_P and K_D that are given where C_E is the first.
         lag = self.proportional_gain / (robot + first)
         damping = self.derivative_gain / (robot + first)
-        law = LinearForceLaw(
-            model.size,
-            derivative_filter=2 * model.period if self.derivative_filter is None else self.derivative_filter,
-            robot_compliance=robot,
-            lower_limit=self.lower_limit,
-            upper_limit=self.upper_limit,
-            period=model.period,
-        )
         estimator = ExcitedCompliance(
             model.size,
             initial_compliance=first,
@@ -149,13 +127,7 @@ class ScaledVrftConfig(VrftConfig):
             rate=self.gain_rate,
             period=model.period,
         )
-        displacement_filter = sensor_filter(
-            model.size,
-            model.sensor_bandwidth,
-            model.sensor_damping_ratio,
-            model.period,
-            whole_multiple("delay", model.sensor_delay, model.period, "period"),
-        )
+        law, displacement_filter = self.law(model, gains_from_ports=True), sensor_model(model, model.size)
         slopes = np.array([lag, np.full(model.size, -w), damping])
         offsets = np.array([lag * robot, np.zeros(model.size), damping * robot])
         return builder.AddNamedSystem("force_law", ScaledVrft(law, estimator, displacement_filter, slopes, offsets))

@@ -12,7 +12,7 @@ import pydot
 from forcectl.graph.formats.paint import PALETTE
 from forcectl.graph.layout.order import feedback_edges
 from forcectl.graph.layout.shapes import shape_of, subtitle
-from forcectl.graph.model import Block, BlockGraph, Port
+from forcectl.graph.model import Block, BlockGraph, Endpoint, Port
 
 
 def to_dot(graph: BlockGraph) -> str:
@@ -57,12 +57,8 @@ class _Writer:
             self.add(cluster, child)
         returning = feedback_edges(block)
         for edge in block.edges:
-            wire = pydot.Edge(
-                self._end(edge.source.block, edge.source.port, "out", block),
-                self._end(edge.target.block, edge.target.port, "in", block),
-            )
-            if self._graph.signals:
-                wire.set("label", _label(edge.signal))
+            wire = pydot.Edge(self._end(edge.source, "out", block.path), self._end(edge.target, "in", block.path))
+            wire.set("label", _label(edge.signal))
             if edge in returning:
                 wire.set("constraint", False)
             if not edge.size:
@@ -81,16 +77,12 @@ class _Writer:
                 pydot.Node(name, shape="cds", fillcolor="white", height=0.2, fontsize=10, label=_label(port.name))
             )
 
-    def _end(self, path: str, port: str, side: str, scope: Block) -> str:
+    def _end(self, end: Endpoint, side: str, inside: str) -> str:
         """A node, or a port of a record with the compass point at which wires meet it."""
-        block = self._graph.by_path[path]
-        if block is scope:  # the diagram's own terminals: its inputs are sources inside
-            side = "in" if side == "out" else "out"
-        ports = [p.name for p in (block.inputs if side == "in" else block.outputs)]
-        name = f"{side}{ports.index(port)}"
-        if path in self._opened:
-            return f"{self._ids[path]}_{name}"
-        return f"{self._ids[path]}:{name}:{'w' if side == 'in' else 'e'}"
+        side, number = self._graph.port_number(end, side, inside)
+        if end.block in self._opened:
+            return f"{self._ids[end.block]}_{side}{number}"
+        return f"{self._ids[end.block]}:{side}{number}:{'w' if side == 'in' else 'e'}"
 
 
 def _node(block: Block, name: str) -> pydot.Node:

@@ -8,15 +8,17 @@ from __future__ import annotations
 
 import itertools
 import json
+import math
 from collections.abc import Iterator
 from typing import Any
 
 from jinja2 import Environment, PackageLoader, select_autoescape
 
 from forcectl.graph.formats.paint import PALETTE
-from forcectl.graph.formats.picture import Layouter, Picture
-from forcectl.graph.formats.svg import box_content, draw, net_content, net_key, style
-from forcectl.graph.model import CATEGORY_TEXT, Block, BlockGraph, Parameter, Port, format_values
+from forcectl.graph.formats.picture import Layouter, Picture, PlacedBox
+from forcectl.graph.formats.svg import draw, elements, net_key, style
+from forcectl.graph.layout.marks import groups
+from forcectl.graph.model import CATEGORY_TEXT, Block, BlockGraph, format_values
 
 _WORK = 6000  # fold states times blocks that are laid out at most
 _MOST_STATES = 128
@@ -28,16 +30,16 @@ def to_html(graph: BlockGraph) -> str:
     start = layouter.picture()
     fragments: dict[str, int] = {}
     paths = {block.path: number for number, block in enumerate(graph.root.walk())}
-    parents = {child: paths[parent] for child, parent in _parents(graph).items()}
+    around = _around(graph)
     states = [_state(graph, layouter.picture(opened), opened, paths, fragments) for opened in fold_states(graph)]
     data = {
         "title": graph.root.name,
-        "blocks": [_details(block, parents.get(block.path, -1)) for block in graph.root.walk()],
+        "blocks": [_details(b, paths[around[b.path][0]] if around[b.path] else -1) for b in graph.root.walk()],
         "states": states,
         "signals": _signals(graph),
         "fragments": list(fragments),
         "start": _key(graph.unfolded(), paths),
-        "depths": [_key(graph.unfolded(depth), paths) for depth in range(graph.max_depth + 1)],
+        "depths": [_key(graph.unfolded(depth), paths) for depth in range(graph.root.height + 1)],
     }
     template = Environment(
         loader=PackageLoader("forcectl.graph.formats"), autoescape=select_autoescape(["html.j2"]), trim_blocks=True
@@ -49,8 +51,8 @@ def to_html(graph: BlockGraph) -> str:
         height=f"{start.height:.2f}",
         scene=draw(graph, start),
         kinds=[(name, CATEGORY_TEXT[name]) for name in PALETTE if any(b.category == name for b in graph.root.walk())],
-        max_depth=graph.max_depth,
-        depth=graph.max_depth if graph.depth is None else min(graph.depth, graph.max_depth),
+        max_depth=graph.root.height,
+        depth=graph.root.height if graph.depth is None else min(graph.depth, graph.root.height),
         # A closing tag inside of a name must not end the script element.
         data=json.dumps(data, ensure_ascii=False, separators=(",", ":")).replace("<", "\\u003c"),
     )
@@ -62,31 +64,28 @@ def fold_states(graph: BlockGraph) -> list[frozenset[str]]:
     limit = min(_MOST_STATES, max(16, _WORK // count))
     if _number_of_states(graph.root) <= limit:
         return sorted(map(frozenset, _all_states(graph.root)), key=lambda s: (len(s), sorted(s)))
-    found = {graph.unfolded(depth) for depth in range(graph.max_depth + 1)} | {graph.unfolded()}
-    parents = _parents(graph)
+    found = {graph.unfolded(depth) for depth in range(graph.root.height + 1)} | {graph.unfolded()}
+    around = _around(graph)
     for block in graph.root.walk():
         if block.kind == "diagram":
-            above = [block.path]
-            while above[-1] in parents:
-                above.append(parents[above[-1]])
-            found.add(frozenset(above))
+            found.add(frozenset([block.path, *around[block.path]]))
             if len(found) < limit:
-                found.add(graph.unfolded(len(above)) - {block.path})
+                found.add(graph.unfolded(1 + len(around[block.path])) - {block.path})
     return sorted(found, key=lambda s: (len(s), sorted(s)))
 
 
-def _parents(graph: BlockGraph) -> dict[str, str]:
-    """Path of the diagram around each block."""
-    return {child.path: block.path for block in graph.root.walk() for child in block.blocks}
+def _around(graph: BlockGraph) -> dict[str, list[str]]:
+    """Paths of the diagrams around each block, the innermost first."""
+    around: dict[str, list[str]] = {graph.root.path: []}
+    for block in graph.root.walk():
+        around |= {child.path: [block.path, *around[block.path]] for child in block.blocks}
+    return around
 
 
 def _number_of_states(block: Block) -> int:
     if block.kind == "leaf":
         return 1
-    product = 1
-    for child in block.blocks:
-        product *= _number_of_states(child)
-    return 1 + product
+    return 1 + math.prod(map(_number_of_states, block.blocks))
 
 
 def _all_states(block: Block) -> Iterator[set[str]]:
@@ -106,14 +105,13 @@ def _state(
     def stored(text: str) -> int:
         return fragments.setdefault(text, len(fragments))
 
-    boxes = []
-    for box in picture.boxes:
-        role, content = box_content(graph.by_path[box.path], box)
-        boxes.append([paths[box.path], stored(role), stored(content), round(box.x, 1), round(box.y, 1)])
-    nets = []
-    for net in picture.nets:
-        role, content = net_content(graph, net)
-        nets.append([stored(net_key(net.inside, net.source)), stored(role), stored(content)])
+    boxes, nets = [], []
+    for placed, role, marks in groups(graph, picture):
+        if isinstance(placed, PlacedBox):
+            at = [round(placed.x, 1), round(placed.y, 1)]
+            boxes.append([paths[placed.path], stored(role), stored(elements(marks)), *at])
+        else:
+            nets.append([stored(net_key(placed.inside, placed.source)), stored(role), stored(elements(marks))])
     size = [round(picture.width, 2), round(picture.height, 2)]
     return {"open": _key(opened, paths), "size": size, "boxes": boxes, "nets": nets}
 
@@ -130,9 +128,12 @@ def _details(block: Block, parent: int) -> dict[str, Any]:
         "parent": parent,
         "sample": block.period_text,
         "states": [continuous, discrete, abstract],
-        "parameters": [_parameter(parameter) for parameter in block.parameters],
-        "inputs": [_port(port) for port in block.inputs],
-        "outputs": [_port(port) for port in block.outputs],
+        "parameters": [[p.name, format_values(p.values)] for p in block.parameters],
+        "inputs": [[port.name, port.signal, ""] for port in block.inputs],
+        "outputs": [
+            [port.name, port.signal, f"direct from {', '.join(port.feedthrough)}" if port.feedthrough else ""]
+            for port in block.outputs
+        ],
     }
 
 
@@ -143,12 +144,3 @@ def _signals(graph: BlockGraph) -> dict[str, list[str]]:
         for block in graph.root.walk()
         for edge in block.edges
     }
-
-
-def _parameter(parameter: Parameter) -> list[str]:
-    return [parameter.name, format_values(parameter.values)]
-
-
-def _port(port: Port) -> list[str]:
-    direct = f"direct from {', '.join(port.feedthrough)}" if port.feedthrough else ""
-    return [port.name, port.signal, direct]

@@ -2,59 +2,63 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterator
+
 from forcectl.graph.formats.paint import PALETTE
 from forcectl.graph.layout.shapes import shape_of, subtitle
-from forcectl.graph.model import Block, BlockGraph
+from forcectl.graph.model import Block, BlockGraph, Endpoint
 
 
 def to_mermaid(graph: BlockGraph) -> str:
     """The graph at its depth as a Mermaid document."""
-    opened = graph.unfolded()
-    ids = {block.path: f"b{number}" for number, block in enumerate(graph.root.walk())}
-    lines = ["flowchart LR", *_block(graph, graph.root, opened, ids, "  ")]
-    for name, (fill, line) in PALETTE.items():
-        members = [ids[b.path] for b in graph.nodes if b.category == name and b.path not in opened]
-        if members:
-            lines.append(f"  classDef {name} fill:{fill},stroke:{line},color:#1d2730")
-            lines.append(f"  class {','.join(members)} {name}")
-    return "\n".join(lines) + "\n"
+    writer = _Flowchart(graph)
+    return "\n".join(["flowchart LR", *writer.block(graph.root, "  "), *writer.colours()]) + "\n"
 
 
-def _block(graph: BlockGraph, block: Block, opened: frozenset[str], ids: dict[str, str], indent: str) -> list[str]:
-    node = ids[block.path]
-    if block.path not in opened:
-        return [indent + _node(block, node)]
-    inner = indent + "  "
-    title = block.name + (f" ({subtitle(block)})" if subtitle(block) else "")
-    lines = [f'{indent}subgraph {node}["{_text(title)}"]', f"{inner}direction LR"]
-    for side, terminals in (("in", block.inputs), ("out", block.outputs)):
-        lines += [f'{inner}{node}_{side}{number}(["{_text(port.name)}"])' for number, port in enumerate(terminals)]
-    for child in block.blocks:
-        lines += _block(graph, child, opened, ids, inner)
-    lines.append(f"{indent}end")
-    for edge in block.edges:
-        source, from_port = _end(graph.by_path[edge.source.block], edge.source.port, "out", block, opened, ids)
-        target, to_port = _end(graph.by_path[edge.target.block], edge.target.port, "in", block, opened, ids)
-        ports = " → ".join(dict.fromkeys(name for name in (from_port, to_port) if name))
-        words = [ports, edge.signal if graph.signals else ""]
-        label = ": ".join(word for word in words if word)
-        arrow = "-->" if edge.size else "-.->"
-        lines.append(
-            f'{indent}{source} {arrow}|"{_text(label)}"| {target}' if label else f"{indent}{source} {arrow} {target}"
-        )
-    return lines
+class _Flowchart:
+    """Lines of blocks under short names: `b3`, terminals of an open one `b3_in0`."""
 
+    def __init__(self, graph: BlockGraph) -> None:
+        self._graph = graph
+        self._opened = graph.unfolded()
+        self._ids = {block.path: f"b{number}" for number, block in enumerate(graph.root.walk())}
 
-def _end(
-    block: Block, port: str, side: str, scope: Block, opened: frozenset[str], ids: dict[str, str]
-) -> tuple[str, str]:
-    """Node at which a wire ends, and the port to be named on the wire (terminals carry their own name)."""
-    if block is scope:
-        side = "in" if side == "out" else "out"
-    ports = [p.name for p in (block.inputs if side == "in" else block.outputs)]
-    if block.path in opened:
-        return f"{ids[block.path]}_{side}{ports.index(port)}", ""
-    return ids[block.path], port if shape_of(block).names_shown else ""
+    def block(self, block: Block, indent: str) -> Iterator[str]:
+        node = self._ids[block.path]
+        if block.path not in self._opened:
+            yield indent + _node(block, node)
+            return
+        inner = indent + "  "
+        title = block.name + (f" ({subtitle(block)})" if subtitle(block) else "")
+        yield f'{indent}subgraph {node}["{_text(title)}"]'
+        yield f"{inner}direction LR"
+        for side, terminals in (("in", block.inputs), ("out", block.outputs)):
+            for number, port in enumerate(terminals):
+                yield f'{inner}{node}_{side}{number}(["{_text(port.name)}"])'
+        for child in block.blocks:
+            yield from self.block(child, inner)
+        yield f"{indent}end"
+        for edge in block.edges:
+            source, from_port = self._end(edge.source, "out", block.path)
+            target, to_port = self._end(edge.target, "in", block.path)
+            ports = " → ".join(dict.fromkeys(name for name in (from_port, to_port) if name))
+            label = ": ".join(word for word in (ports, edge.signal) if word)
+            arrow = "-->" if edge.size else "-.->"
+            yield f'{indent}{source} {arrow}|"{_text(label)}"| {target}'
+
+    def colours(self) -> Iterator[str]:
+        for name, (fill, line) in PALETTE.items():
+            folded = (b for b in self._graph.nodes if b.category == name and b.path not in self._opened)
+            if members := [self._ids[block.path] for block in folded]:
+                yield f"  classDef {name} fill:{fill},stroke:{line},color:#1d2730"
+                yield f"  class {','.join(members)} {name}"
+
+    def _end(self, end: Endpoint, side: str, inside: str) -> tuple[str, str]:
+        """Node at which a wire ends, and the port to be named on the wire (terminals carry their own name)."""
+        side, number = self._graph.port_number(end, side, inside)
+        if end.block in self._opened:
+            return f"{self._ids[end.block]}_{side}{number}", ""
+        return self._ids[end.block], end.port if shape_of(self._graph.by_path[end.block]).form == "box" else ""
 
 
 def _node(block: Block, node: str) -> str:

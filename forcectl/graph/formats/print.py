@@ -7,12 +7,10 @@ from __future__ import annotations
 
 import io
 import math
-from collections.abc import Iterable, Iterator
 from pathlib import Path as FilePath
 from typing import Any, Literal
 
 import matplotlib as mpl
-from matplotlib.artist import Artist
 from matplotlib.colors import to_rgba
 from matplotlib.figure import Figure
 from matplotlib.font_manager import FontProperties
@@ -22,9 +20,9 @@ from matplotlib.text import Text
 from matplotlib.transforms import Affine2D, Transform
 
 from forcectl.graph.formats.paint import DASHES, LETTERS, PAPER, paint_of
-from forcectl.graph.formats.picture import Layouter, Picture
-from forcectl.graph.layout.marks import Disc, Label, Mark, Rectangle, Stroke, box_marks, net_marks
-from forcectl.graph.layout.route import Point
+from forcectl.graph.formats.picture import Layouter, Picture, PlacedBox
+from forcectl.graph.layout.marks import Disc, Label, Rectangle, Stroke, groups
+from forcectl.graph.layout.rows import Point
 from forcectl.graph.model import BlockGraph
 
 _PER_INCH = 96.0  # pixels of the picture, as in a browser
@@ -93,30 +91,14 @@ def figure_of(graph: BlockGraph, picture: Picture, per_inch: float) -> Figure:
     figure.set_layout_engine("none")
     whole = Affine2D().scale(1.0 / width, -1.0 / height).translate(0.0, 1.0) + figure.transFigure
     point = 72.0 / per_inch  # points per pixel of the picture
-    for group, (x, y), marks in _groups(graph, picture):
-        place = Affine2D().translate(x, y) + whole
-        for artist in _artists(marks, group, place, point):
-            artist.set_zorder(0)  # in the order of the marks, text too
-            figure.add_artist(artist)
+    for placed, group, marks in groups(graph, picture):
+        place = Affine2D().translate(placed.x, placed.y) + whole if isinstance(placed, PlacedBox) else whole
+        for mark in marks:
+            if mark.role != "title":  # the strip that can be clicked in a page
+                artist = _text(mark, place, point) if isinstance(mark, Label) else _patch(mark, group, place, point)
+                artist.set_zorder(0)  # in the order of the marks, text too
+                figure.add_artist(artist)
     return figure
-
-
-def _groups(graph: BlockGraph, picture: Picture) -> Iterator[tuple[str, Point, list[Mark]]]:
-    """Classes, origin and marks of boxes, outer ones first, then of nets."""
-    for box in picture.boxes:
-        group, marks = box_marks(graph.by_path[box.path], box)
-        yield group, (box.x, box.y), marks
-    for net in picture.nets:
-        group, marks = net_marks(graph, net)
-        yield group, (0.0, 0.0), marks
-
-
-def _artists(marks: Iterable[Mark], group: str, place: Transform, point: float) -> Iterator[Artist]:
-    for mark in marks:
-        if isinstance(mark, Label):
-            yield _text(mark, place, point)
-        elif mark.role != "title":  # the strip that can be clicked in a page
-            yield _patch(mark, group, place, point)
 
 
 def _text(label: Label, place: Transform, point: float) -> Text:

@@ -1,14 +1,15 @@
 """The marks that make up a picture: outlines and labels with a role, before any file format.
 
-What a block or a wire looks like is said here once; `graph_svg` and `graph_print` only write it down.
+What a block or a wire looks like is said here once; `formats.svg` and `formats.print` only write it down.
 """
 
 from __future__ import annotations
 
+from collections.abc import Iterator
 from dataclasses import dataclass
 
-from forcectl.graph.formats.picture import PlacedBox, PlacedNet
-from forcectl.graph.layout.route import Point
+from forcectl.graph.formats.picture import Picture, PlacedBox, PlacedNet
+from forcectl.graph.layout.rows import Point
 from forcectl.graph.layout.shapes import (
     CAPTION,
     FRAME_TITLE,
@@ -20,6 +21,8 @@ from forcectl.graph.layout.shapes import (
     text_width,
 )
 from forcectl.graph.model import Block, BlockGraph
+
+Steps = tuple[tuple[str, tuple[Point, ...]], ...]
 
 _CORNER = 5.0  # of a wire
 _ICONS = {
@@ -58,7 +61,7 @@ class Stroke:
     """A path: `M` moves, `L` draws a line, `Q` a curve by one control point, `Z` closes."""
 
     role: str
-    steps: tuple[tuple[str, tuple[Point, ...]], ...]
+    steps: Steps
 
 
 @dataclass(frozen=True)
@@ -75,6 +78,14 @@ class Label:
 Mark = Rectangle | Disc | Stroke | Label
 
 
+def groups(graph: BlockGraph, picture: Picture) -> Iterator[tuple[PlacedBox | PlacedNet, str, list[Mark]]]:
+    """Each box, outer ones first, then each net: its classes, and its marks relative to the corner of the box."""
+    for box in picture.boxes:
+        yield box, *box_marks(graph.by_path[box.path], box)
+    for net in picture.nets:
+        yield net, *_net_marks(graph, net)
+
+
 def box_marks(block: Block, box: PlacedBox) -> tuple[str, list[Mark]]:
     """Classes of a block's group, and its marks relative to the block's corner."""
     shape = box.shape
@@ -84,7 +95,7 @@ def box_marks(block: Block, box: PlacedBox) -> tuple[str, list[Mark]]:
     return f"block {shape.form} {block.category}", _labelled(marks)
 
 
-def net_marks(graph: BlockGraph, net: PlacedNet) -> tuple[str, list[Mark]]:
+def _net_marks(graph: BlockGraph, net: PlacedNet) -> tuple[str, list[Mark]]:
     """Classes of a net's group, and its wires, arrow heads, dots where they part, and size and unit at the start."""
     marks: list[Mark] = [Stroke("wire", _wire(wire)) for wire in net.wires]
     marks += [Stroke("head", _arrow(*wire[-1], back=8.0, half=3.6)) for wire in net.wires]
@@ -104,7 +115,7 @@ def _is_abstract(graph: BlockGraph, net: PlacedNet) -> bool:
     return any(port.abstract for port in ports if port.name == net.source.port)
 
 
-def _wire(points: tuple[Point, ...]) -> tuple[tuple[str, tuple[Point, ...]], ...]:
+def _wire(points: tuple[Point, ...]) -> Steps:
     """A wire with rounded corners; it stops short of its end, where the arrow head begins."""
     end = (points[-1][0] - 4.0, points[-1][1])
     corners = [*points[:-1], end]
@@ -125,13 +136,17 @@ def _towards(start: Point, goal: Point, step: float) -> Point:
     return start[0] + (goal[0] - start[0]) * step / length, start[1] + (goal[1] - start[1]) * step / length
 
 
-def _arrow(x: float, y: float, back: float, half: float) -> tuple[tuple[str, tuple[Point, ...]], ...]:
+def _line(first: Point, *others: Point) -> Steps:
+    return ("M", (first,)), *(("L", (point,)) for point in others)
+
+
+def _polygon(*corners: Point) -> Steps:
+    return *_line(*corners), ("Z", ())
+
+
+def _arrow(x: float, y: float, back: float, half: float) -> Steps:
     """A triangle with its tip at a point, pointing right."""
     return _polygon((x - back, y - half), (x, y), (x - back, y + half))
-
-
-def _polygon(first: Point, *others: Point) -> tuple[tuple[str, tuple[Point, ...]], ...]:
-    return ("M", (first,)), *(("L", (point,)) for point in others), ("Z", ())
 
 
 def _frame(block: Block, box: PlacedBox) -> list[Mark]:
@@ -188,8 +203,8 @@ def _symbol(shape: Shape) -> list[Mark]:
     else:
         marks.append(Rectangle("body", x, y, width, height, 2.0))
     if shape.symbol.startswith(":"):
-        first, *others = ((middle_x + dx, middle_y + dy) for dx, dy in _ICONS[shape.symbol])
-        marks.append(Stroke("ink", (("M", (first,)), *(("L", (point,)) for point in others))))
+        icon = ((middle_x + dx, middle_y + dy) for dx, dy in _ICONS[shape.symbol])
+        marks.append(Stroke("ink", _line(*icon)))
     else:
         marks.append(Label("symbol", middle_x, middle_y + 4.3, shape.symbol, "middle"))
     for number, caption in enumerate(shape.captions):

@@ -6,8 +6,10 @@ wires one would call feedback: measurements and estimates rather than references
 
 from __future__ import annotations
 
+import itertools
 import re
 from collections import defaultdict
+from collections.abc import Container, Iterable
 
 from forcectl.graph.model import Block, Edge
 
@@ -23,31 +25,32 @@ _Arc = tuple[str, str]
 def feedback_edges(block: Block) -> frozenset[Edge]:
     """The wires inside a diagram that run against its forward path (from a block to an earlier one or to itself)."""
     place = {path: number for number, path in enumerate(_forward_order(block))}
-    return frozenset(
-        edge
-        for edge in block.edges
-        if block.path not in (edge.source.block, edge.target.block)
-        and place[edge.source.block] >= place[edge.target.block]
-    )
+    return frozenset(edge for edge in _inner(block) if place[edge.source.block] >= place[edge.target.block])
 
 
-def ranks(block: Block, feedback: frozenset[Edge]) -> dict[str, int]:
+def ranks(block: Block) -> dict[str, int]:
     """Column of each block inside a diagram, from 1 on; every forward wire leads at least one column to the right."""
     order = _forward_order(block)
+    place = {path: number for number, path in enumerate(order)}
     after: dict[str, set[str]] = defaultdict(set)
     before: dict[str, set[str]] = defaultdict(set)
-    for edge in block.edges:
+    for edge in _inner(block):
         source, target = edge.source.block, edge.target.block
-        if edge not in feedback and block.path not in (source, target):
+        if place[source] < place[target]:
             after[source].add(target)
             before[target].add(source)
     rank: dict[str, int] = {}
     for path in order:
         rank[path] = 1 + max((rank[earlier] for earlier in before[path]), default=0)
     for path in reversed(order):  # short wires: what has more to the right than to the left moves to the right
-        if after[path] and len(after[path]) > len(before[path]):
+        if len(after[path]) > len(before[path]):
             rank[path] = min(rank[later] for later in after[path]) - 1
     return rank
+
+
+def _inner(block: Block) -> list[Edge]:
+    """The wires from block to block."""
+    return [edge for edge in block.edges if block.path not in (edge.source.block, edge.target.block)]
 
 
 def _forward_order(block: Block) -> list[str]:
@@ -68,9 +71,9 @@ def _weights(block: Block) -> dict[_Arc, float]:
     entered_from_outside |= {e.target.block for e in block.edges if e.source.block not in has_input}
     leaves = {edge.source.block for edge in block.edges if edge.target.block == block.path}
     weights: dict[_Arc, float] = defaultdict(float)
-    for edge in block.edges:
+    for edge in _inner(block):
         source, target = edge.source.block, edge.target.block
-        if source not in inside or target not in inside or source == target:
+        if source == target:
             continue
         cost = 4.0
         port = edge.target.port.lower()
@@ -91,67 +94,44 @@ def _weights(block: Block) -> dict[_Arc, float]:
 
 
 def _components(paths: list[str], weights: dict[_Arc, float]) -> list[list[str]]:
-    """Strongly connected groups in forward order (Tarjan, without recursion)."""
-    after: dict[str, list[str]] = {path: [] for path in paths}
-    for source, target in weights:
-        after[source].append(target)
-    index: dict[str, int] = {}
-    low: dict[str, int] = {}
-    stack: list[str] = []
-    on_stack: set[str] = set()
-    found: list[list[str]] = []
-    for root in reversed(paths):  # groups come out last first
-        if root in index:
-            continue
-        work = [(root, iter(sorted(after[root], key=paths.index, reverse=True)))]
-        index[root] = low[root] = len(index)
-        stack.append(root)
-        on_stack.add(root)
-        while work:
-            path, later = work[-1]
-            step = next(later, None)
-            if step is None:
-                work.pop()
-                if work:
-                    low[work[-1][0]] = min(low[work[-1][0]], low[path])
-                if low[path] == index[path]:
-                    cut = stack.index(path)
-                    group, stack[cut:] = stack[cut:], []
-                    on_stack -= set(group)
-                    found.append(sorted(group, key=paths.index))
-            elif step not in index:
-                index[step] = low[step] = len(index)
-                stack.append(step)
-                on_stack.add(step)
-                work.append((step, iter(sorted(after[step], key=paths.index, reverse=True))))
-            elif step in on_stack:
-                low[path] = min(low[path], index[step])
-    return found[::-1]
+    """Strongly connected groups in forward order (Kosaraju's two searches)."""
+    order = _forwards(paths[::-1], paths, weights)
+    backwards = {(target, source) for source, target in weights}
+    return [sorted(tree, key=paths.index) for tree in _depth_first(order, paths, backwards)]
 
 
 def _best_order(group: list[str], weights: dict[_Arc, float]) -> list[str]:
     """The cheapest order found from every starting block, improved by moving single blocks."""
     member = set(group)
-    arcs = {arc: weight for arc, weight in weights.items() if arc[0] in member and arc[1] in member}
+    arcs = {arc: weight for arc, weight in weights.items() if member.issuperset(arc)}
     starts = group if len(group) <= 12 else group[:1]
-    candidates = [_improved(_depth_first(start, group, arcs), arcs) for start in starts]
-    return min(candidates, key=lambda order: (round(_cost(order, arcs), 6), candidates.index(order)))
+    candidates = [_improved(_forwards([start, *group], group, arcs), arcs) for start in starts]
+    return min(candidates, key=lambda order: round(_cost(order, arcs), 6))
 
 
-def _depth_first(start: str, group: list[str], arcs: dict[_Arc, float]) -> list[str]:
-    order: list[str] = []
+def _forwards(roots: Iterable[str], paths: list[str], arcs: Container[_Arc]) -> list[str]:
+    """The blocks so that only arcs that close a ring run backwards."""
+    return [path for tree in _depth_first(roots, paths, arcs) for path in tree][::-1]
+
+
+def _depth_first(roots: Iterable[str], paths: list[str], arcs: Container[_Arc]) -> list[list[str]]:
+    """What each root leads to and no earlier one did, every block behind those that it leads to itself."""
+    trees: list[list[str]] = []
     seen: set[str] = set()
-    for root in [start, *group]:
+    for root in roots:
+        tree: list[str] = []
         stack = [(root, False)]
-        while stack:
+        while stack:  # no recursion: a chain of blocks may be long
             path, done = stack.pop()
             if done:
-                order.append(path)
+                tree.append(path)
             elif path not in seen:
                 seen.add(path)
                 stack.append((path, True))
-                stack += [(other, False) for other in group if (path, other) in arcs and other not in seen]
-    return order[::-1]
+                stack += [(other, False) for other in paths if (path, other) in arcs and other not in seen]
+        if tree:
+            trees.append(tree)
+    return trees
 
 
 def _cost(order: list[str], arcs: dict[_Arc, float]) -> float:
@@ -161,31 +141,22 @@ def _cost(order: list[str], arcs: dict[_Arc, float]) -> float:
 
 def _improved(order: list[str], arcs: dict[_Arc, float]) -> list[str]:
     """Move one block at a time to where it costs least, until nothing gets better."""
-    touching: dict[str, list[tuple[str, float, bool]]] = defaultdict(list)
+    touching: dict[str, list[tuple[str, float]]] = defaultdict(list)  # what passing a neighbour to the right costs
     for (source, target), weight in arcs.items():
-        touching[source].append((target, weight, True))
-        touching[target].append((source, weight, False))
+        touching[source].append((target, weight))
+        touching[target].append((source, -weight))
     for _ in range(len(order)):
-        changed = False
-        for path in list(order):
+        before = order
+        for path in before:
             rest = [other for other in order if other != path]
             place = {other: number for number, other in enumerate(rest)}
-            # Cost of standing before everything, then what each step to the right changes.
-            step = [0.0] * (len(rest) + 1)
-            for other, weight, leaves in touching[path]:
-                step[place[other] + 1] += weight if leaves else -weight
-            total, best, best_at = 0.0, 0.0, 0
-            current = order.index(path)
-            sums = []
-            for number, change in enumerate(step):
-                total += change
-                sums.append(total)
-                if total < best - 1e-9:
-                    best, best_at = total, number
-            if sums[current] > best + 1e-9:
-                rest.insert(best_at, path)
-                order = rest
-                changed = True
-        if not changed:
+            steps = [0.0] * len(order)
+            for other, change in touching[path]:
+                steps[place[other] + 1] += change
+            costs = [round(cost, 9) for cost in itertools.accumulate(steps)]  # beside that of standing first
+            best = costs.index(min(costs))
+            if costs[order.index(path)] > costs[best]:
+                order = [*rest[:best], path, *rest[best:]]
+        if order == before:
             break
     return order

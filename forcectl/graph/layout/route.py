@@ -6,9 +6,7 @@ import itertools
 from collections import defaultdict
 from dataclasses import dataclass, field
 
-from forcectl.graph.layout.rows import Crossing, Item
-
-Point = tuple[float, float]
+from forcectl.graph.layout.rows import Columns, Crossing, End, Item, Point
 
 TRACK = 11.0  # between upright tracks
 LANE = 13.0  # between returning lanes
@@ -27,73 +25,69 @@ class Net:
         label_width: of the text written at the source.
     """
 
-    source: tuple[str, str]
-    targets: list[tuple[str, str]]
+    source: End
+    targets: list[End]
     label_width: float = 0.0
     lane: float = 0.0
-    bends: dict[int, str] = field(default_factory=dict)  # column -> item where the wire passes
+    bends: dict[int, Item] = field(default_factory=dict)  # column -> item where the wire passes
 
-    def returns(self, items: dict[str, Item]) -> list[tuple[str, str]]:
+    @property
+    def rank(self) -> int:
+        """Column of the source."""
+        return self.source[0].rank
+
+    def returns(self) -> list[End]:
         """The targets that are reached from below."""
-        rank = items[self.source[0]].rank
-        return [target for target in self.targets if items[target[0]].rank <= rank]
+        return [target for target in self.targets if target[0].rank <= self.rank]
 
 
 @dataclass
-class _Crossing:
+class _Track:
     """One net inside one channel: the heights at which it comes from and goes to either side."""
 
     net: int
     left: list[float] = field(default_factory=list)
     right: list[float] = field(default_factory=list)
     x: float = 0.0
-    track: int = -1
+    number: int = -1
 
     @property
     def span(self) -> tuple[float, float]:
         heights = self.left + self.right
         return min(heights), max(heights)
 
-    @property
-    def straight(self) -> bool:
-        low, high = self.span
-        return high - low < 0.01
+
+Tracks = dict[int, _Track]  # by number of the net
 
 
-def bend_points(nets: list[Net], items: dict[str, Item]) -> list[Crossing]:
-    """Add an item wherever a wire passes a column, and return every hop from column to column."""
+def bend_points(nets: list[Net]) -> list[Crossing]:
+    """Put an item wherever a wire passes a column, and return every hop from column to column."""
     hops: list[Crossing] = []
     for number, net in enumerate(nets):
-        key, port = net.source
-        start = items[key].rank
-        forward = [target for target in net.targets if items[target[0]].rank > start]
-        furthest = max((items[target[0]].rank for target in forward), default=start)
-        for rank in range(start + 1, furthest):
-            bend = f"wire {number} {rank}"
-            items[bend] = Item(bend, rank, wire=True)
-            net.bends[rank] = bend
-        for rank in range(start, furthest):
-            left, left_port = (key, port) if rank == start else (net.bends[rank], "")
-            ends = [target for target in forward if items[target[0]].rank == rank + 1]
+        forward = [target for target in net.targets if target[0].rank > net.rank]
+        furthest = max((item.rank for item, _ in forward), default=net.rank)
+        net.bends = {rank: Item(rank, wire=True) for rank in range(net.rank + 1, furthest)}
+        for rank in range(net.rank, furthest):
+            start = net.source if rank == net.rank else (net.bends[rank], "")
+            ends = [target for target in forward if target[0].rank == rank + 1]
             if rank + 1 in net.bends:
                 ends.append((net.bends[rank + 1], ""))
-            hops += [Crossing(number, rank, left, left_port, *end) for end in ends]
+            hops += [Crossing(number, rank, *start, *end) for end in ends]
     return hops
 
 
-def set_lanes(nets: list[Net], items: dict[str, Item], columns: list[list[str]], hops: list[Crossing]) -> float:
+def set_lanes(nets: list[Net], columns: Columns, hops: list[Crossing]) -> float:
     """Height of every return below the blocks it passes, short ones closest; returns the lowest of everything."""
-    bottom = [max((items[key].y + items[key].height for key in column), default=0.0) for column in columns]
+    bottom = [max((item.y + item.height for item in column), default=0.0) for column in columns]
     rows: dict[int, set[float]] = defaultdict(set)  # heights at which wires run in each channel
     for hop in hops:
-        rows[hop.channel].add(items[hop.left].y + items[hop.left].pin("out", hop.left_port)[1])
-        rows[hop.channel].add(items[hop.right].y + items[hop.right].pin("in", hop.right_port)[1])
+        rows[hop.channel] |= {hop.left.place("out", hop.left_port)[1], hop.right.place("in", hop.right_port)[1]}
     placed: list[tuple[int, int, float]] = []
     returning = []
     for number, net in enumerate(nets):
-        if back := net.returns(items):
-            first, arrival = min((items[key].rank, items[key].y + items[key].pin("in", port)[1]) for key, port in back)
-            returning.append((items[net.source[0]].rank - first, first, -arrival, number))
+        if back := net.returns():
+            first, arrival = min((item.rank, item.place("in", port)[1]) for item, port in back)
+            returning.append((net.rank - first, first, -arrival, number))
     for length, first, _, number in sorted(returning):  # the lowest port takes the innermost lane
         last = first + length
         lane = max(bottom[first : last + 1]) + _BELOW
@@ -107,92 +101,75 @@ def set_lanes(nets: list[Net], items: dict[str, Item], columns: list[list[str]],
     return max([*bottom, *(lane for *_, lane in placed)], default=0.0)
 
 
-def set_columns(
-    nets: list[Net], items: dict[str, Item], columns: list[list[str]], hops: list[Crossing], left_margin: float
-) -> tuple[float, list[dict[int, _Crossing]]]:
+def set_columns(nets: list[Net], columns: Columns, hops: list[Crossing]) -> tuple[float, list[Tracks]]:
     """Set `x` of every item; returns the total width and the tracks of each channel."""
-    channels = [_channel(number, nets, items, hops) for number in range(len(columns))]
-    x = left_margin
+    channels = [_channel(number, nets, hops) for number in range(len(columns))]
+    x = 0.0
     for number, column in enumerate(columns):
-        width = max((items[key].width for key in column), default=0.0)
-        for key in column:
-            item = items[key]
-            at_left, at_right = number == 0, number == len(columns) - 1
+        width = max((item.width for item in column), default=0.0)
+        at_left, at_right = number == 0, number == len(columns) - 1
+        for item in column:
             slack = width - item.width
             item.x = round(x + (0.0 if at_left else slack if at_right else slack / 2.0), 2)
         x += width
-        if number == len(columns) - 1:
+        if at_right:
             break
-        crossings = channels[number]
-        tracks = _assign_tracks(list(crossings.values()))
-        label = max((nets[n].label_width for n in crossings if items[nets[n].source[0]].rank == number), default=0.0)
+        tracks = channels[number]
+        count = _number_tracks(list(tracks.values()))
+        label = max((nets[n].label_width for n in tracks if nets[n].rank == number), default=0.0)
         start = x + label + (10.0 if label else 6.0)
-        for crossing in crossings.values():
-            crossing.x = round(start + max(crossing.track, 0) * TRACK, 2)
-        empty = not crossings
-        x += 14.0 if empty else max(_NARROW, start - x + max(tracks - 1, 0) * TRACK + _ENTRY)
+        for track in tracks.values():
+            track.x = round(start + max(track.number, 0) * TRACK, 2)
+        x += max(_NARROW, start - x + max(count - 1, 0) * TRACK + _ENTRY) if tracks else 14.0
     return x, channels
 
 
-def _channel(number: int, nets: list[Net], items: dict[str, Item], hops: list[Crossing]) -> dict[int, _Crossing]:
-    found: dict[int, _Crossing] = {}
-
-    def at(net: int) -> _Crossing:
-        return found.setdefault(net, _Crossing(net))
-
+def _channel(number: int, nets: list[Net], hops: list[Crossing]) -> Tracks:
+    """The nets that pass the channel to the right of a column."""
+    left: dict[int, list[float]] = defaultdict(list)
+    right: dict[int, list[float]] = defaultdict(list)
     for hop in hops:
         if hop.channel == number:
-            crossing = at(hop.net)
-            left = items[hop.left].y + items[hop.left].pin("out", hop.left_port)[1]
-            if left not in crossing.left:
-                crossing.left.append(left)
-            crossing.right.append(items[hop.right].y + items[hop.right].pin("in", hop.right_port)[1])
+            left[hop.net].append(hop.left.place("out", hop.left_port)[1])
+            right[hop.net].append(hop.right.place("in", hop.right_port)[1])
     for index, net in enumerate(nets):
-        back = net.returns(items)
-        if not back:
-            continue
-        key, port = net.source
-        if items[key].rank == number:
-            crossing = at(index)
-            left = items[key].y + items[key].pin("out", port)[1]
-            if left not in crossing.left:
-                crossing.left.append(left)
-            crossing.left.append(net.lane)
-        ends = [(k, p) for k, p in back if items[k].rank == number + 1]
-        if ends:
-            crossing = at(index)
-            crossing.right += [items[k].y + items[k].pin("in", p)[1] for k, p in ends] + [net.lane]
-            if min(items[k].rank for k, _ in back) <= number:
-                crossing.left.append(net.lane)
-    return dict(sorted(found.items()))
+        back = net.returns()
+        if back and net.rank == number:
+            item, port = net.source
+            left[index] += [item.place("out", port)[1], net.lane]
+        if ends := [item.place("in", port)[1] for item, port in back if item.rank == number + 1]:
+            right[index] += [*ends, net.lane]
+            if min(item.rank for item, _ in back) <= number:
+                left[index].append(net.lane)
+    return {net: _Track(net, list(dict.fromkeys(left[net])), right[net]) for net in sorted({*left, *right})}
 
 
-def _assign_tracks(crossings: list[_Crossing]) -> int:
+def _number_tracks(tracks: list[_Track]) -> int:
     """Order the wires of a channel so that few cross and none run on top of each other; returns how many tracks."""
-    order = [crossing for crossing in crossings if not crossing.straight]
-    order.sort(key=lambda c: (sum(c.right) / max(len(c.right), 1) - sum(c.left) / max(len(c.left), 1), c.net))
+    order = [track for track in tracks if track.span[1] - track.span[0] >= 0.01]
+    order.sort(key=lambda t: (sum(t.right) / max(len(t.right), 1) - sum(t.left) / max(len(t.left), 1), t.net))
     cost = {(a.net, b.net): _cost(a, b) for a in order for b in order if a is not b}
     for _ in range(4):
-        before = [c.net for c in order]
-        for crossing in list(order):
-            rest = [other for other in order if other is not crossing]
+        before = list(order)
+        for track in before:
+            rest = [other for other in order if other is not track]
             sums = [
-                sum(cost[o.net, crossing.net] for o in rest[:i]) + sum(cost[crossing.net, o.net] for o in rest[i:])
+                sum(cost[o.net, track.net] for o in rest[:i]) + sum(cost[track.net, o.net] for o in rest[i:])
                 for i in range(len(rest) + 1)
             ]
-            current = order.index(crossing)
+            current = order.index(track)
             best = min(range(len(sums)), key=lambda i: (sums[i], abs(i - current)))
-            order = [*rest[:best], crossing, *rest[best:]]
-        if before == [c.net for c in order]:
+            order = [*rest[:best], track, *rest[best:]]
+        if before == order:
             break
-    for index, crossing in enumerate(order):
-        low, high = crossing.span
-        meets = [o.track for o in order[:index] if o.span[0] < high + 8.0 and low < o.span[1] + 8.0]
-        crossing.track = 1 + max(meets, default=-1)
-    return 1 + max((crossing.track for crossing in order), default=-1)
+    for index, track in enumerate(order):
+        low, high = track.span
+        meets = [o.number for o in order[:index] if o.span[0] < high + 8.0 and low < o.span[1] + 8.0]
+        track.number = 1 + max(meets, default=-1)
+    return 1 + max((track.number for track in order), default=-1)
 
 
-def _cost(a: _Crossing, b: _Crossing) -> float:
+def _cost(a: _Track, b: _Track) -> float:
     """What it costs to put the track of `a` left of that of `b`."""
     (a_low, a_high), (b_low, b_high) = a.span, b.span
     crossings = sum(b_low < y < b_high for y in a.right) + sum(a_low < y < a_high for y in b.left)
@@ -200,46 +177,35 @@ def _cost(a: _Crossing, b: _Crossing) -> float:
     return crossings + 1000.0 * overlaps
 
 
-def wire_points(
-    net: Net, number: int, target: tuple[str, str], items: dict[str, Item], channels: list[dict[int, _Crossing]]
-) -> list[Point]:
+def wire_points(net: Net, number: int, target: End, channels: list[Tracks]) -> list[Point]:
     """Corners of the wire from a net's source to one of its targets."""
-    start = _pin(items[net.source[0]], "out", net.source[1])
-    end = _pin(items[target[0]], "in", target[1])
-    first, last = items[net.source[0]].rank, items[target[0]].rank
-    points = [start]
-    if last <= first:
-        out, back = channels[first][number].x, channels[last - 1][number].x
-        points += [(out, start[1]), (out, net.lane), (back, net.lane), (back, end[1])]
+    (source, source_port), (item, port) = net.source, target
+    start, end = source.place("out", source_port), item.place("in", port)
+    if item.rank <= source.rank:
+        out, back = channels[source.rank][number].x, channels[item.rank - 1][number].x
+        corners = [(out, start[1]), (out, net.lane), (back, net.lane), (back, end[1])]
     else:
-        y = start[1]
-        for channel in range(first, last):
-            x = channels[channel][number].x
-            following = end[1] if channel == last - 1 else items[net.bends[channel + 1]].y
-            points += [(x, y), (x, following)]
-            y = following
-    return _without_repeats([*points, end])
-
-
-def _pin(item: Item, side: str, port: str) -> Point:
-    dx, dy = item.pin(side, port)
-    return item.x + dx, item.y + dy
+        passed = [start[1], *(net.bends[rank].y for rank in range(source.rank + 1, item.rank)), end[1]]
+        tracks = [channels[channel][number].x for channel in range(source.rank, item.rank)]
+        corners = [(x, y) for x, pair in zip(tracks, itertools.pairwise(passed), strict=True) for y in pair]
+    return _without_repeats([start, *corners, end])
 
 
 def _without_repeats(points: list[Point]) -> list[Point]:
     """Drop corners that are no corners."""
     kept: list[Point] = []
     for point in points:
-        if kept and abs(kept[-1][0] - point[0]) < 0.01 and abs(kept[-1][1] - point[1]) < 0.01:
+        if kept and _aligned([kept[-1], point], 0) and _aligned([kept[-1], point], 1):
             continue
-        if len(kept) >= 2:
-            (x0, y0), (x1, y1) = kept[-2], kept[-1]
-            same_row = abs(y0 - y1) < 0.01 and abs(y1 - point[1]) < 0.01
-            same_column = abs(x0 - x1) < 0.01 and abs(x1 - point[0]) < 0.01
-            if same_row or same_column:
-                kept.pop()
+        if len(kept) >= 2 and any(_aligned([*kept[-2:], point], axis) for axis in (0, 1)):
+            kept.pop()
         kept.append(point)
     return kept
+
+
+def _aligned(points: list[Point], axis: int) -> bool:
+    """Whether consecutive points have the same coordinate along an axis."""
+    return all(abs(a[axis] - b[axis]) < 0.01 for a, b in itertools.pairwise(points))
 
 
 def branch_points(wires: list[list[Point]]) -> list[Point]:
@@ -251,13 +217,12 @@ def branch_points(wires: list[list[Point]]) -> list[Point]:
     for wire in wires:
         for (x0, y0), (x1, y1) in itertools.pairwise(wire):
             dx, dy = (x1 > x0) - (x1 < x0), (y1 > y0) - (y1 < y0)
-            for point in corners:
-                x, y = point
+            for x, y in corners:
                 inside_x = min(x0, x1) - 0.01 <= x <= max(x0, x1) + 0.01
                 inside_y = min(y0, y1) - 0.01 <= y <= max(y0, y1) + 0.01
                 if inside_x and inside_y:
                     if (x, y) != (x1, y1):
-                        meets[point].add((dx, dy))
+                        meets[x, y].add((dx, dy))
                     if (x, y) != (x0, y0):
-                        meets[point].add((-dx, -dy))
+                        meets[x, y].add((-dx, -dy))
     return sorted(point for point, directions in meets.items() if len(directions) >= 3)

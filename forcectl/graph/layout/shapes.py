@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass, field
+from collections.abc import Callable
+from dataclasses import dataclass
 from typing import Literal
 
 from forcectl.graph.model import Block, Port, format_values
@@ -53,41 +54,13 @@ class Shape:
     captions: tuple[str, ...] = ()
     inputs: tuple[tuple[float, float], ...] = ()
     outputs: tuple[tuple[float, float], ...] = ()
-    names_shown: bool = field(default=True)
-
-
-_SQUARES = {
-    "Integrator": "1/s",
-    "DiscreteTimeIntegrator": "T/(z−1)",
-    "DiscreteDerivative": "(z−1)/Tz",
-    "FirstOrderLowPassFilter": "1/(τs+1)",
-    "Saturation": ":saturation",
-    "ZeroOrderHold": ":hold",
-    "Sine": ":sine",
-    "PassThrough": "1",
-    "TrajectorySource": "q(t)",
-    "RandomSource": ":noise",
-    "VectorLogSink": ":scope",
-}
-_BARS = ("Multiplexer", "Demultiplexer", "BusCreator", "BusSelector")
-_GAINS = ("Gain", "MatrixGain", "SparseMatrixGain")
 
 
 def shape_of(block: Block) -> Shape:
     """The outline of a block that is not unfolded."""
-    if block.kind == "leaf":
-        if block.type_name == "Adder":
-            return _symbol(block, "circle", "Σ")
-        if block.type_name in _GAINS:
-            return _symbol(block, "triangle", _gain_text(block))
-        if block.type_name in _BARS:
-            return _symbol(block, "bar", "")
-        if block.type_name == "DiscreteTimeDelay":
-            return _symbol(block, "square", _delay_text(block))
-        if block.type_name == "ConstantVectorSource":
-            return _symbol(block, "square", _constant_text(block))
-        if block.type_name in _SQUARES:
-            return _symbol(block, "square", _SQUARES[block.type_name])
+    if block.kind == "leaf" and block.type_name in _SYMBOLS:
+        form, text = _SYMBOLS[block.type_name]
+        return _symbol(block, form, text if isinstance(text, str) else text(block))
     return _box(block)
 
 
@@ -140,7 +113,6 @@ def _symbol(block: Block, form: Form, text: str) -> Shape:
         width = 7.0
     elif form == "triangle":
         width = max(42.0, text_width(text, 11.0) * 1.25 + 22.0)
-        height = max(height, 36.0)
     else:
         width = max(SYMBOL + 4.0, (0.0 if text.startswith(":") else text_width(text, SYMBOL_SIZE)) + 16.0)
     total = max(width, max((text_width(line, TYPE_SIZE) for line in captions), default=0.0))
@@ -156,7 +128,6 @@ def _symbol(block: Block, form: Form, text: str) -> Shape:
         captions=captions,
         inputs=inputs,
         outputs=outputs,
-        names_shown=False,
     )
 
 
@@ -197,3 +168,24 @@ def _delay_text(block: Block) -> str:
         return "z⁻ⁿ"
     steps = block.states[1] // size - 1  # the oldest sample is kept as well
     return "z⁻" + str(steps).translate(str.maketrans("0123456789", "⁰¹²³⁴⁵⁶⁷⁸⁹"))
+
+
+# Outline and inscription of usual blocks; inscriptions that start with a colon are icons.
+_SYMBOLS: dict[str, tuple[Form, str | Callable[[Block], str]]] = {
+    "Adder": ("circle", "Σ"),
+    **dict.fromkeys(("Gain", "MatrixGain", "SparseMatrixGain"), ("triangle", _gain_text)),
+    **dict.fromkeys(("Multiplexer", "Demultiplexer", "BusCreator", "BusSelector"), ("bar", "")),
+    "DiscreteTimeDelay": ("square", _delay_text),
+    "ConstantVectorSource": ("square", _constant_text),
+    "Integrator": ("square", "1/s"),
+    "DiscreteTimeIntegrator": ("square", "T/(z−1)"),
+    "DiscreteDerivative": ("square", "(z−1)/Tz"),
+    "FirstOrderLowPassFilter": ("square", "1/(τs+1)"),
+    "Saturation": ("square", ":saturation"),
+    "ZeroOrderHold": ("square", ":hold"),
+    "Sine": ("square", ":sine"),
+    "PassThrough": ("square", "1"),
+    "TrajectorySource": ("square", "q(t)"),
+    "RandomSource": ("square", ":noise"),
+    "VectorLogSink": ("square", ":scope"),
+}

@@ -64,13 +64,12 @@ class CompliantContact(BatchBlock):
 
     ```
     name: CompliantContact
-    input_ports: [displacement, robot_compliance (optional), surface_stiffness (optional), surface_damping (optional)]
+    input_ports: [displacement, surface_stiffness (optional), surface_damping (optional)]
     output_ports: [contact_force]
     parameters: [stiffness (optional), damping (optional), robot_compliance (optional)]
     ```
 
     displacement: shape (n,), dx along n from the undeformed surface, motor side [m]; pressing is negative.
-    robot_compliance: shape (n,), C_R(q) [m/N]; the port exists when `compliance_port`, else the parameter is used.
     surface_stiffness, surface_damping: shape (n,), K_E > 0 and D_E >= 0 of the place [N/m, N s/m]; the ports exist
     when `stiffness` or `damping` is None.
     contact_force: shape (n,), >= 0 [N]. Feedthrough of all inputs.
@@ -82,6 +81,8 @@ class CompliantContact(BatchBlock):
     without, the block has no state and no events (then damping cannot be changed later).
     """
 
+    _compliance_is_parameter = True  # else `_situation` has it
+
     def __init__(
         self,
         size: int,
@@ -89,7 +90,6 @@ class CompliantContact(BatchBlock):
         stiffness: ArrayLike | None,
         damping: ArrayLike | None = 0.0,
         robot_compliance: ArrayLike = 0.0,
-        compliance_port: bool = False,
         period: float = 0.002,
     ):
         self._period = check("period", period, "positive")
@@ -99,10 +99,10 @@ class CompliantContact(BatchBlock):
             parameters["stiffness"] = BatchParameter(stiffness, "positive and finite", "N/m")
         if self._damped and damping is not None:
             parameters["damping"] = BatchParameter(damping, "not negative", "N s/m")
-        if not compliance_port:
+        if self._compliance_is_parameter:
             parameters["robot_compliance"] = BatchParameter(robot_compliance, "not negative", "m/N")
         super().__init__(size, parameters)
-        reads = {self.all_parameters_ticket()} | self._declare_inputs(compliance_port)
+        reads = {self.all_parameters_ticket()} | self._declare_inputs()
         given = {"surface_stiffness": stiffness, "surface_damping": damping}
         self._surface = [self.DeclareVectorInputPort(name, size) if v is None else None for name, v in given.items()]
         reads |= {port.ticket() for port in self._surface if port is not None}
@@ -112,16 +112,14 @@ class CompliantContact(BatchBlock):
             self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
         self.DeclareVectorOutputPort("contact_force", size, self._force, prerequisites_of_calc=reads)
 
-    def _declare_inputs(self, compliance_port: bool) -> set[Any]:
+    def _declare_inputs(self) -> set[Any]:
         """Declare the inputs that `_situation` reads; returns their tickets."""
         self._displacement = self.DeclareVectorInputPort("displacement", self._size)
-        self._compliance = self.DeclareVectorInputPort("robot_compliance", self._size) if compliance_port else None
-        return {port.ticket() for port in (self._displacement, self._compliance) if port is not None}
+        return {self._displacement.ticket()}
 
     def _situation(self, context: Context) -> tuple[BatchValue, BatchValue]:
         """dx [m], and C_R [m/N] unless it is a parameter."""
-        compliance = None if self._compliance is None else self.batch_value(self._compliance.Eval(context))
-        return self.batch_value(self._displacement.Eval(context)), compliance
+        return self.batch_value(self._displacement.Eval(context)), None
 
     def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:
         """(K_E, D_E/h, C_R, 1/C_T); None where it is no parameter."""

@@ -9,10 +9,10 @@ from enum import IntEnum
 from typing import Any
 
 import numpy as np
-from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues
-from pydrake.systems.primitives import Demultiplexer
+from pydrake.systems.framework import Context
 
-from forcectl.framework.batch import BatchBlock, BatchValue, check
+from forcectl.framework.batch import BatchValue, check
+from forcectl.framework.sampled_block import Memory, SampledBatch
 
 
 class ContactMode(IntEnum):
@@ -32,44 +32,8 @@ def next_mode(mode: BatchValue, force: BatchValue, threshold: BatchValue, m: Any
     return m.where(force > threshold, _CONTACT, lost)
 
 
-class ContactMonitorCore(BatchBlock):
+class ContactMonitor(SampledBatch):
     """Keeps the contact mode of a batch of n and counts the losses.
-
-    ```
-    name: ContactMonitorCore
-    input_ports: [contact_force]
-    output_ports: [state]
-    ```
-
-    contact_force: shape (n,), truth [N].
-    state: shape (2n,), mode (`ContactMode`) and number of losses so far [1]. State, no direct feedthrough.
-
-    There is contact while the force exceeds `threshold` [N].
-
-    Sampling: every `period` [s]; the state changes one tick after the force it is from.
-
-    The mode is a number in discrete state, not an abstract value: abstract Python state is copied deeply at every
-    unrestricted event of the whole diagram (10 us a tick).
-    """
-
-    def __init__(self, size: int, *, period: float = 0.002, threshold: float = 1e-9):
-        super().__init__(size, {})
-        check("period", period, "positive")
-        self._threshold = check("threshold", threshold, "not negative")
-        self._force = self.DeclareVectorInputPort("contact_force", size)
-        self.DeclareStateOutputPort("state", self.DeclareDiscreteState(2 * size))
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
-
-    def _update(self, context: Context, next_state: DiscreteValues) -> None:
-        mode, losses = self.unstack(context.get_discrete_state_vector().value())
-        after = next_mode(mode, self.batch_value(self._force.Eval(context)), self._threshold, self.math)
-        changed = after != mode
-        if np.any(changed) if self._size > 1 else changed:
-            next_state.set_value(self.stack(after, losses + (after == _LOST) * changed))
-
-
-class ContactMonitor(Diagram):
-    """`ContactMonitorCore` with its state taken apart.
 
     ```
     name: ContactMonitor
@@ -81,16 +45,21 @@ class ContactMonitor(Diagram):
     contact_state: shape (n,), see `ContactMode` [1]. contact_losses: shape (n,), how many so far [1].
     All outputs are state, no direct feedthrough.
 
+    There is contact while the force exceeds `threshold` [N].
+
     Sampling: every `period` [s]; the outputs change one tick after the force they are from.
     """
 
     def __init__(self, size: int, *, period: float = 0.002, threshold: float = 1e-9):
-        super().__init__()
-        builder = DiagramBuilder()
-        core = builder.AddNamedSystem("core", ContactMonitorCore(size, period=period, threshold=threshold))
-        parts = builder.AddNamedSystem("parts", Demultiplexer([size] * 2))
-        builder.Connect(core.GetOutputPort("state"), parts.get_input_port())
-        builder.ExportInput(core.GetInputPort("contact_force"), "contact_force")
-        builder.ExportOutput(parts.get_output_port(0), "contact_state")
-        builder.ExportOutput(parts.get_output_port(1), "contact_losses")
-        builder.BuildInto(self)
+        super().__init__(size, {})
+        self._threshold = check("threshold", threshold, "not negative")
+        force = self.DeclareVectorInputPort("contact_force", size)
+        self.declare_memory({"contact_state": 0.0, "contact_losses": 0.0}, [force], period)
+        self.show_held("contact_state")
+        self.show_held("contact_losses")
+
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
+        """The mode and the losses after a sample."""
+        mode, losses = memory["contact_state"], memory["contact_losses"]
+        after = next_mode(mode, inputs["contact_force"], self._threshold, self.math)
+        return {"contact_state": after, "contact_losses": losses + (after == _LOST) * (after != mode)}

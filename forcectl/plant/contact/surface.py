@@ -19,8 +19,8 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
-from forcectl.errors import BadInputError, invalid
-from forcectl.framework.fields import Config, key, named_slots
+from forcectl.errors import BadInputError, invalid, one_line
+from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.series_file import read_series
 from forcectl.plant.contact.surface_materials import MaterialsConfig
 
@@ -267,7 +267,7 @@ class SurfaceConfig(Config):
         unit="1",
         bounds=f"from {-_STEEPEST:g} to {_STEEPEST:g}",
     )
-    heights: dict[str, Any] = named_slots("surface", meaning="by name")
+    heights: dict[str, Any] = slot("surface", dict, meaning="by name")
     materials: MaterialsConfig | None = key(None, "instead of one stiffness and damping everywhere; null: one material")
 
     def __post_init__(self) -> None:
@@ -324,8 +324,8 @@ class SurfaceConfig(Config):
             except BadInputError as error:
                 raise error.at(f"{place}.{error.key}") from None
             except Exception as error:  # whatever a user's part does
-                reason = " ".join(f"{type(error).__name__}: {error}".split())
-                raise BadInputError(f"heights(s) must return heights, but raised {reason}", key=place) from error
+                text = f"heights(s) must return heights, but raised {one_line(error)}"
+                raise BadInputError(text, key=place) from error
             if z.shape != s.shape or not np.isfinite(z).all():
                 wanted = f"finite numbers of shape {s.shape}, like s"
                 raise BadInputError(f"heights(s) must return {wanted}, not shape {z.shape}", key=place)

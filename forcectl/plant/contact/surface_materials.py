@@ -80,13 +80,14 @@ class MaterialPath:
             return i, 0.0
         return i - 1, 0.5 - 0.5 * math.cos(math.pi * (s + half - self.joints[i - 1]) / self.blend)
 
+    def at(self, values: list[float], s: float) -> float:
+        """One of the three lists at the path coordinate s [m]."""
+        i, share = self.share(s)
+        return values[i] + share * (values[i + 1] - values[i]) if share else values[i]
+
     def along(self, values: list[float], s: ArrayLike) -> Array:
-        """One of the three lists at path coordinates s [m] of any shape."""
-        found = []
-        for place in np.ravel(np.asarray(s, dtype=float)).tolist():
-            i, share = self.share(place)
-            found.append(values[i] + share * (values[i + 1] - values[i]) if share else values[i])
-        return np.array(found).reshape(np.shape(s))
+        """The same at path coordinates of any shape."""
+        return np.array([self.at(values, place) for place in np.ravel(s).tolist()]).reshape(np.shape(s))
 
 
 @dataclass(kw_only=True)
@@ -168,11 +169,7 @@ class SurfaceMaterial(LeafSystem):
             self.DeclareVectorOutputPort("surface_damping", 1, self._damping, prerequisites_of_calc=reads)
 
     def _stiffness(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._at(context, self._path.stiffness))
+        output.SetAtIndex(0, self._path.at(self._path.stiffness, self._position.Eval(context).item()))
 
     def _damping(self, context: Context, output: BasicVector) -> None:
-        output.SetAtIndex(0, self._at(context, self._path.damping))
-
-    def _at(self, context: Context, values: list[float]) -> float:
-        i, share = self._path.share(self._position.Eval(context).item())
-        return values[i] + share * (values[i + 1] - values[i]) if share else values[i]
+        output.SetAtIndex(0, self._path.at(self._path.damping, self._position.Eval(context).item()))

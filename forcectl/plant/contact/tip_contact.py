@@ -14,7 +14,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, DiscreteValues
 
 from forcectl.framework.batch import BatchValue, batch_values, check
-from forcectl.plant.compliance import robot_compliance
+from forcectl.plant.compliance import compliance_along, robot_compliance
 from forcectl.plant.contact.compliant_contact import CompliantContact
 from forcectl.robot.model import RobotModel, has_moved, posture_cache, unit_normal
 
@@ -48,6 +48,8 @@ class TipContact(CompliantContact):
         stiffness, damping: of the environment; None: from the ports.
     """
 
+    _compliance_is_parameter = False
+
     def __init__(
         self,
         robot: RobotModel,
@@ -66,14 +68,13 @@ class TipContact(CompliantContact):
         self._rigid = not np.isfinite(self._joint_stiffness).any()
         self._start, self._uneven = batch_values("start", start, robot.num_joints), uneven
         self._posture_period = check("posture_period", posture_period, "positive")
-        super().__init__(1, stiffness=stiffness, damping=damping, compliance_port=True, period=period)
+        super().__init__(1, stiffness=stiffness, damping=damping, period=period)
 
-    def _declare_inputs(self, compliance_port: bool) -> set[object]:
+    def _declare_inputs(self) -> set[object]:
         self._position = self.DeclareVectorInputPort("motor_position", self._robot.num_joints)
         self._height = self.DeclareVectorInputPort("surface_height", 1) if self._uneven else None
         self._posture = posture_cache(self, self._robot, self._position)
-        context = self._robot.create_context()
-        self._robot.set_positions(context, self._start)
+        context = self._robot.context_at(self._start)
         self._origin = float(self._n @ self._robot.tip_position(context))
         # n'J, then the displacement it would have at q = 0, then C_R; and the posture they belong to.
         self._geometry = self.DeclareDiscreteState(self._at(context, self._start))
@@ -90,7 +91,7 @@ class TipContact(CompliantContact):
         compliance = 0.0
         if not self._rigid:
             matrix = robot_compliance(self._robot, plant_context, self._joint_stiffness)
-            compliance = float(self._n @ matrix[3:, 3:] @ self._n)
+            compliance = compliance_along(self._n, matrix)
         return np.concatenate([row, [reached - row @ q, compliance]])
 
     def _renew_geometry(self, context: Context, next_state: DiscreteValues) -> None:

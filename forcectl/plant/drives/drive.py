@@ -24,12 +24,12 @@ from pydrake.systems.primitives import LinearSystem, Multiplexer
 
 from forcectl.framework.batch import batch_values, check, check_count
 from forcectl.plant.drives.motors import Motors
-from forcectl.plant.drives.servo import ServoCoefficients, servo_gains
+from forcectl.plant.drives.servo import ServoCoefficients, ServoGains, step_coefficients
 
 Matrix = NDArray[np.float64]
 
 
-class InnerStep(NamedTuple):
+class _InnerStep(NamedTuple):
     """One inner step as matrices, with x = [phi, phi', integral] and u = [r, r', tau_spring]."""
 
     free_x: Matrix  # s = free_x x + free_u u, shapes (n, 3n)
@@ -39,21 +39,15 @@ class InnerStep(NamedTuple):
     slip: Matrix
 
 
-def inner_step(gains: ServoCoefficients, to_motor: Matrix, push: Matrix) -> InnerStep:
-    """The matrices of an inner step, with the reference at its start.
-
-    Args:
-        gains: coefficients, arrays of shape (n,).
-        to_motor: S.
-        push: speed per spring torque, shape (n, n).
-    """
+def _inner_step(gains: ServoCoefficients, to_motor: Matrix, push: Matrix) -> _InnerStep:
+    """The matrices, with the reference at the start of the step and `push` the speed per spring torque, (n, n)."""
     n = len(to_motor)
     eye, zero, dt = np.eye(n), np.zeros((n, n)), gains.step
     k, w = gains.position[:, None], gains.velocity[:, None]
     wanted_x, wanted_u = np.hstack([-k * eye, zero, zero]), np.hstack([k * to_motor, to_motor, zero])
     rest = np.zeros((n, 3 * n))
     speed = gains.inverse[:, None] * eye
-    return InnerStep(
+    return _InnerStep(
         free_x=w * wanted_x + np.hstack([zero, eye, np.diag(gains.integral)]),
         free_u=w * wanted_u + np.hstack([zero, zero, push]),
         state=np.vstack([np.hstack([eye, zero, zero]), rest, np.hstack([zero, zero, eye]) + dt * wanted_x]),
@@ -62,12 +56,10 @@ def inner_step(gains: ServoCoefficients, to_motor: Matrix, push: Matrix) -> Inne
     )
 
 
-def unrolled_steps(step: InnerStep, dt: float, count: int) -> tuple[list[Matrix], Matrix]:
-    """`count` inner steps in a row, the reference moving on with its rate.
+def _unrolled(step: _InnerStep, dt: float, count: int) -> tuple[list[Matrix], Matrix]:
+    """`count` inner steps, the reference moving on with its rate, as matrices on [x, u, s - sat(s) of earlier steps].
 
-    Returns:
-        for each step the matrix of its s on [x, u, s - sat(s) of the steps before], and the matrix of the last x on
-        [x, u, all s - sat(s)]; x and u are those at the start.
+    Those of the s of each step, and that of the x after the last; x and u are those at the start.
     """
     n = step.slip.shape[1]
     x = np.hstack([np.eye(3 * n), np.zeros((3 * n, 3 * n))])
@@ -100,7 +92,7 @@ class Drive(Diagram):
     Args:
         inertia: B, shape (n,) [kg m^2].
         to_motor: S, shape (n, n).
-        position_gain, velocity_gain, integral_gain: K_v, w_v, w_i [1/s], > 0.
+        gains: K_v, w_v, w_i, > 0.
         coulomb_friction: c, shape (n,) [Nm].
         viscous_friction: b, shape (n,) [Nms/rad].
         initial_position: q_m at rest, shape (n,) [rad].
@@ -111,12 +103,10 @@ class Drive(Diagram):
         self,
         inertia: ArrayLike,
         to_motor: Matrix,
+        gains: ServoGains,
         *,
         period: float,
         substeps: int,
-        position_gain: float,
-        velocity_gain: ArrayLike,
-        integral_gain: float,
         coulomb_friction: ArrayLike,
         viscous_friction: ArrayLike,
         initial_position: Matrix,
@@ -126,18 +116,16 @@ class Drive(Diagram):
         motors = Motors(inertia, to_motor, coulomb_friction, viscous_friction)
         n, B, back = motors.size, motors.inertia, motors.to_joint
         torque = batch_values("initial_torque", initial_torque, n)
-        w_v = batch_values("velocity_gain", velocity_gain, n, "positive and finite")
-        for name, gain in (("position", position_gain), ("integral", integral_gain)):
-            check(f"{name}_gain", gain, "positive")
+        checked = [batch_values(f"{k}_gain", v, n, "positive and finite") for k, v in gains._asdict().items()]
         dt = check("period", period, "positive") / check_count("substeps", substeps)
-        k_v, w_i = np.full(n, position_gain), np.full(n, integral_gain)
-        gains = servo_gains(k_v, w_v, w_i, motors.coulomb / B, motors.viscous / B, dt)
-        step = inner_step(gains, to_motor, -(dt / B)[:, None] * back.T)
-        frees, after = unrolled_steps(step, dt, substeps)
+        one = step_coefficients(ServoGains(*checked), motors.coulomb / B, motors.viscous / B, dt)
+        step = _inner_step(one, to_motor, -(dt / B)[:, None] * back.T)
+        frees, after = _unrolled(step, dt, substeps)
         inputs = (3 + substeps) * n
         axes = LinearSystem(after[:, : 3 * n], after[:, 3 * n :], np.eye(3 * n), np.zeros((3 * n, inputs)), period)
         # At rest the integral of the servo carries the springs' torque.
-        integral = back.T @ torque / (B * w_v * integral_gain)
+        _, w_v, w_i = checked
+        integral = back.T @ torque / (B * w_v * w_i)
         axes.configure_default_state(np.concatenate([motors.at_rest(initial_position), np.zeros(n), integral]))
 
         self.port_units = {"reference": "rad,rad/s"}
@@ -148,7 +136,7 @@ class Drive(Diagram):
         readers: list[list[InputPort]] = [[], []]
         for i, free in enumerate(frees, start=1):
             known = add(f"known_{i}", Multiplexer([3 * n, 2 * n, n] + [n] * len(slips)))
-            speed, slip = motors.add_friction(builder, free, gains.stick, f"_{i}")
+            speed, slip = motors.add_friction(builder, free, one.stick, f"_{i}")
             connect(axes.get_output_port(), known.get_input_port(0))
             for j, earlier in enumerate(slips):
                 connect(earlier, known.get_input_port(3 + j))

@@ -9,12 +9,8 @@ is the friction at rest, so the band is widest there.
 The tanh is what control can compute from a measured speed. In a simulated plant its slope, 130 tau_C, is far stiffer
 than a step of 0.5 to 1 ms allows and a joint would creep under load, so there the Coulomb part sticks:
 
-- on the motor side of a drive, one step implicit in the speed. With s the speed the step would reach without Coulomb
-  and viscous friction, and B the inertia of the axis::
-
-      v+ = soft(s, dt tau_C/B)/(1 + dt D/B),   D = D+ or D- by the sign of s,    soft(s, c) = sign(s) max(|s| - c, 0)
-
-  which is exact: a sticking axis stands still (`sticking_speed`, `StickingSpeed`).
+- on the motor side of a drive, by a step that is implicit in the speed: a sticking axis stands still, exactly
+  (`forcectl.plant.drives.motor_motion`).
 
 - in a multibody plant with rigid joints, one more actuator per joint that regulates the speed to zero with an effort
   of at most tau_C (`add_coulomb_friction`). Drake solves it implicitly, with the contacts; a sticking joint creeps by a
@@ -31,7 +27,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Joint, JointActuator, ModelInstanceIndex, PdControllerGains
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import Adder, AffineSystem, MatrixGain, Saturation
+from pydrake.systems.primitives import AffineSystem, MatrixGain, Saturation
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import batch_values
@@ -88,13 +84,8 @@ class JointFriction:
 
     def scaled(self, factor: float) -> JointFriction:
         """The friction of this model times `factor`, >= 0 [1]; the offset too."""
-        return JointFriction(
-            self.size,
-            offset=factor * self.offset,
-            coulomb=factor * self.coulomb,
-            viscous_forward=factor * self.viscous_forward,
-            viscous_backward=factor * self.viscous_backward,
-        )
+        parts = ("offset", "coulomb", "viscous_forward", "viscous_backward")
+        return JointFriction(self.size, **{name: factor * getattr(self, name) for name in parts})
 
 
 def _finite(name: str, value: ArrayLike, size: int) -> Array:
@@ -134,68 +125,6 @@ def friction_threshold(speed: Any, move: Any, still: Any) -> Any:
     # sech without the overflow of cosh.
     decay = np.exp(-THRESHOLD_STEEPNESS * np.abs(speed))
     return move + still * 2.0 * decay / (1.0 + decay**2)
-
-
-def sticking_speed(free: Array, rate: Array, friction: JointFriction) -> Array:
-    """Speed at the end of a step with friction that sticks.
-
-    Args:
-        free: speed the step would reach with the offset but without Coulomb and viscous friction, (n,) [rad/s].
-        rate: dt/B, shape (n,) [rad/(Nms)].
-
-    Returns:
-        v+, shape (n,) [rad/s]; exactly zero while the drive stays below tau_C.
-    """
-    viscous = np.where(free > 0, friction.viscous_forward, friction.viscous_backward)
-    speed: Array = np.copysign(np.maximum(np.abs(free) - rate * friction.coulomb, 0.0), free) / (1 + rate * viscous)
-    return speed
-
-
-class StickingSpeed(Diagram):
-    """`sticking_speed` of C++ blocks, for what runs at the rate of the plant.
-
-    ```
-    name: StickingSpeed
-    input_ports: [free_speed]
-    output_ports: [speed]
-    ```
-
-    free_speed: shape (n,), see `sticking_speed` [rad/s]. speed: shape (n,), v+ [rad/s]. Feedthrough.
-
-    Sampling: none; evaluated when read.
-
-    Args:
-        rate: dt/B, shape (n,) [rad/(Nms)], > 0.
-    """
-
-    def __init__(self, friction: JointFriction, rate: ArrayLike):
-        super().__init__()
-        n = friction.size
-        per_torque = batch_values("rate", rate, n, "positive and finite")
-        stick, unlimited = per_torque * friction.coulomb, np.full(n, np.inf)
-        gains = (
-            1 / (1 + per_torque * friction.viscous_forward),
-            1 / (1 + per_torque * friction.viscous_backward),
-        )
-        self.port_units = {"free_speed": "rad/s", "speed": "rad/s"}
-        builder = DiagramBuilder()
-        add, connect = builder.AddNamedSystem, builder.Connect
-        free = add("free_speed", MatrixGain(np.eye(n)))
-        # What exceeds a limit is the signal less itself limited: the same number, so that sticking gives a true zero.
-        total = add("sum", Adder(4, n))
-        directions = (("forward", -unlimited, stick, gains[0]), ("backward", -stick, unlimited, gains[1]))
-        for i, (name, lower, upper, gain) in enumerate(directions):
-            limit = add(f"{name}_limit", Saturation(lower, upper))
-            beyond = add(f"{name}_gain", MatrixGain(np.diag(gain)))
-            within = add(f"{name}_stick", MatrixGain(np.diag(-gain)))
-            connect(free.get_output_port(), limit.get_input_port())
-            connect(free.get_output_port(), beyond.get_input_port())
-            connect(limit.get_output_port(), within.get_input_port())
-            connect(beyond.get_output_port(), total.get_input_port(2 * i))
-            connect(within.get_output_port(), total.get_input_port(2 * i + 1))
-        builder.ExportInput(free.get_input_port(), "free_speed")
-        builder.ExportOutput(total.get_output_port(), "speed")
-        builder.BuildInto(self)
 
 
 def add_coulomb_friction(
@@ -306,20 +235,14 @@ class FrictionRest(Diagram):
         self.port_units = {"velocity": "rad/s", "generalized_force": "Nm"}
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
-        velocity = add("velocity", MatrixGain(np.eye(n_v)))
-        total = add("sum", Adder(2, n_v))
-        for i, (name, viscous, lower, upper, offset) in enumerate(
-            (
-                ("forward", friction.viscous_forward, zero, unlimited, friction.offset),
-                ("backward", friction.viscous_backward, -unlimited, zero, 0.0 * friction.offset),
-            )
-        ):
-            part = add(f"{name}_part", Saturation(lower, upper))
-            gain = -pick.T @ np.diag(viscous - common) @ pick
-            force = add(f"{name}_force", AffineSystem(D=gain, y0=-pick.T @ offset))
-            connect(velocity.get_output_port(), part.get_input_port())
-            connect(part.get_output_port(), force.get_input_port())
-            connect(force.get_output_port(), total.get_input_port(i))
+        velocity = add("velocity", MatrixGain(np.tile(np.eye(n_v), (2, 1))))
+        directions = add("forward_and_backward", Saturation(np.append(zero, -unlimited), np.append(unlimited, zero)))
+        uncommon = np.hstack([np.diag(friction.viscous_forward - common), np.diag(friction.viscous_backward - common)])
+        force = add(
+            "force", AffineSystem(D=-pick.T @ uncommon @ np.kron(np.eye(2), pick), y0=-pick.T @ friction.offset)
+        )
+        connect(velocity.get_output_port(), directions.get_input_port())
+        connect(directions.get_output_port(), force.get_input_port())
         builder.ExportInput(velocity.get_input_port(), "velocity")
-        builder.ExportOutput(total.get_output_port(), "generalized_force")
+        builder.ExportOutput(force.get_output_port(), "generalized_force")
         builder.BuildInto(self)

@@ -32,20 +32,6 @@ from forcectl.robot.model import RobotModel, has_moved
 Vector = NDArray[np.float64]
 
 
-def impedance_torque(
-    error: BatchValue, rate_error: BatchValue, stiffness: BatchValue, damping: BatchValue
-) -> BatchValue:
-    """K_q (q_bar - q) + D_q (q_bar' - q') [Nm].
-
-    Args:
-        error: q_bar - q [rad].
-        rate_error: its rate [rad/s].
-        stiffness: K_q [Nm/rad].
-        damping: D_q [Nms/rad].
-    """
-    return stiffness * error + damping * rate_error
-
-
 class JointImpedance(SampledBatch):
     """Joint impedance control of n joints.
 
@@ -108,7 +94,7 @@ class JointImpedance(SampledBatch):
         q, speed = inputs["motor_state"]
         told = abs(wanted) + abs(rate) < np.inf
         goal, rate = m.where(told, wanted, memory["reference"]), m.where(told, rate, 0.0)
-        torque = impedance_torque(goal - q, rate - speed, stiffness, damping) + inputs["gravity_torque"]
+        torque = stiffness * (goal - q) + damping * (rate - speed) + inputs["gravity_torque"]
         torque = m.where(abs(torque) < np.inf, torque, memory["torque_command"])
         return {"torque_command": torque, "reference": goal}
 

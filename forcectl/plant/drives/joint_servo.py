@@ -1,12 +1,12 @@
 """The servo loops of a position-controlled robot at the rate of its plant, and the torque they ask of the motors::
 
     tau = sat(u),   u = K_p (r - q) + K_d (v_r - v) + z + tau_ff,   z' = K_i (r - q) + w_b (tau - u)
-    K_p = B w^2,    K_d = 2 zeta B w,    K_i = w_i K_p
+    K_p = K_d K_v,  K_d = B w_v,  K_i = w_i K_p,  w_b^2 = K_v w_v
 
-with B the inertia that a joint moves. r goes on with v_r between two references, so that references at 250 Hz are no
-steps to a loop at 2 kHz. With v_r = 0 the motion follows h(s) = w^2/(s^2 + 2 zeta w s + w^2), 2 zeta/w behind in steady
-motion; with v_r = r' it is not behind. z carries what is constant: gravity, friction, loads; while a motor is at its
-limit it gives way at w_b = w.
+with B the inertia that a joint moves and the gains of `forcectl.plant.drives.servo`. r goes on with v_r between two
+references, so that references at 250 Hz are no steps to a loop at 2 kHz. With v_r = 0 the motion is 1/K_v behind in
+steady motion; with v_r = r' it is not behind. z carries what is constant: gravity, friction, loads; while a motor is at
+its limit it gives way.
 
 The loops run m times in a step dt of the plant. What acts in a step is the mean of their torques, with the motion going
 on as it does, v + a h, a = (v - v_last)/dt, h = (m - 1)/(2m) dt the mean time of the m samples:
@@ -19,10 +19,8 @@ that rate costs more than the plant.
 
 from __future__ import annotations
 
-from typing import NamedTuple
-
 import numpy as np
-from numpy.typing import ArrayLike, NDArray
+from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues, LeafSystem
 from pydrake.systems.primitives import (
     Demultiplexer,
@@ -33,32 +31,7 @@ from pydrake.systems.primitives import (
 )
 
 from forcectl.framework.batch import batch_values, check, check_count, whole_multiple
-
-Array = NDArray[np.float64]
-
-
-class ServoGains(NamedTuple):
-    """Gains of n joints, shape (n,): K_p [Nm/rad], K_d [Nms/rad], K_i [Nm/(rad s)]; w_b [1/s]."""
-
-    position: Array
-    velocity: Array
-    integral: Array
-    unwinding: float
-
-
-def servo_gains(inertia: ArrayLike, bandwidth: float, damping_ratio: float, integral_gain: float) -> ServoGains:
-    """Gains that make h(s) of each joint.
-
-    Args:
-        inertia: B, shape (n,) [kg m2].
-        bandwidth: w [rad/s].
-        damping_ratio: zeta [1].
-        integral_gain: w_i [1/s].
-    """
-    B = np.asarray(inertia, dtype=float)
-    stiffness = B * bandwidth**2
-    unwinding = bandwidth if integral_gain > 0 else 0.0  # nothing would wind it up again
-    return ServoGains(stiffness, 2 * damping_ratio * bandwidth * B, integral_gain * stiffness, unwinding)
+from forcectl.plant.drives.servo import ServoGains
 
 
 class ReferenceHold(LeafSystem):
@@ -136,7 +109,8 @@ class JointServo(Diagram):
 
     Args:
         substeps: m, how often the loops run in a time step.
-        gains: of the n joints.
+        gains: K_v, w_v, w_i.
+        inertia: B, shape (n,) [kg m2].
         limit: of the motor torque, shape (n,), may be infinite [Nm].
         start: r before the first reference, shape (n,) [rad].
         torque: z at the start, shape (n,) [Nm].
@@ -145,6 +119,7 @@ class JointServo(Diagram):
     def __init__(
         self,
         gains: ServoGains,
+        inertia: ArrayLike,
         limit: ArrayLike,
         *,
         period: float,
@@ -154,7 +129,8 @@ class JointServo(Diagram):
         substeps: int = 1,
     ):
         super().__init__()
-        n = len(gains.position)
+        B = np.asarray(inertia, dtype=float)
+        n = len(B)
         count = check_count("substeps", substeps)
         bound = batch_values("limit", limit, n, "positive")
         step = check("time_step", time_step, "positive")
@@ -164,7 +140,12 @@ class JointServo(Diagram):
         add, connect = builder.AddNamedSystem, builder.Connect
         eye, zero = np.eye(n), np.zeros((n, n))
         hold = add("references", ReferenceHold(n, period=period, time_step=step, start=start))
-        kp, kd, ki = (np.diag(gain) for gain in gains[:3])
+        kd = np.diag(B * gains.velocity)
+        kp = kd * gains.position
+        ki = kp * gains.integral
+        unwinding = (
+            np.sqrt(gains.position * gains.velocity) if gains.integral else 0.0
+        )  # nothing would wind it up again
         ahead = 0.5 * (count - 1) / count * step
         # Known at the start of a step: o, v_r, tau_ff, I, q, v, z, v_last.
         known = add("known", Multiplexer([3 * n, n, n, n, n, n]))
@@ -174,7 +155,7 @@ class JointServo(Diagram):
         motor = add("torque_limit", Saturation(-bound, bound))
         # z, the integrals of tau and v_r, and v_last.
         after = add("after", Multiplexer([8 * n, n, n]))
-        error = np.hstack([ki, zero, zero, ki, -ki, zero, zero, zero, -gains.unwinding * eye, gains.unwinding * eye])
+        error = np.hstack([ki, zero, zero, ki, -ki, zero, zero, zero, -unwinding * eye, unwinding * eye])
         mean = np.hstack([*[zero] * 9, eye])
         travel = np.hstack([zero, eye, *[zero] * 8])
         speed = np.hstack([*[zero] * 5, eye / step, *[zero] * 4])

@@ -2,8 +2,14 @@
 
     B v' = tau - tau_s - tau_F(v)
 
-One step is semi-implicit, v+ = `sticking_speed(v + dt (tau - tau_s - tau_O)/B)`, q+ = q + dt v+: a motor below tau_C
-stands still, exactly. The spring torque is held over the step: stable while dt sqrt(K_J/B) stays below 1.
+with the friction (5.2), whose Coulomb part sticks. One step is implicit in the friction::
+
+    s  = v + dt (tau - tau_s - tau_O)/B                                  without Coulomb and viscous friction
+    v+ = soft(s, dt tau_C/B)/(1 + dt D/B),   q+ = q + dt v+              D = D+ or D- by the sign of s
+    soft(s, c) = sign(s) max(|s| - c, 0)
+
+A motor below tau_C stands still, exactly. The spring torque is held over the step: stable while dt sqrt(K_J/B) stays
+below 1.
 """
 
 from __future__ import annotations
@@ -11,10 +17,10 @@ from __future__ import annotations
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import AffineSystem, LinearSystem, Multiplexer
+from pydrake.systems.primitives import AffineSystem, LinearSystem, MatrixGain, Multiplexer, Saturation
 
 from forcectl.framework.batch import batch_values, check
-from forcectl.plant.drives.joint_friction import JointFriction, StickingSpeed
+from forcectl.plant.drives.joint_friction import JointFriction
 from forcectl.plant.drives.motors import export_motion
 
 
@@ -47,22 +53,28 @@ class MotorMotion(Diagram):
         self.port_units = {"motor_torque": "Nm", "spring_torque": "Nm", "motor_state": "rad,rad/s"}
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
-        # q+ = q + dt v+, v+ = v+.
-        after, taken = np.block([[eye, zero], [zero, zero]]), np.vstack([step * eye, eye])
-        state = LinearSystem(after, taken, np.eye(2 * n), np.zeros((2 * n, n)), step)
+        forward, backward = (
+            np.diag(1 / (1 + rate * viscous)) for viscous in (friction.viscous_forward, friction.viscous_backward)
+        )
+        # q+ = q + dt v+, v+ = v+, from what of s is beyond the Coulomb friction, forward and backward.
+        after, speed = np.block([[eye, zero], [zero, zero]]), np.hstack([forward, backward])
+        state = LinearSystem(after, np.vstack([step * speed, speed]), np.eye(2 * n), np.zeros((2 * n, 2 * n)), step)
         state.configure_default_state(np.concatenate([batch_values("start", start, n), np.zeros(n)]))
         motion = add("motion", state)
         known = add("known", Multiplexer([n, n, n]))
-        free = add(
-            "free_speed",
-            AffineSystem(D=np.hstack([eye, np.diag(rate), -np.diag(rate)]), y0=-rate * friction.offset),
-        )
-        speed = add("sticking_speed", StickingSpeed(friction, rate))
+        # s four times; what exceeds a limit is s minus s limited: the same number when sticking, so a true zero.
+        copies = np.tile(np.hstack([eye, np.diag(rate), -np.diag(rate)]), (4, 1))
+        free = add("free_speed", AffineSystem(D=copies, y0=np.tile(-rate * friction.offset, 4)))
+        stick, unlimited = rate * friction.coulomb, np.full(n, np.inf)
+        lower = np.concatenate([-unlimited, -unlimited, -unlimited, -stick])
+        held = add("friction", Saturation(lower, np.concatenate([unlimited, stick, unlimited, unlimited])))
+        beyond = add("beyond_friction", MatrixGain(np.kron(np.eye(2), np.hstack([eye, -eye]))))
         _, speeds = export_motion(builder, motion.get_output_port())
         connect(speeds, known.get_input_port(0))
         connect(known.get_output_port(), free.get_input_port())
-        connect(free.get_output_port(), speed.GetInputPort("free_speed"))
-        connect(speed.GetOutputPort("speed"), motion.get_input_port())
+        connect(free.get_output_port(), held.get_input_port())
+        connect(held.get_output_port(), beyond.get_input_port())
+        connect(beyond.get_output_port(), motion.get_input_port())
         builder.ExportInput(known.get_input_port(1), "motor_torque")
         builder.ExportInput(known.get_input_port(2), "spring_torque")
         builder.BuildInto(self)

@@ -58,6 +58,25 @@ def interleave(blocks: list[Matrix], size: int) -> Matrix:
     return whole[np.ix_(row_order, col_order)]
 
 
+def behind_delay(a: Matrix, b: Matrix, c: Matrix, d: Matrix, ticks: int, period: float) -> LinearSystem:
+    """A sampled system behind a delay line; its states, then those of the line, the newest first.
+
+    Args:
+        a, b, c, d: of the system.
+        ticks: samples of delay.
+        period: [s].
+    """
+    n, size = b.shape
+    if not ticks:
+        return LinearSystem(a, b, c, d, period)
+    line = ticks * size
+    A, B = np.zeros((n + line, n + line)), np.zeros((n + line, size))
+    A[:n, :n], A[:n, -size:], A[n + size :, n:-size] = a, b, np.eye(line - size)
+    B[n : n + size] = np.eye(size)
+    C = np.hstack([c, np.zeros((len(c), line - size)), d])
+    return LinearSystem(A, B, C, np.zeros_like(d), period)
+
+
 class PositionLoop(Diagram):
     """The inner position loop: command delay, then the joint-reference filter.
 
@@ -107,21 +126,8 @@ class PositionLoop(Diagram):
 
         continuous = [second_order(wi, zi) for wi, zi in zip(w, z, strict=True)]
         pairs = [zero_order_hold(a, b, period) for a, b in continuous] if period else continuous
-        a = interleave([p[0] for p in pairs], size)
-        b = interleave([p[1] for p in pairs], size)
-        # States: filter (2n), then the delay line, newest command first.
-        n_filter, n_line = 2 * size, ticks * size
-        A = np.zeros((n_filter + n_line, n_filter + n_line))
-        B = np.zeros((n_filter + n_line, size))
-        A[:n_filter, :n_filter] = a
-        if ticks:
-            A[:n_filter, n_filter + n_line - size :] = b
-            B[n_filter : n_filter + size] = np.eye(size)
-            A[n_filter + size :, n_filter : n_filter + n_line - size] = np.eye(n_line - size)
-        else:
-            B[:n_filter] = b
-        C = np.eye(n_filter, n_filter + n_line)
-        filter_ = LinearSystem(A, B, C, np.zeros((n_filter, size)), period)
+        a, b = interleave([p[0] for p in pairs], size), interleave([p[1] for p in pairs], size)
+        filter_ = behind_delay(a, b, np.eye(2 * size), np.zeros((2 * size, size)), ticks, period)
         filter_.configure_default_state(np.concatenate([start, np.zeros(size), np.tile(start, ticks)]))
 
         builder = DiagramBuilder()

@@ -1,10 +1,16 @@
-"""Cascaded drive servo with Coulomb friction that really sticks::
+"""Servo loops of a drive, PI control of the speed under P control of the position, and axes with friction that sticks::
 
-    v_r = K_v (r - x) + r'
-    a   = w_v [(v_r - v) + w_i int(v_r - v)] + a_load - b v - a_c sign(v),   v = 0 while |a without friction| <= a_c
+    a = w_v (v_r - v) + z,    v_r = K_v (r - x) + r',    z' = w_v w_i [K_v (r - x) + c (r' - v)]
 
-(the calibrated plant of the design's targets, section 2). One inner step is implicit in v: with s the velocity the step
-would reach without friction::
+In the cascade, here and in `forcectl.plant.drives.drive`, the integral takes all of v_r - v, c = 1; in the servo of
+torques, `forcectl.plant.drives.joint_servo`, only the error of the position, c = 0. With K_v = w/(2 zeta) and
+w_v = 2 zeta w, x follows w^2/(s^2 + 2 zeta w s + w^2) of a reference whose speed is not fed forward.
+
+An axis of the cascade has load and friction that sticks (the calibrated plant of the design's targets, section 2)::
+
+    v' = a + a_load - b v - a_c sign(v),    v = 0 while |a + a_load| <= a_c
+
+One inner step is implicit in v: with s the velocity the step would reach without friction::
 
     v+ = soft(s, dt a_c) / (1 + dt (w_v (1 + w_i dt) + b)),     soft(s, c) = sign(s) max(|s| - c, 0)
 
@@ -34,11 +40,29 @@ from forcectl.framework.batch import (
 from forcectl.framework.fields import Config, key
 
 Vector = NDArray[np.float64]
-TUNINGS = ("axes", "rotors")
+
+
+class ServoGains(NamedTuple):
+    """Gains of servo loops, each a number or one per axis [1/s]."""
+
+    position: BatchValue  # K_v
+    velocity: BatchValue  # w_v
+    integral: BatchValue  # w_i
+
+
+def servo_gains(bandwidth: float, damping_ratio: float, integral_gain: float) -> ServoGains:
+    """Gains whose position loop is w^2/(s^2 + 2 zeta w s + w^2).
+
+    Args:
+        bandwidth: w [rad/s].
+        damping_ratio: zeta [1].
+        integral_gain: w_i [1/s].
+    """
+    return ServoGains(bandwidth / (2 * damping_ratio), 2 * damping_ratio * bandwidth, integral_gain)
 
 
 class ServoCoefficients(NamedTuple):
-    """Coefficients of one inner step of length dt, derived from the servo's parameters by `servo_gains`."""
+    """Coefficients of one inner step of length dt."""
 
     position: BatchValue  # K_v [1/s]
     velocity: BatchValue  # w_v (1 + w_i dt) dt [-]
@@ -48,28 +72,19 @@ class ServoCoefficients(NamedTuple):
     step: float  # dt [s]
 
 
-def servo_gains(
-    position: BatchValue,
-    velocity: BatchValue,
-    integral: BatchValue,
-    coulomb: BatchValue,
-    viscous: BatchValue,
-    step: float,
-) -> ServoCoefficients:
+def step_coefficients(gains: ServoGains, coulomb: BatchValue, viscous: BatchValue, step: float) -> ServoCoefficients:
     """Coefficients of one inner step.
 
     Args:
-        position: K_v [1/s].
-        velocity: w_v [1/s].
-        integral: w_i [1/s].
+        gains: K_v, w_v, w_i.
         coulomb: a_c [m/s^2 or rad/s^2].
         viscous: b [1/s].
         step: dt [s].
     """
+    position, velocity, integral = gains
     damping = velocity * (1 + integral * step)
-    return ServoCoefficients(
-        position, damping * step, velocity * integral * step, coulomb * step, 1 / (1 + step * (damping + viscous)), step
-    )
+    inverse = 1 / (1 + step * (damping + viscous))
+    return ServoCoefficients(position, damping * step, velocity * integral * step, coulomb * step, inverse, step)
 
 
 def servo_steps(
@@ -162,8 +177,8 @@ class ServoCore(BatchBlock):
 
     def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:
         """Coefficients of one inner step."""
-        position, velocity, integral, coulomb, viscous = values
-        return servo_gains(position, velocity, integral, coulomb, viscous, self._step)
+        *gains, coulomb, viscous = values
+        return step_coefficients(ServoGains(*gains), coulomb, viscous, self._step)
 
     def _update(self, context: Context, next_state: DiscreteValues) -> None:
         gains = self.values(context)
@@ -220,32 +235,23 @@ class ServoConfig(Config):
         "axes",
         "what the velocity loops of the joints are tuned for: the inertia in the control parameters, or that of the "
         "rotors alone (Multibody)",
-        choices=TUNINGS,
+        choices=("axes", "rotors"),
     )
     substeps: int = key(4, "inner steps per control tick, each at most 0.5 ms", bounds="from 1 to 100")
 
-    def rotor_velocity_gain(self, rotor_inertia: Vector, loop_inertia: Vector) -> Vector:
-        """w_v of each drive on its rotor (n,) [1/s].
+    def gains(self, rotor_inertia: Vector, loop_inertia: Vector) -> ServoGains:
+        """Gains of each drive on its rotor.
 
         Args:
             rotor_inertia: at the joints (n,) [kg m2].
             loop_inertia: what the loops are tuned for (n,) [kg m2]; empty if not known, which is to say the rotors.
         """
         known = self.tuned_for == "axes" and loop_inertia.size > 0
-        gain: Vector = self.velocity_gain * (loop_inertia / rotor_inertia if known else np.ones(len(rotor_inertia)))
-        return gain
+        ratio = loop_inertia / rotor_inertia if known else np.ones(len(rotor_inertia))
+        return ServoGains(self.position_gain, self.velocity_gain * ratio, self.integral_gain)
 
-    def add_to(
-        self,
-        builder: DiagramBuilder,
-        size: int,
-        period: float,
-        *,
-        coulomb_friction: ArrayLike | None = None,
-        initial_position: ArrayLike = 0.0,
-        unit: str = "rad",
-    ) -> Servo:
-        """Add the block for n joints or batch elements; `coulomb_friction` overrides the scalar where joints differ."""
+    def add_to(self, builder: DiagramBuilder, size: int, period: float) -> Servo:
+        """Add the block for a batch of n axes along the pressed direction [m]."""
         core = ServoCore(
             size,
             period=period,
@@ -253,8 +259,7 @@ class ServoConfig(Config):
             position_gain=self.position_gain,
             velocity_gain=self.velocity_gain,
             integral_gain=self.integral_gain,
-            coulomb_friction=self.coulomb_friction if coulomb_friction is None else coulomb_friction,
-            initial_position=initial_position,
-            unit=unit,
+            coulomb_friction=self.coulomb_friction,
+            unit="m",
         )
         return builder.AddNamedSystem("servo", Servo(core))

@@ -25,10 +25,10 @@ from forcectl.framework.batch import BatchBlock, BatchParameter, BatchValue, bat
 from forcectl.framework.fields import Config, key
 from forcectl.plant.drives.position_loop import (
     LONGEST_DELAY,
+    behind_delay,
     first_order_hold,
     interleave,
     second_order,
-    zero_order_hold,
 )
 
 _CHUNK = 1024
@@ -83,7 +83,7 @@ class SensorElectronics(BatchBlock):
 
     Parameters (Context, shape (n,)): bias, noise_std >= 0 (standard deviation per tick), quantum >= 0, range > 0, all
     in the unit of the channel. Taring: with `tare` the first reading without noise becomes the zero (state, set by an
-    initialisation event); `tare_now` does the same at any time.
+    initialisation event).
 
     A subclass declares its ports in `declare_ports`, says what the channels feel in `feels`, and reads with `read`.
 
@@ -139,21 +139,9 @@ class SensorElectronics(BatchBlock):
         """What `digitise` needs of the parameters."""
         return converter(*values)
 
-    def tare_now(self, context: Context) -> None:
-        """Make the present reading (without noise) the zero, as an operator does before touching a surface.
-
-        Raises:
-            BadInputError: the sensor was built without taring.
-        """
-        if self._tare is None:
-            raise invalid("tare", False, "true to tare the sensor")
-        context.SetDiscreteState(self._tare, self._quiet(context))
-
     def _tare_update(self, context: Context, next_state: DiscreteValues) -> None:
-        next_state.set_value(self._tare, self._quiet(context))
-
-    def _quiet(self, context: Context) -> NDArray[np.float64]:
-        return self.stack(self._raw(context, self.feels(context), np.zeros(self._size)))
+        quiet = self._raw(context, self.feels(context), np.zeros(self._size))
+        next_state.set_value(self._tare, self.stack(quiet))
 
     def _raw(self, context: Context, felt: NDArray[np.float64], noise: NDArray[np.float64]) -> BatchValue:
         return digitise(self.batch_value(felt), self.batch_value(noise), self._values.Eval(context), self.math)
@@ -207,9 +195,10 @@ def sensor_filter(
     damping_ratio: ArrayLike,
     period: float,
     delay_ticks: int,
-    hold: str = "first_order",
 ) -> LinearSystem:
     """The sensor's second-order low-pass behind a delay line, as one sampled linear system.
+
+    Without delay the output at t_k uses the input at t_k: direct feedthrough of the first-order hold.
 
     Args:
         size: number of channels n.
@@ -217,34 +206,13 @@ def sensor_filter(
         damping_ratio: [-].
         period: [s].
         delay_ticks: transport delay in samples.
-        hold: "first_order" (output at t_k uses the input at t_k: direct feedthrough) or "zero_order".
     """
     w = batch_values("bandwidth", bandwidth, size, "positive and finite")
     z = batch_values("damping_ratio", damping_ratio, size, "positive and finite")
-    eye, zero = np.eye(size), np.zeros((size, size))
-    models = [second_order(wi, zi) for wi, zi in zip(w, z, strict=True)]
-    if hold == "zero_order":
-        pairs = [zero_order_hold(a, b, period) for a, b in models]
-        a, b = interleave([p[0] for p in pairs], size), interleave([p[1] for p in pairs], size)
-        d = zero
-    else:
-        # State xi = x - G1 u turns the look-ahead of the first-order hold into direct feedthrough.
-        triples = [first_order_hold(a, b, period) for a, b in models]
-        a = interleave([p[0] for p in triples], size)
-        g0, g1 = interleave([p[1] for p in triples], size), interleave([p[2] for p in triples], size)
-        b, d = a @ g1 + g0 - g1, g1[:size]
-    c = np.hstack([eye, zero])
-    if not delay_ticks:
-        return LinearSystem(a, b, c, d, period)
-    n, line = 2 * size, delay_ticks * size
-    A = np.zeros((n + line, n + line))
-    A[:n, :n], A[:n, n + line - size :] = a, b
-    A[n + size :, n : n + line - size] = np.eye(line - size)
-    B = np.zeros((n + line, size))
-    B[n : n + size] = eye
-    C = np.zeros((size, n + line))
-    C[:, :n], C[:, n + line - size :] = c, d
-    return LinearSystem(A, B, C, zero, period)
+    # State xi = x - G1 u turns the look-ahead of the first-order hold into direct feedthrough.
+    holds = [first_order_hold(*second_order(wi, zi), period) for wi, zi in zip(w, z, strict=True)]
+    a, g0, g1 = (interleave(list(blocks), size) for blocks in zip(*holds, strict=True))
+    return behind_delay(a, a @ g1 + g0 - g1, np.eye(size, 2 * size), g1[:size], delay_ticks, period)
 
 
 class ForceSensor(Diagram):

@@ -22,6 +22,7 @@ from pydrake.systems.framework import Context
 
 from forcectl.errors import invalid, unknown
 from forcectl.framework.batch import BatchParameter, batch_values, check
+from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.plant.sensors.force_sensor import white_noise
 
@@ -47,6 +48,30 @@ class ReadingFault:
     def acts(self, time: float) -> bool:
         """Whether it does at the tick of this time [s]."""
         return self.start <= time + _ROUNDING < self.end
+
+
+@dataclass(kw_only=True)
+class ReadingFaultConfig(Config):
+    """Scenario part `!ReadingFault`: a fault of the readings."""
+
+    kind: str = key("nan", "what happens to the readings", choices=FAULTS)
+    joint: str = key("", "by name; empty: all joints")
+    start: float = key(0.0, "of the fault", unit="s", bounds="not negative")
+    duration: float = key(0.1, "of the fault", unit="s", bounds="positive")
+
+    def fault(self, joints: list[str]) -> ReadingFault:
+        """The fault of a robot.
+
+        Args:
+            joints: names of its joints.
+
+        Raises:
+            BadInputError: it has no joint of that name.
+        """
+        if self.joint and self.joint not in joints:
+            raise unknown("joint", self.joint, joints)
+        which = joints.index(self.joint) if self.joint else None
+        return ReadingFault(self.kind, self.start, self.start + self.duration, which)
 
 
 def quantised(values: Array, quantum: Array) -> Array:

@@ -110,8 +110,7 @@ class WristSensor(SensorElectronics):
         self._reactions = self.DeclareAbstractInputPort("reaction_forces", AbstractValue.Make([SpatialForce.Zero()]))
         self._position = self.DeclareVectorInputPort("motor_position", self._robot.num_joints)
         self._posture = posture_cache(self, self._robot, self._position)
-        context = self._robot.create_context()
-        self._robot.set_positions(context, self._start)
+        context = self._robot.context_at(self._start)
         self._in_zero = np.zeros(6)
         orientation = self._orient(context)
         if self._zeroed:
@@ -158,11 +157,11 @@ def sensor_frame(robot: RobotModel) -> Frame:
     Raises:
         BadInputError: the tool has no wrist sensor.
     """
-    if robot.parts.sensor_frame is None or robot.parts.sensor_weld is None:
+    if robot.arm.sensor_frame is None or robot.arm.sensor_weld is None:
         raise BadInputError(
             "has no wrist sensor: its parameters must name a sensor_frame and a sensor_weld", key="tool"
         )
-    return robot.parts.sensor_frame
+    return robot.arm.sensor_frame
 
 
 def tool_load(robot: RobotModel) -> tuple[Vector, Vector]:
@@ -173,7 +172,7 @@ def tool_load(robot: RobotModel) -> tuple[Vector, Vector]:
     """
     frame, plant = sensor_frame(robot), robot.plant
     context = robot.create_context()
-    tool = robot.parts.sensor_weld.child_body()  # type: ignore[union-attr]
+    tool = robot.arm.sensor_weld.child_body()  # type: ignore[union-attr]
     p_WTcm = plant.EvalBodyPoseInWorld(context, tool).multiply(tool.CalcCenterOfMassInBodyFrame(context))
     p_SScm = frame.CalcPoseInWorld(context).inverse().multiply(p_WTcm)
     return weight_matrix(tool.get_mass(context), p_SScm), plant.gravity_field().gravity_vector()

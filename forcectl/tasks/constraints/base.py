@@ -30,7 +30,7 @@ from typing import Any, NamedTuple, Protocol, runtime_checkable
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, invalid, one_line
 from forcectl.framework.batch import batch_values, check
 from forcectl.framework.kernels import largest
 from forcectl.robot.model import JointLimits, unit_normal
@@ -68,7 +68,6 @@ class Constraint(Protocol):
 
     def evaluate(self, motion: RobotMotion) -> Evaluation:
         """(y, y', row, bias) at this motion; y is not read if r = 0."""
-        ...
 
 
 class CartesianWall:
@@ -169,8 +168,7 @@ class JointTorqueLimit:
 
     def excess(self, motion: RobotMotion, u: Vector) -> float:
         """By how much the torque of u is above its limit [Nm]; <= 0 when none is. Half of the cost of the rows."""
-        excess: float = largest(np.abs(motion.torque(u)) - self._limit)
-        return excess
+        return float(largest(np.abs(motion.torque(u)) - self._limit))
 
 
 def checked_limits(limits: JointLimits, start: RobotMotion) -> JointLimits:
@@ -243,28 +241,24 @@ class ConstraintSet:
         self, constraints: Sequence[Constraint], limits: JointLimits, start: RobotMotion, period: float, gamma: float
     ):
         self._n, self._period = len(start.q), check("period", period, "positive")
-        self._tick = np.array(self._period)
         every = [part for c in constraints for part in (c, *getattr(c, "companions", ()))]
         found = [(c, *_try(c, start, gamma)) for c in every]
         names = dict(zip(map(id, every), _row_names([(c, rows) for c, rows, _ in found]), strict=True))
         found.sort(key=lambda item: item[0].relative_degree)
         self.row_names = [name for c, _, _ in found for name in names[id(c)]]
-        self._parts: list[tuple[Constraint, slice]] = []
-        row = 0
-        for constraint, rows, _ in found:
-            self._parts.append((constraint, slice(row, row + rows)))
-            row += rows
-        self.size = row
+        ends = np.cumsum([rows for _, rows, _ in found], dtype=int).tolist()
+        self._parts = [(c, slice(end - rows, end)) for (c, rows, _), end in zip(found, ends, strict=True)]
+        each = [(c, own) for c, rows, own in found for _ in range(rows)]
+        self.size = len(each)
         # What slack costs, of every row; infinite for hard ones.
-        self.slack_weights = np.array([_slack_weight(c) for c, rows, _ in found for _ in range(rows)])
-        degrees = [c.relative_degree for c, rows, _ in found for _ in range(rows)]
+        self.slack_weights = np.array([_slack_weight(c) for c, _ in each])
+        degrees = [c.relative_degree for c, _ in each]
         self._first, self._second = degrees.count(0), degrees.count(0) + degrees.count(1)
-        self.foreseen_size = row - self._second  # of the vector of `foresee`, zeros at rest
+        self.foreseen_size = self.size - self._second  # of the vector of `foresee`, zeros at rest
         self._bounds, self._acceleration = JointBounds(limits, self._period), limits.acceleration
-        self._gamma = [g for _, rows, g in found for _ in range(rows)][self._second :]
-        self._margin = [m for c, rows, _ in found for m in [_margin(c)] * rows][self._second :]
-        steady = [not getattr(c, "rows_change", False) for c, rows, _ in found for _ in range(rows)]
-        self._steady = steady[self._second :]
+        self._gamma = [own for _, own in each][self._second :]
+        self._margin = [_margin(c) for c, _ in each][self._second :]
+        self._steady = [not getattr(c, "rows_change", False) for c, _ in each][self._second :]
 
     def rows(self, motion: RobotMotion, foreseen: Vector) -> Rows:
         """The rows and bounds at this tick; those of a constraint that raises are not a number.
@@ -282,7 +276,7 @@ class ConstraintSet:
         y, rate, bias = values
         limit = -bias
         if second > first:
-            limit[first:second] -= y[first:second] / self._tick
+            limit[first:second] -= y[first:second] / self._period
         if m > second:
             seen = (y[second:].tolist(), rate[second:].tolist(), foreseen.tolist())
             parts = (*seen, self._gamma, self._margin, self._steady)
@@ -299,8 +293,7 @@ class ConstraintSet:
         """y' at the next tick, of the rows of relative degree 2, as far as it is known in this one."""
         if not self.foreseen_size:
             return rows.rate
-        expected: Vector = rows.rate + self._period * (rows.matrix[self._second :].dot(u) + rows.bias)
-        return expected
+        return rows.rate + self._period * (rows.matrix[self._second :].dot(u) + rows.bias)
 
     def _bound(self, y: float, rate: float, foreseen: float, gamma: float, margin: float, steady: bool) -> float:
         """The bound of row u + bias: that of y'' minus what the tick before missed of it, within gamma."""
@@ -317,8 +310,7 @@ class ConstraintSet:
             v: joint speeds [rad/s].
         """
         time = max((np.abs(v) / self._acceleration).max().item() * 2.0, self._period)
-        braking: Vector = np.minimum(np.maximum(v / -time, rows.lower), rows.upper)
-        return braking
+        return np.minimum(np.maximum(v / -time, rows.lower), rows.upper)
 
 
 def label(constraint: Constraint) -> str:
@@ -347,9 +339,8 @@ def _slack_weight(constraint: Constraint) -> float:
 
 
 def _margin(constraint: Constraint) -> float:
-    return check(
-        f"margin of constraint {type(constraint).__name__}", getattr(constraint, "margin", 0.0), "not negative"
-    )
+    margin = getattr(constraint, "margin", 0.0)
+    return check(f"margin of constraint {type(constraint).__name__}", margin, "not negative")
 
 
 def _try(constraint: Any, start: RobotMotion, gamma: float) -> tuple[int, float]:
@@ -371,8 +362,7 @@ def _try(constraint: Any, start: RobotMotion, gamma: float) -> tuple[int, float]
     except BadInputError:
         raise
     except Exception as error:  # whatever a user's constraint does
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
-        raise BadInputError(f"constraint {name}: evaluate must return {wanted}, but: {reason}") from error
+        raise BadInputError(f"constraint {name}: evaluate must return {wanted}, but: {one_line(error)}") from error
     if row.shape not in ((n,), (rows, n)) or rows < 1:
         raise BadInputError(f"constraint {name}: evaluate returned a row of shape {row.shape}: must return {wanted}")
     if not (np.isfinite(row).all() and all(np.isfinite(part).all() for part in together)):

@@ -55,7 +55,6 @@ class JointBounds:
 
     def __init__(self, limits: JointLimits, period: float):
         self._period, self._n = period, len(limits.velocity)
-        self._tick, self._two_ticks = np.array(period), np.array(2 * period)
         each = (limits.position_lower, limits.position_upper, limits.velocity, limits.acceleration)
         self._low, self._high, self._speed, self._acceleration = each
         self._joints = [limit.tolist() for limit in each]
@@ -77,7 +76,7 @@ class JointBounds:
         """
         Ts = self._period
         if self._n > SMALL_BATCH and self._unbound(q, v):
-            change = v / self._tick
+            change = v / Ts
             return (
                 np.maximum(self._least - change, self._braking),
                 np.minimum(self._most - change, self._acceleration),
@@ -114,5 +113,4 @@ class JointBounds:
     def _stopping_distance(self, speed: Vector) -> Vector:
         """What a joint needs to stop from a speed that a tick at full acceleration still adds to [rad]."""
         ahead = speed + self._tick_speed
-        distance: Vector = ahead * (self._two_ticks + ahead / self._acceleration)
-        return distance
+        return ahead * (2 * self._period + ahead / self._acceleration)

@@ -10,59 +10,31 @@ import numpy as np
 
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import RobotShapes
-from forcectl.errors import BadInputError, about
 from forcectl.framework.fields import Config, key, slot
+from forcectl.framework.wiring import made_by
 from forcectl.plant.plant_model import PlantModel
-from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.constraints.base import CartesianWall, Constraint
-from forcectl.tasks.constraints.of_arm import OfArm
 from forcectl.tasks.constraints.robust import Errors, RobustConstraint
-from forcectl.tasks.constraints.task_limits import TaskRange, TaskSpeedLimit
-from forcectl.tasks.task_parts import made_task
+from forcectl.tasks.constraints.task_limits import OfArm, TaskRange, TaskSpeedLimit
+from forcectl.tasks.task_parts import made_task, start_motion
 
 
 class ConstraintPart(Protocol):
     """A filler of the slot `constraint`."""
 
     def constraint(self, model: PlantModel) -> Constraint:
-        """The constraint, built anew.
-
-        Args:
-            model: of the plant.
-        """
-        ...
+        """The constraint, built anew, for this model of the plant."""
 
 
 def constraints_of(parts: Sequence[ConstraintPart], model: PlantModel) -> list[Constraint]:
-    """The constraints of some parts, which stand in a list `constraints`.
-
-    Args:
-        parts: what fills the slot.
-        model: of the plant.
-
-    Raises:
-        BadInputError: a part whose method returns something else.
-    """
+    """The constraints of the parts in a list `constraints`, see `made_by`."""
     return [made_constraint(part, model, f"constraints.{i}") for i, part in enumerate(parts)]
 
 
-def made_constraint(part: ConstraintPart, model: PlantModel, place: str) -> Constraint:
-    """The constraint of one part.
-
-    Args:
-        part: what fills the slot.
-        model: of the plant.
-        place: key of the part, for the message.
-
-    Raises:
-        BadInputError: its method returns something else.
-    """
-    with about(part):
-        made = part.constraint(model)
-    if not isinstance(made, Constraint):
-        wanted = "an object with relative_degree and evaluate(motion)"
-        raise BadInputError(f"constraint must return {wanted}, not {type(made).__name__}", key=place)
-    return made
+def made_constraint(part: ConstraintPart, model: PlantModel, key: str) -> Constraint:
+    """The constraint of a part that stands at `key`, see `made_by`."""
+    wanted = "an object with relative_degree and evaluate(motion)"
+    return made_by(part, "constraint", key, Constraint, wanted, model)
 
 
 @dataclass(kw_only=True)
@@ -81,7 +53,7 @@ class WallConfig(Config):
         wall = CartesianWall(self.point, self.normal, self.gamma)
         if not self.arm:
             return wall
-        _start(model).arm(self.arm)  # refused by name
+        start_motion(model).arm(self.arm)  # refused by name
         return OfArm(self.arm, wall)
 
 
@@ -99,7 +71,7 @@ class RangeConfig(Config):
 
     def constraint(self, model: PlantModel) -> TaskRange:
         """See `ConstraintPart`."""
-        task = made_task(self.task, _start(model), "task")
+        task = made_task(self.task, start_motion(model), "task")
         lower, upper = _limits(self.lower, -np.inf), _limits(self.upper, np.inf)
         return TaskRange(task, lower, upper, gamma=self.gamma, slack_weight=self.slack_weight)
 
@@ -115,7 +87,7 @@ class SpeedLimitConfig(Config):
     def constraint(self, model: PlantModel) -> TaskSpeedLimit:
         """See `ConstraintPart`."""
         limit = self.limit[0] if len(self.limit) == 1 else self.limit
-        return TaskSpeedLimit(made_task(self.task, _start(model), "task"), limit, slack_weight=self.slack_weight)
+        return TaskSpeedLimit(made_task(self.task, start_motion(model), "task"), limit, slack_weight=self.slack_weight)
 
 
 @dataclass(kw_only=True)
@@ -145,11 +117,6 @@ class RobustConfig(Config):
         seen, missed = Errors(*self.measurement_error), Errors(*self.model_error)
         inner = made_constraint(self.of, model, "of")
         return RobustConstraint(inner, self.braking, measurement_error=seen, model_error=missed, period=model.period)
-
-
-def _start(model: PlantModel) -> ArmsMotion:
-    robot = model.known_robot()
-    return ArmsMotion(robot, robot.create_context(), model.start, np.zeros(model.num_joints))
 
 
 def _limits(values: Sequence[float | None], none: float) -> list[float] | float:

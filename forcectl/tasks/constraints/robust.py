@@ -12,10 +12,9 @@ With it, the thesis' set Phi(p, p') <= 0 is left, by 0.95 mm for v_p = 10 um per
 
     { (p, p') : Phi(p - p_max, p' + v_p/Ts) <= 0 },    with braking at gamma_p - v_v/Ts
 
-sampled as in `one_step_acceleration`. It is robustly invariant: with w = p' + v_p/Ts and a = p'' + v_v/Ts the true next
-state is at most (p + Ts w + Ts^2 a/2, w + Ts a), a double integrator without errors, whose bound on a is known; and
-a state that is less in both has more room. Where (5.27) brakes as long as a corner is outside and not at all else, here
-p'' may be the largest that keeps the upper corner inside, at least -gamma_p: there is no limit cycle.
+sampled as in `one_step_acceleration`: with w = p' + v_p/Ts and a = p'' + v_v/Ts the true next state is at most
+(p + Ts w + Ts^2 a/2, w + Ts a), a double integrator without errors. Where (5.27) brakes while a corner is outside and
+not at all else, here p'' may be the largest that keeps the upper corner inside: there is no limit cycle.
 """
 
 from __future__ import annotations
@@ -87,14 +86,15 @@ class RobustConstraint:
             raise invalid("relative_degree of the constraint to make robust", inner.relative_degree, "2")
         self._inner, self._period = inner, check("period", period, "positive")
         gamma_p = check("gamma_p", gamma_p, "positive")
-        seen, missed = _bounds("measurement_error", measurement_error), _bounds("model_error", model_error)
-        drift = missed.rate / self._period
+        seen_value, seen_rate = _bounds("measurement_error", measurement_error)
+        missed_value, missed_rate = _bounds("model_error", model_error)
+        drift = missed_rate / self._period
         if (drift >= gamma_p).any():
             allowed = f"below gamma_p * period = {gamma_p * self._period:g}: what braking can take away"
-            raise invalid("model_error.rate", np.asarray(missed.rate).tolist(), allowed)
+            raise invalid("model_error.rate", missed_rate.tolist(), allowed)
         self._drift, self._gamma = drift, drift - gamma_p
-        self._value = seen.value + getattr(inner, "margin", 0.0)
-        self._rate = seen.rate + missed.value / self._period
+        self._value = seen_value + getattr(inner, "margin", 0.0)
+        self._rate = seen_rate + missed_value / self._period
         for name in ("slack_weight", "companions"):
             if hasattr(inner, name):
                 setattr(self, name, getattr(inner, name))
@@ -113,16 +113,10 @@ class RobustConstraint:
         p, w = np.add(y, self._value), np.add(rate, self._rate)
         # From outside, as a measurement may have it, it comes back within the same acceleration.
         upper = np.where(p > 0.0, -self._gamma, np.inf)
-        bound: Vector = one_step_acceleration(p, w, self._gamma, upper, self._period) - self._drift
-        return bound
+        return one_step_acceleration(p, w, self._gamma, upper, self._period) - self._drift
 
 
-class _Bounds(NamedTuple):
-    value: Vector
-    rate: Vector
-
-
-def _bounds(name: str, errors: Errors) -> _Bounds:
+def _bounds(name: str, errors: Errors) -> list[Vector]:
     checked = []
     for part, bound in zip(("value", "rate"), errors, strict=True):
         try:
@@ -132,4 +126,4 @@ def _bounds(name: str, errors: Errors) -> _Bounds:
         if not (np.isfinite(array) & (array >= 0.0)).all():
             raise invalid(f"{name}.{part}", array.tolist(), "finite and at least zero")
         checked.append(array)
-    return _Bounds(*checked)
+    return checked

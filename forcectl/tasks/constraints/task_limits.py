@@ -1,4 +1,4 @@
-"""Limits of task coordinates: where an arm may be, and how fast; constraints as rows."""
+"""Constraints of one arm of several: where it may be, and how fast; and any that is written for a single arm."""
 
 from __future__ import annotations
 
@@ -9,7 +9,7 @@ from forcectl.errors import BadInputError
 from forcectl.framework.batch import batch_values, check_order
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.robot_motion import RobotMotion
-from forcectl.tasks.constraints.base import Evaluation
+from forcectl.tasks.constraints.base import Constraint, Evaluation, label
 from forcectl.tasks.coordinates import ArmTask, TaskState
 
 Vector = NDArray[np.float64]
@@ -78,6 +78,30 @@ class TaskSpeedLimit:
         return self._both.beyond(state.rate), 0.0, self._both.of(state.jacobian), self._both.of(state.bias)
 
 
+class OfArm:
+    """A constraint written for one arm, of the named arm of a robot that has several.
+
+    Args:
+        arm: its name.
+        constraint: any; its relative degree, gamma and the like are kept.
+    """
+
+    def __init__(self, arm: str, constraint: Constraint):
+        if not isinstance(constraint, Constraint):
+            raise BadInputError(f"constraint {type(constraint).__name__} lacks relative_degree or evaluate(motion)")
+        self.arm, self._constraint = arm, constraint
+        self.relative_degree, self.label = constraint.relative_degree, f"{label(constraint)} of {arm}"
+        for name in ("gamma", "slack_weight", "margin", "rows_change", "row_names"):
+            if hasattr(constraint, name):
+                setattr(self, name, getattr(constraint, name))
+
+    def evaluate(self, motion: RobotMotion) -> Evaluation:
+        """See `Constraint`."""
+        if not isinstance(motion, ArmsMotion):
+            raise BadInputError(f"OfArm: there is no arm {self.arm!r} in the motion of a robot without named arms")
+        return self._constraint.evaluate(motion.arm(self.arm))
+
+
 class _Sides:
     """Rows x - upper <= 0 and lower - x <= 0 of the coordinates that have these limits."""
 
@@ -100,13 +124,11 @@ class _Sides:
 
     def of(self, values: Vector) -> Vector:
         """Both sides of values (k, ...)."""
-        both: Vector = self._pick.dot(values)
-        return both
+        return self._pick.dot(values)
 
     def beyond(self, values: Vector) -> Vector:
         """By how much values (k,) are beyond their limits."""
-        beyond: Vector = self.of(values) - self._limit
-        return beyond
+        return self.of(values) - self._limit
 
 
 def _set(constraint: TaskRange | TaskSpeedLimit, gamma: float | None, slack_weight: float | None) -> None:

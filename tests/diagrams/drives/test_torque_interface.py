@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Callable
 from itertools import pairwise
 from typing import Any
 
@@ -18,6 +19,7 @@ from forcectl.diagrams.fidelities.multibody import MultibodyStation
 from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.station import build_station
 from forcectl.diagrams.workcell import Workcell, describe
+from forcectl.doctor import Report
 from forcectl.errors import BadInputError
 from forcectl.estimation.recursive_vrft import GAINS
 from forcectl.force.integral import IntegralConfig
@@ -34,7 +36,6 @@ from forcectl.testing import (
     assert_same_after_reset_and_clone,
     run_diagram,
 )
-from forcectl.testing.plugin import CheckDiagram
 from forcectl.tuning.controller_basis import continuous_pid
 from forcectl.tuning.reference_model import first_order
 from forcectl.tuning.vrft import fit_vrft
@@ -89,7 +90,7 @@ def test_it_runs_the_same_after_reset_and_clone() -> None:
     assert log["contact_force"][-1, 0] > 0.1
 
 
-def test_the_doctor_finds_nothing_wrong_with_a_closed_loop(check_diagram: CheckDiagram) -> None:
+def test_the_doctor_finds_nothing_wrong_with_a_closed_loop(check_diagram: Callable[..., Report]) -> None:
     loop = Scenario(station=torque_workcell().config, controller=IntegralConfig()).build()
     assert check_diagram(loop.diagram).delays[-1].total == 0.0
 

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import math
 import sys
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import Any
 
@@ -17,6 +17,7 @@ import forcectl
 from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig
 from forcectl.diagrams.workcell import describe
+from forcectl.doctor import Report
 from forcectl.errors import BadInputError
 from forcectl.force.adaptive_force_law import Adaptation
 from forcectl.force.invariance.robot import InvarianceRobotConfig, JointLimitConfig, OutputConfig
@@ -24,7 +25,6 @@ from forcectl.plant.plant_model import PlantModel
 from forcectl.scenario.scenario import build, load_scenario
 from forcectl.tasks.constraints.parts import WallConfig
 from forcectl.testing import assert_memory_released, assert_ports
-from forcectl.testing.plugin import CheckDiagram
 from tests.diagrams.test_station_ports import build_loop, run_loop
 
 JOINTS = 6
@@ -81,7 +81,7 @@ def test_an_integral_law_is_corrected_and_the_compliance_is_learnt(fidelity: str
 @every_fidelity
 @pytest.mark.parametrize("config", FORMS)
 def test_doctor_finds_nothing_wrong_and_no_delay(
-    check_diagram: CheckDiagram, fidelity: str, config: InvarianceRobotConfig
+    check_diagram: Callable[..., Report], fidelity: str, config: InvarianceRobotConfig
 ) -> None:
     report = check_diagram(build_loop(fidelity, config).diagram)
     assert report.delays[-1].total == 0.0

@@ -57,8 +57,8 @@ def slide(
         law = loop.diagram.GetSubsystemByName("force_law")
         if law.HasOutputPort("integral_gain"):
             found.append(law.GetOutputPort("integral_gain").Eval(law.GetMyContextFromRoot(context)).item())
-    log = loop.log.find(context)
-    desired, force = (log.data()[loop.log.signals[name].rows][0] for name in ("desired_force", "measured_force"))
+    log = loop.find_log(context)
+    desired, force = (log.data()[loop.signals[name].rows][0] for name in ("desired_force", "measured_force"))
     time = log.sample_times()
     return time, force - model_response(time, desired, 1.5), np.array(found)
 

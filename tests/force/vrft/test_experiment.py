@@ -102,8 +102,8 @@ def test_batch_elements_of_the_scalar_loop_are_experiments_of_their_own():
         loop = build_one_dimensional_loop(config, size=size)
         simulator = Simulator(loop.diagram)
         simulator.AdvanceTo(6.0)
-        data = loop.log.find(simulator.get_context()).data()
-        logs[size] = data[loop.log.signals["measured_force"].rows]
+        data = loop.find_log(simulator.get_context()).data()
+        logs[size] = data[loop.signals["measured_force"].rows]
     np.testing.assert_allclose(logs[2][0], logs[1][0], atol=1e-9)
     assert logs[2][1, -1] == pytest.approx(10.0, abs=0.3)
 

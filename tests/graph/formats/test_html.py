@@ -8,7 +8,7 @@ from html.parser import HTMLParser
 
 import pytest
 
-from forcectl.graph.extract import block_graph
+from forcectl.graph.export import graph
 from forcectl.graph.formats.html import fold_states, to_html
 from tests.examples.graph_diagrams import ALL, force_loop, odd_names, random_diagram
 
@@ -80,8 +80,8 @@ class Closed(HTMLParser):
 @pytest.mark.parametrize("make", ALL.values(), ids=ALL)
 @pytest.mark.parametrize("depth", [0, 1, None])
 def test_the_page_is_whole_deterministic_and_loads_nothing(make, depth):
-    page = to_html(block_graph(make(), depth=depth))
-    assert page == to_html(block_graph(make(), depth=depth))
+    page = to_html(graph(make(), depth=depth))
+    assert page == to_html(graph(make(), depth=depth))
     parser = Closed()
     parser.feed(page)
     assert parser.open == []
@@ -92,14 +92,14 @@ def test_the_page_is_whole_deterministic_and_loads_nothing(make, depth):
 
 
 def test_every_fold_state_is_in_the_page():
-    graph = block_graph(force_loop())
-    states = fold_states(graph)
+    model = graph(force_loop())
+    states = fold_states(model)
     assert [sorted(state) for state in states] == [
         [],
         [""],
         ["", "station"],
     ]
-    data = data_of(to_html(graph))
+    data = data_of(to_html(model))
     assert len(data["states"]) == 3
     assert data["start"] == data["depths"][1]
     shown = [[data["blocks"][box[0]]["name"] for box in state["boxes"]] for state in data["states"]]
@@ -107,33 +107,33 @@ def test_every_fold_state_is_in_the_page():
 
 
 def test_blocks_tell_parameters_ports_states_and_sample_time():
-    details = {block["name"]: block for block in data_of(to_html(block_graph(force_loop())))["blocks"]}
+    details = {block["name"]: block for block in data_of(to_html(graph(force_loop())))["blocks"]}
     law = details["force_law"]
     assert law["parameters"] == [["integral_gain", "3"], ["compliance", "3.2e-05"]]
     assert (law["sample"], law["states"]) == ("2 ms", [0, 1, 0])
     assert law["inputs"][0][:2] == ["desired_force", "1 · N"]
     assert details["one_sided"]["outputs"] == [["y0", "1", "direct from u0"]]
-    signals = data_of(to_html(block_graph(force_loop())))["signals"]
+    signals = data_of(to_html(graph(force_loop())))["signals"]
     assert ["y0", "1 · N", "reference"] in signals.values()  # the unit that its target knows
 
 
 def test_states_stay_within_bounds_and_reach_every_diagram():
-    graph = block_graph(random_diagram(40, 1))
-    states = fold_states(graph)
-    page = to_html(graph)
+    model = graph(random_diagram(40, 1))
+    states = fold_states(model)
+    page = to_html(model)
     assert len(states) < 150
     assert len(page) < 4_000_000
     opened = frozenset().union(*states)
-    assert opened == {block.path for block in graph.root.walk() if block.kind == "diagram"}
+    assert opened == {block.path for block in model.root.walk() if block.kind == "diagram"}
     for state in states:  # what is open has everything above it open
         assert all(path.rpartition("/")[0] in state | {""} for path in state)
-    depths = {graph.unfolded(depth) for depth in range(graph.max_depth + 1)}
+    depths = {model.unfolded(depth) for depth in range(model.root.height + 1)}
     assert depths <= set(states)
 
 
 @needs_chromium
 def test_the_browser_shows_the_blocks(tmp_path):
-    dom = opened_in_browser(tmp_path, to_html(block_graph(force_loop(), depth=None)), "--dump-dom")
+    dom = opened_in_browser(tmp_path, to_html(graph(force_loop(), depth=None)), "--dump-dom")
     scene = dom.partition('id="scene"')[2].partition("</svg>")[0]
     for name in ("force_law", "position_loop", "force_sensor", "desired_force", "1 · N"):
         assert f">{name}<" in scene
@@ -142,7 +142,7 @@ def test_the_browser_shows_the_blocks(tmp_path):
 @needs_chromium
 def test_a_screenshot_shows_more_than_an_empty_page(tmp_path):
     picture, blank = tmp_path / "page.png", tmp_path / "blank.png"
-    opened_in_browser(tmp_path, to_html(block_graph(force_loop(), depth=None)), f"--screenshot={picture}")
+    opened_in_browser(tmp_path, to_html(graph(force_loop(), depth=None)), f"--screenshot={picture}")
     opened_in_browser(tmp_path, "<!DOCTYPE html><html><body></body></html>", f"--screenshot={blank}")
     from matplotlib.image import imread
 
@@ -178,7 +178,7 @@ def test_folding_searching_hovering_and_depth_work_in_the_browser(tmp_path):
     find("").dispatchEvent(new KeyboardEvent("keydown", {key: "Enter", bubbles: true}));
     say("keyboard " + !!find("force_law"));
     """
-    page = with_script(to_html(block_graph(force_loop(), depth=1)), script)
+    page = with_script(to_html(graph(force_loop(), depth=1)), script)
     notes = said(opened_in_browser(tmp_path, page, "--dump-dom"))
     assert notes[:4] == [
         "start false",
@@ -200,5 +200,5 @@ def test_odd_names_survive_in_the_browser(tmp_path):
     send(find(odd).querySelector(".body"), "pointermove");
     say("tip " + ($("tip").querySelector("b").textContent === odd));
     """
-    page = with_script(to_html(block_graph(odd_names(), depth=None)), script)
+    page = with_script(to_html(graph(odd_names(), depth=None)), script)
     assert said(opened_in_browser(tmp_path, page, "--dump-dom")) == ["tip true"]

@@ -6,13 +6,13 @@ import itertools
 
 import pytest
 
-from forcectl.graph.extract import block_graph
+from forcectl.graph.export import graph
 from forcectl.graph.formats.picture import Layouter, Picture
 from tests.examples.graph_diagrams import ALL, force_loop, primitive_loop, random_diagram
 
 
 def picture_of(diagram, depth=None) -> Picture:
-    return Layouter(block_graph(diagram, depth=depth)).picture()
+    return Layouter(graph(diagram, depth=depth)).picture()
 
 
 def legs(net):
@@ -149,9 +149,9 @@ def test_primitives_have_their_usual_symbols():
 
 
 def test_any_set_of_diagrams_can_be_open():
-    graph = block_graph(random_diagram(4, 3), depth=None)
-    layouter = Layouter(graph)
+    model = graph(random_diagram(4, 3), depth=None)
+    layouter = Layouter(model)
     some = frozenset({"", "block_1"})
     opened = {box.path for box in layouter.picture(some).boxes if box.shape is None}
     assert opened == some
-    assert layouter.picture(some) == Layouter(graph).picture(some)
+    assert layouter.picture(some) == Layouter(model).picture(some)

@@ -20,7 +20,7 @@ from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.text import Text
 from matplotlib.transforms import Affine2D
 
-from forcectl.graph.extract import block_graph
+from forcectl.graph.export import graph
 from forcectl.graph.formats.paint import PALETTE, SHAPES
 from forcectl.graph.formats.picture import Layouter
 from forcectl.graph.formats.print import figure_of, to_pdf, to_png
@@ -32,9 +32,9 @@ ZOOM = 2  # pixels of the PNG per pixel of the picture
 FINE = 16
 
 
-def bitmap(graph):
+def bitmap(model):
     """Red, green and blue of the PNG, 0 to 255, by row and column."""
-    return (matplotlib.image.imread(io.BytesIO(to_png(graph)))[..., :3] * 255.0).round().astype(int)
+    return (matplotlib.image.imread(io.BytesIO(to_png(model)))[..., :3] * 255.0).round().astype(int)
 
 
 def colour(code):
@@ -56,15 +56,15 @@ def texts_of(pdf):
 @pytest.mark.parametrize("make", ALL.values(), ids=ALL)
 @pytest.mark.parametrize("depth", [0, 1, None])
 def test_names_stay_inside_their_boxes(make, depth):
-    graph = block_graph(make(), depth=depth)
-    picture = Layouter(graph).picture()
-    figure = figure_of(graph, picture, 96.0)
+    model = graph(make(), depth=depth)
+    picture = Layouter(model).picture()
+    figure = figure_of(model, picture, 96.0)
     figure.set_dpi(96.0 * FINE)  # at which no letter is fitted to whole pixels
     renderer = FigureCanvasAgg(figure).get_renderer()
     to_picture = Affine2D().scale(1.0 / FINE)
     shown = (artist for artist in figure.artists if isinstance(artist, Text))
     for box in picture.boxes:
-        _, marks = box_marks(graph.by_path[box.path], box)
+        _, marks = box_marks(model.by_path[box.path], box)
         labels = [mark for mark in marks if isinstance(mark, Label)]
         extents = [(next(shown).get_window_extent(renderer).transformed(to_picture), mark) for mark in labels]
         ports = [(extent, mark) for extent, mark in extents if mark.role == "port"]
@@ -81,15 +81,15 @@ def test_names_stay_inside_their_boxes(make, depth):
 
 @pytest.mark.parametrize("make", [force_loop, primitive_loop])
 def test_boxes_wires_and_dots_are_where_the_picture_says(make):
-    graph = block_graph(make(), depth=1)
-    picture, pixels = Layouter(graph).picture(), bitmap(graph)
+    model = graph(make(), depth=1)
+    picture, pixels = Layouter(model).picture(), bitmap(model)
 
     def at(x, y):
         return pixels[round(y * ZOOM), round(x * ZOOM)]
 
     assert is_near(at(4.0, 4.0), "#ffffff", 0)
     for box in picture.boxes:
-        block = graph.by_path[box.path]
+        block = model.by_path[box.path]
         if box.shape is None or box.shape.form == "bar":
             continue
         x, y, width, height = box.shape.body
@@ -110,9 +110,9 @@ def test_boxes_wires_and_dots_are_where_the_picture_says(make):
 
 
 def test_only_wires_of_abstract_signals_are_dashed():
-    graph = block_graph(arm_with_controller(), depth=1)
-    pixels, dashed = bitmap(graph), {}
-    for net in Layouter(graph).picture().nets:
+    model = graph(arm_with_controller(), depth=1)
+    pixels, dashed = bitmap(model), {}
+    for net in Layouter(model).picture().nets:
         for wire in net.wires:
             (x0, y), (x1, y1) = wire[:2]
             if y == y1 and x1 - x0 > 30.0:
@@ -125,16 +125,16 @@ def test_only_wires_of_abstract_signals_are_dashed():
 
 @pytest.mark.parametrize("make", ALL.values(), ids=ALL)
 def test_a_pdf_is_one_page_as_large_as_the_svg(make):
-    graph = block_graph(make(), depth=None)
-    pdf = to_pdf(graph)
+    model = graph(make(), depth=None)
+    pdf = to_pdf(model)
     assert len(re.findall(rb"/Type /Page\b", pdf)) == 1
     box = [float(part) for part in re.search(rb"/MediaBox \[([^\]]*)\]", pdf)[1].split()]
-    width, height = (float(part) for part in re.search(r'viewBox="0 0 (\S+) (\S+)"', to_svg(graph)).groups())
+    width, height = (float(part) for part in re.search(r'viewBox="0 0 (\S+) (\S+)"', to_svg(model)).groups())
     assert box == pytest.approx([0.0, 0.0, 0.75 * width, 0.75 * height], abs=0.8)
 
 
 def test_text_of_a_pdf_is_text_with_its_fonts_inside():
-    pdf = to_pdf(block_graph(force_loop(), depth=None))
+    pdf = to_pdf(graph(force_loop(), depth=None))
     written = texts_of(pdf)
     for wanted in ("closed_loop", "force_law", "ForceLaw", "displacement_command", "2 ms", "position_loop"):
         assert wanted in written
@@ -144,12 +144,12 @@ def test_text_of_a_pdf_is_text_with_its_fonts_inside():
 
 
 def test_depth_folds_what_is_inside():
-    assert "position_loop" not in texts_of(to_pdf(block_graph(force_loop(), depth=1)))
+    assert "position_loop" not in texts_of(to_pdf(graph(force_loop(), depth=1)))
 
 
 def test_no_date_program_or_machine_in_the_files():
-    graph = block_graph(ForceLaw())
-    pdf, png = to_pdf(graph), to_png(graph)
+    model = graph(ForceLaw())
+    pdf, png = to_pdf(model), to_png(model)
     for word in (b"Date", b"Producer", b"Creator"):
         assert word not in pdf
     for word in (b"tIME", b"Software", b"atplotlib"):
@@ -161,11 +161,11 @@ def test_no_date_program_or_machine_in_the_files():
 def test_other_processes_write_the_same_bytes():
     script = (
         "import sys; from tests.examples.graph_diagrams import force_loop\n"
-        "from forcectl.graph.export import export; import hashlib\n"
-        "print(*(hashlib.sha256(export(force_loop(), format=f)).hexdigest() for f in ('png', 'pdf')))"
+        "from forcectl.graph.export import graph; import hashlib\n"
+        "print(*(hashlib.sha256(graph(force_loop()).render(f)).hexdigest() for f in ('png', 'pdf')))"
     )
-    graph = block_graph(force_loop())
-    own = [hashlib.sha256(content).hexdigest() for content in (to_png(graph), to_pdf(graph))]
+    model = graph(force_loop())
+    own = [hashlib.sha256(content).hexdigest() for content in (to_png(model), to_pdf(model))]
     environment = os.environ | {"PYTHONPATH": os.pathsep.join([str(Path(__file__).parents[3]), *sys.path])}
     for seed in ("1", "2"):
         command = [sys.executable, "-c", script]
@@ -176,14 +176,14 @@ def test_other_processes_write_the_same_bytes():
 
 
 def test_settings_of_the_user_change_nothing():
-    graph = block_graph(force_loop(), depth=None)
-    plain = to_png(graph), to_pdf(graph)
+    model = graph(force_loop(), depth=None)
+    plain = to_png(model), to_pdf(model)
     settings = {"figure.dpi": 40, "savefig.dpi": 50, "savefig.bbox": "tight", "font.size": 30, "lines.linewidth": 9}
     settings |= {"figure.facecolor": "red", "savefig.facecolor": "red", "text.usetex": True, "text.color": "red"}
     settings |= {"patch.linewidth": 9, "patch.antialiased": False, "path.sketch": (5, 5, 5), "pdf.fonttype": 3}
     settings |= {"lines.scale_dashes": False, "text.hinting": "default", "figure.constrained_layout.use": True}
     with mpl.rc_context(settings):
-        assert (to_png(graph), to_pdf(graph)) == plain
+        assert (to_png(model), to_pdf(model)) == plain
 
 
 def test_names_are_never_taken_for_formulas():
@@ -192,14 +192,14 @@ def test_names_are_never_taken_for_formulas():
 
     law = Named()
     law.set_name("$x^2$ _{")
-    assert "$x^2$ _{" in texts_of(to_pdf(block_graph(law)))
+    assert "$x^2$ _{" in texts_of(to_pdf(graph(law)))
 
 
 @pytest.mark.slow
 def test_large_diagrams_stay_within_what_programs_open():
-    graph = block_graph(random_diagram(100, 3), depth=None)
-    width, height = struct.unpack(">II", to_png(graph)[16:24])
+    model = graph(random_diagram(100, 3), depth=None)
+    width, height = struct.unpack(">II", to_png(model)[16:24])
     assert 1000 < max(width, height) <= 32001
     assert width * height < 5.1e7
-    box = re.search(rb"/MediaBox \[([^\]]*)\]", to_pdf(graph))[1].split()
+    box = re.search(rb"/MediaBox \[([^\]]*)\]", to_pdf(model))[1].split()
     assert max(map(float, box)) < 14401.0

@@ -4,7 +4,7 @@ import xml.etree.ElementTree as ET
 
 import pytest
 
-from forcectl.graph.extract import block_graph
+from forcectl.graph.export import graph
 from forcectl.graph.formats.svg import to_svg
 from forcectl.graph.layout.shapes import text_width
 from tests.examples.graph_diagrams import ALL, arm_with_controller, force_loop, odd_names, primitive_loop
@@ -12,8 +12,8 @@ from tests.examples.graph_diagrams import ALL, arm_with_controller, force_loop, 
 SVG = "{http://www.w3.org/2000/svg}"
 
 
-def elements(diagram, depth=None, **options):
-    return ET.fromstring(to_svg(block_graph(diagram, depth=depth, **options)))
+def elements(diagram, depth=None):
+    return ET.fromstring(to_svg(graph(diagram, depth=depth)))
 
 
 def texts(root):
@@ -23,12 +23,12 @@ def texts(root):
 @pytest.mark.parametrize("make", ALL.values(), ids=ALL)
 @pytest.mark.parametrize("depth", [0, 1, None])
 def test_the_same_diagram_gives_the_same_bytes(make, depth):
-    assert to_svg(block_graph(make(), depth=depth)) == to_svg(block_graph(make(), depth=depth))
+    assert to_svg(graph(make(), depth=depth)) == to_svg(graph(make(), depth=depth))
 
 
 @pytest.mark.parametrize("make", ALL.values(), ids=ALL)
 def test_no_memory_address_or_machine_detail_is_drawn(make):
-    text = to_svg(block_graph(make(), depth=None))
+    text = to_svg(graph(make(), depth=None))
     assert "@0" not in text
     assert "href" not in text
     assert text.count("http") == 1  # the SVG namespace
@@ -47,18 +47,14 @@ def test_depth_folds_what_is_inside():
     assert texts(elements(force_loop(), depth=0)).count("closed_loop") == 1
 
 
-def test_signals_can_be_left_out():
-    assert "1 · N" not in texts(elements(force_loop(), signals=False))
-
-
 def test_every_block_and_every_net_is_a_group_with_its_name():
-    graph = block_graph(force_loop(), depth=None)
-    root = ET.fromstring(to_svg(graph))
+    model = graph(force_loop(), depth=None)
+    root = ET.fromstring(to_svg(model))
     groups = list(root.iter(f"{SVG}g"))
-    assert {g.get("data-path") for g in groups} - {None} == {block.path for block in graph.nodes}
+    assert {g.get("data-path") for g in groups} - {None} == {block.path for block in model.nodes}
     sources = [g.get("data-source") for g in groups if g.get("data-source")]
     assert len(sources) == len(set(sources))
-    assert len(sources) == sum(len({edge.source for edge in block.edges}) for block in graph.nodes)
+    assert len(sources) == sum(len({edge.source for edge in block.edges}) for block in model.nodes)
 
 
 def test_a_folded_diagram_has_a_second_outline():
@@ -84,14 +80,6 @@ def test_odd_names_are_escaped():
     written = texts(elements(odd_names()))
     assert 'block "A" <1> & </script>' in written
     assert "x|{y}" in written
-
-
-def test_legend_names_only_what_is_shown():
-    graph = block_graph(force_loop(), depth=None)
-    written = texts(ET.fromstring(to_svg(graph, legend=True)))
-    assert {"continuous states", "sampled", "no state"} <= set(written)
-    assert "multibody and geometry" not in written
-    assert "sampled" not in texts(ET.fromstring(to_svg(graph)))
 
 
 def test_text_fits_its_box():

@@ -19,7 +19,7 @@ from forcectl.plant.contact.compliant_contact import (
     damped_contact,
     elastic_force,
 )
-from forcectl.testing import assert_feedthrough, assert_ports, run_diagram
+from forcectl.testing import assert_ports, run_diagram
 
 displacements = st.floats(-1e-2, 1e-2)
 stiffnesses = st.floats(1e3, 1e6)
@@ -59,8 +59,6 @@ def test_force_is_displacement_over_total_compliance(dx, k, c_r):
     block = CompliantContact(1, stiffness=k, robot_compliance=c_r)
     expected = max(0.0, -dx / (c_r + 1 / k))
     assert force_at(block, dx).item() == pytest.approx(expected, rel=1e-12)
-    through_port = CompliantContact(1, stiffness=k, compliance_port=True)
-    assert force_at(through_port, dx, robot_compliance=c_r).item() == pytest.approx(expected, rel=1e-12)
     assert elastic_force(dx, 1 / (c_r + 1 / k)) == pytest.approx(expected, rel=1e-12)
 
 
@@ -208,11 +206,8 @@ def test_an_undamped_contact_has_no_state_and_refuses_damping_later():
         block.set_parameter(context, "damping", 3.0)
 
 
-def test_ports_with_and_without_the_robot():
+def test_ports():
     assert_ports(CompliantContact(2, stiffness=1e3), {"displacement": 2}, {"contact_force": 2})
-    block = CompliantContact(2, stiffness=1e3, compliance_port=True)
-    assert_ports(block, {"displacement": 2, "robot_compliance": 2}, {"contact_force": 2})
-    assert_feedthrough(block, {("contact_force", "displacement"), ("contact_force", "robot_compliance")})
     assert_ports(LinearContact(2, stiffness=1e3), {"displacement": 2}, {"contact_force": 2})
 
 

@@ -8,7 +8,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forcectl.errors import BadInputError
-from forcectl.plant.contact.contact_monitor import ContactMode, ContactMonitor, ContactMonitorCore, next_mode
+from forcectl.plant.contact.contact_monitor import ContactMode, ContactMonitor, next_mode
 from forcectl.testing import Log, assert_ports, run_diagram
 
 PERIOD = 0.002
@@ -78,8 +78,7 @@ def test_between_two_samples_nothing_is_seen():
     assert np.all(log["contact_state"] == APPROACH)
 
 
-def test_ports_and_state_layout():
-    assert_ports(ContactMonitorCore(3), {"contact_force": 3}, {"state": 6})
+def test_ports():
     assert_ports(ContactMonitor(3), {"contact_force": 3}, {"contact_state": 3, "contact_losses": 3})
 
 

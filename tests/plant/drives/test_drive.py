@@ -10,7 +10,7 @@ import pytest
 from forcectl.errors import BadInputError
 from forcectl.plant.drives.drive import Drive
 from forcectl.plant.drives.motors import joint_to_motor
-from forcectl.plant.drives.servo import servo_gains, servo_steps
+from forcectl.plant.drives.servo import ServoGains, servo_steps, step_coefficients
 from forcectl.robot.model import RobotModel
 from forcectl.testing import assert_ports, run_diagram
 
@@ -40,7 +40,8 @@ def make(n: int = 6, **changed: object) -> Drive:
         **changed,
     }
     inertia, to_motor = arguments.pop("inertia"), arguments.pop("to_motor")
-    return Drive(inertia, to_motor, **arguments)
+    gains = ServoGains(*(arguments.pop(f"{name}_gain") for name in ServoGains._fields))
+    return Drive(inertia, to_motor, gains, **arguments)
 
 
 def walk(generator: np.random.Generator, steps: int, n: int, size: float) -> np.ndarray:
@@ -74,7 +75,7 @@ def test_equals_the_servo_equations(seed, coupled, substeps):
         inputs={"reference": held(np.hstack([r, rate])), "spring_torque": held(tau)},
     )
 
-    gains = servo_gains(25.0, w_v, 15.0, COULOMB / INERTIA, VISCOUS / INERTIA, STEP / substeps)
+    gains = step_coefficients(ServoGains(25.0, w_v, 15.0), COULOMB / INERTIA, VISCOUS / INERTIA, STEP / substeps)
     back = np.linalg.inv(S)
     x, v = S @ q0, np.zeros(n)
     i = back.T @ tau0 / INERTIA / (w_v * 15.0)  # the integral carries the load at rest

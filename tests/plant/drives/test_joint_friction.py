@@ -16,14 +16,12 @@ from forcectl.errors import BadInputError
 from forcectl.plant.drives.joint_friction import (
     FrictionRest,
     JointFriction,
-    StickingSpeed,
     actuation_gain,
     add_coulomb_friction,
     desired_state_gain,
     friction_threshold,
     friction_torque,
     mean_features,
-    sticking_speed,
 )
 from forcectl.robot.model import RobotModel
 from tests.examples.block_examples_estimation import add_chain, chain_plant, friction
@@ -61,37 +59,6 @@ def test_means_over_a_tick_are_the_integrals(before, after):
     expected = [np.mean(0.5 * (f[1:] + f[:-1])) for f in features]
     found = [float(value) for value in mean_features(np.array(before, float), np.array(after, float))]
     np.testing.assert_allclose(found, expected, atol=1e-6)
-
-
-@given(
-    free=st.floats(-3.0, 3.0),
-    rate=st.floats(1e-4, 0.1),
-    coulomb=st.floats(0.0, 20.0),
-    forward=st.floats(0.0, 5.0),
-    backward=st.floats(0.0, 5.0),
-)
-def test_a_sticking_step_solves_its_equation(free, rate, coulomb, forward, backward):
-    """v+ = s - rate (tau_C sign(v+) + D v+), or zero while the Coulomb torque can hold."""
-    f = JointFriction(1, coulomb=coulomb, viscous_forward=forward, viscous_backward=backward)
-    v = sticking_speed(np.array([free]), np.array([rate]), f).item()
-    if abs(free) <= rate * coulomb:
-        assert v == 0.0
-    else:
-        viscous = forward if v > 0 else backward
-        assert v == pytest.approx(free - rate * (math.copysign(coulomb, v) + viscous * v), abs=1e-9)
-        assert v * free >= 0
-
-
-@given(st.lists(st.floats(-3.0, 3.0), min_size=2, max_size=2))
-def test_the_block_of_the_step_gives_the_same(free):
-    f, rate = friction(), np.array([0.01, 0.2])
-    block = StickingSpeed(f, rate)
-    context = block.CreateDefaultContext()
-    block.GetInputPort("free_speed").FixValue(context, free)
-    found = block.GetOutputPort("speed").Eval(context)
-    expected = sticking_speed(np.array(free), rate, f)
-    np.testing.assert_allclose(found, expected, atol=1e-14)
-    np.testing.assert_array_equal(found == 0, expected == 0)
 
 
 def test_the_rest_completes_the_plants_own_part():

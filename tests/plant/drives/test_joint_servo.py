@@ -7,17 +7,19 @@ import pytest
 from pydrake.systems.analysis import Simulator
 
 from forcectl.errors import BadInputError
-from forcectl.plant.drives.joint_friction import JointFriction, sticking_speed
-from forcectl.plant.drives.joint_servo import JointServo, servo_gains
+from forcectl.plant.drives.joint_friction import JointFriction
+from forcectl.plant.drives.joint_servo import JointServo
 from forcectl.plant.drives.motor_motion import MotorMotion
+from forcectl.plant.drives.servo import servo_gains
 
 TICK, STEP = 0.004, 0.0005
-GAINS = servo_gains([0.3, 0.1], 100.0, 0.8, 12.0)
+GAINS, INERTIA = servo_gains(100.0, 0.8, 12.0), np.array([0.3, 0.1])
+STIFFNESS, DAMPING = INERTIA * 100.0**2, INERTIA * 2 * 0.8 * 100.0
 INPUTS = ("joint_position_command", "joint_velocity_command", "joint_torque_feedforward", "position", "velocity")
 
 
 def servo(limit=np.inf, **options):
-    return JointServo(GAINS, np.full(2, limit), period=TICK, time_step=STEP, start=[0.1, -0.2], **options)
+    return JointServo(GAINS, INERTIA, np.full(2, limit), period=TICK, time_step=STEP, start=[0.1, -0.2], **options)
 
 
 def fix(block, context, **values):
@@ -45,10 +47,10 @@ def test_references_go_on_with_their_speed_between_ticks():
             if step == 1:
                 held, taken_at = (r, rate), tick * TICK
             error = held[0] + held[1] * (time - taken_at) - q
-            torque = GAINS.position * error + GAINS.velocity * held[1] + z
+            torque = STIFFNESS * error + DAMPING * held[1] + z
             np.testing.assert_allclose(block.GetOutputPort("motor_torque").Eval(context), torque, rtol=1e-9)
             np.testing.assert_allclose(block.GetOutputPort("torque_integral").Eval(context), impulse, rtol=1e-9)
-            impulse, z = impulse + STEP * torque, z + STEP * GAINS.integral * error
+            impulse, z = impulse + STEP * torque, z + STEP * 12.0 * STIFFNESS * error
             simulator.AdvanceTo((8 * tick + step + 1) * STEP)
 
 
@@ -65,7 +67,7 @@ def test_loops_within_a_step_act_by_their_mean():
         simulator.AdvanceTo(STEP)
         torques.append(block.GetOutputPort("motor_torque").Eval(context))
     h = 0.25 * STEP  # the speed has not changed since the last step
-    np.testing.assert_allclose(torques[1] - torques[0], GAINS.position * (rate - v) * h, rtol=1e-6)
+    np.testing.assert_allclose(torques[1] - torques[0], STIFFNESS * (rate - v) * h, rtol=1e-6)
 
 
 def test_the_torque_stops_at_its_limit_and_the_integral_gives_way():
@@ -101,27 +103,35 @@ def test_the_position_it_starts_with_holds_before_the_first_reference():
 def test_what_cannot_be_is_refused(options, message):
     known = {"limit": np.ones(2), "period": TICK, "time_step": STEP, "start": 0.0}
     with pytest.raises(BadInputError, match=message):
-        JointServo(GAINS, **{**known, **options})
+        JointServo(GAINS, INERTIA, **{**known, **options})
 
 
 def test_motors_move_as_their_friction_says():
+    """B (v+ - v)/dt = tau - tau_s - tau_O - tau_C sign(v+) - D v+, or v+ = 0 while the Coulomb torque can hold."""
     friction = JointFriction(2, offset=[0.1, 0.0], coulomb=[1.0, 0.5], viscous_forward=2.0, viscous_backward=[1.0, 3.0])
     inertia, step = np.array([0.2, 0.05]), 0.001
     block = MotorMotion(inertia, friction, time_step=step, start=[0.3, 0.4])
     simulator = Simulator(block)
     context = simulator.get_mutable_context()
     q, v = np.array([0.3, 0.4]), np.zeros(2)
+    directions = set()
     for k in range(200):
         torque, spring = np.array([3.0 * np.sin(0.1 * k), 0.4]), np.array([0.5, -0.05])
         fix(block, context, motor_torque=torque, spring_torque=spring)
         if k == 0:
             simulator.Initialize()
-        free = v + step / inertia * (torque - spring - friction.offset)
-        v = sticking_speed(free, step / inertia, friction)
-        q = q + step * v
+        push = torque - spring - friction.offset + inertia * v / step
         simulator.AdvanceTo((k + 1) * step)
         # The update of an instant is made when time goes on from it.
-        np.testing.assert_allclose(block.GetOutputPort("motor_state").Eval(context), [*q, *v], rtol=1e-9, atol=1e-12)
+        reached, v = np.split(block.GetOutputPort("motor_state").Eval(context), 2)
+        np.testing.assert_allclose(reached, q + step * v, rtol=1e-12)
+        q = reached
+        holding = np.abs(push) <= friction.coulomb
+        np.testing.assert_array_equal(v == 0.0, holding)
+        viscous = np.where(v > 0, friction.viscous_forward, friction.viscous_backward)
+        balance = push - friction.coulomb * np.sign(v) - viscous * v - inertia * v / step
+        np.testing.assert_allclose(balance[~holding], 0.0, atol=1e-9)
+        directions |= set(np.sign(v).tolist())
+    assert directions == {-1.0, 0.0, 1.0}
     # The second one stays below its Coulomb friction throughout, exactly where it was.
     assert block.GetOutputPort("motor_position").Eval(context)[1] == 0.4
-    assert block.GetOutputPort("motor_velocity").Eval(context)[1] == 0.0

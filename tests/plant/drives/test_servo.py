@@ -12,7 +12,15 @@ from hypothesis import strategies as st
 from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.errors import BadInputError
-from forcectl.plant.drives.servo import Servo, ServoConfig, ServoCore, servo_gains, servo_steps
+from forcectl.plant.drives.servo import (
+    Servo,
+    ServoConfig,
+    ServoCore,
+    ServoGains,
+    servo_gains,
+    servo_steps,
+    step_coefficients,
+)
 from forcectl.testing import Log, assert_matches_model, assert_ports, run_diagram, step_response
 
 PERIOD = 0.002
@@ -188,7 +196,7 @@ def test_the_reference_moves_on_with_its_rate_inside_a_tick():
 def test_one_step_is_the_soft_threshold(x, v, i, r, coulomb, count):
     """One inner step by its printed form, repeated."""
     dt = PERIOD / count
-    gains = servo_gains(K_V, W_V, W_I, coulomb, 2.0, dt)
+    gains = step_coefficients(ServoGains(K_V, W_V, W_I), coulomb, 2.0, dt)
     mine = (x, v, i)
     for k in range(count):
         wanted = K_V * (r + 0.3 * k * dt - mine[0]) + 0.3
@@ -207,7 +215,7 @@ def test_one_step_is_the_soft_threshold(x, v, i, r, coulomb, count):
 def test_a_push_below_the_friction_moves_nothing(share, coulomb, count):
     """At rest on its reference, a load below a_c leaves v exactly zero; beyond it the drive gives way."""
     dt = PERIOD / count
-    gains = servo_gains(K_V, W_V, W_I, coulomb, 0.0, dt)
+    gains = step_coefficients(ServoGains(K_V, W_V, W_I), coulomb, 0.0, dt)
     x, v, i = servo_steps(0.0, 0.0, 0.0, 0.0, 0.0, share * coulomb * dt, gains, count)
     assert (x, v, i) == (0.0, 0.0, 0.0)
     *_, pushed, _ = servo_steps(0.0, 0.0, 0.0, 0.0, 0.0, (1.5 * coulomb + 0.1) * dt, gains, 1)
@@ -258,19 +266,27 @@ def test_config_checks_itself(name, value):
 
 def test_velocity_gain_on_the_rotor_is_that_of_the_inertia_the_loop_is_tuned_for():
     rotors, axes, unknown = np.array([2.0, 0.5]), np.array([6.0, 0.4]), np.zeros(0)
-    np.testing.assert_allclose(ServoConfig().rotor_velocity_gain(rotors, axes), [600.0, 160.0])
-    np.testing.assert_allclose(ServoConfig(tuned_for="rotors").rotor_velocity_gain(rotors, axes), [200.0, 200.0])
-    np.testing.assert_allclose(ServoConfig(velocity_gain=50.0).rotor_velocity_gain(rotors, unknown), [50.0, 50.0])
+    np.testing.assert_allclose(ServoConfig().gains(rotors, axes).velocity, [600.0, 160.0])
+    np.testing.assert_allclose(ServoConfig(tuned_for="rotors").gains(rotors, axes).velocity, [200.0, 200.0])
+    np.testing.assert_allclose(ServoConfig(velocity_gain=50.0).gains(rotors, unknown).velocity, [50.0, 50.0])
+
+
+def test_gains_place_the_poles_of_the_position_loop():
+    """s^2 + w_v s + w_v K_v of an axis without friction, integral and feed-forward."""
+    gains = servo_gains(80.0, 0.7, 12.0)
+    assert gains.velocity == pytest.approx(2 * 0.7 * 80.0)
+    assert gains.velocity * gains.position == pytest.approx(80.0**2)
+    assert gains.integral == 12.0
 
 
 def test_config_adds_the_block():
-    def lag(config: ServoConfig, **changed: float) -> float:
-        servo = config.add_to(DiagramBuilder(), 1, PERIOD, unit="m", **changed)
+    def lag(config: ServoConfig) -> float:
+        servo = config.add_to(DiagramBuilder(), 1, PERIOD)
         log = run_diagram(servo, 1.5, period=PERIOD, inputs={"reference": lambda t: (0.05 * t, 0.05)})
         return 0.05 * log.time[-1] - log["position"][-1, 0]
 
     one = lag(ServoConfig(integral_gain=0.0))
     assert one == pytest.approx(A_C / (W_V * K_V), rel=1e-6)
-    assert lag(ServoConfig(integral_gain=0.0), coulomb_friction=4.0) == pytest.approx(2.5 * one, rel=1e-6)
+    assert lag(ServoConfig(integral_gain=0.0, coulomb_friction=4.0)) == pytest.approx(2.5 * one, rel=1e-6)
     assert lag(ServoConfig(integral_gain=0.0, coulomb_friction=0.0)) == pytest.approx(0.0, abs=1e-12)
     assert lag(ServoConfig(integral_gain=0.0, position_gain=50.0)) == pytest.approx(one / 2, rel=1e-6)

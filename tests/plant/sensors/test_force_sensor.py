@@ -10,7 +10,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
-from scipy.signal import cont2discrete, lsim
+from scipy.signal import lsim
 
 from forcectl.errors import BadInputError
 from forcectl.plant.sensors.force_sensor import (
@@ -19,14 +19,12 @@ from forcectl.plant.sensors.force_sensor import (
     ForceSensorConfig,
     converter,
     digitise,
-    sensor_filter,
     white_noise,
 )
 from forcectl.testing import (
     Log,
     assert_deterministic,
     assert_feedthrough,
-    assert_matches_model,
     assert_no_overshoot,
     assert_ports,
     run_diagram,
@@ -79,13 +77,6 @@ def test_step_response_has_no_overshoot_and_no_error():
     response = step_response(ForceSensor(1, tare=False), "force", "measured_force", 15.0, duration=2.0, period=PERIOD)
     assert_no_overshoot(response, final=15.0, tolerance=1e-9)
     assert response.value[-1] == pytest.approx(15.0, rel=1e-6)
-
-
-def test_zero_order_hold_of_the_filter():
-    made = sensor_filter(1, 30.0, 0.7, PERIOD, 0, hold="zero_order")
-    response = step_response(made, "u0", "y0", 2.0, duration=0.4, period=PERIOD)
-    numerator, denominator, _ = cont2discrete(([900.0], [1, 42.0, 900.0]), PERIOD, "zoh")
-    assert_matches_model(response, (numerator.ravel()[1:], denominator, PERIOD), atol=1e-9)
 
 
 @pytest.mark.parametrize("ticks", [1, 3, 10])
@@ -192,27 +183,15 @@ def test_taring_takes_the_first_reading_without_noise_as_zero():
     assert np.mean(untared) == pytest.approx(15.3, abs=0.01)
 
 
-def test_tare_now():
+def test_the_first_reading_becomes_the_zero():
     block = ForceDigitiser(2, bias=[0.5, -0.5])
     context = block.CreateDefaultContext()
     force, output = block.GetInputPort("force"), block.GetOutputPort("reading")
-    force.FixValue(context, [0.0, 0.0])
+    force.FixValue(context, [1.0, 0.0])
     Simulator(block, context).Initialize()
     assert output.Eval(context).tolist() == [0.0, 0.0]
     force.FixValue(context, [4.0, 2.0])
-    assert output.Eval(context).tolist() == [4.0, 2.0]
-    block.tare_now(context)
-    assert output.Eval(context).tolist() == [0.0, 0.0]
-    force.FixValue(context, [5.0, 0.0])
-    assert output.Eval(context).tolist() == [1.0, -2.0]
-
-
-def test_tare_now_of_a_sensor_without_taring_is_refused():
-    block = ForceDigitiser(1, tare=False)
-    context = block.CreateDefaultContext()
-    block.GetInputPort("force").FixValue(context, [1.0])
-    with pytest.raises(BadInputError, match="tare"):
-        block.tare_now(context)
+    assert output.Eval(context).tolist() == [3.0, 2.0]
 
 
 @pytest.mark.parametrize("quantum", [0.0, 0.05])

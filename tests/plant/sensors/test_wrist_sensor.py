@@ -15,7 +15,8 @@ from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.errors import BadInputError
 from forcectl.plant.sensors.wrist_sensor import Electronics, WristSensor, sensor_frame, tool_load, weight_matrix
-from forcectl.robot.model import RobotModel, add_robot
+from forcectl.robot.model import RobotModel
+from forcectl.robot.parts import add_robot
 from forcectl.testing import assert_ports
 
 START = np.deg2rad([0.0, 0.0, -90.0, 0.0, 90.0, 0.0])
@@ -80,14 +81,21 @@ class Bench:
     def __init__(self, robot: RobotModel, n: np.ndarray, *, posture_period: float = 0.01, **changes: object):
         plant = MultibodyPlant(0.0)
         parts = add_robot(plant, "comau_smart_six", "force_probe")
-        environment = plant.AddRigidBody("environment", parts.tool_instance)
+        environment = plant.AddRigidBody("environment", parts.first_arm.tool_instance)
         mounting = plant.WeldFrames(plant.world_frame(), environment.body_frame())
         plant.Finalize()
         self.names = [plant.get_joint(j).name() for j in plant.GetJointIndices()]
-        self.rows = [self.names.index(joint.name()) for joint in (parts.sensor_weld, mounting)]
+        self.rows = [self.names.index(joint.name()) for joint in (parts.first_arm.sensor_weld, mounting)]
         made = electronics(**changes)
         sensor = WristSensor(
-            plant, parts.sensor_weld, mounting, robot, n, START, posture_period=posture_period, electronics=made
+            plant,
+            parts.first_arm.sensor_weld,
+            mounting,
+            robot,
+            n,
+            START,
+            posture_period=posture_period,
+            electronics=made,
         )
         self.sensor = sensor
 
@@ -232,14 +240,14 @@ def test_reaction_of_a_plant_at_rest_is_load_and_weight(robot, posture):
     plant = builder.AddSystem(MultibodyPlant(0.0))
     parts = add_robot(plant, "comau_smart_six", "force_probe")
     plant.Finalize()
-    weld = parts.sensor_weld
+    weld = parts.first_arm.sensor_weld
     read = builder.AddSystem(WristSensor(plant, weld, weld, robot, NORMALS[0], START, electronics=electronics()))
     builder.Connect(plant.get_reaction_forces_output_port(), read.GetInputPort("reaction_forces"))
     diagram = builder.Build()
     root = diagram.CreateDefaultContext()
     context = plant.GetMyMutableContextFromRoot(root)
     plant.SetPositions(context, q)
-    tcp = parts.tcp_frame
+    tcp = parts.first_arm.tcp_frame
     X_WT = tcp.CalcPoseInWorld(context)
     applied = ExternallyAppliedSpatialForce()
     applied.body_index = tcp.body().index()
