@@ -10,7 +10,7 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
-from forcectl.analysis.force_metrics import metric_names
+from forcectl.analysis.force_metrics import METRICS
 from forcectl.sweeps.results import Results, Row
 from forcectl.sweeps.study import Study
 
@@ -78,7 +78,7 @@ def trials_table(
     frame["reason"] = [row.get("reason", "") for row in told]
     frame["time_s"] = pd.array([row.get("time_s") for row in told], dtype="Float64").astype("float64")
     names = {name for row in told for name in row.get("metrics", ())}
-    ordered = [name for name in metric_names() if name in names]
+    ordered = [name for name in METRICS if name in names]
     values = {
         name: [_number(row.get("metrics", {}).get(name)) for row in told]
         for name in [*ordered, *sorted(names - set(ordered))]

@@ -100,7 +100,9 @@ def test_failures_are_rows_and_may_be_tried_again(tmp_path):
 
 def test_objects_from_python_are_used_and_written_down(tmp_path):
     values = [IntegralConfig(integral_gain=1.0), IntegralConfig(integral_gain=4.0)]
-    result = fc.sweep(small(keys={STIFFNESS: [1e3]}, arms={n: {"controller": v} for n, v in zip("ab", values, strict=True)}))
+    result = fc.sweep(
+        small(keys={STIFFNESS: [1e3]}, arms={n: {"controller": v} for n, v in zip("ab", values, strict=True)})
+    )
     same = fc.sweep(small(keys={STIFFNESS: [1e3]}, arms={"a": {GAIN: 1.0}, "b": {GAIN: 4.0}}), engine="sequential")
     pd.testing.assert_frame_equal(result.table, same.table)
 
