@@ -285,6 +285,7 @@ def complete_trees():
             yield plain(scenario)
 
 
+@pytest.mark.slow
 def test_every_slot_gives_a_line_or_a_run(tmp_path, monkeypatch):
     monkeypatch.chdir(tmp_path)
     trees = list(complete_trees())

@@ -61,6 +61,7 @@ def test_list_shows_everything_there_is_to_choose(forcectl):
         assert block in out
 
 
+@pytest.mark.slow
 def test_run_prints_the_metrics_of_every_variant_and_where_the_files_are(forcectl, tmp_path):
     code, out, err = forcectl("run", "fig_2_7", "--out", "here", "--seed", 4)
     assert (code, err) == (0, "")

@@ -32,7 +32,9 @@ def model(robot: tuple[str, str, float]) -> RobotModel:
     return RobotModel.load(robot[0], robot[1])
 
 
-@pytest.mark.parametrize("robot", [pytest.param(LIGHT, id="yumi_left"), pytest.param(HEAVY, id="comau")])
+@pytest.mark.parametrize(
+    "robot", [pytest.param(LIGHT, id="yumi_left"), pytest.param(HEAVY, id="comau", marks=pytest.mark.slow)]
+)
 @pytest.mark.parametrize("seed", [1, pytest.param(2, marks=pytest.mark.slow)])
 def test_a_static_load_is_recovered_within_two_percent(robot, seed):
     """In six directions; mean of two periods of the dither."""

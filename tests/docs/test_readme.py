@@ -11,6 +11,8 @@ from pathlib import Path
 
 import pytest
 
+from tests.examples.commands import run_command
+
 ROOT = Path(__file__).resolve().parents[2]
 README = (ROOT / "README.md").read_text(encoding="utf-8")
 BLOCKS = re.findall(r"^```(\w+)\n(.*?)^```$", README, flags=re.MULTILINE | re.DOTALL)
@@ -71,7 +73,7 @@ def test_first_two_commands_are_make_demo_and_make_test():
 def test_command_runs(command, folder):
     program, *arguments = shlex.split(command)
     assert program == "forcectl"
-    done = python("-m", "forcectl.cli", *arguments, cwd=folder)
+    done = run_command(arguments, folder, os.environ)
     assert done.returncode == 0, done.stderr[-2000:]
     assert "Traceback" not in done.stderr
 
@@ -79,8 +81,9 @@ def test_command_runs(command, folder):
 @pytest.mark.slow
 @pytest.mark.parametrize("number", range(len(scripts())))
 def test_python_code_runs(number, folder):
-    (folder / "script.py").write_text(scripts()[number], encoding="utf-8")
-    done = python("script.py", cwd=folder)
+    script = folder / "script.py"
+    script.write_text(scripts()[number], encoding="utf-8")
+    done = run_command([], folder, os.environ, script=script)
     assert done.returncode == 0, done.stderr[-2000:]
 
 

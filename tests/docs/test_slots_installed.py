@@ -12,6 +12,7 @@ from pathlib import Path
 import pytest
 
 from forcectl.scenario.catalog import CONTRACTS
+from tests.examples.commands import run_command
 
 ROOT = Path(__file__).parents[2]
 PAGE = (ROOT / "docs" / "slots.md").read_text(encoding="utf-8")
@@ -138,10 +139,7 @@ def site(tmp_path_factory: pytest.TempPathFactory) -> Path:
 
 def command(site: Path, folder: Path, *arguments: str) -> subprocess.CompletedProcess[str]:
     """The command of a user who has installed both packages, from another directory."""
-    paths = os.pathsep.join([str(site), str(ROOT)])
-    environment = os.environ | {"PYTHONPATH": paths, "MPLBACKEND": "Agg", "COLUMNS": "200"}
-    line = [sys.executable, "-m", "forcectl.cli", *arguments]
-    return subprocess.run(line, cwd=folder, env=environment, capture_output=True, text=True, check=False)
+    return run_command(arguments, folder, os.environ | {"COLUMNS": "200"}, paths=[str(site)])
 
 
 def test_the_page_and_the_package_fill_the_slots() -> None:

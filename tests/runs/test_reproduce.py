@@ -11,6 +11,7 @@ import forcectl as fc
 from forcectl import cli
 from forcectl.runs import run as run_module
 from forcectl.scenario.catalog import find_scenario
+from tests.examples.commands import WARM
 from tests.examples.experiment_runs import run_experiment
 
 QUICK = """
@@ -50,6 +51,12 @@ def files(tmp_path, monkeypatch):
     return tmp_path
 
 
+@pytest.fixture
+def warm(monkeypatch):
+    """The processes of a run begin with everything imported; one test of this file is without."""
+    monkeypatch.setattr("multiprocessing.get_context", lambda method: WARM)
+
+
 def call(arguments, monkeypatch, capfd):
     monkeypatch.setattr("sys.argv", ["forcectl", "reproduce", *arguments])
     with pytest.raises(SystemExit) as stopped:
@@ -57,6 +64,7 @@ def call(arguments, monkeypatch, capfd):
     return stopped.value.code, capfd.readouterr()
 
 
+@pytest.mark.slow
 def test_variants_and_fidelities_run_in_processes_and_are_judged(files, monkeypatch, capfd):
     code, output = call(["quick.yaml", "one_fails.yaml", "--out", "here", "--workers", "2"], monkeypatch, capfd)
     assert code == 0
@@ -109,7 +117,7 @@ def test_results_are_there_once_an_experiment_has_run_and_one_that_cannot_be_dra
         assert (files / "here" / folder / "log.nc").exists()
 
 
-def test_check_turns_a_missed_target_into_exit_code_1(files, monkeypatch, capfd):
+def test_check_turns_a_missed_target_into_exit_code_1(files, warm, monkeypatch, capfd):
     arguments = ["quick.yaml", "--check", "--fidelity", "OneDimensional", "--workers", "1"]
     assert call(arguments, monkeypatch, capfd)[0] == 1
     rows = json.loads((files / "runs" / "reproduce-1" / "summary.json").read_text())["quick"]
@@ -117,7 +125,7 @@ def test_check_turns_a_missed_target_into_exit_code_1(files, monkeypatch, capfd)
 
 
 @pytest.mark.slow
-def test_a_value_away_from_the_expected_one_is_drift_and_turns_check_into_exit_code_1(files, monkeypatch, capfd):
+def test_a_value_away_from_the_expected_one_is_drift_and_turns_check_into_exit_code_1(files, warm, monkeypatch, capfd):
     (files / "drifted.yaml").write_text(DRIFTED)
     code, output = call(["drifted.yaml", "--out", "here", "--workers", "1"], monkeypatch, capfd)
     assert code == 0
@@ -135,7 +143,7 @@ def test_a_value_away_from_the_expected_one_is_drift_and_turns_check_into_exit_c
     assert call(["drifted.yaml", "--check", "--fidelity", "Kinematic", "--workers", "1"], monkeypatch, capfd)[0] == 0
 
 
-def test_results_equal_those_of_a_run_in_this_process(files):
+def test_results_equal_those_of_a_run_in_this_process(files, warm):
     report = fc.reproduce(["quick.yaml"], fidelity="OneDimensional", workers=2)
     here = fc.run("quick.yaml", fidelity="OneDimensional").metrics
     (part,) = report.parts

@@ -33,7 +33,7 @@ def write(folder, text, name="own.yaml"):
 
 
 EXPERIMENTS = [
-    (name, fidelity)
+    pytest.param(name, fidelity, marks=[pytest.mark.slow] if (name, fidelity) == ("fast_sliding", "Multibody") else [])
     for name in catalog.list_experiments()
     for fidelity in ([*SHIPPED_FIDELITIES] if "reference" in catalog.find_scenario(name).tree else ["Multibody"])
 ]

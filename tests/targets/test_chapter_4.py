@@ -47,6 +47,7 @@ def continuous(fit: VrftFit) -> np.ndarray:
     return fit.gains * [1.0, 1.0 / PERIOD, PERIOD]
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("experiment", EXPERIMENTS)
 def test_experiments_meet_what_they_expect(experiment: str) -> None:
     verdicts = result(experiment).verdicts

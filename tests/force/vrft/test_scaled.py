@@ -3,7 +3,6 @@
 from __future__ import annotations
 
 import math
-from functools import cache
 from typing import Any
 
 import numpy as np
@@ -14,21 +13,22 @@ import forcectl
 from forcectl.errors import BadInputError
 from forcectl.force.vrft.scaled import ScaledVrftConfig
 from forcectl.plant.contact.surface_materials import MATERIALS
+from tests.examples.experiment_runs import run_variant
 
 SURFACE = "station.environment.surface"
 
 
-@cache
-def run(variant: str, order: tuple[str, ...] = ("plastic", "wood", "aluminium"), **changes: Any) -> Any:
-    """The shipped experiment with another order of the materials, and further changes."""
+def shipped(variant: str) -> xr.Dataset:
+    """Log of the shipped experiment, over plastic, wood and aluminium."""
+    return run_variant("multi_material", variant).log
+
+
+def error(variant: str, order: tuple[str, ...]) -> float:
+    """Of the shipped experiment with another order of the materials [N]."""
     ends = (-0.05, 0.04, 0.08, 0.17)
     segments = [{"material": m, "start": a, "end": b} for m, a, b in zip(order, ends, ends[1:], strict=False)]
-    overrides = {f"{SURFACE}.materials.segments": segments} | {k.replace("__", "."): v for k, v in changes.items()}
-    return forcectl.run("multi_material", variant=variant, overrides=overrides)
-
-
-def error(result: Any, metric: str = "run_model_error_sd_N") -> float:
-    return float(next(iter(result.metrics.values()))[metric])
+    result = forcectl.run("multi_material", variant=variant, overrides={f"{SURFACE}.materials.segments": segments})
+    return float(result.metrics[variant]["run_model_error_sd_N"])
 
 
 def signal(log: xr.Dataset, name: str) -> np.ndarray:
@@ -37,15 +37,16 @@ def signal(log: xr.Dataset, name: str) -> np.ndarray:
 
 @pytest.mark.slow
 def test_it_finds_the_compliance_of_each_material_on_the_way() -> None:
-    log = run("adaptive").log
+    log = shipped("adaptive")
     time, found = signal(log, "time"), signal(log, "environment_compliance")
     for when, name in ((7.5, "plastic"), (15.5, "wood"), (23.5, "aluminium")):
         # By less than what 3 um of roughness are beside the 80 um of 12 N on plastic, and by what the posture changes.
         assert np.interp(when, time, found) == pytest.approx(1 / MATERIALS[name], rel=0.25), name
 
 
+@pytest.mark.slow
 def test_the_gains_are_those_of_the_compliance() -> None:
-    log = run("adaptive").log
+    log = shipped("adaptive")
     compliance, kp, ki, kd = (
         signal(log, name)
         for name in ("environment_compliance", "proportional_gain", "integral_gain", "derivative_gain")
@@ -62,7 +63,7 @@ def test_the_gains_are_those_of_the_compliance() -> None:
 def test_the_command_bends_and_does_not_jump_when_gains_change() -> None:
     """Where the gains change fastest the command moves no more from tick to tick than with fixed gains."""
     adaptive, fixed = (
-        np.abs(np.diff(signal(run(v).log, "displacement_command"))) for v in ("adaptive", "fixed, of wood")
+        np.abs(np.diff(signal(shipped(v), "displacement_command"))) for v in ("adaptive", "fixed, of wood")
     )
     steps = [round(t / 0.002) for t in (0.0, 1.0, 2.5, 4.5, 6.0, 9.0, 10.5, 12.5, 14.0, 17.0, 18.5, 20.5, 22.0)]
     away = np.ones(len(adaptive), dtype=bool)
@@ -74,8 +75,8 @@ def test_the_command_bends_and_does_not_jump_when_gains_change() -> None:
 @pytest.mark.slow
 def test_at_rest_it_keeps_its_gains_over_all_materials() -> None:
     """A constant force tells nothing: whatever the surface does, the gains of the start stay."""
-    rest = {"reference__times": (0.0,), "reference__forces": (12.0,), "motion__start_time": 6.0, "duration": 20.0}
-    log = run("adaptive", **rest).log
+    rest = {"reference.times": [0.0], "reference.forces": [12.0], "motion.start_time": 6.0, "duration": 20.0}
+    log = forcectl.run("multi_material", variant="adaptive", overrides=rest).log
     assert np.ptp(signal(log, "integral_gain")[signal(log, "time") > 6.0]) == 0.0
 
 
@@ -85,9 +86,9 @@ ORDERS = [("aluminium", "wood", "plastic"), ("wood", "aluminium", "plastic")]
 @pytest.mark.slow
 @pytest.mark.parametrize("order", ORDERS)
 def test_it_tracks_better_than_the_fixed_gains_of_any_material_in_other_orders(order: tuple[str, ...]) -> None:
-    adaptive = error(run("adaptive", order))
+    adaptive = error("adaptive", order)
     for name in ("plastic", "wood", "aluminium"):
-        assert adaptive < 0.9 * error(run(f"fixed, of {name}", order))
+        assert adaptive < 0.9 * error(f"fixed, of {name}", order)
 
 
 @pytest.mark.parametrize(
