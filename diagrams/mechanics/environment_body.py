@@ -58,7 +58,7 @@ def add_environment(plant: MultibodyPlant, workcell: Workcell, contact: Contact)
     parser = Parser(plant)
     parser.SetAutoRenaming(True)  # one for each surface
     add_packages(parser.package_map())
-    (instance,) = parser.AddModelsFromUrl("package://spring_plate/spring_plate.sdf")
+    (instance,) = parser.AddModelsFromUrl("package://spring_plate/spring_plate.urdf")
     side = np.eye(3)[int(np.argmin(np.abs(n)))]
     y = np.cross(n, side) / np.linalg.norm(np.cross(n, side))
     R_WE = RotationMatrix(np.column_stack([np.cross(y, n), y, n]))

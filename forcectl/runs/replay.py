@@ -120,7 +120,7 @@ class _Plate:
         parser = Parser(plant)
         parser.SetAutoRenaming(True)
         add_packages(parser.package_map())
-        (plate,) = parser.AddModelsFromUrl("package://spring_plate/spring_plate.sdf")
+        (plate,) = parser.AddModelsFromUrl("package://spring_plate/spring_plate.urdf")
         top = plant.GetFrameByName("surface", plate)
         self._slide = None
         if self._uneven:

@@ -23,8 +23,8 @@ FILES = [
     "comau_smart_six/comau_smart_six.urdf",
     "comau_smart_six/comau_smart_six.dmd.yaml",
     "comau_smart_six/comau_with_probe.dmd.yaml",
-    "force_probe/force_probe.sdf",
-    "spring_plate/spring_plate.sdf",
+    "force_probe/force_probe.urdf",
+    "spring_plate/spring_plate.urdf",
 ]
 
 
@@ -208,7 +208,7 @@ def test_shipped_names():
 @pytest.mark.parametrize("rpy_deg", [(0, 0, 0), (180, 0, 0), (70, -30, 15)])
 def test_probe_weld_feels_the_weight_of_the_tool(rpy_deg):
     plant = MultibodyPlant(time_step=0.0)
-    parse("force_probe/force_probe.sdf", plant)
+    parse("force_probe/force_probe.urdf", plant)
     R = RollPitchYaw(*np.radians(rpy_deg)).ToRotationMatrix()
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("mount"), RigidTransform(R, [0, 0, 1]))
     plant.Finalize()
@@ -230,7 +230,7 @@ def test_probe_mass_and_inertia_follow_from_its_shape():
     ixx += rod * (3 * 0.011**2 + 0.114**2) / 12 + rod * (0.075 - com) ** 2
     ixx += 0.4 * ball * 0.01**2 + ball * (0.14 - com) ** 2
     plant = MultibodyPlant(time_step=0.0)
-    parse("force_probe/force_probe.sdf", plant)
+    parse("force_probe/force_probe.urdf", plant)
     plant.Finalize()
     inertia = plant.GetBodyByName("tool").CalcSpatialInertiaInBodyFrame(plant.CreateDefaultContext())
     assert inertia.get_mass() == pytest.approx(mass, rel=1e-7)
@@ -243,8 +243,8 @@ def test_probe_mass_and_inertia_follow_from_its_shape():
 def test_ball_touches_the_top_face_of_the_plate():
     builder = DiagramBuilder()
     plant, _ = AddMultibodyPlantSceneGraph(builder, 0.001)
-    parse("force_probe/force_probe.sdf", plant)
-    parse("spring_plate/spring_plate.sdf", plant)
+    parse("force_probe/force_probe.urdf", plant)
+    parse("spring_plate/spring_plate.urdf", plant)
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("surface"), RigidTransform([0.5, 0, 0.3]))
     down = RigidTransform(RollPitchYaw(np.pi, 0, 0), [0.5, 0, 0.299])  # the ball 1 mm deep
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("tcp"), down)

@@ -280,7 +280,7 @@ def test_links_are_where_an_independent_library_puts_them(both, reference):
 @pytest.fixture(scope="module")
 def gripper() -> MultibodyPlant:
     plant = MultibodyPlant(time_step=0.0)
-    parse("yumi_gripper/yumi_gripper.sdf", plant)
+    parse("yumi_gripper/yumi_gripper.urdf", plant)
     plant.WeldFrames(plant.world_frame(), plant.GetFrameByName("mount"))
     plant.Finalize()
     return plant
@@ -343,7 +343,7 @@ FILES = [
     "yumi/yumi_with_left_gripper.dmd.yaml",
     "yumi/yumi_with_right_gripper.dmd.yaml",
     "yumi/yumi_with_grippers.dmd.yaml",
-    "yumi_gripper/yumi_gripper.sdf",
+    "yumi_gripper/yumi_gripper.urdf",
 ]
 
 
