@@ -3,10 +3,9 @@
 from __future__ import annotations
 
 import gc
-import importlib.metadata
 import os
 import tempfile
-from functools import cache
+from importlib.metadata import entry_points
 
 import pytest
 from hypothesis import settings
@@ -16,15 +15,12 @@ for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
 
-# What is installed does not change while the tests run, and every slot of every scenario asks for it.
-importlib.metadata.entry_points = cache(importlib.metadata.entry_points)
-
 # At Python's own 700 objects a tenth of the time goes into looking for garbage.
 gc.set_threshold(10_000, 20, 10)
 
 # An installed forcectl announces its plugin to pytest; a bare checkout (PYTHONPATH only) has to load it here.
 _PLUGIN = "forcectl.testing.plugin"
-_announced = any(point.value == _PLUGIN for point in importlib.metadata.entry_points(group="pytest11"))
+_announced = any(point.value == _PLUGIN for point in entry_points(group="pytest11"))
 pytest_plugins = [] if _announced else [_PLUGIN]
 
 # The same examples at every run, so that a change is judged by what it changed. New ones: HYPOTHESIS_PROFILE=explore.

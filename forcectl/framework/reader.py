@@ -7,9 +7,11 @@ construction (so a config could not check itself) and it does not resolve postpo
 from __future__ import annotations
 
 import dataclasses
+import enum
 import math
 import typing
 from collections.abc import Callable, Mapping
+from pathlib import Path
 from typing import Any
 
 import numpy as np
@@ -24,6 +26,7 @@ _PRIMITIVES: dict[Any, str] = {
     bool: "true or false",
     str: "text",
     np.ndarray: "a list of numbers",
+    Path: "a path",
 }
 
 
@@ -110,6 +113,16 @@ class Reader:
         base, arguments = typing.get_origin(kind) or kind, typing.get_args(kind)
         if members(kind) != [kind]:
             return self._union(arguments, tree, key, start)
+        if base is typing.Literal or (isinstance(base, type) and issubclass(base, enum.Enum)):
+            return _choice(base, arguments, tree, key)
+        if base is tuple and arguments and arguments[-1] is not Ellipsis:
+            if not isinstance(tree, list) or len(tree) != len(arguments):
+                raise invalid(key, tree, f"a list of {len(arguments)} values")
+            return tuple(
+                self.value(a, part, f"{key}.{i}") for i, (a, part) in enumerate(zip(arguments, tree, strict=True))
+            )
+        if base is tuple:
+            return tuple(self.value(list[arguments[0] if arguments else Any], tree, key))  # type: ignore[misc]
         if base is list:
             item = arguments[0] if arguments else Any
             if not isinstance(tree, list):
@@ -158,6 +171,21 @@ def named(tree: Tree, key: str, allowed: str = "a mapping") -> Tagged:
     return tree
 
 
+def _choice(kind: Any, arguments: tuple[Any, ...], tree: Tree, key: str) -> Any:
+    """A value of a Literal, or a member of an Enum by its name."""
+    if kind is typing.Literal:
+        found = [value for value in arguments if value == tree and type(value) is type(tree)]
+        names = [str(value) for value in arguments]
+    else:
+        names = list(kind.__members__)
+        found = [tree] if isinstance(tree, kind) else [kind[tree]] if tree in names else []
+    if not found:
+        if isinstance(tree, str):
+            raise unknown("value", tree, names).at(key)
+        raise invalid(key, tree, f"one of {', '.join(names)}")
+    return found[0]
+
+
 def _primitive(kind: Any, tree: Tree, key: str, start: Any) -> Any:
     if kind is float and _is_number(tree):
         try:
@@ -176,6 +204,8 @@ def _primitive(kind: Any, tree: Tree, key: str, start: Any) -> Any:
         return tree
     if kind is np.ndarray and isinstance(tree, list) and all(_is_number(part) for part in tree):
         return np.array(tree, dtype=float)
+    if kind is Path and isinstance(tree, str | Path):
+        return Path(tree)
     raise invalid(key, tree, describe(kind))
 
 

@@ -8,6 +8,7 @@ from __future__ import annotations
 
 import ast
 from dataclasses import dataclass
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -171,10 +172,15 @@ def list_experiments() -> list[str]:
 
 def tags_of(slot: str) -> dict[str, str]:
     """Tags that may fill a slot of `SLOTS`, the shipped ones and those of installed packages: tag -> import path."""
+    return SLOTS[slot] | {tag: path for tag, path in announced(slot).items() if tag not in SLOTS[slot]}
+
+
+@cache
+def announced(slot: str) -> dict[str, str]:
+    """Tags of a slot that installed packages announce, sorted: tag -> import path. Looked for once in a process."""
     from importlib.metadata import entry_points
 
-    further = {point.name: point.value for point in entry_points(group=f"forcectl.{slot}")}
-    return SLOTS[slot] | {tag: path for tag, path in sorted(further.items()) if tag not in SLOTS[slot]}
+    return {point.name: point.value for point in sorted(entry_points(group=f"forcectl.{slot}"))}
 
 
 def list_presets() -> list[str]:

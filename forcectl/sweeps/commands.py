@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import logging
 import signal
 import sys
 import time
@@ -64,6 +65,7 @@ def sweep(
         directory = free_name(Path("runs"), read_sweep(sweep).name)
     for number in (signal.SIGINT, signal.SIGTERM):  # a batch system takes a job away: as Ctrl-C
         signal.signal(number, signal.default_int_handler)
+    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # of a scheduler that is gone the error below tells
     with _Display() as display:
         try:
             result = run_sweep(

@@ -5,7 +5,6 @@ from __future__ import annotations
 import importlib
 import re
 import sys
-from importlib.metadata import EntryPoint
 from pathlib import Path
 
 import numpy as np
@@ -183,12 +182,8 @@ def test_a_criterion_of_ones_own_leads_joints_back(folder):
 
 
 def test_a_package_announces_a_tag(folder, monkeypatch):
-    def announced(group):
-        name = {"forcectl.reference": "Constant", "forcectl.environment": "Hertz"}.get(group)
-        path = {"Constant": "my_parts:Constant", "Hertz": "my_parts:HertzSurface"}.get(name, "")
-        return [EntryPoint(name, path, group)] if name else []
-
-    monkeypatch.setattr("importlib.metadata.entry_points", announced)
+    tags = {"reference": {"Constant": "my_parts:Constant"}, "environment": {"Hertz": "my_parts:HertzSurface"}}
+    monkeypatch.setattr(catalog, "announced", lambda slot: tags.get(slot, {}))
     assert "Hertz" in catalog.tags_of("environment")
     (folder / "short.yaml").write_text("reference: !Constant {force: 3.0}\nduration: 0.02\n")
     result = fc.run("short.yaml", out="result")

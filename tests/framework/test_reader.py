@@ -2,8 +2,11 @@
 
 from __future__ import annotations
 
+import enum
 import math
 from dataclasses import dataclass
+from pathlib import Path
+from typing import Literal
 
 import numpy as np
 import pytest
@@ -85,3 +88,47 @@ def test_a_check_of_the_class_is_told_with_the_line_of_its_key():
 
 def test_keys_are_joined_by_dots():
     assert (join("a", "b"), join("", "b"), join("a", ""), join("a", 3)) == ("a.b", "b", "a", "a.3")
+
+
+class Wood(enum.Enum):
+    OAK = 1
+    ASH = 2
+
+
+@dataclass(kw_only=True)
+class Kinds:
+    """The types that a class of the user's may have."""
+
+    side: Literal["left", "right"] = "left"
+    wood: Wood = Wood.OAK
+    pair: tuple[float, int] = (0.0, 0)
+    many: tuple[int, ...] = ()
+    file: Path = Path("x")
+
+
+def kinds(text):
+    return Reader(lambda dotted: f"f.yaml: {dotted}").dataclass(Kinds, parse(text, "f.yaml"))
+
+
+def test_classes_of_the_users_may_have_the_usual_types():
+    found = kinds("{side: right, wood: ASH, pair: [1, 2], many: [3, 4, 5], file: a/b.csv}")
+    assert found == Kinds(side="right", wood=Wood.ASH, pair=(1.0, 2), many=(3, 4, 5), file=Path("a/b.csv"))
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("side: rihgt", "side: unknown value 'rihgt': did you mean 'right'? known: left, right"),
+        ("side: 3", "side = 3: must be one of left, right"),
+        ("wood: OKA", "wood: unknown value 'OKA': did you mean 'OAK'? known: OAK, ASH"),
+        ("pair: [1]", "pair = [1]: must be a list of 2 values"),
+        ("pair: [1, x]", "pair.1 = 'x': must be a whole number"),
+        ("many: 3", "many = 3: must be a list, each a whole number"),
+        ("many: [1.5]", "many.0 = 1.5: must be a whole number"),
+        ("file: 3", "file = 3: must be a path"),
+    ],
+)
+def test_what_does_not_fit_such_a_type_is_told(text, message):
+    with pytest.raises(BadInputError) as error:
+        kinds(text)
+    assert str(error.value).endswith(message)

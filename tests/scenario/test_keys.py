@@ -4,7 +4,6 @@ from __future__ import annotations
 
 import dataclasses
 from dataclasses import dataclass
-from importlib.metadata import EntryPoint
 
 import pytest
 
@@ -58,8 +57,8 @@ def test_a_class_that_is_no_dataclass_has_no_keys():
 
 
 def test_a_tag_of_an_installed_package_is_found(monkeypatch):
-    point = EntryPoint("Own", f"{__name__}:Own", "forcectl.load")
-    monkeypatch.setattr("importlib.metadata.entry_points", lambda group: [point] if group == "forcectl.load" else [])
+    tags = {"load": {"Own": f"{__name__}:Own"}}
+    monkeypatch.setattr("forcectl.scenario.catalog.announced", lambda slot: tags.get(slot, {}))
     assert classes_of("!Own") == {"load": Own}
 
 

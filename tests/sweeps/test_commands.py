@@ -1,0 +1,64 @@
+import pandas as pd
+import pytest
+
+from tests.sweeps.small_sweeps import FAILING, STIFFNESS, small, write
+
+
+def test_a_sweep_shards_merge_and_status(forcectl, tmp_path):
+    file = write(tmp_path)
+    code, out, _ = forcectl("sweep", file, "--out", "whole", "--engine", "sequential")
+    assert code == 0
+    assert out.splitlines() == ["8 done", "results in whole: trials.parquet, report.html"]
+    assert (tmp_path / "whole" / "report.html").stat().st_size > 10_000
+    for i in (2, 1):
+        code, out, _ = forcectl("sweep", file, "--shard", f"{i}/2", "--out", f"part-{i}", "--engine", "sequential")
+        assert (code, out.splitlines()[0]) == (0, "4 done")
+    code, out, _ = forcectl("merge", "part-1", "part-2", "--out", "merged")
+    assert (code, out.splitlines()[0]) == (0, "8 done")
+    tables = [(tmp_path / name / "trials.parquet").read_bytes() for name in ("whole", "merged")]
+    assert tables[0] == tables[1]
+    code, out, _ = forcectl("sweep", "--status", "part-1")
+    assert (code, out) == (0, "small: 4 trials: 4 done\n")
+    code, out, _ = forcectl("sweep", "whole", "--resume")
+    assert (code, out.splitlines()[0]) == (0, "8 done")
+
+
+def test_failed_trials_give_exit_code_1(forcectl, tmp_path):
+    file = write(tmp_path, overrides=small()["overrides"] | FAILING, arms={}, keys={STIFFNESS: [1e5, 2e5]})
+    code, out, err = forcectl("sweep", file, "--out", "out", "--engine", "sequential")
+    assert (code, out.splitlines()[0], err) == (1, "2 failed", "")
+    assert "diverges" in (tmp_path / "out" / "report.html").read_text()
+    code, _, err = forcectl("sweep", file, "--out", "fast", "--engine", "sequential", "--fail-fast")
+    assert code == 1
+    assert "diverges" in err
+    assert err.endswith("; go on with: forcectl sweep fast --resume\n")
+    assert list(pd.read_parquet(tmp_path / "fast" / "trials.parquet")["state"]) == ["failed", "pending"]
+
+
+@pytest.mark.parametrize(
+    ("arguments", "message"),
+    [
+        (["none.yaml"], "sweep file 'none.yaml' does not exist"),
+        (["--status", "none"], "'none' does not exist: must hold sweep.json"),
+        (["first_sweep", "--shard", "5/4"], "--shard '5/4': must be I/N with I from 1 to N"),
+        (["first_sweep", "--retry", "all"], "--retry 'all': must be failed"),
+        (["first_sweep", "--retry", "failed"], "goes with resume"),
+        (["first_sweep", "--engine", "threads"], "engine = 'threads': must be one of processes, sequential"),
+        (["first_sweep", "--trial-timeout", "0"], "trial_timeout = 0.0: must be positive"),
+        (["first_sweep", "--resume"], "resume needs the directory of the results"),
+        (["first_sweep", "--out", "/proc/none"], "output '/proc/none' cannot be written"),
+    ],
+)
+def test_bad_input_is_one_line(forcectl, arguments, message):
+    code, out, err = forcectl("sweep", *arguments)
+    assert (code, out) == (2, "")
+    assert message in err
+    assert err.count("\n") == 1
+
+
+def test_the_first_sweep_of_the_docs(forcectl, tmp_path):
+    code, out, _ = forcectl("sweep", "first_sweep", "--engine", "sequential", "--out", "first")
+    assert (code, out.splitlines()[0]) == (0, "24 done")
+    table = pd.read_parquet(tmp_path / "first" / "trials.parquet")
+    rates = table.groupby("controller.integral_gain")["success"].mean()
+    assert rates[1] >= rates[4]

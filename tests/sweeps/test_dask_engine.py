@@ -1,0 +1,93 @@
+import json
+import os
+import signal
+import subprocess
+import sys
+
+import pandas as pd
+import pytest
+
+import forcectl as fc
+from forcectl.errors import BadInputError
+from tests.sweeps.small_sweeps import rows, small, start, wait_until, write
+
+pytestmark = pytest.mark.slow
+
+
+@pytest.fixture
+def cluster(tmp_path):
+    """Start a scheduler and workers as processes of their own: returns the address and a function for workers."""
+    running = []
+
+    def launch(module, *arguments):
+        command = [sys.executable, "-m", f"distributed.cli.{module}", *map(str, arguments)]
+        log = (tmp_path / f"{len(running)}.log").open("w")
+        running.append(subprocess.Popen(command, stdout=log, stderr=log, env=os.environ | {"OMP_NUM_THREADS": "1"}))
+        return running[-1]
+
+    contact = tmp_path / "scheduler.json"
+    options = ("--host", "127.0.0.1", "--port", 0, "--no-dashboard")
+    scheduler = launch("dask_scheduler", *options, "--scheduler-file", contact)
+    wait_until(contact.is_file)
+    address = json.loads(contact.read_text())["address"]
+
+    def worker():
+        places = ("--nthreads", 1, "--no-dashboard", "--local-directory", tmp_path)
+        return launch("dask_worker", address, *places)
+
+    yield address, scheduler, worker
+    for process in running:
+        process.terminate()
+    for process in running:
+        process.wait(30)
+
+
+def test_workers_of_a_scheduler_give_the_same_table(cluster, tmp_path):
+    address, _, worker = cluster
+    with pytest.raises(BadInputError, match="has no workers"):
+        fc.sweep(small(), out=tmp_path / "none", scheduler=address)
+    workers = [worker(), worker()]
+    from distributed import Client
+
+    with Client(address, set_as_default=False) as client:
+        client.wait_for_workers(2, timeout=120)
+    fc.sweep(small(), out=tmp_path / "one", engine="sequential")
+    expected = (tmp_path / "one" / "trials.parquet").read_bytes()
+    fc.sweep(small(), out=tmp_path / "dask", scheduler=address)
+    assert (tmp_path / "dask" / "trials.parquet").read_bytes() == expected
+    # A worker that is killed, then the program, cost nothing.
+    file, out = write(tmp_path, overrides=small()["overrides"] | {"duration": 3.0}), tmp_path / "killed"
+    process = start("sweep", file, "--out", out, "--scheduler", address)
+    wait_until(lambda: rows(out) >= 1)
+    workers[0].send_signal(signal.SIGKILL)
+    wait_until(lambda: rows(out) >= 3)
+    process.kill()
+    process.communicate()
+    killed = fc.sweep(out, resume=True, scheduler=address).table
+    whole = fc.sweep(file, engine="sequential").table
+    pd.testing.assert_frame_equal(killed, whole)
+
+
+def test_a_scheduler_that_is_killed_stops_the_sweep_with_a_message(cluster, tmp_path):
+    address, scheduler, worker = cluster
+    worker()
+    from distributed import Client
+
+    with Client(address, set_as_default=False) as client:
+        client.wait_for_workers(1, timeout=120)
+    file, out = write(tmp_path, overrides=small()["overrides"] | {"duration": 3.0}), tmp_path / "out"
+    process = start("sweep", file, "--out", out, "--scheduler", address)
+    wait_until(lambda: rows(out) >= 1)
+    scheduler.kill()
+    _, errors = process.communicate(timeout=120)
+    assert process.returncode == 1
+    assert "the scheduler is gone" in errors
+    assert errors.rstrip().endswith(f"go on with: forcectl sweep {out} --resume")
+    assert "Traceback" not in errors
+    result = fc.sweep(out, resume=True, engine="sequential")
+    assert result.count("done") == 8
+
+
+def test_a_scheduler_that_is_not_there_is_told(tmp_path):
+    with pytest.raises(BadInputError, match=r"--scheduler 'tcp://127.0.0.1:9' cannot be reached"):
+        fc.sweep(small(), out=tmp_path / "out", scheduler="tcp://127.0.0.1:9")

@@ -1,0 +1,84 @@
+import pytest
+
+from forcectl.errors import BadInputError
+from forcectl.sweeps.study import study_of
+from forcectl.sweeps.sweep_config import list_sweeps, read_sweep
+from tests.sweeps.small_sweeps import small
+
+
+def told(tmp_path, text):
+    file = tmp_path / "sweep.yaml"
+    file.write_text(text)
+    with pytest.raises(BadInputError) as error:
+        study_of(read_sweep(file))
+    assert "\n" not in str(error.value)
+    return str(error.value)
+
+
+START = 'scenario: fig_2_7\nvariant: "K_I = 1.5 1/s"\noverrides: {station.fidelity: OneDimensional}\n'
+
+
+@pytest.mark.parametrize(
+    ("text", "message"),
+    [
+        ("", "sweep.yaml: must be a mapping with keys out of: title, description, scenario"),
+        ("scenaro: fig_2_7", "sweep.yaml:1: scenaro: unknown key 'scenaro': did you mean 'scenario'?"),
+        ("title: x", "scenario is missing: must be"),
+        (START + "design: sobol", "sweep.yaml: trials is missing: the design sobol draws as many points"),
+        (START + "design: sbol", "sweep.yaml:4: design: unknown design 'sbol': did you mean 'sobol'?"),
+        (START + "trials: 5", "sweep.yaml:4: trials = 5: must be left out: a grid has"),
+        (START + "design: random\ntrials: 3", "keys = {}: must be at least one key for the design random"),
+        (START + "keys:\n  seed: [1, 2]", "sweep.yaml:5: keys.seed cannot be varied: use `seeds`"),
+        (START + "seeds: 0", "sweep.yaml:4: seeds = 0: must be how many, or a list of different whole numbers"),
+        (START + "seeds: [1, 1]", "sweep.yaml:4: seeds = [1, 1]: must be"),
+        (START + "success: overshoot_pct <=", "sweep.yaml:4: success = 'overshoot_pct <=': must be an expression"),
+        (START + "findings: {a: 'f(x)'}", "sweep.yaml:4: findings.a = 'f(x)': 'f(x)' cannot stand here"),
+        (START + "repeat: {half_width: 0.1}", "success is missing: `repeat` needs a condition to count"),
+        (
+            START + "success: a > 1\nrepeat: {half_width: 2}",
+            "sweep.yaml:5: repeat.half_width = 2.0: must be above 0 and at most 0.5",
+        ),
+        (START + "arms: {a: 3}", "sweep.yaml:4: arms.a = 3: must be a mapping of scenario keys to values"),
+        (
+            START + "keys: {duration: [1, 2]}\narms:\n  a: {duration: 3}",
+            "sweep.yaml:6: arms.a.duration is also set by keys.duration: must be set once",
+        ),
+        (
+            START + "keys: {station: [1]}",
+            "sweep.yaml:3: overrides.station.fidelity is also set by keys.station: must be set once",
+        ),
+        (START + "keep: everything", "sweep.yaml:4: keep: unknown keep 'everything'"),
+        (START + "keys:\n  duration: [1, 2, 1]", "sweep.yaml:5: keys.duration holds 1 twice"),
+        (START + "keys:\n  duraton: [1, 2]", "sweep.yaml:5: duraton: unknown key 'duraton': did you mean 'duration'?"),
+        (START + "arms:\n  a:\n    controller.gain: 3", "sweep.yaml:6: controller.gain: unknown key 'gain'"),
+        (START + "envelope: [measured_froce]", "envelope: unknown signal 'measured_froce': did you mean"),
+        ("scenario: fig_2_7", "sweep.yaml: variant is missing: must be one of K_I = 1.5 1/s, K_I = 3 1/s"),
+    ],
+)  # fmt: skip
+def test_what_cannot_be_used_is_told_with_file_and_line(tmp_path, text, message):
+    assert message in told(tmp_path, text)
+
+
+def test_a_scenario_beside_the_sweep_is_found_from_anywhere(tmp_path, monkeypatch):
+    (tmp_path / "mine.yaml").write_text("station: {fidelity: OneDimensional}\nduration: 0.2\n")
+    (tmp_path / "sweep.yaml").write_text("scenario: mine.yaml\nseeds: 2\n")
+    monkeypatch.chdir("/")
+    study = study_of(read_sweep(tmp_path / "sweep.yaml"))
+    assert study.size == 2
+    assert study.scenario(study.trial(1)).seed == 1
+
+
+def test_a_mapping_is_a_sweep_too():
+    assert study_of(read_sweep(small())).size == 8
+
+
+@pytest.mark.parametrize("name", list_sweeps())
+def test_shipped_sweeps_can_be_planned(name):
+    study = study_of(read_sweep(name))
+    assert study.size >= 24
+    assert study.writable
+
+
+def test_a_sweep_that_does_not_exist_is_told(tmp_path):
+    with pytest.raises(BadInputError, match=r"'frist_sweep' does not exist: must be a YAML file or one of: first"):
+        read_sweep("frist_sweep")
