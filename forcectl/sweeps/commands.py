@@ -2,7 +2,6 @@
 
 from __future__ import annotations
 
-import logging
 import signal
 import sys
 import time
@@ -14,7 +13,8 @@ import typer
 from forcectl.errors import BadInputError, ForcectlError
 
 if TYPE_CHECKING:
-    from forcectl.sweeps.run_sweep import SweepProgress, SweepResult
+    from forcectl.sweeps.at_work import SweepProgress
+    from forcectl.sweeps.run_sweep import SweepResult
 
 _EVERY = 30.0  # [s] between two lines of progress where there is no terminal
 
@@ -65,7 +65,6 @@ def sweep(
         directory = free_name(Path("runs"), read_sweep(sweep).name)
     for number in (signal.SIGINT, signal.SIGTERM):  # a batch system takes a job away: as Ctrl-C
         signal.signal(number, signal.default_int_handler)
-    logging.getLogger("distributed").setLevel(logging.CRITICAL)  # of a scheduler that is gone the error below tells
     with _Display() as display:
         try:
             result = run_sweep(

@@ -2,17 +2,23 @@
 
 from __future__ import annotations
 
+import contextlib
+import logging
 import queue
+import time
 import uuid
+from collections.abc import Iterator
 from typing import Any
 
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, RunFailedError
 from forcectl.sweeps.engines import Ended
 from forcectl.sweeps.results import Results, StorageError
 from forcectl.sweeps.study import Study
 from forcectl.sweeps.trial import run_trial
 
 CONNECT = 10.0  # [s] to reach a scheduler
+_LOOK = 2.0  # [s] between two questions for the number of workers
+_GONE = "the scheduler is gone: start it again"
 PER_THREAD = 2  # trials in flight: more stall the scheduler, fewer leave workers without work
 
 
@@ -37,6 +43,8 @@ class DaskEngine:
             raise BadInputError(
                 f"--scheduler {address!r} needs Dask: install the extra with pip install 'forcectl[sweep]'"
             ) from None
+        # A scheduler that is gone is told in one line, and not by the traceback that Dask logs.
+        logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         try:
             client: Any = distributed.Client
             self._client = client(address, timeout=CONNECT, set_as_default=False)
@@ -45,6 +53,7 @@ class DaskEngine:
             raise BadInputError(f"--scheduler {address!r} cannot be reached: {reason}") from None
         self._ended: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
         self._futures: dict[int, Any] = {}
+        self._threads, self._next_look = 0, 0.0
         try:
             self._check_workers(study, results, address)
         except BaseException:
@@ -76,8 +85,11 @@ class DaskEngine:
     @property
     def free(self) -> int:
         """How many trials it takes now."""
-        threads = sum(self._client.nthreads().values())
-        return max(1, PER_THREAD * threads) - len(self._futures)
+        if time.monotonic() > self._next_look:
+            with _scheduler_there():
+                self._threads = sum(self._client.nthreads().values())
+            self._next_look = time.monotonic() + _LOOK
+        return max(1, PER_THREAD * self._threads) - len(self._futures)
 
     @property
     def busy(self) -> int:
@@ -86,9 +98,9 @@ class DaskEngine:
 
     def submit(self, trial: int) -> None:
         """Hand a trial to the scheduler."""
-        future = self._client.submit(
-            _run, self._shared, trial, pure=False, retries=0, key=f"trial-{trial}-{uuid.uuid4().hex}"
-        )
+        with _scheduler_there():
+            key = f"trial-{trial}-{uuid.uuid4().hex}"
+            future = self._client.submit(_run, self._shared, trial, pure=False, retries=0, key=key)
         self._futures[trial] = future
         future.add_done_callback(lambda done: self._ended.put((trial, done)))
 
@@ -103,7 +115,7 @@ class DaskEngine:
                 trial, future = self._ended.get_nowait()
         except queue.Empty:
             if self._client.status != "running":
-                raise BadInputError("the scheduler is gone: start it again, and go on with --resume") from None
+                raise RunFailedError(_GONE) from None
         return found
 
     def _told(self, trial: int, future: Any) -> Ended:
@@ -117,8 +129,19 @@ class DaskEngine:
 
     def close(self) -> None:
         """Let go of the scheduler; trials at work there go on to their end."""
-        self._client.cancel(list(self._futures.values()), force=True)
-        self._client.close(timeout=1)
+        with contextlib.suppress(Exception):  # the scheduler may be gone
+            self._client.cancel(list(self._futures.values()), force=True)
+        with contextlib.suppress(Exception):
+            self._client.close(timeout=1)
+
+
+@contextlib.contextmanager
+def _scheduler_there() -> Iterator[None]:
+    """Whatever the client of a scheduler that is gone raises becomes one line."""
+    try:
+        yield
+    except Exception as error:
+        raise RunFailedError(_GONE) from error
 
 
 def _told(folder: str) -> tuple[dict[str, str], bool]:

@@ -21,7 +21,7 @@ _RECENT = 200  # finished trials whose pace is that of the rest
 
 
 @dataclass(frozen=True)
-class Status:
+class SweepStatus:
     """What there is in a results directory.
 
     Attributes:
@@ -37,7 +37,7 @@ class Status:
     remaining_s: float | None
 
 
-def status(folder: str | Path) -> Status:
+def status(folder: str | Path) -> SweepStatus:
     """How far a sweep is, while it runs or after.
 
     Args:
@@ -57,7 +57,7 @@ def status(folder: str | Path) -> Status:
     index, shards = identity["shard"]
     planned = identity["trials"] // identity["points"] * len(range(index, identity["points"], shards))
     counts["pending"] = max(0, planned - sum(counts.values()))
-    return Status(identity["name"], planned, counts, _remaining(rows, counts["pending"] + counts["running"]))
+    return SweepStatus(identity["name"], planned, counts, _remaining(rows, counts["pending"] + counts["running"]))
 
 
 def _remaining(rows: Sequence[Row], left: int) -> float | None:

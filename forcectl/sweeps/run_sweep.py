@@ -6,7 +6,7 @@ import contextlib
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
@@ -14,7 +14,7 @@ from typing import TYPE_CHECKING, Any
 from forcectl.errors import BadInputError, RunFailedError
 from forcectl.runs.directory import git_state, write_json, write_whole
 from forcectl.sweeps.agenda import Agenda
-from forcectl.sweeps.engines import Ended, Engine, Processes, Sequential
+from forcectl.sweeps.at_work import SweepProgress, SweepRun, engine_of
 from forcectl.sweeps.results import (
     FORMAT,
     IDENTITY,
@@ -30,24 +30,11 @@ from forcectl.sweeps.results import (
 from forcectl.sweeps.study import Study, study_of
 from forcectl.sweeps.sweep_config import SweepConfig, SweepFile, read_sweep
 from forcectl.sweeps.table import COSTS, PLAN, TRIALS, costs_table, plan_table, trials_table, write_table
-from forcectl.sweeps.trial import cost, row_of, timeout_reason
 
 if TYPE_CHECKING:
     import pandas as pd
 
-DEATHS = 3  # of the process of a trial, after which it is lost
 ENGINES = ("processes", "sequential")
-_LOOK = 1.0  # [s] between two looks at trials that other programs have
-
-
-@dataclass(frozen=True)
-class SweepProgress:
-    """How far a sweep is: trials finished, needed as far as is known, failed, and lost."""
-
-    done: int
-    total: int
-    failed: int
-    lost: int
 
 
 @dataclass(frozen=True)
@@ -136,9 +123,9 @@ def sweep(
                 results.set_aside(number)
                 del rows[number]
         agenda = Agenda(study, part, rows.values())
-        run = _Run(study, results, agenda, rows, fail_fast, trial_timeout, progress)
+        run = SweepRun(study, results, agenda, rows, fail_fast, trial_timeout, progress)
         if agenda.done < agenda.total:
-            started = _engine(study, results, trial_timeout, engine, workers, scheduler)
+            started = engine_of(study, results, trial_timeout, engine, workers, scheduler)
             try:
                 run.all(started)
             except (RunFailedError, KeyboardInterrupt, BadInputError):
@@ -259,132 +246,6 @@ def _notes(study: Study, folder: Path) -> list[str]:
             write_json(aside, identity | {"place": place_of(folder)})
             aside.replace(folder / IDENTITY)
     return notes
-
-
-def _engine(
-    study: Study,
-    results: Results,
-    timeout: float | None,
-    engine: str,
-    workers: int | None,
-    scheduler: str | None,
-) -> Engine:
-    if scheduler is not None:
-        from forcectl.sweeps.dask_engine import DaskEngine
-
-        return DaskEngine(study, results, timeout, scheduler)
-    if engine == "sequential":
-        return Sequential(study, results, timeout)
-    import os
-
-    return Processes(study, results, timeout, workers or os.cpu_count() or 1)
-
-
-class _Run:
-    """A sweep at work."""
-
-    def __init__(
-        self,
-        study: Study,
-        results: Results,
-        agenda: Agenda,
-        rows: dict[int, dict[str, Any]],
-        fail_fast: bool,
-        timeout: float | None,
-        progress: Callable[[SweepProgress], None] | None,
-    ):
-        self._study, self._results, self._agenda, self._rows = study, results, agenda, rows
-        self._fail_fast, self._timeout, self._progress = fail_fast, timeout, progress
-        self._deaths: dict[int, int] = {}
-        self._lost: set[int] = set()
-        self._failed = sum(row["state"] == "failed" for row in rows.values())
-
-    def all(self, engine: Engine) -> None:
-        """Run what is to be run."""
-        elsewhere = self._others()
-        with self._closing(engine):
-            while True:
-                while engine.free > 0 and (number := self._next(elsewhere)) is not None:
-                    engine.submit(number)
-                self._tell()
-                if engine.busy:
-                    for ended in engine.wait():
-                        self._end(ended)
-                elif elsewhere:
-                    time.sleep(_LOOK)
-                else:
-                    return
-                self._look(elsewhere)
-
-    @contextlib.contextmanager
-    def _closing(self, engine: Engine) -> Iterator[None]:
-        """End the engine whatever happens; what it was at is pending again."""
-        try:
-            yield
-        finally:
-            engine.close()
-            for number, lives in self._results.marks().items():
-                if not lives and number not in self._lost:
-                    self._results.release(number)
-
-    def _others(self) -> set[int]:
-        """Trials that a program which is gone has left running somewhere; marks of dead processes are removed."""
-        marks = self._results.marks()
-        for number, lives in marks.items():
-            if not lives:
-                self._results.release(number)
-        return {number for number, lives in marks.items() if lives and number not in self._rows}
-
-    def _next(self, elsewhere: set[int]) -> int | None:
-        while (number := self._agenda.take()) is not None:
-            if number not in elsewhere:
-                return number
-        return None
-
-    def _look(self, elsewhere: set[int]) -> None:
-        """What became of the trials that other programs have."""
-        for number in list(elsewhere):
-            row = self._results.row(number)
-            if row is not None:
-                elsewhere.discard(number)
-                self._take(row)
-            elif not self._results.owned(number):
-                elsewhere.discard(number)
-                self._agenda.put_back(number)
-
-    def _end(self, ended: Ended) -> None:
-        """A trial has ended: its row says how; without one it is run again."""
-        if ended.storage:
-            raise StorageError(ended.fault)
-        number = ended.trial
-        row = self._results.row(number)
-        if row is None and ended.overdue:
-            row = row_of(self._study, self._study.trial(number), None, timeout_reason(self._timeout))
-            row["cost"] = cost(self._timeout or 0.0, 0.0)
-            self._results.write_row(row)
-            self._results.release(number)
-            row = self._results.row(number)
-        if row is not None:
-            self._take(row)
-            return
-        self._deaths[number] = self._deaths.get(number, 0) + 1
-        if self._deaths[number] < DEATHS:
-            self._agenda.put_back(number)
-            return
-        self._lost.add(number)
-        self._results.lose(number, f"{ended.fault or 'it ended without a row'}, {DEATHS} times")
-
-    def _take(self, row: dict[str, Any]) -> None:
-        self._rows[row["trial"]] = row
-        self._agenda.finish(row)
-        if row["state"] == "failed":
-            self._failed += 1
-            if self._fail_fast:
-                raise RunFailedError(f"trial {row['trial']} failed: {row['reason']}")
-
-    def _tell(self) -> None:
-        if self._progress is not None:
-            self._progress(SweepProgress(self._agenda.done, self._agenda.total, self._failed, len(self._lost)))
 
 
 def finish(

@@ -1,0 +1,176 @@
+"""A sweep at work: trials are handed to an engine, and what became of each is read from the results directory."""
+
+from __future__ import annotations
+
+import contextlib
+import os
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+
+from forcectl.errors import RunFailedError
+from forcectl.sweeps.agenda import Agenda
+from forcectl.sweeps.engines import Ended, Engine, Processes, Sequential
+from forcectl.sweeps.results import Results, Row, StorageError
+from forcectl.sweeps.study import Study
+from forcectl.sweeps.trial import cost, row_of, timeout_reason
+
+DEATHS = 3  # of the process of a trial, after which it is lost
+_LOOK = 1.0  # [s] between two looks at trials that other programs have
+
+
+@dataclass(frozen=True)
+class SweepProgress:
+    """How far a sweep is: trials finished, needed as far as is known, failed, and lost."""
+
+    done: int
+    total: int
+    failed: int
+    lost: int
+
+
+def engine_of(
+    study: Study,
+    results: Results,
+    timeout: float | None,
+    engine: str,
+    workers: int | None,
+    scheduler: str | None,
+) -> Engine:
+    """What runs the trials: Dask where a scheduler is named, else this process or processes of its own.
+
+    Args:
+        study: the sweep.
+        results: its directory.
+        timeout: of a trial [s]; None: none.
+        engine: "processes" or "sequential".
+        workers: processes; None: one per processor.
+        scheduler: address of a Dask scheduler; None: none.
+
+    Raises:
+        BadInputError: the scheduler is not of use.
+    """
+    if scheduler is not None:
+        from forcectl.sweeps.dask_engine import DaskEngine
+
+        return DaskEngine(study, results, timeout, scheduler)
+    if engine == "sequential":
+        return Sequential(study, results, timeout)
+    return Processes(study, results, timeout, workers or os.cpu_count() or 1)
+
+
+class SweepRun:
+    """A sweep at work.
+
+    Args:
+        study: the sweep.
+        results: its directory.
+        agenda: what is to be run.
+        rows: of finished trials, by number; those of new ones are added.
+        fail_fast: stop at the first failed trial.
+        timeout: of a trial [s]; None: none.
+        progress: called now and then.
+    """
+
+    def __init__(
+        self,
+        study: Study,
+        results: Results,
+        agenda: Agenda,
+        rows: dict[int, Row],
+        fail_fast: bool,
+        timeout: float | None,
+        progress: Callable[[SweepProgress], None] | None,
+    ):
+        self._study, self._results, self._agenda, self._rows = study, results, agenda, rows
+        self._fail_fast, self._timeout, self._progress = fail_fast, timeout, progress
+        self._deaths: dict[int, int] = {}
+        self._lost: set[int] = set()
+        self._failed = sum(row["state"] == "failed" for row in rows.values())
+
+    def all(self, engine: Engine) -> None:
+        """Run what is to be run."""
+        elsewhere = self._others()
+        with self._closing(engine):
+            while True:
+                while engine.free > 0 and (number := self._next(elsewhere)) is not None:
+                    engine.submit(number)
+                self._tell()
+                if engine.busy:
+                    for ended in engine.wait():
+                        self._end(ended)
+                elif elsewhere:
+                    time.sleep(_LOOK)
+                else:
+                    return
+                self._look(elsewhere)
+
+    @contextlib.contextmanager
+    def _closing(self, engine: Engine) -> Iterator[None]:
+        """End the engine whatever happens; what it was at is pending again."""
+        try:
+            yield
+        finally:
+            engine.close()
+            for number, lives in self._results.marks().items():
+                if not lives and number not in self._lost:
+                    self._results.release(number)
+
+    def _others(self) -> set[int]:
+        """Trials that a program which is gone has left running somewhere; marks of dead processes are removed."""
+        marks = self._results.marks()
+        for number, lives in marks.items():
+            if not lives:
+                self._results.release(number)
+        return {number for number, lives in marks.items() if lives and number not in self._rows}
+
+    def _next(self, elsewhere: set[int]) -> int | None:
+        while (number := self._agenda.take()) is not None:
+            if number not in elsewhere:
+                return number
+        return None
+
+    def _look(self, elsewhere: set[int]) -> None:
+        """What became of the trials that other programs have."""
+        for number in list(elsewhere):
+            row = self._results.row(number)
+            if row is not None:
+                elsewhere.discard(number)
+                self._take(row)
+            elif not self._results.owned(number):
+                elsewhere.discard(number)
+                self._agenda.put_back(number)
+
+    def _end(self, ended: Ended) -> None:
+        """A trial has ended: its row says how; without one it is run again."""
+        if ended.storage:
+            raise StorageError(ended.fault)
+        number = ended.trial
+        row = self._results.row(number)
+        if row is None and ended.overdue:
+            row = row_of(self._study, self._study.trial(number), None, timeout_reason(self._timeout))
+            row["cost"] = cost(self._timeout or 0.0, 0.0)
+            self._results.write_row(row)
+            self._results.release(number)
+            row = self._results.row(number)
+        if row is not None:
+            self._take(row)
+            return
+        self._deaths[number] = self._deaths.get(number, 0) + 1
+        if self._deaths[number] < DEATHS:
+            self._agenda.put_back(number)
+            return
+        self._lost.add(number)
+        self._results.lose(number, f"{ended.fault or 'it ended without a row'}, {DEATHS} times")
+
+    def _take(self, row: Row) -> None:
+        self._rows[row["trial"]] = row
+        self._agenda.finish(row)
+        if row["state"] == "failed":
+            self._failed += 1
+            if self._fail_fast:
+                raise RunFailedError(f"trial {row['trial']} failed: {row['reason']}")
+
+    def _tell(self) -> None:
+        if self._progress is not None:
+            self._progress(SweepProgress(self._agenda.done, self._agenda.total, self._failed, len(self._lost)))
