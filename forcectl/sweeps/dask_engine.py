@@ -119,12 +119,13 @@ class DaskEngine:
         return found
 
     def _told(self, trial: int, future: Any) -> Ended:
-        if future.status == "finished":
-            fault = future.result()
-            return Ended(trial, fault, storage=bool(fault))
-        if future.status == "error":
-            error = future.exception()
-            return Ended(trial, " ".join(f"{type(error).__name__}: {error}".split())[:200])
+        with _scheduler_there():
+            if future.status == "finished":
+                fault = future.result()
+                return Ended(trial, fault, storage=bool(fault))
+            if future.status == "error":
+                error = future.exception()
+                return Ended(trial, " ".join(f"{type(error).__name__}: {error}".split())[:200])
         return Ended(trial, f"its task was {future.status}")
 
     def close(self) -> None:
