@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import contextlib
 import signal
 import sys
 import time
+from collections.abc import Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -63,9 +65,7 @@ def sweep(
     directory = out or (given if (given / IDENTITY).is_file() else None)
     if directory is None and not resume:
         directory = free_name(Path("runs"), read_sweep(sweep).name)
-    for number in (signal.SIGINT, signal.SIGTERM):  # a batch system takes a job away: as Ctrl-C
-        signal.signal(number, signal.default_int_handler)
-    with _Display() as display:
+    with _interruptible(), _Display() as display:
         try:
             result = run_sweep(
                 sweep,
@@ -102,6 +102,17 @@ def merge(
     from forcectl.sweeps.merge import merge as put_together
 
     _show_result(put_together(folders, out))
+
+
+@contextlib.contextmanager
+def _interruptible() -> Iterator[None]:
+    """Within, a batch system that takes the job away (SIGTERM) stops it as Ctrl-C does."""
+    before = {number: signal.signal(number, signal.default_int_handler) for number in (signal.SIGINT, signal.SIGTERM)}
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
 
 
 def _shard(text: str | None) -> tuple[int, int] | None:
