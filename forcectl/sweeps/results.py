@@ -35,6 +35,7 @@ SWEEP = "sweep.yaml"
 BEAT = 2.0  # [s] between two signs of life of a mark
 SILENT = 60.0  # [s] after which the owner of a mark on another machine is taken for dead
 _PER_FOLDER = 1000
+_STARTED = 19  # which of the fields of /proc/PID/stat, after the name, is the time of its start
 
 Row = dict[str, Any]
 
@@ -79,7 +80,8 @@ def _start_of(pid: int) -> str:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:
         return ""
-    return "" if fields[0] in "ZX" else fields[19]
+    state, started = fields[0], fields[_STARTED]
+    return "" if state in "ZX" else started
 
 
 class Results:
