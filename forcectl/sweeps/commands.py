@@ -45,6 +45,7 @@ def sweep(
     trial_timeout: Annotated[
         float | None, typer.Option(metavar="S", help="Longest computing time of a trial, in seconds.")
     ] = None,
+    report: Annotated[bool, typer.Option(help="Write report.html and its figures.")] = True,
     status: Annotated[bool, typer.Option("--status", help="Only say how far the sweep in SWEEP is.")] = False,
 ) -> None:
     """Run variations of a scenario; what is finished is kept whatever happens.
@@ -78,6 +79,7 @@ def sweep(
                 workers=workers,
                 scheduler=scheduler,
                 trial_timeout=trial_timeout,
+                report=report,
                 progress=display.show,
             )
         except BaseException as error:
@@ -88,7 +90,7 @@ def sweep(
             told = "stopped" if interrupted else f"error: {error}"
             print(f"{told}; go on with: forcectl sweep {directory} --resume", file=sys.stderr)
             raise typer.Exit(130 if interrupted else 1) from error
-    _show_result(result)
+    _show_result(result, report)
 
 
 def merge(
@@ -124,14 +126,14 @@ def _shard(text: str | None) -> tuple[int, int] | None:
     return int(number), int(count)
 
 
-def _show_result(result: SweepResult) -> None:
+def _show_result(result: SweepResult, report: bool = True) -> None:
     from forcectl.sweeps.table import STATES
 
     counts = {state: result.count(state) for state in STATES if result.count(state)}
     for note in result.notes:
         typer.echo(note)
     typer.echo(", ".join(f"{count} {state}" for state, count in counts.items()))
-    typer.echo(f"results in {result.directory}: trials.parquet, report.html")
+    typer.echo(f"results in {result.directory}: trials.parquet{', report.html' if report else ''}")
     if set(counts) - {"done"}:
         if set(counts) & {"pending", "lost", "running"}:
             typer.echo(f"go on with: forcectl sweep {result.directory} --resume")

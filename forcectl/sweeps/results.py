@@ -80,8 +80,7 @@ def _start_of(pid: int) -> str:
         fields = Path(f"/proc/{pid}/stat").read_text().rpartition(")")[2].split()
     except OSError:
         return ""
-    state, started = fields[0], fields[_STARTED]
-    return "" if state in "ZX" else started
+    return "" if fields[0] in "ZX" else fields[_STARTED]
 
 
 class Results:

@@ -68,6 +68,7 @@ def sweep(
     workers: int | None = None,
     scheduler: str | None = None,
     trial_timeout: float | None = None,
+    report: bool = True,
     progress: Callable[[SweepProgress], None] | None = None,
 ) -> SweepResult:
     """Run variations of a scenario.
@@ -84,6 +85,7 @@ def sweep(
         workers: processes; None: one per processor.
         scheduler: address of a Dask scheduler, which runs the trials instead.
         trial_timeout: longest computing time of a trial [s]; None: any.
+        report: write the page with the figures, too, where there is a directory.
         progress: called now and then.
 
     Raises:
@@ -134,7 +136,7 @@ def sweep(
                 raise
         result = finish(study, results, rows, part)
         kept = out is not None or resume
-        if kept:
+        if kept and report:
             write_report(study, result, folder)
         return replace(result, directory=folder if kept else None, notes=notes)
 

@@ -32,7 +32,7 @@ MOST_TRIALS = 10_000_000
 _PACKAGES = ("drake", "numpy", "scipy")
 _TRIED = 200  # values of lists that are read before anything runs
 _CHUNK = 4096  # points that are drawn at once where conditions refuse some
-_GIVE_UP = 100  # as many draws as wanted points, and no point more
+_GIVE_UP = 20  # as many draws as wanted points, and no point more
 
 
 @dataclass(frozen=True)

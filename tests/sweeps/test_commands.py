@@ -11,7 +11,9 @@ def test_a_sweep_shards_merge_and_status(forcectl, tmp_path):
     assert out.splitlines() == ["8 done", "results in whole: trials.parquet, report.html"]
     assert (tmp_path / "whole" / "report.html").stat().st_size > 10_000
     for i in (2, 1):
-        code, out, _ = forcectl("sweep", file, "--shard", f"{i}/2", "--out", f"part-{i}", "--engine", "sequential")
+        code, out, _ = forcectl(
+            "sweep", file, "--shard", f"{i}/2", "--out", f"part-{i}", "--engine", "sequential", "--no-report"
+        )
         assert (code, out.splitlines()[0]) == (0, "4 done")
     code, out, _ = forcectl("merge", "part-1", "part-2", "--out", "merged")
     assert (code, out.splitlines()[0]) == (0, "8 done")
@@ -19,7 +21,7 @@ def test_a_sweep_shards_merge_and_status(forcectl, tmp_path):
     assert tables[0] == tables[1]
     code, out, _ = forcectl("sweep", "--status", "part-1")
     assert (code, out) == (0, "small: 4 trials: 4 done\n")
-    code, out, _ = forcectl("sweep", "whole", "--resume")
+    code, out, _ = forcectl("sweep", "whole", "--resume", "--no-report")
     assert (code, out.splitlines()[0]) == (0, "8 done")
 
 
@@ -28,7 +30,7 @@ def test_failed_trials_give_exit_code_1(forcectl, tmp_path):
     code, out, err = forcectl("sweep", file, "--out", "out", "--engine", "sequential")
     assert (code, out.splitlines()[0], err) == (1, "2 failed", "")
     assert "diverges" in (tmp_path / "out" / "report.html").read_text()
-    code, _, err = forcectl("sweep", file, "--out", "fast", "--engine", "sequential", "--fail-fast")
+    code, _, err = forcectl("sweep", file, "--out", "fast", "--engine", "sequential", "--fail-fast", "--no-report")
     assert code == 1
     assert "diverges" in err
     assert err.endswith("; go on with: forcectl sweep fast --resume\n")
@@ -56,8 +58,9 @@ def test_bad_input_is_one_line(forcectl, arguments, message):
     assert err.count("\n") == 1
 
 
+@pytest.mark.slow
 def test_the_first_sweep_of_the_docs(forcectl, tmp_path):
-    code, out, _ = forcectl("sweep", "first_sweep", "--engine", "sequential", "--out", "first")
+    code, out, _ = forcectl("sweep", "first_sweep", "--engine", "sequential", "--out", "first", "--no-report")
     assert (code, out.splitlines()[0]) == (0, "24 done")
     table = pd.read_parquet(tmp_path / "first" / "trials.parquet")
     rates = table.groupby("controller.integral_gain")["success"].mean()

@@ -45,15 +45,15 @@ def cluster(tmp_path):
 def test_workers_of_a_scheduler_give_the_same_table(cluster, tmp_path):
     address, _, worker = cluster
     with pytest.raises(BadInputError, match="has no workers"):
-        fc.sweep(small(), out=tmp_path / "none", scheduler=address)
+        fc.sweep(small(), out=tmp_path / "none", scheduler=address, report=False)
     workers = [worker(), worker()]
     from distributed import Client
 
     with Client(address, set_as_default=False) as client:
         client.wait_for_workers(2, timeout=120)
-    fc.sweep(small(), out=tmp_path / "one", engine="sequential")
+    fc.sweep(small(), out=tmp_path / "one", engine="sequential", report=False)
     expected = (tmp_path / "one" / "trials.parquet").read_bytes()
-    fc.sweep(small(), out=tmp_path / "dask", scheduler=address)
+    fc.sweep(small(), out=tmp_path / "dask", scheduler=address, report=False)
     assert (tmp_path / "dask" / "trials.parquet").read_bytes() == expected
     # A worker that is killed, then the program, cost nothing.
     file, out = write(tmp_path, overrides=small()["overrides"] | {"duration": 3.0}), tmp_path / "killed"
@@ -63,8 +63,8 @@ def test_workers_of_a_scheduler_give_the_same_table(cluster, tmp_path):
     wait_until(lambda: rows(out) >= 3)
     process.kill()
     process.communicate()
-    killed = fc.sweep(out, resume=True, scheduler=address).table
-    whole = fc.sweep(file, engine="sequential").table
+    killed = fc.sweep(out, resume=True, scheduler=address, report=False).table
+    whole = fc.sweep(file, engine="sequential", report=False).table
     pd.testing.assert_frame_equal(killed, whole)
 
 
@@ -84,7 +84,7 @@ def test_a_scheduler_that_is_killed_stops_the_sweep_with_a_message(cluster, tmp_
     assert "the scheduler is gone" in errors
     assert errors.rstrip().endswith(f"go on with: forcectl sweep {out} --resume")
     assert "Traceback" not in errors
-    result = fc.sweep(out, resume=True, engine="sequential")
+    result = fc.sweep(out, resume=True, engine="sequential", report=False)
     assert result.count("done") == 8
 
 

@@ -15,8 +15,8 @@ def parts(tmp_path_factory):
     """Three shards, and the whole."""
     folder = tmp_path_factory.mktemp("shards")
     for i in (3, 1, 2):
-        fc.sweep(small(), out=folder / f"part-{i}", shard=(i, 3), engine="sequential")
-    fc.sweep(small(), out=folder / "whole", engine="sequential")
+        fc.sweep(small(), out=folder / f"part-{i}", shard=(i, 3), engine="sequential", report=False)
+    fc.sweep(small(), out=folder / "whole", engine="sequential", report=False)
     return folder
 
 
@@ -38,7 +38,7 @@ def test_what_is_not_there_yet_may_come_later_or_be_run(parts, tmp_path):
     assert first.count("pending") == 2
     shutil.copytree(tmp_path / "all", tmp_path / "other")
     merge([parts / "part-3"], tmp_path / "all")
-    fc.sweep(tmp_path / "other", resume=True, engine="sequential")
+    fc.sweep(tmp_path / "other", resume=True, engine="sequential", report=False)
     assert table(tmp_path / "all") == table(tmp_path / "other") == table(parts / "whole")
 
 
@@ -60,7 +60,7 @@ def test_done_stands_above_failed_and_contradictions_are_told(parts, tmp_path):
 
 
 def test_directories_of_other_sweeps_are_refused(parts, tmp_path):
-    fc.sweep(small(seeds=1), out=tmp_path / "other", shard=(1, 3), engine="sequential")
+    fc.sweep(small(seeds=1), out=tmp_path / "other", shard=(1, 3), engine="sequential", report=False)
     with pytest.raises(BadInputError, match="is of another sweep than"):
         merge([parts / "part-1", tmp_path / "other"], tmp_path / "all")
     assert not (tmp_path / "all").exists()

@@ -19,7 +19,7 @@ from tests.sweeps.small_sweeps import FAILING, GAIN, STIFFNESS, rows, small, sta
 def whole(tmp_path_factory):
     """The sweep on one process, in this one."""
     folder = tmp_path_factory.mktemp("sweep") / "whole"
-    result = fc.sweep(small(), out=folder, engine="sequential")
+    result = fc.sweep(small(), out=folder, engine="sequential", report=False)
     return folder, result
 
 
@@ -38,12 +38,12 @@ def test_the_table_has_a_row_for_each_trial(whole):
 
 
 def test_processes_give_the_same_table(whole, tmp_path):
-    fc.sweep(small(), out=tmp_path / "two", workers=2)
+    fc.sweep(small(), out=tmp_path / "two", workers=2, report=False)
     assert (tmp_path / "two" / "trials.parquet").read_bytes() == (whole[0] / "trials.parquet").read_bytes()
 
 
 def test_without_a_directory_there_is_the_table(whole):
-    result = fc.sweep(small(), engine="sequential")
+    result = fc.sweep(small(), engine="sequential", report=False)
     assert result.directory is None
     pd.testing.assert_frame_equal(result.table, whole[1].table)
 
@@ -54,7 +54,7 @@ def test_going_on_runs_what_is_missing(whole, tmp_path):
     for trial in (1, 4):
         Results(tmp_path / "part", digest).row_path(trial).unlink()
     before = Results(tmp_path / "part", digest).row_path(0).stat().st_mtime_ns
-    result = fc.sweep(tmp_path / "part", resume=True, engine="sequential")
+    result = fc.sweep(tmp_path / "part", resume=True, engine="sequential", report=False)
     assert (tmp_path / "part" / "trials.parquet").read_bytes() == (whole[0] / "trials.parquet").read_bytes()
     assert Results(tmp_path / "part", digest).row_path(0).stat().st_mtime_ns == before
     assert any("is a copy" in note for note in result.notes)
@@ -86,16 +86,16 @@ def test_other_versions_are_refused(whole, tmp_path):
 
 def test_failures_are_rows_and_may_be_tried_again(tmp_path):
     sweep = small(overrides=small()["overrides"] | FAILING, arms={}, keys={STIFFNESS: [1e2, 1e5]})
-    result = fc.sweep(sweep, out=tmp_path / "out", engine="sequential")
+    result = fc.sweep(sweep, out=tmp_path / "out", engine="sequential", report=False)
     failed = result.table[result.table["state"] == "failed"]
     assert len(failed) > 0
     assert failed["reason"].str.contains("diverges").all()
     before = (tmp_path / "out" / "trials.parquet").read_bytes()
-    fc.sweep(tmp_path / "out", resume=True, retry_failed=True, engine="sequential")
+    fc.sweep(tmp_path / "out", resume=True, retry_failed=True, engine="sequential", report=False)
     assert (tmp_path / "out" / "trials.parquet").read_bytes() == before
     assert len(list((tmp_path / "out").glob("rows/*/*.retried-1"))) == len(failed)
     with pytest.raises(RunFailedError, match=r"trial \d failed: .*diverges"):
-        fc.sweep(sweep, out=tmp_path / "fast", fail_fast=True, engine="sequential")
+        fc.sweep(sweep, out=tmp_path / "fast", fail_fast=True, engine="sequential", report=False)
 
 
 def test_objects_from_python_are_used_and_written_down(tmp_path):
@@ -103,7 +103,9 @@ def test_objects_from_python_are_used_and_written_down(tmp_path):
     result = fc.sweep(
         small(keys={STIFFNESS: [1e3]}, arms={n: {"controller": v} for n, v in zip("ab", values, strict=True)})
     )
-    same = fc.sweep(small(keys={STIFFNESS: [1e3]}, arms={"a": {GAIN: 1.0}, "b": {GAIN: 4.0}}), engine="sequential")
+    same = fc.sweep(
+        small(keys={STIFFNESS: [1e3]}, arms={"a": {GAIN: 1.0}, "b": {GAIN: 4.0}}), engine="sequential", report=False
+    )
     pd.testing.assert_frame_equal(result.table, same.table)
 
 
@@ -114,10 +116,11 @@ class Crash(IntegralConfig):
         os.kill(os.getpid(), signal.SIGKILL)
 
 
+@pytest.mark.slow
 def test_a_trial_that_kills_its_process_is_lost_and_the_others_are_not(tmp_path, monkeypatch):
     monkeypatch.setattr("forcectl.sweeps.study.build", lambda *_: None)  # which would end this process
     sweep = small(keys={STIFFNESS: [1e3]}, arms={"good": {GAIN: 1.0}, "bad": {"controller": Crash()}})
-    result = fc.sweep(sweep, out=tmp_path / "out", workers=1)
+    result = fc.sweep(sweep, out=tmp_path / "out", workers=1, report=False)
     assert list(result.table["state"]) == ["done", "lost"]
     mark = json.loads(next((tmp_path / "out").glob("running/*/0000001.json")).read_text())
     assert mark["reason"] == "its process was ended by signal 9, 3 times"
@@ -135,10 +138,10 @@ def test_a_full_disk_stops_the_sweep_and_keeps_what_is_finished(tmp_path, monkey
 
     monkeypatch.setattr(Results, "write_row", full)
     with pytest.raises(StorageError, match="No space left"):
-        fc.sweep(small(), out=tmp_path / "out", engine="sequential")
+        fc.sweep(small(), out=tmp_path / "out", engine="sequential", report=False)
     assert rows(tmp_path / "out") == 2
     monkeypatch.undo()
-    result = fc.sweep(tmp_path / "out", resume=True, engine="sequential")
+    result = fc.sweep(tmp_path / "out", resume=True, engine="sequential", report=False)
     assert result.count("done") == 8
 
 
@@ -160,7 +163,7 @@ def test_whatever_is_killed_the_table_is_the_same(whole, tmp_path):
             wait_until(lambda p=process, b=before: p.poll() is not None or rows(out) > b + 2)
         process.kill()
         process.communicate()
-    result = fc.sweep(out, resume=True, engine="sequential")
+    result = fc.sweep(out, resume=True, engine="sequential", report=False)
     assert result.count("done") == 8
     pd.testing.assert_frame_equal(result.table, whole[1].table)
 
