@@ -82,6 +82,11 @@ class Study:
         return self.config.seed_list()
 
     @property
+    def seeded_by_point(self) -> bool:
+        """Whether a drawn point has its number as seed, where `seeds` does not say."""
+        return self.config.design not in ("grid", "saltelli")
+
+    @property
     def size(self) -> int:
         """Number of planned trials."""
         return len(self.points) * len(self.seeds or [0]) * len(self.arms)
@@ -91,8 +96,7 @@ class Study:
         arms, seeds = self.arms, self.seeds
         rest, arm = divmod(number, len(arms))
         point, which = divmod(rest, len(seeds or [0]))
-        drawn = self.config.design not in ("grid", "saltelli")
-        seed = seeds[which] if seeds is not None else point if drawn else None
+        seed = seeds[which] if seeds is not None else point if self.seeded_by_point else None
         return Trial(number, point, seed, arms[arm])
 
     def group(self, number: int) -> tuple[int, int]:

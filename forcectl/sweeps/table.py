@@ -10,7 +10,11 @@ from collections.abc import Iterable, Mapping
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
+import numpy as np
+from numpy.typing import NDArray
+
 from forcectl.analysis.force_metrics import METRICS
+from forcectl.sweeps.axes import Axis
 from forcectl.sweeps.results import Results, Row
 from forcectl.sweeps.study import Study
 
@@ -32,24 +36,28 @@ def plan_table(study: Study, numbers: Iterable[int]) -> pd.DataFrame:
     """
     import pandas as pd
 
-    trials = [study.trial(number) for number in numbers]
-    columns: dict[str, list[Any]] = {
-        "trial": [trial.number for trial in trials],
-        "point": [trial.point for trial in trials],
-        "arm": [trial.arm for trial in trials],
-        "seed": [trial.seed for trial in trials],
-    }
-    frame = pd.DataFrame(columns).astype({"trial": "int64", "point": "int64", "seed": "Int64"})
-    labels = [
-        list(study.labels(study.trial(study.number((point, 0), 0))).values()) for point in range(len(study.points))
-    ]
+    chosen = np.fromiter(numbers, dtype=np.int64)
+    arms, seeds = study.arms, study.seeds
+    rest, arm = np.divmod(chosen, len(arms))
+    point, repetition = np.divmod(rest, len(seeds or [0]))
+    frame = pd.DataFrame({"trial": chosen, "point": point, "arm": np.array(arms, dtype=object)[arm]})
+    if seeds is not None:
+        seed = pd.array(np.array(seeds, dtype=np.int64)[repetition], dtype="Int64")
+    else:
+        seed = pd.array(point if study.seeded_by_point else [None] * len(chosen), dtype="Int64")
+    frame["seed"] = seed
     for i, axis in enumerate(study.axes):
-        own = [one[i] for one in labels]
-        kinds = {type(value) for value in own}
-        if kinds not in ({bool}, {str}) and not kinds <= {int, float}:
-            own = [str(value) for value in own]  # a column has one type
-        frame[axis.key] = [own[trial.point] for trial in trials]
+        coordinates = study.points[point, i]
+        frame[axis.key] = coordinates if axis.distribution else _labels(axis)[coordinates.astype(int)]
     return frame
+
+
+def _labels(axis: Axis) -> NDArray[Any]:
+    """The values of a list, all of one type."""
+    kinds = {type(value) for value in axis.labels}
+    if kinds == {bool} or kinds <= {int, float}:
+        return np.array(axis.labels)
+    return np.array([str(value) for value in axis.labels], dtype=object)
 
 
 def trials_table(

@@ -37,6 +37,7 @@ def test_the_table_has_a_row_for_each_trial(whole):
     assert set(pd.read_parquet(folder / "costs.parquet")["trial"]) == set(range(8))
 
 
+@pytest.mark.slow
 def test_processes_give_the_same_table(whole, tmp_path):
     fc.sweep(small(), out=tmp_path / "two", workers=2, report=False)
     assert (tmp_path / "two" / "trials.parquet").read_bytes() == (whole[0] / "trials.parquet").read_bytes()
