@@ -125,7 +125,7 @@ def check_overrides(file: ScenarioFile, names: Sequence[str], overrides: Mapping
         return
     set_by = {name: _keys(nest(file.tree["variants"].get(name) or {})) for name in names}
     for key in _keys(nest({key: part_tree(value) for key, value in overrides.items()})):
-        clashing = [name for name, keys in set_by.items() if any(_overlap(key, other) for other in keys)]
+        clashing = [name for name, keys in set_by.items() if any(overlap(key, other) for other in keys)]
         if clashing:
             raise BadInputError(
                 f"override of {key} for several variants: must be a key that none of them sets, but it is set by "
@@ -140,7 +140,8 @@ def _keys(tree: Tree, key: str = "") -> list[str]:
     return [key]
 
 
-def _overlap(one: str, other: str) -> bool:
+def overlap(one: str, other: str) -> bool:
+    """Whether one of two dotted keys is the other, or a part of it."""
     return f"{one}.".startswith(f"{other}.") or f"{other}.".startswith(f"{one}.")
 
 

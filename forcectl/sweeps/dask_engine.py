@@ -10,7 +10,7 @@ import uuid
 from collections.abc import Iterator
 from typing import Any
 
-from forcectl.errors import BadInputError, RunFailedError
+from forcectl.errors import BadInputError, RunFailedError, one_line
 from forcectl.sweeps.engines import Ended
 from forcectl.sweeps.results import Results, StorageError
 from forcectl.sweeps.study import Study
@@ -66,8 +66,9 @@ class DaskEngine:
         try:
             told = self._client.run(_told, str(results.folder))
         except Exception as error:
-            reason = " ".join(f"{type(error).__name__}: {error}".split())
-            raise BadInputError(f"--scheduler {address!r}: its workers cannot run forcectl: {reason}") from None
+            raise BadInputError(
+                f"--scheduler {address!r}: its workers cannot run forcectl: {one_line(error)}"
+            ) from None
         if not told:
             raise BadInputError(f"--scheduler {address!r} has no workers: start some with `dask worker {address}`")
         for worker, (versions, seen) in told.items():
@@ -125,7 +126,7 @@ class DaskEngine:
                 return Ended(trial, fault, storage=bool(fault))
             if future.status == "error":
                 error = future.exception()
-                return Ended(trial, " ".join(f"{type(error).__name__}: {error}".split())[:200])
+                return Ended(trial, one_line(error)[:200])
         return Ended(trial, f"its task was {future.status}")
 
     def close(self) -> None:

@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from forcectl.errors import BadInputError
+from forcectl.sweeps.agenda import Agenda
 from forcectl.sweeps.results import Results, Row, identity_of, locked
-from forcectl.sweeps.run_sweep import SweepResult, begin, finish, stored, write_report
+from forcectl.sweeps.run_sweep import SweepResult, begin, stored, write_report, write_tables
 from forcectl.sweeps.study import study_of
 
 _RECENT = 200  # finished trials whose pace is that of the rest
@@ -103,9 +104,9 @@ def merge(folders: Sequence[str | Path], out: str | Path, sweep: Any = None) -> 
                 if _better(row, rows.get(row["trial"]), part):
                     _bring(source, results, row, replace=row["trial"] in rows)
                     rows[row["trial"]] = row
-        result = finish(study, results, rows)
-        write_report(study, result, target)
-        return result
+        table = write_tables(study, results, Agenda(study, (0, 1), rows.values()), rows)
+        write_report(study, results, table, rows)
+        return SweepResult(table, target)
 
 
 def _better(row: Row, other: Row | None, part: Path) -> bool:

@@ -305,12 +305,6 @@ def identity_of(folder: Path) -> dict[str, Any]:
     return found
 
 
-def place_of(folder: Path) -> dict[str, Any]:
-    """Where a directory is; a copy of it is elsewhere."""
-    status = folder.stat()
-    return {"path": str(folder.resolve()), "device": status.st_dev, "inode": status.st_ino}
-
-
 def is_copy(folder: Path, identity: Mapping[str, Any]) -> bool:
     """Whether a results directory is a copy of the one that was begun."""
-    return bool(identity["place"]["inode"] != folder.stat().st_ino)
+    return bool(identity["inode"] != folder.stat().st_ino)

@@ -20,11 +20,11 @@ from forcectl.sweeps.results import (
     IDENTITY,
     SWEEP,
     Results,
+    Row,
     StorageError,
     identity_of,
     is_copy,
     locked,
-    place_of,
     writing,
 )
 from forcectl.sweeps.study import Study, study_of
@@ -134,11 +134,11 @@ def sweep(
                 with contextlib.suppress(StorageError):  # what stopped the sweep is told, not what follows from it
                     write_tables(study, results, agenda, rows)
                 raise
-        result = finish(study, results, rows, part)
+        table = write_tables(study, results, agenda, rows)
         kept = out is not None or resume
         if kept and report:
-            write_report(study, result, folder)
-        return replace(result, directory=folder if kept else None, notes=notes)
+            write_report(study, results, table, rows)
+        return SweepResult(table, folder if kept else None, notes)
 
 
 def _given(sweep: Any, out: str | Path | None, resume: bool) -> tuple[SweepFile, Path | None]:
@@ -201,7 +201,7 @@ def _identity(study: Study, folder: Path, part: tuple[int, int]) -> dict[str, An
         "shard": list(part),
         "writable": study.writable,
         "begun": time.time(),
-        "place": place_of(folder) | {"path": ""},
+        "inode": folder.stat().st_ino,  # that of a copy is another one
     }
 
 
@@ -242,39 +242,19 @@ def _notes(study: Study, folder: Path) -> list[str]:
     if is_copy(folder, identity):
         notes.append(f"{folder} is a copy: what runs in the original is not waited for")
         shutil.rmtree(folder / "running", ignore_errors=True)
-    if notes or not identity["place"]["path"]:
         with writing(folder):
-            aside = folder / f".{IDENTITY}"
-            write_json(aside, identity | {"place": place_of(folder)})
-            aside.replace(folder / IDENTITY)
+            write_json(folder / IDENTITY, identity | {"inode": folder.stat().st_ino})
     return notes
 
 
-def finish(
-    study: Study, results: Results, rows: dict[int, dict[str, Any]], part: tuple[int, int] = (0, 1)
-) -> SweepResult:
-    """Write the tables of what there is.
-
-    Args:
-        study: the sweep.
-        results: its directory.
-        rows: by trial.
-        part: number of the shard from 0, and how many there are.
-
-    Raises:
-        StorageError: the directory cannot be written.
-    """
-    agenda = Agenda(study, part, rows.values())
-    return SweepResult(write_tables(study, results, agenda, rows), results.folder)
-
-
-def write_report(study: Study, result: SweepResult, folder: Path) -> None:
+def write_report(study: Study, results: Results, table: pd.DataFrame, rows: Mapping[int, Row]) -> None:
     """Run the worst trials again, and write the page.
 
     Args:
         study: the sweep.
-        result: its table.
-        folder: of the results.
+        results: its directory.
+        table: of results.
+        rows: of finished trials, by number.
 
     Raises:
         BadInputError: no trial has the metric that `worst` asks for; the page is written.
@@ -284,16 +264,15 @@ def write_report(study: Study, result: SweepResult, folder: Path) -> None:
     from forcectl.sweeps.report.page import write_report as write_page
     from forcectl.sweeps.report.worst import keep_worst
 
-    results, complete = Results(folder, study.digest()), set(result.table["state"]) <= {"done", "failed"}
+    complete = set(table["state"]) <= {"done", "failed"}
     try:
         if complete:
-            keep_worst(study, results, result.table)
+            keep_worst(study, results, table)
     finally:
-        costs = costs_table({row["trial"]: row for row in results.rows()})
-        write_page(study, results, result.table, costs, complete)
+        write_page(study, results, table, costs_table(rows), complete)
 
 
-def write_tables(study: Study, results: Results, agenda: Agenda, rows: dict[int, dict[str, Any]]) -> pd.DataFrame:
+def write_tables(study: Study, results: Results, agenda: Agenda, rows: Mapping[int, Row]) -> pd.DataFrame:
     """Write the table of results and that of costs; returns the first."""
     table = trials_table(study, agenda.asked, rows, results.marks())
     write_table(results, TRIALS, table)

@@ -93,16 +93,20 @@ class Study:
 
     def trial(self, number: int) -> Trial:
         """The trial of a number."""
-        arms, seeds = self.arms, self.seeds
-        rest, arm = divmod(number, len(arms))
-        point, which = divmod(rest, len(seeds or [0]))
-        seed = seeds[which] if seeds is not None else point if self.seeded_by_point else None
-        return Trial(number, point, seed, arms[arm])
+        point, repetition, arm = self.split(number)
+        seeds = self.seeds
+        seed = seeds[repetition] if seeds is not None else point if self.seeded_by_point else None
+        return Trial(number, point, seed, self.arms[arm])
+
+    def split(self, number: Any) -> tuple[Any, Any, Any]:
+        """Point, repetition and place of the arm of a number, or of each in an array."""
+        rest, arm = divmod(number, len(self.arms))
+        return *divmod(rest, len(self.seeds or [0])), arm
 
     def group(self, number: int) -> tuple[int, int]:
         """The trials of one point and arm, whose seeds differ, have the same group."""
-        rest, arm = divmod(number, len(self.arms))
-        return rest // len(self.seeds or [0]), arm
+        point, _, arm = self.split(number)
+        return point, arm
 
     def number(self, group: tuple[int, int], repetition: int) -> int:
         """The number of a repetition, counted from 0, in a group."""
@@ -260,12 +264,11 @@ def _saltelli(config: SweepConfig, axes: list[Axis], conditions: list[Expression
 
 def _try_values(study: Study, sweep: SweepFile) -> None:
     """Read every arm and every value of a list once, and build every arm: typos are told before anything runs."""
-    seeds = len(study.seeds or [0])
     numbers = dict.fromkeys(range(len(study.arms)))
     for i, axis in enumerate(study.axes):
         if not axis.distribution:
             _, first = np.unique(study.points[:, i], return_index=True)
-            numbers |= dict.fromkeys(int(point) * seeds * len(study.arms) for point in first[:_TRIED])
+            numbers |= dict.fromkeys(study.number((int(point), 0), 0) for point in first[:_TRIED])
     for number in numbers:
         trial = study.trial(number)
         changes = study.overrides(trial)

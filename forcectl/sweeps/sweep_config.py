@@ -10,7 +10,8 @@ from typing import Any
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.fields import Config, key
 from forcectl.framework.yaml_tree import Tagged, parse, place, plain
-from forcectl.scenario.catalog import ScenarioFile, list_experiments
+from forcectl.runs.run import overlap
+from forcectl.scenario.catalog import ScenarioFile, experiments_folder, list_experiments
 from forcectl.scenario.schema import ScenarioReader
 from forcectl.sweeps.expression import Expression
 
@@ -96,9 +97,8 @@ class SweepConfig(Config):
         places |= {f"arms.{name}": list(arm) for name, arm in self.arms.items()}
         for name, own in places.items():
             for one in own:
-                others = [key for key in [*self.keys] if name != "keys" or key != one]
-                for other in others:
-                    if f"{one}.".startswith(f"{other}.") or f"{other}.".startswith(f"{one}."):
+                for other in self.keys:
+                    if overlap(one, other) and (name, one) != ("keys", other):
                         raise BadInputError(f" is also set by keys.{other}: must be set once", key=f"{name}.{one}")
 
     def seed_list(self) -> list[int] | None:
@@ -163,8 +163,6 @@ def read_sweep(sweep: str | Path | Mapping[str, Any] | SweepConfig) -> SweepFile
 
 
 def _find(path: Path) -> Path:
-    from forcectl.scenario.catalog import experiments_folder
-
     shipped = experiments_folder() / "sweeps" / f"{path}.yaml"
     if path.is_file():
         return path
@@ -177,8 +175,6 @@ def _find(path: Path) -> Path:
 
 def list_sweeps() -> list[str]:
     """Names of the shipped sweeps, sorted."""
-    from forcectl.scenario.catalog import experiments_folder
-
     return sorted(file.stem for file in (experiments_folder() / "sweeps").glob("*.yaml"))
 
 

@@ -37,10 +37,9 @@ def plan_table(study: Study, numbers: Iterable[int]) -> pd.DataFrame:
     import pandas as pd
 
     chosen = np.fromiter(numbers, dtype=np.int64)
-    arms, seeds = study.arms, study.seeds
-    rest, arm = np.divmod(chosen, len(arms))
-    point, repetition = np.divmod(rest, len(seeds or [0]))
-    frame = pd.DataFrame({"trial": chosen, "point": point, "arm": np.array(arms, dtype=object)[arm]})
+    seeds = study.seeds
+    point, repetition, arm = study.split(chosen)
+    frame = pd.DataFrame({"trial": chosen, "point": point, "arm": np.array(study.arms, dtype=object)[arm]})
     if seeds is not None:
         seed = pd.array(np.array(seeds, dtype=np.int64)[repetition], dtype="Int64")
     else:

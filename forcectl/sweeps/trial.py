@@ -14,7 +14,7 @@ from typing import Any
 import numpy as np
 import xarray as xr
 
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, one_line
 from forcectl.runs.logs import write_netcdf
 from forcectl.runs.simulate import VariantOutcome, simulate
 from forcectl.scenario.scenario import build, origins, resolve
@@ -73,7 +73,7 @@ def _simulated(study: Study, results: Results, trial: Trial, timeout: float | No
     except BadInputError as error:
         reason = str(error)
     except (Exception, SystemExit) as error:  # whatever a part of the user's does: a row, with its name
-        reason = " ".join(f"{type(error).__name__}: {error}".split())
+        reason = one_line(error)
     row = row_of(study, trial, outcome, reason)
     if outcome is not None:
         _keep(study, results, trial.number, outcome, duration)
