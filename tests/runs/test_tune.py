@@ -25,7 +25,9 @@ from tests.runs.test_recorded import good, write
 def experiment(tmp_path_factory):
     """The directory of a run of the open-loop experiment of Fig. 4.5."""
     directory = tmp_path_factory.mktemp("runs") / "experiment"
-    run("fig_4_5", overrides={"expect": []}, fidelity="OneDimensional", out=directory)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("forcectl.runs.run._write_pictures", lambda *_: None)
+        run("fig_4_5", overrides={"expect": []}, fidelity="OneDimensional", out=directory)
     return directory
 
 
@@ -159,7 +161,7 @@ def test_a_second_record_of_another_experiment_is_refused(tmp_path, column):
         tune_vrft(write(tmp_path, columns), 1.5, second=other)
 
 
-def test_where_friction_misleads_the_plant_model_the_rests_say_how_stiff_the_contact_is(tmp_path):
+def test_where_friction_misleads_the_plant_model_the_rests_say_how_stiff_the_contact_is(tmp_path, without_pictures):
     """The moves of Fig. 4.10, where the drive sticks: no linear model predicts the loop, but the record shows it."""
     run("fig_4_8", variant="plastic", overrides={"expect": []}, fidelity="OneDimensional", out=tmp_path / "run")
     tuned = tune_vrft(tmp_path / "run" / "log.nc", 1.5)
@@ -285,7 +287,7 @@ def test_models_of_higher_order_are_tuned_for(tmp_path):
     assert reference_model_config(2.0).bandwidth == 2.0
 
 
-def test_one_variant_of_a_log_with_several_is_picked(tmp_path):
+def test_one_variant_of_a_log_with_several_is_picked(tmp_path, without_pictures):
     run("fig_2_7", overrides={"expect": [], "duration": 3.0}, fidelity="OneDimensional", out=tmp_path / "run")
     log = tmp_path / "run" / "log.nc"
     with pytest.raises(BadInputError, match=r"several variants.*K_I = 3 1/s"):
