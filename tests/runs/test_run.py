@@ -178,6 +178,7 @@ def test_the_run_directory_is_complete_and_runs_again(tmp_path):
     np.testing.assert_array_equal(again.log["measured_force"], log["measured_force"])
 
 
+@pytest.mark.slow
 def test_same_seed_same_bits_in_another_process_other_seed_other_bits(tmp_path, without_pictures):
     code = """import sys, forcectl as fc
 fc.run('fig_2_8', overrides={'duration': 0.6}, seed=3, out=sys.argv[1])"""

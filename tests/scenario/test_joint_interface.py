@@ -192,6 +192,7 @@ def test_motion_metrics_have_units_and_meanings():
         assert meaning
 
 
+@pytest.mark.slow
 def test_reproduce_runs_what_has_one_fidelity_on_that_whatever_is_asked_for(short):
     report = fc.reproduce([short], fidelity="Kinematic", workers=1, out="rep")
     (part,) = report.parts

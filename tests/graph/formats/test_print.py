@@ -158,6 +158,7 @@ def test_no_date_program_or_machine_in_the_files():
         assert b"Block diagram of ForceLaw" in content or b"B\0l\0o\0c\0k" in content
 
 
+@pytest.mark.slow
 def test_other_processes_write_the_same_bytes():
     script = (
         "import sys; from tests.examples.graph_diagrams import force_loop\n"
