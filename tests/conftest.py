@@ -51,8 +51,9 @@ def _set_aside():
 
 @pytest.fixture
 def without_pictures(monkeypatch):
-    """Run directories have no figures and diagrams, which take longer than a short simulation."""
+    """Directories of runs and of tuning have no figures and diagrams, which take longer than a short simulation."""
     monkeypatch.setattr("forcectl.runs.run._write_pictures", lambda *_: None)
+    monkeypatch.setattr("forcectl.runs.tune._write_figures", lambda *_: None)
 
 
 @pytest.fixture

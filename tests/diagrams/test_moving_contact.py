@@ -84,7 +84,10 @@ def assert_all_agree(**case: Any) -> None:
     "case",
     [
         {"stiffness": 1e4, **GROOVES},
-        {"stiffness": 1e5, "slope": 0.004, "heights": Heights(roughness=RoughnessConfig(rms=1e-6))},
+        pytest.param(
+            {"stiffness": 1e5, "slope": 0.004, "heights": Heights(roughness=RoughnessConfig(rms=1e-6))},
+            marks=pytest.mark.slow,
+        ),
     ],
 )
 def test_fidelities_agree_on_an_uneven_surface(case: dict[str, Any]) -> None:

@@ -63,7 +63,7 @@ def test_log_of_a_run_gives_a_controller_that_runs_as_predicted(forcectl, experi
     assert missed == pytest.approx(report["prediction"]["model_mismatch"], abs=0.05)
 
 
-def test_the_controller_fits_into_another_scenario(forcectl, experiment, tmp_path):
+def test_the_controller_fits_into_another_scenario(forcectl, experiment, tmp_path, without_pictures):
     tuned = tune_vrft(experiment / "log.nc", 1.5, out=tmp_path / "tuned")
     scenario = load_scenario(tmp_path / "tuned" / "controller.yaml")
     assert scenario.controller.proportional_gain == tuned.fit.pid.proportional
@@ -87,7 +87,9 @@ def exported(experiment, path, missing=()):
     return write(path, {name: np.delete(values, list(missing)) for name, values in columns.items()}, "exported.csv")
 
 
-def test_exported_csv_with_shuffled_columns_and_other_units_gives_the_same_gains(forcectl, experiment, tmp_path):
+def test_exported_csv_with_shuffled_columns_and_other_units_gives_the_same_gains(
+    forcectl, experiment, tmp_path, without_pictures
+):
     """Acceptance 5 of issue 4, as far as the record is complete."""
     path = exported(experiment, tmp_path)
     code, _, err = forcectl(
@@ -188,7 +190,7 @@ def test_a_record_that_does_not_tell_the_stiffness_is_refused(tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_noise_is_reported_with_what_it_takes(forcectl, tmp_path):
+def test_noise_is_reported_with_what_it_takes(forcectl, tmp_path, without_pictures):
     code, out, _ = forcectl("tune", "vrft", record_file(tmp_path, noise=0.05), "--reference-model", 1.5)
     assert code == 0
     assert "warning: K_D is not identifiable" in out
@@ -224,7 +226,7 @@ def test_displacements_of_the_other_sign_are_refused_or_turned(tmp_path):
     assert (tune_vrft(path, 1.5, flip_input=True).fit.gains[:2] < 0).all()
 
 
-def test_a_result_is_replaced_only_on_request(tmp_path):
+def test_a_result_is_replaced_only_on_request(tmp_path, without_pictures):
     path = record_file(tmp_path)
     tune_vrft(path, 1.5, out=tmp_path / "tuned")
     with pytest.raises(BadInputError, match="--force"):

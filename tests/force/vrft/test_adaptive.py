@@ -96,7 +96,7 @@ def test_no_compromise_between_the_materials_tracks_as_well(path, stay, seed):
     assert adaptive < min(fixed)
 
 
-@pytest.mark.parametrize("path", [PATH, PATH[::-1]])
+@pytest.mark.parametrize("path", [PATH, pytest.param(PATH[::-1], marks=pytest.mark.slow)])
 def test_it_finds_the_integral_gain_of_each_material(path):
     """-w_c C_E, but for what the friction of the drive takes."""
     start = between(0.0 if path is PATH else 1.0)
