@@ -9,6 +9,7 @@ The name or path of a robot with several arms means all of them; "yumi/left" mea
 
 from __future__ import annotations
 
+from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -86,13 +87,19 @@ def parameter_file(folder: Path, pattern: str) -> Path:
 
 def add_packages(package_map: PackageMap) -> None:
     """Make `package://<folder>/...` known for every shipped folder that `package_map` does not hold yet."""
-    for xml in sorted(models_folder().glob("*/package.xml")):
+    for xml in _shipped("package.xml"):
         if not package_map.Contains(xml.parent.name):
             package_map.AddPackageXml(xml)
 
 
 def _folders_with(pattern: str) -> list[str]:
-    return sorted({file.parent.name for file in models_folder().glob(f"*/{pattern}")})
+    return sorted({file.parent.name for file in _shipped(pattern)})
+
+
+@cache
+def _shipped(pattern: str) -> list[Path]:
+    """The files of that name in the shipped folders, sorted; every robot that is loaded asks for them."""
+    return sorted(models_folder().glob(f"*/{pattern}"))
 
 
 def _folder(kind: str, name_or_path: str | Path, shipped: list[str]) -> Path:

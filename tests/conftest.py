@@ -50,6 +50,13 @@ def _set_aside():
 
 
 @pytest.fixture
+def without_pictures(monkeypatch):
+    """Directories of runs and of tuning have no figures and diagrams, which take longer than a short simulation."""
+    monkeypatch.setattr("forcectl.runs.run._write_pictures", lambda *_: None)
+    monkeypatch.setattr("forcectl.runs.tune._write_figures", lambda *_: None)
+
+
+@pytest.fixture
 def forcectl(monkeypatch, capfd, tmp_path):
     """Call the command line in this process, in an empty folder; returns (exit code, stdout, stderr)."""
     from forcectl import cli

@@ -107,13 +107,13 @@ def _field(default: Any, declared: Key) -> Any:
 
 def typed_fields(cls: Any) -> list[tuple[dataclasses.Field[Any], Any]]:
     """The fields of a dataclass that are keys, each with its type."""
-    return _typed_fields(cls)
+    hints = _hints(cls)
+    return [(field, hints[field.name]) for field in dataclasses.fields(cls) if field.init]
 
 
 @cache
-def _typed_fields(cls: Any) -> list[tuple[dataclasses.Field[Any], Any]]:
-    hints = typing.get_type_hints(cls)
-    return [(field, hints[field.name]) for field in dataclasses.fields(cls) if field.init]
+def _hints(cls: Any) -> dict[str, Any]:
+    return typing.get_type_hints(cls)
 
 
 def key_of(field: dataclasses.Field[Any]) -> Key:

@@ -13,6 +13,7 @@ import math
 import re
 from collections.abc import Iterator, Mapping
 from enum import Enum
+from functools import lru_cache
 from pathlib import PurePath
 from typing import Any, cast
 
@@ -135,9 +136,20 @@ _Dumper.add_representer(
 def parse(text: str, origin: str) -> Tree:
     """The tree of a YAML text; `origin` is a file name or an option, for messages.
 
+    Presets and the parameters of robots are asked for by every scenario: a text that was read is copied.
+
     Raises:
         BadInputError: the text is not YAML; the message names the line and column.
     """
+    read = _read(text, origin)
+    tree = plain(read)
+    if isinstance(tree, Tagged):
+        tree.lines = read.lines
+    return tree
+
+
+@lru_cache(maxsize=64)
+def _read(text: str, origin: str) -> Tree:
     try:
         loader = _Loader(text)
         node = loader.get_single_node()

@@ -226,7 +226,6 @@ def find_scenario(name_or_path: str | Path) -> ScenarioFile:
     raise unknown("scenario", name, list_experiments())
 
 
-@cache
 def find_preset(name: str) -> ScenarioFile:
     """The plant preset of that name, one of `list_presets`."""
     return read_scenario(experiments_folder() / "presets" / f"{name}.yaml", name)

@@ -232,8 +232,8 @@ class _Layers:
         if name not in catalog.list_presets():
             raise unknown("preset", name, catalog.list_presets()).at("preset", self.where("preset"))
         preset = catalog.find_preset(str(name))
-        values = Tagged({key: tree for key, tree in preset.tree.items() if key != "description"})
-        self._layers.insert(1, (lambda key: preset.where(key, f"preset {name!r}"), values))
+        preset.tree.pop("description", None)
+        self._layers.insert(1, (lambda key: preset.where(key, f"preset {name!r}"), preset.tree))
 
     def merged(self) -> Tagged:
         result = Tagged()

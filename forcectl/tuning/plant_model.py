@@ -138,7 +138,8 @@ def _steiglitz_mcbride(u: Array, y: Array, order: int, delay: int, iterations: i
     late, below = delayed(u, delay), np.ones(1)
     best = _Found(float(y @ y), np.zeros(order), np.eye(1, order + 1)[0], delay)
     for _ in range(iterations):
-        columns = [*_sensitivities(below, late, y, order), lfilter([1.0], below, y)]
+        by_u, by_y = (lfilter([1.0], below, signal) for signal in (late, y))
+        columns = [*_sensitivities(by_u, by_y, order), by_y]
         found = _least_squares(np.column_stack([c[::every] for c in columns]))
         above, below = found[:order], _stable(np.concatenate([[1.0], found[order:]]))
         misfit = float(np.sum((y - lfilter(above, below, late)) ** 2))
@@ -152,7 +153,8 @@ def _refined(u: Array, y: Array, best: _Found) -> _Found:
     late, damping, order = delayed(u, best.delay), 1e-6, best.below.size - 1
     for _ in range(_REFINEMENTS):
         output = lfilter(best.above, best.below, late)
-        rows = np.column_stack([*_sensitivities(best.below, late, output, order), y - output])
+        by_u, by_output = (lfilter([1.0], best.below, signal) for signal in (late, output))
+        rows = np.column_stack([*_sensitivities(by_u, by_output, order), y - output])
         last = best
         while damping < 1e3:
             step = _least_squares(rows, damping)
@@ -169,10 +171,9 @@ def _refined(u: Array, y: Array, best: _Found) -> _Found:
     return best
 
 
-def _sensitivities(below: Array, u: Array, y: Array, order: int) -> list[Array]:
-    """What B and F change in an output y of theirs: u/F and -y/F, each sample by sample later."""
-    by_u, by_y = lfilter([1.0], below, u), -lfilter([1.0], below, y)
-    return [*(delayed(by_u, d) for d in range(order)), *(delayed(by_y, d) for d in range(1, order + 1))]
+def _sensitivities(by_u: Array, by_y: Array, order: int) -> list[Array]:
+    """What B and F change in an output y of theirs, from u/F and y/F: u/F and -y/F, each sample by sample later."""
+    return [*(delayed(by_u, d) for d in range(order)), *(delayed(-by_y, d) for d in range(1, order + 1))]
 
 
 def _least_squares(rows: Array, damping: float = 0.0) -> Array:

@@ -299,4 +299,4 @@ def test_every_slot_gives_a_line_or_a_run(tmp_path, monkeypatch):
 @pytest.mark.parametrize("seed", [3])
 def test_many_more_mutations(tmp_path, monkeypatch, seed):
     monkeypatch.chdir(tmp_path)
-    check(400, seed, tmp_path)
+    check(200, seed, tmp_path)

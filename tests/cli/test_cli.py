@@ -71,7 +71,7 @@ def test_run_prints_the_metrics_of_every_variant_and_where_the_files_are(forcect
     assert set(metrics) == {"K_I = 1.5 1/s", "K_I = 3 1/s", "K_I = 4.5 1/s"}
 
 
-def test_run_of_one_variant_with_settings_goes_to_a_numbered_directory(forcectl, tmp_path):
+def test_run_of_one_variant_with_settings_goes_to_a_numbered_directory(forcectl, tmp_path, without_pictures):
     arguments = (
         "run",
         "fig_2_7",
@@ -95,7 +95,7 @@ def test_run_of_one_variant_with_settings_goes_to_a_numbered_directory(forcectl,
     assert log["variant"].item() == "K_I = 3 1/s"
 
 
-def test_the_tag_of_a_slot_can_be_changed_from_the_command_line(forcectl, tmp_path):
+def test_the_tag_of_a_slot_can_be_changed_from_the_command_line(forcectl, tmp_path, without_pictures):
     code, _, _ = forcectl(
         "run", "fig_2_8", "--set", "controller=!AdaptiveIntegral", "--set", "duration=0.3", "--set", "expect=[]"
     )
@@ -105,7 +105,7 @@ def test_the_tag_of_a_slot_can_be_changed_from_the_command_line(forcectl, tmp_pa
     assert "forgetting: 0.995" in text
 
 
-def test_a_missed_expectation_is_exit_code_1_with_the_results_kept(forcectl, tmp_path):
+def test_a_missed_expectation_is_exit_code_1_with_the_results_kept(forcectl, tmp_path, without_pictures):
     (tmp_path / "own.yaml").write_text(
         "duration: 0.5\nexpect: [{target: impossible, metric: peak_force_N, maximum: 0.0, strict: true}]\n"
     )
@@ -115,7 +115,7 @@ def test_a_missed_expectation_is_exit_code_1_with_the_results_kept(forcectl, tmp
     assert (tmp_path / "here" / "manifest.json").exists()
 
 
-def test_a_run_that_has_to_stop_is_exit_code_1_with_one_line_and_the_log_kept(forcectl, tmp_path):
+def test_a_run_that_has_to_stop_is_exit_code_1_with_one_line_and_the_log_kept(forcectl, tmp_path, without_pictures):
     code, out, err = forcectl("run", "fig_2_8", "--set", "station.drive.servo.position_gain=1e9", "--out", "here")
     assert (code, out) == (1, "")
     assert err.startswith("error: variant 'default': ")

@@ -105,7 +105,7 @@ def test_zero_force_lifts_off_no_further_than_needed_and_the_next_step_is_as_goo
 # --- motion along the surface ----------------------------------------------------------------------------------------
 
 
-@pytest.mark.parametrize("fidelity", ["Kinematic", "Multibody"])
+@pytest.mark.parametrize("fidelity", ["Kinematic", pytest.param("Multibody", marks=pytest.mark.slow)])
 def test_moving_along_the_surface_keeps_the_force(fidelity: str) -> None:
     motion = {"direction": [1.0, 0.0, 0.0], "distance": 0.02, "speed": 0.01, "start_time": 2.0}
     log = simulate(fidelity, 5.0, {"motion": motion, "reference": {"force": FORCE}})
@@ -155,7 +155,7 @@ def test_adaptive_controller_learns_the_compliance_of_the_environment(
     assert values(log, "measured_force")[-1] == pytest.approx(FORCE, rel=0.02)
 
 
-@pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic"])
+@pytest.mark.parametrize("fidelity", ["OneDimensional", pytest.param("Kinematic", marks=pytest.mark.slow)])
 def test_after_learning_a_second_step_is_that_of_the_known_compliance(fidelity: str) -> None:
     reference = SequenceConfig(times=[0.0, 5.0], forces=[FORCE, 25.0])
     changes = {"reference": reference, "station__drive__servo__ideal": True, "station__sensors__force": quiet_sensor()}

@@ -110,7 +110,7 @@ def test_elastic_joints_change_little():
     assert np.linalg.norm(found - size * DIRECTIONS, axis=1).max() < 0.02 * size
 
 
-@pytest.mark.parametrize("kind", ["nan", "frozen", "lost"])
+@pytest.mark.parametrize("kind", ["nan", *(pytest.param(kind, marks=pytest.mark.slow) for kind in ("frozen", "lost"))])
 def test_faulty_readings_hold_the_estimate(kind):
     """A tenth of a second of them under a load: nothing is felt that is not there, and the flag is down meanwhile."""
     name, tool, size = LIGHT

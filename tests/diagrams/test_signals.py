@@ -33,6 +33,7 @@ def scenario(text: str = ARM, **changes):
     return parse(text, "own.yaml") | changes
 
 
+@pytest.mark.slow
 def test_two_laws_press_with_two_arms_on_two_surfaces():
     result = fc.run(scenario())
     log = result.log

@@ -6,6 +6,7 @@ import re
 from pathlib import Path
 
 import numpy as np
+import pytest
 
 import forcectl as fc
 from forcectl.framework.yaml_tree import parse
@@ -21,6 +22,7 @@ def test_the_loads_of_the_first_example_are_estimated():
     assert abs(float(held["estimated_wrench"].mean()) + 20.0) < 4.0
 
 
+@pytest.mark.slow
 def test_the_second_example_presses_without_a_sensor():
     """Both the estimate and the true force come near 10 N; friction at a tenth is what lies between them."""
     log = fc.run(parse(SENSORLESS, "sensorless.yaml")).log

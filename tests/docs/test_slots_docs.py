@@ -5,6 +5,7 @@ from __future__ import annotations
 import importlib
 import re
 import sys
+from functools import cache
 from pathlib import Path
 
 import numpy as np
@@ -65,7 +66,7 @@ def test_objects_and_import_paths_give_the_same_run(folder):
         np.testing.assert_array_equal(ours[name].values, theirs[name].values)
 
 
-@pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", "Multibody"])
+@pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", pytest.param("Multibody", marks=pytest.mark.slow)])
 def test_a_surface_of_ones_own_is_pressed_on_in_every_fidelity(folder, fidelity):
     """F = k d^1.5 with the true depth of the links, or the force law would not come to rest at 8 N."""
     surface = importlib.import_module("my_parts").HertzSurface()
@@ -98,8 +99,18 @@ def test_an_estimator_of_ones_own_is_logged(folder):
     np.testing.assert_allclose(base.log["torque_impulse"].values[1:], 0.004 * np.cumsum(torque)[:-1], atol=1e-9)
 
 
+@cache
+def reach():
+    return fc.run("my_reach.yaml").log
+
+
+@cache
+def reach_with_slow_joints():
+    return fc.run("my_reach.yaml", overrides={"controller.null_space": JointSpeedConfig()}).log
+
+
 def test_a_task_of_ones_own_is_reached(folder):
-    log = fc.run("my_reach.yaml").log
+    log = reach()
     place = log["task_position"].values
     assert place.shape[1] == 4  # z of the left arm, and the right one's place in its tool's frame
     assert abs(place[0, 0] - 0.2) > 0.01
@@ -122,10 +133,7 @@ def test_a_constraint_of_ones_own_is_kept(folder):
 
 
 def test_a_potential_of_ones_own_leads_the_joints_that_the_tasks_leave_free(folder):
-    ours, theirs = (
-        fc.run("my_reach.yaml", overrides=changes).log
-        for changes in ({}, {"controller.null_space": JointSpeedConfig()})
-    )
+    ours, theirs = reach(), reach_with_slow_joints()
     q, other = ours["joint_position_command"].values[-1, 4], theirs["joint_position_command"].values[-1, 4]
     assert q == pytest.approx(0.5, abs=0.02)
     assert abs(other) < 0.1
@@ -173,9 +181,9 @@ def test_an_excitation_of_ones_own_is_pressed_with(folder):
 
 def test_a_criterion_of_ones_own_leads_joints_back(folder):
     mine = importlib.import_module("my_parts").Homewards()
+    led = fc.run("my_reach.yaml", overrides={"controller.null_space": mine}).log
     away = []
-    for criterion in (mine, JointSpeedConfig()):
-        log = fc.run("my_reach.yaml", overrides={"controller.null_space": criterion}).log
+    for log in (led, reach_with_slow_joints()):
         q = log["joint_position_command"].values
         away.append(np.linalg.norm(q[-1] - q[0]))
     assert away[0] < away[1]

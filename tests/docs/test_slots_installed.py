@@ -146,7 +146,14 @@ def test_the_page_and_the_package_fill_the_slots() -> None:
     assert set(ANNOUNCED) == set(CONTRACTS)
 
 
-@pytest.mark.parametrize(("scenario", "has"), [(PRESS, "figure"), (REACH, ""), (SLIDE, ""), (TUNE, ""), (HOME, "")])
+@pytest.mark.parametrize(
+    ("scenario", "has"),
+    [
+        *(pytest.param(*case, marks=pytest.mark.slow) for case in ((PRESS, "figure"), (REACH, ""), (SLIDE, ""))),
+        (TUNE, ""),
+        (HOME, ""),
+    ],
+)
 def test_tags_of_an_installed_package_run(site: Path, tmp_path: Path, scenario: str, has: str) -> None:
     (tmp_path / "workcell.yaml").write_text(scenario)
     done = command(site, tmp_path, "run", "workcell.yaml", "--out", "result")

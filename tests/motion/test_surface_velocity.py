@@ -20,7 +20,7 @@ SHAPE: dict[str, Any] = {"times": [0.0, 0.5, 1.0, 1.6], "velocities": [0.02, -0.
 
 def place(times: np.ndarray, acceleration: float) -> np.ndarray:
     """Path coordinate by hand: speeds reached with the acceleration, integrated finely [m]."""
-    h, v, s, found = 1e-5, 0.0, 0.0, [0.0]
+    h, v, s, found = 1e-4, 0.0, 0.0, [0.0]
     for t in np.arange(0.0, times[-1], h):
         wanted = SHAPE["velocities"][int(np.searchsorted(SHAPE["times"], t + 1e-9, side="right")) - 1]
         after = v + np.clip(wanted - v, -acceleration * h, acceleration * h)

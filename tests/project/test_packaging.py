@@ -66,6 +66,7 @@ def expected_files(root: Path) -> set[str]:
     return files
 
 
+@pytest.mark.slow
 def test_the_wheel_holds_code_and_data_of_all_four_folders(archives):
     names = set(zipfile.ZipFile(archives.wheel).namelist())
     expected = expected_files(archives.copy)

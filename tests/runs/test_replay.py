@@ -94,6 +94,7 @@ thread.join()
 """
 
 
+@pytest.mark.slow
 def test_no_thread_but_the_one_that_wrote_a_replay_ends_its_meshcat(tmp_path):
     # Drake aborts the process otherwise: the threads of a pool of processes have done so.
     command = [sys.executable, "-c", OTHER_THREAD, tmp_path / "replay.html"]

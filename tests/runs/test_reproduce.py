@@ -92,6 +92,7 @@ def test_variants_and_fidelities_run_in_processes_and_are_judged(files, monkeypa
         assert part in output.out
 
 
+@pytest.mark.slow
 def test_results_are_there_once_an_experiment_has_run_and_one_that_cannot_be_drawn_costs_no_other(files, monkeypatch):
     (files / "plain.yaml").write_text("title: Plain\nduration: 0.2\n")
     draw, known = run_module._write_pictures, []

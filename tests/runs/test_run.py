@@ -178,19 +178,19 @@ def test_the_run_directory_is_complete_and_runs_again(tmp_path):
     np.testing.assert_array_equal(again.log["measured_force"], log["measured_force"])
 
 
-def test_same_seed_same_bits_in_another_process_other_seed_other_bits(tmp_path):
+@pytest.mark.slow
+def test_same_seed_same_bits_in_another_process_other_seed_other_bits(tmp_path, without_pictures):
     code = """import sys, forcectl as fc
-fc.run('fig_2_8', overrides={'duration': 0.6}, seed=int(sys.argv[1]), out=sys.argv[2])"""
-    for seed, name in (("3", "a"), ("4", "b")):
-        subprocess.run([sys.executable, "-c", code, seed, str(tmp_path / name)], check=True, timeout=120)
-    here = fc.run("fig_2_8", overrides=SHORT, seed=3, out=tmp_path / "here")
-    same, other = (read_netcdf(tmp_path / name / "log.nc") for name in "ab")
-    assert here.log.identical(same)
-    assert (tmp_path / "here" / "log.nc").read_bytes() == (tmp_path / "a" / "log.nc").read_bytes()
-    assert not np.array_equal(same["measured_force"], other["measured_force"])
+fc.run('fig_2_8', overrides={'duration': 0.6}, seed=3, out=sys.argv[1])"""
+    subprocess.run([sys.executable, "-c", code, str(tmp_path / "there")], check=True, timeout=120)
+    here, other = (fc.run("fig_2_8", overrides=SHORT, seed=seed, out=tmp_path / str(seed)) for seed in (3, 4))
+    assert here.log.identical(read_netcdf(tmp_path / "there" / "log.nc"))
+    same, different = ((tmp_path / name / "log.nc").read_bytes() for name in "34")
+    assert (tmp_path / "there" / "log.nc").read_bytes() == same != different
+    assert not np.array_equal(here.log["measured_force"], other.log["measured_force"])
 
 
-def test_an_existing_directory_is_refused_and_force_replaces_only_runs(tmp_path):
+def test_an_existing_directory_is_refused_and_force_replaces_only_runs(tmp_path, without_pictures):
     fc.run("fig_2_8", overrides=SHORT, out=tmp_path / "run")
     with pytest.raises(BadInputError, match=r"output '.*run' exists: .*--force"):
         fc.run("fig_2_8", overrides=SHORT, out=tmp_path / "run")
@@ -244,7 +244,7 @@ def test_a_run_that_goes_wrong_stops_with_signal_and_time_and_keeps_the_log(laws
         assert isinstance(caught.value.__cause__, KeyError)
 
 
-def test_a_solver_that_gives_up_is_a_failed_run(tmp_path):
+def test_a_solver_that_gives_up_is_a_failed_run(tmp_path, without_pictures):
     overrides = {"station.drive.servo.position_gain": 1e9, "duration": 1.0}
     with pytest.raises(StoppedRunError, match=r"at t = 0\.\d{4} s"):
         fc.run("fig_2_8", overrides=overrides, fidelity="Multibody", out=tmp_path / "run")
@@ -283,7 +283,7 @@ def test_a_scenario_object_or_mapping_runs_too():
     np.testing.assert_array_equal(a.log["measured_force"], b.log["measured_force"])
 
 
-def test_overrides_may_be_config_objects_and_stay_readable_in_the_manifest(tmp_path):
+def test_overrides_may_be_config_objects_and_stay_readable_in_the_manifest(tmp_path, without_pictures):
     law = IntegralConfig(integral_gain=2.0, upper_limit=0.05)
     fc.run("fig_2_8", overrides=SHORT | {"controller": law}, out=tmp_path / "run")
     kept = json.loads((tmp_path / "run" / "manifest.json").read_text())["overrides"]

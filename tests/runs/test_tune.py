@@ -25,7 +25,9 @@ from tests.runs.test_recorded import good, write
 def experiment(tmp_path_factory):
     """The directory of a run of the open-loop experiment of Fig. 4.5."""
     directory = tmp_path_factory.mktemp("runs") / "experiment"
-    run("fig_4_5", overrides={"expect": []}, fidelity="OneDimensional", out=directory)
+    with pytest.MonkeyPatch.context() as patch:
+        patch.setattr("forcectl.runs.run._write_pictures", lambda *_: None)
+        run("fig_4_5", overrides={"expect": []}, fidelity="OneDimensional", out=directory)
     return directory
 
 
@@ -36,6 +38,7 @@ def test_help_has_an_example(forcectl):
         assert "forcectl tune vrft record.csv --reference-model 1.5" in " ".join(out.split())
 
 
+@pytest.mark.slow
 def test_log_of_a_run_gives_a_controller_that_runs_as_predicted(forcectl, experiment, tmp_path):
     code, out, err = forcectl("tune", "vrft", experiment / "log.nc", "--reference-model", 1.5, "--out", "tuned")
     assert (code, err) == (0, "")
@@ -60,7 +63,7 @@ def test_log_of_a_run_gives_a_controller_that_runs_as_predicted(forcectl, experi
     assert missed == pytest.approx(report["prediction"]["model_mismatch"], abs=0.05)
 
 
-def test_the_controller_fits_into_another_scenario(forcectl, experiment, tmp_path):
+def test_the_controller_fits_into_another_scenario(forcectl, experiment, tmp_path, without_pictures):
     tuned = tune_vrft(experiment / "log.nc", 1.5, out=tmp_path / "tuned")
     scenario = load_scenario(tmp_path / "tuned" / "controller.yaml")
     assert scenario.controller.proportional_gain == tuned.fit.pid.proportional
@@ -84,7 +87,9 @@ def exported(experiment, path, missing=()):
     return write(path, {name: np.delete(values, list(missing)) for name, values in columns.items()}, "exported.csv")
 
 
-def test_exported_csv_with_shuffled_columns_and_other_units_gives_the_same_gains(forcectl, experiment, tmp_path):
+def test_exported_csv_with_shuffled_columns_and_other_units_gives_the_same_gains(
+    forcectl, experiment, tmp_path, without_pictures
+):
     """Acceptance 5 of issue 4, as far as the record is complete."""
     path = exported(experiment, tmp_path)
     code, _, err = forcectl(
@@ -159,7 +164,8 @@ def test_a_second_record_of_another_experiment_is_refused(tmp_path, column):
         tune_vrft(write(tmp_path, columns), 1.5, second=other)
 
 
-def test_where_friction_misleads_the_plant_model_the_rests_say_how_stiff_the_contact_is(tmp_path):
+@pytest.mark.slow
+def test_where_friction_misleads_the_plant_model_the_rests_say_how_stiff_the_contact_is(tmp_path, without_pictures):
     """The moves of Fig. 4.10, where the drive sticks: no linear model predicts the loop, but the record shows it."""
     run("fig_4_8", variant="plastic", overrides={"expect": []}, fidelity="OneDimensional", out=tmp_path / "run")
     tuned = tune_vrft(tmp_path / "run" / "log.nc", 1.5)
@@ -184,7 +190,7 @@ def test_a_record_that_does_not_tell_the_stiffness_is_refused(tmp_path):
     assert "\n" not in str(caught.value)
 
 
-def test_noise_is_reported_with_what_it_takes(forcectl, tmp_path):
+def test_noise_is_reported_with_what_it_takes(forcectl, tmp_path, without_pictures):
     code, out, _ = forcectl("tune", "vrft", record_file(tmp_path, noise=0.05), "--reference-model", 1.5)
     assert code == 0
     assert "warning: K_D is not identifiable" in out
@@ -220,7 +226,7 @@ def test_displacements_of_the_other_sign_are_refused_or_turned(tmp_path):
     assert (tune_vrft(path, 1.5, flip_input=True).fit.gains[:2] < 0).all()
 
 
-def test_a_result_is_replaced_only_on_request(tmp_path):
+def test_a_result_is_replaced_only_on_request(tmp_path, without_pictures):
     path = record_file(tmp_path)
     tune_vrft(path, 1.5, out=tmp_path / "tuned")
     with pytest.raises(BadInputError, match="--force"):
@@ -285,7 +291,7 @@ def test_models_of_higher_order_are_tuned_for(tmp_path):
     assert reference_model_config(2.0).bandwidth == 2.0
 
 
-def test_one_variant_of_a_log_with_several_is_picked(tmp_path):
+def test_one_variant_of_a_log_with_several_is_picked(tmp_path, without_pictures):
     run("fig_2_7", overrides={"expect": [], "duration": 3.0}, fidelity="OneDimensional", out=tmp_path / "run")
     log = tmp_path / "run" / "log.nc"
     with pytest.raises(BadInputError, match=r"several variants.*K_I = 3 1/s"):

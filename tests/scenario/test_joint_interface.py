@@ -71,7 +71,7 @@ def test_a_run_leaves_what_every_run_leaves(short, monkeypatch, capfd):
     assert set(LOOP_METRICS) <= set(metrics["rigid"])
 
 
-def test_the_resolved_scenario_gives_the_same_run(short):
+def test_the_resolved_scenario_gives_the_same_run(short, without_pictures):
     first = fc.run(short, variant="rigid", out="first")
     again = fc.run(short.parent / "first" / "scenario.yaml", variant="rigid")
     for name in first.log.data_vars:
@@ -192,6 +192,7 @@ def test_motion_metrics_have_units_and_meanings():
         assert meaning
 
 
+@pytest.mark.slow
 def test_reproduce_runs_what_has_one_fidelity_on_that_whatever_is_asked_for(short):
     report = fc.reproduce([short], fidelity="Kinematic", workers=1, out="rep")
     (part,) = report.parts

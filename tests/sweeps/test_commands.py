@@ -4,6 +4,7 @@ import pytest
 from tests.sweeps.small_sweeps import FAILING, STIFFNESS, small, write
 
 
+@pytest.mark.slow
 def test_a_sweep_shards_merge_and_status(forcectl, tmp_path):
     file = write(tmp_path)
     code, out, _ = forcectl("sweep", file, "--out", "whole", "--engine", "sequential")

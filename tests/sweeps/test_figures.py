@@ -232,6 +232,7 @@ def test_figures_are_whole_and_their_labels_apart(name, tmp_path):
                 assert all(a.x1 < b.x0 for a, b in itertools.pairwise(ends)), (one.name, [str(one) for one in labels])
 
 
+@pytest.mark.slow
 def test_the_same_table_gives_the_same_files(tmp_path):
     study, table, _ = made(GRID, overshoot)
     results = results_in(tmp_path, study)

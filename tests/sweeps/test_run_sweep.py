@@ -99,6 +99,7 @@ def test_failures_are_rows_and_may_be_tried_again(tmp_path):
         fc.sweep(sweep, out=tmp_path / "fast", fail_fast=True, engine="sequential", report=False)
 
 
+@pytest.mark.slow
 def test_objects_from_python_are_used_and_written_down(tmp_path):
     values = [IntegralConfig(integral_gain=1.0), IntegralConfig(integral_gain=4.0)]
     result = fc.sweep(

@@ -128,6 +128,7 @@ def test_where_all_trials_failed_nothing_is_kept(tmp_path):
     assert keep_worst(study, results_in(tmp_path, study), table) == []
 
 
+@pytest.mark.slow
 def test_a_real_trial_is_repeated_exactly(tmp_path):
     config = BASE | {
         "keys": {GAIN: [1.0, 4.0]},

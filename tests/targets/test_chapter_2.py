@@ -10,7 +10,6 @@ from tests.examples.experiment_runs import run_experiment
 
 LIGHT = ("OneDimensional", "Kinematic")
 GAINS = (1.5, 3.0, 4.5)
-every_fidelity = pytest.mark.parametrize("fidelity", [*LIGHT, "Multibody"])
 slow_multibody = pytest.mark.parametrize("fidelity", [*LIGHT, pytest.param("Multibody", marks=pytest.mark.slow)])
 light_fidelities = pytest.mark.parametrize("fidelity", LIGHT)
 
@@ -23,13 +22,13 @@ def by_gain(fidelity: str, metric: str) -> list[float]:
     return [float(value) for value in values if value is not None]
 
 
-@every_fidelity
+@slow_multibody
 def test_fig_2_7_a_higher_gain_rises_faster(fidelity: str) -> None:
     slow, medium, fast = by_gain(fidelity, "time_to_90pct_s")
     assert slow > medium > fast
 
 
-@every_fidelity
+@slow_multibody
 def test_fig_2_7_a_higher_gain_overshoots_more_within_the_bands(fidelity: str) -> None:
     low, medium, high = by_gain(fidelity, "overshoot_pct")
     assert low <= 2.0
@@ -44,7 +43,7 @@ def test_fig_2_7_the_default_plant_is_the_calibrated_one(fidelity: str) -> None:
     np.testing.assert_allclose(by_gain(fidelity, "time_to_90pct_s"), [1.23, 0.57, 0.42], atol=0.01)
 
 
-@every_fidelity
+@slow_multibody
 def test_fig_2_7_the_highest_gain_hunts_and_the_lowest_comes_to_rest(fidelity: str) -> None:
     force = run_experiment("fig_2_7", fidelity).log["contact_force"]
     late = force.sel(time=slice(4.0, 6.0))
@@ -53,7 +52,7 @@ def test_fig_2_7_the_highest_gain_hunts_and_the_lowest_comes_to_rest(fidelity: s
     assert swing[4.5] > 0.5
 
 
-@every_fidelity
+@slow_multibody
 def test_fig_2_8_the_response_lags_its_model_and_then_leads_it(fidelity: str) -> None:
     (metrics,) = run_experiment("fig_2_8", fidelity).metrics.values()
     # 4.05 N of Table 4.1 at 20 N, scaled to 15 N.

@@ -23,7 +23,7 @@ def metric(experiment: str, variant: str, name: str) -> float:
     return float(value)
 
 
-@pytest.mark.parametrize("experiment", ["fig_3_4", "fig_3_5"])
+@pytest.mark.parametrize("experiment", ["fig_3_4", pytest.param("fig_3_5", marks=pytest.mark.slow)])
 def test_experiments_meet_what_they_expect(experiment: str) -> None:
     assert [verdict.target for verdict in result(experiment).verdicts if not verdict.passed] == [], "each is judged"
 
@@ -57,6 +57,7 @@ def test_fig_3_4_invariance_control_rises_like_its_nominal_law() -> None:
 # --- Fig. 3.5 --------------------------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", CORRECTED)
 def test_fig_3_5_no_steady_error_and_no_overshoot_but_slower(law: str) -> None:
     settling = metric("fig_3_5", law, "step_1.settling_time_5pct_s")
@@ -69,6 +70,7 @@ def test_fig_3_5_no_steady_error_and_no_overshoot_but_slower(law: str) -> None:
     assert integral == pytest.approx(1.81, abs=0.01)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("law", CORRECTED)
 def test_fig_3_5_a_second_step_is_as_fast_as_with_the_compliance_known(law: str) -> None:
     known = metric("fig_3_5", f"{law}, compliance known", "step_2.settling_time_5pct_s")

@@ -87,7 +87,8 @@ def material(name: str, campaign: str = "") -> tuple[np.ndarray, np.ndarray]:
     return recorded(forcectl.run("fig_4_8", variant=name, overrides=station, fidelity="OneDimensional").log)
 
 
-@pytest.mark.parametrize("campaign", ["", pytest.param(", second campaign", marks=pytest.mark.slow)])
+@pytest.mark.slow
+@pytest.mark.parametrize("campaign", ["", ", second campaign"])
 @pytest.mark.parametrize("name", MATERIALS)
 def test_the_gains_of_table_4_2_are_those_of_the_recursion(name: str, campaign: str) -> None:
     controller = load_scenario("table_4_2", name + campaign).controller
@@ -95,6 +96,7 @@ def test_the_gains_of_table_4_2_are_those_of_the_recursion(name: str, campaign: 
     np.testing.assert_allclose([getattr(controller, gain) for gain in GAINS], final, rtol=5e-4)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MATERIALS)
 def test_figs_4_8_to_4_10_the_recursion_ends_where_batch_least_squares_does(name: str) -> None:
     """From zero with P_0 = 100 I on the same regressors: K_P and K_I to 1e-5, K_D to 1e-3. The block does the same."""
@@ -107,6 +109,7 @@ def test_figs_4_8_to_4_10_the_recursion_ends_where_batch_least_squares_does(name
     np.testing.assert_allclose([metrics[gain] for gain in GAINS], before, rtol=1e-9)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("name", MATERIALS)
 def test_figs_4_8_to_4_10_the_printed_pairing_is_close_to_the_exact_one(name: str) -> None:
     """(4.27) as printed pairs u[k] with y[k]; with the exact inverse of M: K_P to 1 %, K_I to 1e-3."""
@@ -117,6 +120,7 @@ def test_figs_4_8_to_4_10_the_printed_pairing_is_close_to_the_exact_one(name: st
     assert printed[1] == pytest.approx(exact[1], rel=1e-3)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("campaign", ["", ", second campaign"])
 def test_table_4_2_is_in_order(campaign: str) -> None:
     metrics = [result("table_4_2").metrics[name + campaign] for name in MATERIALS]
@@ -125,6 +129,7 @@ def test_table_4_2_is_in_order(campaign: str) -> None:
         assert aluminium < wood < plastic
 
 
+@pytest.mark.slow
 def test_the_dead_time_grows_with_the_stiffness() -> None:
     """0.057 s on springs, 0.088, 0.118, 0.124 s: what Sec. 4.6.3 calls T_d = 0.08 s."""
     lags = [result("table_4_1").metrics["VRFT"]["lag_behind_model_5pct_s"]]

@@ -22,6 +22,7 @@ def result(experiment: str = "fig_4_14") -> ExperimentRun:
     return run_experiment(experiment, "OneDimensional")
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("material", MATERIALS)
 @pytest.mark.parametrize(("variant", "bandwidth"), [("VRFT", 1.5), ("VRFT for 7.5 rad/s", 7.5), ("governed", 1.5)])
 def test_the_gains_are_those_of_the_open_loop_experiment(material: str, variant: str, bandwidth: float) -> None:
@@ -36,12 +37,14 @@ def test_the_gains_are_those_of_the_open_loop_experiment(material: str, variant:
     np.testing.assert_allclose(written, (fit.pid.proportional, fit.pid.integral, fit.pid.derivative), rtol=5e-4)
 
 
+@pytest.mark.slow
 def test_the_experiment_meets_what_it_expects() -> None:
     verdicts = result().verdicts
     assert len(verdicts) == 12
     assert [verdict.target for verdict in verdicts if not verdict.passed] == []
 
 
+@pytest.mark.slow
 def test_the_governor_starts_as_the_thesis_has_it() -> None:
     log = result().log
     for material in MATERIALS:
@@ -50,6 +53,7 @@ def test_the_governor_starts_as_the_thesis_has_it() -> None:
         assert np.all(np.ravel(log["governor_status"].sel(variant=f"{material}, governed").values) == 0)
 
 
+@pytest.mark.slow
 def test_numbers_of_the_calibrated_plant() -> None:
     """What the targets expect of the one-dimensional plant."""
     for material, overshoot in zip(MATERIALS, (15, 16, 16), strict=True):

@@ -51,7 +51,8 @@ def test_fig_3_10_settles_first_and_is_the_calibrated_one() -> None:
     np.testing.assert_allclose([fourth, constraint, integral], [1.38, 2.26, 2.07], rtol=0.03)
 
 
-@pytest.mark.parametrize("seed", [1, *(pytest.param(seed, marks=pytest.mark.slow) for seed in (2, 3))])
+@pytest.mark.slow
+@pytest.mark.parametrize("seed", [1, 2, 3])
 def test_fig_3_10_does_not_depend_on_the_noise_drawn(seed: int) -> None:
     metrics = run_variant("fig_3_10", "relative degree 4", seed=seed).metrics
     assert metrics["overshoot_pct"] <= 1.0

@@ -21,8 +21,8 @@ from forcectl.tasks.program import TaskProgram, task_levels
 from tests.examples.reactive_examples import N, arm_tasks, at, two_arms
 from tests.examples.reference_program import clarabel, distance_from_optimum
 
-# 10 000 take some seconds.
-TICKS = int(os.environ.get("FORCECTL_RANDOM_TICKS", "10000"))
+# 10 000 take five seconds: half of them at every change.
+TICKS = int(os.environ.get("FORCECTL_RANDOM_TICKS", "5000"))
 PERIOD, LENGTH = 0.004, 0.28
 
 

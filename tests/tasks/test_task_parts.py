@@ -41,6 +41,7 @@ def test_a_follower_keeps_its_pose_in_the_leaders_frame():
     np.testing.assert_allclose(result.log["task_position"].values[0, 9:], angles_of(poses[0].rotation), atol=1e-3)
 
 
+@pytest.mark.slow
 def test_targets_as_tasks_are_the_same_run_as_targets_of_poses():
     turned = np.radians([10.0, 0.0, 0.0]).tolist()
     poses = "{targets: [{arm: left, time: 0.1, position: [0.3, 0.2, 0.25], turn_deg: [10, 0, 0]}]}"

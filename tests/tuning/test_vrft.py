@@ -176,6 +176,7 @@ def test_an_instrument_changes_nothing_without_noise_where_the_controller_is_exa
     np.testing.assert_allclose(fit.gains, plain.gains, rtol=1e-8)
 
 
+@pytest.mark.slow
 def test_standard_errors_cover_the_scatter_of_seeds():
     basis = continuous_pid(TS).only("K_P", "K_I")
     u, y = record(lags=(12.6,))

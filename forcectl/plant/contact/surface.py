@@ -272,7 +272,8 @@ class SurfaceConfig(Config, in_batches=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        self._added(self._grid())
+        if self.heights:
+            self._added(self._grid())
 
     @property
     def flat(self) -> bool:

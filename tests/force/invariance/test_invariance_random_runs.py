@@ -20,8 +20,8 @@ from tests.examples.robot_controller_runs import (
     tips,
 )
 
-# 1000 take two minutes: a fifth of them at every change.
-RUNS = int(os.environ.get("FORCECTL_RANDOM_RUNS", "150"))
+# 1000 take two minutes: a tenth of them at every change.
+RUNS = int(os.environ.get("FORCECTL_RANDOM_RUNS", "100"))
 
 
 def random_run(seed: int, ticks: int = 250) -> float:

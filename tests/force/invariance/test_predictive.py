@@ -232,7 +232,7 @@ def test_bad_values_are_named(values, told):
         PredictiveInvarianceConfig(**values)
 
 
-@pytest.mark.parametrize("stiffness", [1e4, 1e6])
+@pytest.mark.parametrize("stiffness", [pytest.param(1e4, marks=pytest.mark.slow), 1e6])
 def test_sliding_at_20_mm_s_on_the_multibody_robot(stiffness):
     """At most 2 % of overshoot, measured and true, and settled in 0.65 s; the integral law takes 1.1 s or more."""
     name = f"1e{round(np.log10(stiffness))} N/m slope, predictive"

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 import math
+from functools import cache
 
 import numpy as np
 import pytest
@@ -50,10 +51,9 @@ def test_there_is_no_hand_over_with_gains_that_cannot_regulate(bad):
     assert elements[-1].tolist() == [REGULATE, EXCITE]
 
 
-def one_run(fidelity: str, **changes: object) -> forcectl.runs.run.RunResult:
-    controller = RecursiveVrftConfig(excitation=SHORT, **changes)
+def one_run(fidelity: str) -> forcectl.runs.run.RunResult:
     overrides = {
-        "controller": controller,
+        "controller": RecursiveVrftConfig(excitation=SHORT),
         "reference": StepConfig(force=10.0, start_time=3.4),
         "duration": 7.5,
         "station.fidelity": fidelity,
@@ -61,9 +61,14 @@ def one_run(fidelity: str, **changes: object) -> forcectl.runs.run.RunResult:
     return forcectl.run("table_4_1", variant="VRFT", overrides=overrides)
 
 
+@cache
+def kept_run(fidelity: str) -> forcectl.runs.run.RunResult:
+    return one_run(fidelity)
+
+
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", pytest.param("Multibody", marks=SLOW)])
 def test_it_tunes_hands_over_without_a_jump_and_regulates_on_every_fidelity(fidelity):
-    result = one_run(fidelity)
+    result = kept_run(fidelity)
     (metrics,) = result.metrics.values()
     assert metrics["hand_over_time_s"] == pytest.approx(SHORT.end_time(), abs=2 * PERIOD)
     assert metrics["hand_over_jump_m"] < 1e-6
@@ -79,7 +84,7 @@ def test_it_tunes_hands_over_without_a_jump_and_regulates_on_every_fidelity(fide
 
 
 def test_a_second_run_and_another_order_of_calls_give_the_same_numbers():
-    first, second = (one_run("OneDimensional").log["measured_force"].values for _ in range(2))
+    first, second = (run("OneDimensional").log["measured_force"].values for run in (kept_run, one_run))
     np.testing.assert_array_equal(first, second)
 
 
@@ -129,7 +134,7 @@ def test_bad_values_are_refused_by_name(name, value):
 
 
 def test_gains_are_logged_under_their_names():
-    log = one_run("OneDimensional").log
+    log = kept_run("OneDimensional").log
     for name in (*GAINS, "mode", "controller_output"):
         assert name in log
 

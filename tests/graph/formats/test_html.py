@@ -117,6 +117,7 @@ def test_blocks_tell_parameters_ports_states_and_sample_time():
     assert ["y0", "1 · N", "reference"] in signals.values()  # the unit that its target knows
 
 
+@pytest.mark.slow
 def test_states_stay_within_bounds_and_reach_every_diagram():
     model = graph(random_diagram(40, 1))
     states = fold_states(model)
@@ -139,6 +140,7 @@ def test_the_browser_shows_the_blocks(tmp_path):
         assert f">{name}<" in scene
 
 
+@pytest.mark.slow
 @needs_chromium
 def test_a_screenshot_shows_more_than_an_empty_page(tmp_path):
     picture, blank = tmp_path / "page.png", tmp_path / "blank.png"

@@ -16,7 +16,7 @@ import matplotlib as mpl
 import matplotlib.image
 import numpy as np
 import pytest
-from matplotlib.backends.backend_agg import FigureCanvasAgg
+from matplotlib.backends.backend_agg import RendererAgg
 from matplotlib.text import Text
 from matplotlib.transforms import Affine2D
 
@@ -60,7 +60,7 @@ def test_names_stay_inside_their_boxes(make, depth):
     picture = Layouter(model).picture()
     figure = figure_of(model, picture, 96.0)
     figure.set_dpi(96.0 * FINE)  # at which no letter is fitted to whole pixels
-    renderer = FigureCanvasAgg(figure).get_renderer()
+    renderer = RendererAgg(1, 1, figure.dpi)  # letters are measured and not drawn
     to_picture = Affine2D().scale(1.0 / FINE)
     shown = (artist for artist in figure.artists if isinstance(artist, Text))
     for box in picture.boxes:
@@ -158,6 +158,7 @@ def test_no_date_program_or_machine_in_the_files():
         assert b"Block diagram of ForceLaw" in content or b"B\0l\0o\0c\0k" in content
 
 
+@pytest.mark.slow
 def test_other_processes_write_the_same_bytes():
     script = (
         "import sys; from tests.examples.graph_diagrams import force_loop\n"

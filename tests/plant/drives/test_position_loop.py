@@ -110,7 +110,7 @@ def test_rate_is_the_derivative_of_the_position():
 
 
 def test_continuous_and_sampled_are_equal_at_the_ticks():
-    u = commands(60, 2)
+    u = commands(30, 2)
     w, z = [75.4, 30.0], [1.0, 0.7]
     sampled = follow(PositionLoop(2, bandwidth=w, damping_ratio=z), u, 0.002)
     continuous = follow(PositionLoop(2, bandwidth=w, damping_ratio=z, period=0.0), u, 0.002, accuracy=1e-13)
