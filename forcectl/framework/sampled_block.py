@@ -80,6 +80,7 @@ class _Ticks(_Shared):
         self._inputs = {port.get_name(): port for port in inputs}
         self._optional = {name: self._inputs[name] for name in self.optional_inputs if name in self._inputs}
         self._wide = [port.get_name() for port in inputs if port.size() > math.prod(self._shape)]
+        self._scalars = not (self._shape or self._optional or self._wide)  # what all inputs are
         self._readers = [(name, port.Eval) for name, port in self._inputs.items() if name not in self._optional]
         self._names = tuple(memory)
         initial = {name: self._initial(name, value) for name, value in memory.items()}
@@ -245,6 +246,8 @@ class _Ticks(_Shared):
     def _hold(self, context: Context, next_state: DiscreteValues) -> None:
         after = self._after(context)
         next_state.set_value(self._memory, self._pack(after))
+        if not (self._kept or self.keeps_start):
+            return
         for name, state in self._kept.items():
             next_state.set_value(state, after[name])
         if self.keeps_start:
@@ -284,8 +287,11 @@ class SampledBatch(_Ticks, BatchBlock):
         return batch_values(f"initial {name}", value, self._size).reshape(self._shape)
 
     def _read(self, context: Context) -> dict[str, Any]:
-        if not (self._shape or self._optional or self._wide):
-            return {name: read(context).item() for name, read in self._readers}
+        if self._scalars:
+            inputs = {}
+            for name, read in self._readers:
+                inputs[name] = read(context).item()
+            return inputs
         inputs = super()._read(context)
         if not self._shape:
             return {name: value.tolist() if name in self._wide else value.item() for name, value in inputs.items()}
