@@ -130,9 +130,9 @@ def _show_result(result: SweepResult, report: bool = True) -> None:
     from forcectl.sweeps.table import STATES
 
     counts = {state: result.count(state) for state in STATES if result.count(state)}
+    typer.echo(", ".join(f"{count} {state}" for state, count in counts.items()))
     for note in result.notes:
         typer.echo(note)
-    typer.echo(", ".join(f"{count} {state}" for state, count in counts.items()))
     typer.echo(f"results in {result.directory}: trials.parquet{', report.html' if report else ''}")
     if set(counts) - {"done"}:
         if set(counts) & {"pending", "lost", "running"}:

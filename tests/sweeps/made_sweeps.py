@@ -64,7 +64,7 @@ def row_of(study, number, found):
         "reason": found if failed else "",
         "time_s": 0.3 if failed else 5.0,
         "metrics": metrics,
-        "cost": {"wall_s": 0.2, "cpu_s": 0.1 + 0.01 * number, "host": "h", "finished": 1.0},
+        "cost": {"wall_s": 0.2, "cpu_s": 0.1 + 0.01 * number, "batch": 1, "host": "h", "finished": 1.0},
     }
 
 

@@ -9,7 +9,8 @@ def test_a_sweep_shards_merge_and_status(forcectl, tmp_path):
     file = write(tmp_path)
     code, out, _ = forcectl("sweep", file, "--out", "whole", "--engine", "sequential")
     assert code == 0
-    assert out.splitlines() == ["8 done", "results in whole: trials.parquet, report.html"]
+    together = "8 of 8 trials ran side by side in batches"
+    assert out.splitlines() == ["8 done", together, "results in whole: trials.parquet, report.html"]
     assert (tmp_path / "whole" / "report.html").stat().st_size > 10_000
     for i in (2, 1):
         code, out, _ = forcectl(
