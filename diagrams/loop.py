@@ -67,14 +67,18 @@ class LoopParts:
     signals: Mapping[str, SignalChoice] = field(default_factory=dict)
     seed: int = 0
 
-    def setting(self) -> Setting:
+    def setting(self, workcell: Workcell | None = None) -> Setting:
         """Workcell and models.
+
+        Args:
+            workcell: of the station; None: it is made.
 
         Raises:
             BadInputError: a station that cannot be built.
         """
-        with about(self.station):
-            workcell = describe(self.station)
+        if workcell is None:
+            with about(self.station):
+                workcell = describe(self.station)
         chosen = self.signals.get("measured_force")
         lag = getattr(chosen, "force_lag", None)
         truth = plant_model(workcell, None if lag is None else lag(self.estimators))
@@ -109,14 +113,18 @@ class Loop(LoggedLoop):
         further: dict[str, tuple[str, NDArray[np.float64]]] = {}
         if len(self.workcell.contacts) != 1 or "contact_state" in self.signals:
             return further
-        touching = np.clip(values[self.signals["contact_force"].rows][0] / CONTACT_FORCE, 0.0, 1.0)
-        further["contact_state"] = (unit_of("contact_state"), touching)
+        further["contact_state"] = contact_state(values[self.signals["contact_force"].rows][0])
         if "contact_displacement" not in self.signals:
             contact = self.workcell.contact
             motors = values[self.signals["motor_position"].rows].T
             displacement = tip_displacements(contact.robot, contact.n, self.workcell.motor_start, motors)
             further["contact_displacement"] = (unit_of("contact_displacement"), displacement)
         return further
+
+
+def contact_state(force: NDArray[np.float64]) -> tuple[str, NDArray[np.float64]]:
+    """Unit and samples (k,) of the contact state at a contact force (k,) [N]."""
+    return unit_of("contact_state"), np.clip(force / CONTACT_FORCE, 0.0, 1.0)
 
 
 def build_loop(parts: LoopParts) -> Loop:
@@ -163,15 +171,20 @@ def _add_sources(
     """References, as far as the controller wants them."""
     workcell, sources = setting.workcell, {}
     if "desired_force" in wanted:
-        largest = made_by(parts.reference, "largest_force", "reference", int | float, "a number")
-        limits = [sensor.range for sensor in parts.station.sensors.values() if hasattr(sensor, "range")]
-        if limits and not largest <= min(limits):
-            raise invalid("reference.force", largest, f"at most the sensor's range, {min(limits):g} N")
+        check_range(parts)
         sources["reference"] = add_part(parts.reference, "reference", builder, setting.model.size)
     if "unconstrained_reference" in wanted:
         contact = workcell.contacts[0]
         sources["motion"] = add_part(parts.motion, "motion", builder, contact.robot, workcell.start, contact.n)
     return sources
+
+
+def check_range(parts: LoopParts) -> None:
+    """BadInputError where the reference of the force is beyond the range of a sensor."""
+    largest = made_by(parts.reference, "largest_force", "reference", int | float, "a number")
+    limits = [sensor.range for sensor in parts.station.sensors.values() if hasattr(sensor, "range")]
+    if limits and not largest <= min(limits):
+        raise invalid("reference.force", largest, f"at most the sensor's range, {min(limits):g} N")
 
 
 def _add_estimators(builder: DiagramBuilder, parts: LoopParts, model: PlantModel) -> dict[str, System]:

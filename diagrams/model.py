@@ -24,11 +24,11 @@ NO_LAG = (1e4, 1.0, 0.0)
 
 
 @dataclass(kw_only=True)
-class ModelConfig(Config):
+class ModelConfig(Config, in_batches=True):
     """Scenario part `model`: how the model differs from the plant."""
 
-    robot_compliance: float = key(1.0, "C_R of the model / C_R", bounds="positive")
-    environment_compliance: float = key(1.0, "C_E of the model / C_E", bounds="positive")
+    robot_compliance: float = key(1.0, "C_R of the model / C_R", bounds="positive", each=True)
+    environment_compliance: float = key(1.0, "C_E of the model / C_E", bounds="positive", each=True)
     friction: str = key("", "file of identified joint friction, see `FrictionIdentification`; empty: the plant's")
     friction_scale: float = key(1.0, "factor on that friction", bounds="not negative")
     inertia_scale: float = key(1.0, "masses and inertias of the model / those of the robot", bounds="positive")

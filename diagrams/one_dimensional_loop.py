@@ -4,7 +4,8 @@
                          ^-----------------------------------------------------------+
 
 No robot, only its compliance. Element i of the batch has the values of element i of every parameter in the Context
-(`set_batch`) and the noise of its own seed, and gives what the same loop gives alone.
+(`set_batch`) and the noise of its own seed, and gives what the same loop gives alone. A scenario of one dimension whose
+blocks all know of batches is such a loop (`scalar_loop`), to rounding.
 """
 
 from __future__ import annotations
@@ -18,11 +19,14 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.diagrams.log import LoggedLoop, add_log
+from forcectl.diagrams.loop import LoopParts
+from forcectl.diagrams.model import ModelConfig
+from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError, unknown
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.slot import ControllerConfig
 from forcectl.framework.batch import BatchBlock, check_count
-from forcectl.framework.fields import Config, key
+from forcectl.framework.fields import Config, key, knows_batches
 from forcectl.framework.wiring import input_names
 from forcectl.motion.references import ForceReferenceConfig, StepConfig
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
@@ -33,17 +37,19 @@ from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 
 
 @dataclass(kw_only=True)
-class OneDimensionalLoopConfig(Config):
+class OneDimensionalLoopConfig(Config, in_batches=True):
     """What the loop is made of; the defaults are the calibrated plant of the design's targets."""
 
     controller: ControllerConfig = key(IntegralConfig, "force law")
     reference: ForceReferenceConfig = key(StepConfig, "of the force")
     environment: EnvironmentConfig = key(EnvironmentConfig, "surface that is pressed on")
-    robot_compliance: float = key(3.2e-5, "compliance C_R of the robot", unit="m/N", bounds="not negative")
+    robot_compliance: float = key(3.2e-5, "compliance C_R of the robot", unit="m/N", bounds="not negative", each=True)
+    model: ModelConfig = key(ModelConfig, "how the model of the plant differs from it")
     position_loop: PositionLoopConfig = key(PositionLoopConfig, "filter and delay of the command")
     servo: ServoConfig = key(ServoConfig, "position loop of the drive")
     force_sensor: ForceSensorConfig = key(ForceSensorConfig, "force sensor")
     period: float = key(0.002, "control tick", unit="s", bounds="positive")
+    limited: bool = key(True, "false: the force law as a linear system without limits, where it has that form")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -61,6 +67,7 @@ class OneDimensionalLoopConfig(Config):
             environment=EnvironmentConfig(one_sided=False),
             servo=ServoConfig(ideal=True),
             force_sensor=ForceSensorConfig(noise_std=0.0, quantum=0.0, range=np.inf),
+            limited=False,
         )
 
 
@@ -121,7 +128,7 @@ def build_one_dimensional_loop(
     builder = DiagramBuilder()
     connect = builder.Connect
     sensor_config = config.force_sensor
-    model = PlantModel(
+    truth = PlantModel(
         size=size,
         period=config.period,
         robot_compliance=np.full(size, config.robot_compliance),
@@ -130,6 +137,7 @@ def build_one_dimensional_loop(
         sensor_damping_ratio=sensor_config.damping_ratio,
         sensor_delay=sensor_config.delay,
     )
+    model = config.model.applied(truth)
     reference = config.reference.add_to(builder, size)
     law = _add_law(builder, config, model)
     loop = config.position_loop.add_to(builder, size, config.period, unit="m")
@@ -152,11 +160,11 @@ def build_one_dimensional_loop(
         connect(displacement, law.GetInputPort("motor_displacement"))
     ports = {
         "desired_force": reference.GetOutputPort("desired_force"),
-        "measured_force": sensor.GetOutputPort("measured_force"),
         "contact_force": contact.GetOutputPort("contact_force"),
-        "displacement_command": law.GetOutputPort("displacement_command"),
         "contact_displacement": displacement,
+        "measured_force": sensor.GetOutputPort("measured_force"),
     }
+    ports |= {port.get_name(): port for port in map(law.get_output_port, range(law.num_output_ports()))}
     elements = (None, tuple(str(element) for element in range(size)))
     sink, signals = add_log(builder, ports, config.period, dict.fromkeys(ports, elements) if size > 1 else {})
     diagram = builder.Build()
@@ -166,9 +174,43 @@ def build_one_dimensional_loop(
 
 def _add_law(builder: DiagramBuilder, config: OneDimensionalLoopConfig, model: PlantModel) -> System:
     law, linear_law = config.controller, getattr(config.controller, "linear_law", None)
-    if not config.environment.one_sided and linear_law is not None:
-        # The linear loop has no contact to lose and needs no limits: C++ throughout, and open to linear analysis.
+    if not config.limited and linear_law is not None:
+        # C++ throughout, and open to linear analysis.
         linear = linear_law(model)
         if linear is not None:
             return builder.AddNamedSystem("force_law", linear)
     return law.add_to(builder, model)
+
+
+def scalar_loop(parts: LoopParts, workcell: Workcell) -> OneDimensionalLoopConfig:
+    """The loop of a scenario of one dimension, see `is_scalar`, without its robot.
+
+    Args:
+        parts: of the scenario's loop.
+        workcell: of its station, or of one that differs in what the elements of a batch may differ in.
+    """
+    drive, (sensor,) = parts.station.drive, parts.station.sensors.values()
+    return OneDimensionalLoopConfig(
+        controller=parts.controller,
+        reference=parts.reference,
+        environment=parts.station.environment,
+        robot_compliance=workcell.contact.robot_compliance,
+        model=parts.model,
+        position_loop=drive.position_loop,
+        servo=drive.servo,
+        force_sensor=sensor,
+        period=workcell.period,
+    )
+
+
+def is_scalar(parts: LoopParts) -> bool:
+    """Whether a scenario's loop is one of one dimension, and every part of it makes blocks for a batch."""
+    station = parts.station
+    whole = (station.fidelity, station.drive, station.environment, *station.sensors.values())
+    return (
+        all(map(knows_batches, (*whole, parts.controller, parts.reference, parts.motion, parts.model)))
+        and len(station.sensors) == 1
+        and station.environment.surface.uniform
+        and parts.motion.interval() is None
+        and not (parts.signals or parts.estimators or station.loads or station.faults)
+    )

@@ -18,7 +18,7 @@ from forcectl.plant.tip_kinematics import ForceToWrench
 
 
 @dataclass(kw_only=True)
-class WristForceConfig(ForceSensorConfig):
+class WristForceConfig(ForceSensorConfig, in_batches=True):
     """Scenario part `!WristForce`: six-axis force sensor between flange and tool of the arm that presses."""
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> Diagram:

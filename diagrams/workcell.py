@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import TYPE_CHECKING, Any
 
 import numpy as np
@@ -162,6 +162,15 @@ class Workcell:
         if not self.has_dynamics:
             return self.start + np.zeros(self.num_joints)
         return self.start + self.gravity_torque / self.spring_stiffness
+
+    def with_environment(self, config: StationConfig) -> Workcell:
+        """The workcell of a station that differs in its environments only."""
+        parts = config.environment_parts()
+        contacts = [
+            replace(each, environment=(part := parts[each.name]), environment_compliance=1 / part.first_stiffness)
+            for each in self.contacts
+        ]
+        return replace(self, config=config, contacts=tuple(contacts))
 
     def start_context(self) -> Context:
         """A context of `robot.plant` in the start posture."""

@@ -45,12 +45,15 @@ class MotorSide(Diagram):
         contact, n_q, q_0 = workcell.contact, workcell.num_joints, workcell.motor_start
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
-        filter_ = loop.add_to(builder, n_q, workcell.period, initial_command=q_0)
-        builder.ExportInput(filter_.GetInputPort("command"), "joint_position_command")
+        # Counted from the start: what is added to a force loop by rounding is then that of the command alone.
+        motion = add("joint_motion", affine(np.eye(n_q), -q_0))
+        builder.ExportInput(motion.get_input_port(), "joint_position_command")
+        filter_ = loop.add_to(builder, n_q, workcell.period)
+        connect(motion.get_output_port(), filter_.GetInputPort("command"))
         reference = filter_.GetOutputPort("reference")
 
         row, column, nothing = contact.row, contact.direction.reshape(-1, 1), np.zeros(n_q)
-        along = add("along_normal", affine(np.block([[row, nothing], [nothing, row]]), np.array([-row @ q_0, 0.0])))
+        along = add("along_normal", MatrixGain(np.block([[row, nothing], [nothing, row]])))
         connect(reference, along.get_input_port())
         if servo.ideal:
             parts = add("displacement_and_rate", Demultiplexer([1, 1]))
@@ -62,7 +65,7 @@ class MotorSide(Diagram):
             x, rate = axis.GetOutputPort("position"), axis.GetOutputPort("velocity")
 
         across, zero = np.eye(n_q) - column @ row.reshape(1, -1), np.zeros((n_q, n_q))
-        position = add("motor_position", affine(np.hstack([across, zero, column]), column[:, 0] * (row @ q_0)))
+        position = add("motor_position", affine(np.hstack([across, zero, column]), q_0))
         velocity = add("motor_velocity", MatrixGain(np.hstack([zero, across, column])))
         for block, scalar in ((position, x), (velocity, rate)):
             both = add(f"{block.get_name()}_inputs", Multiplexer([2 * n_q, 1]))

@@ -38,7 +38,7 @@ _LARGEST_DRIVE_STEP = 0.5e-3  # [s] friction sticks and slips with a time of its
 
 
 @dataclass(kw_only=True)
-class PositionDriveConfig(Config):
+class PositionDriveConfig(Config, in_batches=True):
     """Scenario part `drive: !PositionLoop`: the drives take positions, which their servos follow."""
 
     position_loop: PositionLoopConfig = key(PositionLoopConfig, "filter and delay of the joint references")

@@ -16,13 +16,14 @@ from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.mechanics.station_surface import add_contact_state, add_depth, add_surface, connect_material
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError, invalid
+from forcectl.framework.fields import Config
 from forcectl.framework.wiring import add_part, affine
 from forcectl.plant.contact.tip_contact import TipContact
 from forcectl.plant.tip_kinematics import LinkPosition, TipDisplacement
 
 
 @dataclass(kw_only=True)
-class KinematicFidelity:
+class KinematicFidelity(Config):
     """Scenario part `fidelity: Kinematic`."""
 
     has_dynamics = False
@@ -43,7 +44,7 @@ class KinematicFidelity:
 
 
 @dataclass(kw_only=True)
-class OneDimensionalFidelity(KinematicFidelity):
+class OneDimensionalFidelity(KinematicFidelity, in_batches=True):
     """Scenario part `fidelity: OneDimensional`."""
 
     constant_jacobian = True

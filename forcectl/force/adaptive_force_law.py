@@ -4,8 +4,7 @@ from __future__ import annotations
 
 from dataclasses import dataclass
 
-from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import LinearSystem
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from forcectl.errors import BadInputError
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
@@ -42,9 +41,7 @@ class AdaptiveForceLaw(Diagram):
         BadInputError: the law has no such input.
     """
 
-    def __init__(
-        self, law: ForceLaw | Diagram, estimator: EnvironmentComplianceEstimator, displacement_filter: LinearSystem
-    ):
+    def __init__(self, law: ForceLaw | Diagram, estimator: EnvironmentComplianceEstimator, displacement_filter: System):
         super().__init__()
         if not law.HasInputPort("compliance"):
             raise BadInputError(f"{type(law).__name__} has no input port 'compliance': an adaptive law must have one")
@@ -68,10 +65,12 @@ class AdaptiveForceLaw(Diagram):
 class Adaptation(Config):
     """The estimator and what it starts from."""
 
-    compliance_error: float = key(0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="positive")
-    forgetting: float = key(0.995, "forgetting factor mu", bounds="above 0 and at most 1")
-    initial_covariance: float = key(1e-6, "initial covariance P_0", unit="1/N^2", bounds="positive")
-    minimum_force: float = key(0.2, "force below which nothing is learnt", unit="N", bounds="not negative")
+    compliance_error: float = key(
+        0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="positive", each=True
+    )
+    forgetting: float = key(0.995, "forgetting factor mu", bounds="above 0 and at most 1", each=True)
+    initial_covariance: float = key(1e-6, "initial covariance P_0", unit="1/N^2", bounds="positive", each=True)
+    minimum_force: float = key(0.2, "force below which nothing is learnt", unit="N", bounds="not negative", each=True)
 
     def estimator(self, model: PlantModel) -> EnvironmentComplianceEstimator:
         """The estimator, starting from `compliance_error` times the true environment compliance."""

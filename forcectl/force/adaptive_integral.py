@@ -10,7 +10,9 @@ from forcectl.framework.fields import key
 
 
 @dataclass(kw_only=True)
-class AdaptiveIntegralConfig(IntegralLawConfig, AdaptiveLawConfig):
+class AdaptiveIntegralConfig(IntegralLawConfig, AdaptiveLawConfig, in_batches=True):
     """Scenario part `!AdaptiveIntegral`."""
 
-    compliance_error: float = key(0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="positive")
+    compliance_error: float = key(
+        0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="positive", each=True
+    )

@@ -14,11 +14,12 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
-from pydrake.systems.primitives import LinearSystem, Multiplexer
+from pydrake.systems.primitives import Multiplexer
 
 from forcectl.force.law import ForceLaw, LawConfig
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check
 from forcectl.framework.fields import Config, key
+from forcectl.framework.linear_batch import sampled_system
 from forcectl.framework.sampled_block import Memory
 from forcectl.plant.plant_model import PlantModel
 
@@ -120,8 +121,8 @@ class LinearIntegralForceLaw(Diagram):
         gain = gain * batch_values("compliance", compliance, size, "positive") * check("period", period, "positive")
         builder = DiagramBuilder()
         both = builder.AddNamedSystem("forces", Multiplexer([size, size]))
-        eye, step = np.eye(size), np.hstack([np.diag(-gain), np.diag(gain)])
-        law = builder.AddNamedSystem("integrator", LinearSystem(eye, step, eye, step, period))
+        one, step = np.ones((size, 1, 1)), np.array([[[-g, g]] for g in gain])
+        law = builder.AddNamedSystem("integrator", sampled_system(one, step, one, step, period))
         builder.Connect(both.get_output_port(), law.get_input_port())
         builder.ExportInput(both.get_input_port(0), "desired_force")
         builder.ExportInput(both.get_input_port(1), "measured_force")
@@ -133,11 +134,11 @@ class LinearIntegralForceLaw(Diagram):
 class IntegralLawConfig(Config, LawConfig):
     """What the configurations of integral laws share."""
 
-    integral_gain: float = key(1.5, "gain K_I", unit="1/s", bounds="not negative")
-    compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="positive")
-    dead_zone: float = key(0.0, "force error that is left alone", unit="N", bounds="not negative")
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero")
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero")
+    integral_gain: float = key(1.5, "gain K_I", unit="1/s", bounds="not negative", each=True)
+    compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="positive", each=True)
+    dead_zone: float = key(0.0, "force error that is left alone", unit="N", bounds="not negative", each=True)
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero", each=True)
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero", each=True)
 
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth K_I [rad/s] of the nominal closed loop M(s) = K_I/(s + K_I)."""
@@ -157,7 +158,7 @@ class IntegralLawConfig(Config, LawConfig):
 
 
 @dataclass(kw_only=True)
-class IntegralConfig(IntegralLawConfig):
+class IntegralConfig(IntegralLawConfig, in_batches=True):
     """Scenario part `!Integral`."""
 
     def unlimited_law(self, model: PlantModel, *, believes: bool) -> IntegralForceLaw:

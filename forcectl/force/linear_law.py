@@ -160,18 +160,24 @@ class LinearForceLaw(ForceLaw):
 
 
 @dataclass(kw_only=True)
-class VrftConfig(Config):
+class VrftConfig(Config, in_batches=True):
     """Scenario part `!Vrft`: a controller that VRFT has tuned; the default is that of Sec. 4.3.4."""
 
-    proportional_gain: float = key(-5.37e-5, "gain K_P", unit="m/N")
-    integral_gain: float = key(-2.53e-4, "gain K_I; pressing is negative", unit="m/(N s)", bounds="at most 0")
-    derivative_gain: float = key(1.62e-8, "gain K_D", unit="m s/N")
+    proportional_gain: float = key(-5.37e-5, "gain K_P", unit="m/N", each=True)
+    integral_gain: float = key(
+        -2.53e-4, "gain K_I; pressing is negative", unit="m/(N s)", bounds="at most 0", each=True
+    )
+    derivative_gain: float = key(1.62e-8, "gain K_D", unit="m s/N", each=True)
     fir: list[float] = key([], "further FIR coefficients f_0, f_1, ...", unit="m/N")
-    derivative_filter: float | None = key(None, "T_D; null: two control ticks", unit="s", bounds="not negative")
-    robot_compliance_error: float = key(1.0, "C_R_hat / C_R", bounds="not negative")
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero")
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero")
-    reference_bandwidth: float = key(1.5, "of the reference model it was tuned for", unit="rad/s", bounds="positive")
+    derivative_filter: float | None = key(
+        None, "T_D; null: two control ticks", unit="s", bounds="not negative", each=True
+    )
+    robot_compliance_error: float = key(1.0, "C_R_hat / C_R", bounds="not negative", each=True)
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero", each=True)
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero", each=True)
+    reference_bandwidth: float = key(
+        1.5, "of the reference model it was tuned for", unit="rad/s", bounds="positive", each=True
+    )
 
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth [rad/s] of the reference model M(s) = w/(s + w)."""

@@ -14,15 +14,16 @@ from __future__ import annotations
 from pydrake.systems.primitives import LinearSystem
 
 from forcectl.framework.batch import whole_multiple
+from forcectl.framework.linear_batch import LinearBatch
 from forcectl.plant.plant_model import PlantModel
-from forcectl.plant.sensors.force_sensor import sensor_filter
+from forcectl.plant.sensors.force_sensor import filter_matrices, sensor_filter
 
 _WAY_BACK = 0.25
 _SMOOTHING = 0.25  # of the rate d', in lags
 _MAX_DISPLACEMENT = 10.0  # [m] nothing moves so far
 
 
-def sensor_model(model: PlantModel, size: int) -> LinearSystem:
+def sensor_model(model: PlantModel, size: int) -> LinearSystem | LinearBatch:
     """The filter and delay of the force sensor as they are known, for so many signals."""
     return sensor_filter(
         size, model.sensor_bandwidth, model.sensor_damping_ratio, model.period, _sensor_delay_ticks(model)
@@ -46,10 +47,8 @@ class SensorLag:
     """
 
     def __init__(self, bandwidth: float, damping_ratio: float, period: float, delay_ticks: int = 0):
-        system = sensor_filter(1, bandwidth, damping_ratio, period, 0)
-        self._a = system.A().ravel().tolist()
-        self._b = system.B().ravel().tolist()
-        self._direct = system.D().item()
+        a, b, _, d = filter_matrices(bandwidth, damping_ratio, period)
+        self._a, self._b, self._direct = a.ravel().tolist(), b.ravel().tolist(), d.item()
         lag = 2 * damping_ratio / bandwidth + delay_ticks * period
         self._share = min(period / (_SMOOTHING * lag), 1.0)
         self.size = 3 + delay_ticks

@@ -10,6 +10,7 @@ from forcectl.framework.euler_angles import EulerAngles as EulerAngles
 from forcectl.framework.fields import Config as Config
 from forcectl.framework.fields import slot as slot
 from forcectl.framework.imports import import_object as import_object
+from forcectl.framework.linear_batch import LinearBatch as LinearBatch
 from forcectl.framework.rotation_vector import RotationVector as RotationVector
 from forcectl.framework.sampled_block import SampledBatch as SampledBatch
 from forcectl.framework.sampled_block import SampledBlock as SampledBlock

@@ -11,18 +11,21 @@ a key that any object with the right methods may fill, see `forcectl.scenario.ca
 
 from __future__ import annotations
 
+import copy
 import dataclasses
 import math
 import re
 import types
 import typing
-from collections.abc import Callable, Iterable
+from collections.abc import Callable, Iterable, Sequence
 from functools import cache
 from numbers import Integral, Real
 from pathlib import PurePath
-from typing import Any
+from typing import Any, ClassVar
 
-from forcectl.errors import invalid, unknown
+import numpy as np
+
+from forcectl.errors import BadInputError, invalid, unknown
 
 REQUIRED: Any = dataclasses.MISSING
 _NUMBERS = {2: "two", 3: "three", 6: "six"}
@@ -49,6 +52,8 @@ class Key:
         choices: of a text, or of each one in a list; may be a function, called when they are needed.
         size: of a list, or of each of the innermost ones; None for any.
         slot: that a part, or each of several, fills; "" for none.
+        each: a number that every element of a batch may have its own of: it is only handed on to blocks, or computed
+            with as an array can be.
     """
 
     meaning: str = ""
@@ -57,6 +62,7 @@ class Key:
     choices: Iterable[str] | Callable[[], Iterable[str]] = ()
     size: int | None = None
     slot: str = ""
+    each: bool = False
 
     def chosen(self) -> list[str]:
         """The choices there are; empty for any text."""
@@ -71,13 +77,14 @@ def key(
     bounds: str = "",
     choices: Iterable[str] | Callable[[], Iterable[str]] = (),
     size: int | None = None,
+    each: bool = False,
 ) -> Any:
     """A field of a configuration, see `Key`.
 
     Args:
         default: a value, which is copied, or a function that makes one; left out: the key must be given.
     """
-    return _field(default, Key(meaning, unit, bounds, choices, size))
+    return _field(default, Key(meaning, unit, bounds, choices, size, each=each))
 
 
 def slot(name: str, default: Any = REQUIRED, meaning: str = "") -> Any:
@@ -153,7 +160,18 @@ def interval(bounds: str) -> Interval:
 
 
 class Config:
-    """A configuration whose keys check themselves when it is made."""
+    """A configuration whose keys check themselves when it is made.
+
+    A subclass with `in_batches=True` makes blocks for a batch in which no element knows of the others, and may differ
+    between them in the keys that say `each`. It holds for that class only, not for those derived from it.
+    """
+
+    in_batches: ClassVar[bool] = False
+
+    def __init_subclass__(cls, *, in_batches: bool = False, **arguments: Any) -> None:
+        super().__init_subclass__(**arguments)
+        if "in_batches" not in vars(cls):
+            cls.in_batches = in_batches
 
     def __post_init__(self) -> None:
         cls: Any = type(self)
@@ -214,3 +232,48 @@ def _check_number(name: str, value: Any, declared: Key, kind: type, default: Any
         raise invalid(name, value, "a whole number" if whole else "a finite number")
     if not interval(bounds).holds(value):
         raise invalid(name, value, f"a whole number {bounds}" if whole else bounds)
+
+
+def knows_batches(part: Any) -> bool:
+    """Whether a part of a scenario, and every part in it, makes blocks for a batch."""
+    if not isinstance(part, Config):
+        return not callable(getattr(part, "add_to", None))
+    inner = [getattr(part, field.name) for field in dataclasses.fields(part)]  # type: ignore[arg-type]
+    return part.in_batches and all(map(knows_batches, inner))
+
+
+def differs_by_element(part: Any, path: Sequence[str]) -> bool:
+    """Whether the elements of a batch may have different values of a key.
+
+    Args:
+        part: configuration that the key is in.
+        path: names from there to the key.
+    """
+    for name in path[:-1]:
+        part = part.get(name) if isinstance(part, dict) else getattr(part, name, None)
+    declared = {field.name: key_of(field) for field in dataclasses.fields(part)} if isinstance(part, Config) else {}  # type: ignore[arg-type]
+    return path[-1] in declared and declared[path[-1]].each
+
+
+def stacked(parts: Sequence[Any]) -> Any:
+    """One configuration for a batch: as the first one, with an array (n,) of every number that may differ.
+
+    Args:
+        parts: of each element. What may not differ is equal in all.
+
+    Raises:
+        BadInputError: something else differs.
+    """
+    first = parts[0]
+    if isinstance(first, Config) and all(type(part) is type(first) for part in parts):
+        made = copy.copy(first)
+        for field in dataclasses.fields(first):  # type: ignore[arg-type]
+            values = [getattr(part, field.name) for part in parts]
+            if key_of(field).each and all(isinstance(value, Real) for value in values):
+                setattr(made, field.name, np.array(values, dtype=float))
+            else:
+                setattr(made, field.name, stacked(values))
+        return made
+    if any(part != first for part in parts[1:]):
+        raise BadInputError("the elements of a batch differ in more than numbers")
+    return first

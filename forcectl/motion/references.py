@@ -76,22 +76,25 @@ class Reference(Diagram):
 class _ForceReference:
     """What the reference configurations share: adding themselves for a batch of n."""
 
-    def trajectory(self) -> PiecewisePolynomial | float:
+    def trajectory(self) -> PiecewisePolynomial | ArrayLike:
         raise NotImplementedError
 
     def largest_force(self) -> float:
         """Largest force the reference asks for [N]."""
         trajectory = self.trajectory()
-        if isinstance(trajectory, float):
-            return trajectory
+        if not isinstance(trajectory, PiecewisePolynomial):
+            return float(np.max(trajectory))
         breaks = trajectory.get_segment_times()
-        return max(trajectory.value(t).item() for t in breaks)
+        return float(max(trajectory.value(t).max() for t in breaks))
 
     def add_to(self, builder: DiagramBuilder, size: int) -> Reference:
         """Add the block `reference` with the output `desired_force`, shape (n,) [N]."""
-        trajectory, each = self.trajectory(), np.ones(size)
-        repeated = trajectory * each if isinstance(trajectory, float) else stack_scaled(trajectory, each)
-        return builder.AddNamedSystem("reference", Reference("desired_force", repeated))
+        trajectory = self.trajectory()
+        if not isinstance(trajectory, PiecewisePolynomial):
+            trajectory = np.broadcast_to(trajectory, size)
+        elif trajectory.rows() != size:
+            trajectory = stack_scaled(trajectory, np.ones(size))
+        return builder.AddNamedSystem("reference", Reference("desired_force", trajectory))
 
 
 def _check_times(name: str, times: list[float]) -> None:
@@ -125,22 +128,23 @@ def read_signal(path: str, column: str) -> tuple[list[float], list[float]]:
 
 
 @dataclass(kw_only=True)
-class StepConfig(_ForceReference, Config):
+class StepConfig(_ForceReference, Config, in_batches=True):
     """Scenario part `!Step`: `initial_force` until `start_time`, then `force`."""
 
-    force: float = key(15.0, "from `start_time` on", unit="N", bounds="not negative")
+    force: float = key(15.0, "from `start_time` on", unit="N", bounds="not negative", each=True)
     start_time: float = key(0.0, "of the step", unit="s", bounds="not negative")
-    initial_force: float = key(0.0, "until the step", unit="N", bounds="not negative")
+    initial_force: float = key(0.0, "until the step", unit="N", bounds="not negative", each=True)
 
-    def trajectory(self) -> PiecewisePolynomial | float:
+    def trajectory(self) -> PiecewisePolynomial | ArrayLike:
         """The reference over time [N]."""
         if self.start_time < _SHORTEST:
-            return float(self.force)
-        return held_trajectory([0.0, self.start_time], [self.initial_force, self.force])
+            return self.force
+        both = np.broadcast_arrays(self.initial_force, self.force)
+        return held_trajectory([0.0, self.start_time], np.stack(both, axis=-1))
 
 
 @dataclass(kw_only=True)
-class RampConfig(_ForceReference, Config):
+class RampConfig(_ForceReference, Config, in_batches=True):
     """Scenario part `!Ramp`: from `initial_force` at `start_time` with `rate` up or down to `force`."""
 
     force: float = key(15.0, "at the end of the ramp", unit="N", bounds="not negative")
@@ -148,7 +152,7 @@ class RampConfig(_ForceReference, Config):
     start_time: float = key(0.0, "of the ramp", unit="s", bounds="not negative")
     initial_force: float = key(0.0, "until the ramp", unit="N", bounds="not negative")
 
-    def trajectory(self) -> PiecewisePolynomial | float:
+    def trajectory(self) -> PiecewisePolynomial | ArrayLike:
         """The reference over time [N]."""
         end = self.start_time + abs(self.force - self.initial_force) / self.rate
         if not _SHORTEST <= end - self.start_time < math.inf:
@@ -158,7 +162,7 @@ class RampConfig(_ForceReference, Config):
 
 
 @dataclass(kw_only=True)
-class SineConfig(Config):
+class SineConfig(Config, in_batches=True):
     """Scenario part `!Sine`: `force` until `start_time`, from then on force + amplitude sin(2 pi frequency t)."""
 
     force: float = key(15.0, "mean, at least the amplitude", unit="N", bounds="not negative")
@@ -187,7 +191,7 @@ class SineConfig(Config):
 
 
 @dataclass(kw_only=True)
-class SequenceConfig(_ForceReference, Config):
+class SequenceConfig(_ForceReference, Config, in_batches=True):
     """Scenario part `!Sequence`: steps to `forces[i]` at `times[i]`, zero before the first."""
 
     times: list[float] = key([0.0, 5.0], "of the steps, strictly increasing", unit="s", bounds="not negative")
@@ -200,7 +204,7 @@ class SequenceConfig(_ForceReference, Config):
             wrong = f" has {len(self.forces)} values: must have as many as times, {len(self.times)}"
             raise BadInputError(wrong, key="forces")
 
-    def trajectory(self) -> PiecewisePolynomial | float:
+    def trajectory(self) -> PiecewisePolynomial:
         """The reference over time [N]."""
         if self.times[0] >= _SHORTEST:
             return held_trajectory([0.0, *self.times], [0.0, *self.forces])
@@ -208,7 +212,7 @@ class SequenceConfig(_ForceReference, Config):
 
 
 @dataclass(kw_only=True)
-class FileConfig(_ForceReference, Config):
+class FileConfig(_ForceReference, Config, in_batches=True):
     """Scenario part `!File`: a CSV file with the columns `time` [s] and `force` [N], joined by straight lines."""
 
     path: str = key("", "of the CSV file: absolute, or relative to the scenario or the working directory")
@@ -221,7 +225,7 @@ class FileConfig(_ForceReference, Config):
             with _in_column(self.path, "force"):
                 check("force", f, "not negative")
 
-    def trajectory(self) -> PiecewisePolynomial | float:
+    def trajectory(self) -> PiecewisePolynomial:
         """The reference over time [N]."""
         times, forces = read_signal(self.path, "force")
         return held_trajectory(times, forces) if self.hold else linear_trajectory(times, forces)

@@ -110,7 +110,7 @@ class LineConfig(Config):
 
 
 @dataclass(kw_only=True)
-class TangentialMotionConfig(LineConfig):
+class TangentialMotionConfig(LineConfig, in_batches=True):
     """Scenario part `!AlongSurface`: move along the surface while the force is controlled. Distance 0: stay."""
 
     distance: float = key(0.0, "0: stay", unit="m", bounds="not negative")

@@ -67,31 +67,32 @@ def to_dataset(
         model_bandwidth: of the reference model [rad/s]; adds its response `model_force` [N].
         derived: further scalars, name -> unit and samples (k,).
     """
-    dataset = xr.Dataset(coords={"time": ("time", times, {"units": "s", "long_name": "time"}), "variant": variant})
+    variables: dict[str, tuple[tuple[str, ...], Array, dict[str, Any]]] = {}
+    coordinates: dict[str, Any] = {"time": ("time", times, {"units": "s", "long_name": "time"}), "variant": variant}
     for name, signal in signals.items():
         rows = values[signal.rows]
         attributes = {"units": signal.unit, "long_name": name.replace("_", " ")}
         if signal.labels is None:
-            dataset[name] = ("time", rows[0].copy(), attributes)
+            variables[name] = (("time",), rows[0].copy(), attributes)
         else:
             of_joints = name.startswith(("motor_", "link_", "joint_"))
             component = signal.dimension or ("joint" if of_joints else f"{name}_component")
-            dataset = dataset.assign_coords({component: list(signal.labels)})
-            dataset[name] = (("time", component), rows.T.copy(), attributes)
+            coordinates[component] = list(signal.labels)
+            variables[name] = (("time", component), rows.T.copy(), attributes)
     for name, (unit, samples) in (derived or {}).items():
-        dataset[name] = ("time", samples, {"units": unit, "long_name": name.replace("_", " ")})
+        variables[name] = (("time",), samples, {"units": unit, "long_name": name.replace("_", " ")})
     if model_bandwidth is not None:
-        desired = dataset["desired_force"]
-        columns = desired.values.reshape(len(times), -1).T
-        first = np.broadcast_to(dataset["contact_force"].values[:1].ravel() if times.size else 0.0, len(columns))
+        dimensions, desired, _ = variables["desired_force"]
+        columns = desired.reshape(len(times), -1).T
+        first = np.broadcast_to(variables["contact_force"][1][:1].ravel() if times.size else 0.0, len(columns))
         responses = [model_response(times, d, model_bandwidth, float(f)) for d, f in zip(columns, first, strict=True)]
-        dataset["model_force"] = (desired.dims, np.array(responses).T.reshape(desired.shape))
-        dataset["model_force"].attrs = {
+        attributes = {
             "units": unit_of("model_force"),
             "long_name": "reference model",
             "bandwidth_rad_s": model_bandwidth,
         }
-    return dataset
+        variables["model_force"] = (dimensions, np.array(responses).T.reshape(desired.shape), attributes)
+    return xr.Dataset(variables, coordinates)
 
 
 def stack(logs: Sequence[xr.Dataset]) -> xr.Dataset:

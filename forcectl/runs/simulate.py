@@ -4,7 +4,7 @@ from __future__ import annotations
 
 import time
 from collections.abc import Callable, Iterator
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 
 import numpy as np
 import xarray as xr
@@ -12,6 +12,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, System
 
 from forcectl.diagrams.loop import Loop
+from forcectl.diagrams.model import Setting
 from forcectl.errors import RunFailedError
 from forcectl.runs.logs import ChunkedLog, first_fault, to_dataset
 from forcectl.scenario.scenario import Scenario
@@ -56,14 +57,13 @@ def simulate(
     count = max(1, int(np.ceil(scenario.duration / CHUNK - 1e-9)))
     failure, computing = None, 0.0
     for i in range(count + 1):
-        cause, seconds = _advance(simulator, min(i * CHUNK, scenario.duration))
+        cause, seconds = advance(simulator, min(i * CHUNK, scenario.duration))
         computing += seconds if i else 0.0  # the first one initializes
         times, values = log.take(loop.sink.FindMutableLog(context))
         fault = first_fault(times, values, loop.signals, limits)
         if fault is not None:
             name, when, value = fault
-            what = "is not a number" if np.isnan(value) else f"diverges ({value:.4g} {loop.signals[name].unit})"
-            failure = f"{name} {what} at t = {when:.4f} s"
+            failure = fault_of(name, when, value, loop.signals[name].unit)
             log.cut(when)
         elif cause is not None:
             failure = f"{_state_fault(loop.diagram, context)} at t = {context.get_time():.4f} s: {_reason(cause)}"
@@ -72,18 +72,36 @@ def simulate(
         if failure is not None:
             break
     times, values = log.samples()
-    bandwidth = scenario.model_bandwidth(loop)
+    bandwidth = scenario.model_bandwidth(loop.reference_model_bandwidth)
     dataset = to_dataset(times, values, loop.signals, variant, bandwidth, loop.derived(values))
-    metrics: dict[str, float | None] = {}
-    if failure is None:
-        try:
-            metrics = scenario.metrics(dataset, loop.setting, scenario.duration / computing if computing > 0 else None)
-        except RunFailedError as error:
-            failure, cause = str(error), error
-    return VariantOutcome(variant, dataset, metrics, failure, loop.diagram, cause)
+    speed = scenario.duration / computing if computing > 0 else None
+    return judged(scenario, loop.setting, VariantOutcome(variant, dataset, {}, failure, loop.diagram, cause), speed)
 
 
-def _advance(simulator: Simulator, until: float) -> tuple[BaseException | None, float]:
+def judged(scenario: Scenario, setting: Setting, outcome: VariantOutcome, speed: float | None) -> VariantOutcome:
+    """An outcome with its metrics, unless it has failed.
+
+    Args:
+        scenario: that was simulated.
+        setting: of its loop.
+        outcome: without metrics.
+        speed: simulated time over computing time [1].
+    """
+    if outcome.failure is not None:
+        return outcome
+    try:
+        return replace(outcome, metrics=scenario.metrics(outcome.log, setting, speed))
+    except RunFailedError as error:
+        return replace(outcome, failure=str(error), cause=error)
+
+
+def fault_of(name: str, when: float, value: float, unit: str) -> str:
+    """What is said of a sample that no healthy run has, see `first_fault`."""
+    what = "is not a number" if np.isnan(value) else f"diverges ({value:.4g} {unit})"
+    return f"{name} {what} at t = {when:.4f} s"
+
+
+def advance(simulator: Simulator, until: float) -> tuple[BaseException | None, float]:
     """Advance to `until` [s], 0: initialize; returns what stopped it (or None), and the computing time [s]."""
     started = time.perf_counter()
     try:

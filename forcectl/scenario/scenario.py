@@ -104,9 +104,9 @@ class Scenario(Config):
         largest = min(ranges, default=LARGEST_CONTACT_FORCE)
         return {"contact_force": largest, "arm_contact_force": LARGEST_CONTACT_FORCE}
 
-    def model_bandwidth(self, loop: Loop) -> float | None:
-        """Bandwidth of the reference model [rad/s]; None without one."""
-        return self.reference_model or loop.reference_model_bandwidth or None
+    def model_bandwidth(self, of_controller: float | None) -> float | None:
+        """Bandwidth of the reference model [rad/s], else that of the controller; None without one."""
+        return self.reference_model or of_controller or None
 
     def metrics(self, log: xr.Dataset, setting: Setting, realtime_factor: float | None) -> dict[str, float | None]:
         """All metrics of a run; `realtime_factor` is simulated time divided by computing time [1]."""

@@ -5,6 +5,7 @@ from __future__ import annotations
 import dataclasses
 import typing
 from collections.abc import Mapping
+from functools import cache
 from pathlib import Path
 from typing import Any
 
@@ -54,6 +55,7 @@ def tree_of_fields(value: Any) -> Tagged:
     return Tagged({name: to_tree(getattr(value, name), slot, kind) for name, slot, kind in own})
 
 
+@cache
 def default_tags(cls: type) -> Tagged:
     """The default tag of every slot within a dataclass, as a tree."""
     found = Tagged()

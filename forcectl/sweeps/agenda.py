@@ -7,6 +7,7 @@ from collections.abc import Iterable
 
 from scipy.stats import binomtest
 
+from forcectl.sweeps.batches import Batches, Group, Task
 from forcectl.sweeps.results import Row
 from forcectl.sweeps.study import Study
 
@@ -43,9 +44,11 @@ class Agenda:
 
     def __init__(self, study: Study, shard: tuple[int, int], rows: Iterable[Row]):
         self._study = study
+        self._batches = Batches(study)
         self._finished: dict[int, bool] = {row["trial"]: bool(row["success"]) for row in rows}
         self._asked: dict[int, None] = {}
-        self._waiting: deque[int] = deque()
+        self._waiting: dict[Group, deque[int]] = {}
+        self._again: deque[int] = deque()
         self.done = 0
         index, count = shard
         arms, repeat = len(study.arms), study.config.repeat
@@ -67,13 +70,23 @@ class Agenda:
         """How many those are."""
         return len(self._asked)
 
-    def take(self) -> int | None:
-        """The next trial; None where there is none now."""
-        return self._waiting.popleft() if self._waiting else None
+    def take(self) -> Task | None:
+        """What to run next; None where there is nothing now."""
+        if self._again:
+            number = self._again.popleft()
+            return Task((number,), self._batches.size(number) > 0)
+        if not self._waiting:
+            return None
+        group, waiting = next(iter(self._waiting.items()))
+        size = self._batches.size(waiting[0])
+        numbers = tuple(waiting.popleft() for _ in range(min(max(size, 1), len(waiting))))
+        if not waiting:
+            del self._waiting[group]
+        return Task(numbers, size > 0)
 
     def put_back(self, number: int) -> None:
-        """A trial that was taken is to be run again, before the others."""
-        self._waiting.appendleft(number)
+        """A trial that was taken is to be run again, by itself and before the others."""
+        self._again.append(number)
 
     def finish(self, row: Row) -> None:
         """A trial has its row."""
@@ -89,7 +102,7 @@ class Agenda:
             if number in self._finished:
                 self.done += 1
             else:
-                self._waiting.append(number)
+                self._waiting.setdefault(self._batches.group(number), deque()).append(number)
 
     def _consider(self, group: tuple[int, int]) -> None:
         """Ask for more of a group where all that was asked for is there, and is not enough."""

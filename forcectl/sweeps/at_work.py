@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 from forcectl.errors import RunFailedError
 from forcectl.sweeps.agenda import Agenda
+from forcectl.sweeps.batches import Task
 from forcectl.sweeps.engines import Ended, Engine, Processes, Sequential
 from forcectl.sweeps.results import Results, Row, StorageError
 from forcectl.sweeps.study import Study
@@ -93,8 +94,8 @@ class SweepRun:
         elsewhere = self._others()
         with self._closing(engine):
             while True:
-                while engine.free > 0 and (number := self._next(elsewhere)) is not None:
-                    engine.submit(number)
+                while engine.free > 0 and (task := self._next(elsewhere)) is not None:
+                    engine.submit(task)
                 self._tell()
                 if engine.busy:
                     for ended in engine.wait():
@@ -124,10 +125,10 @@ class SweepRun:
                 self._results.release(number)
         return {number for number, lives in marks.items() if lives and number not in self._rows}
 
-    def _next(self, elsewhere: set[int]) -> int | None:
-        while (number := self._agenda.take()) is not None:
-            if number not in elsewhere:
-                return number
+    def _next(self, elsewhere: set[int]) -> Task | None:
+        while (task := self._agenda.take()) is not None:
+            if here := tuple(number for number in task.trials if number not in elsewhere):
+                return task._replace(trials=here)
         return None
 
     def _look(self, elsewhere: set[int]) -> None:
@@ -142,11 +143,17 @@ class SweepRun:
                 self._agenda.put_back(number)
 
     def _end(self, ended: Ended) -> None:
-        """A trial has ended: its row says how; without one it is run again."""
+        """A task has ended: the rows of its trials say how; those without one are run again, each by itself."""
         if ended.storage:
             raise StorageError(ended.fault)
-        number = ended.trial
-        row = self._results.row(number)
+        for number in ended.task.trials:
+            self._end_trial(number, ended)
+
+    def _end_trial(self, number: int, ended: Ended) -> None:
+        row, together = self._results.row(number), len(ended.task.trials) > 1
+        if row is None and ended.overdue and together:
+            self._agenda.put_back(number)
+            return
         if row is None and ended.overdue:
             row = row_of(self._study, self._study.trial(number), None, timeout_reason(self._timeout))
             row["cost"] = cost(self._timeout or 0.0, 0.0)

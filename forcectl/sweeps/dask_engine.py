@@ -11,15 +11,16 @@ from collections.abc import Iterator
 from typing import Any
 
 from forcectl.errors import BadInputError, RunFailedError, one_line
+from forcectl.sweeps.batches import Task
 from forcectl.sweeps.engines import Ended
 from forcectl.sweeps.results import Results, StorageError
 from forcectl.sweeps.study import Study
-from forcectl.sweeps.trial import run_trial
+from forcectl.sweeps.trial import run_task
 
 CONNECT = 10.0  # [s] to reach a scheduler
 _LOOK = 2.0  # [s] between two questions for the number of workers
 _GONE = "the scheduler is gone: start it again"
-PER_THREAD = 2  # trials in flight: more stall the scheduler, fewer leave workers without work
+PER_THREAD = 2  # tasks in flight: more stall the scheduler, fewer leave workers without work
 
 
 class DaskEngine:
@@ -51,8 +52,8 @@ class DaskEngine:
         except (OSError, TimeoutError, ValueError) as error:
             reason = " ".join(str(error).split()) or type(error).__name__
             raise BadInputError(f"--scheduler {address!r} cannot be reached: {reason}") from None
-        self._ended: queue.SimpleQueue[tuple[int, Any]] = queue.SimpleQueue()
-        self._futures: dict[int, Any] = {}
+        self._ended: queue.SimpleQueue[tuple[Task, Any]] = queue.SimpleQueue()
+        self._futures: dict[Task, Any] = {}
         self._threads, self._next_look = 0, 0.0
         try:
             self._check_workers(study, results, address)
@@ -85,7 +86,7 @@ class DaskEngine:
 
     @property
     def free(self) -> int:
-        """How many trials it takes now."""
+        """How many tasks it takes now."""
         if time.monotonic() > self._next_look:
             with _scheduler_there():
                 self._threads = sum(self._client.nthreads().values())
@@ -94,40 +95,40 @@ class DaskEngine:
 
     @property
     def busy(self) -> int:
-        """How many trials it has."""
+        """How many tasks it has."""
         return len(self._futures)
 
-    def submit(self, trial: int) -> None:
-        """Hand a trial to the scheduler."""
+    def submit(self, task: Task) -> None:
+        """Hand a task to the scheduler."""
         with _scheduler_there():
-            key = f"trial-{trial}-{uuid.uuid4().hex}"
-            future = self._client.submit(_run, self._shared, trial, pure=False, retries=0, key=key)
-        self._futures[trial] = future
-        future.add_done_callback(lambda done: self._ended.put((trial, done)))
+            key = f"trial-{task.trials[0]}-{uuid.uuid4().hex}"
+            future = self._client.submit(_run, self._shared, task, pure=False, retries=0, key=key)
+        self._futures[task] = future
+        future.add_done_callback(lambda done: self._ended.put((task, done)))
 
     def wait(self) -> list[Ended]:
         """What has ended, by the word of the scheduler."""
         found = []
         try:
-            trial, future = self._ended.get(timeout=0.5)
+            task, future = self._ended.get(timeout=0.5)
             while True:
-                self._futures.pop(trial, None)
-                found.append(self._told(trial, future))
-                trial, future = self._ended.get_nowait()
+                self._futures.pop(task, None)
+                found.append(self._told(task, future))
+                task, future = self._ended.get_nowait()
         except queue.Empty:
             if self._client.status != "running":
                 raise RunFailedError(_GONE) from None
         return found
 
-    def _told(self, trial: int, future: Any) -> Ended:
+    def _told(self, task: Task, future: Any) -> Ended:
         with _scheduler_there():
             if future.status == "finished":
                 fault = future.result()
-                return Ended(trial, fault, storage=bool(fault))
+                return Ended(task, fault, storage=bool(fault))
             if future.status == "error":
                 error = future.exception()
-                return Ended(trial, one_line(error)[:200])
-        return Ended(trial, f"its task was {future.status}")
+                return Ended(task, one_line(error)[:200])
+        return Ended(task, f"its task was {future.status}")
 
     def close(self) -> None:
         """Let go of the scheduler; trials at work there go on to their end."""
@@ -157,11 +158,11 @@ def _told(folder: str) -> tuple[dict[str, str], bool]:
     return {"forcectl": forcectl.__version__, **versions}, Path(folder).is_dir()
 
 
-def _run(shared: tuple[Study, Results, float | None], trial: int) -> str:
-    """On a worker: one trial; the answer is why the directory cannot be written, "" where it can."""
+def _run(shared: tuple[Study, Results, float | None], task: Task) -> str:
+    """On a worker: one task; the answer is why the directory cannot be written, "" where it can."""
     study, results, timeout = shared
     try:
-        run_trial(study, results, trial, timeout)
+        run_task(study, results, task, timeout)
     except StorageError as error:
         return str(error)
     return ""

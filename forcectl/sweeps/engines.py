@@ -19,9 +19,10 @@ from dataclasses import dataclass
 from multiprocessing.connection import Connection, wait
 from typing import Any, Protocol
 
+from forcectl.sweeps.batches import Task
 from forcectl.sweeps.results import Results, StorageError
 from forcectl.sweeps.study import Study
-from forcectl.sweeps.trial import run_trial
+from forcectl.sweeps.trial import run_task
 
 MOST_MEMORY = 1.5e9  # [B] of a process, after which it is replaced: Drake 1.51 keeps every system written in Python
 GRACE = 5.0  # [s] after the end of its time that a trial is given to end by itself
@@ -29,16 +30,16 @@ GRACE = 5.0  # [s] after the end of its time that a trial is given to end by its
 
 @dataclass(frozen=True)
 class Ended:
-    """A trial has ended, in whatever way.
+    """A task has ended, in whatever way.
 
     Attributes:
-        trial: its number.
+        task: what it was.
         fault: of the process that ran it; "" for none.
-        overdue: the process was ended because the trial took too long.
+        overdue: the process was ended because it took too long.
         storage: the results directory cannot be written.
     """
 
-    trial: int
+    task: Task
     fault: str = ""
     overdue: bool = False
     storage: bool = False
@@ -49,17 +50,17 @@ class Engine(Protocol):
 
     @property
     def free(self) -> int:
-        """How many trials it takes now."""
+        """How many tasks it takes now."""
 
     @property
     def busy(self) -> int:
-        """How many trials it has."""
+        """How many tasks it has."""
 
-    def submit(self, trial: int) -> None:
-        """Take a trial."""
+    def submit(self, task: Task) -> None:
+        """Take a task."""
 
     def wait(self) -> list[Ended]:
-        """The trials that have ended since the last call; waits for a moment where there are none."""
+        """The tasks that have ended since the last call; waits for a moment where there are none."""
 
     def close(self) -> None:
         """End everything now; trials at work are lost."""
@@ -76,27 +77,27 @@ class Sequential:
 
     def __init__(self, study: Study, results: Results, timeout: float | None):
         self._study, self._results, self._timeout = study, results, timeout
-        self._waiting: list[int] = []
+        self._waiting: list[Task] = []
 
     @property
     def free(self) -> int:
-        """How many trials it takes now."""
+        """How many tasks it takes now."""
         return 1 - len(self._waiting)
 
     @property
     def busy(self) -> int:
-        """How many trials it has."""
+        """How many tasks it has."""
         return len(self._waiting)
 
-    def submit(self, trial: int) -> None:
-        """Take a trial."""
-        self._waiting.append(trial)
+    def submit(self, task: Task) -> None:
+        """Take a task."""
+        self._waiting.append(task)
 
     def wait(self) -> list[Ended]:
         """Run what was taken."""
-        trial = self._waiting.pop()
-        run_trial(self._study, self._results, trial, self._timeout)
-        return [Ended(trial)]
+        task = self._waiting.pop()
+        run_task(self._study, self._results, task, self._timeout)
+        return [Ended(task)]
 
     def close(self) -> None:
         """Nothing is left to end."""
@@ -106,7 +107,7 @@ class Sequential:
 class _Worker:
     process: Any
     pipe: Connection
-    trial: int | None = None
+    task: Task | None = None
     deadline: float = float("inf")
 
 
@@ -127,24 +128,24 @@ class Processes:
 
     @property
     def free(self) -> int:
-        """How many trials it takes now."""
+        """How many tasks it takes now."""
         return self._count - self.busy
 
     @property
     def busy(self) -> int:
-        """How many trials it has."""
-        return sum(worker.trial is not None for worker in self._workers)
+        """How many tasks it has."""
+        return sum(worker.task is not None for worker in self._workers)
 
-    def submit(self, trial: int) -> None:
-        """Give a trial to a process that has none."""
-        worker = next((worker for worker in self._workers if worker.trial is None), None) or self._start()
-        worker.trial = trial
+    def submit(self, task: Task) -> None:
+        """Give a task to a process that has none."""
+        worker = next((worker for worker in self._workers if worker.task is None), None) or self._start()
+        worker.task = task
         worker.deadline = time.monotonic() + self._timeout + GRACE if self._timeout is not None else float("inf")
         with contextlib.suppress(OSError):  # it is dead: `wait` finds out
-            worker.pipe.send(trial)
+            worker.pipe.send(task)
 
     def wait(self) -> list[Ended]:
-        """What has ended: trials, and processes with them."""
+        """What has ended: tasks, and processes with them."""
         wait([pipe for worker in self._workers for pipe in (worker.pipe, worker.process.sentinel)], timeout=0.5)
         ended = []
         for worker in list(self._workers):
@@ -154,24 +155,24 @@ class Processes:
         return ended
 
     def _look_at(self, worker: _Worker) -> Ended | None:
-        trial, found = worker.trial, None
+        task, found = worker.task, None
         try:
             if worker.pipe.poll():
                 fault, memory = worker.pipe.recv()
-                worker.trial, worker.deadline = None, float("inf")
+                worker.task, worker.deadline = None, float("inf")
                 if memory > MOST_MEMORY:
                     self._end(worker)
-                return None if trial is None else Ended(trial, fault, storage=bool(fault))
+                return None if task is None else Ended(task, fault, storage=bool(fault))
         except (EOFError, OSError):
             pass
         if not worker.process.is_alive():
             code = worker.process.exitcode
             found = f"its process was ended by signal {-code}" if code < 0 else f"its process ended with code {code}"
             self._end(worker)
-            return None if trial is None else Ended(trial, found)
+            return None if task is None else Ended(task, found)
         if time.monotonic() > worker.deadline:
             self._end(worker)
-            return None if trial is None else Ended(trial, overdue=True)
+            return None if task is None else Ended(task, overdue=True)
         return None
 
     def close(self) -> None:
@@ -198,17 +199,17 @@ class Processes:
 
 
 def _work(pipe: Connection, study: Study, results: Results, timeout: float | None) -> None:
-    """What a process does: trials, until nobody asks for any."""
+    """What a process does: tasks, until nobody asks for any."""
     threading.Thread(target=_die_with_parent, daemon=True).start()
     scale = 1 if sys.platform == "darwin" else 1024
     while True:
         try:
-            trial = pipe.recv()
+            task = pipe.recv()
         except (EOFError, OSError):
             return
         fault = ""
         try:
-            run_trial(study, results, trial, timeout)
+            run_task(study, results, task, timeout)
         except StorageError as error:
             fault = str(error)
         pipe.send((fault, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * scale))

@@ -135,6 +135,9 @@ def sweep(
                     write_tables(study, results, agenda, rows)
                 raise
         table = write_tables(study, results, agenda, rows)
+        together = sum(row["cost"].get("batch", 1) > 1 for row in rows.values())
+        if together:
+            notes.append(f"{together} of {len(rows)} trials ran side by side in batches")
         kept = out is not None or resume
         if kept and report:
             write_report(study, results, table, rows)

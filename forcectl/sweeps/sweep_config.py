@@ -63,6 +63,7 @@ class SweepConfig(Config):
     success: str = key("", "condition on the metrics")
     findings: dict[str, str] = key({}, "by name, conditions on the metrics to be noted of a trial")
     repeat: RepeatConfig | None = key(None, "more seeds for a point until its success rate is known")
+    batches: bool = key(True, "false: every trial runs by itself; see Batches in docs/sweeps.md")
     keep: str = key("failed", "logs that are kept", choices=KEEP)
     worst: WorstConfig | None = key(None, "trials that are kept whole")
     envelope: list[str] = key([], "signals that are recorded of all trials, for their range over time")

@@ -99,7 +99,7 @@ def _number(value: float | None) -> float:
 
 
 def costs_table(rows: Mapping[int, Row]) -> pd.DataFrame:
-    """What each finished trial took: elapsed and computing time [s], where, and when it was done."""
+    """What each finished trial took, see `forcectl.sweeps.trial.cost`."""
     import pandas as pd
 
     return pd.DataFrame([{"trial": number, **rows[number].get("cost", {})} for number in sorted(rows)])

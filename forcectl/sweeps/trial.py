@@ -7,17 +7,20 @@ import math
 import socket
 import threading
 import time
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from pathlib import Path
 from typing import Any
 
 import numpy as np
 import xarray as xr
 
+from forcectl.diagrams.loop import check_range
 from forcectl.errors import BadInputError, one_line
 from forcectl.runs.logs import write_netcdf
 from forcectl.runs.simulate import VariantOutcome, simulate
+from forcectl.runs.simulate_batch import simulate_batch
 from forcectl.scenario.scenario import build, origins, resolve
+from forcectl.sweeps.batches import Task
 from forcectl.sweeps.expression import Expression
 from forcectl.sweeps.results import BEAT, Results, Row
 from forcectl.sweeps.study import Study, Trial
@@ -30,41 +33,90 @@ class _TimeoutError(Exception):
     """A trial has taken longer than it may."""
 
 
-def run_trial(study: Study, results: Results, number: int, timeout: float | None = None) -> None:
-    """Simulate a trial and write its row; nothing where another process has it, or it has a row.
+def run_task(study: Study, results: Results, task: Task, timeout: float | None = None) -> None:
+    """Simulate trials and write their rows; not those that another process has, or that have a row.
 
     Args:
         study: the sweep.
         results: its directory.
-        number: of the trial.
-        timeout: largest computing time [s], looked at now and then; None: any.
+        task: the trials.
+        timeout: largest computing time of a trial [s], looked at now and then; None: any.
 
     Raises:
         StorageError: the directory cannot be written.
     """
-    if results.row_path(number).exists() or not results.claim(number):
+    claimed: list[int] = []
+    try:
+        for number in task.trials:
+            if not results.row_path(number).exists() and results.claim(number):
+                claimed.append(number)
+        trials = [study.trial(number) for number in claimed]
+        with _signs_of_life(results, claimed):
+            if task.batch:
+                _run_batch(study, results, trials, timeout)
+            else:
+                for trial in trials:
+                    _run_alone(study, results, trial, timeout)
+    finally:
+        for number in claimed:
+            results.release(number)
+
+
+def _run_batch(study: Study, results: Results, trials: Sequence[Trial], timeout: float | None) -> None:
+    """Simulate trials side by side; those that are not sound, or stop the others, by themselves."""
+    clock, sound = _Clock(timeout), []
+    for trial in trials:
+        try:
+            scenario = study.scenario(trial)
+            check_range(scenario.parts)
+        except BadInputError:
+            _run_alone(study, results, trial, timeout)
+        else:
+            sound.append((trial, scenario))
+    if not sound:
         return
     try:
-        with _signs_of_life(results, number):
-            results.write_row(_simulated(study, results, study.trial(number), timeout))
-    finally:
-        results.release(number)
+        outcomes = simulate_batch([scenario for _, scenario in sound], study.variant, clock.watch)
+    except (Exception, SystemExit):
+        left = [trial for trial, _ in sound]
+        if len(left) == 1:
+            _run_alone(study, results, left[0], timeout)
+        else:
+            for half in (left[: len(left) // 2], left[len(left) // 2 :]):
+                _run_batch(study, results, half, timeout)
+        return
+    share = clock.cost(len(sound))
+    for (trial, scenario), outcome in zip(sound, outcomes, strict=True):
+        row = row_of(study, trial, outcome, outcome.failure or "")
+        _keep(study, results, trial.number, outcome, scenario.duration)
+        results.write_row(row | {"cost": share})
 
 
-def _simulated(study: Study, results: Results, trial: Trial, timeout: float | None) -> Row:
-    wall, cpu = time.perf_counter(), time.thread_time()
+class _Clock:
+    """What has been spent since it was made, and how long that may go on [s]; None: for ever."""
 
-    def watch(_: str, __: float) -> None:
-        if timeout is not None and time.perf_counter() - wall > timeout:
+    def __init__(self, timeout: float | None):
+        self._timeout, self._wall, self._cpu = timeout, time.perf_counter(), time.thread_time()
+
+    def watch(self, _: str, __: float) -> None:
+        """Called now and then."""
+        if self._timeout is not None and time.perf_counter() - self._wall > self._timeout:
             raise _TimeoutError
 
+    def cost(self, batch: int) -> dict[str, Any]:
+        """The share of a trial in that of a batch."""
+        return cost((time.perf_counter() - self._wall) / batch, (time.thread_time() - self._cpu) / batch, batch)
+
+
+def _run_alone(study: Study, results: Results, trial: Trial, timeout: float | None) -> None:
+    clock = _Clock(timeout)
     outcome, duration, reason = None, 0.0, ""
     try:
         changes = study.overrides(trial)
         scenario = resolve(study.file, study.variant, changes)
         duration = scenario.duration
         loop = build(scenario, origins(study.file, study.variant, changes))
-        outcome = simulate(scenario, loop, study.variant, progress=watch)
+        outcome = simulate(scenario, loop, study.variant, progress=clock.watch)
         reason = outcome.failure or ""
     except _TimeoutError:
         reason = timeout_reason(timeout)
@@ -77,7 +129,7 @@ def _simulated(study: Study, results: Results, trial: Trial, timeout: float | No
     row = row_of(study, trial, outcome, reason)
     if outcome is not None:
         _keep(study, results, trial.number, outcome, duration)
-    return row | {"cost": cost(time.perf_counter() - wall, time.thread_time() - cpu)}
+    results.write_row(row | {"cost": clock.cost(1)})
 
 
 def timeout_reason(timeout: float | None) -> str:
@@ -85,9 +137,9 @@ def timeout_reason(timeout: float | None) -> str:
     return f"took longer than the {timeout:g} s of --trial-timeout"
 
 
-def cost(wall: float, cpu: float) -> dict[str, Any]:
-    """What a trial took: elapsed and computing time [s], where, and when it was done."""
-    return {"wall_s": wall, "cpu_s": cpu, "host": socket.gethostname(), "finished": time.time()}
+def cost(wall: float, cpu: float, batch: int = 1) -> dict[str, Any]:
+    """What a trial took: elapsed and computing time [s], in a batch of how many, where, and when it was done."""
+    return {"wall_s": wall, "cpu_s": cpu, "batch": batch, "host": socket.gethostname(), "finished": time.time()}
 
 
 def row_of(study: Study, trial: Trial, outcome: VariantOutcome | None, reason: str) -> Row:
@@ -154,13 +206,14 @@ def recorded(log: xr.Dataset, names: list[str], duration: float) -> Mapping[str,
 
 
 @contextlib.contextmanager
-def _signs_of_life(results: Results, number: int) -> Iterator[None]:
-    """While a trial is simulated, say now and then that it is."""
+def _signs_of_life(results: Results, numbers: Sequence[int]) -> Iterator[None]:
+    """While trials are simulated, say now and then that they are."""
     over = threading.Event()
 
     def beat() -> None:
         while not over.wait(BEAT):
-            results.beat(number)
+            for number in numbers:
+                results.beat(number)
 
     thread = threading.Thread(target=beat, daemon=True)
     thread.start()

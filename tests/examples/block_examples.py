@@ -18,6 +18,7 @@ from forcectl.force.invariance.correction import InvarianceControl, InvarianceCo
 from forcectl.force.invariance.force_law import InvarianceForceLaw
 from forcectl.force.invariance.fourth_degree import FourthDegreeForceLaw
 from forcectl.force.kinematic_inversion import ConstantKinematicInversion, KinematicInversion
+from forcectl.framework.linear_batch import LinearBatch
 from forcectl.motion.references import Reference, held_trajectory
 from forcectl.plant.contact.compliant_contact import CompliantContact, LinearContact
 from forcectl.plant.contact.contact_monitor import ContactMonitor
@@ -78,6 +79,12 @@ def spectral(t: float) -> np.ndarray:
 
 def law() -> IntegralForceLaw:
     return IntegralForceLaw(2, integral_gain=[1.5, 3.0], period=0.002)
+
+
+def linear_batch(ticks: int) -> LinearBatch:
+    """Two systems with two states, two inputs and one output."""
+    small, wide = np.full((2, 2, 2), 0.3), np.full((2, 1, 2), 0.5)
+    return LinearBatch(small, small, wide, wide, 0.002, ticks, state=np.zeros(4), line=np.zeros(4))
 
 
 def adaptive() -> AdaptiveForceLaw:
@@ -197,6 +204,10 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
         Example(lambda: PositionLoop(2), inputs={"command": push}),
         Example(lambda: PositionLoop(2, delay=0.004, initial_command=[0.1, 0.2]), inputs={"command": push}),
         Example(lambda: PositionLoop(2, period=0.0), inputs={"command": push}, periods={"period": None}),
+    ],
+    LinearBatch: [
+        Example(lambda: linear_batch(0), each("y0", "u0"), {"u0": spectral}, periods={"period": 0.002}),
+        Example(lambda: linear_batch(2), inputs={"u0": spectral}, periods={"period": 0.002}),
     ],
     ServoCore: [Example(lambda: ServoCore(2, unit="m"), inputs={"reference": spectral})],
     Servo: [Example(lambda: Servo(ServoCore(2)), inputs={"reference": spectral}, periods={"period": 0.002})],

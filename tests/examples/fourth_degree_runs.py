@@ -13,7 +13,8 @@ from forcectl.analysis.force_metrics import Step, settling_time
 from forcectl.force.invariance.fourth_degree import (
     FourthDegreeForceLaw,
 )
-from forcectl.plant.drives.position_loop import interleave, second_order, zero_order_hold
+from forcectl.framework.linear_batch import interleave
+from forcectl.plant.drives.position_loop import second_order, zero_order_hold
 from forcectl.testing import Log, run_diagram
 
 PERIOD, C, W, GAMMA, FORCE = 0.002, 1e-4, 12.6, -1e5, 15.0
@@ -33,7 +34,7 @@ def ideal_loop(block: FourthDegreeForceLaw, bandwidth: float = W) -> Diagram:
     n = block.size
     a, b = zero_order_hold(*second_order(bandwidth, 1.0), PERIOD)
     output = np.hstack([-np.eye(n) / C, np.zeros((n, n))])
-    sampled = LinearSystem(interleave([a] * n, n), interleave([b] * n, n), output, np.zeros((n, n)), PERIOD)
+    sampled = LinearSystem(interleave([a] * n), interleave([b] * n), output, np.zeros((n, n)), PERIOD)
     plant = builder.AddSystem(sampled)
     builder.Connect(block.GetOutputPort("displacement_command"), plant.get_input_port())
     builder.Connect(plant.get_output_port(), block.GetInputPort("measured_force"))

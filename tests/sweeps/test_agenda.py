@@ -3,6 +3,7 @@ import random
 import pytest
 
 from forcectl.sweeps.agenda import Agenda, wilson_half_width
+from forcectl.sweeps.batches import Task
 from forcectl.sweeps.study import study_of
 from forcectl.sweeps.sweep_config import read_sweep
 
@@ -34,8 +35,8 @@ def run(agenda, outcome, order=None):
     """Finish all trials, `outcome(number)` saying whether each succeeds, a few at work at a time."""
     at_work = []
     while True:
-        while len(at_work) < 4 and (number := agenda.take()) is not None:
-            at_work.append(number)
+        while len(at_work) < 4 and (task := agenda.take()) is not None:
+            at_work.extend(task.trials)
         if not at_work:
             return
         number = at_work.pop(order.randrange(len(at_work)) if order else 0)
@@ -45,8 +46,8 @@ def run(agenda, outcome, order=None):
 def test_everything_without_a_row_is_run_once(plain):
     agenda = Agenda(plain, (0, 1), [row(3), row(7)])
     taken = []
-    while (number := agenda.take()) is not None:
-        taken.append(number)
+    while (task := agenda.take()) is not None:
+        taken.extend(task.trials)
     assert sorted(taken) == [n for n in range(12) if n not in (3, 7)]
     assert (agenda.done, agenda.total) == (2, 12)
 
@@ -97,8 +98,11 @@ def test_going_on_asks_for_the_same(repeated):
     assert (again.done, again.total) == (len(rows), len(rows))
 
 
-def test_a_trial_that_was_put_back_comes_first(plain):
+def test_a_trial_that_was_put_back_comes_first_and_by_itself(plain):
     agenda = Agenda(plain, (0, 1), [])
     first = agenda.take()
-    agenda.put_back(first)
-    assert agenda.take() == first
+    assert first == Task((0, 2, 4, 6, 8, 10), True)
+    agenda.put_back(4)
+    assert agenda.take() == Task((4,), True)
+    assert agenda.take() == Task((1, 3, 5, 7, 9, 11), True)
+    assert agenda.take() is None

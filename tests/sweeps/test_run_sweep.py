@@ -140,8 +140,8 @@ def test_a_full_disk_stops_the_sweep_and_keeps_what_is_finished(tmp_path, monkey
 
     monkeypatch.setattr(Results, "write_row", full)
     with pytest.raises(StorageError, match="No space left"):
-        fc.sweep(small(), out=tmp_path / "out", engine="sequential", report=False)
-    assert rows(tmp_path / "out") == 2
+        fc.sweep(small(batches=False), out=tmp_path / "out", engine="sequential", report=False)
+    assert rows(tmp_path / "out") == 1
     monkeypatch.undo()
     result = fc.sweep(tmp_path / "out", resume=True, engine="sequential", report=False)
     assert result.count("done") == 8

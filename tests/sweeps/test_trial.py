@@ -2,10 +2,11 @@ import numpy as np
 import pytest
 
 from forcectl.runs.run import run
+from forcectl.sweeps.batches import Task
 from forcectl.sweeps.results import Results
 from forcectl.sweeps.study import study_of
 from forcectl.sweeps.sweep_config import read_sweep
-from forcectl.sweeps.trial import ENVELOPE_POINTS, run_trial
+from forcectl.sweeps.trial import ENVELOPE_POINTS, run_task
 from tests.sweeps.small_sweeps import FAILING, GAIN, STIFFNESS, small
 
 
@@ -15,7 +16,7 @@ def study(**keys):
 
 def row_of(study, folder, number=0, timeout=None):
     results = Results(folder, study.digest())
-    run_trial(study, results, number, timeout)
+    run_task(study, results, Task((number,), False), timeout)
     assert results.marks() == {}
     return results.row(number)
 
@@ -61,7 +62,7 @@ def test_a_trial_with_a_row_is_not_run_again(tmp_path):
     one = study()
     results = Results(tmp_path, one.digest())
     results.write_row({"trial": 0, "state": "done"})
-    run_trial(one, results, 0)
+    run_task(one, results, Task((0,), False))
     assert results.row(0) == {"trial": 0, "state": "done"}
 
 

@@ -279,13 +279,15 @@ class GovernedConfig(Config):
     """
 
     law: Any = slot("controller", VrftConfig, meaning="controller of the force that is governed")
-    inner_bandwidth: float | None = key(None, "(1-A)/Ts; null: that of the law", unit="rad/s", bounds="positive")
+    inner_bandwidth: float | None = key(
+        None, "(1-A)/Ts; null: that of the law", unit="rad/s", bounds="positive", each=True
+    )
     reference_bandwidth: float = key(
-        7.5, "(1-At)/Ts: At = 0.985 at 2 ms; 4.5 is the 0.991 of the text", unit="rad/s", bounds="positive"
+        7.5, "(1-At)/Ts: At = 0.985 at 2 ms; 4.5 is the 0.991 of the text", unit="rad/s", bounds="positive", each=True
     )
     delay: float = key(0.08, "T_d, whole control ticks", unit="s", bounds="not negative")
-    output_weight: float = key(1.0, "weight Q_y", bounds="not negative")
-    reference_weight: float = key(1e-3, "weight Q_r", bounds="positive")
+    output_weight: float = key(1.0, "weight Q_y", bounds="not negative", each=True)
+    reference_weight: float = key(1e-3, "weight Q_r", bounds="positive", each=True)
     horizon: int = key(
         1, "above one: a quadratic program per tick", unit="ticks", bounds=f"from 1 to {LONGEST_HORIZON}"
     )
@@ -310,6 +312,11 @@ class GovernedConfig(Config):
         names = ("lower_limit", "upper_limit", "lower_force", "upper_force")
         _check_limits({name: np.array([getattr(self, name)]) for name in names})
 
+    @property
+    def in_batches(self) -> bool:  # type: ignore[override]
+        """Whether it makes blocks for a batch: a solver of programs goes on from the one before."""
+        return self.horizon == 1
+
     def _inner_bandwidth(self) -> float | None:
         told = getattr(self.law, "reference_model_bandwidth", lambda: None)
         return told() if self.inner_bandwidth is None else self.inner_bandwidth
@@ -325,8 +332,8 @@ class GovernedConfig(Config):
             BadInputError: a bandwidth that is not below 1/period, or a delay that is not a whole number of periods.
         """
 
-        def pole(name: str, bandwidth: float | None) -> float:
-            if bandwidth is None or not bandwidth * model.period < 1:
+        def pole(name: str, bandwidth: Any) -> Any:
+            if bandwidth is None or not np.all(bandwidth * model.period < 1):
                 raise invalid(name, bandwidth, f"below 1/period = {1 / model.period:g}")
             return 1 - bandwidth * model.period
 

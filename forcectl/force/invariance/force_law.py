@@ -235,12 +235,14 @@ _Law = TypeVar("_Law", bound=InvarianceForceLaw)
 class InvarianceLimits(Config, LawConfig):
     """What the configurations of laws with this constraint share."""
 
-    gamma: float = key(-0.1, "deceleration towards the constraint", unit="m/s^2", bounds="below zero")
-    upper_acceleration: float | None = key(None, "away from rest; null: -gamma", unit="m/s^2", bounds="positive")
-    compliance_error: float = key(1.0, "C_T_hat / C_T of the constraint", bounds="positive")
-    speed_limit: float = key(inf, "largest speed of the command", unit="m/s", bounds="above zero")
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero")
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero")
+    gamma: float = key(-0.1, "deceleration towards the constraint", unit="m/s^2", bounds="below zero", each=True)
+    upper_acceleration: float | None = key(
+        None, "away from rest; null: -gamma", unit="m/s^2", bounds="positive", each=True
+    )
+    compliance_error: float = key(1.0, "C_T_hat / C_T of the constraint", bounds="positive", each=True)
+    speed_limit: float = key(inf, "largest speed of the command", unit="m/s", bounds="above zero", each=True)
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero", each=True)
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero", each=True)
 
     def block(self, kind: type[_Law], model: PlantModel, compliance: ArrayLike | None) -> _Law:
         """The block whose model has this total compliance [m/N], or a port for it (None)."""
@@ -257,7 +259,7 @@ class InvarianceLimits(Config, LawConfig):
 
 
 @dataclass(kw_only=True)
-class InvarianceConfig(InvarianceLimits):
+class InvarianceConfig(InvarianceLimits, in_batches=True):
     """Scenario part `!Invariance`."""
 
     def law(self, model: PlantModel, compliance: ArrayLike | None) -> InvarianceForceLaw:
@@ -266,7 +268,9 @@ class InvarianceConfig(InvarianceLimits):
 
 
 @dataclass(kw_only=True)
-class AdaptiveInvarianceConfig(AdaptiveLawConfig, InvarianceConfig):
+class AdaptiveInvarianceConfig(AdaptiveLawConfig, InvarianceConfig, in_batches=True):
     """Scenario part `!AdaptiveInvariance`: the constraint with the compliance estimated on line. (3.56)"""
 
-    compliance_error: float = key(0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="positive")
+    compliance_error: float = key(
+        0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="positive", each=True
+    )

@@ -246,28 +246,37 @@ class FourthDegreeForceLaw(ForceLaw):
 
 
 @dataclass(kw_only=True)
-class FourthDegreeInvarianceConfig(Config, LawConfig):
+class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
     """Scenario part `!FourthDegreeInvariance`."""
 
-    gamma: float = key(-1e5, "smallest fourth derivative of the force", unit="N/s^4", bounds="below zero")
-    upper: float | None = key(None, "largest y^(4) of the force; null: -gamma", unit="N/s^4", bounds="positive")
-    alpha: float = key(3.0, "factor of the virtual state", bounds="not negative")
-    bandwidth: float | None = key(
-        None, "w of the lag from command to force; null: that of the force sensor", unit="rad/s", bounds="positive"
+    gamma: float = key(-1e5, "smallest fourth derivative of the force", unit="N/s^4", bounds="below zero", each=True)
+    upper: float | None = key(
+        None, "largest y^(4) of the force; null: -gamma", unit="N/s^4", bounds="positive", each=True
     )
-    damping_ratio: float = key(1.0, "of the same lag", bounds="positive")
+    alpha: float = key(3.0, "factor of the virtual state", bounds="not negative", each=True)
+    bandwidth: float | None = key(
+        None,
+        "w of the lag from command to force; null: that of the force sensor",
+        unit="rad/s",
+        bounds="positive",
+        each=True,
+    )
+    damping_ratio: float = key(1.0, "of the same lag", bounds="positive", each=True)
     derivatives: str = key("difference", "where the derivatives of the force come from", choices=DERIVATIVES)
-    compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="positive")
-    acceleration_limit: float = key(0.1, "largest acceleration of the command", unit="m/s^2", bounds="positive")
+    compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="positive", each=True)
+    acceleration_limit: float = key(
+        0.1, "largest acceleration of the command", unit="m/s^2", bounds="positive", each=True
+    )
     speed_limit: float = key(
         np.inf,
         "largest speed of the command; with differences never above `speed_window`",
         unit="m/s",
         bounds="above zero",
+        each=True,
     )
-    rest_region: float = key(0.3, "force error within which the law rests", unit="N", bounds="not negative")
-    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero")
-    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero")
+    rest_region: float = key(0.3, "force error within which the law rests", unit="N", bounds="not negative", each=True)
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero", each=True)
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero", each=True)
 
     def law(self, model: PlantModel, compliance: ArrayLike | None) -> FourthDegreeForceLaw:
         """The block whose model has this total compliance [m/N], or a port for it (None)."""
@@ -293,4 +302,6 @@ class FourthDegreeInvarianceConfig(Config, LawConfig):
 class AdaptiveFourthDegreeInvarianceConfig(AdaptiveLawConfig, FourthDegreeInvarianceConfig):
     """Scenario part `!AdaptiveFourthDegreeInvariance`: the same with the compliance estimated on line. (Fig. 3.10)"""
 
-    compliance_error: float = key(2 / 3, "initial C_E_hat / C_E; 1/1.5 = stiffness 50 % too high", bounds="positive")
+    compliance_error: float = key(
+        2 / 3, "initial C_E_hat / C_E; 1/1.5 = stiffness 50 % too high", bounds="positive", each=True
+    )

@@ -26,7 +26,7 @@ from math import inf
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
-from pydrake.systems.primitives import Demultiplexer, LinearSystem, Multiplexer
+from pydrake.systems.primitives import Demultiplexer, Multiplexer
 
 from forcectl.force.invariance.force_law import InvarianceConfig
 from forcectl.force.sensor_lag import sensor_model
@@ -183,7 +183,7 @@ class PredictiveForceLaw(Diagram):
     """
 
     def __init__(
-        self, law: System, correction: PredictiveCorrection, filters: tuple[PositionLoop, PositionLoop, LinearSystem]
+        self, law: System, correction: PredictiveCorrection, filters: tuple[PositionLoop, PositionLoop, System]
     ):
         super().__init__()
         self.sample_delay = dict(getattr(law, "sample_delay", {}))

@@ -61,15 +61,23 @@ class AdaptiveVrft(Diagram):
 
 
 @dataclass(kw_only=True)
-class AdaptiveVrftConfig(VrftConfig):
+class AdaptiveVrftConfig(VrftConfig, in_batches=True):
     """Scenario part `!AdaptiveVrft`: starts with the gains of `!Vrft`."""
 
-    forgetting: float = key(0.995, "forgetting factor per sample", bounds="above 0 and at most 1")
-    initial_covariance: float = key(1e-9, "P_0, also the largest: how far gains may move at first", bounds="positive")
-    minimum_force: float = key(8.0, "force below which nothing is learnt", unit="N", bounds="not negative")
-    minimum_rate: float = key(1.0, "rate of the force below which nothing is learnt", unit="N/s", bounds="not negative")
-    gain_range: float = key(10.0, "K_P and K_I stay within this factor of where they start", bounds="at least 1")
-    data_resolution: float = key(0.0039, "the force is rounded to this for the tuning", unit="N", bounds="not negative")
+    forgetting: float = key(0.995, "forgetting factor per sample", bounds="above 0 and at most 1", each=True)
+    initial_covariance: float = key(
+        1e-9, "P_0, also the largest: how far gains may move at first", bounds="positive", each=True
+    )
+    minimum_force: float = key(8.0, "force below which nothing is learnt", unit="N", bounds="not negative", each=True)
+    minimum_rate: float = key(
+        1.0, "rate of the force below which nothing is learnt", unit="N/s", bounds="not negative", each=True
+    )
+    gain_range: float = key(
+        10.0, "K_P and K_I stay within this factor of where they start", bounds="at least 1", each=True
+    )
+    data_resolution: float = key(
+        0.0039, "the force is rounded to this for the tuning", unit="N", bounds="not negative", each=True
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()

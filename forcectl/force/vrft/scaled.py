@@ -12,8 +12,8 @@ from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.systems.framework import Diagram, DiagramBuilder
-from pydrake.systems.primitives import Demultiplexer, LinearSystem
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.estimation.excited_compliance import ExcitedCompliance
 from forcectl.force.linear_law import GAINS, LinearForceLaw, VrftConfig
@@ -54,7 +54,7 @@ class ScaledVrft(Diagram):
         self,
         law: LinearForceLaw,
         estimator: ExcitedCompliance,
-        displacement_filter: LinearSystem,
+        displacement_filter: System,
         slopes: NDArray[np.float64],
         offsets: NDArray[np.float64],
     ):

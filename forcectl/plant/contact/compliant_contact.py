@@ -180,12 +180,14 @@ class LinearContact(Diagram):
 
 
 @dataclass(kw_only=True)
-class EnvironmentConfig(Config):
+class EnvironmentConfig(Config, in_batches=True):
     """Scenario part `environment: !Surface`: what the tool of an arm presses on, touching it at the start."""
 
     arm: str = key("", "which arm presses; empty: the first")
     normal: list[float] = key([], "outward normal in W; empty: the station's", bounds="not all zero", size=3)
-    stiffness: float = key(5.9e3, "K_E where surface.materials does not say otherwise", unit="N/m", bounds="positive")
+    stiffness: float = key(
+        5.9e3, "K_E where surface.materials does not say otherwise", unit="N/m", bounds="positive", each=True
+    )
     damping: float = key(0.0, "D_E where surface.materials does not say otherwise", unit="N s/m", bounds="not negative")
     one_sided: bool = key(True, "false: the linear two-sided spring (OneDimensional only)")
     surface: SurfaceConfig = key(SurfaceConfig, "its shape and materials; flat by default")

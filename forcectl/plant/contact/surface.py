@@ -251,7 +251,7 @@ class ProfileFileConfig(Config):
 
 
 @dataclass(kw_only=True)
-class SurfaceConfig(Config):
+class SurfaceConfig(Config, in_batches=True):
     """Scenario part `surface`: its heights are added up; flat when there are none."""
 
     direction: list[float] = key([1.0, 0.0, 0.0], "of the path in W, across the normal", bounds="not all zero", size=3)

@@ -9,16 +9,18 @@ the same filter is a continuous state. A command delay of whole ticks sits in fr
 from __future__ import annotations
 
 from dataclasses import dataclass
+from functools import lru_cache
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import LinearSystem
-from scipy.linalg import block_diag, expm
+from scipy.linalg import expm
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import batch_values, check, whole_multiple
 from forcectl.framework.fields import Config, key
+from forcectl.framework.linear_batch import interleave, sampled_system
 
 Matrix = NDArray[np.float64]
 LONGEST_DELAY = 1.0  # [s] a delay line keeps every sample
@@ -49,32 +51,9 @@ def first_order_hold(a: Matrix, b: Matrix, period: float) -> tuple[Matrix, Matri
     return e[:n, :n], e[:n, n : n + m], e[:n, n + m :]
 
 
-def interleave(blocks: list[Matrix], size: int) -> Matrix:
-    """One matrix for n equal-shaped systems, with the states grouped by quantity instead of by batch element."""
-    rows, cols = blocks[0].shape
-    whole = block_diag(*blocks)
-    row_order = np.arange(rows * size).reshape(size, rows).T.ravel()
-    col_order = np.arange(cols * size).reshape(size, cols).T.ravel()
-    return whole[np.ix_(row_order, col_order)]
-
-
-def behind_delay(a: Matrix, b: Matrix, c: Matrix, d: Matrix, ticks: int, period: float) -> LinearSystem:
-    """A sampled system behind a delay line; its states, then those of the line, the newest first.
-
-    Args:
-        a, b, c, d: of the system.
-        ticks: samples of delay.
-        period: [s].
-    """
-    n, size = b.shape
-    if not ticks:
-        return LinearSystem(a, b, c, d, period)
-    line = ticks * size
-    A, B = np.zeros((n + line, n + line)), np.zeros((n + line, size))
-    A[:n, :n], A[:n, -size:], A[n + size :, n:-size] = a, b, np.eye(line - size)
-    B[n : n + size] = np.eye(size)
-    C = np.hstack([c, np.zeros((len(c), line - size)), d])
-    return LinearSystem(A, B, C, np.zeros_like(d), period)
+@lru_cache(maxsize=1024)  # in a batch most are the same
+def _held(bandwidth: float, damping_ratio: float, period: float) -> tuple[Matrix, Matrix]:
+    return zero_order_hold(*second_order(bandwidth, damping_ratio), period)
 
 
 class PositionLoop(Diagram):
@@ -124,11 +103,17 @@ class PositionLoop(Diagram):
         ticks = whole_multiple("delay", delay, period, "period") if delay else 0
         self.sample_delay = {("command", "reference"): ticks * period}
 
-        continuous = [second_order(wi, zi) for wi, zi in zip(w, z, strict=True)]
-        pairs = [zero_order_hold(a, b, period) for a, b in continuous] if period else continuous
-        a, b = interleave([p[0] for p in pairs], size), interleave([p[1] for p in pairs], size)
-        filter_ = behind_delay(a, b, np.eye(2 * size), np.zeros((2 * size, size)), ticks, period)
-        filter_.configure_default_state(np.concatenate([start, np.zeros(size), np.tile(start, ticks)]))
+        rest = np.concatenate([start, np.zeros(size)])
+        if period:
+            held = [_held(wi, zi, period) for wi, zi in zip(w.tolist(), z.tolist(), strict=True)]
+            a, b = (np.array(matrices) for matrices in zip(*held, strict=True))
+            filter_: System = sampled_system(a, b, None, None, period, ticks, state=rest, line=start)
+        else:
+            each = [second_order(wi, zi) for wi, zi in zip(w, z, strict=True)]
+            a, b = (interleave(matrices) for matrices in zip(*each, strict=True))
+            continuous_filter = LinearSystem(a, b, np.eye(2 * size), np.zeros((2 * size, size)))
+            continuous_filter.configure_default_state(rest)
+            filter_ = continuous_filter
 
         builder = DiagramBuilder()
         builder.AddNamedSystem("delayed_filter" if ticks else "filter", filter_)
@@ -138,11 +123,11 @@ class PositionLoop(Diagram):
 
 
 @dataclass(kw_only=True)
-class PositionLoopConfig(Config):
+class PositionLoopConfig(Config, in_batches=True):
     """Scenario part `position_loop`."""
 
-    bandwidth: float = key(75.4, "w of the filter", unit="rad/s", bounds="positive")
-    damping_ratio: float = key(1.0, "z of the filter", unit="1", bounds="positive")
+    bandwidth: float = key(75.4, "w of the filter", unit="rad/s", bounds="positive", each=True)
+    damping_ratio: float = key(1.0, "z of the filter", unit="1", bounds="positive", each=True)
     delay: float = key(
         0.002, "command delay T_t, whole ticks", unit="s", bounds=f"not negative, at most {LONGEST_DELAY:g}"
     )

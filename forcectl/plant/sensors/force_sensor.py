@@ -23,14 +23,14 @@ from pydrake.systems.primitives import LinearSystem
 from forcectl.errors import invalid
 from forcectl.framework.batch import BatchBlock, BatchParameter, BatchValue, batch_values, check, whole_multiple
 from forcectl.framework.fields import Config, key
+from forcectl.framework.linear_batch import LinearBatch, sampled_system
 from forcectl.plant.drives.position_loop import (
     LONGEST_DELAY,
-    behind_delay,
     first_order_hold,
-    interleave,
     second_order,
 )
 
+Matrix = NDArray[np.float64]
 _CHUNK = 1024
 
 
@@ -189,13 +189,21 @@ class ForceDigitiser(SensorElectronics):
         self.write(output, self.read(context, self._force.Eval(context)))
 
 
+@lru_cache(maxsize=1024)
+def filter_matrices(bandwidth: float, damping_ratio: float, period: float) -> tuple[Matrix, Matrix, Matrix, Matrix]:
+    """State matrices A, B, C, D of one channel of `sensor_filter`."""
+    a, g0, g1 = first_order_hold(*second_order(bandwidth, damping_ratio), period)
+    # State xi = x - G1 u turns the look-ahead of the first-order hold into direct feedthrough.
+    return a, a @ g1 + g0 - g1, np.eye(1, 2), g1[:1]
+
+
 def sensor_filter(
     size: int,
     bandwidth: ArrayLike,
     damping_ratio: ArrayLike,
     period: float,
     delay_ticks: int,
-) -> LinearSystem:
+) -> LinearSystem | LinearBatch:
     """The sensor's second-order low-pass behind a delay line, as one sampled linear system.
 
     Without delay the output at t_k uses the input at t_k: direct feedthrough of the first-order hold.
@@ -209,10 +217,9 @@ def sensor_filter(
     """
     w = batch_values("bandwidth", bandwidth, size, "positive and finite")
     z = batch_values("damping_ratio", damping_ratio, size, "positive and finite")
-    # State xi = x - G1 u turns the look-ahead of the first-order hold into direct feedthrough.
-    holds = [first_order_hold(*second_order(wi, zi), period) for wi, zi in zip(w, z, strict=True)]
-    a, g0, g1 = (interleave(list(blocks), size) for blocks in zip(*holds, strict=True))
-    return behind_delay(a, a @ g1 + g0 - g1, np.eye(size, 2 * size), g1[:size], delay_ticks, period)
+    each = [filter_matrices(wi, zi, period) for wi, zi in zip(w.tolist(), z.tolist(), strict=True)]
+    a, b, c, d = (np.array(matrices) for matrices in zip(*each, strict=True))
+    return sampled_system(a, b, c, d, period, delay_ticks)
 
 
 class ForceSensor(Diagram):
@@ -276,19 +283,21 @@ class ForceSensor(Diagram):
 
 
 @dataclass(kw_only=True)
-class ForceSensorConfig(Config):
+class ForceSensorConfig(Config, in_batches=True):
     """Parameters of a force sensor. Force values; torque channels use the same numbers times `torque_ratio`."""
 
     bandwidth: float = key(12.6, "w of the filter", unit="rad/s", bounds="positive")
     damping_ratio: float = key(1.0, "z of the filter", unit="1", bounds="positive")
-    noise_std: float = key(0.05, "standard deviation per sample, before the filter", unit="N", bounds="not negative")
-    quantum: float = key(0.05, "step of the readings; 0: none", unit="N", bounds="not negative")
-    bias: float = key(0.0, "offset of the readings", unit="N")
+    noise_std: float = key(
+        0.05, "standard deviation per sample, before the filter", unit="N", bounds="not negative", each=True
+    )
+    quantum: float = key(0.05, "step of the readings; 0: none", unit="N", bounds="not negative", each=True)
+    bias: float = key(0.0, "offset of the readings", unit="N", each=True)
     tare: bool = key(True, "true: the first reading becomes zero")
     delay: float = key(
         0.0, "transport delay, whole control ticks", unit="s", bounds=f"not negative, at most {LONGEST_DELAY:g}"
     )
-    range: float = key(400.0, "largest force that can be read", unit="N", bounds="positive or infinite")
+    range: float = key(400.0, "largest force that can be read", unit="N", bounds="positive or infinite", each=True)
     torque_ratio: float = key(0.05, "torque noise, quantum and range relative to force", unit="m", bounds="positive")
 
     def force_lag(self) -> tuple[float, float, float]:
@@ -299,7 +308,7 @@ class ForceSensorConfig(Config):
         """Factors on noise, quantum, bias and range of the six channels of a wrench [torque; force], shape (6,)."""
         return np.repeat([self.torque_ratio, 1.0], 3)
 
-    def filter(self, size: int, period: float) -> LinearSystem:
+    def filter(self, size: int, period: float) -> LinearSystem | LinearBatch:
         """The filter behind the electronics, for n channels."""
         ticks = whole_multiple("delay", self.delay, period, "period")
         return sensor_filter(size, self.bandwidth, self.damping_ratio, period, ticks)
@@ -318,7 +327,7 @@ class ForceSensorConfig(Config):
             range=self.range,
             delay=self.delay,
             # Without bias the first reading is zero already.
-            tare=self.tare and self.bias != 0,
+            tare=self.tare and bool(np.any(self.bias)),
             seed=seed,
             period=period,
         )

@@ -1,0 +1,149 @@
+"""Simulating scenarios of one dimension as the elements of one diagram."""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+
+from forcectl.conventions import unit_of
+from forcectl.diagrams.log import LoggedSignal
+from forcectl.diagrams.loop import contact_state
+from forcectl.diagrams.model import Setting
+from forcectl.diagrams.one_dimensional_loop import (
+    OneDimensionalLoop,
+    build_one_dimensional_loop,
+    is_scalar,
+    scalar_loop,
+)
+from forcectl.errors import RunFailedError
+from forcectl.framework.fields import stacked
+from forcectl.framework.linear_batch import WIDE
+from forcectl.runs.logs import ChunkedLog, first_fault, to_dataset
+from forcectl.runs.simulate import CHUNK, VariantOutcome, advance, fault_of, judged
+from forcectl.scenario.scenario import Scenario
+
+MOST = 200  # elements of a batch; more are hardly faster
+_MOST_SAMPLES = 2e7  # of the signals of all elements
+_ROWS = 10  # signals of an element, about
+
+Array = NDArray[np.float64]
+
+
+def batch_size(scenario: Scenario) -> int:
+    """How many scenarios like this one may run as one batch; 0 where it cannot.
+
+    Args:
+        scenario: complete.
+    """
+    if not is_scalar(scenario.parts):
+        return 0
+    ticks = scenario.duration / (scenario.station.period or 0.002)
+    return int(np.clip(_MOST_SAMPLES / (_ROWS * ticks), 1, MOST))
+
+
+def simulate_batch(
+    scenarios: Sequence[Scenario], variant: str, progress: Callable[[str, float], None] | None = None
+) -> list[VariantOutcome]:
+    """Simulate scenarios that differ only in the numbers that elements of a batch may differ in, and in their seeds.
+
+    An outcome equals that of `simulate` to rounding, and bit for bit that in any other batch.
+
+    Args:
+        scenarios: for which `batch_size` is not 0; of each a loop can be built.
+        variant: its name, for the logs.
+        progress: called with the variant and the share done, after every `CHUNK`.
+
+    Raises:
+        BadInputError: they differ in more.
+        RunFailedError: the simulation stopped.
+    """
+    workcell, settings, loops = scenarios[0].setting().workcell, [], []
+    for scenario in scenarios:
+        own = workcell.with_environment(scenario.station)
+        settings.append(scenario.parts.setting(own))
+        loops.append(scalar_loop(scenario.parts, own))
+    # In a batch that is wide enough all blocks add up in the same order, whatever its size.
+    missing = max(0, WIDE - len(loops))
+    seeds = [scenario.seed for scenario in scenarios] + missing * [scenarios[-1].seed]
+    loop = build_one_dimensional_loop(stacked(loops + missing * loops[-1:]), size=len(seeds), seeds=seeds)
+    batch = _Batch(loop, scenarios, settings[0])
+    times, values, failures = batch.run(lambda share: progress and progress(variant, share))
+    outcomes = []
+    for i, (scenario, setting) in enumerate(zip(scenarios, settings, strict=True)):
+        failure, end = failures.get(i, (None, np.inf))
+        kept = times <= end
+        rows = batch.rows(values, i)[:, kept]
+        bandwidth = scenario.model_bandwidth(getattr(scenario.controller, "reference_model_bandwidth", lambda: None)())
+        derived = {"contact_state": contact_state(rows[batch.signals["contact_force"].rows][0])}
+        log = to_dataset(times[kept], rows, batch.signals, variant, bandwidth, derived)
+        outcomes.append(judged(scenario, setting, VariantOutcome(variant, log, {}, failure), None))
+    return outcomes
+
+
+@dataclass(frozen=True)
+class _Batch:
+    """A loop whose first elements are scenarios of one robot."""
+
+    loop: OneDimensionalLoop
+    scenarios: Sequence[Scenario]
+    setting: Setting
+
+    @property
+    def signals(self) -> Mapping[str, LoggedSignal]:
+        """The signals of one element, as `simulate` logs them: those of the batch, and the motors of the robot."""
+        joints = tuple(self.setting.workcell.robot.parameters.arm_joints)
+        motors = LoggedSignal(slice(1, 1 + len(joints)), unit_of("motor_position"), joints, "joint")
+        own = self.loop.signals
+        first = next(iter(own))
+        found = {first: LoggedSignal(slice(0, 1), own[first].unit, None), "motor_position": motors}
+        for row, name in enumerate(list(own)[1:], 1 + len(joints)):
+            found[name] = LoggedSignal(slice(row, row + 1), own[name].unit, None)
+        return found
+
+    def rows(self, values: Array, element: int) -> Array:
+        """The signals of an element (m, k) out of those of the batch (n, k)."""
+        found = []
+        for name in self.signals:
+            if name == "motor_position":
+                contact, start = self.setting.workcell.contact, self.setting.workcell.motor_start
+                displacement = values[self.loop.signals["contact_displacement"].rows][element]
+                found.append(start[:, None] + contact.direction[:, None] * displacement)
+            else:
+                found.append(values[self.loop.signals[name].rows][[element]])
+        return np.concatenate(found)
+
+    def run(self, progress: Callable[[float], object]) -> tuple[Array, Array, dict[int, tuple[str, float]]]:
+        """Simulate; returns times (k,) [s], the log (n, k), and of elements that failed why and when [s]."""
+        simulator, log = Simulator(self.loop.diagram), ChunkedLog()
+        context = simulator.get_mutable_context()
+        failures: dict[int, tuple[str, float]] = {}
+        signals, limits = self.signals, [scenario.limits() for scenario in self.scenarios]
+        duration = self.scenarios[0].duration
+        count = max(1, int(np.ceil(duration / CHUNK - 1e-9)))
+        for i in range(count + 1):
+            cause, _ = advance(simulator, min(i * CHUNK, duration))
+            if cause is not None:
+                raise RunFailedError("the simulation of a batch stopped") from cause
+            times, values = log.take(self.loop.sink.FindMutableLog(context))
+            for element in self._suspicious(values, limits):
+                fault = first_fault(times, self.rows(values, element), signals, limits[element])
+                if fault is not None and element not in failures:
+                    name, when, value = fault
+                    failures[element] = fault_of(name, when, value, signals[name].unit), when
+            progress(i / count)
+            if len(failures) == len(self.scenarios):
+                break
+        return *log.samples(), failures
+
+    def _suspicious(self, values: Array, limits: Sequence[Mapping[str, float]]) -> list[int]:
+        """Elements with a value that is not finite, or beyond a limit."""
+        count, bad = len(self.scenarios), np.zeros(len(self.scenarios), dtype=bool)
+        for name, signal in self.loop.signals.items():
+            peaks = np.abs(values[signal.rows][:count]).max(axis=1, initial=0.0)
+            bad |= ~(peaks <= [limit.get(name, np.finfo(float).max) for limit in limits])
+        found: list[int] = np.flatnonzero(bad).tolist()
+        return found
