@@ -93,19 +93,19 @@ def _functions(repeats: int) -> Iterator[Row]:
         for _, follower in motions:
             angles.state(follower.rotation, follower.velocity[:3])
 
-    planner, state = Planner(COMPONENTS), begin(np.zeros(COMPONENTS))
-    limits, none = limits_of(COMPONENTS, 0.5, 2.0, 20.0), np.zeros(COMPONENTS)
+    planner, state = Planner(limits_of(COMPONENTS, 0.5, 2.0, 20.0)), begin(np.zeros(COMPONENTS))
+    none = np.zeros(COMPONENTS)
     targets = [Target(rng.normal(size=COMPONENTS), none, none) for _ in range(CALLS)]
 
     def goes_on() -> None:
         now = state
         for _ in targets:
-            now = planner.follow(now, targets[0], limits, PERIOD)
+            now = planner.follow(now, targets[0], PERIOD)
 
     def new_plans() -> None:
         now = state
         for target in targets:
-            now = planner.follow(now, target, limits, PERIOD)
+            now = planner.follow(now, target, PERIOD)
 
     for name, work, required in (
         ("12 components, without the block: a plan that goes on", goes_on, "<= 20"),

@@ -53,11 +53,11 @@ def draw_fast_contact(target: Path) -> None:
 
 def draw_trajectory(target: Path) -> None:
     """Position, velocity and acceleration of two components whose targets change on the way."""
-    limits, period = limits_of(2, 0.5, 2.0, 20.0), 0.004
-    planner, state, rows, goals = Planner(2), begin([0.0, 0.0]), [], []
+    planner, period = Planner(limits_of(2, 0.5, 2.0, 20.0)), 0.004
+    state, rows, goals = begin([0.0, 0.0]), [], []
     for tick in range(700):
         goal = np.array([[0.4, 0.2], [0.1, 0.3], [0.3, -0.1]][(tick > 150) + (tick > 320)])
-        state = planner.follow(state, Target(goal, np.zeros(2), np.zeros(2)), limits, period)
+        state = planner.follow(state, Target(goal, np.zeros(2), np.zeros(2)), period)
         rows.append(state.motion)
         goals.append(goal)
     time, motion = period * np.arange(1, len(rows) + 1), np.array(rows)

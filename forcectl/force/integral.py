@@ -91,13 +91,13 @@ class IntegralForceLaw(ForceLaw):
 
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
         """One tick of the law."""
-        last = memory["displacement_command"]
+        last, m = memory["displacement_command"], self.math
         gain, width, lower, upper = self.values(context)
         if "compliance" in inputs:
             gain = gain * inputs["compliance"]
         error = inputs["desired_force"] - inputs["measured_force"]
-        after = integral_step(last, dead_zone(error, width, self.math), gain, lower, upper, self.math)
-        return {"displacement_command": self.math.where(after == after, after, last)}
+        after = integral_step(last, dead_zone(error, width, m), gain, lower, upper, m)
+        return {"displacement_command": m.where(after == after, after, last)}
 
 
 class LinearIntegralForceLaw(Diagram):

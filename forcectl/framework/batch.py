@@ -8,7 +8,7 @@ that are one of Drake's linear systems to rounding (1e-12), and there one that i
 from __future__ import annotations
 
 import math
-from collections.abc import Mapping, Sequence
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
 from numbers import Integral, Real
 from types import SimpleNamespace
@@ -124,18 +124,20 @@ class BatchBlock(LeafSystem):
         self._shape: tuple[int, ...] = (size,) if size > 1 or self.on_arrays else ()
         self.math = np if self._shape else SCALAR_MATH
         self._allowed = {name: p.allowed for name, p in parameters.items()}
-        values = {name: self._checked(name, p.value) for name, p in parameters.items()}
-        self.check_together(values)
-        self._index = {name: self.DeclareNumericParameter(BasicVector(value)) for name, value in values.items()}
+        initial = {name: self._checked(name, p.value) for name, p in parameters.items()}
+        self.check_together(initial)
+        self._index = {name: self.DeclareNumericParameter(BasicVector(value)) for name, value in initial.items()}
         self.parameter_names = tuple(parameters)
         self.parameter_units = {name: p.unit for name, p in parameters.items()}
-        self._values = BlockCache(
+        values = BlockCache(
             self,
             "parameter values",
             lambda: Value[object](()),
             lambda block, context, value: block._collect(context, value),
             {self.all_parameters_ticket()},
         )
+        # The parameters in this block's context, as `derive` gives them.
+        self.values: Callable[[Context], Any] = values.Eval
 
     @property
     def size(self) -> int:
@@ -164,10 +166,6 @@ class BatchBlock(LeafSystem):
         if name not in self._index:
             raise unknown(f"parameter of {type(self).__name__}", name, self._index)
         return self._index[name]
-
-    def values(self, context: Context) -> Any:
-        """The parameters in this block's context, as `derive` gives them."""
-        return self._values.Eval(context)
 
     def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:
         """What the equations need of the parameters; computed once per change, not per tick."""

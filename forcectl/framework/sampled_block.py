@@ -11,7 +11,7 @@ from __future__ import annotations
 
 import math
 from abc import abstractmethod
-from collections.abc import Callable, Mapping, Sequence
+from collections.abc import Mapping, Sequence
 from typing import TYPE_CHECKING, Any, NamedTuple
 from weakref import ref
 
@@ -78,11 +78,10 @@ class _Ticks(_Shared):
         self._period = check("period", period, "positive")
         self._soonest = 0.999 * period  # after a tick; rounding of the times of the ticks is far below the margin
         self._inputs = {port.get_name(): port for port in inputs}
-        self._optional = [name for name in self.optional_inputs if name in self._inputs]
+        self._optional = {name: self._inputs[name] for name in self.optional_inputs if name in self._inputs}
         self._wide = [port.get_name() for port in inputs if port.size() > math.prod(self._shape)]
-        self._readers: list[tuple[str, Callable[[Context], Vector]]] = []
-        if not (self._shape or self._optional or self._wide):
-            self._readers = [(port.get_name(), port.Eval) for port in inputs]
+        self._scalars = not (self._shape or self._optional or self._wide)  # what all inputs are
+        self._readers = [(name, port.Eval) for name, port in self._inputs.items() if name not in self._optional]
         self._names = tuple(memory)
         initial = {name: self._initial(name, value) for name, value in memory.items()}
         self._numbers = ["time", *(name for name, value in initial.items() if value.shape == self._shape)]
@@ -92,7 +91,7 @@ class _Ticks(_Shared):
             if name not in self._numbers:
                 self._vectors[name] = slice(end, end + len(value))
                 end += len(value)
-        self._packed_size = (end - 1) * math.prod(self._shape) + 1
+        self._packed_size = end * math.prod(self._shape)
         state = self.DeclareDiscreteState(self._pack({**initial, "time": -self._period}))
         self._reads: set[Any] = {port.ticket() for port in inputs}
         self._reads |= {self.time_ticket(), self.all_parameters_ticket(), self.discrete_state_ticket(state)}
@@ -104,19 +103,25 @@ class _Ticks(_Shared):
         self._port: OutputPort | None = None
         self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._period, offset_sec=0.0, update=self._hold)
 
-    def show(self, *names: str) -> None:
-        """Declare output ports that show quantities of the memory after the tick, under their names."""
-        # A block that remembers nothing but its output needs no cache beside that of its port.
-        if self._now is None and len(self._names) > 1:
-            self._now = values_of_tick(self, self._reads)
-        for name in names:
-            self._declare_output(name)
+    def show(self, *names: str, vector: str | None = None) -> None:
+        """Declare output ports that show quantities of the memory after the tick.
 
-    def _declare_output(self, name: str) -> None:
-        vector = self._vectors.get(name)
-        size = math.prod(self._shape) * (1 if vector is None else vector.stop - vector.start)
+        Args:
+            names: of the ports, and of the quantities unless these are the first rows of a vector.
+            vector: of the memory, of shape (k, n).
+        """
+        # A block that remembers nothing but its output needs no cache beside that of its port.
+        if self._now is None and (vector or len(self._names) > 1):
+            self._now = values_of_tick(self, self._reads)
+        for element, name in enumerate(names):
+            self._declare_output(name, vector, element)
+
+    def _declare_output(self, name: str, vector: str | None, element: int) -> None:
+        place = None if vector else self._vectors.get(name)
+        size = math.prod(self._shape) * (1 if place is None else place.stop - place.start)
         block: Any = ref(self)
-        now, reads = self._now, {self._now.ticket()} if self._now else self._reads
+        now: Any = self._now
+        reads = {now.ticket()} if now else self._reads
 
         def put_number(context: Context, output: BasicVector) -> None:
             output.SetAtIndex(0, (now.Eval(context) if now else block()._compute(context))[name])
@@ -124,7 +129,10 @@ class _Ticks(_Shared):
         def put_vector(context: Context, output: BasicVector) -> None:
             output.SetFromVector((now.Eval(context) if now else block()._compute(context))[name])
 
-        put = put_number if vector is None and not self._shape else put_vector
+        def put_element(context: Context, output: BasicVector) -> None:
+            output.SetFromVector(now.Eval(context)[vector][element])
+
+        put = put_element if vector else put_number if place is None and not self._shape else put_vector
         self._port = self.DeclareVectorOutputPort(name, size, put, prerequisites_of_calc=reads)
 
     def show_held(self, name: str, vector: str | None = None, element: int = 0, factor: float = 1.0) -> None:
@@ -137,8 +145,7 @@ class _Ticks(_Shared):
             factor: times which it is shown.
         """
         state, size = self._memory, math.prod(self._shape)
-        row = self._vectors[vector].start + element if vector else self._numbers.index(name)
-        first = 1 + (row - 1) * size
+        first = size * (self._vectors[vector].start + element if vector else self._numbers.index(name))
 
         def put(context: Context, output: BasicVector) -> None:
             output.SetFromVector(context.get_discrete_state(state).value()[first : first + size] * factor)
@@ -192,12 +199,15 @@ class _Ticks(_Shared):
             del inputs[name]
         return TickStart(self._unpack(before), inputs)
 
-    def _read(self, context: Context) -> Memory:
-        missing = self._unconnected(context) if self._optional else ()
-        return {name: port.Eval(context) for name, port in self._inputs.items() if name not in missing}
+    def _read(self, context: Context) -> dict[str, Any]:
+        inputs = {name: read(context) for name, read in self._readers}
+        for name, port in self._optional.items():
+            if port.HasValue(context):
+                inputs[name] = port.Eval(context)
+        return inputs
 
     def _unconnected(self, context: Context) -> list[str]:
-        return [name for name in self._optional if not self._inputs[name].HasValue(context)]
+        return [name for name, port in self._optional.items() if not port.HasValue(context)]
 
     def _initial(self, name: str, value: Any) -> Vector:
         """A quantity before the first tick, of the shape it has in `step`."""
@@ -236,6 +246,8 @@ class _Ticks(_Shared):
     def _hold(self, context: Context, next_state: DiscreteValues) -> None:
         after = self._after(context)
         next_state.set_value(self._memory, self._pack(after))
+        if not (self._kept or self.keeps_start):
+            return
         for name, state in self._kept.items():
             next_state.set_value(state, after[name])
         if self.keeps_start:
@@ -263,7 +275,7 @@ class SampledBlock(_Ticks, LeafSystem):
 
 
 class SampledBatch(_Ticks, BatchBlock):
-    """Base of sampled blocks of n batch elements.
+    """Base of sampled blocks of n batch elements, whose state has the time of the tick once for each.
 
     In `step` a quantity that is declared as a number, or as one per element, is a batch value, and so is an input of
     shape (n,). A quantity that is declared with shape (k, n) is k of them, and so is an input of shape (k n,).
@@ -274,24 +286,37 @@ class SampledBatch(_Ticks, BatchBlock):
             return np.broadcast_to(value, (len(value), self._size)).reshape(-1, *self._shape)
         return batch_values(f"initial {name}", value, self._size).reshape(self._shape)
 
-    def _read(self, context: Context) -> Memory:
-        if self._readers:
-            return {name: read(context).item() for name, read in self._readers}
+    def _read(self, context: Context) -> dict[str, Any]:
+        if self._scalars:
+            inputs = {}
+            for name, read in self._readers:
+                inputs[name] = read(context).item()
+            return inputs
         inputs = super()._read(context)
-        return {
-            name: self.unstack(value) if name in self._wide else self.batch_value(value)
-            for name, value in inputs.items()
-        }
+        if not self._shape:
+            return {name: value.tolist() if name in self._wide else value.item() for name, value in inputs.items()}
+        for name in self._wide:
+            inputs[name] = self.unstack(inputs[name])
+        return inputs
 
     def _unpack(self, packed: Vector) -> dict[str, Any]:
-        rows = [packed.item(0), *packed[1:].copy().reshape(-1, *self._shape)] if self._shape else packed.tolist()
+        rows: Any = packed.copy().reshape(-1, *self._shape) if self._shape else packed.tolist()
         memory = dict(zip(self._numbers, rows))  # noqa: B905, the argument takes longer than the rest
         for name, place in self._vectors.items():
             memory[name] = rows[place]
+        if self._shape:
+            memory["time"] = packed.item(0)
         return memory
 
     def _pack(self, memory: Memory) -> Vector:
-        rows = [memory[name] for name in self._numbers]
-        for name in self._vectors:
-            rows.extend(memory[name])
-        return np.concatenate([rows[:1], *rows[1:]]) if self._shape else np.array(rows)
+        if not self._shape:
+            values = [memory[name] for name in self._numbers]
+            for name in self._vectors:
+                values.extend(memory[name])
+            return np.array(values)
+        rows = np.empty((self._packed_size // self._size, self._size))
+        for row, name in enumerate(self._numbers):
+            rows[row] = memory[name]
+        for name, place in self._vectors.items():
+            rows[place] = memory[name]
+        return rows.ravel()

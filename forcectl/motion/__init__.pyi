@@ -28,9 +28,7 @@ from forcectl.motion.trajectory import Planner as Planner
 from forcectl.motion.trajectory import Target as Target
 from forcectl.motion.trajectory import TrajectoryState as TrajectoryState
 from forcectl.motion.trajectory import begin as begin
-from forcectl.motion.trajectory import begin_again as begin_again
 from forcectl.motion.trajectory import limits_of as limits_of
-from forcectl.motion.trajectory_generator import GroupPlanner as GroupPlanner
 from forcectl.motion.trajectory_generator import TrajectoryGenerator as TrajectoryGenerator
 from forcectl.motion.velocity_generator import VelocityGenerator as VelocityGenerator
 from forcectl.motion.velocity_generator import velocity_step as velocity_step

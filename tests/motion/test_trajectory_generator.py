@@ -46,11 +46,11 @@ class Bench:
 def test_it_follows_the_trajectory_of_the_planner(size):
     bench = Bench(trajectory_generator(size, initial_position=0.1))
     limits = limits_of(size, *(LIMITS.values() if size == 2 else (1.0, 1.0, 1.0)))
-    planner, state = Planner(size), begin(np.full(size, 0.1))
+    planner, state = Planner(limits), begin(np.full(size, 0.1))
     rng = np.random.default_rng(1)
     for tick in range(200):
         target = Target(rng.normal(size=size) if tick % 40 < 3 else np.full(size, 0.3), np.zeros(size), np.zeros(size))
-        state = planner.follow(state, target, limits, TICK)
+        state = planner.follow(state, target, TICK)
         out = bench(target_position=target.position)
         for name in OUTPUTS:
             np.testing.assert_array_equal(out[name], getattr(state, name))

@@ -131,7 +131,7 @@ class CompliantContact(BatchBlock):
         return stiffness, rate, compliance, total
 
     def _solve(self, context: Context) -> tuple[BatchValue, BatchValue]:
-        stiffness, rate, compliance, total = self._values.Eval(context)
+        stiffness, rate, compliance, total = self.values(context)
         dx, seen = self._situation(context)
         if seen is not None:
             compliance = seen

@@ -144,7 +144,7 @@ class SensorElectronics(BatchBlock):
         next_state.set_value(self._tare, self.stack(quiet))
 
     def _raw(self, context: Context, felt: NDArray[np.float64], noise: NDArray[np.float64]) -> BatchValue:
-        return digitise(self.batch_value(felt), self.batch_value(noise), self._values.Eval(context), self.math)
+        return digitise(self.batch_value(felt), self.batch_value(noise), self.values(context), self.math)
 
     def read(self, context: Context, felt: NDArray[np.float64]) -> BatchValue:
         """The reading of the channels that feel `felt`, shape (n,)."""

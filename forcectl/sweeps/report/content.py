@@ -246,6 +246,7 @@ def costs_summary(costs: pd.DataFrame) -> list[tuple[str, str]]:
     longest = costs.loc[cpu.idxmax()]
     facts = [
         ("finished trials", str(len(costs))),
+        ("side by side in batches", str(int((costs["batch"] > 1).sum()))),
         ("computing time of a trial, median", duration(float(cpu.median()))),
         ("longest computing time", f"{duration(float(cpu.max()))} (trial {int(longest['trial'])})"),
         ("computing time in all", duration(float(cpu.sum()))),
