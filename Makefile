@@ -28,7 +28,7 @@ demo: $(VENV)/.installed ## simulate Figure 2.7 of the thesis; prints the result
 test: $(VENV)/.installed-test ## run all tests
 	$(BIN)/python -m pytest -n $(JOBS)
 
-quick: $(VENV)/.installed-test ## run the tests that take seconds
+quick: $(VENV)/.installed-test ## run all tests but those that take seconds each
 	$(BIN)/python -m pytest -n $(JOBS) -m "not slow"
 
 lint: $(VENV)/.installed-dev ## ruff, mypy, import-linter

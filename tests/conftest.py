@@ -57,6 +57,14 @@ def without_pictures(monkeypatch):
 
 
 @pytest.fixture
+def warm(monkeypatch):
+    """The processes of reproductions and sweeps begin with everything imported; a test of each is without."""
+    from tests.examples.commands import WARM
+
+    monkeypatch.setattr("multiprocessing.get_context", lambda method: WARM)
+
+
+@pytest.fixture
 def forcectl(monkeypatch, capfd, tmp_path):
     """Call the command line in this process, in an empty folder; returns (exit code, stdout, stderr)."""
     from forcectl import cli

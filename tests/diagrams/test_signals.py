@@ -108,6 +108,7 @@ def test_a_projection_is_the_force_along_the_normal():
     assert np.count_nonzero(gain) == 2
 
 
+@pytest.mark.slow
 def test_a_momentum_observer_watches_a_loop_with_a_force_sensor():
     text = """
     station:

@@ -189,7 +189,7 @@ def test_a_criterion_of_ones_own_leads_joints_back(folder):
     assert away[0] < away[1]
 
 
-def test_a_package_announces_a_tag(folder, monkeypatch):
+def test_a_package_announces_a_tag(folder, without_pictures, monkeypatch):
     tags = {"reference": {"Constant": "my_parts:Constant"}, "environment": {"Hertz": "my_parts:HertzSurface"}}
     monkeypatch.setattr(catalog, "announced", lambda slot: tags.get(slot, {}))
     assert "Hertz" in catalog.tags_of("environment")

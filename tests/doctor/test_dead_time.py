@@ -84,7 +84,9 @@ def test_a_force_loop_takes_the_dead_time_of_its_tables(name, fidelity):
     assert sum(parts) == pytest.approx(report.dead_time, abs=loop.period + TICK)
 
 
-@pytest.mark.parametrize("name", MOTION_LOOPS)
+@pytest.mark.parametrize(
+    "name", [pytest.param(name, marks=[] if name == "fig_5_2" else pytest.mark.slow) for name in MOTION_LOOPS]
+)
 def test_a_motion_loop_takes_the_dead_time_of_its_tables(name):
     """Nothing is touched in these loops, so the links have to show when the contact force would change."""
     loop = loop_of(name, None)

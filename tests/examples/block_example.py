@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping
 from dataclasses import dataclass, field
+from functools import cached_property
 
 from pydrake.systems.framework import System
 
@@ -27,6 +28,11 @@ class Example:
     inputs: Mapping[str, Input] = field(default_factory=dict)
     runnable: Callable[[], System] | None = None
     periods: Mapping[str, float | None] = field(default_factory=dict)
+
+    @cached_property
+    def block(self) -> System:
+        """The block, built once, for questions about its ports; what is simulated is built anew."""
+        return self.build()
 
 
 def each(output: str, *inputs: str) -> set[tuple[str, str]]:

@@ -88,7 +88,7 @@ def names(ports: Iterable[InputPort | OutputPort]) -> list[str]:
 
 @pytest.mark.parametrize(("kind", "example"), CASES)
 def test_docstring_lists_the_ports(kind, example):
-    block, doc = example.build(), BlockDoc(kind, BLOCKS)
+    block, doc = example.block, BlockDoc(kind, BLOCKS)
     if doc.open:
         assert doc.ports("input_ports", names(inputs_of(block))) == names(inputs_of(block))
         assert doc.ports("output_ports", names(outputs_of(block))) == names(outputs_of(block))
@@ -99,7 +99,7 @@ def test_docstring_lists_the_ports(kind, example):
 @pytest.mark.parametrize(("kind", "example"), CASES)
 def test_docstring_has_the_unit_of_every_port(kind, example):
     """A unit for each port that is named there, the one that `port_units` or the conventions give it."""
-    block, doc = example.build(), BlockDoc(kind, BLOCKS)
+    block, doc = example.block, BlockDoc(kind, BLOCKS)
     for port in [*inputs_of(block), *outputs_of(block)]:
         name = port.get_name()
         if port.get_data_type() != PortDataType.kVectorValued or not doc.names(name):
@@ -114,7 +114,7 @@ def test_docstring_tells_the_feedthrough(kind):
     """What is said of each output is what Drake finds; what depends on the configuration is there in some example."""
     doc, seen, possible = BlockDoc(kind, BLOCKS), set(), set()
     for example in EXAMPLES[kind]:
-        block = example.build()
+        block = example.block
         inputs, outputs = names(inputs_of(block)), names(outputs_of(block))
         for o, (output, statement) in enumerate(doc.feedthrough(inputs, outputs).items()):
             assert statement is not None, f"the docstring does not say what {output} depends on"
@@ -206,7 +206,7 @@ def test_docstring_tells_the_sampling(kind):
 @pytest.mark.parametrize(("kind", "example"), [case for case in CASES if case.values[0] in STATIONS])
 def test_stations_have_the_ports_of_their_slot(kind, example):
     """Inputs that a loop may be connected to, and outputs that the conventions know."""
-    station = example.build()
+    station = example.block
     assert set(names(inputs_of(station))) <= set(STATION_INPUTS)
     vectors = [port for port in outputs_of(station) if port.get_data_type() == PortDataType.kVectorValued]
     assert set(names(vectors)) <= set(SIGNALS)
@@ -214,7 +214,7 @@ def test_stations_have_the_ports_of_their_slot(kind, example):
 
 @pytest.mark.parametrize(("kind", "example"), CASES)
 def test_feedthrough(kind, example):
-    assert_feedthrough(example.build(), example.feedthrough)
+    assert_feedthrough(example.block, example.feedthrough)
 
 
 @pytest.mark.parametrize(("kind", "example"), CASES)

@@ -12,6 +12,8 @@ from pathlib import Path
 
 import pytest
 
+pytestmark = pytest.mark.slow
+
 ROOT = Path(__file__).resolve().parents[2]
 LINKED = ("diagrams", "models", "experiments")
 NOT_SHIPPED = {".md"}  # notes beside the data may or may not be shipped
@@ -66,7 +68,6 @@ def expected_files(root: Path) -> set[str]:
     return files
 
 
-@pytest.mark.slow
 def test_the_wheel_holds_code_and_data_of_all_four_folders(archives):
     names = set(zipfile.ZipFile(archives.wheel).namelist())
     expected = expected_files(archives.copy)

@@ -31,7 +31,7 @@ def still() -> xr.Dataset:
 
 
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Multibody"])
-def test_a_replay_is_one_self_contained_page(tmp_path, capfd, fidelity):
+def test_a_replay_is_one_self_contained_page(tmp_path, capfd, without_pictures, fidelity):
     fc.run("fig_2_8", overrides={"duration": 0.5}, fidelity=fidelity, out=tmp_path / "run", replay=True)
     page = (tmp_path / "run" / "replay.html").read_text(encoding="utf-8")
     assert len(page) > 1_000_000

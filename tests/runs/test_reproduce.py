@@ -11,7 +11,6 @@ import forcectl as fc
 from forcectl import cli
 from forcectl.runs import run as run_module
 from forcectl.scenario.catalog import find_scenario
-from tests.examples.commands import WARM
 from tests.examples.experiment_runs import run_experiment
 
 QUICK = """
@@ -49,12 +48,6 @@ def files(tmp_path, monkeypatch):
     (tmp_path / "quick.yaml").write_text(QUICK)
     (tmp_path / "one_fails.yaml").write_text(ONE_FAILS)
     return tmp_path
-
-
-@pytest.fixture
-def warm(monkeypatch):
-    """The processes of a run begin with everything imported; one test of this file is without."""
-    monkeypatch.setattr("multiprocessing.get_context", lambda method: WARM)
 
 
 def call(arguments, monkeypatch, capfd):

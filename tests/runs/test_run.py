@@ -130,7 +130,7 @@ def test_keys_beside_those_of_the_variants_are_overridden_for_all():
 
 
 def test_metrics_of_the_issue_are_all_there():
-    metrics = fc.run("fig_2_8", overrides={"duration": 4.0}).metrics["default"]
+    metrics = fc.run("fig_2_8", overrides={"duration": 4.0}, fidelity="OneDimensional").metrics["default"]
     wanted = (
         "overshoot_N overshoot_pct rise_time_s settling_time_2pct_s settling_time_5pct_s steady_state_error_N"
         " max_abs_model_error_N model_error_sd_N peak_force_N contact_loss_s realtime_factor"
@@ -257,7 +257,7 @@ def test_a_reference_model_can_be_given_and_a_second_step_has_its_own_metrics():
         "reference_model": 2.0,
         "duration": 4.0,
     }
-    result = fc.run("fig_2_8", overrides=overrides)
+    result = fc.run("fig_2_8", overrides=overrides, fidelity="OneDimensional")
     assert result.log["model_force"].attrs["bandwidth_rad_s"] == 2.0
     assert (
         result.metrics["default"]["step_1.max_abs_model_error_N"]

@@ -20,6 +20,11 @@ def parts(tmp_path_factory):
     return folder
 
 
+@pytest.fixture(autouse=True)
+def _without_reports(monkeypatch):
+    monkeypatch.setattr("forcectl.sweeps.merge.write_report", lambda *_: None)
+
+
 def table(folder):
     return (folder / "trials.parquet").read_bytes()
 

@@ -100,7 +100,7 @@ def test_failures_are_rows_and_may_be_tried_again(tmp_path):
 
 
 @pytest.mark.slow
-def test_objects_from_python_are_used_and_written_down(tmp_path):
+def test_objects_from_python_are_used_and_written_down(tmp_path, warm):
     values = [IntegralConfig(integral_gain=1.0), IntegralConfig(integral_gain=4.0)]
     result = fc.sweep(
         small(keys={STIFFNESS: [1e3]}, arms={n: {"controller": v} for n, v in zip("ab", values, strict=True)})
@@ -119,7 +119,7 @@ class Crash(IntegralConfig):
 
 
 @pytest.mark.slow
-def test_a_trial_that_kills_its_process_is_lost_and_the_others_are_not(tmp_path, monkeypatch):
+def test_a_trial_that_kills_its_process_is_lost_and_the_others_are_not(tmp_path, warm, monkeypatch):
     monkeypatch.setattr("forcectl.sweeps.study.build", lambda *_: None)  # which would end this process
     sweep = small(keys={STIFFNESS: [1e3]}, arms={"good": {GAIN: 1.0}, "bad": {"controller": Crash()}})
     result = fc.sweep(sweep, out=tmp_path / "out", workers=1, report=False)
