@@ -113,7 +113,8 @@ def stack(logs: Sequence[xr.Dataset]) -> xr.Dataset:
 def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
     """Write a log; the same log gives the same file."""
     encoding = {name: {"zlib": True, "complevel": 1} for name in dataset.data_vars if dataset[name].ndim}
-    dataset.to_netcdf(path, engine="h5netcdf", encoding=encoding)
+    # By way of memory: on a full disk HDF5 does not say so but ends the process, when it closes the file.
+    path.write_bytes(dataset.to_netcdf(engine="h5netcdf", encoding=encoding))
 
 
 def read_netcdf(path: str | Path) -> xr.Dataset:

@@ -113,9 +113,12 @@ class SweepRun:
             yield
         finally:
             engine.close()
-            for number, lives in self._results.marks().items():
+            marks = self._results.marks()
+            for number, lives in marks.items():
                 if not lives and number not in self._lost:
                     self._results.release(number)
+            if not any(marks.values()):
+                self._results.tidy()
 
     def _others(self) -> set[int]:
         """Trials that a program which is gone has left running somewhere; marks of dead processes are removed."""

@@ -103,6 +103,9 @@ class Sequential:
         """Nothing is left to end."""
 
 
+_BEGUN = "begun"  # what a process says when it has been given a task
+
+
 @dataclass
 class _Worker:
     process: Any
@@ -140,7 +143,6 @@ class Processes:
         """Give a task to a process that has none."""
         worker = next((worker for worker in self._workers if worker.task is None), None) or self._start()
         worker.task = task
-        worker.deadline = time.monotonic() + self._timeout + GRACE if self._timeout is not None else float("inf")
         with contextlib.suppress(OSError):  # it is dead: `wait` finds out
             worker.pipe.send(task)
 
@@ -158,7 +160,12 @@ class Processes:
         task, found = worker.task, None
         try:
             if worker.pipe.poll():
-                fault, memory = worker.pipe.recv()
+                told = worker.pipe.recv()
+                if told == _BEGUN:
+                    if self._timeout is not None:
+                        worker.deadline = time.monotonic() + self._timeout + GRACE
+                    return None
+                fault, memory = told
                 worker.task, worker.deadline = None, float("inf")
                 if memory > MOST_MEMORY:
                     self._end(worker)
@@ -183,11 +190,13 @@ class Processes:
     def _start(self) -> _Worker:
         context = multiprocessing.get_context("spawn")
         here, there = context.Pipe()
-        process = context.Process(target=_work, args=(there, *self._arguments), daemon=True)
+        process = context.Process(target=_work, args=(there,), daemon=True)
         with _interrupts_ignored(), _one_thread():
             process.start()
         there.close()
         self._workers.append(worker := _Worker(process, here))
+        with contextlib.suppress(OSError):
+            here.send(self._arguments)  # not with the start: a large study waits here until the process has imported
         return worker
 
     def _end(self, worker: _Worker) -> None:
@@ -198,13 +207,18 @@ class Processes:
         worker.pipe.close()
 
 
-def _work(pipe: Connection, study: Study, results: Results, timeout: float | None) -> None:
+def _work(pipe: Connection) -> None:
     """What a process does: tasks, until nobody asks for any."""
     threading.Thread(target=_die_with_parent, daemon=True).start()
     scale = 1 if sys.platform == "darwin" else 1024
+    try:
+        study, results, timeout = pipe.recv()
+    except (EOFError, OSError):
+        return
     while True:
         try:
             task = pipe.recv()
+            pipe.send(_BEGUN)
         except (EOFError, OSError):
             return
         fault = ""

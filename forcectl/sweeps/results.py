@@ -163,8 +163,8 @@ class Results:
         aside = mark.with_name(f".{mark.name}.{os.getpid()}")
         with writing(self.folder):
             mark.parent.mkdir(parents=True, exist_ok=True)
-            aside.write_text(text, encoding="utf-8")
             try:
+                aside.write_text(text, encoding="utf-8")
                 if not self.owned(trial):
                     mark.unlink(missing_ok=True)
                 os.link(aside, mark)
@@ -199,6 +199,12 @@ class Results:
     def marks(self) -> dict[int, bool]:
         """Every marked trial, and whether its process lives."""
         return {int(path.stem): self.owned(int(path.stem)) for path in self._files("running")}
+
+    def tidy(self) -> None:
+        """Remove what processes that were killed have left half written; only where no process is at work."""
+        for path in self.folder.glob("*/*/.*"):
+            with contextlib.suppress(OSError):
+                path.unlink()
 
     # --- further files --------------------------------------------------------------------------------------------
 

@@ -95,6 +95,8 @@ def sweep(
     """
     if engine not in ENGINES:
         raise BadInputError(f"engine = {engine!r}: must be one of {', '.join(ENGINES)}")
+    if scheduler is not None and engine != "processes":
+        raise BadInputError(f"engine = {engine!r}: must be left out with a scheduler")
     if trial_timeout is not None and not trial_timeout > 0:
         raise BadInputError(f"trial_timeout = {trial_timeout!r}: must be positive")
     if retry_failed and not resume:
@@ -188,7 +190,8 @@ def begin(study: Study, folder: Path, part: tuple[int, int]) -> None:
         write_table(Results(aside, study.digest()), PLAN, plan_table(study, range(study.size)))
         write_json(aside / IDENTITY, _identity(study, aside, part))
 
-    write_whole(folder, fill)
+    with writing(folder):
+        write_whole(folder, fill)
 
 
 def _identity(study: Study, folder: Path, part: tuple[int, int]) -> dict[str, Any]:

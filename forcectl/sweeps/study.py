@@ -19,6 +19,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 import forcectl
+from forcectl.analysis.force_metrics import METRICS, is_metric
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.yaml_tree import dump
 from forcectl.scenario.catalog import ScenarioFile
@@ -269,6 +270,7 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
         if not axis.distribution:
             _, first = np.unique(study.points[:, i], return_index=True)
             numbers |= dict.fromkeys(study.number((int(point), 0), 0) for point in first[:_TRIED])
+    own_metrics = False
     for number in numbers:
         trial = study.trial(number)
         changes = study.overrides(trial)
@@ -276,11 +278,25 @@ def _try_values(study: Study, sweep: SweepFile) -> None:
             scenario = resolve(study.file, study.variant, changes)
             if number < len(study.arms):
                 loop = build(scenario, origins(study.file, study.variant, changes))
+                own_metrics = own_metrics or bool(scenario.analyses)
                 for name in study.config.envelope:
                     if name not in loop.signals:
                         raise unknown("signal", name, loop.signals).at("envelope")
         except BadInputError as error:
             raise _placed(error, study, trial, sweep) from error.__cause__
+    if not own_metrics:
+        _check_metrics(study.config)
+
+
+def _check_metrics(config: SweepConfig) -> None:
+    """BadInputError for the name of a metric that no run has."""
+    asked = {"success": config.success} | {f"findings.{name}": text for name, text in config.findings.items()}
+    names = [(key, name) for key, text in asked.items() if text for name in Expression(text, key).names]
+    if config.worst is not None:
+        names.append(("worst.metric", config.worst.metric))
+    for key, name in names:
+        if not is_metric(name):
+            raise unknown("metric", name, METRICS).at(key)
 
 
 def _placed(error: BadInputError, study: Study, trial: Trial, sweep: SweepFile) -> BadInputError:
@@ -294,6 +310,7 @@ def _placed(error: BadInputError, study: Study, trial: Trial, sweep: SweepFile) 
     ]
     for place, keys in places:
         for key in keys:
-            if f"{error.key}.".startswith(f"{key}."):
+            # Of a key that there is not, the error names the first part that is wrong.
+            if f"{error.key}.".startswith(f"{key}.") or f"{key}.".startswith(f"{error.key}."):
                 return error.at(error.key, sweep.where(f"{place}.{key}") or f"{place}.{key}")
     return error

@@ -1,3 +1,4 @@
+import errno
 import json
 import os
 import shutil
@@ -11,6 +12,7 @@ import pytest
 import forcectl as fc
 from forcectl.errors import BadInputError, RunFailedError
 from forcectl.force.integral import IntegralConfig
+from forcectl.framework.yaml_tree import Tagged
 from forcectl.sweeps.results import Results, StorageError, identity_of
 from tests.sweeps.small_sweeps import FAILING, GAIN, STIFFNESS, rows, small, start, wait_until, write
 
@@ -147,6 +149,41 @@ def test_a_full_disk_stops_the_sweep_and_keeps_what_is_finished(tmp_path, monkey
     assert result.count("done") == 8
 
 
+def test_a_sweep_that_cannot_be_begun_is_one_line(tmp_path, monkeypatch):
+    def full(path, content):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr("forcectl.sweeps.run_sweep.write_json", full)
+    with pytest.raises(StorageError, match=r"out' cannot be written: No space left on device"):
+        fc.sweep(small(), out=tmp_path / "out", engine="sequential")
+
+
+def test_what_killed_processes_have_left_is_removed(whole, tmp_path):
+    shutil.copytree(whole[0], tmp_path / "out")
+    left = [tmp_path / "out" / name for name in ("rows/0000/.0000001.json.99", "logs/0000/.99-0000001.nc")]
+    for path in left:
+        path.parent.mkdir(parents=True, exist_ok=True)
+        path.write_text("half")
+    next((tmp_path / "out").glob("rows/*/0*.json")).unlink()
+    fc.sweep(tmp_path / "out", resume=True, engine="sequential", report=False)
+    assert [path for path in left if path.exists()] == []
+
+
+def test_a_scheduler_and_another_engine_contradict(tmp_path):
+    with pytest.raises(BadInputError, match="engine = 'sequential': must be left out with a scheduler"):
+        fc.sweep(small(), engine="sequential", scheduler="tcp://127.0.0.1:1")
+
+
+@pytest.mark.slow
+def test_the_time_of_a_trial_begins_when_its_process_has_started(tmp_path, monkeypatch):
+    (tmp_path / "sitecustomize.py").write_text(
+        "import sys, time\nif 'multiprocessing.spawn' in ' '.join(sys.orig_argv): time.sleep(8)\n"
+    )
+    monkeypatch.setenv("PYTHONPATH", f"{tmp_path}{os.pathsep}{os.environ.get('PYTHONPATH', '')}")
+    result = fc.sweep(small(arms={}, keys={STIFFNESS: [1e3]}), workers=1, trial_timeout=2.0)
+    assert list(result.table["state"]) == ["done"]
+
+
 def children(pid):
     found = subprocess.run(["pgrep", "-P", str(pid)], capture_output=True, text=True, check=False).stdout
     return [int(child) for child in found.split()]
@@ -182,3 +219,16 @@ def test_an_interrupt_stops_within_two_seconds_and_says_how_to_go_on(tmp_path):
     assert process.returncode == 130
     assert errors.strip().endswith(f"stopped; go on with: forcectl sweep {out} --resume")
     assert list(out.glob("running/*/*.json")) == []
+
+
+@pytest.mark.slow
+def test_an_interrupt_while_processes_start_is_not_lost(tmp_path):
+    """What a process is given of a large plan is more than a pipe holds."""
+    keys = {STIFFNESS: Tagged({"min": 1e3, "max": 1e5}, "Uniform"), GAIN: Tagged({"min": 1.0, "max": 2.0}, "Uniform")}
+    file = write(tmp_path, keys=keys, arms={}, design="random", trials=20_000)
+    process = start("sweep", file, "--out", tmp_path / "out", "--workers", 2)
+    wait_until(lambda: (tmp_path / "out" / "sweep.json").exists() or process.poll() is not None)
+    time.sleep(0.5)
+    process.send_signal(signal.SIGINT)
+    _, errors = process.communicate(timeout=30)
+    assert process.returncode == 130, errors

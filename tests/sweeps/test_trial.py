@@ -1,9 +1,12 @@
+import errno
+from pathlib import Path
+
 import numpy as np
 import pytest
 
 from forcectl.runs.run import run
 from forcectl.sweeps.batches import Task
-from forcectl.sweeps.results import Results
+from forcectl.sweeps.results import Results, StorageError
 from forcectl.sweeps.study import study_of
 from forcectl.sweeps.sweep_config import read_sweep
 from forcectl.sweeps.trial import ENVELOPE_POINTS, run_task
@@ -44,6 +47,16 @@ def test_a_diverging_trial_is_a_failed_row_with_its_log(tmp_path):
     assert "diverges" in found["reason"]
     assert found["time_s"] < 0.3
     assert Results(tmp_path, diverging.digest()).log_path(3).is_file()
+
+
+def test_a_full_disk_is_told_when_a_log_is_written(tmp_path, monkeypatch):
+    def full(self, content):
+        raise OSError(errno.ENOSPC, "No space left on device")
+
+    monkeypatch.setattr(Path, "write_bytes", full)
+    with pytest.raises(StorageError, match="cannot be written: No space left on device"):
+        row_of(study(keep="all"), tmp_path)
+    assert [path for path in tmp_path.rglob("*") if path.is_file()] == []
 
 
 def test_values_that_cannot_be_built_are_a_failed_row(tmp_path):

@@ -106,14 +106,6 @@ def test_a_sweep_without_the_key_keeps_nothing(tmp_path):
     assert keep_worst(study, results_in(tmp_path, study), table) == []
 
 
-def test_a_metric_that_does_not_exist_is_refused_with_the_nearest_name(tmp_path):
-    study, table, _ = case(metric="overshot_pct")
-    with pytest.raises(
-        BadInputError, match=r"^worst\.metric: unknown metric 'overshot_pct': did you mean 'overshoot_pct'"
-    ):
-        keep_worst(study, results_in(tmp_path, study), table)
-
-
 def test_a_metric_that_no_trial_has_a_value_of_is_refused(tmp_path):
     study, table, _ = case(metric="rise_time_s")
     with pytest.raises(

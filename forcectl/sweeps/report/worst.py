@@ -7,8 +7,7 @@ import shutil
 from pathlib import Path
 from typing import TYPE_CHECKING
 
-from forcectl.analysis.force_metrics import is_metric
-from forcectl.errors import BadInputError, unknown
+from forcectl.errors import BadInputError
 from forcectl.runs.directory import FAILED
 from forcectl.runs.run import StoppedRunError, run
 from forcectl.sweeps.report.numbers import metric_columns
@@ -79,11 +78,9 @@ def kept(results: Results) -> dict[int, Path]:
 def _check_metric(name: str, known: list[str]) -> None:
     if not known or name in known:  # where all trials failed there are no metrics at all, which the table says
         return
-    if is_metric(name):
-        raise BadInputError(
-            f" = {name!r}: no trial has a value of it: must be one of {', '.join(known)}", key="worst.metric"
-        )
-    raise unknown("metric", name, known).at("worst.metric")
+    raise BadInputError(
+        f" = {name!r}: no trial has a value of it: must be one of {', '.join(known)}", key="worst.metric"
+    )
 
 
 def _keep(study: Study, results: Results, number: int, rank: int, earlier: Path | None) -> Path:
