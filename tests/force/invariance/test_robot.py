@@ -14,6 +14,7 @@ import xarray as xr
 from pydrake.systems.framework import DiagramBuilder
 
 import forcectl
+from forcectl.diagrams.mechanics.station_surface import CONTACT_FORCE
 from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.station import SHIPPED_FIDELITIES, StationConfig
 from forcectl.diagrams.workcell import describe
@@ -268,7 +269,7 @@ def true_force(fidelity: str, stiffness: float, maximum: float, desired: float, 
     config = InvarianceRobotConfig(maximum_force=maximum, compliance_error=error)
     overrides = {"reference.force": desired, "station__environment__stiffness": stiffness} | changes
     values = run(config, fidelity, 3.0, **overrides).log.squeeze()["contact_force"].values
-    return values[np.argmax(values > 0) :]
+    return values[np.argmax(values > CONTACT_FORCE) :]
 
 
 @pytest.mark.parametrize("error", [1.2, 1.8])
