@@ -7,6 +7,8 @@ One variant is a dataset over `time` with the scalar coordinate `variant`; sever
 
 from __future__ import annotations
 
+import contextlib
+import sys
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from typing import Any
@@ -114,7 +116,11 @@ def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
     """Write a log; the same log gives the same file."""
     encoding = {name: {"zlib": True, "complevel": 1} for name in dataset.data_vars if dataset[name].ndim}
     # By way of memory: on a full disk HDF5 does not say so but ends the process, when it closes the file.
-    path.write_bytes(dataset.to_netcdf(engine="h5netcdf", encoding=encoding))
+    dask = sys.modules.get("dask")
+    # On a worker of Dask xarray would ask the scheduler for a lock on the memory, which cannot be sent there.
+    with dask.config.set(scheduler="synchronous") if dask else contextlib.nullcontext():
+        content = dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
+    path.write_bytes(content)
 
 
 def read_netcdf(path: str | Path) -> xr.Dataset:

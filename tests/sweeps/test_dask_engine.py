@@ -53,8 +53,9 @@ def test_workers_of_a_scheduler_give_the_same_table(cluster, tmp_path):
         client.wait_for_workers(2, timeout=120)
     fc.sweep(small(), out=tmp_path / "one", engine="sequential", report=False)
     expected = (tmp_path / "one" / "trials.parquet").read_bytes()
-    fc.sweep(small(), out=tmp_path / "dask", scheduler=address, report=False)
+    fc.sweep(small(keep="all"), out=tmp_path / "dask", scheduler=address, report=False)
     assert (tmp_path / "dask" / "trials.parquet").read_bytes() == expected
+    assert len(list(tmp_path.glob("dask/logs/*/*.nc"))) == 8
     # A worker that is killed, then the program, cost nothing.
     file, out = write(tmp_path, overrides=small()["overrides"] | {"duration": 3.0}), tmp_path / "killed"
     process = start("sweep", file, "--out", out, "--scheduler", address)
