@@ -67,6 +67,12 @@ class LoopParts:
     signals: Mapping[str, SignalChoice] = field(default_factory=dict)
     seed: int = 0
 
+    @property
+    def reference_model_bandwidth(self) -> float | None:
+        """Bandwidth of the controller's nominal loop [rad/s]; None where it tells none."""
+        bandwidth: float | None = getattr(self.controller, "reference_model_bandwidth", lambda: None)()
+        return bandwidth
+
     def setting(self, workcell: Workcell | None = None) -> Setting:
         """Workcell and models.
 
@@ -161,8 +167,7 @@ def build_loop(parts: LoopParts) -> Loop:
     sink, logged = add_log(builder, ports, workcell.period, _labels(ports, workcell))
     diagram = builder.Build()
     diagram.set_name("loop")
-    bandwidth = getattr(parts.controller, "reference_model_bandwidth", lambda: None)()
-    return Loop(diagram, sink, logged, workcell.period, setting, bandwidth, station)
+    return Loop(diagram, sink, logged, workcell.period, setting, parts.reference_model_bandwidth, station)
 
 
 def _add_sources(

@@ -54,10 +54,10 @@ def simulate(
     simulator.set_target_realtime_rate(realtime_rate)
     log = ChunkedLog()
     limits = scenario.limits()
-    count = max(1, int(np.ceil(scenario.duration / CHUNK - 1e-9)))
+    ends = ends_of_chunks(scenario.duration)
     failure, computing = None, 0.0
-    for i in range(count + 1):
-        cause, seconds = advance(simulator, min(i * CHUNK, scenario.duration))
+    for i, end in enumerate(ends):
+        cause, seconds = advance(simulator, end)
         computing += seconds if i else 0.0  # the first one initializes
         times, values = log.take(loop.sink.FindMutableLog(context))
         fault = first_fault(times, values, loop.signals, limits)
@@ -68,7 +68,7 @@ def simulate(
         elif cause is not None:
             failure = f"{_state_fault(loop.diagram, context)} at t = {context.get_time():.4f} s: {_reason(cause)}"
         if progress:
-            progress(variant, i / count)
+            progress(variant, i / (len(ends) - 1))
         if failure is not None:
             break
     times, values = log.samples()
@@ -76,6 +76,12 @@ def simulate(
     dataset = to_dataset(times, values, loop.signals, variant, bandwidth, loop.derived(values))
     speed = scenario.duration / computing if computing > 0 else None
     return judged(scenario, loop.setting, VariantOutcome(variant, dataset, {}, failure, loop.diagram, cause), speed)
+
+
+def ends_of_chunks(duration: float) -> list[float]:
+    """Times at which the log is looked at [s]: the start, every `CHUNK`, the end."""
+    count = max(1, int(np.ceil(duration / CHUNK - 1e-9)))
+    return [min(i * CHUNK, duration) for i in range(count + 1)]
 
 
 def judged(scenario: Scenario, setting: Setting, outcome: VariantOutcome, speed: float | None) -> VariantOutcome:

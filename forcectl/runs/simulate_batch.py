@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from functools import cached_property
 
 import numpy as np
 from numpy.typing import NDArray
@@ -23,7 +24,7 @@ from forcectl.errors import RunFailedError
 from forcectl.framework.fields import stacked
 from forcectl.framework.linear_batch import WIDE
 from forcectl.runs.logs import ChunkedLog, first_fault, to_dataset
-from forcectl.runs.simulate import CHUNK, VariantOutcome, advance, fault_of, judged
+from forcectl.runs.simulate import VariantOutcome, advance, ends_of_chunks, fault_of, judged
 from forcectl.scenario.scenario import Scenario
 
 MOST = 200  # elements of a batch; more are hardly faster
@@ -55,7 +56,7 @@ def simulate_batch(
     Args:
         scenarios: for which `batch_size` is not 0; of each a loop can be built.
         variant: its name, for the logs.
-        progress: called with the variant and the share done, after every `CHUNK`.
+        progress: called with the variant and the share done, now and then.
 
     Raises:
         BadInputError: they differ in more.
@@ -77,7 +78,7 @@ def simulate_batch(
         failure, end = failures.get(i, (None, np.inf))
         kept = times <= end
         rows = batch.rows(values, i)[:, kept]
-        bandwidth = scenario.model_bandwidth(getattr(scenario.controller, "reference_model_bandwidth", lambda: None)())
+        bandwidth = scenario.model_bandwidth(scenario.parts.reference_model_bandwidth)
         derived = {"contact_state": contact_state(rows[batch.signals["contact_force"].rows][0])}
         log = to_dataset(times[kept], rows, batch.signals, variant, bandwidth, derived)
         outcomes.append(judged(scenario, setting, VariantOutcome(variant, log, {}, failure), None))
@@ -92,7 +93,7 @@ class _Batch:
     scenarios: Sequence[Scenario]
     setting: Setting
 
-    @property
+    @cached_property
     def signals(self) -> Mapping[str, LoggedSignal]:
         """The signals of one element, as `simulate` logs them: those of the batch, and the motors of the robot."""
         joints = tuple(self.setting.workcell.robot.parameters.arm_joints)
@@ -122,10 +123,9 @@ class _Batch:
         context = simulator.get_mutable_context()
         failures: dict[int, tuple[str, float]] = {}
         signals, limits = self.signals, [scenario.limits() for scenario in self.scenarios]
-        duration = self.scenarios[0].duration
-        count = max(1, int(np.ceil(duration / CHUNK - 1e-9)))
-        for i in range(count + 1):
-            cause, _ = advance(simulator, min(i * CHUNK, duration))
+        ends = ends_of_chunks(self.scenarios[0].duration)
+        for i, end in enumerate(ends):
+            cause, _ = advance(simulator, end)
             if cause is not None:
                 raise RunFailedError("the simulation of a batch stopped") from cause
             times, values = log.take(self.loop.sink.FindMutableLog(context))
@@ -134,7 +134,7 @@ class _Batch:
                 if fault is not None and element not in failures:
                     name, when, value = fault
                     failures[element] = fault_of(name, when, value, signals[name].unit), when
-            progress(i / count)
+            progress(i / (len(ends) - 1))
             if len(failures) == len(self.scenarios):
                 break
         return *log.samples(), failures
