@@ -119,7 +119,8 @@ def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
     dask = sys.modules.get("dask")
     # On a worker of Dask xarray would ask the scheduler for a lock on the memory, which cannot be sent there.
     with dask.config.set(scheduler="synchronous") if dask else contextlib.nullcontext():
-        content = dataset.to_netcdf(engine="h5netcdf", encoding=encoding)
+        # A copy: where the write fails, the exception would keep a view of xarray's memory, which then cannot be freed.
+        content = bytes(dataset.to_netcdf(engine="h5netcdf", encoding=encoding))
     path.write_bytes(content)
 
 

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import gc
+import sys
 from dataclasses import dataclass
 
 import numpy as np
@@ -86,6 +88,17 @@ def test_files_read_back_bit_for_bit_and_the_same_log_gives_the_same_file(tmp_pa
     assert (tmp_path / "a.nc").read_bytes() == (tmp_path / "b.nc").read_bytes()
     again = read_netcdf(tmp_path / "a.nc")
     assert again.identical(log)
+
+
+def test_a_log_that_cannot_be_written_leaves_nothing_in_memory(tmp_path, monkeypatch):
+    unraisable = []
+    monkeypatch.setattr(sys, "unraisablehook", unraisable.append)
+    with pytest.raises(OSError, match="missing") as caught:
+        write_netcdf(to_dataset(*samples(), SIGNALS, "v"), tmp_path / "missing" / "log.nc")
+    caught.value.__context__ = ValueError(caught.value)  # a cycle, which only the garbage collector ends
+    del caught
+    gc.collect()
+    assert unraisable == []
 
 
 def test_chunks_are_taken_once_and_a_repeated_sample_is_dropped():
