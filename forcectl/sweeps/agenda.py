@@ -72,11 +72,11 @@ class Agenda:
 
     def take(self) -> Task | None:
         """What to run next; None where there is nothing now."""
-        if self._again:
+        if not self._waiting:
+            if not self._again:
+                return None
             number = self._again.popleft()
             return Task((number,), self._batches.size(number) > 0)
-        if not self._waiting:
-            return None
         group, waiting = next(iter(self._waiting.items()))
         size = self._batches.size(waiting[0])
         numbers = tuple(waiting.popleft() for _ in range(min(max(size, 1), len(waiting))))
@@ -85,7 +85,7 @@ class Agenda:
         return Task(numbers, size > 0)
 
     def put_back(self, number: int) -> None:
-        """A trial that was taken is to be run again, by itself and before the others."""
+        """A trial that was taken is to be run again, by itself and after the others."""
         self._again.append(number)
 
     def finish(self, row: Row) -> None:

@@ -96,7 +96,7 @@ class SweepRun:
             while True:
                 while engine.free > 0 and (task := self._next(elsewhere)) is not None:
                     engine.submit(task)
-                self._tell()
+                self.tell()
                 if engine.busy:
                     for ended in engine.wait():
                         self._end(ended)
@@ -181,6 +181,7 @@ class SweepRun:
             if self._fail_fast:
                 raise RunFailedError(f"trial {row['trial']} failed: {row['reason']}")
 
-    def _tell(self) -> None:
+    def tell(self) -> None:
+        """Say how far the sweep is."""
         if self._progress is not None:
             self._progress(SweepProgress(self._agenda.done, self._agenda.total, self._failed, len(self._lost)))

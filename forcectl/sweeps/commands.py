@@ -89,7 +89,7 @@ def sweep(
             display.hide()
             told = "stopped" if interrupted else f"error: {error}"
             print(f"{told}; go on with: forcectl sweep {directory} --resume", file=sys.stderr)
-            raise typer.Exit(130 if interrupted else 1) from error
+            raise typer.Exit(130 if interrupted else 2 if isinstance(error, BadInputError) else 1) from error
     _show_result(result, report)
 
 

@@ -40,6 +40,7 @@ class DaskEngine:
     def __init__(self, study: Study, results: Results, timeout: float | None, address: str):
         try:
             import distributed
+            from distributed.comm.addressing import resolve_address
         except ImportError:
             raise BadInputError(
                 f"--scheduler {address!r} needs Dask: install the extra with pip install 'forcectl[sweep]'"
@@ -47,6 +48,7 @@ class DaskEngine:
         # A scheduler that is gone is told in one line, and not by the traceback that Dask logs.
         logging.getLogger("distributed.client").setLevel(logging.CRITICAL)
         try:
+            resolve_address(address)  # a client that is given no address at all takes 20 s to end
             client: Any = distributed.Client
             self._client = client(address, timeout=CONNECT, set_as_default=False)
         except (OSError, TimeoutError, ValueError) as error:

@@ -27,7 +27,7 @@ class SweepStatus:
 
     Attributes:
         name: of the sweep.
-        planned: trials of this shard, or as many as there may be with `repeat`.
+        planned: trials of this shard, with `repeat` as far as is known.
         counts: trials by state.
         remaining_s: estimated time to the end [s]; None where nothing tells.
     """
@@ -57,6 +57,8 @@ def status(folder: str | Path) -> SweepStatus:
     counts |= {"running": sum(marks.values()), "lost": len(marks) - sum(marks.values())}
     index, shards = identity["shard"]
     planned = identity["trials"] // identity["points"] * len(range(index, identity["points"], shards))
+    if identity["writable"] and (file := stored(folder)).config.repeat is not None:
+        planned = Agenda(study_of(file), (index, shards), rows).total
     counts["pending"] = max(0, planned - sum(counts.values()))
     return SweepStatus(identity["name"], planned, counts, _remaining(rows, counts["pending"] + counts["running"]))
 

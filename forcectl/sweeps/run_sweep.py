@@ -128,6 +128,7 @@ def sweep(
                 del rows[number]
         agenda = Agenda(study, part, rows.values())
         run = SweepRun(study, results, agenda, rows, fail_fast, trial_timeout, progress)
+        run.tell()  # from here on there is something to go on with
         if agenda.done < agenda.total:
             started = engine_of(study, results, trial_timeout, engine, workers, scheduler)
             try:

@@ -98,11 +98,11 @@ def test_going_on_asks_for_the_same(repeated):
     assert (again.done, again.total) == (len(rows), len(rows))
 
 
-def test_a_trial_that_was_put_back_comes_first_and_by_itself(plain):
+def test_a_trial_that_was_put_back_comes_last_and_by_itself(plain):
     agenda = Agenda(plain, (0, 1), [])
     first = agenda.take()
     assert first == Task((0, 2, 4, 6, 8, 10), True)
     agenda.put_back(4)
-    assert agenda.take() == Task((4,), True)
     assert agenda.take() == Task((1, 3, 5, 7, 9, 11), True)
+    assert agenda.take() == Task((4,), True)
     assert agenda.take() is None

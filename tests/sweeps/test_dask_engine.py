@@ -89,6 +89,15 @@ def test_a_scheduler_that_is_killed_stops_the_sweep_with_a_message(cluster, tmp_
     assert result.count("done") == 8
 
 
+@pytest.mark.parametrize("address", ["foo://1", "localhost"])
+def test_an_address_of_no_scheduler_is_one_line(address, forcectl):
+    code, out, err = forcectl("sweep", "first_sweep", "--out", "out", "--scheduler", address)
+    assert (code, out) == (2, "")
+    assert err.startswith(f"error: --scheduler '{address}' cannot be reached: ")
+    assert err.endswith("; go on with: forcectl sweep out --resume\n")
+    assert err.count("\n") == 1
+
+
 def test_a_scheduler_that_is_not_there_is_told(tmp_path):
     with pytest.raises(BadInputError, match=r"--scheduler 'tcp://127.0.0.1:9' cannot be reached"):
         fc.sweep(small(), out=tmp_path / "out", scheduler="tcp://127.0.0.1:9")

@@ -7,7 +7,7 @@ import forcectl as fc
 from forcectl.errors import BadInputError
 from forcectl.sweeps.merge import merge, status
 from forcectl.sweeps.results import Results, identity_of
-from tests.sweeps.small_sweeps import small
+from tests.sweeps.small_sweeps import STIFFNESS, small
 
 
 @pytest.fixture(scope="module")
@@ -89,3 +89,11 @@ def test_status_counts_the_states(parts, tmp_path):
     results.release(2)
     results.lose(3, "why")
     assert status(tmp_path / "some").counts["lost"] == 1
+
+
+def test_status_counts_the_repetitions_that_are_asked_for(tmp_path):
+    repeat = {"half_width": 0.3, "at_least": 2, "at_most": 40}
+    fc.sweep(small(keys={STIFFNESS: [1e3]}, repeat=repeat), out=tmp_path / "out", engine="sequential", report=False)
+    found = status(tmp_path / "out")
+    assert found.planned == found.counts["done"] < 80
+    assert found.counts["pending"] == 0
