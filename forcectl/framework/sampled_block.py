@@ -28,6 +28,8 @@ Vector = NDArray[np.float64]
 # Quantities by their names: each a number or an array.
 Memory = Mapping[str, Any]
 
+_START = "start of the tick"  # among them: the memory before and the inputs, of blocks that keep them
+
 
 class TickStart(NamedTuple):
     """What a tick starts from.
@@ -98,6 +100,7 @@ class _Ticks(_Shared):
         self._state, self._memory = state, int(state)  # a number is looked up in half of the time
         self._kept = {name: self.DeclareDiscreteState(part) for name, part in (kept or {}).items()}
         if self.keeps_start:
+            self._missing = {port.get_name(): np.full(port.size(), np.nan) for port in inputs}
             self._start = self.DeclareDiscreteState(self._packed_size + sum(port.size() for port in inputs))
         self._now: BlockCache | None = None
         self._port: OutputPort | None = None
@@ -173,7 +176,9 @@ class _Ticks(_Shared):
 
     def memory(self, context: Context) -> dict[str, Any]:
         """The memory after the tick that the outputs show, by name, with the "time" of that tick [s]."""
-        return dict(self._after(context))
+        memory = dict(self._after(context))
+        memory.pop(_START, None)
+        return memory
 
     def held(self, context: Context) -> dict[str, Any]:
         """The memory as the tick before left it, by name, with the "time" of that tick [s]."""
@@ -195,8 +200,9 @@ class _Ticks(_Shared):
         ends = np.cumsum([self._packed_size, *(port.size() for port in self._inputs.values())])
         before, *readings = np.split(start, ends[:-1])
         inputs = dict(zip(self._inputs, readings, strict=True))
-        for name in self._unconnected(context):
-            del inputs[name]
+        for name, port in self._optional.items():
+            if not port.HasValue(context):
+                del inputs[name]
         return TickStart(self._unpack(before), inputs)
 
     def _read(self, context: Context) -> dict[str, Any]:
@@ -205,9 +211,6 @@ class _Ticks(_Shared):
             if port.HasValue(context):
                 inputs[name] = port.Eval(context)
         return inputs
-
-    def _unconnected(self, context: Context) -> list[str]:
-        return [name for name, port in self._optional.items() if not port.HasValue(context)]
 
     def _initial(self, name: str, value: Any) -> Vector:
         """A quantity before the first tick, of the shape it has in `step`."""
@@ -226,11 +229,16 @@ class _Ticks(_Shared):
         return np.concatenate([numbers, *(memory[name] for name in self._vectors)])
 
     def _compute(self, context: Context) -> Memory:
-        memory, now = self._unpack(context.get_discrete_state(self._memory).value()), context.get_time()
+        packed, now = context.get_discrete_state(self._memory).value(), context.get_time()
+        memory = self._unpack(packed)
         if now - memory["time"] < self._soonest:
             return memory
-        after = self.step(context, memory, self._read(context))
+        inputs = self._read(context)
+        after = self.step(context, memory, inputs)
         after["time"] = now
+        if self.keeps_start:
+            readings = [inputs.get(name, missing) for name, missing in self._missing.items()]
+            after[_START] = np.concatenate([packed, *readings])
         return after
 
     def _after(self, context: Context) -> Memory:
@@ -246,23 +254,11 @@ class _Ticks(_Shared):
     def _hold(self, context: Context, next_state: DiscreteValues) -> None:
         after = self._after(context)
         next_state.set_value(self._memory, self._pack(after))
-        if not (self._kept or self.keeps_start):
-            return
         for name, state in self._kept.items():
             next_state.set_value(state, after[name])
-        if self.keeps_start:
-            before = context.get_discrete_state(self._memory).CopyToVector()
-            # An event that is forced between two ticks changes nothing.
-            if before.item(0) != after["time"]:
-                next_state.set_value(self._start, np.concatenate([before, *self._readings(context)]))
-
-    def _readings(self, context: Context) -> list[Vector]:
-        """All inputs; those that are left unconnected are not numbers."""
-        missing = self._unconnected(context)
-        return [
-            np.full(port.size(), np.nan) if name in missing else port.Eval(context)
-            for name, port in self._inputs.items()
-        ]
+        # There is none in an event that is forced between two ticks, which changes nothing.
+        if _START in after:
+            next_state.set_value(self._start, after[_START])
 
 
 class SampledBlock(_Ticks, LeafSystem):
