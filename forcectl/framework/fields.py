@@ -235,11 +235,13 @@ def _check_number(name: str, value: Any, declared: Key, kind: type, default: Any
 
 
 def knows_batches(part: Any) -> bool:
-    """Whether a part of a scenario, and every part in it, makes blocks for a batch."""
-    if not isinstance(part, Config):
-        return not callable(getattr(part, "add_to", None))
-    inner = [getattr(part, field.name) for field in dataclasses.fields(part)]  # type: ignore[arg-type]
-    return part.in_batches and all(map(knows_batches, inner))
+    """Whether a part of a scenario, and every part in it, makes blocks for a batch; of any other object: no."""
+    if isinstance(part, Config):
+        inner = [getattr(part, field.name) for field in dataclasses.fields(part)]  # type: ignore[arg-type]
+        return part.in_batches and all(map(knows_batches, inner))
+    if isinstance(part, list | tuple | dict):
+        return all(map(knows_batches, part.values() if isinstance(part, dict) else part))
+    return part is None or isinstance(part, Real | str | PurePath | np.ndarray)
 
 
 def differs_by_element(part: Any, path: Sequence[str]) -> bool:

@@ -3,6 +3,7 @@
 import numpy as np
 import pytest
 
+from forcectl.diagrams.fidelities.multibody import MultibodyFidelity
 from forcectl.framework.fields import key_of, knows_batches, typed_fields
 from forcectl.framework.yaml_tree import Tagged
 from forcectl.runs.simulate import simulate
@@ -23,6 +24,10 @@ LAWS = {
     "AdaptiveVrft": {},
     "Governed": {"law": VRFT},
 }
+
+
+class OwnFidelity(MultibodyFidelity):
+    """A fidelity of a user's own."""
 
 
 def scenarios(law, seed=0, **fixed):
@@ -121,6 +126,8 @@ def test_an_element_that_diverges_ends_where_its_single_run_does_and_the_others_
     "changes",
     [
         {"station.fidelity": "Kinematic"},
+        {"station.fidelity": "Multibody"},
+        {"station.fidelity": OwnFidelity()},
         {"station.environment.surface.slope": 0.01},
         {"motion.distance": 0.01},
         {"station.drive": "!JointImpedance"},
@@ -131,6 +138,11 @@ def test_an_element_that_diverges_ends_where_its_single_run_does_and_the_others_
 )
 def test_what_is_not_one_dimension_alone_runs_by_itself(changes):
     assert batch_size(resolve(as_file("fig_2_8"), overrides={"station.fidelity": "OneDimensional"} | changes)) == 0
+
+
+@pytest.mark.parametrize("part", [object(), OwnFidelity(), [OwnFidelity()], {"mine": OwnFidelity()}, len])
+def test_an_object_of_any_other_class_does_not_know_of_batches(part):
+    assert not knows_batches(part)
 
 
 def test_a_class_derived_from_one_that_knows_of_batches_does_not():

@@ -3,6 +3,7 @@ import pandas as pd
 import pytest
 
 import forcectl as fc
+from forcectl.scenario.catalog import SLOTS
 from forcectl.sweeps.batches import Batches, Task
 from forcectl.sweeps.results import Results
 from forcectl.sweeps.study import study_of
@@ -92,3 +93,16 @@ def test_values_that_cannot_be_run_do_not_stop_the_others_of_their_batch():
     assert set(table["reason"][table["state"] == "failed"]) == {
         "override: reference.force = 500.0: must be at most the sensor's range, 200 N"
     }
+
+
+@pytest.mark.parametrize("fidelity", list(SLOTS["fidelity"]))
+def test_rows_are_what_runs_of_that_fidelity_give(fidelity):
+    overrides = {"station.fidelity": fidelity, "duration": 0.2}
+    stiffnesses = [5e3, 1e5]
+    table = fc.sweep(
+        {"scenario": "fig_2_8", "overrides": overrides, "keys": {STIFFNESS: stiffnesses}}, engine="sequential"
+    ).table
+    runs = [fc.run("fig_2_8", overrides={**overrides, STIFFNESS: value}).metrics for value in stiffnesses]
+    for metric in ("peak_force_N", "steady_state_error_N"):
+        wanted = [next(iter(one.values()))[metric] for one in runs]
+        np.testing.assert_allclose(table[metric], wanted, rtol=1e-11, err_msg=metric)
