@@ -15,6 +15,7 @@ finish; its manifest has `"status": "failed"` and the reason. So does one whose 
 from __future__ import annotations
 
 import datetime
+import errno
 import hashlib
 import json
 import os
@@ -70,7 +71,11 @@ def free_name(folder: Path, stem: str) -> Path:
 def write_whole(directory: Path, fill: Callable[[Path], None], force: bool = False) -> Path:
     """Let `fill` write into a temporary sibling of `directory`, then give it that name.
 
-    What `fill` has written before an error is kept as `<name>.failed`.
+    What `fill` has written before an error is kept as `<name>.failed`. Where another program has made a directory of
+    that name meanwhile, both are kept, this one as `<name>-1`.
+
+    Returns:
+        the directory.
 
     Raises:
         BadInputError: the place cannot be written to, or `directory` exists and `force` is not given.
@@ -83,20 +88,34 @@ def write_whole(directory: Path, fill: Callable[[Path], None], force: bool = Fal
         raise BadInputError(f"output {str(directory)!r} cannot be written: {error.strerror}") from None
     try:
         fill(partial)
-        _replace(directory, partial)
+        return _replace(directory, partial) if force else _place(directory, partial)
     except Exception:
         if any(partial.iterdir()):
             _replace(directory.with_name(directory.name.removesuffix(FAILED) + FAILED), partial)
         raise
     finally:
         shutil.rmtree(partial, ignore_errors=True)
+
+
+def _replace(directory: Path, new: Path) -> Path:
+    # Whenever this is stopped, what has that name is whole.
+    earlier = new.with_name(f"{new.name}.earlier")
+    if directory.exists():
+        directory.rename(earlier)
+    new.rename(directory)
+    shutil.rmtree(earlier, ignore_errors=True)
     return directory
 
 
-def _replace(directory: Path, new: Path) -> None:
-    if directory.exists():
-        shutil.rmtree(directory)
-    new.rename(directory)
+def _place(directory: Path, new: Path) -> Path:
+    target = directory
+    while True:
+        try:
+            return new.rename(target)
+        except OSError as error:
+            if error.errno not in (errno.EEXIST, errno.ENOTEMPTY, errno.ENOTDIR):
+                raise
+            target = free_name(directory.parent, directory.name)
 
 
 def write_json(path: Path, content: Any) -> None:

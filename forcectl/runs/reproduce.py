@@ -101,7 +101,7 @@ def reproduce(
     parts = [part for file in files for part in _parts(file, fidelity)]
     directory = None if out is None else Path(out).expanduser()
     if directory is not None:
-        write_whole(directory, lambda folder: write_json(folder / SUMMARY, {}), force)
+        directory = write_whole(directory, lambda folder: write_json(folder / SUMMARY, {}), force)
     reports: dict[int, PartReport] = {}
     result = Reproduction()
     for i, outcomes in _simulate_all(parts, workers or os.cpu_count() or 1, progress):

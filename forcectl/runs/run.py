@@ -197,7 +197,7 @@ def finish(
         where = f"; the log up to there is in {kept}" if kept else ""
         raise StoppedRunError(f"variant {failed.variant!r}: {failed.failure}{where}", log, kept) from failed.cause
     if directory is not None:
-        write_whole(directory, fill, force)
+        directory = write_whole(directory, fill, force)
     return RunResult(file.name, log, metrics, diagram, directory, verdicts)
 
 

@@ -8,7 +8,7 @@ figures/         experiment and prediction, SVG and PNG
 from __future__ import annotations
 
 import math
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
 
@@ -188,7 +188,7 @@ def tune_vrft(
             "after each; record more of them"
         )
     if directory is not None:
-        write_whole(directory, lambda folder: _write(tuned, folder), force)
+        tuned = replace(tuned, directory=write_whole(directory, lambda folder: _write(tuned, folder), force))
     return tuned
 
 

@@ -113,19 +113,11 @@ class SweepRun:
             yield
         finally:
             engine.close()
-            marks = self._results.marks()
-            for number, lives in marks.items():
-                if not lives and number not in self._lost:
-                    self._results.release(number)
-            if not any(marks.values()):
-                self._results.tidy()
+            self._results.tidy(self._lost)
 
     def _others(self) -> set[int]:
-        """Trials that a program which is gone has left running somewhere; marks of dead processes are removed."""
+        """Trials that a program which is gone has left running somewhere."""
         marks = self._results.marks()
-        for number, lives in marks.items():
-            if not lives:
-                self._results.release(number)
         return {number for number, lives in marks.items() if lives and number not in self._rows}
 
     def _next(self, elsewhere: set[int]) -> Task | None:
@@ -166,8 +158,9 @@ class SweepRun:
         if row is not None:
             self._take(row)
             return
-        self._deaths[number] = self._deaths.get(number, 0) + 1
-        if self._deaths[number] < DEATHS:
+        if not ended.cancelled or self._results.begun(number):
+            self._deaths[number] = self._deaths.get(number, 0) + 1
+        if self._deaths.get(number, 0) < DEATHS:
             self._agenda.put_back(number)
             return
         self._lost.add(number)

@@ -6,7 +6,7 @@ import contextlib
 import signal
 import sys
 import time
-from collections.abc import Iterator
+from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -66,7 +66,12 @@ def sweep(
     directory = out or (given if (given / IDENTITY).is_file() else None)
     if directory is None and not resume:
         directory = free_name(Path("runs"), read_sweep(sweep).name)
-    with _interruptible(), _Display() as display:
+    with _interruptible() as stop_if_asked, _Display() as display:
+
+        def show(progress: SweepProgress) -> None:
+            stop_if_asked()
+            display.show(progress)
+
         try:
             result = run_sweep(
                 sweep,
@@ -80,7 +85,7 @@ def sweep(
                 scheduler=scheduler,
                 trial_timeout=trial_timeout,
                 report=report,
-                progress=display.show,
+                progress=show,
             )
         except BaseException as error:
             if not display.shown or not isinstance(error, ForcectlError | KeyboardInterrupt):
@@ -107,11 +112,25 @@ def merge(
 
 
 @contextlib.contextmanager
-def _interruptible() -> Iterator[None]:
-    """Within, a batch system that takes the job away (SIGTERM) stops it as Ctrl-C does."""
-    before = {number: signal.signal(number, signal.default_int_handler) for number in (signal.SIGINT, signal.SIGTERM)}
+def _interruptible() -> Iterator[Callable[[], None]]:
+    """Within, a batch system that takes the job away (SIGTERM) stops it as Ctrl-C does.
+
+    Yields:
+        raises the interrupt again that was lost: Python passes over one that comes while it frees an object.
+    """
+    asked: list[int] = []
+
+    def stop_if_asked() -> None:
+        if asked:
+            raise KeyboardInterrupt
+
+    def stop(number: int, frame: object) -> None:
+        asked.append(number)
+        raise KeyboardInterrupt
+
+    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
     try:
-        yield
+        yield stop_if_asked
     finally:
         for number, handler in before.items():
             signal.signal(number, handler)

@@ -8,6 +8,7 @@ import queue
 import time
 import uuid
 from collections.abc import Iterator
+from concurrent.futures import CancelledError
 from typing import Any
 
 from forcectl.errors import BadInputError, RunFailedError, one_line
@@ -18,8 +19,10 @@ from forcectl.sweeps.study import Study
 from forcectl.sweeps.trial import run_task
 
 CONNECT = 10.0  # [s] to reach a scheduler
+RESTART = 60.0  # [s] for workers to come back when all have died
 _LOOK = 2.0  # [s] between two questions for the number of workers
 _GONE = "the scheduler is gone: start it again"
+_NO_WORKERS = "all workers are gone: start some again"
 PER_THREAD = 2  # tasks in flight: more stall the scheduler, fewer leave workers without work
 
 
@@ -62,7 +65,8 @@ class DaskEngine:
         except BaseException:
             self.close()
             raise
-        self._shared: Any = self._client.scatter((study, results, timeout), broadcast=True, hash=False)
+        self._given = (study, results, timeout)
+        self._shared: Any = None
 
     def _check_workers(self, study: Study, results: Results, address: str) -> None:
         mine = study.versions()
@@ -90,7 +94,7 @@ class DaskEngine:
     def free(self) -> int:
         """How many tasks it takes now."""
         if time.monotonic() > self._next_look:
-            with _scheduler_there():
+            with self._scheduler_there():
                 self._threads = sum(self._client.nthreads().values())
             self._next_look = time.monotonic() + _LOOK
         return max(1, PER_THREAD * self._threads) - len(self._futures)
@@ -102,7 +106,10 @@ class DaskEngine:
 
     def submit(self, task: Task) -> None:
         """Hand a task to the scheduler."""
-        with _scheduler_there():
+        with self._scheduler_there():
+            if self._shared is None or self._shared.status != "finished":  # lost with all workers that had it
+                self._client.wait_for_workers(1, timeout=RESTART)
+                self._shared = self._client.scatter([self._given], broadcast=True, hash=False)[0]
             key = f"trial-{task.trials[0]}-{uuid.uuid4().hex}"
             future = self._client.submit(_run, self._shared, task, pure=False, retries=0, key=key)
         self._futures[task] = future
@@ -123,14 +130,14 @@ class DaskEngine:
         return found
 
     def _told(self, task: Task, future: Any) -> Ended:
-        with _scheduler_there():
+        with self._scheduler_there(), contextlib.suppress(CancelledError):
             if future.status == "finished":
                 fault = future.result()
                 return Ended(task, fault, storage=bool(fault))
             if future.status == "error":
                 error = future.exception()
                 return Ended(task, one_line(error)[:200])
-        return Ended(task, f"its task was {future.status}")
+        return Ended(task, "the workers that had it died", cancelled=True)
 
     def close(self) -> None:
         """Let go of the scheduler; trials at work there go on to their end."""
@@ -139,14 +146,17 @@ class DaskEngine:
         with contextlib.suppress(Exception):
             self._client.close(timeout=1)
 
-
-@contextlib.contextmanager
-def _scheduler_there() -> Iterator[None]:
-    """Whatever the client of a scheduler that is gone raises becomes one line."""
-    try:
-        yield
-    except Exception as error:
-        raise RunFailedError(_GONE) from error
+    @contextlib.contextmanager
+    def _scheduler_there(self) -> Iterator[None]:
+        """Whatever the client raises becomes one line."""
+        try:
+            yield
+        except Exception as error:
+            reason = _GONE
+            with contextlib.suppress(Exception):  # of a scheduler that is gone
+                if self._client.status == "running":
+                    reason = one_line(error) if self._client.nthreads() else _NO_WORKERS
+            raise RunFailedError(reason) from error
 
 
 def _told(folder: str) -> tuple[dict[str, str], bool]:

@@ -36,12 +36,14 @@ class Ended:
         task: what it was.
         fault: of the process that ran it; "" for none.
         overdue: the process was ended because it took too long.
+        cancelled: by the engine, whether the task had begun or not.
         storage: the results directory cannot be written.
     """
 
     task: Task
     fault: str = ""
     overdue: bool = False
+    cancelled: bool = False
     storage: bool = False
 
 

@@ -20,9 +20,11 @@ import contextlib
 import fcntl
 import json
 import os
+import re
+import shutil
 import socket
 import time
-from collections.abc import Callable, Iterator, Mapping
+from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
 from typing import IO, Any
@@ -35,6 +37,7 @@ SWEEP = "sweep.yaml"
 BEAT = 2.0  # [s] between two signs of life of a mark
 SILENT = 60.0  # [s] after which the owner of a mark on another machine is taken for dead
 _PER_FOLDER = 1000
+_HALF = re.compile(r"\.\d+-.+|\..+\.(partial-)?\d+(\.earlier)?")  # names of what is being written
 _STARTED = 19  # which of the fields of /proc/PID/stat, after the name, is the time of its start
 
 Row = dict[str, Any]
@@ -190,6 +193,10 @@ class Results:
         with contextlib.suppress(OSError):
             os.utime(self._numbered("running", trial, ".json"))
 
+    def begun(self, trial: int) -> bool:
+        """Whether a process has marked a trial, alive or not."""
+        return self._numbered("running", trial, ".json").is_file()
+
     def owned(self, trial: int) -> bool:
         """Whether a living process has marked a trial."""
         path = self._numbered("running", trial, ".json")
@@ -200,11 +207,25 @@ class Results:
         """Every marked trial, and whether its process lives."""
         return {int(path.stem): self.owned(int(path.stem)) for path in self._files("running")}
 
-    def tidy(self) -> None:
-        """Remove what processes that were killed have left half written; only where no process is at work."""
-        for path in self.folder.glob("*/*/.*"):
-            with contextlib.suppress(OSError):
-                path.unlink()
+    def tidy(self, lost: Container[int] = ()) -> None:
+        """Remove what processes that are gone have left: marks and, where none is at work, half-written files.
+
+        Args:
+            lost: trials whose marks stay.
+        """
+        marks = self.marks()
+        for number, lives in marks.items():
+            if not lives and number not in lost:
+                self.release(number)
+        if any(marks.values()):
+            return
+        for pattern in (".*", "worst/.*", "*/*/.*"):
+            for path in filter(lambda path: _HALF.fullmatch(path.name), self.folder.glob(pattern)):
+                if path.is_dir():
+                    shutil.rmtree(path, ignore_errors=True)
+                else:
+                    with contextlib.suppress(OSError):
+                        path.unlink()
 
     # --- further files --------------------------------------------------------------------------------------------
 

@@ -121,6 +121,7 @@ def sweep(
             stack.enter_context(locked(folder))
         results = Results(folder, study.digest())
         notes = _notes(study, folder)
+        results.tidy()
         rows = {row["trial"]: row for row in results.rows()}
         if retry_failed:
             for number in [number for number, row in rows.items() if row["state"] == "failed"]:
@@ -143,7 +144,7 @@ def sweep(
             notes.append(f"{together} of {len(rows)} trials ran side by side in batches")
         kept = out is not None or resume
         if kept and report:
-            write_report(study, results, table, rows)
+            write_report(study, results, table, rows, run.tell)
         return SweepResult(table, folder if kept else None, notes)
 
 
@@ -192,7 +193,10 @@ def begin(study: Study, folder: Path, part: tuple[int, int]) -> None:
         write_json(aside / IDENTITY, _identity(study, aside, part))
 
     with writing(folder):
-        write_whole(folder, fill)
+        made = write_whole(folder, fill)
+    if made != folder:  # another program has begun a sweep there meanwhile
+        shutil.rmtree(made)
+        _refuse_begun(folder, resume=False)
 
 
 def _identity(study: Study, folder: Path, part: tuple[int, int]) -> dict[str, Any]:
@@ -254,7 +258,9 @@ def _notes(study: Study, folder: Path) -> list[str]:
     return notes
 
 
-def write_report(study: Study, results: Results, table: pd.DataFrame, rows: Mapping[int, Row]) -> None:
+def write_report(
+    study: Study, results: Results, table: pd.DataFrame, rows: Mapping[int, Row], tell: Callable[[], None] | None = None
+) -> None:
     """Run the worst trials again, and write the page.
 
     Args:
@@ -262,6 +268,7 @@ def write_report(study: Study, results: Results, table: pd.DataFrame, rows: Mapp
         results: its directory.
         table: of results.
         rows: of finished trials, by number.
+        tell: called between two parts of the work.
 
     Raises:
         BadInputError: no trial has the metric that `worst` asks for; the page is written.
@@ -272,11 +279,17 @@ def write_report(study: Study, results: Results, table: pd.DataFrame, rows: Mapp
     from forcectl.sweeps.report.worst import keep_worst
 
     complete = set(table["state"]) <= {"done", "failed"}
-    try:
-        if complete:
-            keep_worst(study, results, table)
-    finally:
-        write_page(study, results, table, costs_table(rows), complete)
+    refused = None
+    if complete:
+        try:
+            keep_worst(study, results, table, tell)
+        except BadInputError as error:
+            refused = error
+    if tell is not None:
+        tell()
+    write_page(study, results, table, costs_table(rows), complete)
+    if refused is not None:
+        raise refused
 
 
 def write_tables(study: Study, results: Results, agenda: Agenda, rows: Mapping[int, Row]) -> pd.DataFrame:

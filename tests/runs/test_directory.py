@@ -62,6 +62,18 @@ def test_an_interrupted_replacement_keeps_the_earlier_run(tmp_path):
     assert list(tmp_path.iterdir()) == [target]
 
 
+def test_of_two_that_write_the_same_both_are_kept(tmp_path, monkeypatch):
+    target = tmp_path / "run"
+
+    def fill(folder):
+        (folder / "one").write_text("second")
+        write_whole(target, lambda other: (other / "one").write_text("first"))
+
+    monkeypatch.setattr("os.getpid", iter([1, 2]).__next__)  # as of two processes
+    assert write_whole(target, fill) == tmp_path / "run-1"
+    assert [(path / "one").read_text() for path in sorted(tmp_path.iterdir())] == ["first", "second"]
+
+
 def test_only_runs_reproductions_and_empty_folders_may_be_replaced(tmp_path):
     for name in ("manifest.json", "summary.json"):
         (tmp_path / name).mkdir()

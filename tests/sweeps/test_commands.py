@@ -1,6 +1,10 @@
+import contextlib
+import signal
+
 import pandas as pd
 import pytest
 
+from forcectl.sweeps.at_work import SweepProgress
 from tests.sweeps.small_sweeps import FAILING, STIFFNESS, small, write
 
 
@@ -67,3 +71,16 @@ def test_the_first_sweep_of_the_docs(forcectl, tmp_path):
     table = pd.read_parquet(tmp_path / "first" / "trials.parquet")
     rates = table.groupby("controller.integral_gain")["success"].mean()
     assert rates[1] >= rates[4]
+
+
+def test_an_interrupt_that_python_passed_over_stops_the_sweep_a_little_later(forcectl, monkeypatch, tmp_path):
+    def run_sweep(*_, progress, **__):
+        progress(SweepProgress(0, 8, 0, 0))
+        with contextlib.suppress(KeyboardInterrupt):  # as while an object is freed
+            signal.raise_signal(signal.SIGINT)
+        progress(SweepProgress(1, 8, 0, 0))
+        raise AssertionError("not stopped")
+
+    monkeypatch.setattr("forcectl.sweeps.run_sweep.sweep", run_sweep)
+    code, _, err = forcectl("sweep", write(tmp_path), "--out", "out")
+    assert (code, err) == (130, "stopped; go on with: forcectl sweep out --resume\n")

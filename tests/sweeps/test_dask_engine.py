@@ -69,6 +69,24 @@ def test_workers_of_a_scheduler_give_the_same_table(cluster, tmp_path):
     pd.testing.assert_frame_equal(killed, whole)
 
 
+def test_the_death_of_all_workers_costs_the_trials_at_work_only(cluster, tmp_path):
+    """Their nanny starts new ones, and those begin without what every worker was given."""
+    address, _, worker = cluster
+    nanny = worker()
+    from distributed import Client
+
+    with Client(address, set_as_default=False) as client:
+        client.wait_for_workers(1, timeout=120)
+        (at_work,) = client.run(os.getpid).values()
+    assert at_work != nanny.pid
+    file, out = write(tmp_path, overrides=small()["overrides"] | {"duration": 3.0}, batches=False), tmp_path / "out"
+    process = start("sweep", file, "--out", out, "--scheduler", address, "--no-report")
+    wait_until(lambda: rows(out) >= 1)
+    os.kill(at_work, signal.SIGKILL)
+    told, errors = process.communicate(timeout=120)
+    assert (process.returncode, told.splitlines()[0], errors) == (0, "8 done", "")
+
+
 def test_a_scheduler_that_is_killed_stops_the_sweep_with_a_message(cluster, tmp_path):
     address, scheduler, worker = cluster
     worker()

@@ -50,6 +50,24 @@ def test_nothing_half_written_is_left(results, monkeypatch):
     assert [path for path in results.folder.rglob("*") if path.is_file()] == []
 
 
+def test_what_killed_processes_have_left_is_removed_and_nothing_else(results):
+    left = [".77-trials.parquet", "rows/0000/.0000003.json.77", "worst/.1-trial-7.partial-77/log.nc"]
+    left += ["worst/.1-trial-7.partial-77.earlier/log.nc", ".out.partial-77/plan.parquet"]
+    kept = [".notes", "trials.parquet", "rows/0000/0000003.json", "worst/1-trial-7/log.nc", "rows/0000/.notes"]
+    for name in (*left, *kept):
+        (results.folder / name).parent.mkdir(parents=True, exist_ok=True)
+        (results.folder / name).write_text("{}")
+    results.claim(5)
+    results.tidy()
+    assert all((results.folder / name).exists() for name in left)  # another process may be writing them
+    results.release(5)
+    for number in (6, 7):
+        results.lose(number, "killed")
+    results.tidy(lost={7})
+    found = {str(path.relative_to(results.folder)) for path in results.folder.rglob("*") if path.is_file()}
+    assert found == {*kept, "running/0000/0000007.json"}
+
+
 def test_rows_of_another_sweep_are_refused(results, tmp_path):
     Results(tmp_path, "other").write_row(row(1))
     with pytest.raises(BadInputError, match="is a row of another sweep"):

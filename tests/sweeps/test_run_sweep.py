@@ -14,6 +14,9 @@ from forcectl.errors import BadInputError, RunFailedError
 from forcectl.force.integral import IntegralConfig
 from forcectl.framework.yaml_tree import Tagged
 from forcectl.sweeps.results import Results, StorageError, identity_of
+from forcectl.sweeps.run_sweep import begin
+from forcectl.sweeps.study import study_of
+from forcectl.sweeps.sweep_config import read_sweep
 from tests.sweeps.small_sweeps import FAILING, GAIN, STIFFNESS, rows, small, start, wait_until, write
 
 
@@ -232,3 +235,15 @@ def test_an_interrupt_while_processes_start_is_not_lost(tmp_path):
     process.send_signal(signal.SIGINT)
     _, errors = process.communicate(timeout=30)
     assert process.returncode == 130, errors
+
+
+def test_of_two_that_begin_at_the_same_moment_one_is_refused(tmp_path, monkeypatch):
+    """Both have found the directory free before one of them makes it."""
+    study = study_of(read_sweep(small()))
+    begin(study, tmp_path / "out", (0, 1))
+    (tmp_path / "out" / "lock").write_text("")
+    monkeypatch.setattr("forcectl.runs.directory.check_free", lambda *_: None)
+    with pytest.raises(BadInputError, match="exists: add --resume to go on, or name another one"):
+        begin(study, tmp_path / "out", (0, 1))
+    assert (tmp_path / "out" / "lock").exists()
+    assert [path.name for path in tmp_path.iterdir()] == ["out"]

@@ -91,6 +91,32 @@ def test_what_becomes_the_first_gets_its_replay(tmp_path, runs):
     assert (tmp_path / "worst/1-trial-3/replay.html").is_file()
 
 
+def test_what_was_removed_in_part_is_made_again(tmp_path, runs):
+    study, table, _ = case()
+    results = results_in(tmp_path, study)
+    first, *_ = keep_worst(study, results, table)
+    (first / "manifest.json").unlink()
+    (first / "log.nc").write_text("old")
+    runs.clear()
+    assert keep_worst(study, results, table)[0] == first
+    assert [name for name, *_ in runs] == [first.name]
+    assert not (first / "log.nc").exists()
+
+
+def test_an_interrupt_comes_before_the_next_run(tmp_path, runs):
+    study, table, _ = case()
+    calls = []
+
+    def tell():
+        calls.append(len(runs))
+        if len(calls) == 2:
+            raise KeyboardInterrupt
+
+    with pytest.raises(KeyboardInterrupt):
+        keep_worst(study, results_in(tmp_path, study), table, tell)
+    assert calls == [0, 1]
+
+
 def test_folders_of_others_stay(tmp_path, runs):
     study, table, _ = case()
     results = results_in(tmp_path, study)

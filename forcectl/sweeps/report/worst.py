@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import re
 import shutil
+from collections.abc import Callable
 from pathlib import Path
 from typing import TYPE_CHECKING
 
@@ -38,7 +39,9 @@ def ranked(study: Study, table: pd.DataFrame) -> list[int]:
     return [int(number) for number in order["trial"].iloc[: worst.count]]
 
 
-def keep_worst(study: Study, results: Results, table: pd.DataFrame) -> list[Path]:
+def keep_worst(
+    study: Study, results: Results, table: pd.DataFrame, tell: Callable[[], None] | None = None
+) -> list[Path]:
     """Run the worst trials again and keep them in `worst/<rank>-trial-<number>`; returns these folders.
 
     What an earlier call has kept of the same trials stays, what it has kept of others is removed.
@@ -47,6 +50,7 @@ def keep_worst(study: Study, results: Results, table: pd.DataFrame) -> list[Path
         study: the sweep.
         results: its directory.
         table: of its trials.
+        tell: called before each run.
 
     Raises:
         BadInputError: no trial has a value of the metric, though some have of others.
@@ -57,12 +61,17 @@ def keep_worst(study: Study, results: Results, table: pd.DataFrame) -> list[Path
     _check_metric(study.config.worst.metric, metric_columns(study, table))
     numbers = ranked(study, table)
     earlier = kept(results)
+    folders = []
     with writing(results.folder):
-        for number in earlier.keys() - numbers:
-            shutil.rmtree(earlier[number])
-        return [
-            _keep(study, results, number, rank, earlier.get(number)) for rank, number in enumerate(numbers, start=1)
-        ]
+        for path in (results.folder / WORST).glob("*-trial-*"):
+            # Those of other trials, and what was removed in part.
+            if _NAME.fullmatch(path.name) and path not in {earlier.get(number) for number in numbers}:
+                shutil.rmtree(path)
+        for rank, number in enumerate(numbers, start=1):
+            if tell is not None:
+                tell()
+            folders.append(_keep(study, results, number, rank, earlier.get(number)))
+    return folders
 
 
 def kept(results: Results) -> dict[int, Path]:
