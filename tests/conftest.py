@@ -57,6 +57,14 @@ def without_pictures(monkeypatch):
 
 
 @pytest.fixture
+def plants_identified_once(monkeypatch):
+    """Tuning asks for the plant of each record once in a process: it depends on the record only, and takes longest."""
+    from tests.examples.vrft_records import identified_once
+
+    monkeypatch.setattr("forcectl.tuning.vrft.identify_plants", identified_once)
+
+
+@pytest.fixture
 def warm(monkeypatch):
     """The processes of reproductions and sweeps begin with everything imported; a test of each is without."""
     from tests.examples.commands import WARM

@@ -28,7 +28,7 @@ VERTICAL, OBLIQUE = (0.0, 0.0, 1.0), (1.0, 0.0, 1.0)
 
 def ideal(fidelity: str, gain: float, stiffness: float, normal: tuple[float, ...] = VERTICAL, **changes: Any) -> Any:
     """A run of the ideal preset, but with the usual control tick."""
-    usual = {"duration": 2.0, "station__period": PERIOD, "station__time_step": 0.001}
+    usual = {"duration": 1.5, "station__period": PERIOD, "station__time_step": 0.001}
     return closed_loop(
         preset="ideal",
         station__fidelity=fidelity,
@@ -169,7 +169,8 @@ def test_faster_sampling_converges_to_the_continuous_loop(
     reference = continuous_reference(times, gain)
     distance = []
     for period in (0.002, 0.001, 0.0005):
-        log = ideal("OneDimensional", gain, stiffness, normal, station__period=period, station__time_step=period)
+        steps = {"station__period": period, "station__time_step": period}
+        log = ideal("OneDimensional", gain, stiffness, normal, duration=1.0, **steps)
         at_times = np.searchsorted(signal(log, "time"), times - 1e-9)
         distance.append(np.abs(signal(log, "measured_force")[at_times] - reference).max())
     # A held command is late by half a period: the error is of first order.
@@ -182,8 +183,8 @@ def test_faster_sampling_converges_to_the_continuous_loop(
 def test_damped_environment_is_a_spring_and_a_damper_in_parallel(damping_time: float) -> None:
     stiffness = 5e4
     changes = {"station__environment__damping": damping_time * stiffness}
-    reference = sampled_reference(1000, 3.0, damping_time=damping_time)
-    undamped = sampled_reference(1000, 3.0)
+    reference = sampled_reference(750, 3.0, damping_time=damping_time)
+    undamped = sampled_reference(750, 3.0)
     for fidelity in ("OneDimensional", "Kinematic"):
         force = measured(fidelity, 3.0, stiffness, **changes)
         # The deformation is sampled every tick, which the undamped loop does not notice.

@@ -28,6 +28,7 @@ from forcectl.testing import run_diagram
 from tests.examples.station_runs import closed_loop, command_for, compliance_of, quiet_sensor, signal
 from tests.examples.stations import pressing
 
+START = 1.0  # of the motion along the surface [s]
 LIGHT = ("OneDimensional", "Kinematic")
 every_fidelity = pytest.mark.parametrize("fidelity", SHIPPED_FIDELITIES)
 
@@ -35,17 +36,17 @@ every_fidelity = pytest.mark.parametrize("fidelity", SHIPPED_FIDELITIES)
 def ideal(
     fidelity: str, stiffness: float = 1e4, speed: float = 0.02, distance: float = 0.02, **surface: Any
 ) -> xr.Dataset:
-    """A loop that differs between fidelities by nothing but how they are computed; in motion after 1.5 s."""
+    """A loop that differs between fidelities by nothing but how they are computed; in motion after START."""
     changes = {f"station__environment__surface__{name}": value for name, value in surface.items()}
     return closed_loop(
         preset="ideal",
-        duration=1.5 + distance / speed + 0.7,
+        duration=START + distance / speed + 0.3,
         station__fidelity=fidelity,
         station__environment__stiffness=stiffness,
         controller__integral_gain=3.0,
         motion__distance=distance,
         motion__speed=speed,
-        motion__start_time=1.5,
+        motion__start_time=START,
         motion__acceleration=0.2,
         **changes,
     )
@@ -67,7 +68,7 @@ GROOVES = {"heights": HEIGHTS}
 def assert_all_agree(**case: Any) -> None:
     logs = {fidelity: ideal(fidelity, **case) for fidelity in SHIPPED_FIDELITIES}
     reference = logs["Kinematic"]
-    moving = signal(reference, "time") > 1.5
+    moving = signal(reference, "time") > START
     felt = np.ptp(signal(reference, "contact_force")[moving])
     assert felt > 0.5  # the surface is there
     for name, log in logs.items():

@@ -47,7 +47,8 @@ def test_two_laws_press_with_two_arms_on_two_surfaces():
 
 
 def test_one_law_presses_with_both():
-    log = fc.run(scenario(controller="!Integral")).log
+    controller = parse("!Integral {integral_gain: 4.0}", "own.yaml")
+    log = fc.run(scenario(controller=controller, duration=0.8)).log
     np.testing.assert_allclose(log["measured_force"].values[-1], 10.0, atol=1.0)
 
 

@@ -84,7 +84,7 @@ def test_compliance_at_the_end_effector_is_that_of_the_joints_and_the_environmen
             posture_deg=list(posture), normal=list(normal), environment=environment, servo=ServoConfig(ideal=True)
         )
     )
-    log = assert_compliance(workcell, 0.8)
+    log = assert_compliance(workcell, 0.8 if stiffness == SPRINGS else 0.6)
     # Compliance and commanded displacement give the force.
     assert last(log, "contact_force") == pytest.approx(15.0, rel=0.02)
 
@@ -123,7 +123,7 @@ def test_stiffer_joints_make_a_stiffer_robot() -> None:
         for name in ("calibrated", "estimated")
     ]
     for workcell in workcells:
-        assert_compliance(workcell, 0.8)
+        assert_compliance(workcell, 0.6)
     assert compliance_of(workcells[1]) < 0.5 * compliance_of(workcells[0])
 
 
@@ -149,7 +149,7 @@ def test_bending_links_of_a_users_robot_are_realised(bending_robot: Path, normal
     settings = {"normal": list(normal), "servo": ServoConfig(ideal=True), "environment": environment}
     rigid, bending = describe(multibody(**settings)), describe(multibody(robot=str(bending_robot), **settings))
     assert compliance_of(bending) > 1.1 * compliance_of(rigid)
-    assert_compliance(bending, 0.8)
+    assert_compliance(bending, 0.6)
 
 
 # --- no contact ------------------------------------------------------------------------------------------------------
@@ -172,7 +172,7 @@ def test_no_contact_is_no_force_on_any_path_also_after_turning_the_tool(posture:
     workcell = describe(multibody(normal=(-axis).tolist(), **settings))
     log = run_diagram(
         build_station(workcell),
-        2.4,
+        2.0,
         period=0.01,
         inputs={"joint_position_command": lambda t: turning_retreat(workcell, t)},
         outputs=["measured_wrench", "measured_force", "contact_force", "contact_state", "link_position"],
@@ -244,7 +244,7 @@ def test_known_load_on_the_tool_is_measured_in_any_orientation_of_the_sensor(pos
     context = station.CreateDefaultContext()
     hang_on_tool(station, context, workcell, load)
     command = command_for(workcell, 3e-3)
-    log = run_diagram(station, 2.0, period=STEP, inputs={"joint_position_command": command}, context=context)
+    log = run_diagram(station, 1.5, period=STEP, inputs={"joint_position_command": command}, context=context)
     assert not log["contact_force"][-5:].any()
     size = float(np.linalg.norm(load))
     assert last(log, "measured_force") == pytest.approx(workcell.contact.n @ load, abs=0.01 * size)

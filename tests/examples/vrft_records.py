@@ -2,10 +2,13 @@
 
 from __future__ import annotations
 
+from functools import lru_cache
 from itertools import pairwise
 
 import numpy as np
 from scipy.signal import lfilter
+
+from forcectl.tuning.plant_model import IdentifiedPlant, identify_plants
 
 TS = 0.002
 
@@ -47,3 +50,13 @@ def loop_step(gains, numerator, denominator, samples, reference=None):
     over, under = np.pad(over, (0, size - over.size)), np.pad(under, (0, size - under.size))
     with np.errstate(all="ignore"):
         return lfilter(over, under + over, np.ones(samples) if reference is None else reference)
+
+
+def identified_once(u, y, period) -> list[IdentifiedPlant]:
+    """`identify_plants`, which remembers the plants of the last records."""
+    return list(_identified(np.asarray(u, dtype=float).tobytes(), np.asarray(y, dtype=float).tobytes(), period))
+
+
+@lru_cache(maxsize=32)
+def _identified(u: bytes, y: bytes, period: float) -> tuple[IdentifiedPlant, ...]:
+    return tuple(identify_plants(np.frombuffer(u), np.frombuffer(y), period))

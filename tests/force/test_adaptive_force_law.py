@@ -41,7 +41,7 @@ def force(config, duration: float, size: int = 1, **loop) -> np.ndarray:
 @every_law
 @pytest.mark.parametrize("error", [0.6, 1.3])
 def test_a_wrong_start_leaves_no_steady_error(config, error):
-    measured = force(replace(config, compliance_error=error), 7.0)[0]
+    measured = force(replace(config, compliance_error=error), 6.0)[0]
     assert np.mean(measured[-500:]) == pytest.approx(15.0, abs=0.1)
 
 

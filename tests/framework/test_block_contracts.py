@@ -12,6 +12,7 @@ import itertools
 import math
 import pkgutil
 from collections.abc import Iterable, Iterator
+from functools import cache
 from importlib import import_module
 
 import numpy as np
@@ -56,6 +57,12 @@ EVERY_BLOCK = pytest.mark.parametrize(
 )
 
 
+@cache
+def doc_of(kind: type[System]) -> BlockDoc:
+    return BlockDoc(kind, BLOCKS)
+
+
+@cache
 def declared_blocks() -> set[type[System]]:
     """Every public system class of forcectl, base classes apart."""
     found = set()
@@ -88,7 +95,7 @@ def names(ports: Iterable[InputPort | OutputPort]) -> list[str]:
 
 @pytest.mark.parametrize(("kind", "example"), CASES)
 def test_docstring_lists_the_ports(kind, example):
-    block, doc = example.block, BlockDoc(kind, BLOCKS)
+    block, doc = example.block, doc_of(kind)
     if doc.open:
         assert doc.ports("input_ports", names(inputs_of(block))) == names(inputs_of(block))
         assert doc.ports("output_ports", names(outputs_of(block))) == names(outputs_of(block))
@@ -99,7 +106,7 @@ def test_docstring_lists_the_ports(kind, example):
 @pytest.mark.parametrize(("kind", "example"), CASES)
 def test_docstring_has_the_unit_of_every_port(kind, example):
     """A unit for each port that is named there, the one that `port_units` or the conventions give it."""
-    block, doc = example.block, BlockDoc(kind, BLOCKS)
+    block, doc = example.block, doc_of(kind)
     for port in [*inputs_of(block), *outputs_of(block)]:
         name = port.get_name()
         if port.get_data_type() != PortDataType.kVectorValued or not doc.names(name):
@@ -112,13 +119,16 @@ def test_docstring_has_the_unit_of_every_port(kind, example):
 @EVERY_BLOCK
 def test_docstring_tells_the_feedthrough(kind):
     """What is said of each output is what Drake finds; what depends on the configuration is there in some example."""
-    doc, seen, possible = BlockDoc(kind, BLOCKS), set(), set()
+    doc, seen, possible = doc_of(kind), set(), set()
     for example in EXAMPLES[kind]:
         block = example.block
         inputs, outputs = names(inputs_of(block)), names(outputs_of(block))
+        pairs = {
+            (o, i) for o, _ in enumerate(outputs) for i, _ in enumerate(inputs) if block.HasDirectFeedthrough(i, o)
+        }
         for o, (output, statement) in enumerate(doc.feedthrough(inputs, outputs).items()):
             assert statement is not None, f"the docstring does not say what {output} depends on"
-            found = {name for i, name in enumerate(inputs) if block.HasDirectFeedthrough(i, o)}
+            found = {name for i, name in enumerate(inputs) if (o, i) in pairs}
             assert statement.always <= found, f"{output} does not depend on {sorted(statement.always - found)}"
             more = found - statement.always - statement.sometimes
             assert not more, f"{output} depends on {sorted(more)}, too"
@@ -126,9 +136,6 @@ def test_docstring_tells_the_feedthrough(kind):
             named = {name for name in statement.sometimes if doc.names(output) and doc.names(name)}
             seen |= {(output, name) for name in found & named}
             possible |= {(output, name) for name in named}
-        pairs = {
-            (o, i) for o, output in enumerate(outputs) for i in range(len(inputs)) if block.HasDirectFeedthrough(i, o)
-        }
         for output, name in doc.undelayed:
             assert (outputs.index(output), inputs.index(name)) in pairs, f"{output} is later than {name}"
     assert seen == possible
@@ -177,7 +184,7 @@ def ticks(periods: Iterable[float], until: float) -> set[int]:
 @EVERY_BLOCK
 def test_docstring_tells_the_sampling(kind):
     """The updates of every example are at the multiples of the stated periods, and each period is needed in one."""
-    doc, needed = BlockDoc(kind, BLOCKS), set()
+    doc, needed = doc_of(kind), set()
     assert doc.sampling, "the docstring has no paragraph `Sampling:`"
     assert bool(doc.periods) != doc.sampling.startswith("none;"), f"neither none nor a period: {doc.sampling!r}"
     defaults = {name: parameter.default for name, parameter in inspect.signature(kind).parameters.items()}

@@ -22,6 +22,7 @@ from tests.project.test_project import LIBRARY, parsed
 NAPOLEON = Config(napoleon_use_ivar=True)  # attributes as fields, which docutils reads without Sphinx's directives
 # "name: text", "name, other: text", "*names: text"
 ENTRY = re.compile(r"(\*{0,2}\w+(?:, \*{0,2}\w+)*):(?: |$)")
+PLAIN = re.compile(r"[A-Za-z0-9 ,.;'()/=<>+-]+")  # one line without a mark: there is nothing to misread
 HEADING = re.compile(r"^(\w+):$")
 
 
@@ -74,7 +75,9 @@ def test_what_cannot_be_read_is_seen(text, complaint):
 
 def test_napoleon_reads_every_docstring_without_a_warning():
     assert len(library()) > 1000
-    assert {one.name: found for one in library() if (found := complaints(one.text))} == {}
+    marked = [one for one in library() if not PLAIN.fullmatch(one.text)]
+    assert len(marked) > 500
+    assert {one.name: found for one in marked if (found := complaints(one.text))} == {}
 
 
 def sections(text: str, *headings: str) -> Iterator[list[str]]:

@@ -20,6 +20,8 @@ from forcectl.tuning.vrft import fit_vrft
 from tests.examples.vrft_records import TS, contact, trapezoidal_moves
 from tests.runs.test_recorded import good, write
 
+pytestmark = pytest.mark.usefixtures("plants_identified_once")
+
 
 @pytest.fixture(scope="module")
 def experiment(tmp_path_factory):

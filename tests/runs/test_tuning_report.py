@@ -17,6 +17,8 @@ from forcectl.tuning.reference_model import first_order
 from forcectl.tuning.vrft import fit_vrft
 from tests.examples.vrft_records import TS, contact, trapezoidal_moves
 
+pytestmark = pytest.mark.usefixtures("plants_identified_once")
+
 U = trapezoidal_moves()
 Y = lfilter(*contact(5.9e3, (75.4, 12.6, 12.6), 3), U)
 RECORD = Recorded("data.csv", "displacement [m]", "force [N]", TS, U, Y, 0.0, 0.0, 100)

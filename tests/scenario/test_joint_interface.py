@@ -55,6 +55,7 @@ def forcectl(monkeypatch, capfd, *arguments):
     return stopped.value.code, capfd.readouterr()
 
 
+@pytest.mark.slow
 def test_a_run_leaves_what_every_run_leaves(short, monkeypatch, capfd):
     code, output = forcectl(monkeypatch, capfd, "run", short, "--out", "here", "--replay")
     assert (code, output.err) == (0, "")

@@ -346,7 +346,10 @@ def test_the_run_directory_names_the_class_of_a_users_object(tmp_path, without_p
 
 
 @pytest.mark.parametrize("method", ["metrics", "figures"])
-def test_an_analysis_that_raises_is_one_line(method, tmp_path):
+def test_an_analysis_that_raises_is_one_line(method, tmp_path, request):
+    if method == "metrics":
+        request.getfixturevalue("without_pictures")
+
     @dataclass
     class Raises(MyAnalysis):
         pass

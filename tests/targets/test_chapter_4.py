@@ -168,7 +168,7 @@ def test_the_open_loop_experiment_does_not_depend_on_the_robots_compliance() -> 
     """Figs. 4.2 to 4.4: with the robot's part fed back, a robot half as stiff gives the same force and K_I."""
     rows: list[tuple[float, float | None]] = []
     for scale in (1.0, 0.5):
-        overrides = {"preset": "linear", "station.stiffness_scale": scale, "duration": 8.0}
+        overrides = {"preset": "linear", "station.stiffness_scale": scale, "duration": 6.0}
         run = forcectl.run("fig_4_5", overrides=overrides, fidelity="OneDimensional")
         force = run.log["measured_force"].sel(time=5.0, method="nearest").item()  # at the end of the second rest
         rows.append((force, run.metrics["default"]["integral_gain"]))

@@ -13,9 +13,12 @@ from scipy.signal import lfilter
 
 from forcectl.errors import BadInputError
 from forcectl.tuning.controller_basis import continuous_pid, discrete_pid, fir
+from forcectl.tuning.plant_model import identify_plants
 from forcectl.tuning.reference_model import first_order, from_bandwidth, from_discrete
 from forcectl.tuning.vrft import fit_vrft, virtual_error
 from tests.examples.vrft_records import TS, contact, loop_step, trapezoidal_moves
+
+pytestmark = pytest.mark.usefixtures("plants_identified_once")
 
 A = 0.997
 MODEL = first_order(1.5, TS)
@@ -73,7 +76,7 @@ def test_gains_equal_an_independent_implementation(prefilter, noise):
 
 
 @given(st.integers(0, 10**6), st.integers(1, 4), st.integers(0, 5))
-@settings(max_examples=15, deadline=None)
+@settings(max_examples=10, deadline=None)
 def test_models_of_any_order_equal_filtering_with_their_transfer_functions(seed, order, delay):
     rng = np.random.default_rng(seed)
     u = np.repeat(rng.normal(size=60), 25)
@@ -278,7 +281,7 @@ def test_nothing_is_changed_in_place():
     np.testing.assert_array_equal(y, before[1])
 
 
-def test_nothing_is_done_sample_by_sample_in_python():
+def test_nothing_is_done_sample_by_sample_in_python(monkeypatch):
     """Less than one call for ten samples more; `benchmarks/vrft.py` measures the time of a million."""
 
     def calls(times: int) -> int:
@@ -287,5 +290,6 @@ def test_nothing_is_done_sample_by_sample_in_python():
         profile.runcall(fit_vrft, u, y, MODEL, discrete_pid(TS))
         return pstats.Stats(profile).total_calls  # type: ignore[attr-defined]
 
+    monkeypatch.setattr("forcectl.tuning.vrft.identify_plants", identify_plants)  # every time
     calls(1)  # what is imported or kept at the first call
     assert calls(20) - calls(1) < 0.1 * 19 * record()[0].size

@@ -136,8 +136,10 @@ def test_the_true_bound_over_forty_ticks_of_mismatch():
     assert max(case.spectral_radius for case in report.cases) <= 0.9914
     assert report.largest_alpha == pytest.approx(0.0865, abs=5e-5)
     assert [case.true_delay_ticks for case in report.cases] == list(range(81))
+    deciding = [case.true_delay_ticks for case in report.cases if case.largest_alpha < 0.09]
+    assert 0 < len(deciding) < 81
     for alpha, stable in ((0.0865, True), (0.0866, False)):
-        assert stability_report(A, N, alpha, true_delay_ticks=range(81)).stable is stable
+        assert stability_report(A, N, alpha, true_delay_ticks=deciding).stable is stable
 
 
 @pytest.mark.parametrize(("pole", "n"), [(0.9, 1), (0.9, 5), (0.997, 40), (0.5, 3)])

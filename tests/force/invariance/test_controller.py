@@ -210,7 +210,7 @@ def test_an_input_that_is_no_number_brakes_and_holds_and_the_law_goes_on_after_i
         "reference": lambda k: np.full(N, during(k, 0.0)) if port == "reference" else np.zeros(N),
         "compliance": lambda k: during(k, COMPLIANCE) if port == "compliance" else COMPLIANCE,
     }
-    log = drive(make(compliance=None, maximum_force=20.0), 600, **inputs)
+    log = drive(make(compliance=None, maximum_force=20.0), 500, **inputs)
     assert_smooth(log)
     assert (log["status"][60:200] == Status.NOT_FINITE).all()
     assert not log["status"][:60].any()

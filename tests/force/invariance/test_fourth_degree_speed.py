@@ -61,13 +61,13 @@ def test_contact_lost_in_a_retreat_stops_the_retreat_and_is_followed() -> None:
     assert command[-1] < command[furthest] - 1e-4
 
 
-def in_one_dimension(stiffness: float, **reference: float) -> Dataset:
+def in_one_dimension(stiffness: float, duration: float = 8.0, **reference: float) -> Dataset:
     changes = {
         "station.environment.stiffness": stiffness,
         "station.fidelity": "OneDimensional",
         "controller": FourthDegreeInvarianceConfig(),
         "reference": StepConfig(**reference),
-        "duration": 8.0,
+        "duration": duration,
     }
     return forcectl.run({}, overrides=changes).log.squeeze()
 
@@ -87,9 +87,9 @@ def test_friction_and_stiffness_do_not_make_the_command_run_off(
     stiffness: float, start: float, force: float, largest: float
 ) -> None:
     change = 4.0 if start else 0.0
-    log = in_one_dimension(stiffness, force=force, initial_force=start, start_time=change)
+    log = in_one_dimension(stiffness, change + 4.0, force=force, initial_force=start, start_time=change)
     contact, command = log["contact_force"].values, log["displacement_command"].values
-    late = log.time.values > 6.0
+    late = log.time.values > change + 2.0
     assert np.max(contact[late]) < largest
     assert np.max(contact) < max(largest, start + 1.0)
     assert np.mean(contact[late] > 0.05) > 0.5

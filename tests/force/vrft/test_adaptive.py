@@ -122,7 +122,7 @@ def test_at_rest_and_without_contact_it_learns_nothing():
 
 def test_the_gains_stay_within_their_range():
     narrow = AdaptiveVrftConfig(**between(0.0), gain_range=2.0)
-    _, found = slide([narrow])
+    _, found = slide([narrow], ("plastic", "aluminium"))
     assert found[-1] == pytest.approx(2 * gains("plastic")[1])
     assert not narrow.fir
 

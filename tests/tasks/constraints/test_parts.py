@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import cache
 from typing import Any
 
 import numpy as np
@@ -10,6 +11,7 @@ import pytest
 import forcectl as fc
 from forcectl.framework.yaml_tree import parse
 from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.robot.model import RobotModel
 
 REACHING = """
 station: {robot: yumi, tool: null, fidelity: Multibody, elastic_joints: false, time_step: 0.002,
@@ -24,9 +26,14 @@ def scenario(constraints: str, tasks: str = UP) -> Any:
     return fc.load_scenario(parse(text, "test"))
 
 
+@cache
+def known_robot() -> RobotModel:
+    return fc.build(scenario("[]")).setting.truth.known_robot()
+
+
 def heights(made: Any) -> np.ndarray:
     """Height of the left TCP on its commanded way [m]."""
-    robot, log = fc.build(made).setting.truth.known_robot(), fc.run(made).log
+    robot, log = known_robot(), fc.run(made).log
     context, n = robot.create_context(), robot.num_joints
     q = log["joint_position_command"].values
     return np.array([ArmsMotion(robot, context, each, np.zeros(n)).arm("left").position[2] for each in q[::5]])
