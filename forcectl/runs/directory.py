@@ -81,6 +81,7 @@ def write_whole(directory: Path, fill: Callable[[Path], None], force: bool = Fal
         BadInputError: the place cannot be written to, or `directory` exists and `force` is not given.
     """
     check_free(directory, force)
+    directory = directory.resolve() if directory.is_symlink() else directory
     partial = directory.with_name(f".{directory.name}.partial-{os.getpid()}")
     try:
         partial.mkdir(parents=True)
@@ -98,7 +99,7 @@ def write_whole(directory: Path, fill: Callable[[Path], None], force: bool = Fal
 
 
 def _replace(directory: Path, new: Path) -> Path:
-    # Whenever this is stopped, what has that name is whole.
+    # Whenever this is stopped, nothing that has a name is there in part.
     earlier = new.with_name(f"{new.name}.earlier")
     if directory.exists():
         directory.rename(earlier)

@@ -160,6 +160,8 @@ class SweepRun:
             return
         if not ended.cancelled or self._results.begun(number):
             self._deaths[number] = self._deaths.get(number, 0) + 1
+        if not self._results.owned(number):
+            self._results.release(number)  # what died once is not counted again
         if self._deaths.get(number, 0) < DEATHS:
             self._agenda.put_back(number)
             return

@@ -54,7 +54,7 @@ class DaskEngine:
             resolve_address(address)  # a client that is given no address at all takes 20 s to end
             client: Any = distributed.Client
             self._client = client(address, timeout=CONNECT, set_as_default=False)
-        except (OSError, TimeoutError, ValueError) as error:
+        except (OSError, TimeoutError, ValueError, TypeError) as error:  # the last one of tls:// without keys
             reason = " ".join(str(error).split()) or type(error).__name__
             raise BadInputError(f"--scheduler {address!r} cannot be reached: {reason}") from None
         self._ended: queue.SimpleQueue[tuple[Task, Any]] = queue.SimpleQueue()
@@ -72,6 +72,8 @@ class DaskEngine:
         mine = study.versions()
         try:
             told = self._client.run(_told, str(results.folder))
+        except OSError as error:
+            raise BadInputError(f"--scheduler {address!r}: a worker went away, try again: {one_line(error)}") from None
         except Exception as error:
             raise BadInputError(
                 f"--scheduler {address!r}: its workers cannot run forcectl: {one_line(error)}"
@@ -108,12 +110,23 @@ class DaskEngine:
         """Hand a task to the scheduler."""
         with self._scheduler_there():
             if self._shared is None or self._shared.status != "finished":  # lost with all workers that had it
-                self._client.wait_for_workers(1, timeout=RESTART)
-                self._shared = self._client.scatter([self._given], broadcast=True, hash=False)[0]
+                self._shared = self._scattered()
             key = f"trial-{task.trials[0]}-{uuid.uuid4().hex}"
             future = self._client.submit(_run, self._shared, task, pure=False, retries=0, key=key)
         self._futures[task] = future
         future.add_done_callback(lambda done: self._ended.put((task, done)))
+
+    def _scattered(self) -> Any:
+        """What every task needs, on the workers, which may be about to come back."""
+        deadline = time.monotonic() + RESTART
+        while True:
+            self._client.wait_for_workers(1, timeout=max(deadline - time.monotonic(), 0.1))
+            try:
+                return self._client.scatter([self._given], broadcast=True, hash=False)[0]
+            except Exception:
+                if self._client.status != "running" or time.monotonic() > deadline:
+                    raise
+                time.sleep(0.5)
 
     def wait(self) -> list[Ended]:
         """What has ended, by the word of the scheduler."""

@@ -219,7 +219,7 @@ class Results:
                 self.release(number)
         if any(marks.values()):
             return
-        for pattern in (".*", "worst/.*", "*/*/.*"):
+        for pattern in (".*", "worst/.*", "figures/.*", "*/*/.*"):
             for path in filter(lambda path: _HALF.fullmatch(path.name), self.folder.glob(pattern)):
                 if path.is_dir():
                     shutil.rmtree(path, ignore_errors=True)

@@ -192,8 +192,13 @@ def begin(study: Study, folder: Path, part: tuple[int, int]) -> None:
         write_table(Results(aside, study.digest()), PLAN, plan_table(study, range(study.size)))
         write_json(aside / IDENTITY, _identity(study, aside, part))
 
-    with writing(folder):
-        made = write_whole(folder, fill)
+    try:
+        with writing(folder):
+            made = write_whole(folder, fill)
+    except BadInputError:
+        if folder.exists():
+            _refuse_begun(folder, resume=False)
+        raise
     if made != folder:  # another program has begun a sweep there meanwhile
         shutil.rmtree(made)
         _refuse_begun(folder, resume=False)

@@ -62,6 +62,15 @@ def test_an_interrupted_replacement_keeps_the_earlier_run(tmp_path):
     assert list(tmp_path.iterdir()) == [target]
 
 
+def test_a_link_to_a_run_stays_a_link(tmp_path):
+    (tmp_path / "real").mkdir()
+    (tmp_path / "link").symlink_to(tmp_path / "real")
+    write_whole(tmp_path / "link", lambda folder: (folder / "one").write_text("1"), force=True)
+    assert (tmp_path / "link").is_symlink()
+    assert (tmp_path / "real" / "one").read_text() == "1"
+    assert sorted(path.name for path in tmp_path.iterdir()) == ["link", "real"]
+
+
 def test_of_two_that_write_the_same_both_are_kept(tmp_path, monkeypatch):
     target = tmp_path / "run"
 
