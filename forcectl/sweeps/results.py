@@ -31,7 +31,7 @@ from typing import IO, Any
 
 from forcectl.errors import BadInputError, RunFailedError
 
-FORMAT = 1
+FORMAT = 2
 IDENTITY = "sweep.json"
 SWEEP = "sweep.yaml"
 BEAT = 2.0  # [s] between two signs of life of a mark

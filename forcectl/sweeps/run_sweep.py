@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Any
 
 from forcectl.errors import BadInputError, RunFailedError
 from forcectl.runs.directory import git_state, write_json, write_whole
+from forcectl.scenario.scenario import as_file
 from forcectl.sweeps.agenda import Agenda
 from forcectl.sweeps.at_work import SweepProgress, SweepRun, engine_of
 from forcectl.sweeps.results import (
@@ -175,7 +176,9 @@ def stored(folder: Path, sweep: Any = None) -> SweepFile:
         return replace(read_sweep(sweep), name=identity["name"])
     if not identity["writable"]:
         raise BadInputError(f"the sweep in {str(folder)!r} holds objects from Python: go on with it from Python")
-    return SweepFile(identity["name"], read_sweep(folder / SWEEP).config, SWEEP, {})
+    config = read_sweep(folder / SWEEP).config
+    config.scenario = replace(as_file(config.scenario), name=identity["scenario"])
+    return SweepFile(identity["name"], config, SWEEP, {})
 
 
 def _shard(number: int, count: int) -> tuple[int, int]:
@@ -208,6 +211,7 @@ def _identity(study: Study, folder: Path, part: tuple[int, int]) -> dict[str, An
     return {
         "format": FORMAT,
         "name": study.name,
+        "scenario": study.file.name,
         "digest": study.digest(),
         "versions": study.versions(),
         "git": git_state(),

@@ -7,6 +7,9 @@ import forcectl as fc
 from forcectl.errors import BadInputError
 from forcectl.sweeps.merge import merge, status
 from forcectl.sweeps.results import Results, identity_of
+from forcectl.sweeps.run_sweep import stored
+from forcectl.sweeps.study import study_of
+from forcectl.sweeps.sweep_config import read_sweep
 from tests.sweeps.small_sweeps import STIFFNESS, small
 
 
@@ -97,3 +100,9 @@ def test_status_counts_the_repetitions_that_are_asked_for(tmp_path):
     found = status(tmp_path / "out")
     assert found.planned == found.counts["done"] < 80
     assert found.counts["pending"] == 0
+
+
+def test_the_name_of_the_scenario_is_kept(parts):
+    study = study_of(stored(parts / "part-1"))
+    assert study.file.name == "fig_2_7"
+    assert study.digest() == study_of(read_sweep(small())).digest()
