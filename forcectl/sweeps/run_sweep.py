@@ -268,7 +268,11 @@ def _notes(study: Study, folder: Path) -> list[str]:
 
 
 def write_report(
-    study: Study, results: Results, table: pd.DataFrame, rows: Mapping[int, Row], tell: Callable[[], None] | None = None
+    study: Study,
+    results: Results,
+    table: pd.DataFrame,
+    rows: Mapping[int, Row],
+    tell: Callable[[], None] = lambda: None,
 ) -> None:
     """Run the worst trials again, and write the page.
 
@@ -294,8 +298,7 @@ def write_report(
             keep_worst(study, results, table, tell)
         except BadInputError as error:
             refused = error
-    if tell is not None:
-        tell()
+    tell()
     write_page(study, results, table, costs_table(rows), complete)
     if refused is not None:
         raise refused

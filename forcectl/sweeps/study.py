@@ -22,6 +22,7 @@ import forcectl
 from forcectl.analysis.force_metrics import METRICS, is_metric
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.yaml_tree import dump
+from forcectl.runs.run import overlap
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.scenario import Scenario, as_file, build, origins, resolve, select_variants
 from forcectl.scenario.trees import part_tree
@@ -311,6 +312,6 @@ def _placed(error: BadInputError, study: Study, trial: Trial, sweep: SweepFile) 
     for place, keys in places:
         for key in keys:
             # Of a key that there is not, the error names the first part that is wrong.
-            if f"{error.key}.".startswith(f"{key}.") or f"{key}.".startswith(f"{error.key}."):
+            if overlap(error.key, key):
                 return error.at(error.key, sweep.where(f"{place}.{key}") or f"{place}.{key}")
     return error

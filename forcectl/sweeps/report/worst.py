@@ -40,7 +40,7 @@ def ranked(study: Study, table: pd.DataFrame) -> list[int]:
 
 
 def keep_worst(
-    study: Study, results: Results, table: pd.DataFrame, tell: Callable[[], None] | None = None
+    study: Study, results: Results, table: pd.DataFrame, tell: Callable[[], None] = lambda: None
 ) -> list[Path]:
     """Run the worst trials again and keep them in `worst/<rank>-trial-<number>`; returns these folders.
 
@@ -61,15 +61,14 @@ def keep_worst(
     _check_metric(study.config.worst.metric, metric_columns(study, table))
     numbers = ranked(study, table)
     earlier = kept(results)
-    folders = []
+    folders, wanted = [], {earlier.get(number) for number in numbers}
     with writing(results.folder):
         for path in (results.folder / WORST).glob("*-trial-*"):
             # Those of other trials, and what was removed in part.
-            if _NAME.fullmatch(path.name) and path not in {earlier.get(number) for number in numbers}:
+            if _NAME.fullmatch(path.name) and path not in wanted:
                 shutil.rmtree(path)
         for rank, number in enumerate(numbers, start=1):
-            if tell is not None:
-                tell()
+            tell()
             folders.append(_keep(study, results, number, rank, earlier.get(number)))
     return folders
 
