@@ -30,7 +30,21 @@ from forcectl.tasks.constraints.base import ConstraintSet, JointTorqueLimit, Row
 
 Vector = NDArray[np.float64]
 
+_CHANGE = 10.0  # weight of the change of u where it cannot be bounded, beside a curvature of about one
 _HOLDS = -1e-9  # a row that is missed by less holds with equality
+
+
+class Smooth(NamedTuple):
+    """Bounds of the change of u, which are kept unless that takes slack or leaves no answer: then the change is small.
+
+    Attributes:
+        lower, upper: of u, within those of the rows (n,) [rad/s^2].
+        last: u of the tick before (n,) [rad/s^2].
+    """
+
+    lower: Vector
+    upper: Vector
+    last: Vector
 
 
 class Problem(NamedTuple):
@@ -42,6 +56,7 @@ class Problem(NamedTuple):
         levels: in order of priority.
         further: R (k, n) and r (k,), in the order of their names; None where there are none.
         settled: see `PrioritizedProgram.solve`.
+        smooth: what keeps u from jumping; None: nothing.
     """
 
     motion: RobotMotion
@@ -49,6 +64,7 @@ class Problem(NamedTuple):
     levels: Sequence[Level]
     further: tuple[Vector, Vector] | None = None
     settled: bool = False
+    smooth: Smooth | None = None
 
 
 class Outcome(NamedTuple):
@@ -137,7 +153,7 @@ class ConstrainedProgram:
 
     def solve(self, problem: Problem) -> Outcome:
         """The optimum, the nearest to it, or braking."""
-        found, matrix, limit = self._answer(problem)
+        found, matrix, limit, problem = self._answer(problem)
         motion, rows, torque = problem.motion, problem.rows, self._torque
         u, beyond = found.u, 0.0
         if found.levels == 0:
@@ -164,7 +180,7 @@ class ConstrainedProgram:
         Raises:
             BadInputError: there is no such level, it was not solved, or the problem holds what is no number.
         """
-        found, matrix, limit = self._answer(problem)
+        found, matrix, limit, problem = self._answer(problem)
         if level is not None and (isinstance(level, bool) or level not in range(1, len(problem.levels) + 1)):
             raise invalid("level", level, f"from 1 to {len(problem.levels)}")
         if self._torque is not None and len(limit) == self._asked(problem):
@@ -183,9 +199,22 @@ class ConstrainedProgram:
         """How many rows there are without those of the torques."""
         return 1 if self._nothing is not None else len(self._further) + len(problem.rows.limit)
 
-    def _answer(self, problem: Problem) -> tuple[PrioritizedSolution, Vector, Vector]:
-        """What the programs give, and the rows that were asked for."""
-        motion, rows, levels, further, settled = problem
+    def _answer(self, problem: Problem) -> tuple[PrioritizedSolution, Vector, Vector, Problem]:
+        """What the programs give, the rows that were asked for, and the problem that was solved in the end."""
+        smooth, rows = problem.smooth, problem.rows
+        if smooth is None:
+            return self._solved(problem)
+        answer = self._solved(problem._replace(rows=rows._replace(lower=smooth.lower, upper=smooth.upper)))
+        if answer[0].status == Status.OPTIMAL:
+            return answer
+        eye = _CHANGE * np.eye(len(smooth.last))
+        levels = [
+            Level(hessian + eye, gradient - _CHANGE * smooth.last, task) for hessian, gradient, task in problem.levels
+        ]
+        return self._solved(problem._replace(levels=levels, settled=False))
+
+    def _solved(self, problem: Problem) -> tuple[PrioritizedSolution, Vector, Vector, Problem]:
+        motion, rows, levels, further, settled, _ = problem
         matrix, limit = (rows.matrix, rows.limit) if self._nothing is None else self._nothing
         if further is not None:
             matrix, limit = np.concatenate([further[0], matrix]), np.concatenate([further[1], limit])
@@ -194,7 +223,7 @@ class ConstrainedProgram:
         if self._torque is not None and self._exceeds_torque(motion, found.answers):
             matrix, limit = self._with_torque(motion, matrix, limit)
             found = solve(levels, matrix, limit, u_lower=lower, u_upper=upper, fallback=motion.v)
-        return found, matrix, limit
+        return found, matrix, limit, problem
 
     def _exceeds_torque(self, motion: RobotMotion, answers: Sequence[Vector]) -> bool:
         """Whether the answer of a level exceeds a torque."""

@@ -21,7 +21,7 @@ from scipy.linalg.lapack import dsyev
 
 from forcectl.errors import BadInputError
 from forcectl.framework.kernels import is_definite
-from forcectl.qp.constrained_program import ConstrainedProgram, Outcome, Problem
+from forcectl.qp.constrained_program import ConstrainedProgram, Outcome, Problem, Smooth
 from forcectl.qp.prioritized_program import Level
 from forcectl.qp.solvers import Solver
 from forcectl.robot.arms_motion import ArmsMotion
@@ -109,7 +109,7 @@ class TaskProgram:
         joints: Sequence[str] = (),
     ):
         self._levels, self._criterion, self._period = tuple(levels), criterion, period
-        self._eye = np.eye(len(torque))
+        self._constraints, self._eye = constraints, np.eye(len(torque))
         rests = isinstance(criterion, JointSpeed) and criterion.rests_in(period)
         self._settled = len(self._levels) == 1 and rests
         self._program = ConstrainedProgram(
@@ -137,7 +137,15 @@ class TaskProgram:
         """How many rows there are, besides the bounds of the joints."""
         return self._program.num_rows
 
-    def pose(self, motion: ArmsMotion, rows: Rows, state: TaskState, position: Vector, velocity: Vector) -> Posed:
+    def pose(
+        self,
+        motion: ArmsMotion,
+        rows: Rows,
+        state: TaskState,
+        position: Vector,
+        velocity: Vector,
+        smooth: Smooth | None = None,
+    ) -> Posed:
         """What is to be solved at a tick.
 
         Where `|u - u_rest|^2` is both what damps a single level of tasks and the criterion, level 1 settles both: what
@@ -149,16 +157,18 @@ class TaskProgram:
             state: of all task coordinates.
             position: x_gen at the next tick.
             velocity: x'_gen at the next tick.
+            smooth: see `Problem`.
         """
         parts = [level.part(state) for level in self._levels]
-        near = self._levels[0].damping(parts[0].jacobian)
+        J, mobility = parts[0].jacobian, self._constraints.mobility(motion.q)
+        near = self._levels[0].damping(J if mobility is None else J * mobility)
         found, damping, rest = [], max(near, _LEAST_DAMPING), motion.v / self._period
         for level, part in zip(self._levels, parts, strict=True):
             hessian, gradient, J = level.objective(part, position[level.rows], velocity[level.rows])
             found.append(Level(hessian + damping * self._eye, gradient + damping * rest, J))
             damping = _LEAST_DAMPING
         last = Level(*self._criterion.cost(motion, self._period))
-        return Posed(Problem(motion, rows, [*found, last], settled=self._settled), near > 0.0)
+        return Posed(Problem(motion, rows, [*found, last], settled=self._settled, smooth=smooth), near > 0.0)
 
     def solve(self, posed: Posed) -> Outcome:
         """The optimum, the nearest to it, or braking."""

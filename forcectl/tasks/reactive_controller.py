@@ -25,7 +25,7 @@ from forcectl.framework.batch import batch_values, check
 from forcectl.framework.cache import scratch
 from forcectl.framework.kernels import largest
 from forcectl.framework.sampled_block import Memory, SampledBlock, TickStart
-from forcectl.qp.constrained_program import Outcome
+from forcectl.qp.constrained_program import Outcome, Smooth
 from forcectl.qp.quadratic_program import Status
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver
 from forcectl.robot.arms_motion import ArmsMotion
@@ -140,6 +140,7 @@ class ReactiveController(SampledBlock):
         constraints: further ones than joint limits.
         limits: of the joints; None: the robot's.
         constraint_gamma: of constraints without their own, < 0.
+        approach: time constant with which the limits of positions and speeds are approached [s].
         supervision: of readings and targets.
         period: tick [s]; None: the robot's.
         solver: of the programs: its name, or the solver.
@@ -163,6 +164,7 @@ class ReactiveController(SampledBlock):
         constraints: Sequence[Constraint] = (),
         limits: JointLimits | None = None,
         constraint_gamma: float = -2.0,
+        approach: float = 0.02,
         supervision: Supervision = _DEFAULT_SUPERVISION,
         period: float | None = None,
         solver: str | Solver = DEFAULT_SOLVER,
@@ -182,11 +184,11 @@ class ReactiveController(SampledBlock):
         limits = checked_limits(robot.limits if limits is None else limits, origin)
         if not check("constraint_gamma", constraint_gamma) < 0:
             raise invalid("constraint_gamma", constraint_gamma, "below zero")
-        self._constraints = ConstraintSet(constraints, limits, origin, Ts, constraint_gamma)
+        self._constraints = ConstraintSet(constraints, limits, origin, Ts, constraint_gamma, approach)
         angular = np.concatenate([task.angular for task in tasks])
         self._tolerance = np.where(angular, supervision.angle_tolerance, supervision.position_tolerance)
         scale = np.where(angular, robot.parameters.characteristic_length, 1.0)
-        self._reference_reset = ReferenceReset([task.size for task in tasks], scale)
+        self._reference_reset = ReferenceReset([task.size for task in tasks], scale, Ts)
         levels = task_levels(tasks, weights, robot.parameters.characteristic_length, Ts)
         chosen = JointSpeed() if criterion is None else criterion
         if not isinstance(chosen, Criterion):
@@ -228,6 +230,7 @@ class ReactiveController(SampledBlock):
         memory = {
             "joint_position_command": start,
             "joint_velocity_command": np.zeros(n),
+            "joint_acceleration": np.zeros(n),
             "foreseen": np.zeros(self._constraints.foreseen_size),
             **Readings(np.full(n, np.nan), start, np.ones(n), 0.0)._asdict(),
             **dict.fromkeys(_DIAGNOSTICS, 0.0),
@@ -289,9 +292,8 @@ class ReactiveController(SampledBlock):
             missed = largest(np.abs(error) / self._tolerance)
             of_tasks = self._tasks_program.costs(error, rate - velocity)
             costs = np.array([*of_tasks, self._tasks_program.criterion(posed, u)])
-            led = self._reference_reset.start(
-                led, (position, velocity, inputs.get("task_acceleration_reference", a)), target
-            )
+            asked = (position, velocity, inputs.get("task_acceleration_reference", a))
+            led = self._reference_reset.start(led, asked, target)
         progress = Progress(*(memory[name] for name in Progress._fields))
         if target is not None:
             progress = self._progress.look(progress, target, x, rate)
@@ -308,6 +310,7 @@ class ReactiveController(SampledBlock):
             "holding": float(found.levels == 0),
             "joint_position_command": q + 0.5 * Ts * (v + after),
             "joint_velocity_command": after,
+            "joint_acceleration": u,
             "foreseen": self._constraints.foresee(rows, u),
             **readings._asdict(),
             **progress._asdict(),
@@ -328,7 +331,10 @@ class ReactiveController(SampledBlock):
         # Of a NaN every comparison is false.
         good = largest(np.abs(position)) < _MAX_REFERENCE and largest(np.abs(velocity)) < _MAX_REFERENCE
         if good and not stops:
-            posed = self._tasks_program.pose(motion, rows, state, position, velocity)
+            last = memory["joint_acceleration"]
+            bounds = self._constraints.gradual(rows, last)
+            smooth = None if bounds is None else Smooth(*bounds, last)
+            posed = self._tasks_program.pose(motion, rows, state, position, velocity, smooth)
         return Tick(rows, state, readings, posed)
 
     def _look(self, start: TickStart) -> tuple[Readings, bool]:

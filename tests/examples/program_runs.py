@@ -59,14 +59,14 @@ class Case(NamedTuple):
 
 
 class Pushing:
-    """A user's row that asks for a speed of 0.3 m/s at the next tick as soon as a joint moves."""
+    """A user's row that asks for a speed of 0.1 m/s at the next tick as soon as a joint moves."""
 
     relative_degree = 1
     slack_weight = 1e4
 
     def evaluate(self, motion: RobotMotion) -> Any:
         moves = np.abs(motion.v).max() > 1e-6
-        return (0.3 if moves else 0.0) - motion.velocity[3], 0.0, -motion.jacobian[3], -motion.bias[3]
+        return (0.1 if moves else 0.0) - motion.velocity[3], 0.0, -motion.jacobian[3], -motion.bias[3]
 
 
 def _acceleration_of_the_force_controller(block: Any, context: Context) -> np.ndarray:

@@ -53,11 +53,12 @@ def task_start() -> np.ndarray:
 
 
 AMPLITUDE = np.array([0.02, -0.01, 0.01, 0.1, -0.1, 0.2, 0.01, 0.01, -0.02, 0.1, 0.1, -0.1])
+SWING = 10.0  # [rad/s]
 
 REACTIVE_INPUTS: dict[str, Input] = {
-    "task_position_reference": lambda t: task_start() + AMPLITUDE * (1 - math.cos(20 * t)),
-    "task_velocity_reference": lambda t: AMPLITUDE * 20 * math.sin(20 * t),
-    "task_acceleration_reference": lambda t: AMPLITUDE * 400 * math.cos(20 * t),
+    "task_position_reference": lambda t: task_start() + AMPLITUDE * (1 - math.cos(SWING * t)),
+    "task_velocity_reference": lambda t: AMPLITUDE * SWING * math.sin(SWING * t),
+    "task_acceleration_reference": lambda t: AMPLITUDE * SWING**2 * math.cos(SWING * t),
     "task_target": lambda t: task_start() + AMPLITUDE,
     "joint_position": lambda t: two_arms().parameters.default_posture + 0.01 * math.sin(30 * t),
     "joint_velocity": lambda t: 0.3 * math.cos(30 * t) * np.ones(N),

@@ -232,15 +232,24 @@ class ConstraintSet:
         start: motion to try the constraints on.
         period: tick Ts [s].
         gamma: of constraints without their own, < 0.
+        approach: time constant T with which limits are approached, see this module [s]; 0: a tick.
 
     Raises:
         BadInputError: a constraint that does not keep to the protocol or is violated at the start.
     """
 
     def __init__(
-        self, constraints: Sequence[Constraint], limits: JointLimits, start: RobotMotion, period: float, gamma: float
+        self,
+        constraints: Sequence[Constraint],
+        limits: JointLimits,
+        start: RobotMotion,
+        period: float,
+        gamma: float,
+        approach: float = 0.0,
     ):
         self._n, self._period = len(start.q), check("period", period, "positive")
+        self._approach = check("approach", approach, "not negative")
+        self._slowing = max(self._approach, self._period)
         every = [part for c in constraints for part in (c, *getattr(c, "companions", ()))]
         found = [(c, *_try(c, start, gamma)) for c in every]
         names = dict(zip(map(id, every), _row_names([(c, rows) for c, rows, _ in found]), strict=True))
@@ -255,7 +264,7 @@ class ConstraintSet:
         degrees = [c.relative_degree for c, _ in each]
         self._first, self._second = degrees.count(0), degrees.count(0) + degrees.count(1)
         self.foreseen_size = self.size - self._second  # of the vector of `foresee`, zeros at rest
-        self._bounds, self._acceleration = JointBounds(limits, self._period), limits.acceleration
+        self._bounds, self._acceleration = JointBounds(limits, self._period, self._approach), limits.acceleration
         self._gamma = [own for _, own in each][self._second :]
         self._margin = [_margin(c) for c, _ in each][self._second :]
         self._steady = [not getattr(c, "rows_change", False) for c, _ in each][self._second :]
@@ -276,7 +285,8 @@ class ConstraintSet:
         y, rate, bias = values
         limit = -bias
         if second > first:
-            limit[first:second] -= y[first:second] / self._period
+            speeding = y[first:second]
+            limit[first:second] -= np.where(speeding > 0.0, speeding / self._period, speeding / self._slowing)
         if m > second:
             seen = (y[second:].tolist(), rate[second:].tolist(), foreseen.tolist())
             parts = (*seen, self._gamma, self._margin, self._steady)
@@ -289,6 +299,27 @@ class ConstraintSet:
             violation = max(violation, worst)
         return Rows(matrix, limit, first, lower, upper, violation, rate[second:], bias[second:])
 
+    def gradual(self, rows: Rows, last: Vector) -> tuple[Vector, Vector] | None:
+        """The part of the bounds in which no joint changes its acceleration from rest to its limit in less than T.
+
+        Where there is none, the bound that is nearest; None without T.
+
+        Args:
+            rows: of this tick.
+            last: u of the tick before (n,) [rad/s^2].
+        """
+        if not self._approach:
+            return None
+        change = self._period / self._approach * self._acceleration
+        return (
+            np.minimum(np.maximum(rows.lower, last - change), rows.upper),
+            np.maximum(np.minimum(rows.upper, last + change), rows.lower),
+        )
+
+    def mobility(self, q: Vector) -> Vector | None:
+        """See `JointBounds.mobility`."""
+        return self._bounds.mobility(q)
+
     def foresee(self, rows: Rows, u: Vector) -> Vector:
         """y' at the next tick, of the rows of relative degree 2, as far as it is known in this one."""
         if not self.foreseen_size:
@@ -297,7 +328,7 @@ class ConstraintSet:
 
     def _bound(self, y: float, rate: float, foreseen: float, gamma: float, margin: float, steady: bool) -> float:
         """The bound of row u + bias: that of y'' minus what the tick before missed of it, within gamma."""
-        bound = bounded_acceleration(y + margin, rate, gamma, self._period)
+        bound = bounded_acceleration(y + margin, rate, gamma, self._period, self._approach)
         missed = (rate - foreseen) / self._period
         return bound - max(min(missed, -gamma), gamma) if steady and missed == missed else bound
 

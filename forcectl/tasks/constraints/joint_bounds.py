@@ -13,13 +13,16 @@ from numpy.typing import NDArray
 
 from forcectl.force.invariance.force_law import one_step_acceleration
 from forcectl.framework.batch import SCALAR_MATH, SMALL_BATCH
-from forcectl.framework.kernels import largest
+from forcectl.framework.kernels import largest, smallest
 from forcectl.robot.model import JointLimits
 
 Vector = NDArray[np.float64]
 
+_GRADUAL = 0.9  # of the braking, that it may begin and end gradually
+_NEAR = 0.05  # [rad] to a limit: as near a joint begins to count as unable to move
 
-def bounded_acceleration(y: float, rate: float, gamma: float, period: float) -> float:
+
+def bounded_acceleration(y: float, rate: float, gamma: float, period: float, approach: float = 0.0) -> float:
     """The bound a(y, y') of y'' for constraints of relative degree 2, without a limit on how fast they are approached.
 
     Args:
@@ -27,6 +30,7 @@ def bounded_acceleration(y: float, rate: float, gamma: float, period: float) -> 
         rate: y'.
         gamma: braking, < 0.
         period: tick Ts [s].
+        approach: time constant T of `gradual_acceleration` [s]; 0: braking begins and ends within a tick.
 
     Returns:
         at least gamma where the constraint holds and can be kept with gamma; down to 2 gamma where it could not, which
@@ -36,13 +40,36 @@ def bounded_acceleration(y: float, rate: float, gamma: float, period: float) -> 
     if not math.isfinite(y + rate):  # comparisons would make some number of it
         return math.inf if y == -math.inf and math.isfinite(rate) else math.nan
     bound: float = one_step_acceleration(y, rate, gamma, -gamma if y > 0.0 else math.inf, period, SCALAR_MATH)
-    if bound > gamma or y > 0.0:
+    if y > 0.0:
         return bound
+    if bound > gamma:
+        return min(bound, max(gradual_acceleration(y, rate, gamma, approach), gamma)) if approach > 0.0 else bound
     # The larger root a of Phi(y + Ts y' + Ts^2 a/2, y' + Ts a) = 0: braking that is late by what a tick has left.
     half = rate / period - 0.5 * gamma
     square = half * half - (rate * rate - 2.0 * gamma * (y + period * rate)) / period**2
     root = math.sqrt(square) - half if square >= 0.0 else 2.0 * gamma
     return max(min(root, gamma), 2.0 * gamma)
+
+
+def gradual_acceleration(y: float, rate: float, gamma: float, approach: float) -> float:
+    """The y'' with which y' approaches a profile of speeds with the time constant T: no jump of y'' anywhere.
+
+        y'' = w'(-y) (-y') + (w(-y) - y')/T,    w(d) = d/T up to d = g T^2,    (g (2 d - g T^2))^(1/2) beyond
+
+    w is the speed that braking at g = 0.9 `|gamma|` leaves at the distance d, and decays with T at the end.
+
+    Args:
+        y: constraint output, <= 0.
+        rate: y'.
+        gamma: braking, < 0.
+        approach: T [s], > 0.
+    """
+    g = _GRADUAL * -gamma
+    corner = g * approach * approach
+    if -y <= corner:
+        return (-y / approach - 2.0 * rate) / approach
+    speed = math.sqrt(g * (-2.0 * y - corner))
+    return (speed - rate) / approach - g * rate / speed
 
 
 class JointBounds:
@@ -51,16 +78,21 @@ class JointBounds:
     Args:
         limits: with finite accelerations, see `checked_limits`.
         period: tick Ts [s].
+        approach: time constant T with which positions and speeds approach their limits [s]; 0: a tick.
     """
 
-    def __init__(self, limits: JointLimits, period: float):
+    def __init__(self, limits: JointLimits, period: float, approach: float = 0.0):
         self._period, self._n = period, len(limits.velocity)
+        self._approach, self._slowing = approach, max(approach, period)
         each = (limits.position_lower, limits.position_upper, limits.velocity, limits.acceleration)
         self._low, self._high, self._speed, self._acceleration = each
         self._joints = [limit.tolist() for limit in each]
-        # Accelerations that lead from rest to the limit of the speed in a tick.
-        self._least, self._most, self._braking = -self._speed / period, self._speed / period, -self._acceleration
-        self._tick_speed = period * self._acceleration
+        # Accelerations with which the speed begins to approach its limit from rest.
+        self._most = self._speed / self._slowing
+        # What a joint may become faster by before its braking is as it should be, and the way that this takes.
+        self._gained = max(1.5 * approach, period) * self._acceleration
+        self._tail = 0.25 * approach**2 * self._acceleration
+        self._joints += [self._gained.tolist(), self._tail.tolist()]
         # How far from the middle of its range every joint may be when it is as fast as it can be; a joint with a limit
         # on one side only has no middle.
         ranged, free = np.isfinite(self._low) & np.isfinite(self._high), np.isinf(self._low) & np.isinf(self._high)
@@ -76,27 +108,35 @@ class JointBounds:
         """
         Ts = self._period
         if self._n > SMALL_BATCH and self._unbound(q, v):
-            change = v / Ts
+            # To rest within a tick is always allowed.
+            rest, change = v / -Ts, v / self._slowing
             return (
-                np.maximum(self._least - change, self._braking),
-                np.minimum(self._most - change, self._acceleration),
+                np.maximum(np.minimum(-self._most - change, rest), -self._acceleration),
+                np.minimum(np.maximum(self._most - change, rest), self._acceleration),
                 0.0,
             )
         lower, upper, violation = [], [], 0.0
         # Joint by joint in floats: for an arm a third of the cost of numpy.
-        for x, rate, low, high, speed, acceleration in zip(q.tolist(), v.tolist(), *self._joints, strict=True):
-            down, up = (-speed - rate) / Ts, (speed - rate) / Ts
-            # A limit so far away that after a tick of full acceleration there is a tick left before braking binds
-            # nothing.
-            ahead, back = rate + Ts * acceleration, Ts * acceleration - rate
-            if x - high + (ahead * (2 * Ts + ahead / acceleration) if ahead > 0.0 else 0.0) > 0.0:
-                up = min(up, bounded_acceleration(x - high, rate, -0.5 * acceleration, Ts))
-            if low - x + (back * (2 * Ts + back / acceleration) if back > 0.0 else 0.0) > 0.0:
-                down = max(down, -bounded_acceleration(low - x, -rate, -0.5 * acceleration, Ts))
+        for x, rate, low, high, speed, acceleration, gained, tail in zip(
+            q.tolist(), v.tolist(), *self._joints, strict=True
+        ):
+            down = min((-speed - rate) / self._slowing, -rate / Ts)
+            up = max((speed - rate) / self._slowing, -rate / Ts)
+            # A limit so far away that braking may begin later binds nothing.
+            ahead, back = rate + gained, gained - rate
+            if x - high + tail + (ahead * (2 * Ts + ahead / (_GRADUAL * acceleration)) if ahead > 0.0 else 0.0) > 0.0:
+                up = min(up, bounded_acceleration(x - high, rate, -0.5 * acceleration, Ts, self._approach))
+            if low - x + tail + (back * (2 * Ts + back / (_GRADUAL * acceleration)) if back > 0.0 else 0.0) > 0.0:
+                down = max(down, -bounded_acceleration(low - x, -rate, -0.5 * acceleration, Ts, self._approach))
             lower.append(max(min(down, acceleration), -acceleration))
             upper.append(max(min(up, acceleration), -acceleration))
             violation = max(violation, x - high, low - x, abs(rate) - speed)
         return np.array(lower), np.array(upper), violation
+
+    def mobility(self, q: Vector) -> Vector | None:
+        """How far joints count as able to move, from 0 at a limit of its position to 1 (n,) [1]; None: all are 1."""
+        room = np.minimum(self._high - q, q - self._low)
+        return None if smallest(room) >= _NEAR else np.minimum(np.maximum(room / _NEAR, 0.0), 1.0)
 
     def _unbound(self, q: Vector, v: Vector) -> bool:
         """Whether all joints are too far from their position limits to be bound, and within their speed limits."""
@@ -111,6 +151,6 @@ class JointBounds:
         return bool(largest(self._stopping_distance(speed) - acceleration) <= 0.0)
 
     def _stopping_distance(self, speed: Vector) -> Vector:
-        """What a joint needs to stop from a speed that a tick at full acceleration still adds to [rad]."""
-        ahead = speed + self._tick_speed
-        return ahead * (2 * self._period + ahead / self._acceleration)
+        """What a joint needs to stop from a speed that full acceleration still adds to [rad]."""
+        ahead = speed + self._gained
+        return self._tail + ahead * (2 * self._period + ahead / (_GRADUAL * self._acceleration))
