@@ -10,14 +10,22 @@ import re
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 
 from forcectl.plant.plant_model import PlantModel
+
+_REST, _REST_TIME = 2e-3, 0.2  # [rad], [s]
+_NO_SIGN = 0.1  # [rad/s^2]
 
 # Name -> unit and meaning.
 LOOP_METRICS: dict[str, tuple[str, str]] = {
     "tracking_error_rad": ("rad", "largest distance of a joint from its reference"),
     "joint_limit_excess_rad": ("rad", "furthest that a joint is beyond its position limits"),
     "speed_limit_excess_rad_s": ("rad/s", "furthest that a joint is beyond its speed limit"),
+    "jerk_share_1_s": ("1/s", "largest jerk of the reference, divided by the joint's acceleration limit"),
+    "jerk_rad_s3": ("rad/s^3", "largest jerk of the reference"),
+    "jerk_rms_rad_s3": ("rad/s^3", "its root mean square, of the worse joint"),
+    "reversals_at_rest_1_s": ("1/s", "most reversals of a joint of the reference at rest within a second"),
     "torque_share": ("1", "largest motor torque as a share of its limit"),
     "peak_contact_force_N": ("N", "largest sum of true contact forces on an arm"),
     "realtime_factor": ("1", "simulated time divided by computing time"),
@@ -48,7 +56,9 @@ FRICTION_METRICS: dict[str, tuple[str, str]] = {
 REACH_METRICS: dict[str, tuple[str, str]] = {
     "reach_offset_mm": ("mm", "distance of the links' TCP from its last target at the end, of the worse arm"),
     "reach_angle_deg": ("deg", "angle between the two, of the worse arm"),
-    "reach_time_s": ("s", "from the last change of the targets until both commands are there"),
+    "reached": ("1", "1 if the last target is reached by the reference at the end, of an arm or of all, else 0"),
+    "stalled": ("1", "1 if it is not, and came no nearer for a second, of an arm or of one at least, else 0"),
+    "time_reached_s": ("s", "from the last change of the target until the reference is there, of an arm or of all"),
     "retargets": ("1", "changes of the targets after the start"),
     "link_distance_mm": ("mm", "least distance of links from each other and from obstacles"),
     "acceleration_share": ("1", "largest joint acceleration of the reference as a share of its limit"),
@@ -56,6 +66,7 @@ REACH_METRICS: dict[str, tuple[str, str]] = {
     "constraint_excess": ("", "largest violation of a constraint or joint limit, in its own unit"),
     "holding_share": ("1", "share of the ticks in which the joints brake or hold"),
     "joint_speed_rms": ("rad/s", "root mean square length of the joint speeds of the reference"),
+    "joint_travel_rad": ("rad", "length of the way of all joints of the reference"),
     "limit_room_deg": ("deg", "least distance of a joint of the reference from its limits"),
     "mean_distance_mm": ("mm", "mean over time of the least distance of links"),
     "mean_room_deg": ("deg", "mean over time of the least distance of a joint from its limits"),
@@ -85,6 +96,48 @@ def joint_metrics(log: Any, truth: PlantModel) -> dict[str, float | None]:
         "tracking_error_rad": float(np.max(np.abs(command - q))),
         "joint_limit_excess_rad": max(0.0, float(beyond.max())),
         "speed_limit_excess_rad_s": max(0.0, float((np.abs(v) - limits.velocity).max())),
+        **(_smoothness(log, truth) if "joint_velocity_command" in log else {}),
         "torque_share": float(np.max(np.abs(torque) / limits.torque)),
         "peak_contact_force_N": float(log["arm_contact_force"].values.max()),
     }
+
+
+def _smoothness(log: Any, truth: PlantModel) -> dict[str, float | None]:
+    position, speed = log["joint_position_command"].values, log["joint_velocity_command"].values
+    jerk = np.diff(speed, 2, axis=0) / truth.period**2
+    if not len(jerk):
+        return {}
+    return {
+        "jerk_share_1_s": float(np.max(np.abs(jerk) / truth.known_robot().limits.acceleration)),
+        "jerk_rad_s3": float(np.abs(jerk).max()),
+        "jerk_rms_rad_s3": float(np.sqrt(np.mean(jerk**2, axis=0)).max()),
+        "reversals_at_rest_1_s": reversals_at_rest(position, speed, truth.period),
+    }
+
+
+def reversals_at_rest(position: NDArray[np.float64], speed: NDArray[np.float64], period: float) -> float:
+    """The most reversals of one joint at rest within a second.
+
+    A joint is at rest at a tick when its reference stayed within 2 mrad for 0.2 s until then. It reverses where its
+    acceleration has another sign than before, during one stay at rest; accelerations below 0.1 rad/s^2 have no sign. A
+    joint that stops reverses once at most.
+
+    Args:
+        position, speed: of the joints at every tick, (ticks, n) [rad, rad/s].
+        period: tick [s].
+    """
+    window = round(_REST_TIME / period)
+    if len(position) <= window:
+        return 0.0
+    bend = np.diff(speed, axis=0) / period
+    view = np.lib.stride_tricks.sliding_window_view(position, window + 1, axis=0)
+    rests = np.concatenate([np.zeros((window - 1, position.shape[1]), dtype=bool), np.ptp(view, axis=-1) <= _REST])
+    signs = np.where(rests & (np.abs(bend) > _NO_SIGN), np.sign(bend), 0.0)
+    most = 0
+    for sign, stay in zip(signs.T, (~rests).cumsum(axis=0).T, strict=True):
+        ticks = np.flatnonzero(sign)
+        before, after = ticks[:-1], ticks[1:]
+        turns = after[(sign[after] != sign[before]) & (stay[after] == stay[before])]
+        ends = np.searchsorted(turns, turns + round(1.0 / period))
+        most = max(most, int((ends - np.arange(len(turns))).max(initial=0)))
+    return float(most)

@@ -16,7 +16,11 @@ from forcectl.framework.fields import Config, key
 from forcectl.framework.rotation_vector import RotationVector
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.null_space import TowardsSmallMass
+from forcectl.tasks.progress import Progress, TaskProgress
+from forcectl.tasks.reactive_controller import Supervision
+from forcectl.tasks.task_parts import start_motion
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,18 +41,16 @@ class ReachAnalysis(Config):
             return {}
         offset, angle = self._missed(log, setting.truth)
         reference, speed = log["joint_position_command"].values, log["joint_velocity_command"].values
-        limits, time = setting.truth.known_robot().limits, log["time"].values
+        limits = setting.truth.known_robot().limits
         room = np.minimum(limits.position_upper - reference, reference - limits.position_lower)
         bend = np.diff(speed, axis=0) / setting.truth.period
         distance, mass = self._along(log, setting.truth)
         target = log["task_target"].values
         changed = np.flatnonzero((np.diff(target, axis=0) != 0).any(axis=1))
-        begun = changed[-1] + 1 if len(changed) else 0
-        reached = np.flatnonzero(log["reached"].values.ravel()[begun:] > 0)
         return {
+            **self._progress(log, setting.truth),
             "reach_offset_mm": 1e3 * offset,
             "reach_angle_deg": float(np.degrees(angle)),
-            "reach_time_s": float(time[begun + reached[0]] - time[begun]) if len(reached) else None,
             "retargets": float(len(changed)),
             "link_distance_mm": 1e3 * float(distance.min()),
             "acceleration_share": float((np.abs(bend) / limits.acceleration).max()),
@@ -56,6 +58,7 @@ class ReachAnalysis(Config):
             "constraint_excess": float(log["constraint_violation"].values.max()),
             "holding_share": float(np.mean(log["holding"].values)),
             "joint_speed_rms": float(np.sqrt(np.mean(np.sum(speed**2, axis=1)))),
+            "joint_travel_rad": float(np.linalg.norm(np.diff(reference, axis=0), axis=1).sum()),
             "mean_distance_mm": 1e3 * float(distance.mean()),
             "limit_room_deg": float(np.degrees(room.min())),
             "mean_room_deg": float(np.degrees(room.min(axis=1).mean())),
@@ -102,6 +105,39 @@ class ReachAnalysis(Config):
             turned = RotationVector(wanted).state(end.arm(arm).rotation, np.zeros(3)).value
             angles.append(np.linalg.norm(turned))
         return float(max(offsets)), float(max(angles))
+
+    def _progress(self, log: Any, truth: PlantModel) -> dict[str, float | None]:
+        """Whether each arm, and all, reached their last targets, and after which time."""
+        robot, start = truth.known_robot(), start_motion(truth)
+        context, found = robot.create_context(), dict[str, float | None]()
+        signals = (log[f"joint_{name}_command"].values for name in ("position", "velocity"))
+        motions = [ArmsMotion(robot, context, q, v) for q, v in zip(*signals, strict=True)]
+        targets = np.split(log["task_target"].values, len(start.arm_names), axis=1)
+        usual, last, ends = Supervision(), 0, list[int]()
+        for arm, target in zip(start.arm_names, targets, strict=True):
+            task = ArmTask(arm, orientation=RotationVector(start.arm(arm).rotation))
+            tolerance = np.where(task.angular, usual.angle_tolerance, usual.position_tolerance)
+            watch, progress = TaskProgress(tolerance, usual.patience, truth.period), None
+            reached = []
+            for motion, wanted in zip(motions, target, strict=True):
+                state = task.state(motion)
+                past = progress or Progress(np.full_like(wanted, np.nan), np.inf, 0.0, 0.0, 0.0)
+                progress = watch.look(past, wanted, state.value, state.rate)
+                reached.append(progress.reached)
+            changes = np.flatnonzero((np.diff(target, axis=0) != 0).any(axis=1))
+            begun = changes[-1] + 1 if len(changes) else 0
+            there = np.flatnonzero(reached[begun:])
+            last = max(last, begun)
+            if len(there):
+                ends.append(int(begun + there[0]))
+            found |= {
+                f"{arm}.reached": reached[-1],
+                f"{arm}.stalled": progress.stalled if progress else 0.0,
+                f"{arm}.time_reached_s": float(there[0] * truth.period) if len(there) else None,
+            }
+        every = [[found[f"{arm}.{name}"] or 0.0 for arm in start.arm_names] for name in ("reached", "stalled")]
+        time = (max(ends) - last) * truth.period if len(ends) == len(start.arm_names) else None
+        return found | {"reached": min(every[0]), "stalled": max(every[1]), "time_reached_s": time}
 
     def _along(self, log: Any, truth: PlantModel) -> tuple[Array, Array]:
         """Least distance of the links [m] and reflected masses (k, arms) [kg], every so many ticks."""

@@ -25,6 +25,19 @@ def metrics_table(metrics: Mapping[str, Mapping[str, float | None]], title: str 
     return table
 
 
+def unreached(metrics: Mapping[str, Mapping[str, float | None]]) -> list[str]:
+    """A line for every variant with an arm that is not at its last target at the end."""
+    lines = []
+    for variant, values in metrics.items():
+        missed = {
+            name.removesuffix(".reached") for name, value in values.items() if name.endswith(".reached") and not value
+        }
+        if missed:
+            said = [f"{arm} ({'stalled' if values[f'{arm}.stalled'] else 'still moving'})" for arm in sorted(missed)]
+            lines.append(f"{variant}: last target not reached: {', '.join(said)}")
+    return lines
+
+
 def verdict_table(verdicts: Sequence[Verdict], title: str = "") -> Table:
     """Targets with the published value, ours, the deviation, what is allowed, the verdict and the drift."""
     table = new_table(escape(title), "target", "published")

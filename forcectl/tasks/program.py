@@ -160,8 +160,9 @@ class TaskProgram:
             smooth: see `Problem`.
         """
         parts = [level.part(state) for level in self._levels]
-        J, mobility = parts[0].jacobian, self._constraints.mobility(motion.q)
-        near = self._levels[0].damping(J if mobility is None else J * mobility)
+        # A joint at a limit of its position does not move the task any more.
+        first, mobility = parts[0].jacobian, self._constraints.mobility(motion.q)
+        near = self._levels[0].damping(first if mobility is None else first * mobility)
         found, damping, rest = [], max(near, _LEAST_DAMPING), motion.v / self._period
         for level, part in zip(self._levels, parts, strict=True):
             hessian, gradient, J = level.objective(part, position[level.rows], velocity[level.rows])

@@ -6,7 +6,7 @@ A MotionController (see `forcectl.tasks.slot`): targets over time, generator and
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from typing import Any
 
 import numpy as np
@@ -33,6 +33,8 @@ from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig
 from forcectl.tasks.reactive_controller import ReactiveController
 from forcectl.tasks.reactive_motion import MotionLimitsConfig, ReactiveMotion
 from forcectl.tasks.task_parts import TaskTargetConfig, made_task, start_motion
+
+_FARTHEST = 10.0  # [m or rad] beyond is no target of any arm, but a mistake
 
 Array = NDArray[np.float64]
 NamedTask = tuple[str, ArmTask, list[TaskTargetConfig]]  # its name in the scenario, and its targets over time
@@ -65,6 +67,9 @@ class ReactiveReachingConfig(Config):
     tasks: dict[str, Any] = slot("task", dict, meaning="by name; empty: the whole pose of every arm")
     motion_limits: MotionLimitsConfig = key(MotionLimitsConfig, "limits of the references")
     limits: JointLimitConfig = key(JointLimitConfig, "of the joints; the robot's where none is given")
+    speed_margin: float = key(
+        0.01, "share of the speed limits of the joints that is left to their servos", unit="1", bounds="not negative"
+    )
     null_space: Any = slot("null_space", JointSpeedConfig, meaning="what joints do that the tasks leave free")
     link_distance: float = key(
         0.01, "of the links from each other and from boxes; 0: not kept, without boxes", unit="m", bounds="not negative"
@@ -76,6 +81,8 @@ class ReactiveReachingConfig(Config):
         super().__post_init__()
         if self.tasks and self.targets:
             raise invalid("targets", self.targets, "empty beside tasks, which have targets of their own")
+        if not self.speed_margin < 1.0:
+            raise invalid("speed_margin", self.speed_margin, "below 1")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """A `ReactiveReaching`."""
@@ -85,6 +92,7 @@ class ReactiveReachingConfig(Config):
         tasks = self._tasks(start_motion(model))
         distances = self._distances(model) if self.link_distance > 0 else []
         limits = self.limits.limits(robot.limits)
+        limits = replace(limits, velocity=(1.0 - self.speed_margin) * limits.velocity)
         constraints = [*distances, *constraints_of(self.constraints, model)]
         wanted, setting = "an object with cost(motion, period)", JointSetting(model, limits, constraints)
         controller = ReactiveController(
@@ -133,7 +141,11 @@ def _targets(tasks: Sequence[NamedTask], now: Array) -> TrajectorySource:
             if len(target.value) != task.size:
                 wrong = f" has {len(target.value)} numbers: must have {task.size}, one per coordinate"
                 raise BadInputError(wrong, key=f"tasks.{name}.targets.{i}.value")
-            steps.append((target.time, slice(begin, begin + task.size), target.value))
+            place = slice(begin, begin + task.size)
+            if not (np.abs(np.subtract(target.value, now[place])) <= _FARTHEST).all():
+                near = f"within {_FARTHEST:g} m or rad of the start, {np.round(now[place], 3).tolist()}"
+                raise BadInputError(f"{name}: target {i + 1} is {target.value}: must be {near}", key="targets")
+            steps.append((target.time, place, target.value))
         begin += task.size
     values = {0.0: now}
     for time, place, value in sorted(steps, key=lambda step: step[0]):

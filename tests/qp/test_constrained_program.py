@@ -7,7 +7,7 @@ from dataclasses import replace
 import numpy as np
 import pytest
 
-from forcectl.qp.constrained_program import ConstrainedProgram, Problem
+from forcectl.qp.constrained_program import ConstrainedProgram, Problem, Smooth
 from forcectl.qp.prioritized_program import Level
 from forcectl.qp.quadratic_program import QuadraticProgram, Status
 from forcectl.robot.robot_motion import RobotMotion
@@ -69,3 +69,27 @@ def test_without_a_solution_it_brakes_and_says_by_how_much_a_torque_is_beyond() 
     np.testing.assert_array_equal(outcome.u, constraints.brake(v, rows))
     assert outcome.beyond == pytest.approx(JointTorqueLimit(torque).excess(at, outcome.u))
     assert outcome.beyond > 0
+
+
+def test_the_change_of_u_is_bounded_where_rows_leave_it_and_small_where_they_do_not() -> None:
+    at = motion()
+    constraints, torque = gathered(np.full(N, np.inf))
+    program = ConstrainedProgram(constraints, torque, "daqp", joints=JOINTS)
+    rows, last = constraints.rows(at, np.zeros(1)), np.linspace(-1.0, 1.0, N)
+    row = np.eye(N)[:1]
+    smooth = Smooth(last - 0.5, last + 0.5, last)
+    level = Level(np.eye(N), np.full(N, -8.0))  # 8 everywhere is wanted
+
+    within = program.solve(Problem(at, rows._replace(matrix=row, limit=np.zeros(1)), [level], smooth=smooth))
+    np.testing.assert_allclose(within.u, np.minimum(last + 0.5, [0.0, *np.full(N - 1, np.inf)]), atol=1e-9)
+    assert within.status == Status.OPTIMAL
+
+    asked = Problem(at, rows._replace(matrix=row, limit=np.array([-3.0])), [level], smooth=smooth)
+    beyond = program.solve(asked)
+    assert beyond.status == Status.OPTIMAL
+    assert beyond.u[0] == pytest.approx(-3.0)
+    # Between what is wanted and the last u, near the last one.
+    assert (beyond.u[1:] > last[1:]).all()
+    assert (beyond.u[1:] < last[1:] + 1.0).all()
+    free = program.solve(asked._replace(smooth=None))
+    np.testing.assert_allclose(free.u, [-3.0, *np.full(N - 1, 8.0)], atol=1e-9)

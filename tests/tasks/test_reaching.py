@@ -88,7 +88,14 @@ def test_on_the_station_both_arms_get_there_within_all_limits(result: RunResult)
     assert metrics["reach_offset_mm"] < 0.5
     assert metrics["reach_angle_deg"] < 0.1
     assert metrics["retargets"] == 1
-    assert 0.3 < metrics["reach_time_s"] < 1.4
+    assert 0.3 < metrics["time_reached_s"] < 1.4
+    assert metrics["left.reached"] == metrics["right.reached"] == metrics["reached"] == 1
+    assert metrics["stalled"] == 0
+    # The left arm is sent elsewhere at 0.2 s, and is the last.
+    assert metrics["left.time_reached_s"] == pytest.approx(metrics["time_reached_s"])
+    assert metrics["speed_limit_excess_rad_s"] == 0
+    assert metrics["jerk_share_1_s"] <= 50 * (1 + 1e-6)
+    assert metrics["reversals_at_rest_1_s"] <= 2
     assert metrics["constraint_excess"] == 0
     assert metrics["holding_share"] == 0
     assert metrics["acceleration_share"] <= 1 + 1e-6
@@ -115,6 +122,16 @@ def test_a_loop_that_is_dropped_gives_its_memory_back() -> None:
 
     # Drake 1.51 keeps every Python block of a diagram, 6 MB of them here.
     assert_memory_released(loop, duration=0.02, builds=3, allowed_kb=8000.0)
+
+
+def test_a_target_that_no_arm_could_reach_is_refused() -> None:
+    with pytest.raises(BadInputError, match=r"left: target 1 is .*must be within 10 m or rad of the start"):
+        build(targets=[ReachConfig(arm="left", position=[1e9, 0.3, 0.3])])
+
+
+def test_a_speed_margin_of_everything_is_refused() -> None:
+    with pytest.raises(BadInputError, match=r"speed_margin.*below 1"):
+        build(speed_margin=1.0)
 
 
 def test_an_arm_without_a_target_stays() -> None:

@@ -10,6 +10,9 @@ with a(y, y') the largest acceleration after which y <= 0 can still be kept with
 (`one_step_acceleration`). It is a row at every state: there is no active set to be found first. A row that is violated
 asks for the way back within `|gamma|` (3.57).
 
+With a time constant T > Ts that is not left to the last tick: for y <= 0 the rows are also within those of r = 1 with T
+in place of Ts, and of r = 2 with `gradual_acceleration`, and `ConstraintSet.gradual` bounds how fast u changes.
+
 Between ticks u is held, and y'' changes with the posture by at most `|y'''| Ts`. So a constraint whose rows were kept
 is violated by at most `2/3 |y'''| Ts^3` (r = 2: 1/6 in the tick, 1/2 by the speed it leaves to the next) or `|y''|
 Ts^2/2` (r = 1): nothing for joint positions and speeds, which are integrated exactly. For a coordinate of the tool
