@@ -137,7 +137,7 @@ def run(
     from forcectl.runs.directory import free_name
     from forcectl.runs.progress import ProgressBars
     from forcectl.runs.run import run as simulate
-    from forcectl.runs.tables import metrics_table, unreached, verdict_table
+    from forcectl.runs.tables import metrics_table, verdict_table
     from forcectl.runs.target import parse_settings
     from forcectl.scenario.catalog import find_scenario
 
@@ -158,8 +158,6 @@ def run(
         )
     console = _console()
     console.print(metrics_table(result.metrics, f"{file.name}: {file.tree.get('title', '')}"))
-    for line in unreached(result.metrics):
-        console.print(line, style="yellow", markup=False)
     if result.verdicts:
         console.print()
         console.print(verdict_table(result.verdicts, "Expectations"))

@@ -13,7 +13,7 @@ from forcectl.scenario.expectations import Verdict
 
 
 def metrics_table(metrics: Mapping[str, Mapping[str, float | None]], title: str = "") -> Table:
-    """Metrics as rows, variants as columns."""
+    """Metrics as rows, variants as columns; below, a line for each variant that did not reach its last targets."""
     table = new_table(escape(title), "metric", "unit")
     for variant in metrics:
         table.add_column(escape(variant), justify="right")
@@ -22,11 +22,12 @@ def metrics_table(metrics: Mapping[str, Mapping[str, float | None]], title: str 
         values = [one.get(name) for one in metrics.values()]
         if any(v is not None for v in values):
             table.add_row(name, metric_unit(name), *map(number, values))
+    if missed := _unreached(metrics):
+        table.caption, table.caption_style, table.caption_justify = escape("\n".join(missed)), "yellow", "left"
     return table
 
 
-def unreached(metrics: Mapping[str, Mapping[str, float | None]]) -> list[str]:
-    """A line for every variant with an arm that is not at its last target at the end."""
+def _unreached(metrics: Mapping[str, Mapping[str, float | None]]) -> list[str]:
     lines = []
     for variant, values in metrics.items():
         missed = {

@@ -109,7 +109,7 @@ class TaskProgram:
         joints: Sequence[str] = (),
     ):
         self._levels, self._criterion, self._period = tuple(levels), criterion, period
-        self._constraints, self._eye = constraints, np.eye(len(torque))
+        self._joints, self._eye = constraints.joints, np.eye(len(torque))
         rests = isinstance(criterion, JointSpeed) and criterion.rests_in(period)
         self._settled = len(self._levels) == 1 and rests
         self._program = ConstrainedProgram(
@@ -161,7 +161,7 @@ class TaskProgram:
         """
         parts = [level.part(state) for level in self._levels]
         # A joint at a limit of its position does not move the task any more.
-        first, mobility = parts[0].jacobian, self._constraints.mobility(motion.q)
+        first, mobility = parts[0].jacobian, self._joints.mobility(motion.q)
         near = self._levels[0].damping(first if mobility is None else first * mobility)
         found, damping, rest = [], max(near, _LEAST_DAMPING), motion.v / self._period
         for level, part in zip(self._levels, parts, strict=True):

@@ -332,7 +332,7 @@ class ReactiveController(SampledBlock):
         good = largest(np.abs(position)) < _MAX_REFERENCE and largest(np.abs(velocity)) < _MAX_REFERENCE
         if good and not stops:
             last = memory["joint_acceleration"]
-            bounds = self._constraints.gradual(rows, last)
+            bounds = self._constraints.joints.gradual(rows.lower, rows.upper, last)
             smooth = None if bounds is None else Smooth(*bounds, last)
             posed = self._tasks_program.pose(motion, rows, state, position, velocity, smooth)
         return Tick(rows, state, readings, posed)

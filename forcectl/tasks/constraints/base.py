@@ -11,7 +11,7 @@ with a(y, y') the largest acceleration after which y <= 0 can still be kept with
 asks for the way back within `|gamma|` (3.57).
 
 With a time constant T > Ts that is not left to the last tick: for y <= 0 the rows are also within those of r = 1 with T
-in place of Ts, and of r = 2 with `gradual_acceleration`, and `ConstraintSet.gradual` bounds how fast u changes.
+in place of Ts, and of r = 2 with `gradual_acceleration`, and `JointBounds.gradual` bounds how fast u changes.
 
 Between ticks u is held, and y'' changes with the posture by at most `|y'''| Ts`. So a constraint whose rows were kept
 is violated by at most `2/3 |y'''| Ts^3` (r = 2: 1/6 in the tick, 1/2 by the speed it leaves to the next) or `|y''|
@@ -227,7 +227,7 @@ class Rows(NamedTuple):
 class ConstraintSet:
     """Joint limits, as bounds of u, and further constraints, as rows; evaluated together.
 
-    Joint limits: see `JointBounds`.
+    Joint limits: see `JointBounds`, attribute `joints`.
 
     Args:
         constraints: any number.
@@ -267,7 +267,7 @@ class ConstraintSet:
         degrees = [c.relative_degree for c, _ in each]
         self._first, self._second = degrees.count(0), degrees.count(0) + degrees.count(1)
         self.foreseen_size = self.size - self._second  # of the vector of `foresee`, zeros at rest
-        self._bounds, self._acceleration = JointBounds(limits, self._period, self._approach), limits.acceleration
+        self.joints, self._acceleration = JointBounds(limits, self._period, self._approach), limits.acceleration
         self._gamma = [own for _, own in each][self._second :]
         self._margin = [_margin(c) for c, _ in each][self._second :]
         self._steady = [not getattr(c, "rows_change", False) for c, _ in each][self._second :]
@@ -294,34 +294,13 @@ class ConstraintSet:
             seen = (y[second:].tolist(), rate[second:].tolist(), foreseen.tolist())
             parts = (*seen, self._gamma, self._margin, self._steady)
             limit[second:] += [self._bound(*numbers) for numbers in zip(*parts, strict=True)]
-        lower, upper, violation = self._bounds.at(motion.q, motion.v)
+        lower, upper, violation = self.joints.at(motion.q, motion.v)
         if m > first:
             worst = largest(y[first:])
             if worst != worst:  # a constraint that is no number hides no other
                 worst = max((value for value in y[first:].tolist() if value == value), default=0.0)
             violation = max(violation, worst)
         return Rows(matrix, limit, first, lower, upper, violation, rate[second:], bias[second:])
-
-    def gradual(self, rows: Rows, last: Vector) -> tuple[Vector, Vector] | None:
-        """The part of the bounds in which no joint changes its acceleration from rest to its limit in less than T.
-
-        Where there is none, the bound that is nearest; None without T.
-
-        Args:
-            rows: of this tick.
-            last: u of the tick before (n,) [rad/s^2].
-        """
-        if not self._approach:
-            return None
-        change = self._period / self._approach * self._acceleration
-        return (
-            np.minimum(np.maximum(rows.lower, last - change), rows.upper),
-            np.maximum(np.minimum(rows.upper, last + change), rows.lower),
-        )
-
-    def mobility(self, q: Vector) -> Vector | None:
-        """See `JointBounds.mobility`."""
-        return self._bounds.mobility(q)
 
     def foresee(self, rows: Rows, u: Vector) -> Vector:
         """y' at the next tick, of the rows of relative degree 2, as far as it is known in this one."""

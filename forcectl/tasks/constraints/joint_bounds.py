@@ -84,6 +84,7 @@ class JointBounds:
     def __init__(self, limits: JointLimits, period: float, approach: float = 0.0):
         self._period, self._n = period, len(limits.velocity)
         self._approach, self._slowing = approach, max(approach, period)
+        self._change = period / self._slowing * limits.acceleration
         each = (limits.position_lower, limits.position_upper, limits.velocity, limits.acceleration)
         self._low, self._high, self._speed, self._acceleration = each
         self._joints = [limit.tolist() for limit in each]
@@ -132,6 +133,20 @@ class JointBounds:
             upper.append(max(min(up, acceleration), -acceleration))
             violation = max(violation, x - high, low - x, abs(rate) - speed)
         return np.array(lower), np.array(upper), violation
+
+    def gradual(self, lower: Vector, upper: Vector, last: Vector) -> tuple[Vector, Vector] | None:
+        """The part of bounds in which no joint changes its acceleration from rest to its limit in less than T.
+
+        Where there is none, the bound that is nearest; None without T.
+
+        Args:
+            lower, upper: of u at this tick (n,) [rad/s^2].
+            last: u of the tick before (n,) [rad/s^2].
+        """
+        if not self._approach:
+            return None
+        change = self._change
+        return np.minimum(np.maximum(lower, last - change), upper), np.maximum(np.minimum(upper, last + change), lower)
 
     def mobility(self, q: Vector) -> Vector | None:
         """How far joints count as able to move, from 0 at a limit of its position to 1 (n,) [1]; None: all are 1."""
