@@ -29,6 +29,7 @@ Motion = tuple[Vector, Vector, Vector]  # x, x', x'' of the task coordinates, (k
 LENGTH = 1e-3  # [m]
 RATE = 80.0  # k [1/s]
 TURNING = 0.2  # T [s]
+_NEAR = 0.5 * LENGTH
 _TINY = 1e-12  # [m]
 
 
@@ -55,12 +56,15 @@ class ReferenceReset:
             target: of the coordinates (k,).
         """
         scale, (position, velocity, acceleration) = self._scale, reference
-        way = scale * (position - motion[0])
+        way, rate = scale * (position - motion[0]), scale * (velocity - motion[1])
+        # Usually all tasks together are near enough and slow enough.
+        if way @ way <= _NEAR**2 and rate @ rate <= (RATE * _NEAR) ** 2:
+            return reference
         apart = np.sqrt(self._sum(way * way))
         # |d| times the speed along n, and what it may be.
-        leaving, allowed = self._sum(way * scale * (velocity - motion[1])), RATE * apart * (LENGTH - apart)
+        leaving, allowed = self._sum(way * rate), RATE * apart * (LENGTH - apart)
         # Of a NaN every comparison is false.
-        if largest(apart) <= 0.5 * LENGTH and largest(leaving - allowed) <= 0.0:
+        if largest(apart) <= _NEAR and largest(leaving - allowed) <= 0.0:
             return reference
         apart = np.maximum(apart, _TINY)
         share = self._each(np.minimum(LENGTH / apart, 1.0))
