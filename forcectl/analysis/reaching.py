@@ -136,7 +136,7 @@ class ReachAnalysis(Config):
                 f"{arm}.time_reached_s": float(there[0] * truth.period) if len(there) else None,
             }
         every = [[found[f"{arm}.{name}"] or 0.0 for arm in start.arm_names] for name in ("reached", "stalled")]
-        time = (max(ends) - last) * truth.period if len(ends) == len(start.arm_names) else None
+        time = float(max(ends) - last) * truth.period if len(ends) == len(start.arm_names) else None
         return found | {"reached": min(every[0]), "stalled": max(every[1]), "time_reached_s": time}
 
     def _along(self, log: Any, truth: PlantModel) -> tuple[Array, Array]:
