@@ -37,6 +37,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "Vrft": "forcectl.force.linear_law:VrftConfig",
         "Governed": "forcectl.force.governor.governor:GovernedConfig",
         "ScaledVrft": "forcectl.force.vrft.scaled:ScaledVrftConfig",
+        "Admittance": "forcectl.force.admittance:AdmittanceConfig",
         "AdaptiveVrft": "forcectl.force.vrft.adaptive:AdaptiveVrftConfig",
         "RecursiveVrft": "forcectl.force.vrft.experiment:RecursiveVrftConfig",
         "PerArm": "forcectl.force.per_arm:PerArmConfig",
