@@ -80,7 +80,7 @@ def admittance_response(inertia: float, damping: float, period: float, arrangeme
     # From x[k], x'[k] the generator stops within the tick, half a step further on: Algorithm 3.
     stopping = 0.5 * period if arrangement == "increment" else 0.0
     columns = [admittance_step(x, v, mu, inertia, damping, period) for x, v, mu in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
-    a = np.transpose(columns)
+    a: NDArray[np.float64] = np.transpose(columns)
     a[0, 1] += stopping
     b = np.reshape(admittance_step(0.0, 0.0, 1.0, inertia, damping, period), (2, 1))
     return StateSpace(a, b, a, b, dt=period)
@@ -211,14 +211,14 @@ class AdmittanceForceLaw(Diagram):
     Sampling: every `period` [s]; no delay from measured_force to displacement_command.
 
     Args:
-        filter_: of the displacements.
+        admittance: the filter of the displacements.
         generator: a `VelocityGenerator` or a `TrajectoryGenerator` of as many components.
         from_command: whether the generator starts from what was commanded, as in the arrangement `increment`.
     """
 
-    def __init__(self, filter_: AdmittanceFilter, generator: System, *, from_command: bool):
+    def __init__(self, admittance: AdmittanceFilter, generator: System, *, from_command: bool):
         super().__init__()
-        n = filter_.size
+        n = admittance.size
         self.sample_delay = {("measured_force", "displacement_command"): 0.0}
         self.port_units = {"displacement_rate_command": "m/s"}
         builder = DiagramBuilder()
@@ -227,21 +227,21 @@ class AdmittanceForceLaw(Diagram):
         error = add("force_error", MatrixGain(np.hstack([-np.eye(n), np.eye(n)])))
         zero = add("zero", ConstantVectorSource(np.zeros(n)))
         add("generator", generator)
-        add("admittance", filter_)
+        add("admittance", admittance)
         connect(forces.get_output_port(), error.get_input_port())
-        connect(error.get_output_port(), filter_.GetInputPort("force"))
+        connect(error.get_output_port(), admittance.GetInputPort("force"))
         target = "target_velocity" if isinstance(generator, VelocityGenerator) else "target_position"
         connect(zero.get_output_port(), generator.GetInputPort(target))
         for name in ("position", "velocity"):
-            connect(generator.GetOutputPort(name), filter_.GetInputPort(f"generated_{name}"))
+            connect(generator.GetOutputPort(name), admittance.GetInputPort(f"generated_{name}"))
             if from_command:
-                connect(filter_.GetOutputPort(f"last_{name}"), generator.GetInputPort(f"start_{name}"))
+                connect(admittance.GetOutputPort(f"last_{name}"), generator.GetInputPort(f"start_{name}"))
         if from_command and generator.HasInputPort("start_acceleration"):
             connect(zero.get_output_port(), generator.GetInputPort("start_acceleration"))
         builder.ExportInput(forces.get_input_port(0), "desired_force")
         builder.ExportInput(forces.get_input_port(1), "measured_force")
-        builder.ExportOutput(filter_.GetOutputPort("position"), "displacement_command")
-        builder.ExportOutput(filter_.GetOutputPort("velocity"), "displacement_rate_command")
+        builder.ExportOutput(admittance.GetOutputPort("position"), "displacement_command")
+        builder.ExportOutput(admittance.GetOutputPort("velocity"), "displacement_rate_command")
         builder.BuildInto(self)
 
 
@@ -282,7 +282,7 @@ class AdmittanceConfig(Config):
         else:
             # Each component is planned by itself.
             generator = TrajectoryGenerator(n, **limits, jerk_limit=self.jerk_limit, groups=[1] * n, period=period)
-        filter_ = AdmittanceFilter(
+        admittance = AdmittanceFilter(
             n,
             inertia=self.inertia,
             damping=self.damping,
@@ -291,7 +291,7 @@ class AdmittanceConfig(Config):
             upper_limit=self.upper_limit,
             period=period,
         )
-        return AdmittanceForceLaw(filter_, generator, from_command=self.arrangement == "increment")
+        return AdmittanceForceLaw(admittance, generator, from_command=self.arrangement == "increment")
 
     def response(self, period: float) -> StateSpace:
         """From the measured force to displacement and rate of the command, without limits and at rest.

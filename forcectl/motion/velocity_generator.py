@@ -104,11 +104,13 @@ class VelocityGenerator(SampledBatch):
         """One tick of Algorithm 3."""
         given = inputs["target_velocity"]
         target = self.math.where(abs(given) < np.inf, given, memory["target"])
-        limits = self.values(context)
+        speed_limit, acceleration_limit = self.values(context)
         x, v = memory["position"], memory["velocity"]
         if all(name in inputs for name in _START):
             given_x, given_v = (inputs[name] for name in _START)
             good = (abs(given_x) < np.inf) & (abs(given_v) < np.inf)
             x, v = self.math.where(good, given_x, x), self.math.where(good, given_v, v)
-        position, velocity, acceleration = velocity_step(x, v, target, *limits, self._period, self.math)
+        position, velocity, acceleration = velocity_step(
+            x, v, target, speed_limit, acceleration_limit, self._period, self.math
+        )
         return {"position": position, "velocity": velocity, "acceleration": acceleration, "target": target}

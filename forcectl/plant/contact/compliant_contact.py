@@ -20,6 +20,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import Gain
+from scipy.signal import StateSpace
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import BatchBlock, BatchParameter, BatchValue, batch_values, check
@@ -57,6 +58,23 @@ def damped_contact(
     free = rate_stiffness * z / (stiffness + rate_stiffness)
     lost = force <= 0
     return m.where(lost, 0.0, force), m.where(lost, free, touching)
+
+
+def contact_response(stiffness: float, damping: float, robot_compliance: float, period: float) -> StateSpace:
+    """The damped contact while it lasts, from [dx, dx'] to F at the same tick; it takes dx' from dx.
+
+    Args:
+        stiffness: K_E [N/m].
+        damping: D_E [N s/m].
+        robot_compliance: C_R [m/N].
+        period: [s].
+    """
+    rate = damping / period
+    both = 1 + robot_compliance * (stiffness + rate)
+    # z+ = kept z + pressed dx, see `damped_contact`
+    kept, pressed = robot_compliance * rate / both, -1 / both
+    a, b = np.array([[kept]]), np.array([[pressed, 0.0]])
+    return StateSpace(a, b, (stiffness + rate) * a - rate, (stiffness + rate) * b, dt=period)
 
 
 class CompliantContact(BatchBlock):
@@ -214,6 +232,22 @@ class EnvironmentConfig(Config, in_batches=True):
         if materials is None:
             return self.stiffness, self.damping
         return None, None if materials.damped else 0.0
+
+    @property
+    def least_damping(self) -> float:
+        """The smallest D_E [N s/m]."""
+        return self.damping if self.surface.materials is None else min(self.surface.materials.path().damping)
+
+    def stiffnesses(self) -> dict[str, float]:
+        """K_E that the scenario names [N/m], by key."""
+        materials = self.surface.materials
+        if materials is None:
+            return {"stiffness": self.stiffness}
+        return {f"surface.materials.segments.{i}": s.environment_stiffness for i, s in enumerate(materials.segments)}
+
+    def response(self, stiffness: float, robot_compliance: float, period: float) -> StateSpace:
+        """From [dx, dx'] to the force of the contact while it lasts, for another K_E [N/m]; see `contact_response`."""
+        return contact_response(stiffness, self.least_damping, robot_compliance, period)
 
     def add_to(
         self,
