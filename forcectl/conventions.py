@@ -81,6 +81,7 @@ _FURTHER = {
     "displacement": "m",
     "displacement_velocity": "m/s",
     "displacement_command": "m",
+    "displacement_velocity_command": "m/s",
     "motor_displacement": "m",
     "motor_state": "rad,rad/s",
     "spring_torque": "Nm",

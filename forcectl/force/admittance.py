@@ -198,11 +198,11 @@ class AdmittanceForceLaw(Diagram):
     ```
     name: AdmittanceForceLaw
     input_ports: [desired_force, measured_force]
-    output_ports: [displacement_command, displacement_rate_command]
+    output_ports: [displacement_command, displacement_velocity_command]
     ```
 
     desired_force, measured_force: shape (n,) [N]. displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1).
-    displacement_rate_command: shape (n,), the speed of the filter then [m/s].
+    displacement_velocity_command: shape (n,), the speed of the filter then [m/s].
     All outputs are feedthrough of all inputs at the tick.
 
     The blocks inside have the parameters: see `AdmittanceFilter`, and `VelocityGenerator` with the target velocity 0 or
@@ -220,7 +220,6 @@ class AdmittanceForceLaw(Diagram):
         super().__init__()
         n = admittance.size
         self.sample_delay = {("measured_force", "displacement_command"): 0.0}
-        self.port_units = {"displacement_rate_command": "m/s"}
         builder = DiagramBuilder()
         add, connect = builder.AddNamedSystem, builder.Connect
         forces = add("forces", Multiplexer([n, n]))
@@ -241,7 +240,7 @@ class AdmittanceForceLaw(Diagram):
         builder.ExportInput(forces.get_input_port(0), "desired_force")
         builder.ExportInput(forces.get_input_port(1), "measured_force")
         builder.ExportOutput(admittance.GetOutputPort("position"), "displacement_command")
-        builder.ExportOutput(admittance.GetOutputPort("velocity"), "displacement_rate_command")
+        builder.ExportOutput(admittance.GetOutputPort("velocity"), "displacement_velocity_command")
         builder.BuildInto(self)
 
 

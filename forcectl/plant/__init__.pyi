@@ -23,6 +23,7 @@ from forcectl.plant.contact.surface_materials import SegmentConfig as SegmentCon
 from forcectl.plant.contact.surface_materials import SurfaceMaterial as SurfaceMaterial
 from forcectl.plant.contact.surface_spring import SurfaceSpring as SurfaceSpring
 from forcectl.plant.contact.tip_contact import TipContact as TipContact
+from forcectl.plant.drives.commanded import CommandedMotion as CommandedMotion
 from forcectl.plant.drives.drive import Drive as Drive
 from forcectl.plant.drives.joint_friction import FrictionRest as FrictionRest
 from forcectl.plant.drives.joint_friction import JointFriction as JointFriction

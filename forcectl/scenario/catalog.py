@@ -64,6 +64,7 @@ SLOTS: dict[str, dict[str, str]] = {
     "analysis": {
         "ForceEstimation": "forcectl.analysis.force_estimation:ForceAnalysis",
         "FrictionIdentification": "forcectl.analysis.friction_identification:FrictionAnalysis",
+        "Alignment": "forcectl.analysis.alignment:AlignmentAnalysis",
         "Reaching": "forcectl.analysis.reaching:ReachAnalysis",
     },
     "fidelity": {
@@ -75,6 +76,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "PositionLoop": "forcectl.diagrams.drives.position_drive:PositionDriveConfig",
         "JointImpedance": "forcectl.diagrams.drives.position_drive:JointImpedanceDriveConfig",
         "JointInterface": "forcectl.diagrams.drives.joint_interface:JointInterfaceConfig",
+        "Commanded": "forcectl.diagrams.drives.commanded_drive:CommandedDriveConfig",
     },
     "sensor": {
         "WristForce": "forcectl.diagrams.sensors:WristForceConfig",

@@ -84,7 +84,11 @@ CONTROLLER_EXAMPLES: dict[type[System], list[Example]] = {
     AdmittanceForceLaw: [
         Example(
             partial(admittance_law, arrangement, generator),
-            {pair for name in ("displacement_command", "displacement_rate_command") for pair in each(name, *DESIRED)},
+            {
+                pair
+                for name in ("displacement_command", "displacement_velocity_command")
+                for pair in each(name, *DESIRED)
+            },
             FORCES,
             periods=BOTH_ARMS,
         )
@@ -121,6 +125,17 @@ CONTROLLER_EXAMPLES: dict[type[System], list[Example]] = {
                 for pair in each(output, *DESIRED, "motor_position")
             }
             | {pair for output in ("invariance_function", "status") for pair in each(output, *DESIRED)},
+            ONE_ARM,
+            periods={"period": 0.002},
+        ),
+        Example(
+            lambda: build_controller(AdmittanceConfig(), one("OneDimensional")),
+            each("joint_position_command", *COMMANDED)
+            | {
+                pair
+                for output in ("joint_velocity_command", "displacement_command", "displacement_velocity_command")
+                for pair in each(output, *DESIRED)
+            },
             ONE_ARM,
             periods={"period": 0.002},
         ),

@@ -159,7 +159,7 @@ def test_limits_do_not_wind_up():
     log = run(law(lower_limit=-0.01), 400, desired_force=lambda t: 20.0 if t < 0.8 else -20.0)
     command = log["displacement_command"][:, 0]
     assert command.min() == -0.01
-    assert log["displacement_rate_command"][150, 0] == 0.0
+    assert log["displacement_velocity_command"][150, 0] == 0.0
     # It leaves the limit in the tick in which the force turns, as from rest.
     assert command[199] == -0.01
     assert command[200] + 0.01 == pytest.approx(TS**2 / 2 / H * 20.0, rel=1e-9)
@@ -170,7 +170,7 @@ def test_limits_do_not_wind_up():
 def test_a_force_that_is_not_a_number_holds_the_command(bad, port):
     usual = {"desired_force": 20.0, "measured_force": 5.0}
     log = run(law(), 60, **{**usual, port: lambda t: bad if 20 <= round(t / TS) < 40 else usual[port]})
-    command, rate = log["displacement_command"][:, 0], log["displacement_rate_command"][:, 0]
+    command, rate = log["displacement_command"][:, 0], log["displacement_velocity_command"][:, 0]
     assert np.all(command[20:40] == command[19])
     assert np.all(rate[20:40] == 0.0)
     assert command[40] - command[39] == pytest.approx(TS**2 / 2 / H * -15.0, rel=1e-9)

@@ -19,7 +19,7 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
-from pydrake.systems.primitives import Gain
+from pydrake.systems.primitives import Adder, Gain
 from scipy.signal import StateSpace
 
 from forcectl.errors import invalid
@@ -173,27 +173,42 @@ class CompliantContact(BatchBlock):
 
 
 class LinearContact(Diagram):
-    """The two-sided spring of the thesis' analysis: F = -dx/C_T, contact never lost. (2.8)
+    """The two-sided contact of the thesis' analysis, never lost: F = -dx/C_T (2.8), or F = -(K_E dx + D_E dx') (6.1).
 
     ```
     name: LinearContact
-    input_ports: [displacement]
+    input_ports: [displacement, displacement_velocity (optional)]
     output_ports: [contact_force]
     ```
 
-    displacement: shape (n,), dx along n, motor side [m]. contact_force: shape (n,) [N]. Feedthrough.
+    displacement: shape (n,), dx along n, motor side [m]. displacement_velocity: shape (n,), dx' [m/s]; exists with
+    damping. contact_force: shape (n,) [N]. Feedthrough of all inputs.
 
     Sampling: none; evaluated when read.
+
+    Args:
+        damping: D_E [N s/m]; then the robot must be rigid.
     """
 
-    def __init__(self, size: int, *, stiffness: ArrayLike, robot_compliance: ArrayLike = 0.0):
+    def __init__(self, size: int, *, stiffness: ArrayLike, damping: ArrayLike = 0.0, robot_compliance: ArrayLike = 0.0):
         super().__init__()
         k = batch_values("stiffness", stiffness, size, "positive and finite")
+        d = batch_values("damping", damping, size, "not negative")
         c = batch_values("robot_compliance", robot_compliance, size, "not negative")
+        if np.any(d * c > 0):
+            raise invalid("damping", d.tolist(), "0 with one_sided = false, unless elastic_joints = false")
         builder = DiagramBuilder()
         spring = builder.AddNamedSystem("spring", Gain(-k / (1 + c * k)))
         builder.ExportInput(spring.get_input_port(), "displacement")
-        builder.ExportOutput(spring.get_output_port(), "contact_force")
+        force = spring.get_output_port()
+        if np.any(d > 0):
+            damper = builder.AddNamedSystem("damper", Gain(-d))
+            total = builder.AddNamedSystem("sum", Adder(2, size))
+            builder.Connect(force, total.get_input_port(0))
+            builder.Connect(damper.get_output_port(), total.get_input_port(1))
+            builder.ExportInput(damper.get_input_port(), "displacement_velocity")
+            force = total.get_output_port()
+        builder.ExportOutput(force, "contact_force")
         builder.BuildInto(self)
 
 
@@ -212,8 +227,8 @@ class EnvironmentConfig(Config, in_batches=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.one_sided and self.damping:
-            raise invalid("damping", self.damping, "0 with one_sided = false")
+        if not self.one_sided and self.damping and not self.surface.uniform:
+            raise invalid("damping", self.damping, "0 with one_sided = false and heights")
         if not self.one_sided and self.surface.materials is not None:
             raise invalid("one_sided", False, "true with surface.materials")
 
@@ -247,7 +262,10 @@ class EnvironmentConfig(Config, in_batches=True):
 
     def response(self, stiffness: float, robot_compliance: float, period: float) -> StateSpace:
         """From [dx, dx'] to the force of the contact while it lasts, for another K_E [N/m]; see `contact_response`."""
-        return contact_response(stiffness, self.least_damping, robot_compliance, period)
+        if self.one_sided:
+            return contact_response(stiffness, self.least_damping, robot_compliance, period)
+        gain = [[-stiffness / (1 + robot_compliance * stiffness), -self.damping]]
+        return StateSpace(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), gain, dt=period)
 
     def add_to(
         self,
@@ -259,7 +277,9 @@ class EnvironmentConfig(Config, in_batches=True):
     ) -> CompliantContact | LinearContact:
         """Add the contact for a batch of n."""
         if not self.one_sided:
-            linear = LinearContact(size, stiffness=self.stiffness, robot_compliance=robot_compliance)
+            linear = LinearContact(
+                size, stiffness=self.stiffness, damping=self.damping, robot_compliance=robot_compliance
+            )
             return builder.AddNamedSystem("contact", linear)
         stiffness, damping = self.contact_values
         block = CompliantContact(
