@@ -1,3 +1,6 @@
+from forcectl.diagrams.chain import check_stability as check_stability
+from forcectl.diagrams.chain import force_chain as force_chain
+from forcectl.diagrams.drives.commanded_drive import CommandedDriveConfig as CommandedDriveConfig
 from forcectl.diagrams.drives.joint_interface import JointFrictionConfig as JointFrictionConfig
 from forcectl.diagrams.drives.joint_interface import JointInterface as JointInterface
 from forcectl.diagrams.drives.joint_interface import JointInterfaceConfig as JointInterfaceConfig
