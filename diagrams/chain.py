@@ -19,20 +19,20 @@ def force_chain(law: Any, parts: Any, setting: Setting, index: int) -> ForceChai
     """The chain of one contact with the plant as it is.
 
     Args:
-        law: configuration of a force law with `response`.
+        law: configuration of a force law with `sampled_response`.
         parts: of the loop, `LoopParts`.
         setting: of the loop.
         index: of the contact.
     """
     workcell, period = setting.workcell, setting.truth.period
     pressing = partial(_pressing, workcell, workcell.contacts[index])
-    return ForceChain(_measuring(parts, setting), law.response(period), pressing)
+    return ForceChain(_measuring(parts, setting), law.sampled_response(period), pressing)
 
 
 def check_stability(parts: Any, setting: Setting) -> None:
     """Refuse a scenario whose force loop is unstable on a surface that it names.
 
-    Only force laws with a `response` are looked at: `!Admittance`, alone, of one arm or behind a governor.
+    Only force laws with a `sampled_response` are looked at: `!Admittance`, alone, of one arm or behind a governor.
 
     Args:
         parts: of the loop, `LoopParts`.
@@ -43,7 +43,7 @@ def check_stability(parts: Any, setting: Setting) -> None:
     """
     for index, contact in enumerate(setting.workcell.contacts):
         law = _law(parts.controller, contact.arm)
-        if not hasattr(law, "response"):
+        if not hasattr(law, "sampled_response"):
             continue
         chain = force_chain(law, parts, setting, index)
         for key, stiffness in _named(contact).items():
@@ -98,4 +98,4 @@ def _pressing(workcell: Workcell, contact: Contact, stiffness: float) -> StateSp
             pressing: StateSpace = drive.pressing(workcell, contact, stiffness)
             return pressing
     none, eye = np.zeros((2, 2)), np.eye(2)
-    return contact.response(stiffness, workcell.period) * StateSpace(none, eye, eye, none, dt=workcell.period)
+    return contact.sampled_response(stiffness, workcell.period) * StateSpace(none, eye, eye, none, dt=workcell.period)

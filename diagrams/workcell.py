@@ -60,11 +60,11 @@ class Contact:
         """Heights and materials; None of an environment that is a force of its own."""
         return getattr(self.environment, "surface", None)
 
-    def response(self, stiffness: float, period: float) -> StateSpace:
+    def sampled_response(self, stiffness: float, period: float) -> StateSpace:
         """From [dx, dx'] of the motors to the force of a contact of this K_E [N/m]; of an unknown part a spring."""
-        if hasattr(self.environment, "response"):
+        if hasattr(self.environment, "sampled_response"):
             with about(self.environment):
-                return self.environment.response(stiffness, self.robot_compliance, period)
+                return self.environment.sampled_response(stiffness, self.robot_compliance, period)
         return contact_response(stiffness, 0.0, self.robot_compliance, period)
 
     def add_to(self, builder: DiagramBuilder, period: float, *, robot_compliance: float) -> System:

@@ -54,8 +54,8 @@ class PositionDriveConfig(Config, in_batches=True):
 
         The stiffness of the links' side is that at rest; their inertia is left out.
         """
-        moved = self.servo.response(workcell.period) * self.position_loop.response(workcell.period)
-        return contact.response(stiffness, workcell.period) * moved
+        moved = self.servo.sampled_response(workcell.period) * self.position_loop.sampled_response(workcell.period)
+        return contact.sampled_response(stiffness, workcell.period) * moved
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> System:
         """Add the block `drive`."""

@@ -292,7 +292,7 @@ class AdmittanceConfig(Config):
         )
         return AdmittanceForceLaw(admittance, generator, from_command=self.arrangement == "increment")
 
-    def response(self, period: float) -> StateSpace:
+    def sampled_response(self, period: float) -> StateSpace:
         """From the measured force to displacement and rate of the command, without limits and at rest.
 
         A loop with this law is refused when it is unstable, see `forcectl.force.chain`.

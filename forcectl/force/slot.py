@@ -18,8 +18,8 @@ A force law is made a controller of joints by the kinematic inversion. Everythin
 Let outputs be feedthrough at the tick and held, as `SampledBlock` does: the robot then takes the command of a tick in
 that tick; what is a state of the filler it takes one tick later.
 
-A configuration of a force law with `response(period)`, the law as a linear system, is refused where the sampled loop is
-unstable, see `forcectl.force.chain`.
+A configuration of a force law with `sampled_response(period)`, the law as a linear system, is refused where the sampled
+loop is unstable, see `forcectl.force.chain`.
 """
 
 from __future__ import annotations

@@ -39,12 +39,12 @@ class Numbers:
         ts, (w, z, ticks) = self.period, self.sensor
         lag = sensor_filter(1, w, z, ts, ticks)
         w, z, ticks = self.drive
-        moved = PositionLoopConfig(bandwidth=w, damping_ratio=z, delay=ticks * ts).response(ts)
+        moved = PositionLoopConfig(bandwidth=w, damping_ratio=z, delay=ticks * ts).sampled_response(ts)
         if self.servo is None:
-            moved = ServoConfig(ideal=True).response(ts) * moved
+            moved = ServoConfig(ideal=True).sampled_response(ts) * moved
         else:
             k, w_v, w_i = self.servo
-            moved = ServoConfig(position_gain=k, velocity_gain=w_v, integral_gain=w_i).response(ts) * moved
+            moved = ServoConfig(position_gain=k, velocity_gain=w_v, integral_gain=w_i).sampled_response(ts) * moved
         return ForceChain(
             StateSpace(lag.A(), lag.B(), lag.C(), lag.D(), dt=ts),
             admittance_response(self.inertia, self.damping, ts, self.arrangement),

@@ -260,7 +260,7 @@ class EnvironmentConfig(Config, in_batches=True):
             return {"stiffness": self.stiffness}
         return {f"surface.materials.segments.{i}": s.environment_stiffness for i, s in enumerate(materials.segments)}
 
-    def response(self, stiffness: float, robot_compliance: float, period: float) -> StateSpace:
+    def sampled_response(self, stiffness: float, robot_compliance: float, period: float) -> StateSpace:
         """From [dx, dx'] to the force of the contact while it lasts, for another K_E [N/m]; see `contact_response`."""
         if self.one_sided:
             return contact_response(stiffness, self.least_damping, robot_compliance, period)

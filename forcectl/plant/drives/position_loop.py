@@ -133,7 +133,7 @@ class PositionLoopConfig(Config, in_batches=True):
         0.002, "command delay T_t, whole ticks", unit="s", bounds=f"not negative, at most {LONGEST_DELAY:g}"
     )
 
-    def response(self, period: float) -> StateSpace:
+    def sampled_response(self, period: float) -> StateSpace:
         """From [command, its rate] to [reference, its rate] of one axis; the rate of the command is not used."""
         a, b = _held(self.bandwidth, self.damping_ratio, period)
         ticks = whole_multiple("delay", self.delay, period, "period")

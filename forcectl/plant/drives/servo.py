@@ -251,7 +251,7 @@ class ServoConfig(Config, in_batches=True):
         ratio = loop_inertia / rotor_inertia if known else np.ones(len(rotor_inertia))
         return ServoGains(self.position_gain, self.velocity_gain * ratio, self.integral_gain)
 
-    def response(self, period: float) -> StateSpace:
+    def sampled_response(self, period: float) -> StateSpace:
         """From [reference, its rate] to [position, velocity] of one axis without friction; an ideal servo is direct."""
         if self.ideal:
             return StateSpace(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((2, 0)), np.eye(2), dt=period)

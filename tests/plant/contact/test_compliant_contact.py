@@ -244,7 +244,7 @@ def test_a_two_sided_contact_with_a_damper_is_that_of_the_torque_on_a_peg():
     block.GetInputPort("displacement").FixValue(context, [-0.2, 0.1])
     block.GetInputPort("displacement_velocity").FixValue(context, [0.5, 0.0])
     np.testing.assert_allclose(block.GetOutputPort("contact_force").Eval(context), [100.0 - 50.0, -50.0])
-    np.testing.assert_allclose(config.response(500.0, 0.0, 0.004).D, [[-500.0, -100.0]])
+    np.testing.assert_allclose(config.sampled_response(500.0, 0.0, 0.004).D, [[-500.0, -100.0]])
     with pytest.raises(
         BadInputError, match=r"damping .* must be 0 with one_sided = false, unless elastic_joints = false"
     ):
