@@ -20,7 +20,7 @@ from scipy.signal import StateSpace
 
 # A pole nearer to the unit circle than that is not called stable: it would decay over a billion ticks.
 _MARGIN = 1e-9
-_DECADES, _PER_DECADE, _HALVINGS = 6, 20, 40
+_DECADES, _PER_DECADE, _HALVINGS = 6, 5, 24
 
 
 @dataclass(frozen=True)

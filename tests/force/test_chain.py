@@ -145,7 +145,7 @@ def test_no_unstable_chain_passes_and_none_with_a_fifth_of_margin_is_refused():
     assert not np.any(~passed & stable & with_margin)
     # Sharper than asked for: they agree.
     np.testing.assert_array_equal(passed, stable)
-    assert 30 < passed.sum() < 70
+    assert 30 < passed.sum() < 80
     assert (stable & with_margin).sum() > 20
 
 
