@@ -256,7 +256,9 @@ def _labels(ports: Mapping[str, OutputPort], workcell: Workcell) -> dict[str, tu
     found = {}
     for name, port in ports.items():
         size = port.size()
-        if name.endswith("_wrench") and size == len(wrenches[1]):
+        if name.endswith("body_contact_wrench"):
+            found[name] = ("contact_component", tuple(WRENCH_PARTS))
+        elif name.endswith("_wrench") and size == len(wrenches[1]):
             found[name] = wrenches
         elif name == "arm_contact_force":
             found[name] = ("arm", tuple(arms))

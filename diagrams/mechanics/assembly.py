@@ -86,7 +86,7 @@ class Assembly:
         for name in output_names(system):
             if name not in known:
                 self.offer(name, system.GetOutputPort(name))
-            elif name not in TRUTH:  # a truth that is known already is the same
+            elif name not in TRUTH or name == "body_contact_wrench":  # of a surface the truth is the same
                 self.offer(prefix + name, system.GetOutputPort(name))
 
     def want(self, name: str, port: InputPort) -> None:

@@ -6,6 +6,11 @@ from forcectl.plant.contact.compliant_contact import EnvironmentConfig as Enviro
 from forcectl.plant.contact.compliant_contact import LinearContact as LinearContact
 from forcectl.plant.contact.contact_monitor import ContactMode as ContactMode
 from forcectl.plant.contact.contact_monitor import ContactMonitor as ContactMonitor
+from forcectl.plant.contact.contact_truth import BodyContact as BodyContact
+from forcectl.plant.contact.contact_truth import ContactReader as ContactReader
+from forcectl.plant.contact.contact_truth import ContactWrench as ContactWrench
+from forcectl.plant.contact.contact_truth import bodies_named as bodies_named
+from forcectl.plant.contact.contact_truth import wrench_between as wrench_between
 from forcectl.plant.contact.obstacle import ObstacleConfig as ObstacleConfig
 from forcectl.plant.contact.parts import EnvironmentPartsConfig as EnvironmentPartsConfig
 from forcectl.plant.contact.surface import GrooveConfig as GrooveConfig

@@ -81,6 +81,7 @@ SLOTS: dict[str, dict[str, str]] = {
     "sensor": {
         "WristForce": "forcectl.diagrams.sensors:WristForceConfig",
         "JointReadings": "forcectl.diagrams.sensors:JointReadingsConfig",
+        "ContactTruth": "forcectl.diagrams.sensors:ContactTruthConfig",
     },
     "environment": {
         "Surface": "forcectl.plant.contact.compliant_contact:EnvironmentConfig",

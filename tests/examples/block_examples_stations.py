@@ -22,6 +22,7 @@ from forcectl.diagrams.sensors import NormalForce, WristForce
 from forcectl.diagrams.station import build_station
 from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.plant.contact.compliant_contact import CompliantContact, EnvironmentConfig
+from forcectl.plant.contact.contact_truth import ContactWrench, bodies_named
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.contact.parts import EnvironmentPartsConfig
 from forcectl.plant.contact.surface import SurfaceConfig
@@ -156,6 +157,11 @@ def mounting_forces() -> MountingForces:
     return MountingForces(site.plant, list(site.mountings))
 
 
+def contact_wrench() -> ContactWrench:
+    plant = in_plant(touching_workcell(False)).plant
+    return ContactWrench(plant, bodies_named(plant, ["left_link_7"], "on"), None, plant.world_frame())
+
+
 def example(workcell: Callable[[], Workcell], periods: dict[str, float], *truth: str) -> Example:
     """Of the station of a workcell; the truth feels the wrench from outside, where there is one."""
     workcell = cache(workcell)
@@ -268,6 +274,14 @@ STATION_EXAMPLES: dict[type[System], list[Example]] = {
             runnable=lambda: build_station(MULTIBODY(), 3),
             periods=POSTURE,
         ),
+    ],
+    ContactWrench: [
+        Example(
+            contact_wrench,
+            each("body_contact_wrench", "contact_results", "body_poses"),
+            {"joint_position_command": lambda t: moved(touching_workcell(False))(t)},
+            runnable=lambda: build_station(touching_workcell(False), 3),
+        )
     ],
     MountingForces: [
         Example(
