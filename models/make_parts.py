@@ -167,20 +167,20 @@ PLUNGER = """\
         <!-- Compliant: it bears the compliance of the pair, and a convex one is the cheaper field of pressure. -->
         <drake:compliant_hydroelastic/>
         <!-- Not Young's modulus: the pressure at the rod's centre, falling to zero at its surface. Pressed 0.05 mm into
-             the wall with 4, 10 or 30 mm engaged the contact has 120, 300 or 900 kN/m: far above any grasp or arm, so
+             the wall with 4, 10 or 30 mm engaged the contact has 50, 120 or 360 kN/m: far above any grasp or arm, so
              that forces of insertion are those of the grasp. -->
-        <drake:hydroelastic_modulus value="5e7"/>
+        <drake:hydroelastic_modulus value="2e7"/>
         <!-- Zero, on purpose: with a margin Drake widens the field of pressure, and the surface where it is zero is no
              longer that of the part; at clearances of 0.1 to 0.3 mm that is felt. -->
         <drake:hydroelastic_margin value="0"/>
         <!-- As of the body. -->
         <drake:mu_dynamic value="0.15"/>
         <drake:mu_static value="0.15"/>
-        <!-- Damping of the contact, about critical for this mass. The solver of the stations takes the relaxation time:
-             force = K (depth + time rate). It also lets what slides with friction mu at a speed v glide by
-             mu v (time + step) above the wall: 0.02 mm at 75 mm/s, and 1.1 mm with Drake's default of 0.1 s. The
-             Hunt-Crossley value [s/m] is for plants whose solver takes that one. -->
-        <drake:relaxation_time value="0.001"/>
+        <!-- Damping: force = K (depth + time rate) with the solver of the stations. Short beside a step of 1 ms, which
+             damps by itself: at an edge the faces of a mesh approach and part while the parts slide, and with 1 ms that
+             added 10 % to the force of insertion; with Drake's default of 0.1 s a peg would also glide 1.1 mm above the
+             wall. The Hunt-Crossley value [s/m] is for plants whose solver takes that one. -->
+        <drake:relaxation_time value="0.0002"/>
         <drake:hunt_crossley_dissipation value="5"/>
       </drake:proximity_properties>
     </collision>

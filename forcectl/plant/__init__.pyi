@@ -13,6 +13,8 @@ from forcectl.plant.contact.contact_truth import bodies_named as bodies_named
 from forcectl.plant.contact.contact_truth import wrench_between as wrench_between
 from forcectl.plant.contact.obstacle import ObstacleConfig as ObstacleConfig
 from forcectl.plant.contact.parts import EnvironmentPartsConfig as EnvironmentPartsConfig
+from forcectl.plant.contact.peg_contact import PegContact as PegContact
+from forcectl.plant.contact.peg_contact import PegInBoreConfig as PegInBoreConfig
 from forcectl.plant.contact.surface import GrooveConfig as GrooveConfig
 from forcectl.plant.contact.surface import ProfileFileConfig as ProfileFileConfig
 from forcectl.plant.contact.surface import RoughnessConfig as RoughnessConfig

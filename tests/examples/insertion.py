@@ -20,7 +20,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, LeafSystem, Outpu
 from pydrake.systems.primitives import LogVectorOutput, VectorLogSink
 
 from forcectl.models import add_packages
-from forcectl.plant import ContactWrench
+from forcectl.models.make_parts import CLEARANCES
+from forcectl.plant import ContactWrench, PegContact, PegInBoreConfig
 
 Array = np.ndarray
 ABOVE = 0.005  # [m] of the tip over the mouth at the start
@@ -42,25 +43,22 @@ def misalignments(count: int, offset: float = 3e-3, tilt: float = np.radians(5.0
     found = []
     for _ in range(count):
         sizes, angles = rng.uniform(1 / 3, 1.0, 2), rng.uniform(0, 2 * np.pi, 2)
-        pairs = [
-            size * r * np.array([np.cos(a), np.sin(a)])
-            for size, r, a in zip(sizes, (offset, tilt), angles, strict=True)
-        ]
-        found.append(Misalignment(*(tuple(pair.tolist()) for pair in pairs)))
+        along, across = np.array([offset, tilt]) * sizes * np.array([np.cos(angles), np.sin(angles)])
+        found.append(Misalignment((along[0], across[0]), (along[1], across[1])))
     return found
 
 
 class Descent(LeafSystem):
-    """Desired state of the grasp's springs: down at a constant speed [m/s], the rest as misaligned."""
+    """Desired state of the grasp's springs: down at a constant speed [m/s] until a time [s], the rest as misaligned."""
 
-    def __init__(self, start: Array, speed: float):
+    def __init__(self, start: Array, speed: float, until: float):
         super().__init__()
         n = len(start)
 
         def show(context, output):
             desired = np.concatenate([start, np.zeros(n)])
-            desired[2] -= speed * context.get_time()
-            desired[n + 2] = -speed
+            desired[2] -= speed * min(context.get_time(), until)
+            desired[n + 2] = -speed * (context.get_time() < until)
             output.SetFromVector(desired)
 
         self.DeclareVectorOutputPort("desired_state", 2 * n, show, {self.time_ticket()})
@@ -74,12 +72,21 @@ class Run:
         depth: of the tip below the mouth [m].
         force: of the bore on the plunger in the mouth frame, shape (3, samples) [N].
         tilt: of the plunger [rad].
+        place: of the grasp across the axis, shape (2, samples) [m].
     """
 
     time: Array
     depth: Array
     force: Array
     tilt: Array
+    place: Array
+
+    def insertion_force(self, depth: float) -> tuple[float, float]:
+        """Along the axis down to a depth: its mean over the way, and the largest of its means over 10 steps [N]."""
+        way = np.linspace(0.0, depth, 1001)
+        smooth = np.convolve(self.force[2], np.full(10, 0.1), "same")
+        within = (self.depth > 0) & (self.depth < depth)
+        return float(np.interp(way, self.depth, self.force[2]).mean()), float(smooth[within].max())
 
 
 AddContact = Callable[[DiagramBuilder, MultibodyPlant], OutputPort]
@@ -90,10 +97,10 @@ def build(
     misaligned: Misalignment,
     *,
     speed: float = 0.075,
+    until: float = np.inf,
+    above: float = ABOVE,
     time_step: float = 0.001,
     contact: AddContact | None = None,
-    near_rigid: float | None = None,
-    approximation: Any = DiscreteContactApproximation.kSap,
 ) -> tuple[Diagram, VectorLogSink, VectorLogSink]:
     """The rig; `contact` adds a contact in place of the geometry and returns its wrench on the plunger at the mouth."""
     builder = DiagramBuilder()
@@ -102,9 +109,7 @@ def build(
     else:
         plant = builder.AddNamedSystem("plant", MultibodyPlant(time_step))
     plant.SetUseSampledOutputPorts(False)
-    plant.set_discrete_contact_approximation(approximation)
-    if near_rigid is not None:
-        plant.set_sap_near_rigid_threshold(near_rigid)
+    plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
     parser = Parser(plant)
     add_packages(parser.package_map())
     bore = "pipette_body_fine" if clearance == "0p1" else "pipette_body"
@@ -125,14 +130,30 @@ def build(
     plant.WeldFrames(parent, tip, RigidTransform([0.0, 0.0, -HELD]))
     plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
     plant.Finalize()
-    start = np.array([*misaligned.offset, ABOVE + HELD, *misaligned.tilt])
+    start = np.array([*misaligned.offset, above + HELD, *misaligned.tilt])
     plant.SetDefaultPositions(start)
-    descent = builder.AddNamedSystem("descent", Descent(start, speed))
+    descent = builder.AddNamedSystem("descent", Descent(start, speed, until))
     builder.Connect(descent.get_output_port(), plant.get_desired_state_input_port(carriers))
     force = (contact or _geometry)(builder, plant)
     state_log = LogVectorOutput(plant.get_state_output_port(), builder, time_step)
     force_log = LogVectorOutput(force, builder, time_step)
+    builder.ExportOutput(plant.get_state_output_port(), "state")
     return builder.Build(), state_log, force_log
+
+
+def analytic(clearance: str, time_step: float = 0.001, **coefficients: float) -> AddContact:
+    """`PegContact` in place of the geometry."""
+
+    def add(builder: DiagramBuilder, plant: MultibodyPlant) -> OutputPort:
+        config = PegInBoreConfig(clearance=CLEARANCES[clearance], **coefficients)
+        tip, mouth = plant.GetFrameByName("tip"), plant.GetFrameByName("mouth")
+        block = builder.AddNamedSystem("peg_contact", PegContact(plant, tip, mouth, config, time_step=time_step))
+        builder.Connect(plant.get_body_poses_output_port(), block.GetInputPort("body_poses"))
+        builder.Connect(plant.get_body_spatial_velocities_output_port(), block.GetInputPort("body_velocities"))
+        builder.Connect(block.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port())
+        return block.GetOutputPort("body_contact_wrench")
+
+    return add
 
 
 def _geometry(builder: DiagramBuilder, plant: MultibodyPlant) -> OutputPort:
@@ -153,4 +174,4 @@ def insert(clearance: str, misaligned: Misalignment, duration: float = 1.0, **op
     q = states.data()[:5]
     # Tip below the mouth: the grasp's height, minus what is held, turned.
     depth = HELD * np.cos(q[3]) * np.cos(q[4]) - q[2]
-    return Run(states.sample_times(), depth, forces.data()[3:], np.hypot(q[3], q[4]))
+    return Run(states.sample_times(), depth, forces.data()[3:], np.hypot(q[3], q[4]), q[:2])

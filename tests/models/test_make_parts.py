@@ -86,7 +86,7 @@ def test_models_load_with_contact_set_on_purpose():
         rigid = "body" in name or "cap" in name
         assert found.HasProperty("hydroelastic", "compliance_type")
         assert found.HasProperty("hydroelastic", "hydroelastic_modulus") == (not rigid), name
-        assert found.GetProperty("material", "relaxation_time") == (0.0 if rigid else 1e-3)
+        assert found.GetProperty("material", "relaxation_time") == (0.0 if rigid else 2e-4)
         assert found.GetProperty("material", "coulomb_friction").dynamic_friction() == 0.15
         if not rigid:
             assert found.GetProperty("hydroelastic", "margin") == 0.0
