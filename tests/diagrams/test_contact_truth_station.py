@@ -71,6 +71,7 @@ def test_arms_that_press_on_each_other(defaults):
     arms = station(pair=pair, back=back)
     if defaults is not None:
         arms.scene_graph.set_config(SceneGraphConfig(default_proximity_properties=defaults))
+    assert arms.port_units == {"back_body_contact_wrench": "Nm,N"}
     context = crossed(arms)
     read = {name: arms.GetOutputPort(name).Eval(context) for name in ("tip_wrench", "arm_contact_force")}
     plant = arms.plant

@@ -11,7 +11,6 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from forcectl.errors import BadInputError
 from forcectl.models import add_packages
-from forcectl.models.make_parts import CLEARANCES
 from forcectl.plant import PegContact, PegInBoreConfig
 from forcectl.plant.contact.peg_contact import PegProfile, touching
 from tests.examples.insertion import ACROSS, Misalignment, analytic, insert, misalignments
@@ -136,14 +135,16 @@ def test_at_rest_it_balances_the_grasp(time_step, stiffness):
 
 
 @pytest.mark.slow
-@pytest.mark.parametrize("clearance", CLEARANCES)
-def test_it_inserts_with_the_force_of_the_geometry(clearance):
-    """Ten misalignments up to 3 mm and 5 degrees at 75 mm/s, 60 mm deep: mean and largest force within 15 %.
+@pytest.mark.parametrize(("clearance", "count"), [("1p0", 3), ("0p5", 10), ("0p3", 3), ("0p1", 3)])
+def test_it_inserts_with_the_force_of_the_geometry(clearance, count):
+    """Misalignments up to 3 mm and 5 degrees at 75 mm/s, 60 mm deep: mean and largest force within 15 %.
+
+    Of ten at each clearance the mean is off by 5, 9, 8 and 7 % at most, the largest by 13, 9, 8 and 12 %.
 
     On parts of the way the means differ by more, up to 31 % down to 40 mm with 0.3 mm of clearance: a rod that lies
     on a wall askew is softer than a ring, so that the second side touches some millimetres later.
     """
-    for misaligned in misalignments(10):
+    for misaligned in misalignments(count):
         meshes = insert(clearance, misaligned, duration=0.87)
         rings = insert(clearance, misaligned, duration=0.87, contact=analytic(clearance))
         expected = meshes.insertion_force(0.06)
