@@ -8,10 +8,10 @@ A data sheet gives limits, seldom anything of motors and gears. From the largest
     rotor inertia          B = tau (20 ms) / v, joint side: rotors alone would reach v in 20 ms
     transmission damping   4 % of critical, 2 * 0.04 * sqrt(stiffness * B)
     Coulomb friction       5 % of tau
-    viscous friction       10 % of tau at v
+    viscous friction       15 % of tau at v
 
 The two robots shipped with forcectl, an industrial arm of 160 kg and one of 38 kg with two arms, have each of these
-within a factor of 3.5. Friction decides how well forces are felt and how a force loop hunts: measure it if you can.
+within a factor of 4. Friction decides how well forces are felt and how a force loop hunts: measure it if you can.
 """
 
 from __future__ import annotations
@@ -33,7 +33,7 @@ GEAR_RATIO = 100.0
 ROTOR_TIME = 0.02  # [s]
 ACCELERATION_TIME = 0.15  # [s]
 DAMPING_RATIO = 0.04
-COULOMB_SHARE, VISCOUS_SHARE = 0.05, 0.1
+COULOMB_SHARE, VISCOUS_SHARE = 0.05, 0.15
 ASSUMED_SET = "assumed"
 
 

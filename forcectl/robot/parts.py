@@ -134,9 +134,8 @@ def add_robot_with(
     instance = instances[whole.name]
 
     _fix_base(plant, parameters.base_frame, instance, X_WB)
-    followers = _mimics(whole.urdf.joints, parameters)
-    _hold(plant, parameters.held_joints, instance)
-    _hold(plant, followers, instance)
+    followers = _mimics(plant, whole.urdf.joints, parameters, instance)
+    _hold(plant, parameters.held_joints | followers, instance)
     joints = tuple(_revolute_or_prismatic(plant, name, instance) for name in parameters.arm_joints)
     for joint, position in zip(joints, parameters.default_posture, strict=True):
         if not joint.position_lower_limits()[0] <= position <= joint.position_upper_limits()[0]:
@@ -193,8 +192,12 @@ def _fix_base(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex, X_
     plant.WeldFrames(plant.world_frame(), frame, X_WB or RigidTransform())
 
 
-def _mimics(joints: dict[str, UrdfJoint], parameters: ControlParameters) -> dict[str, float]:
+def _mimics(
+    plant: MultibodyPlant, joints: dict[str, UrdfJoint], parameters: ControlParameters, instance: ModelInstanceIndex
+) -> dict[str, float]:
     """Positions at which joints that mimic, and those they mimic, are held where nothing is said of them.
+
+    A joint that others mimic is held where it is nearest to zero; all stay within their limits.
 
     Raises:
         BadInputError: a joint mimics an arm joint, or is one.
@@ -211,7 +214,9 @@ def _mimics(joints: dict[str, UrdfJoint], parameters: ControlParameters) -> dict
                 raise BadInputError(
                     f"joint {follower!r} mimics an arm joint, which is not followed here: must be one of held_joints"
                 )
-            held[name] = 0.0 if mimics is None else mimics[1] * position(mimics[0], (*seen, name)) + mimics[2]
+            wanted = 0.0 if mimics is None else mimics[1] * position(mimics[0], (*seen, name)) + mimics[2]
+            joint = _revolute_or_prismatic(plant, name, instance)
+            held[name] = float(np.clip(wanted, joint.position_lower_limits()[0], joint.position_upper_limits()[0]))
         return held[name]
 
     for name, joint in joints.items():

@@ -1,7 +1,7 @@
 """Control parameters proposed for a model that has none yet, from its joints and their limits.
 
 Arms are the longest chains of joints that do not fork; a chain ends where a gripper begins. Joints before two arms
-part, and all others, are held. The posture is the best of random ones: far from singular, the tool downwards, links apart.
+part, and all others, are held. The posture is the best of random ones: far from singular, tool downwards, links apart.
 """
 
 from __future__ import annotations
@@ -34,7 +34,7 @@ _ARM = 4  # joints at least, of one of several arms
 _TOOL = 0.15  # [m]
 _WIDEST = np.radians(135.0)
 TOUCHING = 0.0105  # [m], nearer than this `LinkDistance` is violated at its default of 10 mm
-_SAMPLES, _KEPT, _PAIRS_LOOKED_AT = 400, 12, 150
+_SAMPLES, _KEPT, _PAIRS_LOOKED_AT = 1500, 12, 150
 
 
 class ModelTree:
@@ -178,10 +178,9 @@ class Explorer:
         """Where postures are looked for, (n,) each."""
         lower = np.array([float(joint.position_lower_limits()[0]) for joint in self.parts.joints])
         upper = np.array([float(joint.position_upper_limits()[0]) for joint in self.parts.joints])
-        middle = np.where(np.isfinite(lower + upper), 0.5 * (lower + upper), 0.0)
-        near = np.clip(0.0, lower, upper)
-        centre = np.where(np.abs(middle) < _WIDEST, middle, near)
-        return np.maximum(lower, centre - _WIDEST), np.minimum(upper, centre + _WIDEST)
+        low, high = np.clip(lower, -np.pi, np.pi), np.clip(upper, -np.pi, np.pi)
+        middle = 0.5 * (low + high)
+        return np.maximum(low, middle - _WIDEST), np.minimum(high, middle + _WIDEST)
 
     def close(self, q: Array, margin: float) -> list[tuple[str, str]]:
         """Pairs of bodies whose shapes are nearer than a margin [m], as `LinkDistance` has it, each sorted."""
@@ -247,7 +246,7 @@ class Explorer:
             smallest = float(np.linalg.svd(J, compute_uv=False)[-1])
             pose = arm.tcp_frame.CalcPoseInWorld(self._context)
             down = max(0.0, -float(pose.rotation().matrix()[2, 2]))
-            found.append(smallest * (0.2 + down**4) * min(1.0, 4 * float(room[arm.joints].min())))
+            found.append(smallest * (0.2 + down**8) * min(1.0, 4 * float(room[arm.joints].min())))
         return found
 
     def _leverage(self) -> Array:

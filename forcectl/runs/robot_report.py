@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RevoluteJoint
 
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, unknown
 from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import Tagged, parse
 from forcectl.models import ROBOT_PARAMETERS, robot_folder
@@ -219,6 +219,9 @@ def _add_arms(report: RobotReport, values: Tagged, tree: ModelTree) -> None:
             held = {name: _nearest_zero(known[name]) for name in loose}
             values["held_joints"] = Tagged(held)
             report.missing["held_joints"] = f"held_joints: {{{', '.join(f'{k}: {v:g}' for k, v in held.items())}}}"
+    for name in values["arm_joints"]:
+        if name not in known:
+            raise unknown("joint", name, known)
     if "arms" not in values and "flange_frame" not in values:
         last = values["arm_joints"][-1] if values["arm_joints"] else ""
         if last in known:
