@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from forcectl.errors import BadInputError, ForcectlError, unknown
+from forcectl.runs.robots.command import robot, say_assumed
 from forcectl.sweeps.commands import merge, sweep
 
 if TYPE_CHECKING:
@@ -162,11 +163,9 @@ def run(
         console.print()
         console.print(verdict_table(result.verdicts, "Expectations"))
         if settings:
-            console.print(
-                "[dim]Expectations are about the scenario as written; with --set they do not fail the run.[/]"
-            )
+            console.print("[dim]Expectations are about the scenario as written; with --set none fails the run.[/]")
     console.print()
-    _say_assumed(result.assumed)
+    say_assumed(result.assumed)
     typer.echo(f"results in {directory}: log.nc, metrics.json, figures/, diagram.html, scenario.yaml, manifest.json")
     if not result.passed and not settings:
         raise typer.Exit(1)
@@ -232,30 +231,10 @@ def check(
     from forcectl.runs.target import named_assumptions, named_diagram
 
     _, diagram = named_diagram(scenario, variant, settings, fidelity)
-
     report = examine(diagram, sensor=source, command=target, scheme=scheme)
     render(report, _console(), verbose=verbose)
-    _say_assumed(named_assumptions(scenario, variant, settings, fidelity))
+    say_assumed(named_assumptions(scenario, variant, settings, fidelity))
     if not report.ok:
-        raise typer.Exit(1)
-
-
-@app.command()
-def robot(
-    folder: Annotated[str, typer.Argument(metavar="FOLDER", help="Robot folder, model file, or shipped robot.")],
-) -> None:
-    """Tell what a robot folder says, what is assumed, and all that is missing with proposed values.
-
-    Exit code 0: complete; 1: something is missing or cannot be used.
-
-    Example: forcectl robot comau_smart_six
-    """
-    from forcectl.runs.robot_report import examine_robot
-    from forcectl.runs.robot_tables import print_robot
-
-    report = examine_robot(folder)
-    print_robot(report, _console())
-    if not report.complete:
         raise typer.Exit(1)
 
 
@@ -304,8 +283,8 @@ def reproduce(
         raise typer.Exit(1)
 
 
-app.command()(sweep)
-app.command()(merge)
+for command in (robot, sweep, merge):
+    app.command()(command)
 
 
 @tuning.command()
@@ -378,12 +357,6 @@ def vrft(
     typer.echo("\n".join([*report_lines(tuned.fit, tuned.record), *(f"warning: {text}" for text in tuned.warnings)]))
     typer.echo(f"results in {directory}: {CONTROLLER}, summary.json, figures/")
     typer.echo(f"next: forcectl run {directory / CONTROLLER}")
-
-
-def _say_assumed(assumed: dict[str, str]) -> None:
-    if assumed:
-        told = ", ".join(f"{name} ({rule})" for name, rule in assumed.items())
-        typer.echo(f"assumed of the robot: {told}; `forcectl robot` shows the values")
 
 
 def _console() -> Console:

@@ -10,13 +10,12 @@ is replaced in a copy of the text:
 - transmissions of joints without a torque limit, and gear ratios, by nothing: see `forcectl.robot.parts` for both;
 - a material's name that stands for two colours by one for each;
 - masses of zero by no inertia at all, and an inertia that no body has by one that a body may have;
-- addresses of packages by the files they name, see `_package_folders`.
+- addresses of packages by the files they name, see `package_folders`.
 """
 
 from __future__ import annotations
 
 import math
-from collections.abc import Iterator
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -28,28 +27,13 @@ from pydrake.math import RollPitchYaw
 
 from forcectl.models import models_folder
 from forcectl.robot.meshes import Enclosure, mesh_enclosure
+from forcectl.robot.urdf_text import NUMBERS, numbers_in, package_folders, parse_xml, wrong_numbers
 
 Element = ElementTree.Element
 
 _BY_DRAKE = (".obj", ".vtk", ".gltf")
-_MOVING = ("revolute", "continuous", "prismatic")
-_UP = 4  # folders above the model that are looked through for a package
 _ENTRIES = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])  # of an inertia, in the order below
-# Attributes that are numbers, and how many.
-_NUMBERS = {
-    "origin": {"xyz": 3, "rpy": 3},
-    "axis": {"xyz": 3},
-    "mass": {"value": 1},
-    "inertia": dict.fromkeys(("ixx", "iyy", "izz", "ixy", "ixz", "iyz"), 1),
-    "limit": dict.fromkeys(("lower", "upper", "effort", "velocity"), 1),
-    "dynamics": {"damping": 1, "friction": 1},
-    "mimic": {"multiplier": 1, "offset": 1},
-    "box": {"size": 3},
-    "cylinder": {"radius": 1, "length": 1},
-    "capsule": {"radius": 1, "length": 1},
-    "sphere": {"radius": 1},
-    "mesh": {"scale": 3},
-}
+_MOVING = ("revolute", "continuous", "prismatic")
 
 
 @dataclass(frozen=True)
@@ -80,7 +64,7 @@ class Urdf:
     Attributes:
         text: in place of the file; "" where it can be used as it is.
         joints: those that move, by name.
-            problems: that must be cured before it can be used.
+        problems: what must be cured before it can be used.
         notes: what was replaced or left out.
         missing_shapes: collision shapes that there is no substitute for.
     """
@@ -104,7 +88,7 @@ def read_urdf(path: Path) -> Urdf:
 def _read(path: Path, _changed: int) -> Urdf:
     found, lines = Urdf(), dict[int, int]()
     try:
-        root = _parse(path.read_bytes(), lines)
+        root = parse_xml(path.read_bytes(), lines)
     except expat.ExpatError as error:
         found.problems.append(f"not valid XML: {error}")
         return found
@@ -112,51 +96,10 @@ def _read(path: Path, _changed: int) -> Urdf:
         found.problems.append(f"its root is <{root.tag}>: must be <robot>")
     if any(element.tag.startswith("xacro:") for element in root.iter()):
         found.problems.append("holds xacro macros: expand them first, `xacro FILE.xacro > FILE.urdf`")
-    found.problems += _wrong_numbers(root, lines)
+    found.problems += wrong_numbers(root, lines)
     if not found.problems:
         _Rewriting(path, root, lines, found).run()
     return found
-
-
-def _parse(data: bytes, lines: dict[int, int]) -> Element:
-    """The tree of a file; prefixes of names are left as they are, for many files do not declare them.
-
-    Args:
-        data: of the file.
-        lines: filled with the line of each element by its id.
-    """
-    builder, parser = ElementTree.TreeBuilder(), expat.ParserCreate()
-
-    def start(tag: str, attributes: dict[str, str]) -> None:
-        lines[id(builder.start(tag, attributes))] = parser.CurrentLineNumber
-
-    parser.StartElementHandler, parser.EndElementHandler = start, builder.end
-    parser.CharacterDataHandler = builder.data
-    parser.Parse(data, True)
-    return builder.close()
-
-
-def _wrong_numbers(root: Element, lines: dict[int, int]) -> Iterator[str]:
-    for element in root.iter():
-        for name, count in _NUMBERS.get(element.tag.rpartition(":")[2], {}).items():
-            text = element.get(name)
-            if text is None:
-                continue
-            allowed = "a finite number" if count == 1 else f"{count} finite numbers"
-            limit = element.tag == "limit"  # which may be infinite
-            numbers = _numbers(text)
-            if numbers is None or len(numbers) != count or not (limit or all(map(math.isfinite, numbers))):
-                yield f"line {lines[id(element)]}: {element.tag} {name} = {text!r}: must be {allowed}"
-            elif element.tag in ("box", "cylinder", "capsule", "sphere") and min(numbers) <= 0:
-                yield f"line {lines[id(element)]}: {element.tag} {name} = {text!r}: must be above zero"
-
-
-def _numbers(text: str) -> list[float] | None:
-    try:
-        numbers = [float(part) for part in text.split()]
-    except ValueError:
-        return None
-    return None if any(map(math.isnan, numbers)) else numbers
 
 
 class _Rewriting:
@@ -225,7 +168,7 @@ class _Rewriting:
         for inertial in link.findall("inertial"):
             mass_element, inertia = inertial.find("mass"), inertial.find("inertia")
             mass = float(mass_element.get("value", "0")) if mass_element is not None else 0.0
-            read = {name: float(inertia.get(name, "0")) for name in _NUMBERS["inertia"]} if inertia is not None else {}
+            read = {name: float(inertia.get(name, "0")) for name in NUMBERS["inertia"]} if inertia is not None else {}
             inertias = _matrix(read) if read else np.zeros((3, 3))
             moments, name = np.linalg.eigvalsh(inertias), link.get("name")
             if mass < 0:
@@ -248,7 +191,7 @@ class _Rewriting:
         moments[:2] += max(0.0, 0.5 * (moments[2] - moments[0] - moments[1]) * (1 + 1e-6))
         M = axes @ np.diag(moments) @ axes.T
         if inertia is not None:
-            for name, value in zip(_NUMBERS["inertia"], M[_ENTRIES], strict=True):
+            for name, value in zip(NUMBERS["inertia"], M[_ENTRIES], strict=True):
                 inertia.set(name, repr(float(value)))
         self._changed = True
 
@@ -271,7 +214,7 @@ class _Rewriting:
         suffix = file.suffix.lower()
         if suffix in _BY_DRAKE or (visual and suffix != ".stl"):
             return
-        scale = np.array(_numbers(mesh.get("scale", "")) or [1.0, 1.0, 1.0])
+        scale = np.array(numbers_in(mesh.get("scale", "")) or [1.0, 1.0, 1.0])
         try:
             around = mesh_enclosure(file, scale)
         except (ValueError, OSError) as error:
@@ -295,7 +238,7 @@ class _Rewriting:
         if scheme == "file":
             return Path(rest) if Path(rest).is_file() else None
         package, _, inside = rest.lstrip("/").partition("/")
-        for root in _package_folders(self._path.parent, package):
+        for root in package_folders(self._path.parent, package):
             if (root / inside).is_file():
                 return root / inside
         return None
@@ -311,9 +254,9 @@ class _Rewriting:
         if kind not in _MOVING:
             return
         axis, limit = joint.find("axis"), joint.find("limit")
-        if axis is not None and not any(_numbers(axis.get("xyz", "1 0 0")) or [1.0]):
+        if axis is not None and not any(numbers_in(axis.get("xyz", "1 0 0")) or [1.0]):
             self._problem(joint, f"joint {name!r}: axis is zero")
-        values = {each: float(limit.get(each, "0")) for each in _NUMBERS["limit"]} if limit is not None else {}
+        values = {each: float(limit.get(each, "0")) for each in NUMBERS["limit"]} if limit is not None else {}
         if values and values["lower"] > values["upper"]:
             low, high = values["lower"], values["upper"]
             self._problem(joint, f"joint {name!r}: limit from {low:g} to {high:g}: lower must not be above upper")
@@ -322,7 +265,7 @@ class _Rewriting:
                 self._problem(joint, f"joint {name!r}: {each} = {values[each]:g}: must not be negative")
         dynamics = joint.find("dynamics")
         friction = (
-            {each: float(dynamics.get(each, "0")) for each in _NUMBERS["dynamics"]} if dynamics is not None else {}
+            {each: float(dynamics.get(each, "0")) for each in NUMBERS["dynamics"]} if dynamics is not None else {}
         )
         if any(friction.values()) and dynamics is not None:
             self._remove(joint, dynamics)
@@ -352,7 +295,7 @@ class _Rewriting:
         joints = {name: self._found.joints[name] for name in names if name in self._found.joints}
         for part in (transmission, *transmission.findall("actuator"), *transmission.findall("joint")):
             for reduction in part.findall("mechanicalReduction"):
-                ratio = (_numbers(reduction.text or "") or [1.0])[0] or 1.0
+                ratio = (numbers_in(reduction.text or "") or [1.0])[0] or 1.0
                 self._found.joints |= {name: replace(joint, reduction=ratio) for name, joint in joints.items()}
                 self._remove(part, reduction)
         if any(not math.isfinite(joint.effort) for joint in joints.values()):
@@ -372,8 +315,8 @@ def _put(shape: Element, around: Enclosure) -> None:
         return
     if origin is None:
         origin = ElementTree.SubElement(shape, "origin")
-    xyz = np.array(_numbers(origin.get("xyz", "")) or [0.0] * 3)
-    R = RollPitchYaw(np.array(_numbers(origin.get("rpy", "")) or [0.0] * 3)).ToRotationMatrix()
+    xyz = np.array(numbers_in(origin.get("xyz", "")) or [0.0] * 3)
+    R = RollPitchYaw(np.array(numbers_in(origin.get("rpy", "")) or [0.0] * 3)).ToRotationMatrix()
     origin.set("xyz", _text(xyz + R @ around.X.translation()))
     origin.set("rpy", _text(RollPitchYaw(R @ around.X.rotation()).vector()))
     for mesh in geometry.findall("mesh"):
@@ -389,24 +332,3 @@ def _put(shape: Element, around: Enclosure) -> None:
 
 def _text(numbers: np.ndarray) -> str:
     return " ".join(repr(float(each)) for each in numbers)
-
-
-def _package_folders(folder: Path, name: str) -> Iterator[Path]:
-    """Where a package may be: a folder of its name, or whose package.xml names it, beside or above a model.
-
-    Last the model's own folder and the one above, whatever they are called: a package that was copied.
-    """
-    above = [folder, *list(folder.parents)[:_UP]]
-    for place in above:
-        yield place / name
-        if place.name == name or _package_name(place) == name:
-            yield place
-    yield from above[:2]
-
-
-def _package_name(folder: Path) -> str:
-    try:
-        text = ElementTree.parse(folder / "package.xml").findtext("name")
-    except (OSError, ElementTree.ParseError):
-        return ""
-    return (text or "").strip()

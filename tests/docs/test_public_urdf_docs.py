@@ -10,7 +10,7 @@ import pytest
 
 import forcectl as fc
 from forcectl.framework.yaml_tree import parse
-from forcectl.runs.robot_report import examine_robot
+from forcectl.runs.robots.report import examine_robot
 from tests.examples.public_robots import write_public_robot
 
 PAGE = (Path(__file__).parents[2] / "docs" / "from_a_public_urdf.md").read_text(encoding="utf-8")

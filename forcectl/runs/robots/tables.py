@@ -12,8 +12,8 @@ from rich.table import Table
 
 from forcectl.robot.parameters import ControlParameters
 from forcectl.runs.listing import new_table
-from forcectl.runs.robot_proposal import Explorer
-from forcectl.runs.robot_report import RobotReport, Understood
+from forcectl.runs.robots.proposal import Explorer
+from forcectl.runs.robots.report import RobotReport, Understood
 
 
 def print_robot(report: RobotReport, console: Console) -> None:

@@ -10,7 +10,7 @@ import pytest
 from forcectl.framework.yaml_tree import parse
 from forcectl.models import list_robots
 from forcectl.robot.model import RobotModel
-from forcectl.runs.robot_report import examine_robot
+from forcectl.runs.robots.report import examine_robot
 from tests.examples.public_robots import GRIPPER, arm_xml, write_public_robot
 from tests.examples.robot_folders import CONTROL, write_planar_robot
 

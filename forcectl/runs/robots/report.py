@@ -18,9 +18,9 @@ from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import Tagged, parse
 from forcectl.models import ROBOT_PARAMETERS, robot_folder
 from forcectl.robot.assumptions import ACCELERATION_TIME
+from forcectl.robot.model_file import ModelFile, add_models
 from forcectl.robot.parameters import ControlParameters, missing_limits
-from forcectl.robot.parts import ModelFile, add_models
-from forcectl.runs.robot_proposal import TOUCHING, Explorer, Found, ModelTree
+from forcectl.runs.robots.proposal import TOUCHING, Explorer, Found, ModelTree
 
 Array = NDArray[np.float64]
 
