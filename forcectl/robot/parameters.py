@@ -263,10 +263,14 @@ def missing_limits(keys: Mapping[str, Any], model: Path, joints: Sequence[str] =
     if model.suffix.lower() != ".urdf" or all(name in keys for name in DERIVED):
         return []
     known = read_urdf(model).joints
-    named = joints or keys.get("arm_joints") or [name for name, joint in known.items() if joint.mimics is None]
+    named = joints or keys.get("arm_joints")
+    if not isinstance(named, list | tuple):
+        named = [name for name, joint in known.items() if joint.mimics is None]
     texts = []
     for name, quantity in (("velocity_limit", "velocity"), ("torque_limit", "effort")):
-        without = [each for each in named if each in known and not np.isfinite(getattr(known[each], quantity))]
+        without = [
+            each for each in map(str, named) if each in known and not np.isfinite(getattr(known[each], quantity))
+        ]
         if without and name not in keys:
             declared = next(key_of(each) for each, _ in typed_fields(ControlParameters) if each.name == name)
             meaning = f"{declared.meaning.partition(';')[0]} [{declared.unit}]"

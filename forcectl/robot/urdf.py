@@ -276,9 +276,10 @@ class _Rewriting:
                 self._problem(joint, f"joint {name!r}: mimics {mimics[0]!r}: there is no such joint")
         # Zero stands for "not known" in public models: nothing could move otherwise.
         effort, velocity = (values.get(each, 0.0) or math.inf for each in ("effort", "velocity"))
-        if velocity == math.inf and values.get("velocity") == 0.0 and limit is not None:
-            del limit.attrib["velocity"]
-            self._changed = True
+        endless = [each for each, value in values.items() if not math.isfinite(value)]
+        if limit is not None:
+            for each in [*endless, *(["velocity"] if velocity == math.inf else [])]:
+                self._changed |= limit.attrib.pop(each, None) is not None
         self._found.joints[name] = UrdfJoint(kind, effort, velocity, mimics=mimics, **friction)
 
     def _materials(self) -> None:

@@ -10,6 +10,7 @@ from xml.parsers import expat
 
 Element = ElementTree.Element
 
+_LARGEST = 1e9  # in SI units, of what is no limit
 _UP = 4  # folders above the model that are looked through for a package
 # Attributes that are numbers, and how many.
 NUMBERS = {
@@ -53,10 +54,10 @@ def wrong_numbers(root: Element, lines: dict[int, int]) -> Iterator[str]:
             text = element.get(name)
             if text is None:
                 continue
-            allowed = "a finite number" if count == 1 else f"{count} finite numbers"
+            allowed = f"a number up to {_LARGEST:g}" if count == 1 else f"{count} numbers up to {_LARGEST:g}"
             limit = element.tag == "limit"  # which may be infinite
             numbers = numbers_in(text)
-            if numbers is None or len(numbers) != count or not (limit or all(map(math.isfinite, numbers))):
+            if numbers is None or len(numbers) != count or not (limit or max(map(abs, numbers)) <= _LARGEST):
                 yield f"line {lines[id(element)]}: {element.tag} {name} = {text!r}: must be {allowed}"
             elif element.tag in ("box", "cylinder", "capsule", "sphere") and min(numbers) <= 0:
                 yield f"line {lines[id(element)]}: {element.tag} {name} = {text!r}: must be above zero"

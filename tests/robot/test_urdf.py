@@ -65,6 +65,15 @@ def test_joints_without_actuators_get_the_limits_of_the_parameters(arm):
     assert np.isinf(limits.position_upper[5])  # continuous
 
 
+def test_infinite_limits_and_none_are_none(tmp_path):
+    file = write_planar_robot(tmp_path) / "planar.urdf"
+    text = file.read_text().replace('lower="-3" upper="3" effort="50"', 'lower="-inf" upper="inf" effort="inf"')
+    file.write_text(text.replace(' velocity="2"', ""))
+    limits = RobotModel.load(tmp_path, None).limits
+    for limit in (limits.position_upper, limits.velocity, limits.torque):
+        np.testing.assert_array_equal(limit, np.inf)
+
+
 def test_joints_that_mimic_are_held_where_their_leader_puts_them(arm):
     # Where nothing is said the leader is nearest to zero, at 0.01 m.
     for held, leader in (("", 0.01), ("held_joints: {finger_a_joint: 0.02}\n", 0.02)):
@@ -137,10 +146,11 @@ def test_an_inertia_that_no_body_has_is_raised(tmp_path):
 
 
 PROBLEMS = [
-    ('<axis xyz="0 0 1"/>', '<axis xyz="x"/>', "axis xyz = 'x': must be 3 finite numbers"),
+    ('<axis xyz="0 0 1"/>', '<axis xyz="x"/>', "axis xyz = 'x': must be 3 numbers up to 1e+09"),
     ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "axis is zero"),
     ('<mass value="2"/>', '<mass value="-2"/>', "link 'base': mass = -2 kg: must not be negative"),
-    ('<mass value="2"/>', '<mass value="nan"/>', "mass value = 'nan': must be a finite number"),
+    ('<mass value="2"/>', '<mass value="nan"/>', "mass value = 'nan': must be a number up to 1e+09"),
+    ('<mass value="2"/>', '<mass value="1e308"/>', "mass value = '1e308': must be a number up to 1e+09"),
     ('ixx="0.001"', 'ixx="-0.001"', "inertia -0.001, 0.03, 0.03 kg m2: must not be negative"),
     ('lower="-3" upper="3"', 'lower="3" upper="-3"', "limit from 3 to -3: lower must not be above upper"),
     ('effort="50"', 'effort="-50"', "effort = -50: must not be negative"),

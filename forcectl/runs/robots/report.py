@@ -13,7 +13,7 @@ from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import BodyIndex, RevoluteJoint
 
-from forcectl.errors import BadInputError, unknown
+from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import Tagged, parse
 from forcectl.models import ROBOT_PARAMETERS, robot_folder
@@ -214,12 +214,14 @@ def _add_arms(report: RobotReport, values: Tagged, tree: ModelTree) -> None:
                 lines.append(f"  {name}: {{flange_frame: {flange}, joints: [{', '.join(own)}]{turned}}}")
             values["arms"] = parts
             report.missing["arms"] = "\n".join(lines)
-        loose = [name for name in known if name not in joints and name not in values.get("held_joints", {})]
+        loose = [name for name in known if name not in joints]
         if loose and "held_joints" not in values:
             held = {name: _nearest_zero(known[name]) for name in loose}
             values["held_joints"] = Tagged(held)
             report.missing["held_joints"] = f"held_joints: {{{', '.join(f'{k}: {v:g}' for k, v in held.items())}}}"
-    for name in values["arm_joints"]:
+    if not isinstance(values["arm_joints"], list) or not values["arm_joints"]:
+        raise invalid("arm_joints", values["arm_joints"], "a list of joint names")
+    for name in map(str, values["arm_joints"]):
         if name not in known:
             raise unknown("joint", name, known)
     if "arms" not in values and "flange_frame" not in values:
