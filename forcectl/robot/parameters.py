@@ -8,7 +8,7 @@ parameters as constants; their arrays are read-only.
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator, Mapping, Sequence
+from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
@@ -252,25 +252,23 @@ def _load(kind: type[T], file: Path) -> T:
     return parameters
 
 
-def missing_limits(keys: Mapping[str, Any], model: Path, joints: Sequence[str] = ()) -> list[str]:
+def missing_limits(keys: Mapping[str, Any], model: Path) -> list[str]:
     """Limits that a URDF file does not give, and that are needed for what is assumed of the drives, one text for each.
 
     Args:
-        keys: of the control parameters.
+        keys: of the control parameters; without arm joints all joints count that move by themselves.
         model: the file; of others than URDF nothing is said.
-        joints: arm joints; when empty those in the keys, or all that move by themselves.
     """
     if model.suffix.lower() != ".urdf" or all(name in keys for name in DERIVED):
         return []
     known = read_urdf(model).joints
-    named = joints or keys.get("arm_joints")
-    if not isinstance(named, list | tuple):
+    named = keys.get("arm_joints")
+    if not isinstance(named, list):
         named = [name for name, joint in known.items() if joint.mimics is None]
     texts = []
     for name, quantity in (("velocity_limit", "velocity"), ("torque_limit", "effort")):
-        without = [
-            each for each in map(str, named) if each in known and not np.isfinite(getattr(known[each], quantity))
-        ]
+        limits = {each: getattr(known[each], quantity) for each in map(str, named) if each in known}
+        without = [each for each, limit in limits.items() if not np.isfinite(limit)]
         if without and name not in keys:
             declared = next(key_of(each) for each, _ in typed_fields(ControlParameters) if each.name == name)
             meaning = f"{declared.meaning.partition(';')[0]} [{declared.unit}]"

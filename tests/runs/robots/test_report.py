@@ -2,15 +2,21 @@
 
 from __future__ import annotations
 
+import contextlib
+import io
 import json
+import re
 
 import numpy as np
 import pytest
+from rich.console import Console
 
+from forcectl.errors import BadInputError
 from forcectl.framework.yaml_tree import parse
 from forcectl.models import list_robots
 from forcectl.robot.model import RobotModel
 from forcectl.runs.robots.report import examine_robot
+from forcectl.runs.robots.tables import print_robot
 from tests.examples.public_robots import GRIPPER, arm_xml, write_public_robot
 from tests.examples.robot_folders import CONTROL, write_planar_robot
 
@@ -266,3 +272,27 @@ def test_free_and_massless_joints_are_noted(tmp_path):
     (tmp_path / "hollow").mkdir()
     (tmp_path / "hollow/arm.urdf").write_text(hollow + "</robot>")
     assert any("joint_6 moves has no inertia" in note for note in examine_robot(tmp_path / "hollow").notes)
+
+
+def test_damaged_files_are_told_and_never_raise(tmp_path):
+    folder = write_public_robot(tmp_path)
+    adopt(folder)
+    files = [folder / "arm.urdf", folder / "my.control.yaml"]
+    whole, rng = [file.read_text() for file in files], np.random.default_rng(11)
+    refused = 0
+    for _ in range(40):
+        for file, text in zip(files, whole, strict=True):
+            words = list(re.finditer(r"[\w.-]+", text))
+            word = words[rng.integers(len(words))]
+            other = rng.choice(["0", "-1", "nan", "x", "1e308", "[]", "joint_2", "world", "floating", ""])
+            file.write_text(text[: word.start()] + str(other) + text[word.end() :])
+        report = examine_robot(folder)
+        refused += not report.complete
+        if report.complete:
+            robot = RobotModel.load(folder, None)
+            assert np.isfinite(robot.gravity_torque(robot.create_context())).all()
+        else:
+            print_robot(report, Console(file=io.StringIO()))
+            with contextlib.suppress(BadInputError):
+                RobotModel.load(folder, None)
+    assert refused > 20
