@@ -1,3 +1,6 @@
+from forcectl.diagrams.chain import check_stability as check_stability
+from forcectl.diagrams.chain import force_chain as force_chain
+from forcectl.diagrams.drives.commanded_drive import CommandedDriveConfig as CommandedDriveConfig
 from forcectl.diagrams.drives.joint_interface import JointFrictionConfig as JointFrictionConfig
 from forcectl.diagrams.drives.joint_interface import JointInterface as JointInterface
 from forcectl.diagrams.drives.joint_interface import JointInterfaceConfig as JointInterfaceConfig
@@ -26,6 +29,7 @@ from forcectl.diagrams.model import read_friction as read_friction
 from forcectl.diagrams.one_dimensional_loop import OneDimensionalLoop as OneDimensionalLoop
 from forcectl.diagrams.one_dimensional_loop import OneDimensionalLoopConfig as OneDimensionalLoopConfig
 from forcectl.diagrams.one_dimensional_loop import build_one_dimensional_loop as build_one_dimensional_loop
+from forcectl.diagrams.sensors import ContactTruthConfig as ContactTruthConfig
 from forcectl.diagrams.sensors import JointReadingsConfig as JointReadingsConfig
 from forcectl.diagrams.sensors import NormalForce as NormalForce
 from forcectl.diagrams.sensors import WristForce as WristForce

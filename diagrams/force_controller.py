@@ -6,8 +6,9 @@ from itertools import pairwise
 from typing import Any
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
-from pydrake.systems.primitives import Demultiplexer, PassThrough
+from pydrake.systems.primitives import Demultiplexer, MatrixGain, PassThrough
 
 from forcectl.errors import BadInputError
 from forcectl.force.kinematic_inversion import ConstantKinematicInversion, KinematicInversion, joint_direction
@@ -24,13 +25,16 @@ class ForceController(Diagram):
     ```
     name: ForceController
     input_ports: [desired_force, measured_force, motor_position, motor_velocity, unconstrained_reference]
-    output_ports: [joint_position_command, displacement_command, (further outputs of the law)]
+    output_ports: [joint_position_command, joint_velocity_command (optional), displacement_command,
+    (further outputs of the law)]
     ```
 
     desired_force, measured_force: shape (k,) [N]. motor_position, motor_velocity, unconstrained_reference: shape (n_q,)
     [rad, rad/s, rad]; the last is the joint motion in the unconstrained directions, from the start posture.
     joint_position_command: shape (n_q,) [rad]. Feedthrough of desired_force, measured_force and unconstrained_reference
     at the tick. Feedthrough of motor_position when the law predicts.
+    joint_velocity_command: shape (n_q,) [rad/s], of a law that puts out a displacement_velocity_command, where the
+    Jacobian is constant. Feedthrough of desired_force and measured_force.
     displacement_command: shape (k,) [m]. Feedthrough of desired_force and measured_force at the tick. Feedthrough of
     motor_position when the law predicts.
     All outputs are feedthrough of all inputs when those of the law are.
@@ -86,6 +90,10 @@ class ForceController(Diagram):
             wanted = asked.get_output_port()
             self._displace(builder, "path_displacement", law, model, lambda port: connect(wanted, port))
         builder.ExportOutput(inversions[-1].GetOutputPort("joint_position_command"), "joint_position_command")
+        if model.constant_jacobian and "displacement_velocity_command" in output_names(law):
+            speeds = add("joint_speeds", MatrixGain(_direction(model).reshape(-1, 1)))
+            connect(law.GetOutputPort("displacement_velocity_command"), speeds.get_input_port())
+            builder.ExportOutput(speeds.get_output_port(), "joint_velocity_command")
         export_all_outputs(builder, law)
         builder.BuildInto(self)
 
@@ -105,11 +113,17 @@ def _suffixes(model: PlantModel) -> list[str]:
     return [""] if model.size == 1 else [f"_{arm or i + 1}" for i, arm in enumerate(model.arms)]
 
 
+def _direction(model: PlantModel) -> NDArray[np.float64]:
+    """J^-1 n at the start, shape (n_q,) [rad/m]."""
+    robot = model.known_robot()
+    return joint_direction(robot.jacobian(robot.context_at(model.start)), model.n)
+
+
 def _inversion(model: PlantModel) -> System:
     robot = model.known_robot()
     if model.constant_jacobian:
         jacobian = robot.jacobian(robot.context_at(model.start))
-        return ConstantKinematicInversion(joint_direction(jacobian, model.n), model.n @ jacobian[3:], model.start)
+        return ConstantKinematicInversion(_direction(model), model.n @ jacobian[3:], model.start)
     return KinematicInversion(robot, model.n, model.start, period=model.posture_period, limit=model.singularity_limit)
 
 

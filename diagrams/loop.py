@@ -20,6 +20,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType, System
 
 from forcectl.conventions import TRUTH, unit_of
+from forcectl.diagrams.chain import check_stability
 from forcectl.diagrams.force_controller import build_controller
 from forcectl.diagrams.log import LoggedLoop, add_log
 from forcectl.diagrams.mechanics.station_surface import CONTACT_FORCE
@@ -141,6 +142,8 @@ def build_loop(parts: LoopParts) -> Loop:
     """
     setting = parts.setting()
     workcell, model = setting.workcell, setting.model
+    with about(parts.station):
+        check_stability(parts, setting)
     builder = DiagramBuilder()
     readings = getattr(parts.station.drive, "readings", {})
     signals = Signals(builder, TRUTH | readings.keys(), readings)
@@ -253,7 +256,9 @@ def _labels(ports: Mapping[str, OutputPort], workcell: Workcell) -> dict[str, tu
     found = {}
     for name, port in ports.items():
         size = port.size()
-        if name.endswith("_wrench") and size == len(wrenches[1]):
+        if name.endswith("body_contact_wrench"):
+            found[name] = ("contact_component", tuple(WRENCH_PARTS))
+        elif name.endswith("_wrench") and size == len(wrenches[1]):
             found[name] = wrenches
         elif name == "arm_contact_force":
             found[name] = ("arm", tuple(arms))

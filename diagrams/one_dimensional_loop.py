@@ -144,17 +144,19 @@ def build_one_dimensional_loop(
     if config.servo.ideal:
         parts = builder.AddNamedSystem("displacement_and_rate", Demultiplexer([size, size]))
         connect(loop.GetOutputPort("reference"), parts.get_input_port())
-        displacement = parts.get_output_port(0)
+        displacement, velocity = parts.get_output_port(0), parts.get_output_port(1)
     else:
         servo = config.servo.add_to(builder, size, config.period)
         connect(loop.GetOutputPort("reference"), servo.GetInputPort("reference"))
-        displacement = servo.GetOutputPort("position")
+        displacement, velocity = servo.GetOutputPort("position"), servo.GetOutputPort("velocity")
     contact = config.environment.add_to(builder, size, config.period, robot_compliance=config.robot_compliance)
     sensor = sensor_config.add_channels(builder, config.period, size=size, seed=seeds)
     connect(reference.GetOutputPort("desired_force"), law.GetInputPort("desired_force"))
     connect(sensor.GetOutputPort("measured_force"), law.GetInputPort("measured_force"))
     connect(law.GetOutputPort("displacement_command"), loop.GetInputPort("command"))
     connect(displacement, contact.GetInputPort("displacement"))
+    if "displacement_velocity" in input_names(contact):
+        connect(velocity, contact.GetInputPort("displacement_velocity"))
     connect(contact.GetOutputPort("contact_force"), sensor.GetInputPort("force"))
     if "motor_displacement" in input_names(law):
         connect(displacement, law.GetInputPort("motor_displacement"))

@@ -1,4 +1,4 @@
-"""The sensors of a station: `!WristForce` and `!JointReadings`."""
+"""The sensors of a station: `!WristForce` and `!JointReadings`; and `!ContactTruth`, which no robot has."""
 
 from __future__ import annotations
 
@@ -8,9 +8,10 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.diagrams.mechanics.site import Site
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, invalid
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import made_by
+from forcectl.plant.contact.contact_truth import ContactWrench, bodies_named, frame_called
 from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 from forcectl.plant.sensors.joint_sensors import JointSensors, ReadingFault
 from forcectl.plant.sensors.wrist_sensor import WristSensor
@@ -169,3 +170,35 @@ class JointReadingsConfig(Config):
             ],
         )
         return builder.AddNamedSystem("joint_sensors", block)
+
+
+@dataclass(kw_only=True)
+class ContactTruthConfig(Config):
+    """Scenario part `!ContactTruth`: the true wrench of contacts between named bodies, for the log and for judging.
+
+    A body is named as in the plant, "left_link_7" or "left_yumi_gripper::base"; the name of a model is all its bodies.
+    """
+
+    on: list[str] = key(meaning="bodies that are acted on")
+    by: list[str] = key([], "bodies that act on them; empty: all others")
+    frame: str = key("world", "whose origin and axes the wrench is given in")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.on:
+            raise invalid("on", self.on, "at least one body")
+
+    def add_to(self, builder: DiagramBuilder, site: Site) -> ContactWrench:
+        """Add the block `contact_wrench`.
+
+        Raises:
+            BadInputError: the plant has no such body or frame, or a body is on both sides.
+        """
+        if site.plant is None:
+            raise BadInputError("contacts between bodies need the fidelity Multibody")
+        on = bodies_named(site.plant, self.on, "on")
+        by = bodies_named(site.plant, self.by, "by") if self.by else None
+        if by is not None and on & by:
+            raise invalid("by", self.by, "other bodies than those of on")
+        frame = frame_called(site.plant, self.frame, "frame")
+        return builder.AddNamedSystem("contact_wrench", ContactWrench(site.plant, on, by, frame))

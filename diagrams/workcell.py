@@ -8,12 +8,14 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiagramBuilder, System
+from scipy.signal import StateSpace
 
 from forcectl.errors import BadInputError, about, invalid
 from forcectl.force.kinematic_inversion import check_start_posture
 from forcectl.framework.batch import whole_multiple
 from forcectl.framework.wiring import add_part
 from forcectl.plant.compliance import compliance_along, robot_compliance
+from forcectl.plant.contact.compliant_contact import contact_response
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.robot.model import RobotModel, unit_normal
@@ -57,6 +59,13 @@ class Contact:
     def surface(self) -> SurfaceConfig | None:
         """Heights and materials; None of an environment that is a force of its own."""
         return getattr(self.environment, "surface", None)
+
+    def sampled_response(self, stiffness: float, period: float) -> StateSpace:
+        """From [dx, dx'] of the motors to the force of a contact of this K_E [N/m]; of an unknown part a spring."""
+        if hasattr(self.environment, "sampled_response"):
+            with about(self.environment):
+                return self.environment.sampled_response(stiffness, self.robot_compliance, period)
+        return contact_response(stiffness, 0.0, self.robot_compliance, period)
 
     def add_to(self, builder: DiagramBuilder, period: float, *, robot_compliance: float) -> System:
         """The environment as a force over a displacement, in series with C_R [m/N]; sampled every `period` [s]."""

@@ -13,6 +13,7 @@ from typing import TYPE_CHECKING, Annotated
 import typer
 
 from forcectl.errors import BadInputError, ForcectlError, unknown
+from forcectl.runs.robots.command import robot, say_assumed
 from forcectl.sweeps.commands import merge, sweep
 
 if TYPE_CHECKING:
@@ -162,10 +163,9 @@ def run(
         console.print()
         console.print(verdict_table(result.verdicts, "Expectations"))
         if settings:
-            console.print(
-                "[dim]Expectations are about the scenario as written; with --set they do not fail the run.[/]"
-            )
+            console.print("[dim]Expectations are about the scenario as written; with --set none fails the run.[/]")
     console.print()
+    say_assumed(result.assumed)
     typer.echo(f"results in {directory}: log.nc, metrics.json, figures/, diagram.html, scenario.yaml, manifest.json")
     if not result.passed and not settings:
         raise typer.Exit(1)
@@ -228,12 +228,12 @@ def check(
     Example: forcectl check fig_2_7 --from station.measured_force --to station/plant.joint_position_command
     """
     from forcectl.doctor import examine, render
-    from forcectl.runs.target import named_diagram
+    from forcectl.runs.target import named_assumptions, named_diagram
 
     _, diagram = named_diagram(scenario, variant, settings, fidelity)
-
     report = examine(diagram, sensor=source, command=target, scheme=scheme)
     render(report, _console(), verbose=verbose)
+    say_assumed(named_assumptions(scenario, variant, settings, fidelity))
     if not report.ok:
         raise typer.Exit(1)
 
@@ -283,8 +283,8 @@ def reproduce(
         raise typer.Exit(1)
 
 
-app.command()(sweep)
-app.command()(merge)
+for command in (robot, sweep, merge):
+    app.command()(command)
 
 
 @tuning.command()

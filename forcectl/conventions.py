@@ -71,6 +71,7 @@ SIGNALS: dict[str, Signal] = {
     "tip_wrench": Signal("Nm,N", "6a", "of loads and contacts on the tools, at each TCP in the world", True),
     "applied_wrench": Signal("Nm,N", "6a", "of the loads at each TCP in the world", True),
     "arm_contact_force": Signal("N", "a", "sum of the magnitudes of the contact forces on each arm", True),
+    "body_contact_wrench": Signal("Nm,N", "6", "between the bodies of a `!ContactTruth`, in its frame", True),
 }
 
 # Names of ports inside of parts.
@@ -81,6 +82,7 @@ _FURTHER = {
     "displacement": "m",
     "displacement_velocity": "m/s",
     "displacement_command": "m",
+    "displacement_velocity_command": "m/s",
     "motor_displacement": "m",
     "motor_state": "rad,rad/s",
     "spring_torque": "Nm",

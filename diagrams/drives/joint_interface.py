@@ -21,9 +21,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder
+from scipy.signal import StateSpace
 
 from forcectl.diagrams.mechanics.site import Site
-from forcectl.diagrams.workcell import Workcell
+from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_outputs
@@ -31,6 +32,7 @@ from forcectl.plant.drives.joint_friction import JointFriction
 from forcectl.plant.drives.joint_servo import JointServo
 from forcectl.plant.drives.motor_motion import MotorMotion
 from forcectl.plant.drives.motors import MOTOR_PORTS
+from forcectl.plant.drives.position_loop import zero_order_hold
 from forcectl.plant.drives.servo import servo_gains
 from forcectl.robot.model import RobotModel
 
@@ -82,6 +84,42 @@ class JointInterfaceConfig(Config):
         """Motor torque at the start, shape (n,) [Nm]."""
         torque: Array = workcell.gravity_torque + self.true_friction(workcell.robot).offset
         return torque
+
+    def pressing(self, workcell: Workcell, contact: Contact, stiffness: float) -> StateSpace:
+        """From [dx_bar, its rate] to the force of a contact of this K_E [N/m], per tick, without friction.
+
+        Links, rotors, servo loops and contact are one linear system between ticks: the servos give way to the contact.
+        The rate is not used, as a force law commands positions. Joint springs are in series with the contact.
+        """
+        n, context = workcell.num_joints, workcell.start_context()
+        gains = servo_gains(*_second_order(workcell, self.servo), self.servo.integral_gain)
+        mass = workcell.robot.mass_matrix(context) + np.diag(workcell.rotor_inertia)
+        inertia = np.diag(np.diag(mass))  # that the servos are tuned for
+        series = 1 + contact.robot_compliance * stiffness
+        damping = getattr(contact.environment, "least_damping", 0.0)
+        force = -np.concatenate([stiffness * contact.row, damping * contact.row, np.zeros(n)]) / series
+        speed, holding = gains.velocity * inertia, gains.velocity * gains.position * inertia
+        eye, zero = np.eye(n), np.zeros((n, n))
+        # [q, q', integral of the torque]
+        servo = np.hstack([-holding, -speed, eye]) + np.outer(contact.row, force)
+        a = np.vstack(
+            [
+                np.hstack([zero, eye, zero]),
+                np.linalg.solve(mass, servo),
+                -gains.integral * np.hstack([holding, zero, zero]),
+            ]
+        )
+        wanted = holding @ contact.direction
+        b = np.concatenate([np.zeros(n), np.linalg.solve(mass, wanted), gains.integral * wanted]).reshape(-1, 1)
+        # A command is felt one step after its tick.
+        step = workcell.config.time_step
+        _, old = zero_order_hold(a, b, step)
+        later, new = zero_order_hold(a, b, workcell.period - step)
+        whole, _ = zero_order_hold(a, b, workcell.period)
+        state = np.block([[whole, later @ old], [np.zeros((1, 3 * n + 1))]])
+        command = np.hstack([np.vstack([new, [[1.0]]]), np.zeros((3 * n + 1, 1))])
+        shown = np.append(force, 0.0).reshape(1, -1)
+        return StateSpace(state, command, shown, np.zeros((1, 2)), dt=workcell.period)
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> JointInterface:
         """Add the block `drive`.
@@ -162,14 +200,19 @@ class JointInterface(Diagram):
         builder.BuildInto(self)
 
 
-def _servo(workcell: Workcell, config: JointInterfaceConfig) -> JointServo:
-    own, filter_ = config.servo, workcell.robot.parameters.reference_filter
+def _second_order(workcell: Workcell, own: JointServoConfig) -> tuple[float, float]:
+    """Bandwidth [rad/s] and damping ratio [1] of the position loops."""
+    filter_ = workcell.robot.parameters.reference_filter
     bandwidth = filter_.natural_frequency if own.bandwidth is None else own.bandwidth
-    damping_ratio = filter_.damping_ratio if own.damping_ratio is None else own.damping_ratio
+    return bandwidth, filter_.damping_ratio if own.damping_ratio is None else own.damping_ratio
+
+
+def _servo(workcell: Workcell, config: JointInterfaceConfig) -> JointServo:
+    own = config.servo
     limit = workcell.robot.limits.torque if own.torque_limits else np.full(workcell.num_joints, np.inf)
     inertia = workcell.rotor_inertia + np.diag(workcell.robot.mass_matrix(workcell.start_context()))
     return JointServo(
-        servo_gains(bandwidth, damping_ratio, own.integral_gain),
+        servo_gains(*_second_order(workcell, own), own.integral_gain),
         inertia,
         limit,
         period=workcell.period,

@@ -18,11 +18,12 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import LinearSystem
+from scipy.signal import StateSpace
 
 from forcectl.diagrams.drives.motor_side import MotorSide
 from forcectl.diagrams.drives.torque_interface import TorqueInterface
 from forcectl.diagrams.mechanics.site import Site
-from forcectl.diagrams.workcell import Workcell
+from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_outputs
@@ -47,6 +48,14 @@ class PositionDriveConfig(Config, in_batches=True):
     def delays(self) -> dict[str, float]:
         """Delays [s] by key of the station."""
         return {"drive.position_loop.delay": self.position_loop.delay}
+
+    def pressing(self, workcell: Workcell, contact: Contact, stiffness: float) -> StateSpace:
+        """From [dx_bar, its rate] to the force of a contact of this K_E [N/m], per tick, without friction.
+
+        The stiffness of the links' side is that at rest; their inertia is left out.
+        """
+        moved = self.servo.sampled_response(workcell.period) * self.position_loop.sampled_response(workcell.period)
+        return contact.sampled_response(stiffness, workcell.period) * moved
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> System:
         """Add the block `drive`."""

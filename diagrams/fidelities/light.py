@@ -10,6 +10,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort
+from pydrake.systems.primitives import MatrixGain
 
 from forcectl.diagrams.mechanics.assembly import Assembly, through
 from forcectl.diagrams.mechanics.site import Site
@@ -17,7 +18,7 @@ from forcectl.diagrams.mechanics.station_surface import add_contact_state, add_d
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.fields import Config
-from forcectl.framework.wiring import add_part, affine
+from forcectl.framework.wiring import add_part, affine, input_names
 from forcectl.plant.contact.tip_contact import TipContact
 from forcectl.plant.tip_kinematics import LinkPosition, TipDisplacement
 
@@ -85,7 +86,7 @@ class LightStation(Diagram):
 
     ```
     name: LightStation
-    input_ports: [joint_position_command]
+    input_ports: [joint_position_command, joint_velocity_command (optional)]
     output_ports: [motor_position, motor_velocity, contact_force, contact_displacement, link_position,
     (further outputs of drive and sensors; in any order), contact_state, surface_height (optional),
     surface_damping (optional), surface_stiffness (optional)]
@@ -99,6 +100,8 @@ class LightStation(Diagram):
         workcell: the workcell, with one surface.
         seed: of the sensors.
     """
+
+    optional_inputs = ("joint_velocity_command",)
 
     def __init__(self, workcell: Workcell, seed: int):
         super().__init__()
@@ -138,6 +141,10 @@ def _press_along_a_line(assembly: Assembly, workcell: Workcell) -> Pressing:
     uneven = "surface_height" in surface
     depth = add_depth(builder, displacement, surface["surface_height"]) if uneven else displacement
     builder.Connect(depth, spring.GetInputPort("displacement"))
+    if "displacement_velocity" in input_names(spring):
+        along = MatrixGain(contact.row.reshape(1, -1))
+        velocity = through(builder, "displacement_velocity", along, assembly.signals["motor_velocity"])
+        builder.Connect(velocity, spring.GetInputPort("displacement_velocity"))
     return spring.GetOutputPort("contact_force"), displacement, surface
 
 

@@ -135,6 +135,8 @@ class MultibodyStation(Diagram):
             assembly.offer(name, through(builder, name, _selector(size, rows, name), plant.get_state_output_port()))
         _add_drive(assembly, site)
         assembly.offer("reaction_forces", plant.get_reaction_forces_output_port())
+        assembly.offer("contact_results", plant.get_contact_results_output_port())
+        assembly.offer("body_poses", plant.get_body_poses_output_port())
         add_sensors(assembly, site)
         own = _add_surfaces(assembly, site)
         if "motor_torque" in assembly.signals or workcell.config.loads or own is not None:
@@ -303,7 +305,7 @@ def _add_loads(assembly: Assembly, site: Site, own: OutputPort | None) -> None:
     builder.Connect(load.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port())
     builder.Connect(signals["link_position"], truth.GetInputPort("link_position"))
     if site.scene_graph is not None:
-        builder.Connect(plant.get_contact_results_output_port(), truth.GetInputPort("contact_results"))
+        builder.Connect(signals["contact_results"], truth.GetInputPort("contact_results"))
         torque = plant.get_generalized_contact_forces_output_port(parts.instance)
         builder.Connect(torque, truth.GetInputPort("contact_torque"))
     for name in ("external_torque", "tip_wrench", "arm_contact_force"):

@@ -4,7 +4,7 @@ from __future__ import annotations
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, PortDataType, System
 
-from forcectl.conventions import TRUTH
+from forcectl.conventions import TRUTH, unit_of
 from forcectl.diagrams.mechanics.site import STATION_SIGNALS
 from forcectl.errors import BadInputError
 from forcectl.framework.wiring import input_names, output_names
@@ -47,6 +47,7 @@ class Assembly:
         self.signals: dict[str, OutputPort] = {}
         self._open: list[tuple[str, InputPort, System]] = []
         self._sensed: set[str] = set()  # names of what sensors put out
+        self._units: dict[str, str] = {}  # of what a further sensor puts out, by the name with the sensor's in front
 
     def offer(self, name: str, port: OutputPort) -> None:
         """Make a port known under a name.
@@ -86,8 +87,9 @@ class Assembly:
         for name in output_names(system):
             if name not in known:
                 self.offer(name, system.GetOutputPort(name))
-            elif name not in TRUTH:  # a truth that is known already is the same
+            elif name not in TRUTH or name == "body_contact_wrench":  # of a surface the truth is the same
                 self.offer(prefix + name, system.GetOutputPort(name))
+                self._units[prefix + name] = unit_of(name, getattr(system, "port_units", {}))
 
     def want(self, name: str, port: InputPort) -> None:
         """Connect an input of the station's own to the signal of that name when everything is there."""
@@ -115,3 +117,4 @@ class Assembly:
             if name not in _INTERNAL and port.get_data_type() == PortDataType.kVectorValued:
                 self.builder.ExportOutput(port, name)
         self.builder.BuildInto(station)
+        station.port_units = self._units

@@ -27,6 +27,8 @@ STATION_SIGNALS = {
     "contact_force": "true, along the normal of each surface, shape (k,) [N]",
     "contact_displacement": "of the tool along the normal by the motors, shape (1,) [m]",
     "reaction_forces": "of the plant's joints, abstract; in fidelities with dynamics",
+    "contact_results": "of the plant, abstract; in fidelities with dynamics",
+    "body_poses": "of the plant's bodies in the world, abstract; in fidelities with dynamics",
 }
 
 _SEED_STEP = 1_000_003  # between the seeds of two sensors

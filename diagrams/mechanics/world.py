@@ -72,6 +72,8 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
     plant.SetUseSampledOutputPorts(False)
     plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
     parts = add_robot(plant, config.robot, config.tool)
+    if solid:
+        parts.require_shapes()
     if not config.gravity:
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
     mountings: list[Joint | None] = []

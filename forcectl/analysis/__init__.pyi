@@ -1,3 +1,4 @@
+from forcectl.analysis.alignment import AlignmentAnalysis as AlignmentAnalysis
 from forcectl.analysis.force_estimation import ForceAnalysis as ForceAnalysis
 from forcectl.analysis.force_metrics import Step as Step
 from forcectl.analysis.force_metrics import find_steps as find_steps

@@ -72,7 +72,18 @@ REACH_METRICS: dict[str, tuple[str, str]] = {
     "mean_room_deg": ("deg", "mean over time of the least distance of a joint from its limits"),
     "reflected_mass_kg": ("kg", "mean of the mass that a push at the TCPs meets"),
 }
-ANALYSIS_METRICS = FORCE_METRICS | FRICTION_METRICS | REACH_METRICS
+ALIGNMENT_METRICS: dict[str, tuple[str, str]] = {
+    "angle_at_100ms_rad": ("rad", "angle of the peg after 0.1 s"),
+    "angle_at_200ms_rad": ("rad", "angle of the peg after 0.2 s"),
+    "angle_at_500ms_rad": ("rad", "angle of the peg after 0.5 s"),
+    "angle_at_1000ms_rad": ("rad", "angle of the peg after 1 s"),
+    "alignment_error_rad": ("rad", "angle of the hole minus that of the peg at the end"),
+    "alignment_overshoot_rad": ("rad", "furthest that the peg is beyond the hole"),
+    "alignment_settling_2pct_s": ("s", "until the peg stays within 2 % of the angle of the hole"),
+    "torque_at_start_Nm": ("Nm", "interaction torque at first"),
+    "torque_at_end_Nm": ("Nm", "interaction torque at the end"),
+}
+ANALYSIS_METRICS = FORCE_METRICS | FRICTION_METRICS | REACH_METRICS | ALIGNMENT_METRICS
 MOTION_METRICS = LOOP_METRICS | ANALYSIS_METRICS
 
 

@@ -12,6 +12,7 @@ from pydrake.geometry import Box
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
 from forcectl.diagrams.model import Setting
+from forcectl.errors import BadInputError
 from forcectl.framework.fields import Config, key
 from forcectl.framework.rotation_vector import RotationVector
 from forcectl.plant.plant_model import PlantModel
@@ -52,14 +53,14 @@ class ReachAnalysis(Config):
             "reach_offset_mm": 1e3 * offset,
             "reach_angle_deg": float(np.degrees(angle)),
             "retargets": float(len(changed)),
-            "link_distance_mm": 1e3 * float(distance.min()),
+            "link_distance_mm": _millimetres(distance.min()),
             "acceleration_share": float((np.abs(bend) / limits.acceleration).max()),
             "active_share": float(np.mean(log["active_constraints"].values > 0)),
             "constraint_excess": float(log["constraint_violation"].values.max()),
             "holding_share": float(np.mean(log["holding"].values)),
             "joint_speed_rms": float(np.sqrt(np.mean(np.sum(speed**2, axis=1)))),
             "joint_travel_rad": float(np.linalg.norm(np.diff(reference, axis=0), axis=1).sum()),
-            "mean_distance_mm": 1e3 * float(distance.mean()),
+            "mean_distance_mm": _millimetres(distance.mean()),
             "limit_room_deg": float(np.degrees(room.min())),
             "mean_room_deg": float(np.degrees(room.min(axis=1).mean())),
             "reflected_mass_kg": float(mass.mean()),
@@ -140,18 +141,31 @@ class ReachAnalysis(Config):
         return found | {"reached": min(every[0]), "stalled": max(every[1]), "time_reached_s": time}
 
     def _along(self, log: Any, truth: PlantModel) -> tuple[Array, Array]:
-        """Least distance of the links [m] and reflected masses (k, arms) [kg], every so many ticks."""
+        """Least distance of the links [m] and reflected masses (k, arms) [kg], every so many ticks.
+
+        The distance is infinite for a robot without shapes that move against each other.
+        """
         robot = truth.known_robot()
-        shapes = RobotShapes.load(*robot.source)
-        pairs = [LinkDistance(shapes)]
-        if truth.obstacles:
+        pairs = []
+        try:
+            shapes = RobotShapes.load(*robot.source)
+        except BadInputError:  # some are missing
+            shapes = None
+        if shapes is not None and shapes.pairs:
+            pairs.append(LinkDistance(shapes))
+        if shapes is not None and truth.obstacles:
             boxes = [Obstacle(Box(*each.size), each.pose) for each in truth.obstacles]
             pairs.append(LinkDistance(shapes.against(boxes)))
         masses = [TowardsSmallMass(robot, arm, self.mass_direction) for arm in robot.parts.arms]
         context, rest = robot.create_context(), np.zeros(truth.num_joints)
         distances, found = [], []
         for q in log["link_position"].values[:: self.every]:
-            distances.append(min(pair.distances(q).min() for pair in pairs))
+            distances.append(min((pair.distances(q).min() for pair in pairs), default=np.inf))
             motion = ArmsMotion(robot, context, q, rest)
             found.append([mass.mass(motion) for mass in masses])
         return np.array(distances), np.array(found)
+
+
+def _millimetres(distance: float) -> float | None:
+    """None for an infinite distance [m]."""
+    return 1e3 * float(distance) if np.isfinite(distance) else None

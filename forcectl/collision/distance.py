@@ -87,6 +87,7 @@ class LinkDistance:
         self.gamma, self._period = check("gamma", gamma, "negative and finite"), check("period", period, "positive")
         tolerance = check("tolerance", tolerance, "positive")
         self._table = PairTable(shapes, tolerance, check("box_tolerance", box_tolerance, "positive"))
+        self._names = [(shapes.solids[a].name, shapes.solids[b].name) for a, b in shapes.pairs]
         self._pairs, self._near = len(shapes.pairs), min(_NEAR, len(self._table.pair))
         # However the nearest pairs are chosen, they have this many balls.
         fewest = np.sort(self._table.real.sum(axis=1)[self._table.pair_group])[: self._near].sum()
@@ -127,6 +128,13 @@ class LinkDistance:
         least = np.full(self._pairs, np.inf)
         np.minimum.at(least, table.pair, near.distance.min(axis=1))
         return least
+
+    def nearest(self, q: Array) -> str:
+        """The pair of shapes that is nearest in posture q (n,) [rad], in words."""
+        distances = self.distances(q)
+        nearest = int(np.argmin(distances))
+        a, b = self._names[nearest]
+        return f"{a} and {b} are {1e3 * distances[nearest]:.3g} mm apart"
 
     def _rows(self, state: TreeState, near: NearBalls, chosen: Indices) -> tuple[Array, Array, Array, Array]:
         """The same of some balls, (k,), counted through the pairs."""

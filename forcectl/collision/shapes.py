@@ -21,13 +21,24 @@ from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Box, Capsule, Cylinder, GeometryId, Shape, Sphere
+from pydrake.geometry import (
+    Box,
+    Capsule,
+    Convex,
+    Cylinder,
+    GeometryId,
+    Mesh,
+    SceneGraphInspector,
+    Shape,
+    Sphere,
+)
 from pydrake.math import RigidTransform
-from pydrake.multibody.plant import AddMultibodyPlantSceneGraph
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.robot.joint_tree import JointTree
+from forcectl.robot.meshes import Enclosure, enclosure
 from forcectl.robot.parts import RobotParts, add_robot
 
 Array = NDArray[np.float64]
@@ -138,22 +149,42 @@ class RobotShapes:
         """The shapes of what `forcectl.robot.model.add_robot` puts into a plant; joints in the order of `RobotModel`.
 
         Raises:
-            BadInputError: unknown robot or tool, or a shape that is no sphere, capsule, cylinder or box. A cylinder is
-                taken for the capsule around it.
+            BadInputError: unknown robot or tool, a shape that is missing, or one that is no sphere, capsule, cylinder,
+                box or mesh. A cylinder is taken for the capsule around it, a mesh for the box or capsule around it.
         """
         builder = DiagramBuilder()
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.001)
         parts = add_robot(plant, robot, tool)
         plant.Finalize()
-        tree, inspector = JointTree(plant, parts.joints), scene_graph.model_inspector()
+        return cls.of_plant(plant, scene_graph.model_inspector(), parts)
+
+    @classmethod
+    def of_plant(cls, plant: MultibodyPlant, inspector: SceneGraphInspector, parts: RobotParts) -> RobotShapes:
+        """The shapes of a robot in a plant with nothing else in it.
+
+        Args:
+            plant: finalized.
+            inspector: of its scene graph.
+            parts: of the robot.
+
+        Raises:
+            BadInputError: see `load`.
+        """
+        parts.require_shapes()
+        tree = JointTree(plant, parts.joints)
         candidates = sorted(inspector.GetCollisionCandidates(), key=lambda pair: [each.get_value() for each in pair])
         geometries = sorted({geometry for pair in candidates for geometry in pair}, key=GeometryId.get_value)
         solids = []
         for geometry in geometries:
             body = plant.GetBodyFromFrameId(inspector.GetFrameId(geometry))
-            place = tree.place(body.body_frame(), inspector.GetPoseInFrame(geometry))
-            name = f"{body.name()}/{inspector.GetName(geometry)}"
-            solids.append(Solid(name, *place, *_core(name, inspector.GetShape(geometry))))
+            name, shape = f"{body.name()}/{inspector.GetName(geometry)}", inspector.GetShape(geometry)
+            pose = inspector.GetPoseInFrame(geometry)
+            if isinstance(shape, Mesh | Convex):
+                around = _around(shape)
+                core, pose = (around.half, around.radius), pose @ around.X
+            else:
+                core = _core(name, shape)
+            solids.append(Solid(name, *tree.place(body.body_frame(), pose), *core))
         index = {geometry: i for i, geometry in enumerate(geometries)}
         pairs = [(index[a], index[b]) for a, b in candidates]
         # Two shapes of one link keep their distance whatever the joints do.
@@ -168,6 +199,11 @@ class RobotShapes:
             solids.append(Solid(obstacle.name, 0, obstacle.X_WO.GetAsMatrix4(), *core))
             pairs += [(i, len(solids) - 1) for i in moved]
         return RobotShapes(self.tree, self.parts, solids, pairs)
+
+
+def _around(mesh: Mesh | Convex) -> Enclosure:
+    hull = mesh.GetConvexHull()
+    return enclosure(np.array([hull.vertex(i) for i in range(hull.num_vertices())]))
 
 
 def _core(name: str, shape: Shape) -> tuple[Array, float]:

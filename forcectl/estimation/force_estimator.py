@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import math
 from collections.abc import Mapping
 from dataclasses import dataclass
 
@@ -10,6 +11,7 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Diagram, DiagramBuilder
 from pydrake.systems.primitives import Multiplexer, TrajectorySource
 from pydrake.trajectories import PiecewisePolynomial
+from scipy.signal import StateSpace
 
 from forcectl.errors import unknown
 from forcectl.estimation.momentum_observer import MomentumObserver
@@ -120,6 +122,17 @@ class ForceEstimatorConfig(Config):
         The observer lags by 1/K_R; this is the critically damped filter of second order with the same lag.
         """
         return 2 * self.gain, 1.0, 0.0
+
+    def force_response(self, model: PlantModel) -> StateSpace:
+        """From a force to its estimate, per tick: mean over the tick, filter of the speeds, observer; no thresholds."""
+        period = model.period
+        kept, decay = math.exp(-model.velocity_bandwidth * period), math.exp(-self.gain * period)
+        # y = kept y_last + (1 - kept)/2 (u + u_last), and r = decay r_last + (1 - decay) y
+        half, gain = 0.5 * (1 - kept), 1 - decay
+        late = StateSpace([[kept]], [[1.0]], [[half * (1 + kept)]], [[half]], dt=period)
+        observed = StateSpace([[decay]], [[1.0]], [[gain * decay]], [[gain]], dt=period)
+        mean = StateSpace([[0.0]], [[1.0]], [[0.5]], [[0.5]], dt=period)
+        return observed * late * mean
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> ForceEstimator:
         """Add the estimator."""

@@ -1,3 +1,4 @@
+from forcectl.figures.alignment import alignment_figure as alignment_figure
 from forcectl.figures.force import run_figures as run_figures
 from forcectl.figures.force import write_figures as write_figures
 from forcectl.figures.motion import motion_figures as motion_figures

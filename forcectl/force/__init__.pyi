@@ -1,6 +1,12 @@
 from forcectl.force.adaptive_force_law import Adaptation as Adaptation
 from forcectl.force.adaptive_force_law import AdaptiveForceLaw as AdaptiveForceLaw
 from forcectl.force.adaptive_integral import AdaptiveIntegralConfig as AdaptiveIntegralConfig
+from forcectl.force.admittance import AdmittanceConfig as AdmittanceConfig
+from forcectl.force.admittance import AdmittanceFilter as AdmittanceFilter
+from forcectl.force.admittance import AdmittanceForceLaw as AdmittanceForceLaw
+from forcectl.force.admittance import admittance_response as admittance_response
+from forcectl.force.admittance import admittance_step as admittance_step
+from forcectl.force.chain import ForceChain as ForceChain
 from forcectl.force.governor.governor import CommandGovernor as CommandGovernor
 from forcectl.force.governor.governor import GovernedConfig as GovernedConfig
 from forcectl.force.governor.governor import GovernedForceLaw as GovernedForceLaw

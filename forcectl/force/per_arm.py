@@ -23,6 +23,10 @@ class PerArmConfig(Config):
 
     laws: dict[str, Any] = slot("controller", dict, meaning="by the name of the arm")
 
+    def law_of(self, arm: str) -> Any:
+        """The law of an arm, None without one."""
+        return self.laws.get(arm)
+
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> PerArm:
         """Add the laws.
 

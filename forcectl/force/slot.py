@@ -5,6 +5,7 @@ ForceLaw (for k force loops at once)::
     in   desired_force, measured_force: shape (k,) [N]
          motor_displacement, path_displacement: shape (k,) [m], optional
     out  displacement_command: shape (k,) [m]; any further outputs are diagnostics
+         displacement_velocity_command: shape (k,) [m/s], its speed, optional
 
 Controller of joints::
 
@@ -16,6 +17,9 @@ Controller of joints::
 A force law is made a controller of joints by the kinematic inversion. Everything runs every `model.period` from t = 0.
 Let outputs be feedthrough at the tick and held, as `SampledBlock` does: the robot then takes the command of a tick in
 that tick; what is a state of the filler it takes one tick later.
+
+A configuration of a force law with `sampled_response(period)`, the law as a linear system, is refused where the sampled
+loop is unstable, see `forcectl.force.chain`.
 """
 
 from __future__ import annotations

@@ -142,13 +142,14 @@ class _Ticks(_Shared):
         """Declare an output port with a number of the memory as the tick before left it: no direct feedthrough.
 
         Args:
-            name: of the port, and of the number unless it is an element of a vector.
-            vector: of the memory.
-            element: of it.
+            name: of the port, and of the number unless `vector` names it.
+            vector: of the memory, or a number that is called otherwise than the port.
+            element: of a vector.
             factor: times which it is shown.
         """
         state, size = self._memory, math.prod(self._shape)
-        first = size * (self._vectors[vector].start + element if vector else self._numbers.index(name))
+        place = self._vectors.get(vector or name)
+        first = size * (self._numbers.index(vector or name) if place is None else place.start + element)
 
         def put(context: Context, output: BasicVector) -> None:
             output.SetFromVector(context.get_discrete_state(state).value()[first : first + size] * factor)

@@ -3,7 +3,7 @@
     x_gen''[k] = clip((x'_trg - x'[k])/Ts, -x''_max, x''_max)
     x_gen'[k+1] = x'[k] + Ts x_gen''[k],    x_gen[k+1] = x[k] + Ts x'[k] + Ts^2/2 x_gen''[k]
 
-The state x[k], x'[k] may be the generator's own or any other.
+The state x[k], x'[k] is the generator's own, or one that it is given.
 """
 
 from __future__ import annotations
@@ -16,6 +16,8 @@ from pydrake.systems.framework import Context
 
 from forcectl.framework.batch import BatchParameter, BatchValue
 from forcectl.framework.sampled_block import Memory, SampledBatch
+
+_START = ("start_position", "start_velocity")
 
 
 def velocity_step(
@@ -47,11 +49,11 @@ def velocity_step(
 
 
 class VelocityGenerator(SampledBatch):
-    """Algorithm 3 from its own state, for n components.
+    """Algorithm 3 for n components.
 
     ```
     name: VelocityGenerator
-    input_ports: [target_velocity]
+    input_ports: [target_velocity, start_position, start_velocity]
     output_ports: [position, velocity, acceleration]
     parameters: [velocity_limit, acceleration_limit]
     ```
@@ -59,8 +61,10 @@ class VelocityGenerator(SampledBatch):
     Units u per component: [m] or [rad].
 
     target_velocity: shape (n,), x'_trg [u/s].
+    start_position, start_velocity: shape (n,), x[k], x'[k] to go on from [u, u/s]; those of the generator itself when
+    one of them is not connected, or in a component in which one is not finite.
     position, velocity: shape (n,), at the END of the tick, x_gen[k+1], x_gen'[k+1] [u, u/s]. acceleration: shape (n,),
-    during the tick [u/s^2]. All outputs are feedthrough of target_velocity at the tick, and held.
+    during the tick [u/s^2]. All outputs are feedthrough of all inputs at the tick, and held.
 
     Parameters (Context, shape (n,)): velocity_limit [u/s] and acceleration_limit [u/s^2], positive; infinite for none.
 
@@ -71,6 +75,8 @@ class VelocityGenerator(SampledBatch):
     Args:
         initial_position: where it stands at first, shape (n,) [u].
     """
+
+    optional_inputs = _START
 
     def __init__(
         self,
@@ -89,7 +95,7 @@ class VelocityGenerator(SampledBatch):
             },
         )
         self.sample_delay = {("target_velocity", "position"): 0.0}
-        inputs = [self.DeclareVectorInputPort("target_velocity", size)]
+        inputs = [self.DeclareVectorInputPort(name, size) for name in ("target_velocity", *_START)]
         memory = {"position": initial_position, "velocity": 0.0, "acceleration": 0.0, "target": 0.0}
         self.declare_memory(memory, inputs, period)
         self.show("position", "velocity", "acceleration")
@@ -98,8 +104,13 @@ class VelocityGenerator(SampledBatch):
         """One tick of Algorithm 3."""
         given = inputs["target_velocity"]
         target = self.math.where(abs(given) < np.inf, given, memory["target"])
-        limits = self.values(context)
+        speed_limit, acceleration_limit = self.values(context)
+        x, v = memory["position"], memory["velocity"]
+        if all(name in inputs for name in _START):
+            given_x, given_v = (inputs[name] for name in _START)
+            good = (abs(given_x) < np.inf) & (abs(given_v) < np.inf)
+            x, v = self.math.where(good, given_x, x), self.math.where(good, given_v, v)
         position, velocity, acceleration = velocity_step(
-            memory["position"], memory["velocity"], target, limits[0], limits[1], self._period, self.math
+            x, v, target, speed_limit, acceleration_limit, self._period, self.math
         )
         return {"position": position, "velocity": velocity, "acceleration": acceleration, "target": target}

@@ -6,8 +6,15 @@ from forcectl.plant.contact.compliant_contact import EnvironmentConfig as Enviro
 from forcectl.plant.contact.compliant_contact import LinearContact as LinearContact
 from forcectl.plant.contact.contact_monitor import ContactMode as ContactMode
 from forcectl.plant.contact.contact_monitor import ContactMonitor as ContactMonitor
+from forcectl.plant.contact.contact_truth import BodyContact as BodyContact
+from forcectl.plant.contact.contact_truth import ContactReader as ContactReader
+from forcectl.plant.contact.contact_truth import ContactWrench as ContactWrench
+from forcectl.plant.contact.contact_truth import bodies_named as bodies_named
+from forcectl.plant.contact.contact_truth import wrench_between as wrench_between
 from forcectl.plant.contact.obstacle import ObstacleConfig as ObstacleConfig
 from forcectl.plant.contact.parts import EnvironmentPartsConfig as EnvironmentPartsConfig
+from forcectl.plant.contact.peg_contact import PegContact as PegContact
+from forcectl.plant.contact.peg_contact import PegInBoreConfig as PegInBoreConfig
 from forcectl.plant.contact.surface import GrooveConfig as GrooveConfig
 from forcectl.plant.contact.surface import ProfileFileConfig as ProfileFileConfig
 from forcectl.plant.contact.surface import RoughnessConfig as RoughnessConfig
@@ -23,6 +30,7 @@ from forcectl.plant.contact.surface_materials import SegmentConfig as SegmentCon
 from forcectl.plant.contact.surface_materials import SurfaceMaterial as SurfaceMaterial
 from forcectl.plant.contact.surface_spring import SurfaceSpring as SurfaceSpring
 from forcectl.plant.contact.tip_contact import TipContact as TipContact
+from forcectl.plant.drives.commanded import CommandedMotion as CommandedMotion
 from forcectl.plant.drives.drive import Drive as Drive
 from forcectl.plant.drives.joint_friction import FrictionRest as FrictionRest
 from forcectl.plant.drives.joint_friction import JointFriction as JointFriction

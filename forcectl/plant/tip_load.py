@@ -20,6 +20,7 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from forcectl.framework.cache import BlockCache
+from forcectl.plant.contact.contact_truth import ContactReader, wrench_between
 from forcectl.robot.model import RobotModel, posture_cache
 from forcectl.robot.parts import RobotParts
 
@@ -157,7 +158,7 @@ class LoadTruth(LeafSystem):
     def __init__(self, robot: RobotModel, plant: MultibodyPlant, parts: RobotParts, frames: Sequence[Frame] = ()):
         super().__init__()
         n, count = robot.num_joints, len(parts.arms)
-        self._robot, self._bodies = robot, _bodies_beyond(plant, parts)
+        self._robot, self._bodies, self._reader = robot, _bodies_beyond(plant, parts), ContactReader(plant)
         self._arms, self._frames = list(robot.parts.arms.values()), list(frames)
         order = plant.GetVelocitiesFromArray(parts.instance, np.arange(plant.num_velocities(), dtype=float)).tolist()
         self._rows = [order.index(joint.velocity_start()) for joint in parts.joints]
@@ -187,20 +188,18 @@ class LoadTruth(LeafSystem):
     def _touch(self, context: Context) -> Array:
         wrenches, _ = self._wrenches.read(context)
         forces = np.zeros(len(self._arms))
-        if self._results.HasValue(context):
-            results = self._results.Eval(context)
-            count = results.num_point_pair_contacts()
-            posture = self._posture.Eval(context) if count else None
-            tips = [arm.tcp_frame.CalcPoseInWorld(posture).translation() for arm in self._arms] if count else []
-            for i in range(count):
-                contact = results.point_pair_contact_info(i)
-                on_b, where = contact.contact_force(), contact.contact_point()
-                for body, force in ((contact.bodyB_index(), on_b), (contact.bodyA_index(), -on_b)):
-                    for k, (moving, rigid) in enumerate(self._bodies):
-                        if int(body) in moving:
-                            forces[k] += float(np.linalg.norm(force))
-                        if int(body) in rigid:
-                            wrenches[k] += np.concatenate([np.cross(where - tips[k], force), force])
+        contacts = list(self._reader.read(self._results.Eval(context))) if self._results.HasValue(context) else []
+        if contacts:
+            posture = self._posture.Eval(context)
+            for k, (arm, (moving, rigid)) in enumerate(zip(self._arms, self._bodies, strict=True)):
+                tip = arm.tcp_frame.CalcPoseInWorld(posture).translation()
+                wrenches[k] += wrench_between(contacts, rigid, None, tip)
+                forces[k] = sum(
+                    float(np.linalg.norm(contact.wrench[3:]))
+                    for contact in contacts
+                    for body in (contact.body_a, contact.body_b)
+                    if body in moving
+                )
         return np.concatenate([wrenches.ravel(), forces])
 
     def _show_torque(self, context: Context, output: BasicVector) -> None:

@@ -1,30 +1,38 @@
 """The YAML files beside a robot's and a tool's model: what control needs and URDF/SDF cannot say.
 
-Position, velocity, acceleration and torque limits are not here: they are in the URDF/SDF (`RobotModel.limits`).
-Treat parameters as constants; their arrays are read-only.
+Position limits are in the URDF/SDF only, limits of velocity, acceleration and torque too where it has them
+(`RobotModel.limits`). What only elastic joints and drives need may be left out: see `forcectl.robot.assumptions`. Treat
+parameters as constants; their arrays are read-only.
 """
 
 from __future__ import annotations
 
 import dataclasses
-from collections.abc import Iterator
-from dataclasses import dataclass
+from collections.abc import Iterator, Mapping
+from dataclasses import dataclass, field
 from pathlib import Path
 from typing import Any, TypeVar
 
 import numpy as np
 
 from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.framework.fields import Config, key
+from forcectl.framework.fields import Config, key, key_of, typed_fields
 from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import Tagged, parse, place
 from forcectl.models import ROBOT_PARAMETERS, TOOL_PARAMETERS, parameter_file
+from forcectl.robot.urdf import read_urdf
 
 T = TypeVar("T")
 
 
 def _empty() -> np.ndarray:
     return np.zeros(0)
+
+
+_TURN = "roll, pitch, yaw of the tool's mount in the flange frame, where its z is not out of the flange"
+_NEIGHBOURS = (
+    "links so near the flange that a tool on it touches their shapes in the ordinary: never checked against it"
+)
 
 
 @dataclass(kw_only=True)
@@ -57,10 +65,9 @@ class ArmParameters(Config):
     """One arm of a robot that has several."""
 
     flange_frame: str = key(meaning="carries the tool; z out of the flange")
+    flange_turn_deg: list[float] = key([0.0, 0.0, 0.0], _TURN, unit="deg", size=3)
     joints: list[str] = key(meaning="consecutive in `arm_joints`")
-    tool_neighbours: list[str] = key(
-        [], "links so near the flange that a tool on it touches their shapes in the ordinary: never checked against it"
-    )
+    tool_neighbours: list[str] = key([], _NEIGHBOURS)
 
 
 @dataclass(kw_only=True)
@@ -72,10 +79,15 @@ class ControlParameters(Config):
     """
 
     model: str = key(meaning="URDF or SDF file in the same folder")
-    base_frame: str = key(meaning="welded to the world")
+    base_frame: str = key("", "welded to the world; empty: the root of the model, which may be a `world` of its own")
     arm_joints: list[str] = key(meaning="of all arms, one arm after the other")
     flange_frame: str = key("", "of a robot with one arm: carries the tool, z out of it")
+    flange_turn_deg: list[float] = key([0.0, 0.0, 0.0], f"of a robot with one arm: {_TURN}", unit="deg", size=3)
+    tool_neighbours: list[str] = key([], f"of a robot with one arm: {_NEIGHBOURS}")
     arms: dict[str, ArmParameters] = key({}, "of a robot with several")
+    ignored_collisions: list[list[str]] = key(
+        [], "pairs of links whose shapes overlap in the ordinary: never checked against each other"
+    )
     held_joints: dict[str, float] = key(
         {}, "joints of the model that nothing drives here (a gripper's): made rigid at this position", unit="rad, m"
     )
@@ -83,18 +95,21 @@ class ControlParameters(Config):
     characteristic_length: float = key(
         meaning="makes translations and rotations comparable in the singularity measure", unit="m", bounds="positive"
     )
-    joint_stiffness: dict[str, np.ndarray] = key(meaning="sets by name, joint side", unit="Nm/rad")
-    default_stiffness_set: str = key(meaning="name of one of these sets")
-    transmission_damping: np.ndarray = key(meaning="joint side", unit="Nms/rad")
+    velocity_limit: np.ndarray = key(_empty, "of the joints; empty: the model's", unit="rad/s")
+    acceleration_limit: np.ndarray = key(_empty, "of the joints; empty: the model's, or assumed", unit="rad/s2")
+    torque_limit: np.ndarray = key(_empty, "joint side; empty: the model's", unit="Nm")
+    joint_stiffness: dict[str, np.ndarray] = key({}, "sets by name, joint side; empty: assumed", unit="Nm/rad")
+    default_stiffness_set: str = key("", "name of one of these sets")
+    transmission_damping: np.ndarray = key(_empty, "joint side; empty: assumed", unit="Nms/rad")
     reference_filter: ReferenceFilter = key(meaning="position loop of every joint")
     period: float = key(meaning="control sampling", unit="s", bounds="positive")
-    gear_ratio: np.ndarray = key(meaning="motor turns per joint turn, signed", unit="1")
-    rotor_inertia: np.ndarray = key(meaning="motor side", unit="kg m2")
+    gear_ratio: np.ndarray = key(_empty, "motor turns per joint turn, signed; empty: assumed", unit="1")
+    rotor_inertia: np.ndarray = key(_empty, "motor side; empty: assumed", unit="kg m2")
     velocity_loop_inertia: np.ndarray = key(
         _empty, "what the velocity loops of the drives are tuned for, joint side; empty: the rotors alone", unit="kg m2"
     )
-    coulomb_friction: np.ndarray = key(meaning="joint side", unit="Nm")
-    viscous_friction: np.ndarray = key(meaning="joint side", unit="Nms/rad")
+    coulomb_friction: np.ndarray = key(_empty, "joint side; empty: assumed", unit="Nm")
+    viscous_friction: np.ndarray = key(_empty, "joint side; empty: assumed", unit="Nms/rad")
     viscous_friction_backward: np.ndarray = key(_empty, "at negative speeds; empty: the same", unit="Nms/rad")
     friction_offset: np.ndarray = key(_empty, "empty: zero", unit="Nm")
     motor_coupling: list[MotorCoupling] = key([], "motors that also turn with another joint")
@@ -103,6 +118,7 @@ class ControlParameters(Config):
         "by distal frame of a link: six diagonal entries, rotations then translations, in that frame's axes",
         unit="rad/Nm, m/N",
     )
+    assumed: dict[str, str] = field(default_factory=dict, init=False)  # keys that were left out, and the rule instead
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -162,7 +178,7 @@ class ControlParameters(Config):
             held_joints=self.held_joints | {name: q for name, q in others.items() if name not in joints},
             joint_stiffness={name: values[mine] for name, values in self.joint_stiffness.items()},
             motor_coupling=[coupling for coupling in self.motor_coupling if coupling.motor_of in joints],
-            **{name: getattr(self, name)[mine] for name in (*_PER_JOINT, "velocity_loop_inertia")},
+            **{name: getattr(self, name)[mine] for name in (*_PER_JOINT, *_POSITIVE)},
         )
 
 
@@ -173,7 +189,11 @@ _NOT_NEGATIVE = (
     "viscous_friction",
     "viscous_friction_backward",
 )
+# What is derived from limits where it is left out.
+DERIVED = ("joint_stiffness", "transmission_damping", "rotor_inertia", "coulomb_friction", "viscous_friction")
 _PER_JOINT = (*_NOT_NEGATIVE, "default_posture_deg", "gear_ratio", "friction_offset")
+_POSITIVE = ("velocity_loop_inertia", "velocity_limit", "acceleration_limit", "torque_limit")
+_GIVEN = ("default_posture_deg", "friction_offset")  # of those per joint; others may be empty
 
 
 @dataclass(kw_only=True)
@@ -196,7 +216,12 @@ def load_control_parameters(folder: Path) -> ControlParameters:
     Raises:
         BadInputError: no such file, unknown or missing keys, a wrong length, or a value that is not allowed.
     """
-    return _load(ControlParameters, parameter_file(folder, ROBOT_PARAMETERS))
+    try:
+        return _load(ControlParameters, parameter_file(folder, ROBOT_PARAMETERS))
+    except BadInputError as error:
+        if "is missing: " in str(error) or not list(folder.glob(ROBOT_PARAMETERS)):
+            error.text += f"; `forcectl robot {folder}` proposes values"
+        raise
 
 
 def load_tool_parameters(folder: Path) -> ToolParameters:
@@ -219,10 +244,39 @@ def _load(kind: type[T], file: Path) -> T:
     try:
         parameters: T = Reader(lambda key: place(file.name, tree.lines, key)).dataclass(kind, tree, "")
     except BadInputError as error:
+        if kind is ControlParameters and isinstance(model, str) and " is missing: " in str(error):
+            error.text += "".join(f"; {text}" for text in missing_limits(tree, file.parent / model))
         if isinstance(model, str) and not (file.parent / model).is_file():
             error.text += f"; model = {model!r}: there is no such file in folder {str(file.parent)!r}"
         raise
     return parameters
+
+
+def missing_limits(keys: Mapping[str, Any], model: Path) -> list[str]:
+    """Limits that a URDF file does not give, and that are needed for what is assumed of the drives, one text for each.
+
+    Args:
+        keys: of the control parameters; without arm joints all joints count that move by themselves.
+        model: the file; of others than URDF nothing is said.
+    """
+    if model.suffix.lower() != ".urdf" or all(name in keys for name in DERIVED):
+        return []
+    known = read_urdf(model).joints
+    named = keys.get("arm_joints")
+    if not isinstance(named, list):
+        named = [name for name, joint in known.items() if joint.mimics is None]
+    texts = []
+    for name, quantity in (("velocity_limit", "velocity"), ("torque_limit", "effort")):
+        limits = {each: getattr(known[each], quantity) for each in map(str, named) if each in known}
+        without = [each for each, limit in limits.items() if not np.isfinite(limit)]
+        if without and name not in keys:
+            declared = next(key_of(each) for each, _ in typed_fields(ControlParameters) if each.name == name)
+            meaning = f"{declared.meaning.partition(';')[0]} [{declared.unit}]"
+            texts.append(
+                f"{name} is missing: must be a list of numbers ({meaning}): "
+                f"{model.name} gives none of {', '.join(without)}"
+            )
+    return texts
 
 
 Check = tuple[str, Any, str, bool]  # (field, value, what is allowed, whether it is)
@@ -232,16 +286,21 @@ def _control_checks(parameters: ControlParameters) -> Iterator[Check]:
     n, names = parameters.num_joints, parameters.arm_joints
     yield "arm_joints", names, "different joint names, at least one", 0 < n == len(set(names))
     yield from _arm_checks(parameters)
-    for name in _PER_JOINT:
-        yield _numbers(name, getattr(parameters, name), n, "not negative" if name in _NOT_NEGATIVE else "")
-    if parameters.velocity_loop_inertia.size:
-        yield _numbers("velocity_loop_inertia", parameters.velocity_loop_inertia, n, "positive")
+    for name in (*_PER_JOINT, *_POSITIVE):
+        values = getattr(parameters, name)
+        if values.size or name in _GIVEN:
+            sign = "not negative" if name in _NOT_NEGATIVE else "positive" if name in _POSITIVE else ""
+            yield _numbers(name, values, n, sign)
     yield "gear_ratio", parameters.gear_ratio.tolist(), "different from zero", bool(np.all(parameters.gear_ratio != 0))
     for name, stiffness in parameters.joint_stiffness.items():
         yield _numbers(f"joint_stiffness.{name}", stiffness, n, "positive")
     known = ", ".join(parameters.joint_stiffness)
     chosen = parameters.default_stiffness_set
-    yield "default_stiffness_set", chosen, f"one of the stiffness sets ({known})", chosen in parameters.joint_stiffness
+    none = not chosen and not parameters.joint_stiffness
+    right = none or chosen in parameters.joint_stiffness
+    yield "default_stiffness_set", chosen, f"one of the stiffness sets ({known})", right
+    for i, pair in enumerate(parameters.ignored_collisions):
+        yield f"ignored_collisions.{i}", pair, "two different links", len(pair) == 2 and len(set(pair)) == 2
     for frame, compliance in parameters.link_compliance.items():
         yield _numbers(f"link_compliance.{frame}", compliance, 6, "not negative")
     for i, coupling in enumerate(parameters.motor_coupling):

@@ -2,17 +2,15 @@
 
 from __future__ import annotations
 
-import json
 from dataclasses import dataclass, replace
 from pathlib import Path
-from typing import Any
 
 import numpy as np
 from pydrake.common.eigen_geometry import AngleAxis
-from pydrake.math import RigidTransform, RotationMatrix
-from pydrake.multibody.parsing import Parser
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
+    FixedOffsetFrame,
     Frame,
     Joint,
     JointActuator,
@@ -22,7 +20,9 @@ from pydrake.multibody.tree import (
 )
 
 from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.models import add_packages, robot_and_arm, tool_folder
+from forcectl.models import robot_and_arm, tool_folder
+from forcectl.robot.assumptions import completed
+from forcectl.robot.model_file import ModelFile, all_bodies, parse_models, some_bodies
 from forcectl.robot.parameters import (
     ArmParameters,
     ControlParameters,
@@ -30,6 +30,7 @@ from forcectl.robot.parameters import (
     load_control_parameters,
     load_tool_parameters,
 )
+from forcectl.robot.urdf import Urdf, UrdfJoint
 
 
 @dataclass(frozen=True)
@@ -51,6 +52,7 @@ class RobotParts:
     """A robot and its tools as they are in a plant.
 
     Joints and actuators are those of all arms, in the order of the parameters. `arms` has at least one entry.
+    `missing_shapes` are collision shapes of the models that nothing stands for, see `forcectl.robot.urdf`.
     """
 
     parameters: ControlParameters
@@ -59,6 +61,16 @@ class RobotParts:
     joints: tuple[Joint, ...]
     actuators: tuple[JointActuator, ...]
     arms: dict[str, ArmParts]
+    missing_shapes: tuple[str, ...] = ()
+
+    def require_shapes(self) -> None:
+        """Refuse models some of whose collision shapes are missing.
+
+        Raises:
+            BadInputError: there are such shapes.
+        """
+        if self.missing_shapes:
+            raise BadInputError(f"collision shapes are missing: {'; '.join(self.missing_shapes)}")
 
     @property
     def first_arm(self) -> ArmParts:
@@ -84,98 +96,156 @@ def add_robot(
     """
     folder, arm = robot_and_arm(robot)
     parameters = load_control_parameters(folder)
-    if arm is not None:
-        parameters = parameters.only(arm)
-    arms = parameters.arms or {"arm": ArmParameters(flange_frame=parameters.flange_frame, joints=parameters.arm_joints)}
-    whole = _ModelFile.look(folder / parameters.model)
+    return add_robot_with(plant, folder, parameters if arm is None else parameters.only(arm), tool, X_WB)
+
+
+def add_robot_with(
+    plant: MultibodyPlant,
+    folder: Path,
+    parameters: ControlParameters,
+    tool: str | Path | None,
+    X_WB: RigidTransform | None = None,
+) -> RobotParts:
+    """As `add_robot`, with control parameters that are not read from the robot's folder."""
+    arms = parameters.arms or {"arm": _only_arm(parameters)}
+    whole = ModelFile.look(folder / parameters.model)
     models, filters = {whole.name: whole}, []
     tool_parameters, tools = None, {}  # the latter: what each arm's tool is called in the plant
     if tool is not None:
         tool_at = tool_folder(tool)
         tool_parameters = load_tool_parameters(tool_at)
-        tool_file = _ModelFile.look(tool_at / tool_parameters.model)
+        tool_file = ModelFile.look(tool_at / tool_parameters.model)
         tools = {name: tool_file.name if len(arms) == 1 else f"{name}_{tool_file.name}" for name in arms}
         models |= dict.fromkeys(tools.values(), tool_file)
-        filters = [(name, whole.name, arms[arm].tool_neighbours) for arm, name in tools.items()]
-    instances = _parse(plant, models, filters)
+        filters = [
+            (all_bodies(name, tool_file), some_bodies(whole, arms[arm].tool_neighbours, "tool_neighbours"))
+            for arm, name in tools.items()
+        ]
+    for a, b in parameters.ignored_collisions:
+        filters.append((some_bodies(whole, [a], "ignored_collisions"), some_bodies(whole, [b], "ignored_collisions")))
+    instances = parse_models(plant, models, filters)
     instance = instances[whole.name]
 
-    plant.WeldFrames(plant.world_frame(), frame_named(plant, parameters.base_frame, instance), X_WB or RigidTransform())
-    _hold(plant, parameters.held_joints, instance)
+    _fix_base(plant, parameters.base_frame, instance, X_WB)
+    followers = _mimics(plant, whole.urdf.joints, parameters, instance)
+    _hold(plant, parameters.held_joints | followers, instance)
     joints = tuple(_revolute_or_prismatic(plant, name, instance) for name in parameters.arm_joints)
     for joint, position in zip(joints, parameters.default_posture, strict=True):
         if not joint.position_lower_limits()[0] <= position <= joint.position_upper_limits()[0]:
             raise invalid(f"default posture of {joint.name()} [rad]", float(position), "within the joint's limits")
         joint.set_default_positions(np.array([position]))
-    actuators = tuple(_actuator(plant, joint) for joint in joints)
+    actuators = tuple(_actuator(plant, joint, whole.urdf) for joint in joints)
+    parameters = _completed(parameters, joints, actuators, whole.urdf)
 
     parts, first = {}, 0
     for name, one in arms.items():
-        mine, flange = slice(first, first + len(one.joints)), frame_named(plant, one.flange_frame, instance)
+        mine, flange = slice(first, first + len(one.joints)), _flange(plant, one, name, instance)
         parts[name] = ArmParts(name, mine, flange, tcp_frame=flange)
         if tool_parameters is not None:
             parts[name] = _with_tool(plant, parts[name], instances[tools[name]], tool_parameters)
         first = mine.stop
-    return RobotParts(parameters, tool_parameters, instance, joints, actuators, parts)
+    missing_shapes = tuple(text for model in models.values() for text in model.urdf.missing_shapes)
+    return RobotParts(parameters, tool_parameters, instance, joints, actuators, parts, missing_shapes)
 
 
-@dataclass(frozen=True)
-class _ModelFile:
-    """A URDF or SDF file, the name of its one model, and its bodies."""
-
-    path: Path
-    name: str
-    bodies: tuple[str, ...]
-
-    @classmethod
-    def look(cls, path: Path) -> _ModelFile:
-        if not path.is_file():
-            raise BadInputError(f"model = {path.name!r}: there is no such file in folder {str(path.parent)!r}")
-        plant = MultibodyPlant(time_step=0.0)
-        parser = Parser(plant)
-        add_packages(parser.package_map())
-        try:
-            instances: list[ModelInstanceIndex] = parser.AddModels(path)
-        except RuntimeError as error:
-            raise BadInputError(f"{path.name}: cannot be read: {_one_line(error)}") from error
-        if len(instances) != 1:
-            raise BadInputError(f"{path.name} holds {len(instances)} models: must hold exactly one")
-        bodies = tuple(plant.get_body(index).name() for index in plant.GetBodyIndices(instances[0]))
-        return cls(path, plant.GetModelInstanceName(instances[0]), bodies)
+def _only_arm(parameters: ControlParameters) -> ArmParameters:
+    """The arm of a robot that has one."""
+    return ArmParameters(
+        flange_frame=parameters.flange_frame,
+        flange_turn_deg=parameters.flange_turn_deg,
+        joints=parameters.arm_joints,
+        tool_neighbours=parameters.tool_neighbours,
+    )
 
 
-def _parse(
-    plant: MultibodyPlant, models: dict[str, _ModelFile], filters: list[tuple[str, str, list[str]]]
-) -> dict[str, ModelInstanceIndex]:
-    """Add models under the names given; `filters` are (tool, robot, links that are never checked against the tool).
+def _flange(plant: MultibodyPlant, arm: ArmParameters, name: str, instance: ModelInstanceIndex) -> Frame:
+    flange = frame_named(plant, arm.flange_frame, instance)
+    if not any(arm.flange_turn_deg):
+        return flange
+    turn = RigidTransform(RollPitchYaw(np.radians(arm.flange_turn_deg)), np.zeros(3))
+    return plant.AddFrame(FixedOffsetFrame(f"{name}_flange_turned", flange, turn, instance))
 
-    All in one go: Drake refuses a collision filter between models that were not parsed together.
+
+def _fix_base(plant: MultibodyPlant, name: str, instance: ModelInstanceIndex, X_WB: RigidTransform | None) -> None:
+    """Weld the base to the world, unless the model has a `world` of its own: then it stands where it says."""
+    joints = [plant.get_joint(i) for i in plant.GetJointIndices(instance)]
+    if any(joint.parent_body().index() == plant.world_body().index() for joint in joints):
+        if X_WB is not None:
+            raise BadInputError("a model with a `world` of its own stands where it says")
+        if name not in ("", "world"):
+            frame_named(plant, name, instance, "base_frame")
+        return
+    if not name:
+        children = {joint.child_body().index() for joint in joints}
+        roots = [plant.get_body(i).name() for i in plant.GetBodyIndices(instance) if i not in children]
+        if len(roots) != 1:
+            raise invalid("base_frame", name, f"one of the bodies without a parent, {', '.join(roots)}")
+        (name,) = roots
+    frame = frame_named(plant, name, instance, "base_frame")
+    plant.WeldFrames(plant.world_frame(), frame, X_WB or RigidTransform())
+
+
+def _mimics(
+    plant: MultibodyPlant, joints: dict[str, UrdfJoint], parameters: ControlParameters, instance: ModelInstanceIndex
+) -> dict[str, float]:
+    """Positions at which joints that mimic, and those they mimic, are held where nothing is said of them.
+
+    A joint that others mimic is held where it is nearest to zero; all stay within their limits.
+
+    Raises:
+        BadInputError: a joint mimics an arm joint, or is one.
     """
-    parser = Parser(plant)
-    add_packages(parser.package_map())
-    directives: list[dict[str, Any]] = []
-    for name, model in models.items():
-        parser.package_map().Add(f"folder_of_{name}", str(model.path.parent))
-        directives.append({"add_model": {"name": name, "file": f"package://folder_of_{name}/{model.path.name}"}})
-    for tool, robot, links in filters:
-        for link in links:
-            if link not in models[robot].bodies:
-                raise unknown(f"link in tool_neighbours of {robot}", link, models[robot].bodies)
-        sides = {f"{tool}_bodies": (tool, models[tool].bodies), f"beside_{tool}": (robot, links)}
-        for (group, (owner, bodies)), other in zip(sides.items(), reversed(sides), strict=True):
-            members = [f"{owner}::{body}" for body in bodies]
-            entry = {"name": group, "members": members, "ignored_collision_filter_groups": [other]}
-            directives += [{"add_collision_filter_group": entry}] if links else []
-    try:
-        parser.AddModelsFromString(json.dumps({"directives": directives}), "dmd.yaml")
-    except RuntimeError as error:
-        files = " or ".join(dict.fromkeys(model.path.name for model in models.values()))
-        raise BadInputError(f"{files}: cannot be added: {_one_line(error)}") from error
-    return {name: plant.GetModelInstanceByName(name) for name in models}
+    held = dict(parameters.held_joints)
+
+    def position(name: str, seen: tuple[str, ...] = ()) -> float:
+        mimics = joints[name].mimics if name in joints else None
+        if name in seen:
+            raise BadInputError(f"joints {', '.join(seen)} mimic each other")
+        if name not in held:
+            if name in parameters.arm_joints:
+                follower = seen[0] if seen else name
+                raise BadInputError(
+                    f"joint {follower!r} mimics an arm joint, which is not followed here: must be one of held_joints"
+                )
+            wanted = 0.0 if mimics is None else mimics[1] * position(mimics[0], (*seen, name)) + mimics[2]
+            joint = _revolute_or_prismatic(plant, name, instance)
+            held[name] = float(np.clip(wanted, joint.position_lower_limits()[0], joint.position_upper_limits()[0]))
+        return held[name]
+
+    for name, joint in joints.items():
+        if joint.mimics is not None:
+            position(name)
+    return {name: at for name, at in held.items() if name not in parameters.held_joints}
 
 
-def _one_line(error: RuntimeError) -> str:
-    return " ".join(str(error).split())
+def _completed(
+    parameters: ControlParameters, joints: tuple[Joint, ...], actuators: tuple[JointActuator, ...], urdf: Urdf
+) -> ControlParameters:
+    """Parameters with what is assumed; joints and actuators get the limits of the parameters."""
+    limits = {
+        "velocity": np.array([float(joint.velocity_upper_limits()[0]) for joint in joints]),
+        "acceleration": np.array([float(joint.acceleration_upper_limits()[0]) for joint in joints]),
+        "torque": np.array([actuator.effort_limit() for actuator in actuators]),
+    }
+    for name in limits:
+        given = getattr(parameters, f"{name}_limit")
+        limits[name] = given if given.size else limits[name]
+    known = [urdf.joints.get(joint.name(), UrdfJoint("revolute")) for joint in joints]
+    drives = {
+        "gear_ratio": np.array([one.reduction for one in known]),
+        "coulomb_friction": np.array([one.friction for one in known]),
+        "viscous_friction": np.array([one.damping for one in known]),
+    }
+    parameters = completed(parameters, **limits, drives=drives)
+    for i, (joint, actuator) in enumerate(zip(joints, actuators, strict=True)):
+        if parameters.velocity_limit.size:
+            joint.set_velocity_limits(-limits["velocity"][[i]], limits["velocity"][[i]])
+        if parameters.acceleration_limit.size:
+            largest = parameters.acceleration_limit[[i]]
+            joint.set_acceleration_limits(-largest, largest)
+        if parameters.torque_limit.size:
+            actuator.set_effort_limit(float(limits["torque"][i]))
+    return parameters
 
 
 def _with_tool(plant: MultibodyPlant, arm: ArmParts, tool: ModelInstanceIndex, parameters: ToolParameters) -> ArmParts:
@@ -243,8 +313,10 @@ def _actuators(plant: MultibodyPlant, joint: Joint) -> list[JointActuator]:
     return [actuator for actuator in actuators if actuator.joint().index() == joint.index()]
 
 
-def _actuator(plant: MultibodyPlant, joint: Joint) -> JointActuator:
+def _actuator(plant: MultibodyPlant, joint: Joint, urdf: Urdf) -> JointActuator:
+    """The actuator of an arm joint; few public models have any, so one is added where there is none."""
     actuators = _actuators(plant, joint)
-    if not actuators:
-        raise BadInputError(f"arm joint {joint.name()!r} has no actuator: the model must give it one")
-    return actuators[0]
+    if actuators:
+        return actuators[0]
+    effort = urdf.joints[joint.name()].effort if joint.name() in urdf.joints else np.inf
+    return plant.AddJointActuator(f"{joint.name()}_motor", joint, effort)

@@ -14,6 +14,7 @@ from forcectl.analysis.force_metrics import find_steps, force_distance
 from forcectl.errors import BadInputError, RunFailedError
 from forcectl.framework.reader import join
 from forcectl.framework.yaml_tree import Tagged, Tree, as_json, dump, nest
+from forcectl.robot.model import RobotModel
 from forcectl.runs.directory import FAILED, check_free, manifest, write_json, write_whole
 from forcectl.runs.logs import stack, write_netcdf
 from forcectl.runs.simulate import VariantOutcome, simulate
@@ -35,6 +36,7 @@ class RunResult:
     diagram: Diagram  # of the first variant
     directory: Path | None  # None when nothing was written
     verdicts: list[Verdict] = field(default_factory=list)  # on the scenario's `expect`
+    assumed: dict[str, str] = field(default_factory=dict)  # of the robot, by key: the rule
 
     @property
     def passed(self) -> bool:
@@ -166,6 +168,7 @@ def finish(
     first = next(iter(scenarios.values()))
     diagram = outcomes[0].diagram or build(first).diagram
     verdicts = [] if failed else verdicts_on(file, scenarios, outcomes)
+    assumed = assumed_of(first)
 
     def fill(folder: Path) -> None:
         text = dump(resolved_tree(scenarios))
@@ -177,6 +180,7 @@ def finish(
             "fidelity": first.fidelity,
             "seed": first.seed,
             "variants": list(scenarios),
+            "robot_assumed": assumed,
             "overrides": {key: as_json(part_tree(value)) for key, value in overrides.items()},
             "status": "failed" if failed else "done",
             **reason,
@@ -198,7 +202,12 @@ def finish(
         raise StoppedRunError(f"variant {failed.variant!r}: {failed.failure}{where}", log, kept) from failed.cause
     if directory is not None:
         directory = write_whole(directory, fill, force)
-    return RunResult(file.name, log, metrics, diagram, directory, verdicts)
+    return RunResult(file.name, log, metrics, diagram, directory, verdicts, assumed)
+
+
+def assumed_of(scenario: Scenario) -> dict[str, str]:
+    """Keys that the control parameters of a scenario's robot leave out, and the rules that stand for them."""
+    return RobotModel.load(scenario.station.robot, None).parameters.assumed
 
 
 def verdicts_on(

@@ -11,7 +11,7 @@ from pydrake.systems.framework import System
 from forcectl.errors import BadInputError, invalid, one_line
 from forcectl.framework.imports import import_object
 from forcectl.framework.yaml_tree import parse
-from forcectl.runs.run import with_shortcuts
+from forcectl.runs.run import assumed_of, with_shortcuts
 from forcectl.scenario.scenario import as_file, build, origins, resolve, select_variants
 
 
@@ -51,6 +51,20 @@ def named_diagram(
     overrides = with_shortcuts(parse_settings(settings), None, fidelity)
     name = select_variants(file, variant)[0]
     return file.name, build(resolve(file, name, overrides), origins(file, name, overrides)).diagram
+
+
+def named_assumptions(
+    target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None
+) -> dict[str, str]:
+    """What is assumed of the robot of a scenario, see `forcectl.robot.assumptions`; nothing of an import path.
+
+    Args: as for `named_diagram`.
+    """
+    if ":" in target and not Path(target).exists():
+        return {}
+    file = as_file(target)
+    overrides = with_shortcuts(parse_settings(settings), None, fidelity)
+    return assumed_of(resolve(file, select_variants(file, variant)[0], overrides))
 
 
 def _call_for_diagram(path: str) -> System:

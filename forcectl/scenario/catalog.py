@@ -37,6 +37,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "Vrft": "forcectl.force.linear_law:VrftConfig",
         "Governed": "forcectl.force.governor.governor:GovernedConfig",
         "ScaledVrft": "forcectl.force.vrft.scaled:ScaledVrftConfig",
+        "Admittance": "forcectl.force.admittance:AdmittanceConfig",
         "AdaptiveVrft": "forcectl.force.vrft.adaptive:AdaptiveVrftConfig",
         "RecursiveVrft": "forcectl.force.vrft.experiment:RecursiveVrftConfig",
         "PerArm": "forcectl.force.per_arm:PerArmConfig",
@@ -63,6 +64,7 @@ SLOTS: dict[str, dict[str, str]] = {
     "analysis": {
         "ForceEstimation": "forcectl.analysis.force_estimation:ForceAnalysis",
         "FrictionIdentification": "forcectl.analysis.friction_identification:FrictionAnalysis",
+        "Alignment": "forcectl.analysis.alignment:AlignmentAnalysis",
         "Reaching": "forcectl.analysis.reaching:ReachAnalysis",
     },
     "fidelity": {
@@ -74,10 +76,12 @@ SLOTS: dict[str, dict[str, str]] = {
         "PositionLoop": "forcectl.diagrams.drives.position_drive:PositionDriveConfig",
         "JointImpedance": "forcectl.diagrams.drives.position_drive:JointImpedanceDriveConfig",
         "JointInterface": "forcectl.diagrams.drives.joint_interface:JointInterfaceConfig",
+        "Commanded": "forcectl.diagrams.drives.commanded_drive:CommandedDriveConfig",
     },
     "sensor": {
         "WristForce": "forcectl.diagrams.sensors:WristForceConfig",
         "JointReadings": "forcectl.diagrams.sensors:JointReadingsConfig",
+        "ContactTruth": "forcectl.diagrams.sensors:ContactTruthConfig",
     },
     "environment": {
         "Surface": "forcectl.plant.contact.compliant_contact:EnvironmentConfig",

@@ -13,6 +13,7 @@ from forcectl.inspect.ports import find_outputs
 from forcectl.inspect.wiring import Wiring
 from forcectl.scenario.catalog import find_scenario, list_experiments
 from forcectl.scenario.scenario import as_file, build, resolve, select_variants
+from tests.examples.experiment_runs import fidelities_of
 
 TICK = 0.0005  # [s] between two reads, divides the steps of all plants
 STEPS = {  # sizes of the step by the name of its port; several where a dead zone must be left at once
@@ -23,13 +24,12 @@ STEPS = {  # sizes of the step by the name of its port; several where a dead zon
 }
 # Their controllers only ask of the measured force, or of the joint readings, whether it is to be believed.
 SUPERVISED = ("time_varying_reference", "fig_5_3")
-FIDELITIES = ("OneDimensional", "Kinematic", "Multibody")
 MOTION_LOOPS = [name for name in list_experiments() if "reference" not in find_scenario(name).tree]
 FORCE_LOOPS = [name for name in list_experiments() if name not in MOTION_LOOPS]
 CASES = [
     pytest.param(name, fidelity, marks=[pytest.mark.slow] if fidelity != "OneDimensional" and name != "fig_2_7" else [])
     for name in FORCE_LOOPS
-    for fidelity in FIDELITIES
+    for fidelity in fidelities_of(name)
 ]
 
 

@@ -2,15 +2,19 @@
 
 from __future__ import annotations
 
+from dataclasses import replace
+
 import numpy as np
 import pytest
+from scipy.signal import dlsim
 
 import forcectl as fc
 from forcectl.estimation.force_estimator import ForceEstimatorConfig
 from forcectl.motion.joint_path import DitherConfig, JointMovesConfig
 from forcectl.motion.loads import LoadConfig
 from forcectl.robot.model import RobotModel
-from tests.examples.stations import free
+from tests.examples.joint_interface_runs import describe
+from tests.examples.stations import free, setting
 
 LOAD = LoadConfig(wrenches=[[0.5, -0.3, 0.2, 6.0, -5.0, 8.0]], start=0.1, hold=1.0)
 ROBOT = ("yumi", "yumi_gripper")
@@ -48,3 +52,13 @@ def test_only_wrenches_in_the_world_are_projected() -> None:
 def test_a_frame_that_the_robot_does_not_have_is_named() -> None:
     with pytest.raises(fc.BadInputError, match=r"unknown expressed_in 'elbow': known: world, tcp, .*left_link_4"):
         fc.build(fc.load_scenario(scenario(a=ForceEstimatorConfig(expressed_in="elbow"))))
+
+
+def test_the_linear_system_of_the_estimate_lags_by_observer_and_filter() -> None:
+    """1/K_R of the observer and 1/w_v of the speeds, of a force that rises evenly; a constant one is shown whole."""
+    model = replace(setting(describe(sensors={})).model, velocity_bandwidth=250.0)
+    response = ForceEstimatorConfig(gain=40.0).force_response(model)
+    ticks = np.arange(400)
+    ramp = dlsim(response, model.period * ticks)[1]
+    assert model.period * ticks[-1] - ramp[-1, 0] == pytest.approx(1 / 40.0 + 1 / 250.0, rel=0.02)
+    assert dlsim(response, np.ones(400))[1][-1, 0] == pytest.approx(1.0)

@@ -8,6 +8,7 @@ from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.estimation.excited_compliance import ExcitedCompliance
 from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.recursive_vrft import RecursiveVrft
+from forcectl.force.admittance import AdmittanceFilter
 from forcectl.force.governor.governor import CommandGovernor
 from forcectl.force.integral import IntegralForceLaw
 from forcectl.force.invariance.correction import InvarianceCorrection
@@ -27,6 +28,7 @@ from forcectl.plant.sensors.force_sensor import ForceDigitiser
 from forcectl.plant.sensors.joint_sensors import JointSensors
 from tests.examples.block_examples_estimation import momentum_observer
 from tests.examples.block_examples_joint_interface import joint_sensors
+from tests.examples.controller_examples import admittance
 from tests.examples.motion_examples import trajectory_generator, velocity_generator
 
 POSITIVE, NEGATIVE, NOT_NEGATIVE, FINITE, NUMBER = "positive", "negative", "not negative", "finite", "number"
@@ -217,5 +219,9 @@ BATCH_BLOCKS: dict[type[BatchBlock], tuple[Callable[..., BatchBlock], dict[str, 
         {"velocity_limit": POSITIVE, "acceleration_limit": POSITIVE, "jerk_limit": POSITIVE},
     ),
     VelocityGenerator: (velocity_generator, {"velocity_limit": POSITIVE, "acceleration_limit": POSITIVE}),
+    AdmittanceFilter: (
+        admittance,
+        {"inertia": POSITIVE, "damping": POSITIVE, "lower_limit": NUMBER, "upper_limit": NUMBER},
+    ),
     ContactMonitor: (lambda size=2, **changed: ContactMonitor(size, **changed), {}),
 }

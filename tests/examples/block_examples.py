@@ -23,6 +23,7 @@ from forcectl.motion.references import Reference, held_trajectory
 from forcectl.plant.contact.compliant_contact import CompliantContact, LinearContact
 from forcectl.plant.contact.contact_monitor import ContactMonitor
 from forcectl.plant.contact.tip_contact import TipContact
+from forcectl.plant.drives.commanded import CommandedMotion
 from forcectl.plant.drives.drive import Drive
 from forcectl.plant.drives.position_loop import PositionLoop
 from forcectl.plant.drives.servo import Servo, ServoCore, ServoGains
@@ -169,12 +170,23 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
             {"displacement": push},
         ),
     ],
+    CommandedMotion: [
+        Example(
+            lambda: CommandedMotion(2, start=[0.1, -0.2]),
+            inputs={"joint_position_command": push, "joint_velocity_command": 0.3},
+        )
+    ],
     LinearContact: [
+        Example(
+            lambda: LinearContact(2, stiffness=500.0, damping=[100.0, 50.0]),
+            each("contact_force", "displacement", "displacement_velocity"),
+            {"displacement": push, "displacement_velocity": 0.2},
+        ),
         Example(
             lambda: LinearContact(2, stiffness=[5900, 1e5], robot_compliance=3e-5),
             each("contact_force", "displacement"),
             {"displacement": push},
-        )
+        ),
     ],
     ContactMonitor: [Example(lambda: ContactMonitor(2), inputs={"contact_force": lambda t: force(t) - 8})],
     Drive: [

@@ -9,6 +9,8 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, System
 
 from forcectl.diagrams.drives.joint_interface import JointInterface
@@ -21,15 +23,19 @@ from forcectl.diagrams.mechanics.world import add_world
 from forcectl.diagrams.sensors import NormalForce, WristForce
 from forcectl.diagrams.station import build_station
 from forcectl.diagrams.workcell import Workcell, describe
+from forcectl.models import add_packages
 from forcectl.plant.contact.compliant_contact import CompliantContact, EnvironmentConfig
+from forcectl.plant.contact.contact_truth import ContactWrench, bodies_named
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.contact.parts import EnvironmentPartsConfig
+from forcectl.plant.contact.peg_contact import PegContact, PegInBoreConfig
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.plant.contact.surface_materials import MaterialsConfig, SegmentConfig
 from forcectl.plant.drives.position_loop import PositionLoopConfig
 from forcectl.plant.drives.servo import ServoConfig
 from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 from forcectl.testing.runs import Input
+from tests.examples import insertion
 from tests.examples.block_example import Example, each
 from tests.examples.stations import free, pressing
 
@@ -156,6 +162,22 @@ def mounting_forces() -> MountingForces:
     return MountingForces(site.plant, list(site.mountings))
 
 
+def contact_wrench() -> ContactWrench:
+    plant = in_plant(touching_workcell(False)).plant
+    return ContactWrench(plant, bodies_named(plant, ["left_link_7"], "on"), None, plant.world_frame())
+
+
+def peg_contact() -> PegContact:
+    plant = MultibodyPlant(0.001)
+    parser = Parser(plant)
+    add_packages(parser.package_map())
+    for name in ("pipette_body", "pipette_plunger_0p5"):
+        parser.AddModelsFromUrl(f"package://parts/{name}.urdf")
+    plant.Finalize()
+    tip, mouth = plant.GetFrameByName("tip"), plant.GetFrameByName("mouth")
+    return PegContact(plant, tip, mouth, PegInBoreConfig(), time_step=0.001)
+
+
 def example(workcell: Callable[[], Workcell], periods: dict[str, float], *truth: str) -> Example:
     """Of the station of a workcell; the truth feels the wrench from outside, where there is one."""
     workcell = cache(workcell)
@@ -268,6 +290,25 @@ STATION_EXAMPLES: dict[type[System], list[Example]] = {
             runnable=lambda: build_station(MULTIBODY(), 3),
             periods=POSTURE,
         ),
+    ],
+    ContactWrench: [
+        Example(
+            contact_wrench,
+            each("body_contact_wrench", "contact_results", "body_poses"),
+            {"joint_position_command": lambda t: moved(touching_workcell(False))(t)},
+            runnable=lambda: build_station(touching_workcell(False), 3),
+        )
+    ],
+    PegContact: [
+        Example(
+            peg_contact,
+            each("spatial_forces", "body_poses", "body_velocities")
+            | each("body_contact_wrench", "body_poses", "body_velocities"),
+            runnable=lambda: insertion.build(
+                "0p5", insertion.misalignments(1)[0], contact=insertion.analytic("0p5"), above=-0.01
+            )[0],
+            periods=STEP,
+        )
     ],
     MountingForces: [
         Example(

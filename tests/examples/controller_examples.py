@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 import math
-from functools import cache
+from functools import cache, partial
 from typing import Any
 
 import numpy as np
@@ -12,6 +12,7 @@ from pydrake.systems.framework import DiagramBuilder, System
 from forcectl.diagrams.force_controller import ForceController, build_controller
 from forcectl.diagrams.model import plant_model
 from forcectl.force.adaptive_integral import AdaptiveIntegralConfig
+from forcectl.force.admittance import AdmittanceConfig, AdmittanceFilter, AdmittanceForceLaw
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.invariance.predictive import PredictiveInvarianceConfig
 from forcectl.force.per_arm import PerArm, PerArmConfig
@@ -59,7 +60,41 @@ def swing(start: np.ndarray, t: float) -> np.ndarray:
 FORCES: dict[str, Input] = {"desired_force": force, "measured_force": force}
 ONE_ARM: dict[str, Input] = {"desired_force": 15.0, "motor_position": lambda t: swing(one("Kinematic").start, t)}
 
+GENERATED = ("generated_position", "generated_velocity", "force")
+CORRECTED = ("commanded_position", "commanded_velocity")
+
+
+def admittance(size: int = 2, **changed: Any) -> AdmittanceFilter:
+    return AdmittanceFilter(size, **{"inertia": 0.5, "damping": 50.0, **changed})
+
+
+def admittance_law(arrangement: str, generator: str) -> AdmittanceForceLaw:
+    return AdmittanceConfig(arrangement=arrangement, generator=generator).law(both())
+
+
 CONTROLLER_EXAMPLES: dict[type[System], list[Example]] = {
+    AdmittanceFilter: [
+        Example(
+            partial(admittance, corrected=corrected),
+            {pair for name in ("position", "velocity") for pair in each(name, *inputs)},
+            dict.fromkeys(inputs, force),
+        )
+        for corrected, inputs in ((False, GENERATED), (True, (*GENERATED, *CORRECTED)))
+    ],
+    AdmittanceForceLaw: [
+        Example(
+            partial(admittance_law, arrangement, generator),
+            {
+                pair
+                for name in ("displacement_command", "displacement_velocity_command")
+                for pair in each(name, *DESIRED)
+            },
+            FORCES,
+            periods=BOTH_ARMS,
+        )
+        for arrangement in ("consistent", "increment")
+        for generator in ("velocity", "position")
+    ],
     PerArm: [
         Example(
             lambda: per_arm(IntegralConfig(), AdaptiveIntegralConfig()),
@@ -90,6 +125,17 @@ CONTROLLER_EXAMPLES: dict[type[System], list[Example]] = {
                 for pair in each(output, *DESIRED, "motor_position")
             }
             | {pair for output in ("invariance_function", "status") for pair in each(output, *DESIRED)},
+            ONE_ARM,
+            periods={"period": 0.002},
+        ),
+        Example(
+            lambda: build_controller(AdmittanceConfig(), one("OneDimensional")),
+            each("joint_position_command", *COMMANDED)
+            | {
+                pair
+                for output in ("joint_velocity_command", "displacement_command", "displacement_velocity_command")
+                for pair in each(output, *DESIRED)
+            },
             ONE_ARM,
             periods={"period": 0.002},
         ),

@@ -14,6 +14,7 @@ from typing import Any
 
 import xarray as xr
 
+from forcectl.diagrams.station import SHIPPED_FIDELITIES
 from forcectl.runs.logs import stack
 from forcectl.runs.run import verdicts_on, with_shortcuts
 from forcectl.runs.simulate import VariantOutcome, simulate
@@ -29,6 +30,12 @@ class ExperimentRun:
     log: xr.Dataset
     metrics: dict[str, dict[str, Any]]
     verdicts: list[Verdict]
+
+
+def fidelities_of(name: str) -> list[str]:
+    """The fidelities that an experiment of a force loop can be built in: a two-sided contact is for one dimension."""
+    two_sided = find_scenario(name).tree.get("station", {}).get("environment", {}).get("one_sided") is False
+    return ["OneDimensional"] if two_sided else [*SHIPPED_FIDELITIES]
 
 
 @lru_cache(maxsize=32)

@@ -114,7 +114,11 @@ MOTION_EXAMPLES: dict[type[System], list[Example]] = {
     VelocityGenerator: [
         Example(
             velocity_generator,
-            {pair for name in ("position", "velocity", "acceleration") for pair in each(name, "target_velocity")},
+            {
+                pair
+                for name in ("position", "velocity", "acceleration")
+                for pair in each(name, "target_velocity", *START_INPUTS[:2])
+            },
             {"target_velocity": jumping},
         )
     ],

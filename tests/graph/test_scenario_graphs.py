@@ -18,6 +18,7 @@ from forcectl.diagrams.station import SHIPPED_FIDELITIES
 from forcectl.graph.export import FORMATS, Graph, graph
 from forcectl.scenario.catalog import find_scenario, list_experiments
 from forcectl.scenario.scenario import as_file, build, resolve, select_variants
+from tests.examples.experiment_runs import fidelities_of
 
 EXPERIMENTS = [name for name in list_experiments() if "reference" in find_scenario(name).tree]
 STAGES = ("reference", "controller", "station")
@@ -197,14 +198,16 @@ def test_folded_loop_is_the_thesis_figure(fidelity: str) -> None:
         assert signal in text
 
 
-@pytest.mark.parametrize("fidelity", SHIPPED_FIDELITIES)
-@pytest.mark.parametrize("experiment", EXPERIMENTS)
+@pytest.mark.parametrize(
+    ("experiment", "fidelity"), [(name, each) for name in EXPERIMENTS for each in fidelities_of(name)]
+)
 def test_unfolded_loop_shows_the_blocks_inside(experiment: str, fidelity: str) -> None:
     own = {"OneDimensional": "contact", "Kinematic": "tip_displacement", "Multibody": "plant"}[fidelity]
     sensor = "wrist_sensor" if fidelity == "Multibody" else "force_sensor"
     folded, unfolded = names_at(experiment, fidelity, 1), names_at(experiment, fidelity, None)
-    assert {"force_law", "position_loop", sensor, own} <= unfolded
-    assert not {"force_law", "position_loop", sensor, own} & folded
+    inside = {"force_law", "drive", sensor, own}
+    assert inside <= unfolded
+    assert not inside & folded
 
 
 def test_units_and_sample_times_are_on_the_picture() -> None:

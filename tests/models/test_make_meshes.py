@@ -33,7 +33,8 @@ def test_shipped_mesh_is_the_drawn_one(name, tmp_path):
 
 
 def test_every_shipped_mesh_is_drawn_here():
-    assert {str(file.relative_to(models_folder())) for file in models_folder().glob("*/meshes/*")} == set(MESHES)
+    shipped = {str(file.relative_to(models_folder())) for file in models_folder().glob("*/meshes/*")}
+    assert {name for name in shipped if not name.startswith("parts/")} == set(MESHES)  # `make_parts` draws these
 
 
 @pytest.mark.parametrize("name", MESHES)

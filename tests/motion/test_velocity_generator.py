@@ -12,6 +12,7 @@ from pydrake.systems.analysis import Simulator
 
 from forcectl.framework.batch import SCALAR_MATH
 from forcectl.motion.velocity_generator import velocity_step
+from forcectl.testing import run_diagram
 from tests.examples.motion_examples import velocity_generator
 
 TICK = 0.004
@@ -81,3 +82,12 @@ def test_a_bad_target_keeps_the_last_one(bad, size):
 def test_without_a_velocity_limit_any_target_will_do():
     out = run([[40.0]] * 20, velocity_limit=math.inf, acceleration_limit=math.inf)
     np.testing.assert_array_equal(out[:, 1], 40.0)
+
+
+def test_a_start_that_is_given_takes_the_place_of_its_own_state():
+    block = velocity_generator(2, acceleration_limit=math.inf)
+    inputs = {"start_position": [1.0, math.nan], "start_velocity": [0.25, 0.0], "target_velocity": [0.0, 0.5]}
+    log = run_diagram(block, 10 * TICK, period=TICK, inputs=inputs)
+    # (6.6)*: it stops within the tick, half a step further on. The other one has no start and goes on by itself.
+    np.testing.assert_allclose(log["position"][:, 0], 1.0 + 0.5 * TICK * 0.25)
+    np.testing.assert_allclose(log["position"][-1, 1], 0.5 * TICK * 10.5)

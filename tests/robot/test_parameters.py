@@ -117,8 +117,8 @@ def test_everything_that_is_missing_is_told_at_once_with_its_meaning(tmp_path):
     assert str(caught.value) == (
         "planar.control.yaml:12: reference_filter.damping_ratio is missing: must be a number (z [1]); "
         "period is missing: must be a number (control sampling [s]); "
-        "gear_ratio is missing: must be a list of numbers (motor turns per joint turn, signed [1]); "
-        f"model = 'planar.urdf': there is no such file in folder {str(folder)!r}"
+        f"model = 'planar.urdf': there is no such file in folder {str(folder)!r}; "
+        f"`forcectl robot {folder}` proposes values"
     )
 
 

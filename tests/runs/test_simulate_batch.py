@@ -96,8 +96,10 @@ def test_an_element_equals_its_single_run(law):
         assert signal.values.tobytes() == together[1].log[name].values.tobytes(), name
 
 
-def test_a_linear_loop_with_delay_equals_its_single_run():
+@pytest.mark.parametrize("contact", [{}, {"station.environment.damping": 20.0, "station.elastic_joints": False}])
+def test_a_linear_loop_with_delay_equals_its_single_run(contact):
     linear = {
+        **contact,
         "station.environment.one_sided": False,
         "station.drive.servo.ideal": True,
         "station.sensors.force.noise_std": 0.0,

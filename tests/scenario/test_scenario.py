@@ -24,6 +24,7 @@ from forcectl.scenario.scenario import (
     resolved_tree,
     select_variants,
 )
+from tests.examples.experiment_runs import fidelities_of
 
 
 def write(folder, text, name="own.yaml"):
@@ -35,7 +36,7 @@ def write(folder, text, name="own.yaml"):
 EXPERIMENTS = [
     (name, fidelity)
     for name in catalog.list_experiments()
-    for fidelity in ([*SHIPPED_FIDELITIES] if "reference" in catalog.find_scenario(name).tree else ["Multibody"])
+    for fidelity in (fidelities_of(name) if "reference" in catalog.find_scenario(name).tree else ["Multibody"])
 ]
 
 

@@ -325,6 +325,10 @@ class GovernedConfig(Config):
         """Bandwidth [rad/s] of the wanted response."""
         return self.reference_bandwidth
 
+    def law_of(self, arm: str) -> Any:
+        """The law that is governed, whichever arm presses."""
+        return self.law
+
     def governor(self, model: PlantModel) -> CommandGovernor:
         """The governor alone.
 

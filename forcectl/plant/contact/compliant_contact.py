@@ -19,7 +19,8 @@ from typing import Any
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, DiscreteValues
-from pydrake.systems.primitives import Gain
+from pydrake.systems.primitives import Adder, Gain
+from scipy.signal import StateSpace
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import BatchBlock, BatchParameter, BatchValue, batch_values, check
@@ -57,6 +58,23 @@ def damped_contact(
     free = rate_stiffness * z / (stiffness + rate_stiffness)
     lost = force <= 0
     return m.where(lost, 0.0, force), m.where(lost, free, touching)
+
+
+def contact_response(stiffness: float, damping: float, robot_compliance: float, period: float) -> StateSpace:
+    """The damped contact while it lasts, from [dx, dx'] to F at the same tick; it takes dx' from dx.
+
+    Args:
+        stiffness: K_E [N/m].
+        damping: D_E [N s/m].
+        robot_compliance: C_R [m/N].
+        period: [s].
+    """
+    rate = damping / period
+    both = 1 + robot_compliance * (stiffness + rate)
+    # z+ = kept z + pressed dx, see `damped_contact`
+    kept, pressed = robot_compliance * rate / both, -1 / both
+    a, b = np.array([[kept]]), np.array([[pressed, 0.0]])
+    return StateSpace(a, b, (stiffness + rate) * a - rate, (stiffness + rate) * b, dt=period)
 
 
 class CompliantContact(BatchBlock):
@@ -155,27 +173,42 @@ class CompliantContact(BatchBlock):
 
 
 class LinearContact(Diagram):
-    """The two-sided spring of the thesis' analysis: F = -dx/C_T, contact never lost. (2.8)
+    """The two-sided contact of the thesis' analysis, never lost: F = -dx/C_T (2.8), or F = -(K_E dx + D_E dx') (6.1).
 
     ```
     name: LinearContact
-    input_ports: [displacement]
+    input_ports: [displacement, displacement_velocity (optional)]
     output_ports: [contact_force]
     ```
 
-    displacement: shape (n,), dx along n, motor side [m]. contact_force: shape (n,) [N]. Feedthrough.
+    displacement: shape (n,), dx along n, motor side [m]. displacement_velocity: shape (n,), dx' [m/s]; exists with
+    damping. contact_force: shape (n,) [N]. Feedthrough of all inputs.
 
     Sampling: none; evaluated when read.
+
+    Args:
+        damping: D_E [N s/m]; then the robot must be rigid.
     """
 
-    def __init__(self, size: int, *, stiffness: ArrayLike, robot_compliance: ArrayLike = 0.0):
+    def __init__(self, size: int, *, stiffness: ArrayLike, damping: ArrayLike = 0.0, robot_compliance: ArrayLike = 0.0):
         super().__init__()
         k = batch_values("stiffness", stiffness, size, "positive and finite")
+        d = batch_values("damping", damping, size, "not negative")
         c = batch_values("robot_compliance", robot_compliance, size, "not negative")
+        if np.any(d * c > 0):
+            raise invalid("damping", d.tolist(), "0 with one_sided = false, unless elastic_joints = false")
         builder = DiagramBuilder()
         spring = builder.AddNamedSystem("spring", Gain(-k / (1 + c * k)))
         builder.ExportInput(spring.get_input_port(), "displacement")
-        builder.ExportOutput(spring.get_output_port(), "contact_force")
+        force = spring.get_output_port()
+        if np.any(d > 0):
+            damper = builder.AddNamedSystem("damper", Gain(-d))
+            total = builder.AddNamedSystem("sum", Adder(2, size))
+            builder.Connect(force, total.get_input_port(0))
+            builder.Connect(damper.get_output_port(), total.get_input_port(1))
+            builder.ExportInput(damper.get_input_port(), "displacement_velocity")
+            force = total.get_output_port()
+        builder.ExportOutput(force, "contact_force")
         builder.BuildInto(self)
 
 
@@ -194,8 +227,8 @@ class EnvironmentConfig(Config, in_batches=True):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.one_sided and self.damping:
-            raise invalid("damping", self.damping, "0 with one_sided = false")
+        if not self.one_sided and self.damping and not self.surface.uniform:
+            raise invalid("damping", self.damping, "0 with one_sided = false and heights")
         if not self.one_sided and self.surface.materials is not None:
             raise invalid("one_sided", False, "true with surface.materials")
 
@@ -215,6 +248,25 @@ class EnvironmentConfig(Config, in_batches=True):
             return self.stiffness, self.damping
         return None, None if materials.damped else 0.0
 
+    @property
+    def least_damping(self) -> float:
+        """The smallest D_E [N s/m]."""
+        return self.damping if self.surface.materials is None else min(self.surface.materials.path().damping)
+
+    def stiffnesses(self) -> dict[str, float]:
+        """K_E that the scenario names [N/m], by key."""
+        materials = self.surface.materials
+        if materials is None:
+            return {"stiffness": self.stiffness}
+        return {f"surface.materials.segments.{i}": s.environment_stiffness for i, s in enumerate(materials.segments)}
+
+    def sampled_response(self, stiffness: float, robot_compliance: float, period: float) -> StateSpace:
+        """From [dx, dx'] to the force of the contact while it lasts, for another K_E [N/m]; see `contact_response`."""
+        if self.one_sided:
+            return contact_response(stiffness, self.least_damping, robot_compliance, period)
+        gain = [[-stiffness / (1 + robot_compliance * stiffness), -self.damping]]
+        return StateSpace(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((1, 0)), gain, dt=period)
+
     def add_to(
         self,
         builder: DiagramBuilder,
@@ -225,7 +277,9 @@ class EnvironmentConfig(Config, in_batches=True):
     ) -> CompliantContact | LinearContact:
         """Add the contact for a batch of n."""
         if not self.one_sided:
-            linear = LinearContact(size, stiffness=self.stiffness, robot_compliance=robot_compliance)
+            linear = LinearContact(
+                size, stiffness=self.stiffness, damping=self.damping, robot_compliance=robot_compliance
+            )
             return builder.AddNamedSystem("contact", linear)
         stiffness, damping = self.contact_values
         block = CompliantContact(

@@ -16,6 +16,7 @@ from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import LinearSystem
 from scipy.linalg import expm
+from scipy.signal import StateSpace
 
 from forcectl.errors import invalid
 from forcectl.framework.batch import batch_values, check, whole_multiple
@@ -131,6 +132,13 @@ class PositionLoopConfig(Config, in_batches=True):
     delay: float = key(
         0.002, "command delay T_t, whole ticks", unit="s", bounds=f"not negative, at most {LONGEST_DELAY:g}"
     )
+
+    def sampled_response(self, period: float) -> StateSpace:
+        """From [command, its rate] to [reference, its rate] of one axis; the rate of the command is not used."""
+        a, b = _held(self.bandwidth, self.damping_ratio, period)
+        ticks = whole_multiple("delay", self.delay, period, "period")
+        one = sampled_system(a[None], b[None], None, None, period, ticks)
+        return StateSpace(one.A(), one.B() @ [[1.0, 0.0]], one.C(), np.zeros((2, 2)), dt=period)
 
     def add_to(
         self, builder: DiagramBuilder, size: int, period: float, initial_command: ArrayLike = 0.0, unit: str = "rad"

@@ -28,6 +28,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, DiscreteValues
 from pydrake.systems.primitives import Demultiplexer
+from scipy.signal import StateSpace
 
 from forcectl.framework.batch import (
     BatchBlock,
@@ -249,6 +250,17 @@ class ServoConfig(Config, in_batches=True):
         known = self.tuned_for == "axes" and loop_inertia.size > 0
         ratio = loop_inertia / rotor_inertia if known else np.ones(len(rotor_inertia))
         return ServoGains(self.position_gain, self.velocity_gain * ratio, self.integral_gain)
+
+    def sampled_response(self, period: float) -> StateSpace:
+        """From [reference, its rate] to [position, velocity] of one axis without friction; an ideal servo is direct."""
+        if self.ideal:
+            return StateSpace(np.zeros((0, 0)), np.zeros((0, 2)), np.zeros((2, 0)), np.eye(2), dt=period)
+        gains = ServoGains(self.position_gain, self.velocity_gain, self.integral_gain)
+        inner = step_coefficients(gains, 0.0, 0.0, period / self.substeps)
+        # Without friction a tick is linear: the columns are what a unit of each state and input makes of it.
+        x, v, i, r, rate = np.eye(5)
+        moved = np.array(servo_steps(x, v, i, r, rate, 0.0, inner, self.substeps))
+        return StateSpace(moved[:, :3], moved[:, 3:], np.eye(2, 3), np.zeros((2, 2)), dt=period)
 
     def add_to(self, builder: DiagramBuilder, size: int, period: float) -> Servo:
         """Add the block for a batch of n axes along the pressed direction [m]."""

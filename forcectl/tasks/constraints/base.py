@@ -381,7 +381,8 @@ def _try(constraint: Any, start: RobotMotion, gamma: float) -> tuple[int, float]
     if not (np.isfinite(row).all() and all(np.isfinite(part).all() for part in together)):
         raise BadInputError(f"constraint {name}: is not finite in the start posture")
     if constraint.relative_degree > 0 and together[0].max() > 0:
+        why = f" ({constraint.nearest(start.q)})" if hasattr(constraint, "nearest") else ""
         raise BadInputError(
-            f"constraint {name}: is violated in the start posture, by {together[0].max():.3g}: must hold there"
+            f"constraint {name}: is violated in the start posture, by {together[0].max():.3g}{why}: must hold there"
         )
     return rows, float(own)

@@ -19,6 +19,7 @@ from forcectl.plant.contact.compliant_contact import (
     damped_contact,
     elastic_force,
 )
+from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.testing import assert_ports, run_diagram
 
 displacements = st.floats(-1e-2, 1e-2)
@@ -235,9 +236,21 @@ def test_config_checks_itself(name, value):
         EnvironmentConfig(**{name: value})
 
 
-def test_config_of_a_two_sided_contact_has_no_damping():
-    with pytest.raises(BadInputError, match="damping"):
-        EnvironmentConfig(damping=5.0, one_sided=False)
+def test_a_two_sided_contact_with_a_damper_is_that_of_the_torque_on_a_peg():
+    """F = -(K dx + D dx') (6.1), of a rigid robot on a flat surface."""
+    config = EnvironmentConfig(stiffness=500.0, damping=100.0, one_sided=False)
+    block = config.add_to(DiagramBuilder(), 2, 0.004)
+    context = block.CreateDefaultContext()
+    block.GetInputPort("displacement").FixValue(context, [-0.2, 0.1])
+    block.GetInputPort("displacement_velocity").FixValue(context, [0.5, 0.0])
+    np.testing.assert_allclose(block.GetOutputPort("contact_force").Eval(context), [100.0 - 50.0, -50.0])
+    np.testing.assert_allclose(config.sampled_response(500.0, 0.0, 0.004).D, [[-500.0, -100.0]])
+    with pytest.raises(
+        BadInputError, match=r"damping .* must be 0 with one_sided = false, unless elastic_joints = false"
+    ):
+        config.add_to(DiagramBuilder(), 1, 0.004, robot_compliance=1e-5)
+    with pytest.raises(BadInputError, match=r"damping = 100.0: must be 0 with one_sided = false and heights"):
+        EnvironmentConfig(damping=100.0, one_sided=False, surface=SurfaceConfig(slope=0.1))
 
 
 @pytest.mark.parametrize(("one_sided", "kind"), [(True, CompliantContact), (False, LinearContact)])

@@ -1,0 +1,58 @@
+"""How a compliant tool aligns with what it touches (Fig. 6.5)."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+
+from forcectl.diagrams.model import Setting
+from forcectl.framework.fields import Config, key
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+TIMES = (100, 200, 500, 1000)  # [ms] at which the angle is told
+
+
+@dataclass(kw_only=True)
+class AlignmentAnalysis(Config):
+    """Scenario part `!Alignment`: the angle of a peg in its hole, of a loop along one direction.
+
+    A metre of the loop stands for a radian: theta = -dx, and the interaction torque is mu = F_bar - F, so that F_bar is
+    the torque at the start, K_env theta_hole.
+    """
+
+    angle: float = key(0.2, "theta_hole, where the contact is relaxed", unit="rad", bounds="positive")
+
+    def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
+        """Those of `ALIGNMENT_METRICS`."""
+        time, theta, torque = log["time"].values, *_angle_and_torque(log)
+        found = {f"angle_at_{at}ms_rad": float(np.interp(1e-3 * at, time, theta, right=np.nan)) for at in TIMES}
+        outside = np.flatnonzero(np.abs(theta - self.angle) > 0.02 * self.angle)
+        settled = len(outside) == 0 or outside[-1] + 1 < len(time)
+        return {
+            **{name: None if np.isnan(value) else value for name, value in found.items()},
+            "alignment_error_rad": float(self.angle - theta[-1]),
+            "alignment_overshoot_rad": float(max(theta.max() - self.angle, 0.0)),
+            "alignment_settling_2pct_s": float(time[outside[-1] + 1] if len(outside) else time[0]) if settled else None,
+            "torque_at_start_Nm": float(torque[0]),
+            "torque_at_end_Nm": float(torque[-1]),
+        }
+
+    def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
+        """Angle and speed of the peg, and torque, of every variant."""
+        from forcectl.figures.alignment import alignment_figure
+
+        runs = {"": log}
+        if "variant" in log.dims:
+            runs = {str(name): log.sel(variant=name).dropna("time", how="all") for name in log["variant"].values}
+        curves = {name: (run["time"].values, *_angle_and_torque(run)) for name, run in runs.items()}
+        return {"alignment": alignment_figure(curves, self.angle, title)}
+
+
+def _angle_and_torque(log: Any) -> tuple[Any, Any]:
+    """theta [rad] and mu [Nm] over time."""
+    theta = -log["contact_displacement"].values.ravel()
+    return theta, (log["desired_force"].values - log["contact_force"].values).ravel()

@@ -1,0 +1,308 @@
+"""Admittance control: a force moves a reference as it would move a mass with a damper::
+
+    mu = H a + D dv                                                                               (6.3)
+    a[k] = (mu[k] - D dv[k])/H,    dv[k+1] = dv[k] + Ts a[k],    dx[k+1] = dx[k] + Ts dv[k] + Ts^2/2 a[k]      (6.5)
+    x[k+1] = x_gen[k+1] + dx[k+1],    x'[k+1] = x_gen'[k+1] + dv[k+1]                             (6.2)
+
+component by component, with mu a force or torque and x_gen the motion of a trajectory generator. At every tick the
+state of the filter is what was commanded in fact, beyond the generator::
+
+    dx[k] = x[k] - x_gen[k],    dv[k] = x'[k] - x_gen'[k]                                         (6.10)*
+
+so that a limit, or a quadratic program that cannot follow, does not leave the filter somewhere else. There are two
+arrangements of generator and filter (the table in docs/admittance.md says when they are stable):
+
+`consistent`: the generator goes on from its own state, dx as above.
+`increment`, of the printed (6.7): the generator starts from x[k], x'[k], so dx starts from 0 in every tick.
+
+As a force law, mu = F - F_bar and x = dx_bar: the tool retreats where the force is too large. After the time H/D it is
+an integral law, dx_bar' = (F - F_bar)/D. On a surface of the total compliance C_T that is (2.11)* with K_I = 1/(C_T D).
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
+from pydrake.systems.primitives import ConstantVectorSource, MatrixGain, Multiplexer
+from scipy.signal import StateSpace
+
+from forcectl.errors import invalid, unknown
+from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check, check_order
+from forcectl.framework.fields import Config, key
+from forcectl.framework.sampled_block import Memory, SampledBatch
+from forcectl.motion.trajectory_generator import TrajectoryGenerator
+from forcectl.motion.velocity_generator import VelocityGenerator
+from forcectl.plant.plant_model import PlantModel
+
+ARRANGEMENTS = ("consistent", "increment")
+GENERATORS = ("velocity", "position")
+
+
+def admittance_step(
+    displacement: BatchValue,
+    velocity: BatchValue,
+    force: BatchValue,
+    inertia: BatchValue,
+    damping: BatchValue,
+    period: float,
+) -> tuple[BatchValue, BatchValue]:
+    """One tick of the filter. (6.5)
+
+    Args:
+        displacement, velocity: dx[k], dv[k] [u, u/s].
+        force: mu[k] [N or Nm].
+        inertia: H [kg or kg m^2/rad].
+        damping: D [N s/m or Nms/rad].
+        period: Ts [s].
+
+    Returns:
+        dx[k+1], dv[k+1] [u, u/s].
+    """
+    acceleration = (force - damping * velocity) / inertia
+    moved = displacement + period * velocity + 0.5 * period**2 * acceleration
+    return moved, velocity + period * acceleration
+
+
+def admittance_response(inertia: float, damping: float, period: float, arrangement: str = "consistent") -> StateSpace:
+    """One component from mu to [x, x'] at the same tick, the generator at rest and without limits.
+
+    Args:
+        inertia: H [kg or kg m^2/rad].
+        damping: D [N s/m or Nms/rad].
+        period: Ts [s].
+        arrangement: one of `ARRANGEMENTS`.
+    """
+    # From x[k], x'[k] the generator stops within the tick, half a step further on: Algorithm 3.
+    stopping = 0.5 * period if arrangement == "increment" else 0.0
+    columns = [admittance_step(x, v, mu, inertia, damping, period) for x, v, mu in ((1.0, 0.0, 0.0), (0.0, 1.0, 0.0))]
+    a: NDArray[np.float64] = np.transpose(columns)
+    a[0, 1] += stopping
+    b = np.reshape(admittance_step(0.0, 0.0, 1.0, inertia, damping, period), (2, 1))
+    return StateSpace(a, b, a, b, dt=period)
+
+
+class AdmittanceFilter(SampledBatch):
+    """The admittance filter (6.2), (6.5) with the state update (6.10)*, for n components, one to six of a task.
+
+    ```
+    name: AdmittanceFilter
+    input_ports: [generated_position, generated_velocity, force, commanded_position (optional),
+    commanded_velocity (optional)]
+    output_ports: [position, velocity, last_position, last_velocity]
+    parameters: [inertia, damping, lower_limit, upper_limit]
+    ```
+
+    Units u per component: [m] or [rad].
+
+    generated_position, generated_velocity: shape (n,), x_gen[k+1], x_gen'[k+1], at the END of the tick [u, u/s].
+    force: shape (n,), mu[k] along the components [N or Nm].
+    commanded_position, commanded_velocity: shape (n,), what was commanded in fact in the tick before, x[k], x'[k] [u,
+    u/s]. The ports exist with `corrected`; without, it is what this block put out.
+    position, velocity: shape (n,), x[k+1], x'[k+1] [u, u/s]. Feedthrough of all inputs at the tick, and held.
+    last_position, last_velocity: shape (n,), the same of the tick before [u, u/s]: where a generator starts from in the
+    arrangement `increment`. State, no direct feedthrough.
+
+    Parameters (Context, shape (n,)): inertia H [kg or kg m^2/rad] and damping D [N s/m or Nms/rad], positive, with H >
+    D Ts/2: else the filter alone is unstable. lower_limit and upper_limit of the position [u], where it stops.
+
+    A force or a generated motion that is not a number holds the position, with a velocity of zero. A commanded one that
+    is not a number is taken for what this block put out.
+
+    Sampling: every `period` [s]; no delay from force to position, see `SampledBlock`.
+
+    Args:
+        size: n.
+        arrangement: `consistent` or `increment`, see the module.
+        corrected: whether what was commanded comes from ports.
+        initial_position: of generator and filter at first, shape (n,) [u].
+    """
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        inertia: ArrayLike,
+        damping: ArrayLike,
+        arrangement: str = "consistent",
+        corrected: bool = False,
+        lower_limit: ArrayLike = -np.inf,
+        upper_limit: ArrayLike = np.inf,
+        initial_position: ArrayLike = 0.0,
+        period: float = 0.004,
+    ):
+        if arrangement not in ARRANGEMENTS:
+            raise unknown("arrangement", arrangement, ARRANGEMENTS)
+        self._period = check("period", period, "positive")
+        self._consistent, self._corrected = arrangement == "consistent", corrected
+        super().__init__(
+            size,
+            {
+                "inertia": BatchParameter(inertia, "positive and finite", "kg"),
+                "damping": BatchParameter(damping, "positive and finite", "N s/m"),
+                "lower_limit": BatchParameter(lower_limit, "a number", "m"),
+                "upper_limit": BatchParameter(upper_limit, "a number", "m"),
+            },
+        )
+        self.sample_delay = {("force", "position"): 0.0}
+        names = ["generated_position", "generated_velocity", "force"]
+        names += ["commanded_position", "commanded_velocity"] * corrected
+        start = batch_values("initial_position", initial_position, size)
+        memory = {"position": start, "velocity": 0.0, "generated_position": start, "generated_velocity": 0.0}
+        self.declare_memory(memory, [self.DeclareVectorInputPort(name, size) for name in names], period)
+        self.show("position", "velocity")
+        for name in ("position", "velocity"):
+            self.show_held(f"last_{name}", name)
+
+    def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
+        """The filter alone is stable, and the limits are in order."""
+        least = 0.5 * self._period * values["damping"]
+        if not np.all(values["inertia"] > least):
+            allowed = f"above damping times half a tick, {least.tolist()}: else the filter alone is unstable"
+            raise invalid("inertia", values["inertia"].tolist(), allowed)
+        check_order("lower_limit", "upper_limit", values)
+
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
+        """One tick of the filter."""
+        m, inf = self.math, np.inf
+        inertia, damping, lower, upper = self.values(context)
+        x, v = memory["position"], memory["velocity"]
+        if self._corrected:
+            given_x, given_v = inputs["commanded_position"], inputs["commanded_velocity"]
+            good = (abs(given_x) < inf) & (abs(given_v) < inf)
+            x, v = m.where(good, given_x, x), m.where(good, given_v, v)
+        generated, speed, force = inputs["generated_position"], inputs["generated_velocity"], inputs["force"]
+        finite = (abs(generated) < inf) & (abs(speed) < inf)
+        dx = x - memory["generated_position"] if self._consistent else 0.0
+        dv = v - memory["generated_velocity"]
+        dx, dv = admittance_step(dx, dv, force, inertia, damping, self._period)
+        free, speed_free = generated + dx, speed + dv
+        good = finite & (abs(free) < inf) & (abs(speed_free) < inf)
+        position = m.minimum(m.maximum(m.where(good, free, x), lower), upper)
+        stopped = ((free > upper) & (speed_free > 0)) | ((free < lower) & (speed_free < 0))
+        return {
+            "position": position,
+            "velocity": m.where(good, m.where(stopped, 0.0, speed_free), 0.0),
+            "generated_position": m.where(finite, generated, memory["generated_position"]),
+            "generated_velocity": m.where(finite, speed, memory["generated_velocity"]),
+        }
+
+
+class AdmittanceForceLaw(Diagram):
+    """Admittance control of n independent forces: generator and filter (Figs. 6.3 and 6.4).
+
+    ```
+    name: AdmittanceForceLaw
+    input_ports: [desired_force, measured_force]
+    output_ports: [displacement_command, displacement_velocity_command]
+    ```
+
+    desired_force, measured_force: shape (n,) [N]. displacement_command: shape (n,), dx_bar [m], held over [t_k, t_k+1).
+    displacement_velocity_command: shape (n,), the speed of the filter then [m/s].
+    All outputs are feedthrough of all inputs at the tick.
+
+    The blocks inside have the parameters: see `AdmittanceFilter`, and `VelocityGenerator` with the target velocity 0 or
+    `TrajectoryGenerator` with the target position 0.
+
+    Sampling: every `period` [s]; no delay from measured_force to displacement_command.
+
+    Args:
+        admittance: the filter of the displacements.
+        generator: a `VelocityGenerator` or a `TrajectoryGenerator` of as many components.
+        from_command: whether the generator starts from what was commanded, as in the arrangement `increment`.
+    """
+
+    def __init__(self, admittance: AdmittanceFilter, generator: System, *, from_command: bool):
+        super().__init__()
+        n = admittance.size
+        self.sample_delay = {("measured_force", "displacement_command"): 0.0}
+        builder = DiagramBuilder()
+        add, connect = builder.AddNamedSystem, builder.Connect
+        forces = add("forces", Multiplexer([n, n]))
+        error = add("force_error", MatrixGain(np.hstack([-np.eye(n), np.eye(n)])))
+        zero = add("zero", ConstantVectorSource(np.zeros(n)))
+        add("generator", generator)
+        add("admittance", admittance)
+        connect(forces.get_output_port(), error.get_input_port())
+        connect(error.get_output_port(), admittance.GetInputPort("force"))
+        target = "target_velocity" if isinstance(generator, VelocityGenerator) else "target_position"
+        connect(zero.get_output_port(), generator.GetInputPort(target))
+        for name in ("position", "velocity"):
+            connect(generator.GetOutputPort(name), admittance.GetInputPort(f"generated_{name}"))
+            if from_command:
+                connect(admittance.GetOutputPort(f"last_{name}"), generator.GetInputPort(f"start_{name}"))
+        if from_command and generator.HasInputPort("start_acceleration"):
+            connect(zero.get_output_port(), generator.GetInputPort("start_acceleration"))
+        builder.ExportInput(forces.get_input_port(0), "desired_force")
+        builder.ExportInput(forces.get_input_port(1), "measured_force")
+        builder.ExportOutput(admittance.GetOutputPort("position"), "displacement_command")
+        builder.ExportOutput(admittance.GetOutputPort("velocity"), "displacement_velocity_command")
+        builder.BuildInto(self)
+
+
+@dataclass(kw_only=True)
+class AdmittanceConfig(Config):
+    """Scenario part `!Admittance`; the default is an integral law with K_I = 1.2 1/s on the springs of 5.9e3 N/m."""
+
+    inertia: float = key(40.0, "H of the filter", unit="kg", bounds="positive")
+    damping: float = key(
+        4000.0, "D of the filter; a force error moves the tool at its D-th part", unit="N s/m", bounds="positive"
+    )
+    arrangement: str = key(
+        "consistent",
+        "consistent: the generator goes on by itself; increment: it starts from the command in every tick, as in (6.7)",
+        choices=ARRANGEMENTS,
+    )
+    generator: str = key(
+        "velocity",
+        "velocity: stops, Algorithm 3; position: returns to the start, which leaves a force error with increment",
+        choices=GENERATORS,
+    )
+    velocity_limit: float = key(1.0, "of the generator", unit="m/s", bounds="positive")
+    acceleration_limit: float = key(1000.0, "of the generator", unit="m/s^2", bounds="positive")
+    jerk_limit: float = key(1e9, "of the generator of positions", unit="m/s^3", bounds="positive")
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero")
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero")
+
+    def law(self, model: PlantModel) -> AdmittanceForceLaw:
+        """The block.
+
+        Raises:
+            BadInputError: the filter alone is unstable.
+        """
+        n, period = model.size, model.period
+        limits: dict[str, Any] = {"velocity_limit": self.velocity_limit, "acceleration_limit": self.acceleration_limit}
+        if self.generator == "velocity":
+            generator: System = VelocityGenerator(n, **limits, period=period)
+        else:
+            # Each component is planned by itself.
+            generator = TrajectoryGenerator(n, **limits, jerk_limit=self.jerk_limit, groups=[1] * n, period=period)
+        admittance = AdmittanceFilter(
+            n,
+            inertia=self.inertia,
+            damping=self.damping,
+            arrangement=self.arrangement,
+            lower_limit=self.lower_limit,
+            upper_limit=self.upper_limit,
+            period=period,
+        )
+        return AdmittanceForceLaw(admittance, generator, from_command=self.arrangement == "increment")
+
+    def sampled_response(self, period: float) -> StateSpace:
+        """From the measured force to displacement and rate of the command, without limits and at rest.
+
+        A loop with this law is refused when it is unstable, see `forcectl.force.chain`.
+        """
+        return admittance_response(self.inertia, self.damping, period, self.arrangement)
+
+    def reference_model_bandwidth(self) -> float | None:
+        """None: K_I depends on the surface."""
+        return None
+
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdmittanceForceLaw:
+        """Add the law."""
+        return builder.AddNamedSystem("force_law", self.law(model))

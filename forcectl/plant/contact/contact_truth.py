@@ -1,0 +1,175 @@
+"""What bodies really do to each other where they touch, whichever model of contact computes it.
+
+A point contact has a force at a point. A hydroelastic contact has a surface of pressure, and Drake its resultant
+(torque and force) at the centroid of that surface. Both are here wrenches [torque; force] in the world [Nm, N].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Collection, Iterable, Iterator, Sequence
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform
+from pydrake.multibody.plant import ContactResults, MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, Frame, FrameIndex, ModelInstanceIndex
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from forcectl.errors import BadInputError, unknown
+
+Array = NDArray[np.float64]
+
+
+class BodyContact(NamedTuple):
+    """One contact between two bodies.
+
+    Attributes:
+        body_a, body_b: indices of the bodies.
+        point: where it acts, in the world, shape (3,) [m].
+        wrench: on body B at this point in the world, shape (6,); on body A its opposite [Nm, N].
+    """
+
+    body_a: int
+    body_b: int
+    point: Array
+    wrench: Array
+
+
+class ContactReader:
+    """Reads the contact results of a plant.
+
+    Args:
+        plant: finalized.
+    """
+
+    def __init__(self, plant: MultibodyPlant):
+        bodies = [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
+        self._body_of = {
+            geometry: int(body.index())
+            for body in bodies
+            if plant.geometry_source_is_registered()
+            for geometry in plant.GetCollisionGeometriesForBody(body)
+        }
+
+    def read(self, results: ContactResults) -> Iterator[BodyContact]:
+        """Every contact, of points and of surfaces."""
+        for i in range(results.num_point_pair_contacts()):
+            pair = results.point_pair_contact_info(i)
+            wrench = np.concatenate([np.zeros(3), pair.contact_force()])
+            yield BodyContact(int(pair.bodyA_index()), int(pair.bodyB_index()), pair.contact_point(), wrench)
+        for i in range(results.num_hydroelastic_contacts()):
+            touch = results.hydroelastic_contact_info(i)
+            surface, on_a = touch.contact_surface(), touch.F_Ac_W()
+            wrench = -np.concatenate([on_a.rotational(), on_a.translational()])
+            yield BodyContact(self._body_of[surface.id_M()], self._body_of[surface.id_N()], surface.centroid(), wrench)
+
+
+def wrench_between(
+    contacts: Iterable[BodyContact], on: Collection[int], by: Collection[int] | None, point: Array
+) -> Array:
+    """Sum of the wrenches on some bodies by others.
+
+    Args:
+        contacts: of a plant.
+        on: indices of the bodies that are acted on.
+        by: of those that act; None: all that are not in `on`.
+        point: reference of the torque, in the world, shape (3,) [m].
+
+    Returns:
+        [torque; force] at the point in the world, shape (6,) [Nm, N].
+    """
+    total = np.zeros(6)
+    for contact in contacts:
+        for body, other, sign in ((contact.body_b, contact.body_a, 1.0), (contact.body_a, contact.body_b, -1.0)):
+            if body in on and (other not in on if by is None else other in by):
+                total[:3] += sign * (contact.wrench[:3] + np.cross(contact.point - point, contact.wrench[3:]))
+                total[3:] += sign * contact.wrench[3:]
+    return total
+
+
+def bodies_named(plant: MultibodyPlant, names: Sequence[str], key: str) -> frozenset[int]:
+    """Indices of bodies, each named as "body", "model::body", or as "model" for all bodies of a model instance.
+
+    Args:
+        plant: finalized.
+        names: of bodies and model instances.
+        key: that gave them, for messages.
+
+    Raises:
+        BadInputError: there is none of that name, or several.
+    """
+    bodies = [plant.get_body(BodyIndex(i)) for i in range(plant.num_bodies())]
+    found: set[int] = set()
+    for name in names:
+        if plant.HasModelInstanceNamed(name):
+            instance: ModelInstanceIndex = plant.GetModelInstanceByName(name)
+            found |= {int(index) for index in plant.GetBodyIndices(instance)}
+        else:
+            place = _place(name, [(body.name(), body.scoped_name().get_full()) for body in bodies], key)
+            found.add(int(bodies[place].index()))
+    return frozenset(found)
+
+
+def frame_called(plant: MultibodyPlant, name: str, key: str) -> Frame:
+    """A frame of a plant, named as "frame" or "model::frame"; "world" is the world's.
+
+    Raises:
+        BadInputError: there is none of that name, or several.
+    """
+    frames = [plant.get_frame(FrameIndex(i)) for i in range(plant.num_frames())]
+    return frames[_place(name, [(frame.name(), frame.scoped_name().get_full()) for frame in frames], key)]
+
+
+def _place(name: str, known: list[tuple[str, str]], key: str) -> int:
+    found = [i for i, names in enumerate(known) if name in names]
+    if len(found) > 1:
+        raise BadInputError(f" = {name!r}: must be one of {', '.join(known[i][1] for i in found)}", key=key)
+    if not found:
+        raise unknown(key, name, [full for _, full in known])
+    return found[0]
+
+
+class ContactWrench(LeafSystem):
+    """Wrench that some bodies of a plant exert on others where they touch, in the axes of a frame.
+
+    ```
+    name: ContactWrench
+    input_ports: [contact_results, body_poses]
+    output_ports: [body_contact_wrench]
+    ```
+
+    contact_results, body_poses: abstract, of the plant.
+    body_contact_wrench: shape (6,), on the bodies `on` at the origin of the frame in the frame, [torque; force]; zero
+    where they do not touch [Nm, N]. Feedthrough of all inputs.
+
+    Sampling: none; evaluated when read. With sampled output ports of the plant the results are those of its last step.
+
+    Args:
+        plant: finalized.
+        on: indices of the bodies that are acted on.
+        by: of those that act; None: all others.
+        frame: of the plant.
+    """
+
+    port_units = {"body_contact_wrench": "Nm,N"}
+
+    def __init__(self, plant: MultibodyPlant, on: Collection[int], by: Collection[int] | None, frame: Frame):
+        super().__init__()
+        self._reader, self._on, self._by = ContactReader(plant), on, by
+        self._body, self._X_BF = int(frame.body().index()), frame.GetFixedPoseInBodyFrame()
+        self._results = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
+        self._poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
+        self.DeclareVectorOutputPort(
+            "body_contact_wrench",
+            6,
+            self._show,
+            prerequisites_of_calc={self._results.ticket(), self._poses.ticket()},
+        )
+
+    def _show(self, context: Context, output: BasicVector) -> None:
+        X_WF = self._poses.Eval(context)[self._body] @ self._X_BF
+        contacts = self._reader.read(self._results.Eval(context))
+        wrench = wrench_between(contacts, self._on, self._by, X_WF.translation())
+        output.SetFromVector((wrench.reshape(2, 3) @ X_WF.rotation().matrix()).ravel())

@@ -1,0 +1,106 @@
+"""What is assumed of a robot's drives where its control parameters leave it out.
+
+A data sheet gives limits, seldom anything of motors and gears. From the largest torque tau and speed v of each joint::
+
+    acceleration limit     v / (0.15 s)
+    joint stiffness        tau / (3 mrad): a joint twists by 3 mrad at its largest torque
+    gear ratio             100
+    rotor inertia          B = tau (20 ms) / v, joint side: rotors alone would reach v in 20 ms
+    transmission damping   4 % of critical, 2 * 0.04 * sqrt(stiffness * B)
+    Coulomb friction       5 % of tau
+    viscous friction       15 % of tau at v
+
+The two robots shipped with forcectl, an industrial arm of 160 kg and one of 38 kg with two arms, have each of these
+within a factor of 4. Friction decides how well forces are felt and how a force loop hunts: measure it if you can.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Callable, Mapping
+from dataclasses import replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.errors import BadInputError
+from forcectl.robot.parameters import DERIVED, ControlParameters
+
+Array = NDArray[np.float64]
+
+TWIST = 3e-3  # [rad]
+GEAR_RATIO = 100.0
+ROTOR_TIME = 0.02  # [s]
+ACCELERATION_TIME = 0.15  # [s]
+DAMPING_RATIO = 0.04
+COULOMB_SHARE, VISCOUS_SHARE = 0.05, 0.15
+ASSUMED_SET = "assumed"
+
+
+def completed(
+    parameters: ControlParameters,
+    velocity: Array,
+    torque: Array,
+    acceleration: Array,
+    drives: Mapping[str, Array],
+) -> ControlParameters:
+    """The parameters with everything that they leave out; `assumed` says of each key by which rule.
+
+    Args:
+        parameters: as they were read.
+        velocity, torque, acceleration: limits of the joints, each shape (n,); infinite where none is known.
+        drives: gear_ratio, coulomb_friction and viscous_friction of the model, each (n,); ones and zeros for none.
+
+    Raises:
+        BadInputError: a limit is not known that something is assumed from.
+    """
+    left_out = [name for name in DERIVED if not len(getattr(parameters, name))]
+    for name, limit in (("velocity_limit", velocity), ("torque_limit", torque)):
+        if left_out and not np.isfinite(limit).all():
+            without = [joint for joint, one in zip(parameters.arm_joints, limit, strict=True) if not np.isfinite(one)]
+            raise BadInputError(
+                f"{parameters.model}: {name} is missing: the model gives none of {', '.join(without)}, and "
+                f"{', '.join(left_out)} are left out"
+            )
+    values: dict[str, Any] = {}
+    assumed: dict[str, str] = {}
+
+    def fill(name: str, rule: str, value: Callable[[], Any]) -> Any:
+        given = values.get(name, getattr(parameters, name))
+        if len(given):
+            return given
+        values[name], assumed[name] = value(), rule
+        return values[name]
+
+    n = parameters.num_joints
+    if not np.isfinite(acceleration).all() and np.isfinite(velocity).all():
+        rule = f"the largest speed in {ACCELERATION_TIME:g} s"
+        fill("acceleration_limit", rule, lambda: np.minimum(acceleration, velocity / ACCELERATION_TIME))
+    if len(parameters.joint_stiffness):
+        stiffness = parameters.stiffness()
+    else:
+        rule = f"{1e3 * TWIST:g} mrad of twist at the largest torque"
+        stiffness = fill("joint_stiffness", rule, lambda: {ASSUMED_SET: torque / TWIST})[ASSUMED_SET]
+        values["default_stiffness_set"] = ASSUMED_SET
+    geared = drives["gear_ratio"]
+    if (geared != 1).any():
+        ratio = fill("gear_ratio", "the model's", lambda: geared)
+    else:
+        ratio = fill("gear_ratio", f"{GEAR_RATIO:g}", lambda: np.full(n, GEAR_RATIO))
+    rule = f"joint side, the largest torque would bring it to the largest speed in {1e3 * ROTOR_TIME:g} ms"
+    rotor = fill("rotor_inertia", rule, lambda: torque * ROTOR_TIME / velocity / ratio**2)
+    rule = f"{100 * DAMPING_RATIO:g} % of critical of the rotor on its spring"
+    fill("transmission_damping", rule, lambda: 2 * DAMPING_RATIO * np.sqrt(stiffness * rotor * ratio**2))
+    coulomb, viscous = drives["coulomb_friction"], drives["viscous_friction"]
+    if coulomb.any() or viscous.any():
+        fill("coulomb_friction", "the model's", lambda: coulomb)
+        fill("viscous_friction", "the model's", lambda: viscous)
+    rule = f"{100 * COULOMB_SHARE:g} % of the largest torque"
+    fill("coulomb_friction", rule, lambda: COULOMB_SHARE * torque)
+    rule = f"{100 * VISCOUS_SHARE:g} % of the largest torque, at the largest speed"
+    fill("viscous_friction", rule, lambda: VISCOUS_SHARE * torque / velocity)
+    if not values:
+        return parameters
+    made = replace(parameters, **values)
+    made.assumed = assumed
+    return made

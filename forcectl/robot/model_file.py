@@ -1,0 +1,144 @@
+"""Model files as Drake parses them, with one-line errors."""
+
+from __future__ import annotations
+
+import json
+import logging
+import re
+from collections.abc import Iterable, Iterator
+from contextlib import contextmanager
+from dataclasses import dataclass
+from pathlib import Path
+from tempfile import TemporaryDirectory
+from typing import Any
+
+from pydrake.multibody.parsing import Parser
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import ModelInstanceIndex
+
+from forcectl.errors import BadInputError, unknown
+from forcectl.models import add_packages
+from forcectl.robot.urdf import Urdf, read_urdf
+
+
+@dataclass(frozen=True)
+class ModelFile:
+    """A file with one model.
+
+    Attributes:
+        path: of the file.
+        name: of the model.
+        bodies: names of its bodies.
+        urdf: what was read of a URDF file; empty for others.
+        remarks: Drake's, one for each kind.
+    """
+
+    path: Path
+    name: str
+    bodies: tuple[str, ...]
+    urdf: Urdf
+    remarks: tuple[str, ...]
+
+    @classmethod
+    def look(cls, path: Path) -> ModelFile:
+        """Read the file once.
+
+        Raises:
+            BadInputError: it cannot be used.
+        """
+        if not path.is_file():
+            raise BadInputError(f"model = {path.name!r}: there is no such file in folder {str(path.parent)!r}")
+        urdf = read_urdf(path) if path.suffix.lower() == ".urdf" else Urdf()
+        if urdf.problems:
+            raise BadInputError(f"{path.name}: cannot be read: {'; '.join(urdf.problems)}")
+        plant = MultibodyPlant(time_step=0.0)
+        instances, remarks = add_models(plant, path, urdf)
+        if len(instances) != 1:
+            raise BadInputError(f"{path.name} holds {len(instances)} models: must hold exactly one")
+        bodies = tuple(plant.get_body(index).name() for index in plant.GetBodyIndices(instances[0]))
+        return cls(path, plant.GetModelInstanceName(instances[0]), bodies, urdf, remarks)
+
+
+def add_models(plant: MultibodyPlant, path: Path, urdf: Urdf) -> tuple[list[ModelInstanceIndex], tuple[str, ...]]:
+    """Parse a model file by itself; returns its models and Drake's remarks.
+
+    Raises:
+        BadInputError: it cannot be read.
+    """
+    parser = Parser(plant)
+    add_packages(parser.package_map())
+    with _readable(path.name) as remarks:
+        added: list[ModelInstanceIndex] = (
+            parser.AddModelsFromString(urdf.text, "urdf") if urdf.text else parser.AddModels(path)
+        )
+    return added, tuple(dict.fromkeys(re.sub(r"^\S*: warning: ", "", text) for text in remarks))
+
+
+Bodies = list[str]  # by their full names, model::body
+
+
+def all_bodies(name: str, model: ModelFile) -> Bodies:
+    """All bodies of a model that is added under this name."""
+    return [f"{name}::{body}" for body in model.bodies]
+
+
+def some_bodies(model: ModelFile, links: Iterable[str], key: str) -> Bodies:
+    """Some bodies of a model, which stand at this key.
+
+    Raises:
+        BadInputError: there is no such body.
+    """
+    for link in links:
+        if link not in model.bodies:
+            raise unknown(f"link in {key} of {model.name}", link, model.bodies)
+    return [f"{model.name}::{link}" for link in links]
+
+
+def parse_models(
+    plant: MultibodyPlant, models: dict[str, ModelFile], filters: list[tuple[Bodies, Bodies]]
+) -> dict[str, ModelInstanceIndex]:
+    """Add models under the names given; `filters` are bodies that are never checked against others.
+
+    All in one go: Drake refuses a collision filter between models that were not parsed together.
+    """
+    parser = Parser(plant)
+    add_packages(parser.package_map())
+    directives: list[dict[str, Any]] = []
+    with TemporaryDirectory() as copies:
+        for name, model in models.items():
+            folder = model.path.parent
+            if model.urdf.text:
+                folder = Path(copies, name)
+                folder.mkdir()
+                (folder / model.path.name).write_text(model.urdf.text, encoding="utf-8")
+            parser.package_map().Add(f"folder_of_{name}", str(folder))
+            directives.append({"add_model": {"name": name, "file": f"package://folder_of_{name}/{model.path.name}"}})
+        for i, sides in enumerate(filters):
+            names = [f"filter_{i}_a", f"filter_{i}_b"]
+            for own, other, members in zip(names, reversed(names), sides, strict=True):
+                entry = {"name": own, "members": members, "ignored_collision_filter_groups": [other]}
+                directives += [{"add_collision_filter_group": entry}] if all(sides) else []
+        with _readable(" or ".join(dict.fromkeys(model.path.name for model in models.values()))):
+            parser.AddModelsFromString(json.dumps({"directives": directives}), "dmd.yaml")
+    return {name: plant.GetModelInstanceByName(name) for name in models}
+
+
+@contextmanager
+def _readable(files: str) -> Iterator[list[str]]:
+    """Whatever Drake finds wrong in these files as one line; its remarks are gathered instead of printed.
+
+    Failed preconditions of Drake arrive as SystemExit.
+    """
+    logger, remarks = logging.getLogger("drake"), list[str]()
+
+    def gather(record: logging.LogRecord) -> bool:
+        remarks.append(" ".join(record.getMessage().split()))
+        return False
+
+    logger.addFilter(gather)
+    try:
+        yield remarks
+    except (RuntimeError, ValueError, SystemExit) as error:
+        raise BadInputError(f"{files}: cannot be read: {' '.join(str(error).split())}") from error
+    finally:
+        logger.removeFilter(gather)

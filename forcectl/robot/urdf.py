@@ -1,0 +1,335 @@
+"""A URDF file as it is found in public: what is wrong with it, and what Drake is given in its place.
+
+The file itself is never changed. What Drake cannot use, or would use in another way than a robot behind drives has it,
+is replaced in a copy of the text:
+
+- collision meshes other than .obj, .vtk and .gltf by the box or capsule around them (`forcectl.robot.meshes`);
+- visual meshes that are missing by nothing, .stl ones by the box or capsule around them;
+- `<mimic>` by nothing: a joint that mimics is held, see `forcectl.robot.parts`;
+- `<dynamics>` by nothing: damping and friction of a joint are those of its drive, see `forcectl.robot.assumptions`;
+- transmissions of joints without a torque limit, and gear ratios, by nothing: see `forcectl.robot.parts` for both;
+- a material's name that stands for two colours by one for each;
+- masses of zero by no inertia at all, and an inertia that no body has by one that a body may have;
+- addresses of packages by the files they name, see `package_folders`.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass, field, replace
+from functools import lru_cache
+from pathlib import Path
+from xml.etree import ElementTree
+from xml.parsers import expat
+
+import numpy as np
+from pydrake.math import RollPitchYaw
+
+from forcectl.models import models_folder
+from forcectl.robot.meshes import Enclosure, mesh_enclosure
+from forcectl.robot.urdf_text import NUMBERS, numbers_in, package_folders, parse_xml, wrong_numbers
+
+Element = ElementTree.Element
+
+_BY_DRAKE = (".obj", ".vtk", ".gltf")
+_ENTRIES = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])  # of an inertia, in the order below
+_MOVING = ("revolute", "continuous", "prismatic")
+
+
+@dataclass(frozen=True)
+class UrdfJoint:
+    """A joint that moves, as the file has it; units are SI.
+
+    Attributes:
+        kind: revolute, continuous or prismatic.
+        effort, velocity: limits; infinite where the file gives none, or 0.
+        damping, friction: of `<dynamics>`.
+        reduction: gear ratio of its transmission; 1 where it has none.
+        mimics: joint whose position this one follows, factor and offset; None for a joint of its own.
+    """
+
+    kind: str
+    effort: float = math.inf
+    velocity: float = math.inf
+    damping: float = 0.0
+    friction: float = 0.0
+    reduction: float = 1.0
+    mimics: tuple[str, float, float] | None = None
+
+
+@dataclass
+class Urdf:
+    """What a URDF file says.
+
+    Attributes:
+        text: in place of the file; "" where it can be used as it is.
+        joints: those that move, by name.
+        problems: what must be cured before it can be used.
+        notes: what was replaced or left out.
+        missing_shapes: collision shapes that there is no substitute for.
+    """
+
+    text: str = ""
+    joints: dict[str, UrdfJoint] = field(default_factory=dict)
+    problems: list[str] = field(default_factory=list)
+    notes: list[str] = field(default_factory=list)
+    missing_shapes: list[str] = field(default_factory=list)
+
+
+def read_urdf(path: Path) -> Urdf:
+    """Read a URDF file; whatever is wrong with it is in `Urdf.problems`."""
+    try:
+        return _read(path.resolve(), path.stat().st_mtime_ns)
+    except OSError as error:
+        return Urdf(problems=[f"cannot be read: {error.strerror}"])
+
+
+@lru_cache(maxsize=64)
+def _read(path: Path, _changed: int) -> Urdf:
+    found, lines = Urdf(), dict[int, int]()
+    try:
+        root = parse_xml(path.read_bytes(), lines)
+    except expat.ExpatError as error:
+        found.problems.append(f"not valid XML: {error}")
+        return found
+    if root.tag != "robot":
+        found.problems.append(f"its root is <{root.tag}>: must be <robot>")
+    if any(element.tag.startswith("xacro:") for element in root.iter()):
+        found.problems.append("holds xacro macros: expand them first, `xacro FILE.xacro > FILE.urdf`")
+    found.problems += wrong_numbers(root, lines)
+    if not found.problems:
+        _Rewriting(path, root, lines, found).run()
+    return found
+
+
+class _Rewriting:
+    """Fills a `Urdf` from the tree of its file, and changes the tree."""
+
+    def __init__(self, path: Path, root: Element, lines: dict[int, int], found: Urdf):
+        self._path, self._root, self._lines, self._found = path, root, lines, found
+        self._changed = False
+
+    def run(self) -> None:
+        self._check_tree()
+        for link in self._root.findall("link"):
+            self._inertia(link)
+            for kind in ("visual", "collision"):
+                for shape in link.findall(kind):
+                    self._shape(link, shape)
+        for joint in self._root.findall("joint"):
+            self._joint(joint)
+        self._materials()
+        for transmission in self._root.findall("transmission"):
+            self._transmission(transmission)
+        if self._changed:  # the copy lies in another folder
+            for mesh in self._root.iter("mesh"):
+                address = mesh.get("filename", "")
+                mesh.set("filename", address if "://" in address else str(self._path.parent / address))
+        if self._changed and not self._found.problems:
+            self._found.text = ElementTree.tostring(self._root, encoding="unicode")
+
+    def _problem(self, element: Element, text: str) -> None:
+        self._found.problems.append(f"line {self._lines[id(element)]}: {text}")
+
+    def _remove(self, parent: Element, child: Element) -> None:
+        parent.remove(child)
+        self._changed = True
+
+    def _check_tree(self) -> None:
+        """Links and joints are one tree."""
+        parents: dict[str, str] = {}
+        for kind in ("link", "joint"):
+            seen: set[str] = set()
+            for element in self._root.findall(kind):
+                name = element.get("name", "")
+                if not name or name in seen:
+                    self._problem(element, f"{kind} {name!r}: must have a name of its own")
+                seen.add(name)
+        links = {link.get("name", "") for link in self._root.findall("link")}
+        links |= {"world"} & {parent.get("link", "") for parent in self._root.findall("joint/parent")}
+        if not links:
+            self._found.problems.append("holds no link")
+        for joint in self._root.findall("joint"):
+            ends = {}
+            for end in ("parent", "child"):
+                named = joint.find(end)
+                ends[end] = named.get("link", "") if named is not None else ""
+                if ends[end] not in links:
+                    self._problem(joint, f"joint {joint.get('name')!r}: {end} {ends[end]!r}: there is no such link")
+            if ends["child"] in parents:
+                self._problem(joint, f"link {ends['child']!r} is the child of two joints: must be a tree")
+            parents[ends["child"]] = ends["parent"]
+        roots = sorted(links - set(parents))
+        if len(roots) != 1 and links and not self._found.problems:
+            shown = ", ".join(roots) or "none, its joints form a loop"
+            self._found.problems.append(f"links without a parent: {shown}: must be one")
+
+    def _inertia(self, link: Element) -> None:
+        for inertial in link.findall("inertial"):
+            mass_element, inertia = inertial.find("mass"), inertial.find("inertia")
+            mass = float(mass_element.get("value", "0")) if mass_element is not None else 0.0
+            read = {name: float(inertia.get(name, "0")) for name in NUMBERS["inertia"]} if inertia is not None else {}
+            inertias = _matrix(read) if read else np.zeros((3, 3))
+            moments, name = np.linalg.eigvalsh(inertias), link.get("name")
+            if mass < 0:
+                self._problem(link, f"link {name!r}: mass = {mass:g} kg: must not be negative")
+            elif (np.diag(inertias) < -1e-12).any():
+                shown = ", ".join(f"{each:.3g}" for each in np.diag(inertias))
+                self._problem(link, f"link {name!r}: inertia {shown} kg m2: must not be negative")
+            elif mass == 0:
+                self._remove(link, inertial)
+                if moments.any():
+                    self._found.notes.append(f"link {name}: inertia without a mass, left out")
+            elif moments[0] < 0 or moments[2] > (1 + 1e-6) * (moments[0] + moments[1]) + 1e-12:
+                self._raise_moments(inertia, inertias)
+                self._found.notes.append(f"link {name}: no body has such an inertia; its smaller moments are raised")
+
+    def _raise_moments(self, inertia: Element | None, inertias: np.ndarray) -> None:
+        """The least moments that a body with the largest one may have."""
+        moments, axes = np.linalg.eigh(inertias)
+        moments = np.maximum(moments, 0.0)
+        moments[:2] += max(0.0, 0.5 * (moments[2] - moments[0] - moments[1]) * (1 + 1e-6))
+        M = axes @ np.diag(moments) @ axes.T
+        if inertia is not None:
+            for name, value in zip(NUMBERS["inertia"], M[_ENTRIES], strict=True):
+                inertia.set(name, repr(float(value)))
+        self._changed = True
+
+    def _shape(self, link: Element, shape: Element) -> None:
+        mesh = shape.find("geometry/mesh")
+        if mesh is None:
+            return
+        visual, address = shape.tag == "visual", mesh.get("filename", "")
+        what = f"link {link.get('name')}: {shape.tag} mesh {address}"
+        file = self._file(address)
+        if file is None:
+            self._remove(link, shape)
+            self._found.notes.append(f"{what}: not found, {'not drawn' if visual else 'left out'}")
+            if not visual:
+                self._found.missing_shapes.append(f"{what}: not found")
+            return
+        if "://" in address and not file.is_relative_to(models_folder()):
+            mesh.set("filename", str(file))
+            self._changed = True
+        suffix = file.suffix.lower()
+        if suffix in _BY_DRAKE or (visual and suffix != ".stl"):
+            return
+        scale = np.array(numbers_in(mesh.get("scale", "")) or [1.0, 1.0, 1.0])
+        try:
+            around = mesh_enclosure(file, scale)
+        except (ValueError, OSError) as error:
+            self._remove(link, shape)
+            self._found.notes.append(f"{what}: {' '.join(str(error).split())}, left out")
+            if not visual:
+                self._found.missing_shapes.append(f"{what}: {' '.join(str(error).split())}")
+            return
+        _put(shape, around)
+        self._changed = True
+        if not visual:
+            kind = "capsule" if around.radius else "box"
+            self._found.notes.append(f"{what}: replaced by the {kind} around it")
+
+    def _file(self, address: str) -> Path | None:
+        """The file that an address names, None if there is none."""
+        scheme, separator, rest = address.partition("://")
+        if not separator:
+            file = self._path.parent / address
+            return file if file.is_file() else None
+        if scheme == "file":
+            return Path(rest) if Path(rest).is_file() else None
+        package, _, inside = rest.lstrip("/").partition("/")
+        for root in package_folders(self._path.parent, package):
+            if (root / inside).is_file():
+                return root / inside
+        return None
+
+    def _joint(self, joint: Element) -> None:
+        name, kind = joint.get("name", ""), joint.get("type", "")
+        if kind not in (*_MOVING, "fixed"):
+            allowed = f"one of {', '.join(_MOVING)}, fixed"
+            self._problem(joint, f"joint {name!r}: type = {kind!r}: must be {allowed}")
+        mimic = joint.find("mimic")
+        if mimic is not None:
+            self._remove(joint, mimic)
+        if kind not in _MOVING:
+            return
+        axis, limit = joint.find("axis"), joint.find("limit")
+        if axis is not None and not any(numbers_in(axis.get("xyz", "1 0 0")) or [1.0]):
+            self._problem(joint, f"joint {name!r}: axis is zero")
+        values = {each: float(limit.get(each, "0")) for each in NUMBERS["limit"]} if limit is not None else {}
+        if values and values["lower"] > values["upper"]:
+            low, high = values["lower"], values["upper"]
+            self._problem(joint, f"joint {name!r}: limit from {low:g} to {high:g}: lower must not be above upper")
+        for each in ("effort", "velocity"):
+            if values.get(each, 0.0) < 0:
+                self._problem(joint, f"joint {name!r}: {each} = {values[each]:g}: must not be negative")
+        dynamics = joint.find("dynamics")
+        friction = (
+            {each: float(dynamics.get(each, "0")) for each in NUMBERS["dynamics"]} if dynamics is not None else {}
+        )
+        if any(friction.values()) and dynamics is not None:
+            self._remove(joint, dynamics)
+        mimics = None
+        if mimic is not None:
+            mimics = (mimic.get("joint", ""), float(mimic.get("multiplier", "1")), float(mimic.get("offset", "0")))
+            if mimics[0] not in {each.get("name") for each in self._root.findall("joint")}:
+                self._problem(joint, f"joint {name!r}: mimics {mimics[0]!r}: there is no such joint")
+        # Zero stands for "not known" in public models: nothing could move otherwise.
+        effort, velocity = (values.get(each, 0.0) or math.inf for each in ("effort", "velocity"))
+        endless = [each for each, value in values.items() if not math.isfinite(value)]
+        if limit is not None:
+            for each in [*endless, *(["velocity"] if velocity == math.inf else [])]:
+                self._changed |= limit.attrib.pop(each, None) is not None
+        self._found.joints[name] = UrdfJoint(kind, effort, velocity, mimics=mimics, **friction)
+
+    def _materials(self) -> None:
+        """Names that stand for two colours, which Drake refuses, get one each."""
+        seen: dict[str, tuple[dict[str, str], ...]] = {}
+        for i, material in enumerate(self._root.iter("material")):
+            name, looks = material.get("name", ""), tuple(each.attrib for each in material)
+            if looks and seen.setdefault(name, looks) != looks:
+                material.set("name", f"{name}_{i}")
+                self._changed = True
+
+    def _transmission(self, transmission: Element) -> None:
+        names = [each.get("name", "") for each in transmission.findall("joint")]
+        joints = {name: self._found.joints[name] for name in names if name in self._found.joints}
+        for part in (transmission, *transmission.findall("actuator"), *transmission.findall("joint")):
+            for reduction in part.findall("mechanicalReduction"):
+                ratio = (numbers_in(reduction.text or "") or [1.0])[0] or 1.0
+                self._found.joints |= {name: replace(joint, reduction=ratio) for name, joint in joints.items()}
+                self._remove(part, reduction)
+        if any(not math.isfinite(joint.effort) for joint in joints.values()):
+            self._remove(self._root, transmission)
+
+
+def _matrix(entries: dict[str, float]) -> np.ndarray:
+    M = np.zeros((3, 3))
+    M[_ENTRIES] = list(entries.values())
+    return np.asarray(M + np.tril(M.T, -1))
+
+
+def _put(shape: Element, around: Enclosure) -> None:
+    """Replace the mesh of a shape by what is around it."""
+    geometry, origin = shape.find("geometry"), shape.find("origin")
+    if geometry is None:
+        return
+    if origin is None:
+        origin = ElementTree.SubElement(shape, "origin")
+    xyz = np.array(numbers_in(origin.get("xyz", "")) or [0.0] * 3)
+    R = RollPitchYaw(np.array(numbers_in(origin.get("rpy", "")) or [0.0] * 3)).ToRotationMatrix()
+    origin.set("xyz", _text(xyz + R @ around.X.translation()))
+    origin.set("rpy", _text(RollPitchYaw(R @ around.X.rotation()).vector()))
+    for mesh in geometry.findall("mesh"):
+        geometry.remove(mesh)
+    if not around.radius:
+        ElementTree.SubElement(geometry, "box", size=_text(2 * around.half))
+    elif not around.half[2]:
+        ElementTree.SubElement(geometry, "sphere", radius=repr(around.radius))
+    else:
+        length = repr(float(2 * around.half[2]))
+        ElementTree.SubElement(geometry, "capsule", radius=repr(around.radius), length=length)
+
+
+def _text(numbers: np.ndarray) -> str:
+    return " ".join(repr(float(each)) for each in numbers)

@@ -1,0 +1,34 @@
+"""The command `forcectl robot`."""
+
+from __future__ import annotations
+
+from typing import Annotated
+
+import typer
+
+
+def robot(
+    folder: Annotated[str, typer.Argument(metavar="FOLDER", help="Robot folder, model file, or shipped robot.")],
+) -> None:
+    """Tell what a robot folder says, what is assumed, and all that is missing with proposed values.
+
+    Exit code 0: complete; 1: something is missing or cannot be used.
+
+    Example: forcectl robot comau_smart_six
+    """
+    from rich.console import Console
+
+    from forcectl.runs.robots.report import examine_robot
+    from forcectl.runs.robots.tables import print_robot
+
+    report = examine_robot(folder)
+    print_robot(report, Console())
+    if not report.complete:
+        raise typer.Exit(1)
+
+
+def say_assumed(assumed: dict[str, str]) -> None:
+    """Print what is assumed of the robot of a scenario: by key, the rule."""
+    if assumed:
+        told = ", ".join(f"{name} ({rule})" for name, rule in assumed.items())
+        typer.echo(f"assumed of the robot: {told}; `forcectl robot` shows the values")

@@ -1,0 +1,273 @@
+"""Control parameters proposed for a model that has none yet, from its joints and their limits.
+
+Arms are the longest chains of joints that do not fork; a chain ends where a gripper begins. Joints before two arms
+part, and all others, are held. The posture is the best of random ones: far from singular, tool downwards, links apart.
+"""
+
+from __future__ import annotations
+
+import itertools
+import re
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
+from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
+from pydrake.multibody.tree import JacobianWrtVariable, Joint, ModelInstanceIndex, PrismaticJoint, RevoluteJoint
+from pydrake.systems.framework import DiagramBuilder
+
+from forcectl.collision.distance import LinkDistance
+from forcectl.collision.shapes import RobotShapes
+from forcectl.robot.parameters import ControlParameters
+from forcectl.robot.parts import ArmParts, add_robot_with
+from forcectl.robot.urdf import Urdf
+
+Array = NDArray[np.float64]
+
+_HAND = re.compile(r"grip|finger|hand|thumb|claw|jaw|knuckle", re.IGNORECASE)
+_FLANGE = re.compile(r"(tool0|flange|ee_link|tcp|tool_link|link_ee|_hand|end_effector)$", re.IGNORECASE)
+_SIDES = {side: re.compile(rf"{side}|^{side[0]}_|_{side[0]}(_|$)", re.IGNORECASE) for side in ("left", "right")}
+_ARM = 4  # joints at least, of one of several arms
+_TOOL = 0.15  # [m]
+_WIDEST = np.radians(135.0)
+TOUCHING = 0.0105  # [m], nearer than this `LinkDistance` is violated at its default of 10 mm
+_SAMPLES, _KEPT, _PAIRS_LOOKED_AT = 1500, 12, 150
+
+
+class ModelTree:
+    """The joints of a model as a tree, by body."""
+
+    def __init__(self, plant: MultibodyPlant, instance: ModelInstanceIndex, urdf: Urdf):
+        self.plant, self._urdf = plant, urdf
+        self.joints: list[Joint] = [plant.get_joint(i) for i in plant.GetJointIndices(instance)]
+        self._below: dict[int, list[Joint]] = {}
+        for joint in self.joints:
+            self._below.setdefault(int(joint.parent_body().index()), []).append(joint)
+        children = {int(joint.child_body().index()) for joint in self.joints}
+        world = int(plant.world_body().index())
+        bodies = [int(i) for i in plant.GetBodyIndices(instance)]
+        self.roots = [world] if world in self._below else [i for i in bodies if i not in children]
+
+    @property
+    def moving(self) -> list[Joint]:
+        """Joints with one position, without those that mimic."""
+        return [joint for joint in self.joints if self._moves(joint)]
+
+    def arms(self) -> dict[str, list[Joint]]:
+        """Joints of each arm by its name."""
+        chains = [chain for root in self.roots for chain in self._chains(root, [])]
+        if len(chains) > 1:
+            chains = [chain for chain in chains if len(chain) >= _ARM] or chains[:1]
+        if len(chains) > 1:
+            shared = [set(map(id, a)) & set(map(id, b)) for a, b in itertools.combinations(chains, 2)]
+            chains = [[joint for joint in chain if not any(id(joint) in each for each in shared)] for chain in chains]
+        names: dict[str, list[Joint]] = {}
+        for i, chain in enumerate(chain for chain in chains if chain):
+            sides = [side for side, word in _SIDES.items() if all(word.search(each.name()) for each in chain[-3:])]
+            name = sides[0] if len(sides) == 1 and sides[0] not in names else f"arm_{i + 1}"
+            names[name] = chain
+        return names
+
+    def flange(self, last: Joint) -> tuple[str, Array]:
+        """The frame behind the last joint of an arm that most likely carries the tool, and its turn [deg]."""
+        bodies, look = [last.child_body()], [int(last.child_body().index())]
+        while look:
+            for joint in self._below.get(look.pop(), []):
+                if joint.num_positions() == 0:
+                    bodies.append(joint.child_body())
+                    look.append(int(joint.child_body().index()))
+        named = [body for body in bodies if _FLANGE.search(body.name())]
+        flange = (named or bodies[:1])[0]
+        plant, context = self.plant, self.plant.CreateDefaultContext()
+        axis = _axis(last)
+        if axis is None:
+            return flange.name(), np.zeros(3)
+        R_FW = plant.EvalBodyPoseInWorld(context, flange).rotation().inverse()
+        z = R_FW @ last.frame_on_child().CalcPoseInWorld(context).rotation() @ axis
+        outward = plant.EvalBodyPoseInWorld(context, flange).translation()
+        outward = outward - last.parent_body().EvalPoseInWorld(context).translation()
+        if (R_FW @ outward) @ z < -1e-6:
+            z = -z
+        if z[2] > 0.99:
+            return flange.name(), np.zeros(3)
+        x = np.eye(3)[np.argmin(np.abs(z))]
+        x = x - (x @ z) * z
+        R = RotationMatrix(np.column_stack([x / np.linalg.norm(x), np.cross(z, x / np.linalg.norm(x)), z]))
+        return flange.name(), np.degrees(RollPitchYaw(R).vector()).round(3) + 0.0
+
+    def _moves(self, joint: Joint) -> bool:
+        known = self._urdf.joints.get(joint.name())
+        return joint.num_positions() == 1 and (known is None or known.mimics is None)
+
+    def _next(self, body: int) -> list[Joint]:
+        """Joints that move, of those that are fixed to a body."""
+        found = []
+        for joint in self._below.get(body, []):
+            if joint.num_positions() == 0:
+                found += self._next(int(joint.child_body().index()))
+            elif self._moves(joint) and not _HAND.search(joint.name()):
+                found.append(joint)
+        return found
+
+    def _depth(self, joint: Joint) -> int:
+        return 1 + max((self._depth(each) for each in self._next(int(joint.child_body().index()))), default=0)
+
+    def _chains(self, body: int, path: list[Joint]) -> list[list[Joint]]:
+        behind = self._next(body)
+        if len(behind) > 1:
+            behind = [joint for joint in behind if self._depth(joint) >= _ARM]
+        if not behind:
+            return [path] if path else []
+        return [chain for joint in behind for chain in self._chains(int(joint.child_body().index()), [*path, joint])]
+
+
+def _axis(joint: Joint) -> Array | None:
+    if isinstance(joint, RevoluteJoint):
+        return np.asarray(joint.revolute_axis())
+    return np.asarray(joint.translation_axis()) if isinstance(joint, PrismaticJoint) else None
+
+
+@dataclass
+class Found:
+    """What was found out of a robot by moving it.
+
+    Attributes:
+        posture: joint positions, (n,) [rad or m].
+        reach: farthest that a TCP is from the first joint of its arm [m].
+        gravity: largest torque that holds the robot, (n,) [Nm].
+        inertia: largest, of each joint with the others at rest, (n,) [kg m2].
+        leverage: largest torque of a force of 1 N at a tool of 0.15 m, (n,) [Nm/N].
+        touching: pairs of bodies whose shapes overlap, or nearly, in most postures.
+    """
+
+    posture: Array
+    reach: float
+    gravity: Array
+    inertia: Array
+    leverage: Array
+    touching: list[tuple[str, str]]
+
+
+class Explorer:
+    """A robot with its shapes, moved to postures.
+
+    Args:
+        folder, parameters: see `add_robot_with`.
+    """
+
+    def __init__(self, folder: Any, parameters: ControlParameters):
+        self._builder = DiagramBuilder()  # which the plant belongs to
+        self.plant, self.scene_graph = AddMultibodyPlantSceneGraph(self._builder, 0.0)
+        self.parts = add_robot_with(self.plant, folder, parameters, None)
+        self.plant.Finalize()
+        self._context = self.plant.CreateDefaultContext()
+        self._q = np.array([joint.position_start() for joint in self.parts.joints])
+        self._v = np.array([joint.velocity_start() for joint in self.parts.joints])
+        self._first = [joint.frame_on_parent() for joint in self.parts.joints]
+        self._distance, self._pairs = None, list[tuple[str, str]]()
+        if not self.parts.missing_shapes:
+            shapes = RobotShapes.of_plant(self.plant, self.scene_graph.model_inspector(), self.parts)
+            bodies = [solid.name.partition("/")[0] for solid in shapes.solids]
+            self._pairs = [(min(bodies[a], bodies[b]), max(bodies[a], bodies[b])) for a, b in shapes.pairs]
+            self._distance = LinkDistance(shapes) if shapes.pairs else None
+
+    def limits(self) -> tuple[Array, Array]:
+        """Where postures are looked for, (n,) each."""
+        lower = np.array([float(joint.position_lower_limits()[0]) for joint in self.parts.joints])
+        upper = np.array([float(joint.position_upper_limits()[0]) for joint in self.parts.joints])
+        low, high = np.clip(lower, -np.pi, np.pi), np.clip(upper, -np.pi, np.pi)
+        middle = 0.5 * (low + high)
+        return np.maximum(low, middle - _WIDEST), np.minimum(high, middle + _WIDEST)
+
+    def close(self, q: Array, margin: float) -> list[tuple[str, str]]:
+        """Pairs of bodies whose shapes are nearer than a margin [m], as `LinkDistance` has it, each sorted."""
+        if self._distance is None:
+            return []
+        near = self._distance.distances(q) < margin
+        return sorted({pair for pair, close in zip(self._pairs, near, strict=True) if close})
+
+    def poses(self, q: Array) -> dict[str, RigidTransform]:
+        """Poses of the flanges in the world by arm."""
+        self._move(q)
+        return {name: arm.tcp_frame.CalcPoseInWorld(self._context) for name, arm in self.parts.arms.items()}
+
+    def explore(self, length: float, seed: int = 0) -> Found:
+        """Move to random postures.
+
+        Args:
+            length: that translations are divided by [m].
+            seed: of the postures.
+        """
+        generator, (low, high) = np.random.default_rng(seed), self.limits()
+        postures = generator.uniform(low, high, size=(_SAMPLES, len(low)))
+        reach, (gravity, inertia, leverage) = 0.0, np.zeros((3, len(low)))
+        scores = np.empty((_SAMPLES, len(self.parts.arms)))
+        for k, q in enumerate(postures):
+            self._move(q)
+            gravity = np.maximum(gravity, np.abs(self.plant.CalcGravityGeneralizedForces(self._context)[self._v]))
+            inertia = np.maximum(inertia, np.diag(self.plant.CalcMassMatrix(self._context))[self._v])
+            leverage = np.maximum(leverage, self._leverage())
+            scores[k] = self._scores(q, low, high, length)
+            reach = max(reach, *(self._reach(arm) for arm in self.parts.arms.values()))
+        count: dict[tuple[str, str], int] = {}
+        for q in postures[:60]:
+            for pair in self.close(q, TOUCHING):
+                count[pair] = count.get(pair, 0) + 1
+        touching = sorted(pair for pair, times in count.items() if times >= 30)
+        return Found(self._best(postures, scores, touching), reach, gravity, inertia, leverage, touching)
+
+    def _best(self, postures: Array, scores: Array, allowed: Sequence[tuple[str, str]]) -> Array:
+        """The posture of highest score at which no other links touch, in whole degrees."""
+        ranked = [np.argsort(-column)[:_KEPT] for column in scores.T]
+        choices = sorted(
+            itertools.islice(itertools.product(*map(range, [_KEPT] * len(ranked))), 20_000),
+            key=lambda places: -sum(scores[ranked[arm][place], arm] for arm, place in enumerate(places)),
+        )
+        best = None
+        for places in choices[:_PAIRS_LOOKED_AT]:
+            q = postures[0].copy()
+            for arm, (part, place) in enumerate(zip(self.parts.arms.values(), places, strict=True)):
+                q[part.joints] = postures[ranked[arm][place]][part.joints]
+            turns = np.array([isinstance(joint, RevoluteJoint) for joint in self.parts.joints])
+            q = np.where(turns, np.radians(np.round(np.degrees(q))), np.round(q, 3)) + 0.0  # no minus zero
+            best = q if best is None else best
+            if not set(self.close(q, 2 * TOUCHING)) - set(allowed):
+                return q
+        return best if best is not None else postures[0]
+
+    def _scores(self, q: Array, low: Array, high: Array, length: float) -> list[float]:
+        found, room = [], np.minimum(q - low, high - q) / (high - low)
+        for arm in self.parts.arms.values():
+            J = self._jacobian(arm)
+            J[3:] /= length
+            smallest = float(np.linalg.svd(J, compute_uv=False)[-1])
+            pose = arm.tcp_frame.CalcPoseInWorld(self._context)
+            down = max(0.0, -float(pose.rotation().matrix()[2, 2]))
+            found.append(smallest * (0.2 + down**8) * min(1.0, 4 * float(room[arm.joints].min())))
+        return found
+
+    def _leverage(self) -> Array:
+        found = np.zeros(len(self._v))
+        for arm in self.parts.arms.values():
+            turn, shift = np.linalg.norm(self._jacobian(arm).reshape(2, 3, -1), axis=1)
+            found[arm.joints] = shift + _TOOL * turn
+        return found
+
+    def _jacobian(self, arm: ArmParts) -> Array:
+        """Spatial velocity of the TCP of an arm per speed of its joints."""
+        world, velocity = self.plant.world_frame(), JacobianWrtVariable.kV
+        J = self.plant.CalcJacobianSpatialVelocity(self._context, velocity, arm.tcp_frame, np.zeros(3), world, world)
+        mine: Array = J[:, self._v[arm.joints]]
+        return mine
+
+    def _reach(self, arm: ArmParts) -> float:
+        base = self._first[arm.joints.start].CalcPoseInWorld(self._context).translation()
+        return float(np.linalg.norm(arm.tcp_frame.CalcPoseInWorld(self._context).translation() - base))
+
+    def _move(self, q: Array) -> None:
+        everything = self.plant.GetPositions(self._context).copy()
+        everything[self._q] = q
+        self.plant.SetPositions(self._context, everything)

@@ -1,0 +1,283 @@
+"""What a robot folder says, what it leaves out, and what is proposed instead: `forcectl robot FOLDER`."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator, Mapping, Sequence
+from dataclasses import dataclass, field
+from pathlib import Path
+from typing import Any
+from xml.etree import ElementTree
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import BodyIndex, RevoluteJoint
+
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.reader import Reader
+from forcectl.framework.yaml_tree import Tagged, parse
+from forcectl.models import ROBOT_PARAMETERS, robot_folder
+from forcectl.robot.assumptions import ACCELERATION_TIME
+from forcectl.robot.model_file import ModelFile, add_models
+from forcectl.robot.parameters import ControlParameters, missing_limits
+from forcectl.runs.robots.proposal import TOUCHING, Explorer, Found, ModelTree
+
+Array = NDArray[np.float64]
+
+_SUFFIXES = (".urdf", ".sdf", ".xml")
+_SPEED, _TORQUE, _LENGTH = 2.0, 100.0, 0.5  # [rad/s], [Nm], [m], until something better is known
+_PUSH = 20.0  # [N], at the tool
+_NO_INERTIA = 1e-9  # [kg m2]
+# Of keys that must be given: why, and typical values. Arms of 1 m and less are sampled faster and have faster loops.
+_TYPICAL = {
+    "model": "the file with the joints",
+    "arm_joints": "of all arms, from the base outwards",
+    "arms": "each with its joints, and the frame that carries the tool",
+    "flange_frame": "carries the tool, its z out of the flange",
+    "flange_turn_deg": "brings z out of the flange",
+    "default_posture_deg": "far from singular, the tool downwards; see your scenario",
+    "characteristic_length": "half the reach [m]",
+    "reference_filter": "w [rad/s] of 50 to 100; z [1] of 0.7 to 1",
+    "period": "control sampling [s], 0.002 to 0.004; delays of the drive are whole periods",
+    "held_joints": "what nothing drives here, rigid at this position [rad, m]",
+    "velocity_limit": "data sheet [rad/s]; 2 to 7 for arms of 1 m",
+    "torque_limit": "data sheet [Nm]; here twice what weight, acceleration and 20 N at a tool need",
+    "ignored_collisions": "their shapes overlap, or nearly: else LinkDistance is violated from the start",
+}
+
+
+@dataclass
+class Understood:
+    """A robot that could be put into a plant.
+
+    Attributes:
+        parameters: as read or proposed, with what is assumed.
+        explorer: the robot in a plant of its own.
+        found: what moving it showed.
+        posture: the default one, as read or proposed, (n,) [rad or m].
+    """
+
+    parameters: ControlParameters
+    explorer: Explorer
+    found: Found
+    posture: Array
+
+
+@dataclass
+class RobotReport:
+    """Of one robot folder.
+
+    Attributes:
+        folder: the folder.
+        model: the model file; None when none was found.
+        robot: None when it cannot be used.
+        problems: why the folder cannot be used.
+        missing: text in YAML of each key that is missing, by the key.
+        notes: what was replaced or left out of the model, and what else should be known.
+    """
+
+    folder: Path
+    model: Path | None = None
+    robot: Understood | None = None
+    problems: list[str] = field(default_factory=list)
+    missing: dict[str, str] = field(default_factory=dict)
+    notes: list[str] = field(default_factory=list)
+
+    @property
+    def complete(self) -> bool:
+        """Whether scenarios can use the folder as it is."""
+        return not self.problems and not self.missing
+
+    def yaml(self) -> str:
+        """The keys that are missing, to be pasted into the control parameters."""
+        return "\n".join(
+            f"{value}  # {_TYPICAL[key]}" if "\n" not in value else f"# {_TYPICAL[key]}\n{value}"
+            for key, value in self.missing.items()
+        )
+
+
+def examine_robot(folder: str | Path) -> RobotReport:
+    """Look at a robot folder: a shipped robot's name, a folder, or a model file in one.
+
+    Raises:
+        BadInputError: neither of these.
+    """
+    path = Path(folder).expanduser()
+    given = path if path.is_file() and path.suffix.lower() in _SUFFIXES else None
+    report = RobotReport(path.parent if given else robot_folder(folder))
+    try:
+        keys = _read_keys(report)
+        report.model = given or _model_file(report, keys)
+        if report.model is not None:
+            _examine(report, report.model, keys)
+    except BadInputError as error:
+        report.problems.append(str(error))
+    return report
+
+
+def _read_keys(report: RobotReport) -> Tagged:
+    files = sorted(report.folder.glob(ROBOT_PARAMETERS))
+    if len(files) > 1:
+        names = ", ".join(file.name for file in files)
+        raise BadInputError(f"holds several {ROBOT_PARAMETERS} files: {names}: must be one")
+    if not files:
+        return Tagged()
+    try:
+        tree = parse(files[0].read_text(encoding="utf-8"), files[0].name)
+    except (OSError, UnicodeDecodeError) as error:
+        raise BadInputError(f"{files[0].name}: cannot be read: {' '.join(str(error).split())}") from None
+    if not isinstance(tree, Tagged):
+        raise BadInputError(f"{files[0].name} is no mapping: must be keys and values")
+    return tree
+
+
+def _model_file(report: RobotReport, keys: Mapping[str, Any]) -> Path | None:
+    named = keys.get("model")
+    if isinstance(named, str):
+        return report.folder / named  # refused by name where it is not there
+    below = [report.folder, *sorted(each for each in report.folder.iterdir() if each.is_dir())]
+    found = [file for place in below for file in sorted(place.iterdir()) if _is_model(file)] if below else []
+    if len(found) == 1:
+        report.missing["model"] = f"model: {found[0].relative_to(report.folder)}"
+        return found[0]
+    macros = [str(file.relative_to(report.folder)) for file in report.folder.glob("**/*.xacro")]
+    if found:
+        names = ", ".join(str(file.relative_to(report.folder)) for file in found)
+        report.problems.append(f"holds {len(found)} models: {names}: name one as `model:` in a {ROBOT_PARAMETERS} file")
+    elif macros:
+        report.problems.append(f"holds no model but macros: expand them first, `xacro {macros[0]} > robot.urdf`")
+    else:
+        report.problems.append("holds no model: must hold a .urdf, .sdf or MuJoCo .xml file")
+    return None
+
+
+def _is_model(file: Path) -> bool:
+    if file.suffix.lower() != ".xml":
+        return file.suffix.lower() in _SUFFIXES and file.is_file()
+    try:
+        return ElementTree.parse(file).getroot().tag == "mujoco"
+    except (OSError, ElementTree.ParseError):
+        return False
+
+
+def _examine(report: RobotReport, model: Path, keys: Tagged) -> None:
+    file = ModelFile.look(model)
+    report.notes += [*file.urdf.notes, *file.remarks]
+    plant = MultibodyPlant(time_step=0.0)
+    (instance,), _ = add_models(plant, file.path, file.urdf)
+    tree = ModelTree(plant, instance, file.urdf)
+    plant.Finalize()
+    values = Tagged({"model": str(model.relative_to(report.folder))} | keys)
+    _add_arms(report, values, tree)
+    if "reference_filter" not in values:
+        report.missing["reference_filter"] = "reference_filter: {natural_frequency: 75, damping_ratio: 1}"
+        values["reference_filter"] = Tagged({"natural_frequency": 75.0, "damping_ratio": 1.0})
+    if "period" not in values:
+        report.missing["period"], values["period"] = "period: 0.002", 0.002
+    # Some value, until the robot was moved.
+    unknown = {text.partition(" ")[0] for text in missing_limits(values, model)}
+    unknown |= {"default_posture_deg", "characteristic_length"} - set(values)
+    n = len(values["arm_joints"])
+    some = {"velocity_limit": [_SPEED] * n, "torque_limit": [_TORQUE] * n, "characteristic_length": _LENGTH}
+    some["default_posture_deg"] = _within(plant, values["arm_joints"])
+    parameters = Reader().dataclass(ControlParameters, Tagged(values | {name: some[name] for name in unknown}))
+    explorer = Explorer(report.folder, parameters)
+    parameters, found = explorer.parts.parameters, explorer.explore(parameters.characteristic_length)
+    posture = found.posture if "default_posture_deg" in unknown else parameters.default_posture
+    robot = report.robot = Understood(parameters, explorer, found, posture)
+    report.missing |= {name: f"{name}: {text}" for name, text in _proposed(robot).items() if name in unknown}
+    ignored = [(min(pair), max(pair)) for pair in parameters.ignored_collisions]
+    touching = sorted({*found.touching, *explorer.close(posture, TOUCHING)} - set(ignored))
+    if touching:
+        pairs = ", ".join(f"[{a}, {b}]" for a, b in [*ignored, *touching])
+        report.missing["ignored_collisions"] = f"ignored_collisions: [{pairs}]"
+    report.notes += _remarks(robot, tree)
+
+
+def _add_arms(report: RobotReport, values: Tagged, tree: ModelTree) -> None:
+    """Add arms, and joints that are held, where none are given."""
+    known = {joint.name(): joint for joint in tree.moving}
+    if "arm_joints" not in values:
+        arms = tree.arms()
+        if not arms:
+            raise BadInputError(f"{values['model']}: no joint moves: must hold an arm")
+        joints = [joint.name() for chain in arms.values() for joint in chain]
+        values["arm_joints"] = joints
+        report.missing["arm_joints"] = f"arm_joints: [{', '.join(joints)}]"
+        if len(arms) > 1 and "arms" not in values:
+            lines, parts = ["arms:"], Tagged()
+            for name, chain in arms.items():
+                flange, turn = tree.flange(chain[-1])
+                own = [joint.name() for joint in chain]
+                parts[name] = Tagged({"flange_frame": flange, "joints": own, "flange_turn_deg": turn.tolist()})
+                turned = f", flange_turn_deg: {_list(turn)}" if turn.any() else ""
+                lines.append(f"  {name}: {{flange_frame: {flange}, joints: [{', '.join(own)}]{turned}}}")
+            values["arms"] = parts
+            report.missing["arms"] = "\n".join(lines)
+        loose = [name for name in known if name not in joints]
+        if loose and "held_joints" not in values:
+            held = {name: _nearest_zero(known[name]) for name in loose}
+            values["held_joints"] = Tagged(held)
+            report.missing["held_joints"] = f"held_joints: {{{', '.join(f'{k}: {v:g}' for k, v in held.items())}}}"
+    if not isinstance(values["arm_joints"], list) or not values["arm_joints"]:
+        raise invalid("arm_joints", values["arm_joints"], "a list of joint names")
+    for name in map(str, values["arm_joints"]):
+        if name not in known:
+            raise unknown("joint", name, known)
+    if "arms" not in values and "flange_frame" not in values:
+        last = values["arm_joints"][-1] if values["arm_joints"] else ""
+        if last in known:
+            flange, turn = tree.flange(known[last])
+            values["flange_frame"] = flange
+            report.missing["flange_frame"] = f"flange_frame: {flange}"
+            if turn.any() and "flange_turn_deg" not in values:
+                values["flange_turn_deg"] = turn.tolist()
+                report.missing["flange_turn_deg"] = f"flange_turn_deg: {_list(turn)}"
+
+
+def _proposed(robot: Understood) -> dict[str, str]:
+    """What is proposed of keys that are missing, from moving the robot."""
+    found, joints = robot.found, robot.explorer.parts.joints
+    turns = np.array([isinstance(joint, RevoluteJoint) for joint in joints])
+    speeds = [float(joint.velocity_upper_limits()[0]) for joint in joints]
+    need = 2 * (found.gravity + found.inertia * _SPEED / ACCELERATION_TIME + _PUSH * found.leverage)
+    return {
+        "default_posture_deg": _list(np.where(turns, np.degrees(robot.posture).round(1), robot.posture)),
+        "characteristic_length": f"{0.5 * found.reach:.2g}",
+        "velocity_limit": _list(speeds),
+        "torque_limit": _list([float(f"{max(each, 1.0):.2g}") for each in need]),
+    }
+
+
+def _remarks(robot: Understood, tree: ModelTree) -> Iterator[str]:
+    plant, parts, arm_joints = robot.explorer.plant, robot.explorer.parts, robot.parameters.arm_joints
+    there = [joint.name() for joint in tree.moving if plant.HasJointNamed(joint.name())]
+    loose = [name for name in there if name not in arm_joints]
+    if loose:
+        yield f"joints {', '.join(loose)} are neither of an arm nor held: they move freely"
+    for name, inertia in zip(arm_joints, robot.found.inertia, strict=True):
+        if inertia < _NO_INERTIA:
+            yield f"what joint {name} moves has no inertia: only its rotor resists"
+    if parts.missing_shapes:
+        yield "some collision shapes are missing: links keep no distance and do not touch (link_distance: 0)"
+    elif not any(plant.GetCollisionGeometriesForBody(plant.get_body(BodyIndex(i))) for i in range(plant.num_bodies())):
+        yield "there are no collision shapes: links keep no distance and do not touch (link_distance: 0)"
+
+
+def _within(plant: MultibodyPlant, names: Sequence[str]) -> list[float]:
+    """A posture within the limits [deg], zero where it is."""
+    found = []
+    for name in names:
+        if not plant.HasJointNamed(name):
+            found.append(0.0)  # refused by name later
+            continue
+        found.append(float(np.degrees(_nearest_zero(plant.GetJointByName(name)))))
+    return found
+
+
+def _nearest_zero(joint: Any) -> float:
+    return float(np.clip(0.0, joint.position_lower_limits()[0], joint.position_upper_limits()[0]))
+
+
+def _list(numbers: Any) -> str:
+    return f"[{', '.join(f'{each:.6g}' for each in numbers)}]"

@@ -1,0 +1,116 @@
+"""A scenario with an admittance is refused where its sampled loop is unstable, and only there."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import numpy as np
+import pytest
+
+import forcectl as fc
+from forcectl.diagrams import loop
+from forcectl.diagrams.chain import force_chain
+from forcectl.diagrams.loop import Loop
+from forcectl.errors import BadInputError
+from forcectl.framework.yaml_tree import parse
+from forcectl.scenario.scenario import load_scenario
+
+ONE_ARM = """
+preset: linear
+controller: !Admittance {inertia: 3.0, damping: 300.0}
+reference: !Step {force: 8.0}
+"""
+SENSORLESS = """
+station: {robot: yumi, tool: yumi_gripper, elastic_joints: false, drive: !JointInterface {friction: {scale: 0.0}},
+          sensors: {joints: !JointReadings {}}, environment: !Surface {arm: right}}
+controller: !Admittance {inertia: 0.5, damping: 40.0, lower_limit: -0.3, upper_limit: 0.3}
+estimators: {force: !ForceEstimator {}}
+signals: {measured_force: !Projection {of: estimated_wrench, along: normal}}
+reference: !Step {force: 8.0}
+"""
+
+
+def largest(text: str, **overrides: Any) -> float:
+    scenario = load_scenario(parse(text, "test"), overrides=overrides)
+    return force_chain(scenario.controller, scenario.parts, scenario.setting(), 0).largest_stiffness(1e7)
+
+
+def swing(text: str, stiffness: float, duration: float, **overrides: Any) -> tuple[float, float]:
+    """Standard deviation of the force in the second and in the last fifth of a run [N]."""
+    changes = {"station.environment.stiffness": stiffness, "duration": duration, **overrides}
+    log = fc.run(parse(text, "test"), overrides=changes).log
+    parts = np.array_split(log["contact_force"].values.ravel(), 5)
+    return float(parts[1].std()), float(parts[4].std())
+
+
+@pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", "Multibody"])
+def test_up_to_the_largest_stiffness_the_force_settles_and_beyond_it_swings(fidelity, monkeypatch):
+    limit = largest(ONE_ARM, **{"station.fidelity": fidelity})
+    fidelity_is = {"station.fidelity": fidelity}
+    early, late = swing(ONE_ARM, 0.85 * limit, 4.0, **fidelity_is)
+    assert late < 0.5 * early
+    with pytest.raises(BadInputError):
+        swing(ONE_ARM, 1.15 * limit, 4.0, **fidelity_is)
+    monkeypatch.setattr(loop, "check_stability", lambda parts, setting: None)
+    early, late = swing(ONE_ARM, 1.15 * limit, 4.0, **fidelity_is)
+    assert late > 0.95 * early > 1.0
+
+
+@pytest.mark.slow
+def test_the_same_of_a_force_that_is_estimated_and_servos_that_give_way(monkeypatch):
+    limit = largest(SENSORLESS)
+    early, late = swing(SENSORLESS, 0.9 * limit, 2.0)
+    assert late < 0.5 * early
+    monkeypatch.setattr(loop, "check_stability", lambda parts, setting: None)
+    early, late = swing(SENSORLESS, 1.2 * limit, 2.0)
+    assert late > 0.95 * early > 1.0
+
+
+def built(text: str, **overrides: Any) -> Loop:
+    return fc.build(load_scenario(parse(text, "test"), overrides=overrides))
+
+
+def refused(text: str, **overrides: Any) -> str:
+    with pytest.raises(BadInputError) as caught:
+        built(text, **overrides)
+    message = str(caught.value)
+    assert "\n" not in message
+    return message
+
+
+def test_the_message_has_the_numbers_and_the_largest_stiffness():
+    message = refused(ONE_ARM, **{"station.environment.stiffness": 1e5})
+    limit = largest(ONE_ARM)
+    assert (
+        "station.environment.stiffness = 100000 N/m is unstable with inertia = 3 kg and damping = 300 N s/m" in message
+    )
+    assert "the largest pole of the sampled loop is 1.01" in message
+    assert message.endswith(f"at a tick of 0.002 s: must be at most {limit:.4g} N/m")
+    # What it says is so.
+    built(ONE_ARM, **{"station.environment.stiffness": 0.99 * limit})
+
+
+def test_every_material_is_looked_at():
+    segments = [
+        {"material": "custom", "start": -0.1, "end": 0.1, "stiffness": 2e3},
+        {"material": "custom", "start": 0.1, "end": 0.3, "stiffness": 1e5},
+    ]
+    message = refused(ONE_ARM, **{"station.environment.surface.materials.segments": segments})
+    assert "station.environment.surface.materials.segments.1" in message
+
+
+def test_a_law_behind_a_governor_is_looked_at():
+    inside = ONE_ARM.replace("!Admittance {", "!Governed {inner_bandwidth: 1.5, law: !Admittance {").replace(
+        "0.0}", "0.0}}"
+    )
+    assert "is unstable with inertia = 3 kg" in refused(inside, **{"station.environment.stiffness": 1e5})
+
+
+def test_the_factor_of_a_projection_is_a_gain_of_the_loop():
+    twice = SENSORLESS.replace("along: normal", "along: normal, factor: 2.0")
+    assert largest(twice) < 0.7 * largest(SENSORLESS)
+
+
+def test_other_controllers_are_left_alone():
+    wild = ONE_ARM.replace("!Admittance {inertia: 3.0, damping: 300.0}", "!Integral {integral_gain: 500.0}")
+    built(wild)

@@ -1,0 +1,51 @@
+"""docs/from_a_public_urdf.md says what is true: its parameters complete a public arm, and its scenarios run."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+import pytest
+
+import forcectl as fc
+from forcectl.framework.yaml_tree import parse
+from forcectl.runs.robots.report import examine_robot
+from tests.examples.public_robots import write_public_robot
+
+PAGE = (Path(__file__).parents[2] / "docs" / "from_a_public_urdf.md").read_text(encoding="utf-8")
+(PARAMETERS,) = re.findall(r"^```text\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+PRESS, REACH = re.findall(r"^```yaml\n(.*?)^```", PAGE, re.DOTALL | re.MULTILINE)
+
+
+@pytest.fixture(autouse=True)
+def arm(tmp_path, monkeypatch):
+    """The arm of the page, from where its commands are given."""
+    folder = write_public_robot(tmp_path)
+    (folder / "arm.control.yaml").write_text(PARAMETERS)
+    monkeypatch.chdir(tmp_path)
+    return folder
+
+
+def test_what_is_pasted_is_what_is_proposed_but_for_what_was_checked(arm):
+    assert examine_robot("acme_support/urdf").complete
+    (arm / "arm.control.yaml").unlink()
+    proposed, pasted = parse(examine_robot(arm).yaml(), "proposed"), parse(PARAMETERS, "pasted")
+    assert list(proposed) == [*pasted][: len(proposed)] or set(proposed) == set(pasted)
+    checked = {"default_posture_deg", "flange_turn_deg"}
+    for key in set(pasted) - checked:
+        if key in ("characteristic_length", "torque_limit"):
+            np.testing.assert_allclose(proposed[key], pasted[key], rtol=0.1)
+        else:
+            assert proposed[key] == pasted[key]
+
+
+def test_it_presses():
+    log = fc.run(parse(PRESS, "press.yaml")).log
+    assert abs(float(log["contact_force"][-200:].mean()) - 10.0) < 1.0
+
+
+def test_it_reaches():
+    metrics = fc.run(parse(REACH, "reach.yaml")).metrics["default"]
+    assert metrics["reach_offset_mm"] < 2.0
+    assert metrics["peak_contact_force_N"] == 0.0

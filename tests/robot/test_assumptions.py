@@ -1,0 +1,93 @@
+"""What is assumed of drives: the stated rules, told by key, and near what two real robots have."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from forcectl.errors import BadInputError
+from forcectl.models import list_robots
+from forcectl.robot.model import RobotModel
+from tests.examples.robot_folders import CONTROL, write_planar_robot
+
+DERIVED = ("joint_stiffness", "default_stiffness_set", "transmission_damping", "gear_ratio", "rotor_inertia",
+           "coulomb_friction", "viscous_friction", "  soft", "  stiff")  # fmt: skip
+LITTLE = "\n".join(line for line in CONTROL.splitlines() if not line.startswith(DERIVED)) + "\n"
+
+
+def test_everything_left_out_follows_the_rules(tmp_path):
+    parameters = RobotModel.load(write_planar_robot(tmp_path, LITTLE), None).parameters  # 50 Nm, 2 rad/s
+    np.testing.assert_allclose(parameters.stiffness(), 50 / 0.003)
+    np.testing.assert_allclose(parameters.gear_ratio, 100)
+    np.testing.assert_allclose(parameters.rotor_inertia * 100**2, 50 * 0.02 / 2)
+    np.testing.assert_allclose(parameters.transmission_damping, 0.08 * np.sqrt(50 / 0.003 * 0.5))
+    np.testing.assert_allclose(parameters.coulomb_friction, 2.5)
+    np.testing.assert_allclose(parameters.viscous_friction * 2, 7.5)
+    np.testing.assert_allclose(parameters.viscous_friction_backward, parameters.viscous_friction)
+    np.testing.assert_allclose(parameters.acceleration_limit, 2 / 0.15)
+    assert set(parameters.assumed) == {*DERIVED[2:7], "joint_stiffness", "acceleration_limit"}
+    assert parameters.assumed["coulomb_friction"] == "5 % of the largest torque"
+
+
+def test_what_is_given_stays_and_is_not_called_assumed(tmp_path):
+    given = LITTLE + "coulomb_friction: [1, 2, 3]\ngear_ratio: [50, 50, 50]\n"
+    parameters = RobotModel.load(write_planar_robot(tmp_path, given), None).parameters
+    np.testing.assert_allclose(parameters.coulomb_friction, [1, 2, 3])
+    np.testing.assert_allclose(parameters.rotor_inertia * 50**2, 0.5)
+    assert not {"coulomb_friction", "gear_ratio"} & set(parameters.assumed)
+
+
+def test_limits_of_the_parameters_are_those_of_the_robot(tmp_path):
+    limits = "velocity_limit: [1, 2, 4]\nacceleration_limit: [3, 4, 5]\ntorque_limit: [10, 20, 30]\n"
+    robot = RobotModel.load(write_planar_robot(tmp_path, LITTLE + limits), None)
+    np.testing.assert_allclose(robot.limits.velocity, [1, 2, 4])
+    np.testing.assert_allclose(robot.limits.acceleration, [3, 4, 5])
+    np.testing.assert_allclose(robot.limits.torque, [10, 20, 30])
+    np.testing.assert_allclose(robot.joint_stiffness, np.array([10, 20, 30]) / 0.003)
+
+
+def test_one_arm_of_several_has_its_own_share(tmp_path):
+    arms = "arms:\n  inner: {flange_frame: forearm, joints: [shoulder, elbow]}\n"
+    arms += "  outer: {flange_frame: finger, joints: [wrist]}\n"
+    text = LITTLE.replace("flange_frame: hand\n", arms) + "torque_limit: [10, 20, 30]\n"
+    folder = write_planar_robot(tmp_path, text)
+    np.testing.assert_allclose(RobotModel.load(f"{folder}/outer", None).joint_stiffness, [30 / 0.003])
+
+
+@pytest.mark.parametrize("robot", list_robots())
+def test_shipped_robots_have_what_would_be_assumed_within_a_factor_of_4(robot):
+    own = RobotModel.load(robot, None)
+    parameters, limits = own.parameters, own.limits
+    assert parameters.assumed == {}
+    rotor = np.abs(parameters.rotor_inertia * parameters.gear_ratio**2)
+    stiffness = next(iter(parameters.joint_stiffness.values()))  # before it is calibrated
+    ratios = {
+        "stiffness": stiffness / (limits.torque / 0.003),
+        "rotor": rotor / (limits.torque * 0.02 / limits.velocity),
+        "Coulomb": parameters.coulomb_friction / (0.05 * limits.torque),
+        "viscous": parameters.viscous_friction / (0.15 * limits.torque / limits.velocity),
+        "acceleration": limits.acceleration / (limits.velocity / 0.15),
+    }
+    for name, ratio in ratios.items():
+        assert np.all(np.abs(np.log(ratio)) < np.log(4)), (name, ratio)
+
+
+def test_what_cannot_be_assumed_is_asked_for_with_all_else_that_is_missing(tmp_path):
+    text = LITTLE.replace("period: 0.004\n", "").replace("characteristic_length: 0.5\n", "")
+    folder = write_planar_robot(tmp_path, text)
+    urdf = (folder / "planar.urdf").read_text()
+    (folder / "planar.urdf").write_text(urdf.replace('effort="50" velocity="2"', 'effort="0" velocity="0"'))
+    with pytest.raises(BadInputError) as caught:
+        RobotModel.load(folder, None)
+    for key in ("characteristic_length", "period", "velocity_limit", "torque_limit"):
+        assert f"{key} is missing: must be" in str(caught.value)
+    assert "planar.urdf gives none of shoulder, elbow, wrist" in str(caught.value)
+    assert f"`forcectl robot {folder}`" in str(caught.value)
+
+
+def test_a_limit_that_is_missing_alone_is_told(tmp_path):
+    folder = write_planar_robot(tmp_path, LITTLE)
+    urdf = (folder / "planar.urdf").read_text()
+    (folder / "planar.urdf").write_text(urdf.replace('effort="50"', 'effort="0"'))
+    with pytest.raises(BadInputError, match=r"torque_limit is missing: .* none of shoulder, elbow, wrist"):
+        RobotModel.load(folder, None)

@@ -1,0 +1,182 @@
+"""URDF files as they are found: what is wrong is told with its line, what Drake cannot use is replaced."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from forcectl.errors import BadInputError
+from forcectl.robot.model import RobotModel
+from forcectl.robot.urdf import read_urdf
+from tests.examples.public_robots import write_public_robot
+from tests.examples.robot_folders import CONTROL, write_planar_robot
+
+ARM = """model: arm.urdf
+arm_joints: [joint_1, joint_2, joint_3, joint_4, joint_5, joint_6]
+flange_frame: tool0
+flange_turn_deg: [0, 90, 0]
+default_posture_deg: [0, 0, 30, 0, 60, 0]
+characteristic_length: 0.4
+reference_filter: {natural_frequency: 75, damping_ratio: 1}
+period: 0.002
+torque_limit: [200, 200, 100, 30, 20, 10]
+"""
+
+
+_HAND = ("palm", "finger_a", "finger_b")
+
+
+@pytest.fixture
+def arm(tmp_path):
+    """The folder of a robot with everything public models bring."""
+    folder = write_public_robot(tmp_path)
+    (folder / "arm.control.yaml").write_text(ARM)
+    return folder
+
+
+def test_a_world_of_its_own_stands_where_it_says(arm):
+    for base in ("", "base_frame: base_link\n", "base_frame: world\n"):
+        (arm / "arm.control.yaml").write_text(ARM + base)
+        robot = RobotModel.load(arm, None)
+        first = robot.parts.joints[0].frame_on_parent().CalcPoseInWorld(robot.create_context())
+        np.testing.assert_allclose(first.translation(), [0, 0, 0.4], atol=1e-12)
+
+
+def test_the_root_is_the_base_where_none_is_named(tmp_path):
+    folder = write_planar_robot(tmp_path, CONTROL.replace("base_frame: base\n", ""))
+    robot = RobotModel.load(folder, None)
+    base = robot.plant.GetBodyByName("base").EvalPoseInWorld(robot.create_context())
+    np.testing.assert_allclose(base.GetAsMatrix4(), np.eye(4), atol=1e-15)
+
+
+def test_a_turned_flange_carries_the_tool_along_the_last_axis(arm):
+    robot = RobotModel.load(arm, "force_probe")
+    context = robot.create_context()
+    wrist = robot.plant.GetFrameByName("tool0").CalcPoseInWorld(context)
+    axis = wrist.rotation().matrix()[:, 0]  # of joint 6
+    np.testing.assert_allclose(robot.pose(context).rotation().matrix()[:, 2], axis, atol=1e-12)
+    np.testing.assert_allclose(robot.pose(context).translation() - wrist.translation(), 0.1833 * axis, atol=1e-12)
+
+
+def test_joints_without_actuators_get_the_limits_of_the_parameters(arm):
+    limits = RobotModel.load(arm, None).limits
+    np.testing.assert_allclose(limits.torque, [200, 200, 100, 30, 20, 10])
+    np.testing.assert_allclose(limits.velocity, 3.0)
+    assert np.isinf(limits.position_upper[5])  # continuous
+
+
+def test_infinite_limits_and_none_are_none(tmp_path):
+    file = write_planar_robot(tmp_path) / "planar.urdf"
+    text = file.read_text().replace('lower="-3" upper="3" effort="50"', 'lower="-inf" upper="inf" effort="inf"')
+    file.write_text(text.replace(' velocity="2"', ""))
+    limits = RobotModel.load(tmp_path, None).limits
+    for limit in (limits.position_upper, limits.velocity, limits.torque):
+        np.testing.assert_array_equal(limit, np.inf)
+
+
+def test_joints_that_mimic_are_held_where_their_leader_puts_them(arm):
+    # Where nothing is said the leader is nearest to zero, at 0.01 m.
+    for held, leader in (("", 0.01), ("held_joints: {finger_a_joint: 0.02}\n", 0.02)):
+        (arm / "arm.control.yaml").write_text(ARM + held)
+        robot = RobotModel.load(arm, None)
+        context = robot.create_context()
+        assert robot.plant.num_positions() == 6
+        palm, a, b = (robot.plant.GetFrameByName(name).CalcPoseInWorld(context) for name in _HAND)
+        np.testing.assert_allclose((palm.inverse() @ a).translation(), [leader, 0, 0], atol=1e-12)
+        np.testing.assert_allclose((palm.inverse() @ b).translation(), [-0.5 * leader - 0.003, 0, 0], atol=1e-12)
+
+
+def test_an_arm_joint_is_not_followed(arm):
+    text = (arm / "arm.urdf").read_text().replace('<mimic joint="finger_a_joint"', '<mimic joint="joint_1"')
+    (arm / "arm.urdf").write_text(text)
+    (arm / "arm.control.yaml").write_text(ARM + "held_joints: {finger_a_joint: 0.02}\n")
+    with pytest.raises(BadInputError, match="'finger_b_joint' mimics an arm joint"):
+        RobotModel.load(arm, None)
+
+
+def test_the_file_is_never_changed(arm):
+    before = (arm / "arm.urdf").read_bytes()
+    RobotModel.load(arm, None)
+    assert (arm / "arm.urdf").read_bytes() == before
+
+
+def test_friction_of_the_model_is_that_of_the_drives(arm):
+    text = (arm / "arm.urdf").read_text().replace("</joint>", '<dynamics damping="4" friction="1.5"/></joint>')
+    (arm / "arm.urdf").write_text(text)
+    robot = RobotModel.load(arm, None)
+    np.testing.assert_allclose(robot.parameters.viscous_friction, 4)
+    np.testing.assert_allclose(robot.parameters.coulomb_friction, 1.5)
+    assert all(joint.default_damping() == 0 for joint in robot.parts.joints)
+
+
+@pytest.mark.parametrize("place", ["package", "above", "renamed"])
+def test_packages_are_found_by_the_layout_of_folders(tmp_path, place):
+    folder = write_public_robot(tmp_path)
+    if place == "above":  # the file lies beside the package
+        (tmp_path / "arm.urdf").write_bytes((folder / "arm.urdf").read_bytes())
+        folder = tmp_path
+    if place == "renamed":  # and package.xml says what it is called
+        (tmp_path / "acme_support").rename(tmp_path / "acme-2.1")
+        folder = tmp_path / "acme-2.1" / "urdf"
+        (folder.parent / "package.xml").write_text("<package><name>acme_support</name></package>")
+    urdf = read_urdf(folder / "arm.urdf")
+    assert urdf.missing_shapes == []
+    assert len([note for note in urdf.notes if "replaced by the" in note]) == 6
+
+
+def test_a_missing_mesh_is_told_and_only_refused_where_it_matters(arm):
+    (arm.parent / "meshes" / "link_4.stl").unlink()
+    assert read_urdf(arm / "arm.urdf").missing_shapes == [
+        "link link_4: collision mesh package://acme_support/meshes/link_4.stl: not found"
+    ]
+    robot = RobotModel.load(arm, None)
+    with pytest.raises(BadInputError, match=r"collision shapes are missing: link link_4: .* not found"):
+        robot.parts.require_shapes()
+
+
+def test_an_inertia_that_no_body_has_is_raised(tmp_path):
+    text = (write_planar_robot(tmp_path) / "planar.urdf").read_text()
+    (tmp_path / "planar.urdf").write_text(text.replace('ixx="0.001" iyy="0.03"', 'ixx="0.001" iyy="0.001"'))
+    (note, *_) = read_urdf(tmp_path / "planar.urdf").notes
+    assert note == "link base: no body has such an inertia; its smaller moments are raised"
+    inertia = RobotModel.load(tmp_path, None).plant.GetBodyByName("hand").default_spatial_inertia()
+    assert inertia.get_mass() == pytest.approx(2.0)
+    about_com = inertia.Shift(inertia.get_com()).CalcRotationalInertia().CalcPrincipalMomentsOfInertia()
+    np.testing.assert_allclose(np.sort(about_com), [0.015, 0.015, 0.03], rtol=1e-5)
+
+
+PROBLEMS = [
+    ('<axis xyz="0 0 1"/>', '<axis xyz="x"/>', "axis xyz = 'x': must be 3 numbers up to 1e+09"),
+    ('<axis xyz="0 0 1"/>', '<axis xyz="0 0 0"/>', "axis is zero"),
+    ('<mass value="2"/>', '<mass value="-2"/>', "link 'base': mass = -2 kg: must not be negative"),
+    ('<mass value="2"/>', '<mass value="nan"/>', "mass value = 'nan': must be a number up to 1e+09"),
+    ('<mass value="2"/>', '<mass value="1e308"/>', "mass value = '1e308': must be a number up to 1e+09"),
+    ('ixx="0.001"', 'ixx="-0.001"', "inertia -0.001, 0.03, 0.03 kg m2: must not be negative"),
+    ('lower="-3" upper="3"', 'lower="3" upper="-3"', "limit from 3 to -3: lower must not be above upper"),
+    ('effort="50"', 'effort="-50"', "effort = -50: must not be negative"),
+    ('type="revolute"', 'type="banana"', "type = 'banana': must be one of revolute, continuous, prismatic, fixed"),
+    ('<child link="forearm"/>', '<child link="fourarm"/>', "child 'fourarm': there is no such link"),
+    ('<child link="forearm"/>', '<child link="hand"/>', "link 'hand' is the child of two joints: must be a tree"),
+    ('<link name="forearm">', '<link name="hand">', "link 'hand': must have a name of its own"),
+    ("</robot>", "", "not valid XML: no element found"),
+    ("<robot", "<robbot", "not valid XML: mismatched tag"),
+    ("</robot>", "<xacro:arm/></robot>", "holds xacro macros: expand them first"),
+]
+
+
+@pytest.mark.parametrize(("old", "new", "message"), PROBLEMS, ids=[message[:30] for *_, message in PROBLEMS])
+def test_a_problem_is_told_in_words(tmp_path, old, new, message):
+    file = write_planar_robot(tmp_path) / "planar.urdf"
+    file.write_text(file.read_text().replace(old, new))
+    assert any(message in problem for problem in read_urdf(file).problems), read_urdf(file).problems
+    with pytest.raises(BadInputError, match=r"planar\.urdf: cannot be read: ") as caught:
+        RobotModel.load(tmp_path, None)
+    assert "\n" not in str(caught.value)
+
+
+def test_all_problems_are_told_at_once_with_their_lines(tmp_path):
+    file = write_planar_robot(tmp_path) / "planar.urdf"
+    file.write_text(file.read_text().replace('value="2"', 'value="-2"', 1).replace('lower="-3"', 'lower="4"', 1))
+    first, second = read_urdf(file).problems
+    assert first.startswith("line 2: link 'base'")
+    assert "joint 'slide': limit from 4 to 3" in second
