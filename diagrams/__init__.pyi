@@ -36,6 +36,7 @@ from forcectl.diagrams.sensors import WristForce as WristForce
 from forcectl.diagrams.sensors import WristForceConfig as WristForceConfig
 from forcectl.diagrams.signals import FromConfig as FromConfig
 from forcectl.diagrams.signals import ProjectionConfig as ProjectionConfig
+from forcectl.diagrams.signals import WrenchBetweenConfig as WrenchBetweenConfig
 from forcectl.diagrams.station import StationConfig as StationConfig
 from forcectl.diagrams.station import build_station as build_station
 from forcectl.diagrams.workcell import Contact as Contact

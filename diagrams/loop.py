@@ -163,7 +163,7 @@ def build_loop(parts: LoopParts) -> Loop:
         port = made_by(choice, "choose", f"signals.{name}", OutputPort, "an output port", name, builder, signals, model)
         signals.chosen[name] = port
     for name, system in estimators.items():
-        signals.connect(f"estimators.{name}", system)
+        signals.connect(f"estimators.{name}", system, getattr(system, "optional_inputs", ()))
     signals.connect("controller", controller, getattr(controller, "optional_inputs", ()))
     _command(builder, controller, station)
     ports = _logged(parts, sources, station, controller, estimators) | signals.chosen

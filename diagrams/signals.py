@@ -20,6 +20,7 @@ from pydrake.systems.primitives import MatrixGain
 from forcectl.conventions import SIGNALS
 from forcectl.diagrams.model import force_lag
 from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.estimation.wrench_between import WrenchBetween
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.model import unit_normal
@@ -113,6 +114,41 @@ class ProjectionConfig(Config):
         if arm not in model.arms:
             raise invalid("arm", arm, f"one that presses on a surface: {', '.join(model.arms)}")
         return model.normals[model.arms.index(arm)]
+
+
+@dataclass(kw_only=True)
+class WrenchBetweenConfig(Config):
+    """Scenario part `!WrenchBetween`: of one arm on another that it touches, of the estimated wrenches of both."""
+
+    between: list[str] = key(meaning="names of two arms: of the first on the second, at its TCP", size=2)
+    of: str = key("estimated_wrench", "signal of shape (6a,): wrenches at the TCPs in the world")
+    expressed_in: str = key("world", "axes of the wrench: world, or tcp, that of the second arm")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.expressed_in not in ("world", "tcp"):
+            raise unknown("expressed_in", self.expressed_in, ["world", "tcp"])
+
+    def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
+        """The output of a `WrenchBetween`.
+
+        Raises:
+            BadInputError: there are no such arms, or no such signal.
+        """
+        robot = model.known_robot()
+        arms = list(robot.parts.arms)
+        for arm in self.between:
+            if arm not in arms:
+                raise unknown("between", arm, arms)
+        tcp = robot.parts.arms[self.between[1]].tcp_frame if self.expressed_in == "tcp" else None
+        block = builder.AddNamedSystem(f"{name}_between", WrenchBetween(robot, (self.between[0], self.between[1]), tcp))
+        source = signals.find(self.of, f"signals.{name}")
+        if source.size() != block.GetInputPort("estimated_wrench").size():
+            raise invalid("of", self.of, f"a signal of shape ({6 * len(arms)},): wrenches at the TCPs")
+        builder.Connect(source, block.GetInputPort("estimated_wrench"))
+        joints = signals.find("joint_position", f"signals.{name}")
+        builder.Connect(joints, block.GetInputPort("joint_position"))
+        return block.get_output_port()
 
 
 class Signals:

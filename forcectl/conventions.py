@@ -55,6 +55,7 @@ SIGNALS: dict[str, Signal] = {
     "joint_velocity": Signal("rad/s", "n", "readings of the robot's interface"),
     "motor_torque": Signal("Nm", "n", "readings of the robot's interface, mean over the last tick"),
     # what is estimated
+    "tare": Signal("1", "1", "above 0.5 estimated wrenches are tared, below -0.5 that is forgotten"),
     "estimated_torque": Signal("Nm", "n", "external joint torques"),
     "estimated_wrench": Signal("Nm,N", "6a", "of the environment on the robot at each TCP in the world"),
     "estimated_local_wrench": Signal("Nm,N", "6a", "the same, in the axes of another frame that the estimator names"),

@@ -8,3 +8,4 @@ from forcectl.analysis.friction_identification import FrictionAnalysis as Fricti
 from forcectl.analysis.motion_metrics import joint_metrics as joint_metrics
 from forcectl.analysis.reaching import ReachAnalysis as ReachAnalysis
 from forcectl.analysis.slot import run_metrics as run_metrics
+from forcectl.analysis.wrench_errors import WrenchErrorAnalysis as WrenchErrorAnalysis

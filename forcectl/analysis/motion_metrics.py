@@ -42,6 +42,22 @@ FORCE_METRICS: dict[str, tuple[str, str]] = {
     "fast_force_N": ("N", "largest estimated force while nothing acts and the arm moves fast"),
     "fast_torque_Nm": ("Nm", "largest estimated joint torque then"),
 }
+WRENCH_ERROR_METRICS: dict[str, tuple[str, str]] = {
+    "force_error_z_95_N": ("N", "95 % quantile of the size of the error of the estimated force along z"),
+    "force_error_z_99_N": ("N", "99 % quantile of it"),
+    "force_error_xy_95_N": ("N", "95 % quantile of the length of its error across z"),
+    "force_error_xy_99_N": ("N", "99 % quantile of it"),
+    "moment_error_z_95_Nm": ("Nm", "95 % quantile of the size of the error of the estimated torque about z"),
+    "moment_error_z_99_Nm": ("Nm", "99 % quantile of it"),
+    "false_force_z_N": ("N", "largest size of the estimated force along z while nothing acts"),
+    "felt_after_52_ms_pct": ("%", "share of the loads of which half is estimated 52 ms after they began"),
+    "felt_after_200_ms_pct": ("%", "share of the loads of which 5/6 is estimated 200 ms after they began"),
+    "load_found_ms": ("ms", "median time from the begin of a load until the force along it is above the threshold"),
+    "load_found_slowest_ms": ("ms", "largest of these times"),
+    "loads_missed": ("1", "loads of which it never is"),
+    "coulomb_share": ("1", "assumed: mean Coulomb friction of the joints as a share of their torque limits"),
+    "friction_off_pct": ("%", "assumed: largest distance of believed and true Coulomb friction"),
+}
 FRICTION_METRICS: dict[str, tuple[str, str]] = {
     "friction_error_pct": ("%", "largest distance of identified and true friction, in percent of the largest friction"),
     "coulomb_error_pct": ("%", "distance of identified and true Coulomb friction"),
@@ -83,7 +99,7 @@ ALIGNMENT_METRICS: dict[str, tuple[str, str]] = {
     "torque_at_start_Nm": ("Nm", "interaction torque at first"),
     "torque_at_end_Nm": ("Nm", "interaction torque at the end"),
 }
-ANALYSIS_METRICS = FORCE_METRICS | FRICTION_METRICS | REACH_METRICS | ALIGNMENT_METRICS
+ANALYSIS_METRICS = FORCE_METRICS | WRENCH_ERROR_METRICS | FRICTION_METRICS | REACH_METRICS | ALIGNMENT_METRICS
 MOTION_METRICS = LOOP_METRICS | ANALYSIS_METRICS
 
 

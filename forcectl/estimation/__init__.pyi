@@ -3,7 +3,10 @@ from forcectl.estimation.environment import ewrls_step as ewrls_step
 from forcectl.estimation.excited_compliance import ExcitedCompliance as ExcitedCompliance
 from forcectl.estimation.force_estimator import ForceEstimator as ForceEstimator
 from forcectl.estimation.force_estimator import ForceEstimatorConfig as ForceEstimatorConfig
+from forcectl.estimation.force_estimator import KalmanForceEstimatorConfig as KalmanForceEstimatorConfig
 from forcectl.estimation.momentum_observer import MomentumObserver as MomentumObserver
 from forcectl.estimation.recursive_vrft import RecursiveVrft as RecursiveVrft
 from forcectl.estimation.wrench import WrenchEstimator as WrenchEstimator
 from forcectl.estimation.wrench import wrench_from_torques as wrench_from_torques
+from forcectl.estimation.wrench_between import WrenchBetween as WrenchBetween
+from forcectl.estimation.wrench_filter import WrenchFilter as WrenchFilter

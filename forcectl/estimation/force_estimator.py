@@ -1,10 +1,11 @@
-"""The estimator slot filled by the momentum observer and a wrench estimate per arm (5.6)*, (5.8)."""
+"""The estimator slot filled by the momentum observer (5.6)* and a wrench estimate per arm: (5.8) or a Kalman filter."""
 
 from __future__ import annotations
 
 import math
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 import numpy as np
 from pydrake.multibody.tree import Frame
@@ -16,10 +17,13 @@ from scipy.signal import StateSpace
 from forcectl.errors import unknown
 from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.wrench import WrenchEstimator
+from forcectl.estimation.wrench_filter import WrenchFilter
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_outputs
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.model import RobotModel
+from forcectl.robot.momentum_model import MomentumModel
+from forcectl.robot.parts import ArmParts
 
 READINGS = ("joint_position", "joint_velocity", "motor_torque")
 _JUMP = 4.0  # a speed that changes so many times faster than joints may accelerate was not read right
@@ -32,9 +36,10 @@ class ForceEstimator(Diagram):
 
     ```
     name: ForceEstimator
-    input_ports: [joint_position, joint_velocity, motor_torque]
-    output_ports: [estimated_torque, estimated_wrench (optional), estimated_local_wrench (optional), residual,
-    reading_ok, near_singular]
+    input_ports: [joint_position, joint_velocity, motor_torque, tare (optional)]
+    output_ports: [estimated_torque, estimated_wrench (optional), estimated_local_wrench (optional), near_singular
+    (optional), wrench_deviation (optional), joint_bias (optional), moving (optional), torque_elsewhere (optional),
+    residual, torque_balance, reading_ok]
     ```
 
     joint_position, joint_velocity, motor_torque: shape (n,), readings of the tick [rad, rad/s, Nm].
@@ -42,53 +47,70 @@ class ForceEstimator(Diagram):
     estimated_wrench: shape (6a,), of the environment on the robot at each TCP in the world, [torque; force] [Nm, N].
     estimated_local_wrench: shape (6a,), the same in the axes of other frames [Nm, N]; the port exists instead when
     `local`.
-    residual: shape (n,), r [Nm]. reading_ok: shape (n,) [1]. near_singular: shape (a,), 1 where a direction is damped
-    [1]. All outputs are feedthrough of all inputs at the tick.
+    tare: shape (1,) [1], may be left unconnected; the port exists where no `tare` is given. See the wrench estimates.
+    residual: shape (n,), r [Nm]. torque_balance: shape (n,), of the tick, see `MomentumObserver` [Nm].
+    reading_ok: shape (n,) [1].
+    near_singular: shape (a,), 1 where a direction is damped [1]; of a `WrenchEstimator`.
+    wrench_deviation: shape (6a,), in the axes of each TCP [Nm, N]; joint_bias: shape (n,) [Nm]; moving: shape (n,) [1];
+    torque_elsewhere: shape (a,) [Nm]; of a `WrenchFilter`, joints arm by arm.
+    All outputs are feedthrough of all inputs at the tick.
 
     Sampling: every `period` [s]; no delay. Speeds that are filtered make the estimate as late as they are.
 
     Args:
         observer: of the n joints.
-        wrenches: by arm, all of the same n joints.
-        tare: their input of that name, or None.
+        wrenches: by arm, all of the same n joints and of one class.
+        tare: their input of that name over time; None: it becomes an input.
         local: whether they are expressed in other frames than the world.
     """
 
     def __init__(
         self,
         observer: MomentumObserver,
-        wrenches: Mapping[str, WrenchEstimator],
+        wrenches: Mapping[str, WrenchEstimator] | Mapping[str, WrenchFilter],
         tare: TrajectorySource | None = None,
         *,
         local: bool = False,
     ):
         super().__init__()
         name_of_wrench = "estimated_local_wrench" if local else "estimated_wrench"
-        self.port_units = {"estimated_torque": "Nm", name_of_wrench: "Nm,N", "near_singular": "1"}
         builder = DiagramBuilder()
-        add, connect, export = builder.AddNamedSystem, builder.Connect, builder.ExportInput
+        add, connect = builder.AddNamedSystem, builder.Connect
         add("observer", observer)
+        for name in READINGS:
+            builder.ExportInput(observer.GetInputPort(name), name)
         if tare is not None:
             add("tare", tare)
-        for name in READINGS:
-            export(observer.GetInputPort(name), name)
-        both = add("wrenches", Multiplexer([6] * len(wrenches)))
-        flags = add("near_singular", Multiplexer([1] * len(wrenches)))
-        for i, (arm, wrench) in enumerate(wrenches.items()):
+        self.optional_inputs = ("tare",) if tare is None else ()
+        untared = []
+        for arm, wrench in wrenches.items():
             add(f"wrench_{arm}", wrench)
-            connect(observer.GetOutputPort("external_torque"), wrench.GetInputPort("external_torque"))
-            builder.ConnectInput("joint_position", wrench.GetInputPort("joint_position"))
-            if tare is not None:
-                connect(tare.get_output_port(), wrench.GetInputPort("tare"))
-            connect(wrench.GetOutputPort("wrench"), both.get_input_port(i))
-            connect(wrench.GetOutputPort("near_singular"), flags.get_input_port(i))
-        outputs = {
-            "estimated_torque": observer.GetOutputPort("external_torque"),
-            name_of_wrench: both.get_output_port(),
-            "residual": observer.GetOutputPort("residual"),
-            "reading_ok": observer.GetOutputPort("reading_ok"),
-            "near_singular": flags.get_output_port(),
-        }
+            for port in map(wrench.get_input_port, range(wrench.num_input_ports())):
+                name = port.get_name()
+                if name in READINGS:
+                    builder.ConnectInput(name, port)
+                elif name != "tare":
+                    connect(observer.GetOutputPort(name), port)
+                elif tare is not None:
+                    connect(tare.get_output_port(), port)
+                else:
+                    untared.append(port)
+        if untared:
+            builder.ExportInput(untared[0], "tare")
+            for port in untared[1:]:
+                builder.ConnectInput("tare", port)
+        outputs = {"estimated_torque": observer.GetOutputPort("external_torque")}
+        self.port_units = {"estimated_torque": "Nm"}
+        first = next(iter(wrenches.values()))
+        for port in map(first.get_output_port, range(first.num_output_ports())):
+            parts = [wrench.GetOutputPort(port.get_name()) for wrench in wrenches.values()]
+            name = name_of_wrench if port.get_name() == "wrench" else port.get_name()
+            together = add(name, Multiplexer([part.size() for part in parts]))
+            for i, part in enumerate(parts):
+                connect(part, together.get_input_port(i))
+            outputs[name] = together.get_output_port()
+            self.port_units[name] = first.port_units[port.get_name()]
+        outputs |= {name: observer.GetOutputPort(name) for name in ("residual", "torque_balance", "reading_ok")}
         export_outputs(builder, outputs)
         builder.BuildInto(self)
 
@@ -136,11 +158,37 @@ class ForceEstimatorConfig(Config):
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> ForceEstimator:
         """Add the estimator."""
-        robot, coulomb = model.known_robot(), model.friction.coulomb
         momentum = model.momentum_model()
+        wrenches = {
+            name: self._wrench(model, momentum, arm, self._axes(model.known_robot(), arm.tcp_frame))
+            for name, arm in model.known_robot().parts.arms.items()
+        }
+        tare = None
+        if self.tare_duration > 0:
+            start, end = self.tare_start, self.tare_start + self.tare_duration
+            breaks, values = ([0.0], [0.0]) if start > 0 else ([], [])
+            held = PiecewisePolynomial.ZeroOrderHold([*breaks, start, end, end + 1.0], [[*values, 1.0, 0.0, 0.0]])
+            tare = TrajectorySource(held)
+        made = ForceEstimator(self._observer(model, momentum), wrenches, tare, local=self.expressed_in != "world")
+        return builder.AddNamedSystem("estimator", made)
+
+    def _wrench(self, model: PlantModel, momentum: MomentumModel, arm: ArmParts, axes: Frame | None) -> Any:
+        return WrenchEstimator(
+            momentum,
+            arm.tcp_frame,
+            axes,
+            joints=arm.joints,
+            moment=self.moment,
+            smallest=self.smallest_singular_value,
+            length=model.known_robot().parameters.characteristic_length,
+            period=model.period,
+        )
+
+    def _observer(self, model: PlantModel, momentum: MomentumModel) -> MomentumObserver:
+        robot, coulomb = model.known_robot(), model.friction.coulomb
         # A joint that sticks stands still from one tick to the next, but only from a speed that it can stop from.
         fastest_stop = _STOP * robot.limits.acceleration * model.period
-        observer = MomentumObserver(
+        return MomentumObserver(
             momentum,
             model.friction.scaled(self.friction_scale),
             gain=self.gain,
@@ -152,27 +200,6 @@ class ForceEstimatorConfig(Config):
             frozen_speed=np.where(np.isfinite(fastest_stop), fastest_stop, _FROZEN),
             largest_acceleration=_JUMP * robot.limits.acceleration,
         )
-        wrenches = {
-            name: WrenchEstimator(
-                momentum,
-                arm.tcp_frame,
-                self._axes(robot, arm.tcp_frame),
-                joints=arm.joints,
-                moment=self.moment,
-                smallest=self.smallest_singular_value,
-                length=robot.parameters.characteristic_length,
-                period=model.period,
-            )
-            for name, arm in robot.parts.arms.items()
-        }
-        tare = None
-        if self.tare_duration > 0:
-            start, end = self.tare_start, self.tare_start + self.tare_duration
-            breaks, values = ([0.0], [0.0]) if start > 0 else ([], [])
-            held = PiecewisePolynomial.ZeroOrderHold([*breaks, start, end, end + 1.0], [[*values, 1.0, 0.0, 0.0]])
-            tare = TrajectorySource(held)
-        made = ForceEstimator(observer, wrenches, tare, local=self.expressed_in != "world")
-        return builder.AddNamedSystem("estimator", made)
 
     def _axes(self, robot: RobotModel, tcp: Frame) -> Frame | None:
         """The frame that wrenches at a TCP are expressed in; None for the world."""
@@ -183,3 +210,48 @@ class ForceEstimatorConfig(Config):
             bodies = [robot.plant.get_body(index).name() for index in robot.plant.GetBodyIndices(instance)]
             raise unknown("expressed_in", self.expressed_in, ["world", "tcp", *sorted(bodies)])
         return robot.plant.GetFrameByName(self.expressed_in, instance)
+
+
+@dataclass(kw_only=True)
+class KalmanForceEstimatorConfig(ForceEstimatorConfig):
+    """Scenario part `!KalmanForceEstimator`: momentum observer and, for each arm, a filter that believes moving joints.
+
+    Force and torque are felt by joints that move: with `null_space: !SelfMotion {}` nearly all of them do. Friction and
+    model are believed as those of `!ForceEstimator` are; the threshold is of `estimated_torque` alone.
+    """
+
+    noise: float = key(0.25, "deviation of the torque balance of a tick", unit="Nm", bounds="positive")
+    force_walk: float = key(1.25, "deviation that a force gains in a second", unit="N", bounds="positive")
+    moment_walk: float = key(0.04, "deviation that a torque gains in a second", unit="Nm", bounds="positive")
+    bias: float = key(0.05, "deviation of a joint's Coulomb friction from what is believed / tau_C", bounds="positive")
+    bias_walk: float = key(0.008, "deviation that a joint's offset gains in a second / tau_C", bounds="positive")
+    slow: float = key(0.004, "speed below which a joint may stick", unit="rad/s", bounds="positive")
+    hold: float = key(0.04, "time after that for which it still may", unit="s", bounds="not negative")
+    trust: float = key(0.012, "time constant with which it is believed then", unit="s", bounds="positive")
+
+    def force_lag(self) -> tuple[float, float, float]:
+        """Lag of the estimated forces as that of a sensor: bandwidth [rad/s], damping ratio [1] and delay [s].
+
+        That of the filter in its steady state, where three joints feel a force at half a metre each.
+        """
+        gain = np.sqrt(3.0) * 0.5 * self.force_walk / self.noise
+        return 2 * float(gain), 1.0, 0.0
+
+    def _wrench(self, model: PlantModel, momentum: MomentumModel, arm: ArmParts, axes: Frame | None) -> Any:
+        return WrenchFilter(
+            momentum,
+            model.friction.scaled(self.friction_scale),
+            arm.tcp_frame,
+            axes,
+            joints=arm.joints,
+            moment=self.moment,
+            noise=self.noise,
+            force_walk=self.force_walk,
+            moment_walk=self.moment_walk,
+            bias=self.bias,
+            bias_walk=self.bias_walk,
+            slow=self.slow,
+            hold=self.hold,
+            trust=self.trust,
+            period=model.period,
+        )

@@ -36,7 +36,7 @@ from forcectl.robot.momentum_model import MomentumModel
 Array = NDArray[np.float64]
 
 _MEMORY = (
-    *("external_torque", "residual", "reading_ok", "frozen"),
+    *("external_torque", "residual", "torque_balance", "reading_ok", "frozen"),
     # Of the last good sample; its time is negative before the first one, and the same for all joints.
     *("sample_time", "position", "velocity", "torque", "momentum", "force"),
     # Behind the filter of the speeds, and the mean torque before it.
@@ -64,7 +64,7 @@ class MomentumObserver(SampledBatch):
     ```
     name: MomentumObserver
     input_ports: [joint_position, joint_velocity, motor_torque, reset]
-    output_ports: [external_torque, residual, reading_ok]
+    output_ports: [external_torque, residual, torque_balance, reading_ok]
     parameters: [gain, offset, coulomb, viscous_forward, viscous_backward, move, still, limit]
     ```
 
@@ -73,6 +73,7 @@ class MomentumObserver(SampledBatch):
     reset: shape (1,) [1], may be left unconnected; above 0.5 the residual is zero and the observer starts anew.
     external_torque: shape (n,), the residual beyond the threshold of the friction [Nm].
     residual: shape (n,), r [Nm].
+    torque_balance: shape (n,), mean of tau_ext - tau_F over the tick that ends, or the gap, not filtered [Nm].
     reading_ok: shape (n,), 1 for a joint whose readings of this tick were used, else 0 [1].
     All outputs are feedthrough of all inputs at the tick, and held.
 
@@ -156,13 +157,14 @@ class MomentumObserver(SampledBatch):
             "reset": "1",
             "external_torque": "Nm",
             "residual": "Nm",
+            "torque_balance": "Nm",
             "reading_ok": "1",
         }
         inputs = [self.DeclareVectorInputPort(name, n) for name in ("joint_position", "joint_velocity", "motor_torque")]
         inputs.append(self.DeclareVectorInputPort("reset", 1))
         self._scratch = scratch(self, "plant context", model.create_context)
         self.declare_memory(dict.fromkeys(_MEMORY, 0.0) | {"sample_time": -1.0}, inputs, period)
-        self.show("external_torque", "residual", "reading_ok")
+        self.show("external_torque", "residual", "torque_balance", "reading_ok")
 
     def check_together(self, values: Mapping[str, Array]) -> None:
         """Infinite friction is none that can be subtracted."""
@@ -237,19 +239,22 @@ class MomentumObserver(SampledBatch):
             late_q = pole * memory["late_position"] + share * (q + q_last)
             late_torque = pole * memory["late_torque"] + share * (mean_torque + memory["mean_torque"])
         momentum, force = self._model.terms(self._scratch.Eval(context), late_q, v)
+        balance = memory["torque_balance"]
         if going_on:
             sign, ahead, back = mean_features(v_last, v)
             friction = offset + coulomb * sign + forward * ahead + backward * back
             mean = (momentum - memory["momentum"]) / elapsed - late_torque
-            mean = mean - 0.5 * (force + memory["force"]) + friction
-            stepped = residual_step(residual, mean, gain, elapsed)
-            # An overflow of absurd readings holds the residual too.
+            mean = mean - 0.5 * (force + memory["force"])
+            stepped = residual_step(residual, mean + friction, gain, elapsed)
+            # An overflow of absurd readings holds residual and balance too.
             stepped = np.where(np.isfinite(stepped), stepped, residual)
+            balance = np.where(np.isfinite(mean), mean, balance)
             residual = np.minimum(np.maximum(stepped, -limit), limit)
         external = dead_band(residual, friction_threshold(v, move, still))
         return {
             "external_torque": external,
             "residual": residual,
+            "torque_balance": balance,
             "reading_ok": ok,
             "frozen": frozen,
             "sample_time": now * self._good,

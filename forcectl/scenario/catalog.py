@@ -56,16 +56,21 @@ SLOTS: dict[str, dict[str, str]] = {
         "AlongSurface": "forcectl.motion.tangential:TangentialMotionConfig",
         "VelocityAlongSurface": "forcectl.motion.surface_velocity:SurfaceVelocityConfig",
     },
-    "estimator": {"ForceEstimator": "forcectl.estimation.force_estimator:ForceEstimatorConfig"},
+    "estimator": {
+        "ForceEstimator": "forcectl.estimation.force_estimator:ForceEstimatorConfig",
+        "KalmanForceEstimator": "forcectl.estimation.force_estimator:KalmanForceEstimatorConfig",
+    },
     "signal": {
         "Projection": "forcectl.diagrams.signals:ProjectionConfig",
         "From": "forcectl.diagrams.signals:FromConfig",
+        "WrenchBetween": "forcectl.diagrams.signals:WrenchBetweenConfig",
     },
     "analysis": {
         "ForceEstimation": "forcectl.analysis.force_estimation:ForceAnalysis",
         "FrictionIdentification": "forcectl.analysis.friction_identification:FrictionAnalysis",
         "Alignment": "forcectl.analysis.alignment:AlignmentAnalysis",
         "Reaching": "forcectl.analysis.reaching:ReachAnalysis",
+        "WrenchErrors": "forcectl.analysis.wrench_errors:WrenchErrorAnalysis",
     },
     "fidelity": {
         "Multibody": "forcectl.diagrams.fidelities.multibody:MultibodyFidelity",
@@ -112,6 +117,7 @@ SLOTS: dict[str, dict[str, str]] = {
     },
     "null_space": {
         "JointSpeed": f"{_NULL_SPACE}:JointSpeedConfig",
+        "SelfMotion": f"{_NULL_SPACE}:SelfMotionConfig",
         "Evasive": f"{_NULL_SPACE}:EvasiveConfig",
     },
     "potential": {

@@ -11,7 +11,7 @@ with a time constant T of the approach to q0' that may be longer than Ts:
 from __future__ import annotations
 
 import math
-from collections.abc import Sequence
+from collections.abc import Callable, Sequence
 from typing import NamedTuple, Protocol, runtime_checkable
 
 import numpy as np
@@ -25,6 +25,7 @@ from forcectl.robot.model import RobotModel, unit_normal
 from forcectl.tasks.constraints.base import Constraint
 
 Vector = NDArray[np.float64]
+_STOPPED = 0.15  # [s] after which a self-motion turns round
 
 
 class QuadraticCost(NamedTuple):
@@ -40,6 +41,23 @@ class Criterion(Protocol):
 
     def cost(self, motion: ArmsMotion, period: float) -> QuadraticCost:
         """At this motion, for ticks of `period` [s]."""
+
+
+@runtime_checkable
+class RememberingCriterion(Protocol):
+    """A criterion with a memory, which the controller keeps in its state.
+
+    Attributes:
+        memory: at the start, any shape (m,).
+    """
+
+    memory: Vector
+
+    def step(self, motion: ArmsMotion, period: float, memory: Vector) -> tuple[QuadraticCost, Vector]:
+        """The cost at this motion with this memory, for ticks of `period` [s], and the memory of the next tick."""
+
+
+AnyCriterion = Criterion | RememberingCriterion
 
 
 @runtime_checkable
@@ -201,6 +219,85 @@ class TowardsSmallMass:
         robot.set_velocities(context, w)
         coriolis = robot.load_torque(context) - robot.gravity_torque(context)
         return (j[0] - j[1] - p[0] + p[1]) / h + 2.0 * coriolis
+
+
+class SelfMotion:
+    """A steady motion of the joints of every arm that leaves its hand where it is.
+
+    A joint that stands may keep any friction up to Coulomb's, and hides forces of that size; one that moves does not.
+    An arm of seven joints turns along the null vector of its Jacobian, fast enough that six of its joints move: a
+    wrench has six components. It turns round after `range`, and where something has stopped it for 0.15 s. Other arms
+    stay at rest. Its memory: the way of each arm, 1 or -1, how far it has gone since the last turn [rad] and for how
+    long it has been stopped [s].
+
+    Args:
+        robot: the controller's.
+        speed: least length of the joint speeds of an arm [rad/s], > 0.
+        fastest: largest, where some of six joints would otherwise be slower than `slowest` [rad/s], >= `speed`.
+        slowest: that the slowest of six joints of an arm shall have [rad/s], > 0.
+        range: from turn to turn; half of it before the first [rad], > 0.
+        time_constant: T of the approach [s], > 0.
+
+    Raises:
+        BadInputError: a value out of range.
+    """
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        *,
+        speed: float = 0.08,
+        fastest: float = 0.25,
+        slowest: float = 0.008,
+        range: float = 0.5,
+        time_constant: float = 0.06,
+    ):
+        self._arms = {name: arm.joints for name, arm in robot.parts.arms.items()}
+        self._speed, self._range = check("speed", speed, "positive"), check("range", range, "positive")
+        self._fastest, self._slowest = check("fastest", fastest, "positive"), check("slowest", slowest, "positive")
+        if fastest < speed:
+            raise invalid("fastest", fastest, f"at least speed, {speed:g}")
+        self._time = check("time_constant", time_constant, "positive")
+        self.memory = np.tile([1.0, 0.5 * range, 0.0], len(self._arms))
+
+    def step(self, motion: ArmsMotion, period: float, memory: Vector) -> tuple[QuadraticCost, Vector]:
+        """See `RememberingCriterion`."""
+        wanted, after = np.zeros(len(motion.v)), []
+        for (name, joints), (way, gone, stopped) in zip(self._arms.items(), memory.reshape(-1, 3), strict=True):
+            null, speed = self._along(motion, name)
+            wanted[joints] = way * speed * null
+            on = way * (null @ motion.v[joints])
+            gone += period * max(on, 0.0)
+            stopped = stopped + period if on < 0.1 * speed else 0.0
+            turns = gone >= self._range or stopped >= _STOPPED
+            after += [-way, 0.0, 0.0] if turns else [way, gone, stopped]
+        return _towards(motion, wanted, self._time, period), np.array(after)
+
+    def _along(self, motion: ArmsMotion, arm: str) -> tuple[Vector, float]:
+        """The null vector of an arm, and the speed along it [rad/s]."""
+        jacobian = motion.arm(arm).jacobian[:, self._arms[arm]]
+        if jacobian.shape != (6, 7):
+            return np.zeros(jacobian.shape[1]), 0.0
+        null = _null_vector(jacobian)
+        slow = np.partition(np.abs(null), 1)[1].item()
+        return null, min(self._fastest, max(self._speed, self._slowest / max(slow, 1e-9)))
+
+
+def stepped(
+    criterion: AnyCriterion,
+) -> Callable[[ArmsMotion, float, Vector], tuple[QuadraticCost, Vector]]:
+    """The `step` of either kind of criterion; one without a memory passes it on."""
+    if isinstance(criterion, RememberingCriterion):
+        return criterion.step
+    return lambda motion, period, memory: (criterion.cost(motion, period), memory)
+
+
+def _null_vector(jacobian: Vector) -> Vector:
+    """The unit vector n with J n = 0 of J (6, 7), as smooth as J: its elements are minors, whose signs alternate."""
+    columns = np.arange(7)
+    minors = np.linalg.det([jacobian[:, columns != i] for i in columns]) * (-1.0) ** columns
+    length = np.linalg.norm(minors)
+    return minors / length if length > 0.0 else np.zeros(7)
 
 
 def _towards(motion: ArmsMotion, wanted: Vector | float, time_constant: float | None, period: float) -> QuadraticCost:

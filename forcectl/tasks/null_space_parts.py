@@ -15,12 +15,13 @@ from forcectl.robot.model import JointLimits
 from forcectl.tasks.constraints.base import Constraint
 from forcectl.tasks.constraints.parts import made_constraint
 from forcectl.tasks.null_space import (
+    AnyCriterion,
     AwayFrom,
     AwayFromJointLimits,
-    Criterion,
     EvasiveMotion,
     JointSpeed,
     Potential,
+    SelfMotion,
     TowardsSmallMass,
 )
 
@@ -37,7 +38,7 @@ class JointSetting:
 class NullSpacePart(Protocol):
     """A filler of the slot `null_space`."""
 
-    def criterion(self, setting: JointSetting) -> Criterion:
+    def criterion(self, setting: JointSetting) -> AnyCriterion:
         """The criterion."""
 
 
@@ -74,10 +75,7 @@ class EvasiveConfig(Config):
 
     def criterion(self, setting: JointSetting) -> EvasiveMotion:
         """See `NullSpacePart`."""
-        made: list[Potential] = []
-        for i, part in enumerate(self.potentials):
-            made += made_by(part, "potentials", f"potentials.{i}", list, "a list", setting)
-        return EvasiveMotion(made, self.speed, self.time_constant)
+        return EvasiveMotion(_made_potentials(self.potentials, setting), self.speed, self.time_constant)
 
 
 @dataclass(kw_only=True)
@@ -132,3 +130,34 @@ class SmallMassPotentialConfig(Config):
         robot = setting.model.known_robot()
         arms = [self.arm] if self.arm else list(robot.parts.arms)
         return [TowardsSmallMass(robot, arm, self.direction, self.gain) for arm in arms]
+
+
+@dataclass(kw_only=True)
+class SelfMotionConfig(Config):
+    """Scenario part `!SelfMotion`: a steady motion of every arm around its hand, so that its joints feel forces."""
+
+    speed: float = key(0.08, "least length of the joint speeds of an arm", unit="rad/s", bounds="positive")
+    fastest: float = key(
+        0.25, "largest, where some of six joints would be slower than slowest", unit="rad/s", bounds="positive"
+    )
+    slowest: float = key(0.008, "that the slowest of six joints shall have", unit="rad/s", bounds="positive")
+    range: float = key(0.5, "of the motion from turn to turn", unit="rad", bounds="positive")
+    time_constant: float = key(0.06, "of the approach", unit="s", bounds="positive")
+
+    def criterion(self, setting: JointSetting) -> SelfMotion:
+        """See `NullSpacePart`."""
+        return SelfMotion(
+            setting.model.known_robot(),
+            speed=self.speed,
+            fastest=self.fastest,
+            slowest=self.slowest,
+            range=self.range,
+            time_constant=self.time_constant,
+        )
+
+
+def _made_potentials(parts: Sequence[Any], setting: JointSetting) -> list[Potential]:
+    made: list[Potential] = []
+    for i, part in enumerate(parts):
+        made += made_by(part, "potentials", f"potentials.{i}", list, "a list", setting)
+    return made

@@ -28,20 +28,22 @@ from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.constraints.base import ConstraintSet, Rows
 from forcectl.tasks.coordinates import ArmTask, TaskState
 from forcectl.tasks.cost import TaskCost, Weights
-from forcectl.tasks.null_space import Criterion, JointSpeed
+from forcectl.tasks.null_space import AnyCriterion, JointSpeed, stepped
 
 Vector = NDArray[np.float64]
 
+_NO_MEMORY = np.zeros(0)
 _LEAST_DAMPING = 1e-4
 _DAMPING = 0.05  # lambda_max of the damped inverse [1]
 _SINGULAR = 0.05  # smallest singular value of the tasks, with lengths in characteristic lengths, that is undamped [1]
 
 
 class Posed(NamedTuple):
-    """What is to be solved at one tick, and whether the tasks are damped."""
+    """What is to be solved at one tick, whether the tasks are damped, and the criterion's memory of the next tick."""
 
     problem: Problem
     near_singular: bool
+    criterion_memory: Vector
 
 
 class TaskLevel:
@@ -101,14 +103,14 @@ class TaskProgram:
     def __init__(
         self,
         levels: Sequence[TaskLevel],
-        criterion: Criterion,
+        criterion: AnyCriterion,
         constraints: ConstraintSet,
         torque: Vector,
         period: float,
         solver: str | Solver,
         joints: Sequence[str] = (),
     ):
-        self._levels, self._criterion, self._period = tuple(levels), criterion, period
+        self._levels, self._period, self._last_level = tuple(levels), period, stepped(criterion)
         self._joints, self._eye = constraints.joints, np.eye(len(torque))
         rests = isinstance(criterion, JointSpeed) and criterion.rests_in(period)
         self._settled = len(self._levels) == 1 and rests
@@ -145,6 +147,7 @@ class TaskProgram:
         position: Vector,
         velocity: Vector,
         smooth: Smooth | None = None,
+        memory: Vector = _NO_MEMORY,
     ) -> Posed:
         """What is to be solved at a tick.
 
@@ -158,6 +161,7 @@ class TaskProgram:
             position: x_gen at the next tick.
             velocity: x'_gen at the next tick.
             smooth: see `Problem`.
+            memory: of the criterion.
         """
         parts = [level.part(state) for level in self._levels]
         # A joint at a limit of its position does not move the task any more.
@@ -168,8 +172,9 @@ class TaskProgram:
             hessian, gradient, J = level.objective(part, position[level.rows], velocity[level.rows])
             found.append(Level(hessian + damping * self._eye, gradient + damping * rest, J))
             damping = _LEAST_DAMPING
-        last = Level(*self._criterion.cost(motion, self._period))
-        return Posed(Problem(motion, rows, [*found, last], settled=self._settled, smooth=smooth), near > 0.0)
+        cost, memory = self._last_level(motion, self._period, memory)
+        problem = Problem(motion, rows, [*found, Level(*cost)], settled=self._settled, smooth=smooth)
+        return Posed(problem, near > 0.0, memory)
 
     def solve(self, posed: Posed) -> Outcome:
         """The optimum, the nearest to it, or braking."""

@@ -28,7 +28,7 @@ from forcectl.qp.solvers import DEFAULT_SOLVER, available_solvers
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.constraints.parts import constraints_of
 from forcectl.tasks.coordinates import ArmTask
-from forcectl.tasks.null_space import Criterion
+from forcectl.tasks.null_space import AnyCriterion
 from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig
 from forcectl.tasks.reactive_controller import ReactiveController
 from forcectl.tasks.reactive_motion import MotionLimitsConfig, ReactiveMotion
@@ -60,10 +60,31 @@ class ReachConfig(Config):
 
 
 @dataclass(kw_only=True)
+class RandomMovesConfig(Config):
+    """Moves of all arms at a time to random places about where they start, without a turn."""
+
+    count: int = key(0, "of the moves", bounds="at least 0")
+    start: float = key(1.0, "of the first one", unit="s", bounds="not negative")
+    every: float = key(1.6, "from one to the next", unit="s", bounds="positive")
+    extent: list[float] = key([0.06, 0.06, 0.06], "to both sides along x, y and z", unit="m", size=3)
+    seed: int = key(0, "of the places", bounds="at least 0")
+
+    def targets(self, start: ArmsMotion) -> list[ReachConfig]:
+        """The targets of all moves, from the start posture."""
+        places, found = np.random.default_rng(self.seed), []
+        for i in range(self.count):
+            for arm in start.arm_names:
+                place = start.arm(arm).position + places.uniform(-1.0, 1.0, 3) * self.extent
+                found.append(ReachConfig(arm=arm, position=place.tolist(), time=self.start + i * self.every))
+        return found
+
+
+@dataclass(kw_only=True)
 class ReactiveReachingConfig(Config):
     """Scenario part `!ReactiveReaching`."""
 
     targets: list[ReachConfig] = key([], "of whole poses; with `tasks` they have their own")
+    random_moves: RandomMovesConfig = key(RandomMovesConfig, "instead of targets")
     tasks: dict[str, Any] = slot("task", dict, meaning="by name; empty: the whole pose of every arm")
     motion_limits: MotionLimitsConfig = key(MotionLimitsConfig, "limits of the references")
     limits: JointLimitConfig = key(JointLimitConfig, "of the joints; the robot's where none is given")
@@ -81,6 +102,8 @@ class ReactiveReachingConfig(Config):
         super().__post_init__()
         if self.tasks and self.targets:
             raise invalid("targets", self.targets, "empty beside tasks, which have targets of their own")
+        if self.random_moves.count and (self.tasks or self.targets):
+            raise invalid("random_moves.count", self.random_moves.count, "0 beside targets or tasks")
         if not self.speed_margin < 1.0:
             raise invalid("speed_margin", self.speed_margin, "below 1")
 
@@ -99,7 +122,7 @@ class ReactiveReachingConfig(Config):
             robot,
             [task for _, task, _ in tasks],
             start=model.start,
-            criterion=made_by(self.null_space, "criterion", "null_space", Criterion, wanted, setting),
+            criterion=made_by(self.null_space, "criterion", "null_space", AnyCriterion, wanted, setting),
             constraints=constraints,
             limits=limits,
             period=model.period,
@@ -114,10 +137,10 @@ class ReactiveReachingConfig(Config):
         for target in self.targets:
             if target.arm not in start.arm_names:
                 raise unknown("targets.arm", target.arm, start.arm_names)
-        found = []
+        targets, found = self.targets or self.random_moves.targets(start), []
         for arm in start.arm_names:
             task = ArmTask(arm, orientation=RotationVector(start.arm(arm).rotation))
-            found.append((arm, task, [each.of_task() for each in self.targets if each.arm == arm]))
+            found.append((arm, task, [each.of_task() for each in targets if each.arm == arm]))
         return found
 
     def _distances(self, model: PlantModel) -> list[LinkDistance]:

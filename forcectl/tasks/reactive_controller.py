@@ -34,7 +34,7 @@ from forcectl.tasks.constraints.base import Constraint, ConstraintSet, Rows, che
 from forcectl.tasks.coordinates import ArmTask, TaskState, gathered
 from forcectl.tasks.cost import Weights
 from forcectl.tasks.joint_state_monitor import JointStateMonitor, Readings
-from forcectl.tasks.null_space import Criterion, JointSpeed
+from forcectl.tasks.null_space import AnyCriterion, JointSpeed, RememberingCriterion, stepped
 from forcectl.tasks.program import Posed, TaskProgram, task_levels
 from forcectl.tasks.progress import Progress, TaskProgress
 from forcectl.tasks.reference_reset import ReferenceReset
@@ -160,7 +160,7 @@ class ReactiveController(SampledBlock):
         *,
         start: ArrayLike | None = None,
         weights: Weights | Sequence[Weights] = _DEFAULT_WEIGHTS,
-        criterion: Criterion | None = None,
+        criterion: AnyCriterion | None = None,
         constraints: Sequence[Constraint] = (),
         limits: JointLimits | None = None,
         constraint_gamma: float = -2.0,
@@ -191,9 +191,10 @@ class ReactiveController(SampledBlock):
         self._reference_reset = ReferenceReset([task.size for task in tasks], scale, Ts)
         levels = task_levels(tasks, weights, robot.parameters.characteristic_length, Ts)
         chosen = JointSpeed() if criterion is None else criterion
-        if not isinstance(chosen, Criterion):
+        if not isinstance(chosen, AnyCriterion):
             raise BadInputError(f"criterion {type(chosen).__name__} lacks cost(motion, period)")
-        chosen.cost(origin, Ts)  # a criterion that does not fit the robot fails here
+        self._criterion_start = chosen.memory if isinstance(chosen, RememberingCriterion) else np.zeros(0)
+        stepped(chosen)(origin, Ts, self._criterion_start)  # a criterion that does not fit the robot fails here
         joints = [joint.name() for joint in robot.parts.joints]
         self._tasks_program = TaskProgram(levels, chosen, self._constraints, limits.torque, Ts, solver, joints)
         self._monitor = JointStateMonitor(
@@ -236,6 +237,7 @@ class ReactiveController(SampledBlock):
             **dict.fromkeys(_DIAGNOSTICS, 0.0),
             **Progress(np.full(k, np.nan), np.inf, 0.0, 0.0, 0.0)._asdict(),
             "stage_costs": np.zeros(self._tasks_program.size),
+            "criterion": self._criterion_start,
         }
         motion = (task_start, np.zeros(k), np.zeros(k))
         kept = {f"task_{name}": value for name, value in zip(_QUANTITIES, motion, strict=True)}
@@ -315,6 +317,7 @@ class ReactiveController(SampledBlock):
             **readings._asdict(),
             **progress._asdict(),
             "stage_costs": costs,
+            "criterion": memory["criterion"] if posed is None else posed.criterion_memory,
             **{f"task_{name}": value for name, value in zip(_QUANTITIES, led, strict=True)},
         }
 
@@ -334,7 +337,7 @@ class ReactiveController(SampledBlock):
             last = memory["joint_acceleration"]
             bounds = self._constraints.joints.gradual(rows.lower, rows.upper, last)
             smooth = None if bounds is None else Smooth(*bounds, last)
-            posed = self._tasks_program.pose(motion, rows, state, position, velocity, smooth)
+            posed = self._tasks_program.pose(motion, rows, state, position, velocity, smooth, memory["criterion"])
         return Tick(rows, state, readings, posed)
 
     def _look(self, start: TickStart) -> tuple[Readings, bool]:

@@ -12,7 +12,7 @@ import forcectl as fc
 from forcectl.framework.yaml_tree import parse
 
 PAGE = (Path(__file__).parents[2] / "docs" / "joint_interface.md").read_text(encoding="utf-8")
-WATCHED, SENSORLESS = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+WATCHED, SENSORLESS, USABLE = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
 
 
 def test_the_loads_of_the_first_example_are_estimated():
@@ -28,6 +28,33 @@ def test_the_second_example_presses_without_a_sensor():
     log = fc.run(parse(SENSORLESS, "sensorless.yaml")).log
     assert abs(float(log["measured_force"][-1]) - 10.0) < 0.5
     assert abs(float(log["contact_force"][-1]) - 10.0) < 2.5
+
+
+def test_the_third_example_has_errors_and_what_they_rest_on():
+    (found,) = fc.run(parse(USABLE, "usable.yaml"), overrides={"analyses.errors.begin": 0.3}).metrics.values()
+    assert found["force_error_z_95_N"] < 2.0  # while both arms begin to move
+    assert found["friction_off_pct"] == pytest.approx(5.0)
+    assert found["coulomb_share"] == pytest.approx(0.05, abs=0.005)
+
+
+def test_the_figures_of_usable_forces_are_those_of_the_experiment():
+    from forcectl.scenario.catalog import find_scenario
+
+    rows = {"posture 1": "friction 5 % off, posture 1", "posture 2": "posture 2", "posture 3": "posture 3"}
+    rows["2 N held, the wrists turn by 90 degrees"] = "friction 5 % off, 2 N held, the wrists turn by 90 degrees"
+    shown = {
+        line.split("|")[1].strip(): re.findall(r"[\d.]+", line.split("|", 2)[2])
+        for line in PAGE.splitlines()
+        if "|" in line
+    }
+    places = {"force_error_z_95_N": 0, "force_error_z_99_N": 1, "force_error_xy_95_N": 2, "moment_error_z_99_Nm": 5}
+    judged = 0
+    for line in find_scenario("usable_forces").tree["expect"]:
+        if line["variant"] in rows and line["metric"] in places:
+            number = shown[rows[line["variant"]]][places[line["metric"]]]
+            assert float(number) == pytest.approx(line["expected"], abs=0.006 if places[line["metric"]] < 4 else 6e-4)
+            judged += 1
+    assert judged == 15
 
 
 def test_the_figures_in_the_table_are_those_of_the_experiment():

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from functools import partial
 from typing import Any
 
 import numpy as np
@@ -12,9 +13,12 @@ from pydrake.systems.framework import System
 
 from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.wrench import WrenchEstimator
+from forcectl.estimation.wrench_between import WrenchBetween
+from forcectl.estimation.wrench_filter import WrenchFilter
 from forcectl.plant.drives.joint_friction import FrictionRest, JointFriction
 from forcectl.robot.momentum_model import MomentumModel
 from tests.examples.block_example import Example, each
+from tests.examples.reactive_examples import two_arms
 
 
 def add_chain(plant: MultibodyPlant, name: str, links: int, base: RigidTransform) -> list[Joint]:
@@ -73,25 +77,40 @@ def estimator(**options: Any) -> WrenchEstimator:
     return WrenchEstimator(MomentumModel(plant), plant.GetFrameByName("arm_link_2"), **options)
 
 
+def wrench_filter(**options: Any) -> WrenchFilter:
+    plant = chain_plant()
+    return WrenchFilter(MomentumModel(plant), friction(), plant.GetFrameByName("arm_link_2"), **options)
+
+
 def friction_rest() -> FrictionRest:
     plant = chain_plant()
     joints = [plant.GetJointByName(name) for name in ("arm_1", "arm_2")]
     return FrictionRest(plant, joints, friction())
 
 
+OBSERVER_OUTPUTS = ("external_torque", "residual", "torque_balance", "reading_ok")
 OBSERVER_INPUTS = ("joint_position", "joint_velocity", "motor_torque", "reset")
 WRENCH_INPUTS = {"joint_position": swinging, "external_torque": lambda t: np.array([3.0, 10 * t]), "tare": tare}
+
+FILTER_OUTPUTS = ("wrench", "wrench_deviation", "joint_bias", "moving", "torque_elsewhere")
+FILTER_INPUTS = {
+    "torque_balance": lambda t: np.array([3.0, 10 * t]),
+    "joint_position": swinging,
+    "joint_velocity": swing_speed,
+    "reading_ok": np.ones(2),
+    "tare": tare,
+}
 
 ESTIMATION_EXAMPLES: dict[type[System], list[Example]] = {
     MomentumObserver: [
         Example(
             lambda: MomentumObserver(MomentumModel(chain_plant()), friction(), move=0.1, still=0.3),
-            {(output, name) for output in ("external_torque", "residual", "reading_ok") for name in OBSERVER_INPUTS},
+            {(output, name) for output in OBSERVER_OUTPUTS for name in OBSERVER_INPUTS},
             {"joint_position": swinging, "joint_velocity": swing_speed, "motor_torque": motor_torque},
         ),
         Example(
             lambda: momentum_observer(1),
-            {(output, name) for output in ("external_torque", "residual", "reading_ok") for name in OBSERVER_INPUTS},
+            {(output, name) for output in OBSERVER_OUTPUTS for name in OBSERVER_INPUTS},
             {"joint_position": lambda t: 3 * t, "joint_velocity": 3.0, "motor_torque": lambda t: 2 * t},
         ),
     ],
@@ -105,6 +124,24 @@ ESTIMATION_EXAMPLES: dict[type[System], list[Example]] = {
             lambda: estimator(moment=False),
             each("wrench", *WRENCH_INPUTS) | each("near_singular", *WRENCH_INPUTS),
             WRENCH_INPUTS,
+        ),
+    ],
+    WrenchFilter: [
+        Example(
+            partial(wrench_filter, **options),
+            {(output, name) for output in FILTER_OUTPUTS for name in FILTER_INPUTS},
+            FILTER_INPUTS,
+        )
+        for options in ({}, {"moment": False})
+    ],
+    WrenchBetween: [
+        Example(
+            lambda: WrenchBetween(two_arms(), ("left", "right")),
+            each("wrench", "estimated_wrench", "joint_position"),
+            {
+                "estimated_wrench": lambda t: np.arange(12.0) + t,
+                "joint_position": lambda t: two_arms().parameters.default_posture + 0.1 * t,
+            },
         ),
     ],
     FrictionRest: [Example(friction_rest, each("generalized_force", "velocity"), {"velocity": swing_speed})],

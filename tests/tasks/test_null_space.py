@@ -12,6 +12,7 @@ from forcectl.tasks.null_space import (
     AwayFromJointLimits,
     EvasiveMotion,
     JointSpeed,
+    SelfMotion,
     TowardsSmallMass,
 )
 from tests.examples.reactive_examples import N, at, two_arms
@@ -102,3 +103,80 @@ def test_bad_numbers_are_refused(value: float) -> None:
         TowardsSmallMass(two_arms(), "left", [0, 0, 1], gain=value)
     with pytest.raises(BadInputError, match="lower"):
         AwayFromJointLimits(limits.position_upper, limits.position_lower)
+
+
+def self_motion(**options: object) -> SelfMotion:
+    return SelfMotion(two_arms(), **{"speed": 0.08, "fastest": 0.08, "time_constant": TS, **options})
+
+
+def wanted(criterion: SelfMotion, q: np.ndarray, v: np.ndarray, memory: np.ndarray | None = None) -> np.ndarray:
+    """The joint speeds that it asks for, with the time constant of a tick."""
+    return v - TS * criterion.step(at(q, v), TS, criterion.memory if memory is None else memory)[0].gradient
+
+
+def test_self_motion_moves_the_joints_of_both_arms_and_no_hand() -> None:
+    speeds = wanted(self_motion(), Q, np.zeros(N))
+    for name, arm in two_arms().parts.arms.items():
+        assert np.linalg.norm(speeds[arm.joints]) == pytest.approx(0.08)
+        np.testing.assert_allclose(at(Q).arm(name).jacobian @ speeds, 0.0, atol=1e-12)
+
+
+def test_self_motion_is_faster_where_some_of_six_joints_would_be_slow() -> None:
+    for slowest in (0.004, 0.02):
+        speeds = wanted(self_motion(fastest=5.0, slowest=slowest), Q, np.zeros(N))
+        for arm in two_arms().parts.arms.values():
+            sixth = np.sort(np.abs(speeds[arm.joints]))[1]
+            length = np.linalg.norm(speeds[arm.joints])
+            assert sixth >= slowest - 1e-12
+            assert length == pytest.approx(0.08) or sixth == pytest.approx(slowest)
+
+
+def go(criterion: SelfMotion, duration: float, obeys: float) -> np.ndarray:
+    """The ways of both arms over time, of joints that move as asked, or by a share of it."""
+    memory, ways = criterion.memory, []
+    v = np.zeros(N)
+    for _ in range(round(duration / TS)):
+        cost, memory = criterion.step(at(Q, v), TS, memory)
+        v = obeys * (v - TS * cost.gradient)
+        ways.append(memory[::3])
+    return np.array(ways)
+
+
+def turns(ways: np.ndarray) -> np.ndarray:
+    """Times of the turns of the first arm [s]."""
+    return TS * (1 + np.flatnonzero(np.diff(ways[:, 0])))
+
+
+def test_self_motion_turns_round_after_its_range_and_half_of_it_at_first() -> None:
+    found = turns(go(self_motion(range=0.08), 3.0, 1.0))
+    np.testing.assert_allclose(found, [0.5, 1.5, 2.5], atol=0.03)
+
+
+def test_self_motion_turns_round_where_it_is_stopped() -> None:
+    found = turns(go(self_motion(), 1.0, 0.05))
+    np.testing.assert_allclose(np.diff(found), 0.15, atol=TS)
+    assert len(turns(go(self_motion(), 1.0, 0.9))) == 0
+
+
+def test_self_motion_is_smooth_along_any_way() -> None:
+    """A null vector of a singular value decomposition would change its sign anywhere."""
+    way = np.linspace(Q, Q + 0.5 * np.sin(np.arange(N)), 400)
+    speeds = np.array([wanted(self_motion(), q, np.zeros(N)) for q in way])
+    steps = np.linalg.norm(np.diff(speeds, axis=0), axis=1)
+    assert steps.max() < 0.05 * 0.08
+
+
+def test_self_motion_of_an_arm_without_a_null_space_is_rest() -> None:
+    from forcectl.robot.arms_motion import ArmsMotion
+    from forcectl.robot.model import RobotModel
+
+    robot = RobotModel.load("comau_smart_six")
+    q = robot.parameters.default_posture
+    motion = ArmsMotion(robot, robot.create_context(), q, np.full(6, 0.1))
+    criterion = SelfMotion(robot, time_constant=TS)
+    np.testing.assert_allclose(criterion.step(motion, TS, criterion.memory)[0].gradient, 0.1 / TS)
+
+
+def test_a_self_motion_that_is_slower_at_its_fastest_is_refused() -> None:
+    with pytest.raises(BadInputError, match=r"fastest = 0\.05: must be at least speed, 0\.08"):
+        SelfMotion(two_arms(), fastest=0.05)

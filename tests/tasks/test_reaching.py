@@ -28,8 +28,9 @@ from forcectl.tasks.null_space_parts import (
     LinkPotentialConfig,
     SmallMassPotentialConfig,
 )
-from forcectl.tasks.reaching import ReachConfig, ReactiveReachingConfig
+from forcectl.tasks.reaching import RandomMovesConfig, ReachConfig, ReactiveReachingConfig
 from forcectl.tasks.reactive_motion import MotionLimitsConfig
+from forcectl.tasks.task_parts import start_motion
 from forcectl.testing import assert_memory_released
 from tests.examples.stations import free
 
@@ -216,3 +217,24 @@ def test_the_links_keep_away_from_the_boxes_of_the_station() -> None:
 def test_bad_values_are_refused_by_name(kind: Any, values: dict[str, Any], said: str) -> None:
     with pytest.raises(BadInputError, match=said):
         kind(**values)
+
+
+def test_random_moves_are_within_their_extent_and_of_their_seed() -> None:
+    start = start_motion(model())
+    moves = RandomMovesConfig(count=30, every=0.5, start=0.2, extent=[0.03, 0.0, 0.1], seed=4)
+    found = moves.targets(start)
+    assert [each.time for each in found[::2]] == pytest.approx(0.2 + 0.5 * np.arange(30))
+    assert [each.arm for each in found[:2]] == list(start.arm_names)
+    for arm in start.arm_names:
+        away = np.array([each.position for each in found if each.arm == arm]) - start.arm(arm).position
+        assert (np.abs(away) <= np.array([0.03, 1e-12, 0.1])).all()
+        assert (np.abs(away).max(axis=0)[[0, 2]] > 0.8 * np.array([0.03, 0.1])).all()
+    assert found == moves.targets(start)
+    assert found != RandomMovesConfig(count=30, every=0.5, start=0.2, extent=[0.03, 0.0, 0.1], seed=5).targets(start)
+
+
+def test_random_moves_beside_targets_are_refused() -> None:
+    with pytest.raises(BadInputError, match=r"random_moves\.count = 3: must be 0 beside targets or tasks"):
+        ReactiveReachingConfig(
+            targets=[ReachConfig(arm="left", position=[0, 0, 0])], random_moves=RandomMovesConfig(count=3)
+        )

@@ -1,0 +1,118 @@
+"""How wrong estimated wrenches are, all the time: false forces where nothing acts, and how soon a load is felt.
+
+Errors are quantiles over all samples of an arm, in the axes of its tool where the estimator puts out
+`estimated_local_wrench` in `tcp`, else in the world. Where nothing acts, the error is a false force.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.analysis.force_estimation import stretches
+from forcectl.diagrams.model import Setting
+from forcectl.framework.fields import Config, key
+from forcectl.plant.plant_model import PlantModel
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+_LEAST = 1e-6  # [N, Nm] from here on something acts
+_FELT = {"felt_after_52_ms_pct": (0.052, 1 / 2), "felt_after_200_ms_pct": (0.2, 5 / 6)}  # [s], share of the load
+_DIRECTIONS = {"z": (5,), "xy": (3, 4)}
+
+
+@dataclass(kw_only=True)
+class WrenchErrorAnalysis(Config):
+    """Scenario part `!WrenchErrors`: needs a force estimator in the loop."""
+
+    begin: float = key(1.5, "of the run, that is not judged", unit="s", bounds="not negative")
+    threshold: float = key(0.45, "of the force along a load that counts as felt", unit="N", bounds="positive")
+
+    def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
+        """Those of `WRENCH_ERROR_METRICS`, of the worse arm and of each; none without an estimator."""
+        local = "estimated_local_wrench" in log
+        if not local and "estimated_wrench" not in log:
+            return {}
+        robot, late = setting.truth.known_robot(), log["time"].values >= self.begin - 1e-9
+        estimated = log["estimated_local_wrench" if local else "estimated_wrench"].values
+        true = self._in_tools(log, setting.truth) if local else log["tip_wrench"].values
+        each = {}
+        for i, name in enumerate(robot.parts.arms):
+            columns = slice(6 * i, 6 * i + 6)
+            each[name] = self._arm(log["time"].values[late], estimated[late, columns], true[late, columns])
+        found: dict[str, float | None] = {}
+        for metric in next(iter(each.values())):
+            known = [value for one in each.values() if (value := one[metric]) is not None]
+            found[metric] = min(known, default=None) if metric.startswith("felt_") else max(known, default=None)
+        if len(each) > 1:
+            found |= {f"{name}.{metric}": value for name, one in each.items() for metric, value in one.items()}
+        return found | self._assumed(setting)
+
+    def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
+        """The errors over time."""
+        del log, setting, title
+        return {}
+
+    def _arm(self, time: Array, estimated: Array, true: Array) -> dict[str, float | None]:
+        error = estimated - true
+        found: dict[str, float | None] = {}
+        for name, columns in _DIRECTIONS.items():
+            size = np.linalg.norm(error[:, columns], axis=1)
+            found |= {f"force_error_{name}_{q}_N": float(np.percentile(size, q)) for q in (95, 99)}
+        moment = np.abs(error[:, 2])
+        found |= {f"moment_error_z_{q}_Nm": float(np.percentile(moment, q)) for q in (95, 99)}
+        acts = np.abs(true).max(axis=1) > _LEAST
+        free = np.abs(estimated[~acts, 5])
+        found["false_force_z_N"] = float(free.max()) if len(free) else None
+        return found | self._felt(time, estimated[:, 3:], true[:, 3:])
+
+    def _felt(self, time: Array, estimated: Array, true: Array) -> dict[str, float | None]:
+        """Of every load: how soon the force along it is estimated, against what was estimated before."""
+        felt: dict[str, list[float]] = {name: [] for name in _FELT}
+        delays: list[float] = []
+        loads = [load for load in stretches(np.linalg.norm(true, axis=1) > _LEAST) if load.start > 0]
+        for load in loads:
+            since, size = time[load] - time[load.start], np.linalg.norm(true[load], axis=1)
+            along = np.sum((estimated[load] - estimated[load.start - 1]) * true[load], axis=1) / size
+            for name, (after, share) in _FELT.items():
+                if since[-1] >= after:
+                    at = np.searchsorted(since, after - 1e-9)
+                    felt[name].append(100.0 * float(along[at] >= share * size[at]))
+            above = np.flatnonzero(along > self.threshold)
+            delays.append(float(1e3 * since[above[0]]) if len(above) else np.inf)
+        found = [delay for delay in delays if np.isfinite(delay)]
+        return {
+            **{name: float(np.mean(values)) if values else None for name, values in felt.items()},
+            "load_found_ms": float(np.median(found)) if found else None,
+            "load_found_slowest_ms": max(found, default=None),
+            "loads_missed": float(len(delays) - len(found)) if loads else None,
+        }
+
+    def _in_tools(self, log: Any, truth: PlantModel) -> Array:
+        """The true wrenches at the TCPs, in the axes of the tools."""
+        robot = truth.known_robot()
+        context, plant = robot.create_context(), robot.plant
+        turned: Array = np.empty_like(log["tip_wrench"].values)
+        for row, q, wrench in zip(turned, log["link_position"].values, log["tip_wrench"].values, strict=True):
+            robot.set_positions(context, q)
+            for i, arm in enumerate(robot.parts.arms.values()):
+                R = plant.CalcRelativeRotationMatrix(context, arm.tcp_frame, plant.world_frame()).matrix()
+                row[6 * i : 6 * i + 6] = (R @ wrench[6 * i : 6 * i + 6].reshape(2, 3).T).T.ravel()
+        return turned
+
+    @staticmethod
+    def _assumed(setting: Setting) -> dict[str, float | None]:
+        """What the result rests on: how large friction is, and how wrong what is believed of it."""
+        true, believed = setting.truth, setting.model
+        limits = true.known_robot().limits.torque
+        known = np.isfinite(limits) & (true.friction.coulomb > 0)
+        if not known.any():
+            return {}
+        coulomb = true.friction.coulomb[known]
+        off = np.abs(believed.friction.coulomb[known] / coulomb - 1)
+        return {"coulomb_share": float(np.mean(coulomb / limits[known])), "friction_off_pct": float(100 * off.max())}

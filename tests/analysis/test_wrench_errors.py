@@ -1,0 +1,62 @@
+"""Errors of estimated wrenches on made-up logs: quantiles, how soon a load is felt, axes of the tool."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from forcectl.analysis.motion_metrics import WRENCH_ERROR_METRICS
+from forcectl.analysis.wrench_errors import WrenchErrorAnalysis
+from tests.analysis.test_analyses import COUNT, TICK, made_up, model, setting, wrench
+
+TIME = TICK * np.arange(COUNT)
+
+
+def judged(local=False, **signals):
+    log = made_up(**signals)
+    if local:
+        log = log.rename({"estimated_wrench": "estimated_local_wrench"})
+    return WrenchErrorAnalysis(begin=0.0).metrics(log, setting())
+
+
+def test_quantiles_of_the_error_where_nothing_acts():
+    draw = np.random.default_rng(0)
+    error = draw.normal(size=(COUNT, 6)) * [1, 1, 0.02, 0.2, 0.2, 0.1]
+    found = judged(estimated_wrench=error)
+    assert found["force_error_z_95_N"] == pytest.approx(0.196, rel=0.1)  # of a normal distribution
+    assert found["force_error_z_99_N"] == pytest.approx(0.258, rel=0.1)
+    assert found["force_error_xy_95_N"] == pytest.approx(0.2 * np.sqrt(-2 * np.log(0.05)), rel=0.1)
+    assert found["moment_error_z_95_Nm"] == pytest.approx(0.0392, rel=0.1)
+    assert found["false_force_z_N"] == np.abs(error[:, 5]).max()
+    assert found["load_found_ms"] is None
+    assert found["coulomb_share"] == pytest.approx(np.mean(model().friction.coulomb / model().robot.limits.torque))
+    assert found["friction_off_pct"] == 0.0
+    assert set(WRENCH_ERROR_METRICS) == set(found)
+
+
+def test_a_load_is_felt_after_a_while_beyond_what_was_there_before():
+    """Two loads, of 3 N: one estimated at once, one after 0.15 s; both on top of a false 0.3 N."""
+    true = wrench([0, 0, 3.0], 1.0, 2.0) + wrench([0, -3.0, 0], 2.5, 3.5)
+    estimate = wrench([0, 0, 3.0], 1.0, 2.0) + wrench([0, -2.0, 0], 2.65, 3.5) + wrench([0, 0, 0.3], 0.0, 4.1)
+    found = judged(tip_wrench=true, estimated_wrench=estimate)
+    assert found["felt_after_52_ms_pct"] == 50.0
+    assert found["felt_after_200_ms_pct"] == 50.0  # of the second one two thirds
+    assert found["load_found_ms"] == pytest.approx(75.0, abs=2.0)
+    assert found["load_found_slowest_ms"] == pytest.approx(150.0, abs=3.0)
+    assert found["loads_missed"] == 0.0
+    assert judged(tip_wrench=true, estimated_wrench=0.0 * true)["loads_missed"] == 2.0
+
+
+def test_local_wrenches_are_held_against_the_truth_in_the_axes_of_the_tool():
+    true = wrench([1.0, 2.0, 3.0], 0.0, 4.1)
+    context = model().robot.create_context()
+    model().robot.set_positions(context, model().start)
+    R = next(iter(model().robot.parts.arms.values())).tcp_frame.CalcRotationMatrixInWorld(context).matrix()
+    found = judged(local=True, tip_wrench=true, estimated_wrench=np.hstack([true[:, :3] @ R, true[:, 3:] @ R]))
+    assert found["force_error_z_99_N"] < 1e-12
+    assert found["force_error_xy_99_N"] < 1e-12
+
+
+def test_a_run_without_an_estimator_has_none():
+    log = made_up().drop_vars("estimated_wrench")
+    assert WrenchErrorAnalysis().metrics(log, setting()) == {}

@@ -1,0 +1,185 @@
+"""The filtered wrench: exact where joints move, blind where they stand, and told so; friction that is off is learnt."""
+
+from __future__ import annotations
+
+import numpy as np
+import pytest
+
+from forcectl.errors import BadInputError
+from forcectl.estimation.wrench import wrench_from_torques
+from forcectl.estimation.wrench_filter import WrenchFilter
+from forcectl.plant.drives.joint_friction import JointFriction
+from forcectl.robot.momentum_model import MomentumModel
+from tests.examples.block_examples_estimation import chain_plant
+
+PERIOD = 0.004
+PLANT = chain_plant(7)
+MODEL = MomentumModel(PLANT)
+TIP, WORLD = PLANT.GetFrameByName("arm_link_7"), PLANT.world_frame()
+WRENCH = np.array([0.05, -0.02, 0.04, 1.5, -2.0, 2.5])
+COULOMB = np.array([2.0, 2.0, 1.2, 1.2, 1.0, 0.5, 0.5])
+FRICTION = JointFriction(7, coulomb=COULOMB)
+MIDDLE, SPREAD = np.array([0.3, -0.6, 0.4, 0.9, -0.3, 0.5, 0.2]), np.linspace(0.2, 0.4, 7)
+
+
+def jacobian(q):
+    context = MODEL.create_context()
+    return MODEL.jacobian(context, q, TIP, WORLD)
+
+
+def run(block, duration, *, wrench=WRENCH, stands=(), speed=1.0, friction=COULOMB, noise=0.05, changed=None):
+    """Feed a swinging arm to the block, with a wrench from 0.5 s on; returns times and the memory after each tick."""
+    context = block.CreateDefaultContext()
+    draw = np.random.default_rng(0)
+    moves = np.array([joint not in stands for joint in range(7)])
+    found, times = [], np.arange(0.0, duration, PERIOD)
+    stuck = np.where(moves, 0.0, 0.8 * COULOMB * draw.choice([-1, 1], 7))
+    for t in times:
+        q = MIDDLE + np.where(moves, SPREAD * np.sin(speed * t), 0.0)
+        v = np.where(moves, SPREAD * speed * np.cos(speed * t), 0.0)
+        balance = jacobian(q).T @ (wrench * (t >= 0.5)) - friction * np.sign(v) + stuck + noise * draw.normal(size=7)
+        values = {"joint_position": q, "joint_velocity": v, "torque_balance": balance, "reading_ok": np.ones(7)}
+        if changed is not None:
+            values |= changed(t, values)
+        for name, value in values.items():
+            block.GetInputPort(name).FixValue(context, value)
+        context.SetTime(t)
+        found.append(block.memory(context))
+        context.SetDiscreteState(block.EvalUniquePeriodicDiscreteUpdate(context))
+    return times, {name: np.array([one[name] for one in found]) for name in found[0]}
+
+
+def apart(times, found, wrench, begin, end=np.inf):
+    """Largest distance from a wrench, of forces [N] and torques [Nm]."""
+    error = np.abs(found["wrench"][(times >= begin) & (times < end)] - wrench)
+    return error[:, 3:].max(), error[:, :3].max()
+
+
+def test_joints_that_move_feel_the_wrench():
+    times, found = run(WrenchFilter(MODEL, FRICTION, TIP), 1.4)
+    assert (found["moving"][times > 0.2] == 1).all()
+    force, torque = apart(times, found, np.zeros(6), 0.0, 0.5)
+    assert force < 0.3
+    assert torque < 0.05
+    # Three deviations that it says itself, from a fifth of a second after the step on.
+    late = times > 0.7
+    assert (np.abs(found["wrench"] - WRENCH)[late][:, 3:] < 3.0 * found["wrench_deviation"][late][:, 3:]).all()
+    assert apart(times, found, WRENCH, 1.0)[0] < 0.5
+
+
+def test_friction_of_joints_that_stand_is_no_force():
+    """Two joints keep 0.8 of their Coulomb friction: least squares feel it as newtons."""
+    stands = (1, 4)
+    times, found = run(WrenchFilter(MODEL, FRICTION, TIP), 1.4, wrench=np.zeros(6), stands=stands)
+    assert (found["moving"][times > 0.2][:, list(stands)] == 0).all()
+    assert apart(times, found, np.zeros(6), 0.0)[0] < 0.4
+    stuck = 0.8 * COULOMB * np.random.default_rng(0).choice([-1, 1], 7) * np.isin(range(7), stands)
+    felt, _ = wrench_from_torques(jacobian(MIDDLE), stuck, smallest=0.02, length=0.5)
+    assert np.linalg.norm(felt[3:]) > 2.0
+
+
+def test_what_no_joint_feels_is_said_to_be_unknown():
+    _, moving = run(WrenchFilter(MODEL, FRICTION, TIP), 1.0)
+    _, standing = run(WrenchFilter(MODEL, FRICTION, TIP), 1.0, stands=range(7))
+    assert np.median(standing["wrench_deviation"][-1] / moving["wrench_deviation"][-1]) > 2.0
+    missed = np.abs(standing["wrench"][-1] - WRENCH)[3:]
+    assert missed.max() > 1.0
+    assert (missed < 3.0 * standing["wrench_deviation"][-1][3:]).all()
+
+
+def test_friction_that_is_off_is_learnt_by_reversals():
+    """Coulomb's friction 8 % larger than believed is a force in the first strokes, and much less later."""
+    options = {"wrench": np.zeros(6), "friction": 1.08 * COULOMB, "speed": 3.0, "noise": 1e-3}
+    times, found = run(WrenchFilter(MODEL, FRICTION, TIP), 12.0, **options)
+    size = np.linalg.norm(found["wrench"][:, 3:], axis=1)
+    assert size[times > 9.0].max() < 0.5 * size[(times > 0.3) & (times < 3.0)].max()
+
+
+def test_a_joint_whose_reading_is_bad_is_not_believed():
+    def lying(t, values):
+        third = np.arange(7) == 2
+        return {
+            "torque_balance": values["torque_balance"] + 5.0 * third * (t > 0.7),
+            "reading_ok": np.where(third, float(t <= 0.7), 1.0),
+        }
+
+    block = WrenchFilter(MODEL, FRICTION, TIP)
+    times, found = run(block, 1.4, wrench=np.zeros(6), changed=lying)
+    assert apart(times, found, np.zeros(6), 0.7)[0] < 0.5
+
+
+@pytest.mark.parametrize("name", ["torque_balance", "joint_position", "joint_velocity"])
+def test_numbers_that_are_none_hold_the_estimate(name):
+    def broken(t, values):
+        return {name: values[name] * (np.nan if 0.7 < t < 0.75 else 1.0)}
+
+    times, found = run(WrenchFilter(MODEL, FRICTION, TIP), 1.0, changed=broken)
+    during = (times > 0.702) & (times < 0.75)
+    assert (found["wrench"][during] == found["wrench"][during][0]).all()
+    assert np.isfinite(found["wrench"]).all()
+
+
+def test_taring_takes_away_what_is_there():
+    def tared(t, values):
+        return {"tare": [float(1.0 < t < 1.2)]}
+
+    times, found = run(WrenchFilter(MODEL, FRICTION, TIP, TIP), 1.4, changed=tared)
+    assert apart(times, found, np.zeros(6), 1.002, 1.198) == (0.0, 0.0)
+    assert apart(times, found, np.zeros(6), 1.21)[0] < 0.5
+
+
+def test_a_push_on_the_elbow_is_told_apart_from_one_on_the_tool():
+    """A force on a link in the middle moves joints along the motion that leaves the tool where it is; one there not."""
+    elbow = PLANT.GetFrameByName("arm_link_4")
+
+    def pushed(t, values):
+        q = values["joint_position"]
+        J = MODEL.jacobian(MODEL.create_context(), q, elbow, WORLD)
+        free = np.linalg.svd(jacobian(q))[2][6]
+        direction = J[3:] @ free
+        push = 10.0 * direction / np.linalg.norm(direction) * (t > 0.7)
+        return {"torque_balance": values["torque_balance"] + J[3:].T @ push}
+
+    _, on_tool = run(WrenchFilter(MODEL, FRICTION, TIP), 0.9, wrench=4.0 * WRENCH)
+    times, on_elbow = run(WrenchFilter(MODEL, FRICTION, TIP), 0.9, wrench=np.zeros(6), changed=pushed)
+    late = times > 0.78
+    assert on_elbow["torque_elsewhere"][late].min() > 3.0 * on_tool["torque_elsewhere"].max()
+    assert on_elbow["torque_elsewhere"][times < 0.7].max() < 1.2 * on_tool["torque_elsewhere"].max()
+
+
+def test_a_joint_that_reverses_is_believed_later_than_one_that_only_stood():
+    def moved(end):
+        def changed(t, values):
+            first = np.arange(7) == 0
+            speed = 0.2 if t < 0.3 else (0.0 if t < 0.31 else end)
+            return {"joint_velocity": np.where(first, speed, values["joint_velocity"])}
+
+        times, found = run(WrenchFilter(MODEL, FRICTION, TIP), 0.5, wrench=np.zeros(6), changed=changed)
+        assert found["moving"][np.searchsorted(times, 0.305), 0] == 0
+        return times[(times > 0.32) & (found["moving"][:, 0] == 1)][0]
+
+    assert moved(0.2) < 0.33
+    assert 0.35 < moved(-0.2) < 0.45
+
+
+def test_a_force_alone_has_no_torque():
+    force = np.concatenate([np.zeros(3), WRENCH[3:]])
+    times, found = run(WrenchFilter(MODEL, FRICTION, TIP, moment=False), 1.4, wrench=force)
+    assert apart(times, found, force, 1.0)[0] < 0.4
+    assert (found["wrench"][:, :3] == 0).all()
+
+
+@pytest.mark.parametrize(
+    ("options", "message"),
+    [
+        ({"noise": 0.0}, "noise = 0.0: must be positive"),
+        ({"slow": -1.0}, "slow = -1.0: must be positive"),
+        ({"hold": -1.0}, "hold = -1.0: must be not negative"),
+        ({"frame": chain_plant(7).GetFrameByName("arm_link_7")}, "must be of the plant of the momentum model"),
+        ({"friction": JointFriction(6)}, "friction is of 6 joints: must be of 7, as the model"),
+    ],
+)
+def test_bad_input_is_named(options, message):
+    given = {"friction": FRICTION, "frame": TIP} | options
+    with pytest.raises(BadInputError, match=message):
+        WrenchFilter(MODEL, given.pop("friction"), given.pop("frame"), **given)
