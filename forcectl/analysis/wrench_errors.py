@@ -35,28 +35,52 @@ class WrenchErrorAnalysis(Config):
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """Those of `WRENCH_ERROR_METRICS`, of the worse arm and of each; none without an estimator."""
-        local = "estimated_local_wrench" in log
-        if not local and "estimated_wrench" not in log:
+        found = self._error(log, setting.truth)
+        if found is None:
             return {}
+        estimated, true = found
         robot, late = setting.truth.known_robot(), log["time"].values >= self.begin - 1e-9
-        estimated = log["estimated_local_wrench" if local else "estimated_wrench"].values
-        true = self._in_tools(log, setting.truth) if local else log["tip_wrench"].values
         each = {}
         for i, name in enumerate(robot.parts.arms):
             columns = slice(6 * i, 6 * i + 6)
             each[name] = self._arm(log["time"].values[late], estimated[late, columns], true[late, columns])
-        found: dict[str, float | None] = {}
+        metrics: dict[str, float | None] = {}
         for metric in next(iter(each.values())):
             known = [value for one in each.values() if (value := one[metric]) is not None]
-            found[metric] = min(known, default=None) if metric.startswith("felt_") else max(known, default=None)
+            metrics[metric] = min(known, default=None) if metric.startswith("felt_") else max(known, default=None)
         if len(each) > 1:
-            found |= {f"{name}.{metric}": value for name, one in each.items() for metric, value in one.items()}
-        return found | self._assumed(setting)
+            metrics |= {f"{name}.{metric}": value for name, one in each.items() for metric, value in one.items()}
+        return metrics | self._assumed(setting)
 
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
-        """The errors over time."""
-        del log, setting, title
-        return {}
+        """How large the errors of all arms are in which share of the time, in every variant."""
+        from forcectl.figures.wrench_errors import error_figure
+
+        runs = (
+            {str(name): log.sel(variant=name).dropna("time", how="all") for name in log["variant"].values}
+            if ("variant" in log.dims)
+            else {"": log}
+        )
+        errors = {}
+        for name, run in runs.items():
+            found = self._error(run, setting.truth)
+            if found is not None:
+                late = run["time"].values >= self.begin - 1e-9
+                sizes = (found[0] - found[1])[late].reshape(-1, 6)
+                errors[name] = {
+                    "error of the force along z [N]": np.abs(sizes[:, 5]),
+                    "across z [N]": np.linalg.norm(sizes[:, 3:5], axis=1),
+                    "of the torque about z [Nm]": np.abs(sizes[:, 2]),
+                }
+        return {"wrench_errors": error_figure(errors, title)} if errors else {}
+
+    def _error(self, log: Any, truth: PlantModel) -> tuple[Array, Array] | None:
+        """Estimated and true wrenches in the same axes (k, 6a); None without an estimate."""
+        for name in ("estimated_local_wrench", "estimated_wrench"):
+            if name in log and not np.isnan(log[name].values).all():
+                true = self._in_tools(log, truth) if "local" in name else log["tip_wrench"].values
+                return log[name].values, true
+        return None
 
     def _arm(self, time: Array, estimated: Array, true: Array) -> dict[str, float | None]:
         error = estimated - true

@@ -7,6 +7,7 @@ import pytest
 
 from forcectl.analysis.motion_metrics import WRENCH_ERROR_METRICS
 from forcectl.analysis.wrench_errors import WrenchErrorAnalysis
+from forcectl.runs.logs import stack
 from tests.analysis.test_analyses import COUNT, TICK, made_up, model, setting, wrench
 
 TIME = TICK * np.arange(COUNT)
@@ -60,3 +61,19 @@ def test_local_wrenches_are_held_against_the_truth_in_the_axes_of_the_tool():
 def test_a_run_without_an_estimator_has_none():
     log = made_up().drop_vars("estimated_wrench")
     assert WrenchErrorAnalysis().metrics(log, setting()) == {}
+
+
+def test_the_figure_has_a_curve_of_each_variant_in_each_panel():
+    draw = np.random.default_rng(1)
+    logs = {
+        name: made_up(estimated_wrench=size * draw.normal(size=(COUNT, 6))) for name, size in (("a", 1.0), ("b", 2.0))
+    }
+    (figure,) = (
+        WrenchErrorAnalysis()
+        .figures(stack(list(logs.values())).assign_coords(variant=["a", "b"]), setting(), "t")
+        .values()
+    )
+    assert len(figure.axes) == 3
+    for axes in figure.axes:
+        one, two = (np.interp(50.0, line.get_ydata(), line.get_xdata()) for line in axes.get_lines()[:2])
+        assert two == pytest.approx(2.0 * one, rel=0.2)

@@ -1,0 +1,45 @@
+"""Figure of the errors of estimated wrenches."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+
+import numpy as np
+from matplotlib.figure import Figure
+from numpy.typing import NDArray
+
+from forcectl.figures.force import COLOURS, frame
+
+Array = NDArray[np.float64]
+
+
+def error_figure(errors: Mapping[str, Mapping[str, Array]], title: str = "") -> Figure:
+    """How large errors are in which share of the time: one panel per quantity, one curve per variant.
+
+    Args:
+        errors: sizes over time, by variant and by the quantity with its unit.
+        title: heading.
+    """
+    quantities = list(next(iter(errors.values())))
+    figure = Figure(figsize=(3.6 * len(quantities) + 2.6, 4.2), layout="constrained")
+    if title:
+        figure.suptitle(title, x=0.01, ha="left", fontsize=11, parse_math=False)
+    shares = np.linspace(1.0, 99.9, 990)
+    panels = np.atleast_1d(figure.subplots(1, len(quantities), sharey=True))
+    for axes, quantity in zip(panels, quantities, strict=True):
+        for k, (name, found) in enumerate(errors.items()):
+            dashes = "-" if k < len(COLOURS) else ":"
+            colour = COLOURS[k % len(COLOURS)]
+            axes.plot(np.percentile(found[quantity], shares), shares, dashes, color=colour, lw=1.4, label=name)
+        axes.axhline(95.0, color="0.6", lw=0.8)
+        axes.set_xscale("log")
+        axes.set_xlabel(quantity)
+        frame(axes)
+    panels[0].set_ylabel("share of the time [%]; line: 95 %")
+    if len(errors) > 1:
+        legend = figure.legend(
+            *panels[0].get_legend_handles_labels(), frameon=False, fontsize=8, loc="outside right upper"
+        )
+        for text in legend.get_texts():
+            text.set_parse_math(False)  # names are names, with or without dollar signs
+    return figure
