@@ -35,6 +35,7 @@ Array = NDArray[np.float64]
 
 _DOUBT = 0.05  # below which a joint is believed
 _NEEDED = 0.1  # share of a motion that leaves the frame where it is, from which on the joint is needed
+_SETTLED = 1.0  # [s] in which b and c are learnt that this torque is beyond
 _BRIEF = 0.008  # [s] until a joint is believed again that was slow and goes on in the same direction
 _STANDSTILL = 0.06  # [s] after which it has to prove itself as after a reversal
 _LAG = 0.02  # [s] of the torque of what acts elsewhere
@@ -59,8 +60,9 @@ class WrenchFilter(SampledBlock):
     wrench_deviation: shape (6,), standard deviations of the wrench in the axes of the frame, as this filter sees it:
     they grow while no joint that moves feels a direction [Nm, N].
     joint_bias: shape (k,), b of the k joints of `joints` [Nm]. moving: shape (k,), 1 for those that are believed [1].
-    torque_elsewhere: shape (1,), size of the torque along motions that leave the frame where it is, which no wrench at
-    the frame has; behind a lag of 20 ms, and held while joints that it needs are not believed [Nm].
+    torque_elsewhere: shape (1,), size of the torque along motions that leave the frame where it is, which no wrench
+    at the frame has, beyond what b and c have explained for a second; behind a lag of 20 ms, and held while joints that
+    it needs are not believed [Nm].
     All outputs are feedthrough of all inputs at the tick, and held.
 
     Numbers that are not finite hold the estimate of the last tick.
@@ -162,6 +164,8 @@ class WrenchFilter(SampledBlock):
             "direction": np.zeros(self._k),
             "since": np.zeros(self._k),
             "stood": np.zeros(self._k),
+            # b and c behind a lag, for they take up what acts elsewhere; and its torque.
+            "settled": np.zeros(2 * self._k),
             "elsewhere": np.zeros(self._k),
             "zero": np.zeros(6),
             "tared": 0.0,
@@ -202,10 +206,11 @@ class WrenchFilter(SampledBlock):
             P = 0.5 * (P + P.T)
 
         m = self._size - 2 * k
+        settled = memory["settled"] + self._period / (self._period + _SETTLED) * (x[m:] - memory["settled"])
         free, elsewhere = np.linalg.qr(jacobian.T, mode="complete")[0][:, m:], memory["elsewhere"]
         needed = (np.abs(free) > _NEEDED).any(axis=1)
         if not (doubt[needed] > _DOUBT).any():
-            left = free @ (free.T @ (felt - H[:, m:] @ x[m:]))
+            left = free @ (free.T @ (felt - H[:, m:] @ settled))
             elsewhere = elsewhere + self._period / (self._period + _LAG) * (left - elsewhere)
 
         found, deviation = np.zeros(6), np.zeros(6)
@@ -231,6 +236,7 @@ class WrenchFilter(SampledBlock):
             "direction": direction,
             "since": since,
             "stood": stood,
+            "settled": settled,
             "elsewhere": elsewhere,
             "zero": zero,
             "tared": tared,

@@ -5,6 +5,7 @@ from __future__ import annotations
 import numpy as np
 import pytest
 
+import forcectl as fc
 from forcectl.errors import BadInputError
 from forcectl.estimation.wrench import wrench_from_torques
 from forcectl.estimation.wrench_filter import WrenchFilter
@@ -183,3 +184,17 @@ def test_bad_input_is_named(options, message):
     given = {"friction": FRICTION, "frame": TIP} | options
     with pytest.raises(BadInputError, match=message):
         WrenchFilter(MODEL, given.pop("friction"), given.pop("frame"), **given)
+
+
+@pytest.mark.slow
+def test_on_the_station_10_n_on_the_elbow_are_told_apart_from_10_n_on_the_tool():
+    def largest(place):
+        changed = {
+            "station.loads": [{**place, "start": 3.3, "hold": 0.4, "wrenches": [[0, 0, 0, 0, 10.0, 0]]}],
+            "controller.random_moves.count": 1,
+            "duration": 3.7,
+        }
+        log = fc.run("usable_forces", variant="posture 1", overrides=changed).log
+        return float(log["torque_elsewhere"].sel(time=slice(1.5, 3.7))[:, 0].max())
+
+    assert largest({"body": "left_link_3"}) > 2.0 * largest({"arm": "left"})
