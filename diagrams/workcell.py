@@ -17,6 +17,7 @@ from forcectl.framework.wiring import add_part
 from forcectl.plant.compliance import compliance_along, robot_compliance
 from forcectl.plant.contact.compliant_contact import contact_response
 from forcectl.plant.contact.obstacle import ObstacleConfig
+from forcectl.plant.contact.part import PartConfig
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.robot.model import RobotModel, unit_normal
 
@@ -84,6 +85,7 @@ class Workcell:
         posture_period: how often what depends on the posture only is renewed [s].
         contacts: the surfaces that are pressed on, in the order of the environment's parts.
         obstacles: boxes around the robot, by name.
+        parts: of assemblies, fixed or held, by name.
     """
 
     config: StationConfig
@@ -93,6 +95,7 @@ class Workcell:
     posture_period: float
     contacts: tuple[Contact, ...]
     obstacles: dict[str, ObstacleConfig]
+    parts: dict[str, PartConfig]
 
     @property
     def num_joints(self) -> int:
@@ -200,17 +203,18 @@ def describe(config: StationConfig) -> Workcell:
     period = robot.parameters.period if config.period is None else config.period
     _check_times(config, period)
     start = _start_posture(config, robot)
-    parts = config.environment_parts()
-    obstacles = {name: part for name, part in parts.items() if hasattr(part, "pose")}
+    environment = config.environment_parts()
+    parts = {name: part for name, part in environment.items() if isinstance(part, PartConfig)}
+    obstacles = {name: part for name, part in environment.items() if hasattr(part, "pose")}
     contacts = []
-    for name, part in parts.items():
-        if name not in obstacles:
+    for name, part in environment.items():
+        if name not in obstacles and name not in parts:
             with about(part):
                 contacts.append(_contact(config, robot, start, name, part))
     pressed = [each.arm for each in contacts]
     if len(set(pressed)) < len(pressed):
-        raise invalid("environment", sorted(parts), "at most one surface for each arm")
-    workcell = Workcell(config, robot, start, period, config.posture_period, tuple(contacts), obstacles)
+        raise invalid("environment", sorted(environment), "at most one surface for each arm")
+    workcell = Workcell(config, robot, start, period, config.posture_period, tuple(contacts), obstacles, parts)
     with about(config.fidelity):
         config.fidelity.check(workcell)
     return workcell

@@ -65,6 +65,8 @@ def _check_parts(workcell: Workcell, name: str) -> None:
         raise BadInputError(f" has {len(workcell.contacts)} surfaces: must have one, or {needs}", key="environment")
     if workcell.obstacles:
         raise BadInputError(f" has boxes ({', '.join(workcell.obstacles)}): must have {needs}", key="environment")
+    if workcell.parts:
+        raise BadInputError(f" has parts ({', '.join(workcell.parts)}): must have {needs}", key="environment")
     for key in ("loads", "faults"):
         if getattr(workcell.config, key):
             raise BadInputError(f"must be empty, or have {needs}", key=key)

@@ -36,6 +36,7 @@ from pydrake.systems.primitives import (
 from forcectl.diagrams.fidelities.light import add_sensors, check_one_sided
 from forcectl.diagrams.mechanics.assembly import Assembly, through
 from forcectl.diagrams.mechanics.environment_body import drive_surface
+from forcectl.diagrams.mechanics.placed_part import drive_grasp
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.mechanics.station_surface import add_contact_state, add_surface, is_uniform
 from forcectl.diagrams.mechanics.world import add_world
@@ -44,9 +45,11 @@ from forcectl.errors import BadInputError
 from forcectl.framework.enclosed import Enclosed
 from forcectl.framework.wiring import add_part, stacked
 from forcectl.motion.loads import add_loads, loaded_frames
+from forcectl.plant.contact.gripper_opening import GripperOpening
+from forcectl.plant.contact.part_position import PartPosition
 from forcectl.plant.drives.joint_friction import FrictionRest, actuation_gain, desired_state_gain
 from forcectl.plant.tip_kinematics import TipDisplacement
-from forcectl.plant.tip_load import LoadTruth, TipLoad
+from forcectl.plant.tip_load import HeldPart, LoadTruth, TipLoad
 
 Vector = NDArray[np.float64]
 
@@ -83,7 +86,7 @@ class MultibodyStation(Diagram):
     joint_position (optional), joint_velocity (optional), motor_torque (optional), contact_force (optional),
     surface_height (optional), surface_damping (optional), surface_stiffness (optional),
     contact_displacement (optional), contact_state (optional), applied_wrench (optional), external_torque (optional),
-    tip_wrench (optional), arm_contact_force (optional)]
+    tip_wrench (optional), arm_contact_force (optional), part_released (optional), part_position (optional)]
     ```
 
     joint_position_command, joint_velocity_command, joint_torque_feedforward: shape (n,) [rad, rad/s, Nm]; the last two
@@ -104,6 +107,8 @@ class MultibodyStation(Diagram):
     external_torque: shape (n,), truth [Nm]. Feedthrough of external_wrench.
     tip_wrench: shape (6a,), truth, at each TCP in the world, [torque; force] [Nm, N]. Feedthrough of external_wrench.
     arm_contact_force: shape (a,), truth, sum of magnitudes [N]. Feedthrough of external_wrench.
+    part_released: shape (h,), of the parts that are held at the start, see `GripperOpening` [1]. Of the time only.
+    part_position: shape (3m,), truth, of m parts of assemblies in the world [m]. State.
     All outputs are state, as far as those of further sensors are.
 
     Sampling: every `time_step` [s] of the workcell the plant and its drives; every `period` [s] commands and readings;
@@ -137,6 +142,7 @@ class MultibodyStation(Diagram):
         assembly.offer("reaction_forces", plant.get_reaction_forces_output_port())
         assembly.offer("contact_results", plant.get_contact_results_output_port())
         assembly.offer("body_poses", plant.get_body_poses_output_port())
+        _add_parts(assembly, site)
         add_sensors(assembly, site)
         own = _add_surfaces(assembly, site)
         if "motor_torque" in assembly.signals or workcell.config.loads or own is not None:
@@ -215,6 +221,20 @@ def _connect_rigid(assembly: Assembly, site: Site) -> None:
     connect(drag, plant.get_applied_generalized_force_input_port())
 
 
+def _add_parts(assembly: Assembly, site: Site) -> None:
+    """Grasps of parts, and where the parts are."""
+    builder, plant = assembly.builder, site.plant
+    held = [part for part in site.placed if part.grasp is not None]
+    if held:
+        opening = GripperOpening([part.config.grasp.released_at for part in held])
+        assembly.add(builder.AddNamedSystem("gripper_opening", opening))
+        for row, part in enumerate(held):
+            drive_grasp(builder, plant, part, assembly.signals["part_released"], row)
+    if site.placed:
+        position = PartPosition([part.frame for part in site.placed])
+        assembly.add(builder.AddNamedSystem("part_position", position))
+
+
 def _add_surfaces(assembly: Assembly, site: Site) -> OutputPort | None:
     """Uneven surfaces, surfaces that act by their force, and the truth of all contacts.
 
@@ -289,7 +309,11 @@ def _add_loads(assembly: Assembly, site: Site, own: OutputPort | None) -> None:
     frames = loaded_frames(loads, workcell.robot)
     in_plant = [plant.GetFrameByName(name, parts.instance) for name in frames]
     load = builder.AddNamedSystem("load", TipLoad(parts, in_plant))
-    truth = builder.AddNamedSystem("truth", LoadTruth(workcell.robot, plant, parts, list(frames.values())))
+    arms = list(parts.arms)
+    held = [HeldPart(arms.index(part.config.arm), part.bodies) for part in site.placed if part.grasp is not None]
+    truth = builder.AddNamedSystem("truth", LoadTruth(workcell.robot, plant, parts, list(frames.values()), held))
+    if held:
+        builder.Connect(signals["part_released"], truth.GetInputPort("part_released"))
     if loads:
         for name, port in add_loads(builder, loads, workcell.robot, workcell.period).items():
             for block in (load, truth):

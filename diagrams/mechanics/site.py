@@ -11,6 +11,7 @@ from typing import Any
 
 from pydrake.multibody.tree import Joint, JointActuator
 
+from forcectl.diagrams.mechanics.placed_part import PlacedPart
 from forcectl.diagrams.workcell import Workcell
 
 # What an input of a station's part may be called, and what is connected to it.
@@ -46,6 +47,7 @@ class Site:
         parts: `RobotParts` in the plant, or None.
         friction: actuators that stand for the sticking friction of rigid joints.
         mountings: welds that carry the contact of each surface.
+        placed: parts of assemblies.
     """
 
     workcell: Workcell
@@ -55,6 +57,7 @@ class Site:
     parts: Any = None
     friction: tuple[JointActuator, ...] = ()
     mountings: tuple[Joint | None, ...] = ()
+    placed: tuple[PlacedPart, ...] = ()
 
     @property
     def period(self) -> float:

@@ -1,4 +1,4 @@
-"""The multibody world of a station: robot, joint springs or friction, surfaces and boxes."""
+"""The multibody world of a station: robot, joint springs or friction, surfaces, boxes and parts of assemblies."""
 
 from __future__ import annotations
 
@@ -29,6 +29,7 @@ from pydrake.multibody.tree import Joint, JointActuator, ModelInstanceIndex, PdC
 from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.diagrams.mechanics.environment_body import BALL_COMPLIANCE, add_environment, contact_material
+from forcectl.diagrams.mechanics.placed_part import PlacedPart, add_placed_part, leave_out_the_hand
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.plant.contact.obstacle import LARGEST_STIFFNESS, ObstacleConfig
@@ -53,7 +54,7 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
         seed: of the station.
     """
     config = workcell.config
-    solid = bool(workcell.obstacles) or config.self_collision
+    solid = bool(workcell.obstacles or workcell.parts) or config.self_collision
     scene_graph: SceneGraph | None = None
     if solid or any(contact.surface is not None for contact in workcell.contacts):
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, config.time_step)
@@ -89,10 +90,12 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
         joint.set_default_positions(np.array([position]))
     for i, obstacle in enumerate(workcell.obstacles.values()):
         _add_obstacle(plant, obstacle, f"obstacle_{i + 1}")
+    placed = tuple(add_placed_part(plant, parts, name, part) for name, part in workcell.parts.items())
     plant.Finalize()
     if scene_graph is not None:
-        _filter(plant, scene_graph, pressing, solid, config.self_collision)
-    return Site(workcell, seed, plant, scene_graph, parts, friction, tuple(mountings))
+        _filter(plant, scene_graph, pressing, solid, config.self_collision, placed)
+        leave_out_the_hand(plant, scene_graph, parts, placed)
+    return Site(workcell, seed, plant, scene_graph, parts, friction, tuple(mountings), placed)
 
 
 def _add_ball(plant: MultibodyPlant, parts: RobotParts, contact: Contact) -> GeometryId:
@@ -155,6 +158,7 @@ def _filter(
     pressing: list[tuple[GeometryId, GeometryId]],
     solid: bool,
     self_collision: bool,
+    placed: tuple[PlacedPart, ...],
 ) -> None:
     """Leave only what is to touch: each ball and its surface, and links where they are solid."""
     everything = set(scene_graph.model_inspector().GetAllGeometryIds(Role.kProximity))
@@ -164,9 +168,11 @@ def _filter(
         for geometry in everything - alone:
             scene_graph.RemoveRole(plant.get_source_id(), geometry, Role.kProximity)
     elif not self_collision:
+        apart = [part.frame.model_instance() for part in placed]
         links = [
             geometry
             for instance in map(ModelInstanceIndex, range(2, plant.num_model_instances()))
+            if instance not in apart
             for index in plant.GetBodyIndices(instance)
             for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index))
             if geometry not in alone

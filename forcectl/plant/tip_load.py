@@ -8,7 +8,7 @@ Wrenches are [torque; force] on the robot, in the world, at the TCP of each arm 
 from __future__ import annotations
 
 from collections.abc import Sequence
-from typing import Any
+from typing import Any, NamedTuple
 from weakref import ref
 
 import numpy as np
@@ -20,7 +20,7 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from forcectl.framework.cache import BlockCache
-from forcectl.plant.contact.contact_truth import ContactReader, wrench_between
+from forcectl.plant.contact.contact_truth import BodyContact, ContactReader, wrench_between
 from forcectl.robot.model import RobotModel, posture_cache
 from forcectl.robot.parts import RobotParts
 
@@ -36,6 +36,18 @@ def _bodies_beyond(plant: MultibodyPlant, parts: RobotParts) -> list[tuple[set[i
         rigid = {int(body.index()) for body in plant.GetBodiesWeldedTo(arm.tcp_frame.body())}
         found.append((moving, rigid))
     return found
+
+
+class HeldPart(NamedTuple):
+    """A part that an arm holds.
+
+    Attributes:
+        arm: number of the arm.
+        bodies: indices of the part's bodies, which hang on the arm's TCP in the plant.
+    """
+
+    arm: int
+    bodies: frozenset[int]
 
 
 class _Wrenches:
@@ -121,15 +133,17 @@ class LoadTruth(LeafSystem):
     ```
     name: LoadTruth
     input_ports: [link_position, external_wrench, contact_wrench, body_wrench (optional), contact_results,
-    contact_torque]
+    contact_torque, part_released (optional)]
     output_ports: [external_torque, tip_wrench, arm_contact_force]
     ```
 
     link_position: shape (n,) [rad]. external_wrench, contact_wrench, body_wrench: those of `TipLoad`.
     contact_results: abstract, of the plant. contact_torque: shape (n_v,), its generalized contact forces on the model
     instance of the robot [Nm]. Both may be left unconnected: no contacts.
-    external_torque: shape (n,), joint torques of all loads and contacts [Nm]. Feedthrough of all inputs but
-    contact_results.
+    part_released: shape (h,), of h held parts, 0 while held: contacts of a part count as those of the tool that holds it
+    and no longer once it is released [1]. Must be connected where parts are held.
+    external_torque: shape (n,), joint torques of all loads and contacts [Nm]. Feedthrough of all inputs; of
+    contact_results where parts are held.
     tip_wrench: shape (6a,), of loads at the TCPs and of contacts of the bodies fixed to them, at each TCP in the world,
     [torque; force] [Nm, N]. Feedthrough of all inputs but contact_torque.
     arm_contact_force: shape (a,), sum of the magnitudes of the contact forces on each arm, those between two arms
@@ -142,6 +156,7 @@ class LoadTruth(LeafSystem):
         plant: finalized, with the robot.
         parts: of the robot in the plant.
         frames: the further ones of `TipLoad`, of the robot's own plant.
+        held: parts that arms hold.
     """
 
     port_units = {
@@ -155,10 +170,19 @@ class LoadTruth(LeafSystem):
     }
     optional_inputs = ("external_wrench", "contact_wrench", "body_wrench", "contact_results", "contact_torque")
 
-    def __init__(self, robot: RobotModel, plant: MultibodyPlant, parts: RobotParts, frames: Sequence[Frame] = ()):
+    def __init__(
+        self,
+        robot: RobotModel,
+        plant: MultibodyPlant,
+        parts: RobotParts,
+        frames: Sequence[Frame] = (),
+        held: Sequence[HeldPart] = (),
+    ):
         super().__init__()
         n, count = robot.num_joints, len(parts.arms)
-        self._robot, self._bodies, self._reader = robot, _bodies_beyond(plant, parts), ContactReader(plant)
+        self._robot, self._reader, self._held = robot, ContactReader(plant), tuple(held)
+        grasped = {body for part in held for body in part.bodies}
+        self._bodies = [(moving - grasped, rigid) for moving, rigid in _bodies_beyond(plant, parts)]
         self._arms, self._frames = list(robot.parts.arms.values()), list(frames)
         order = plant.GetVelocitiesFromArray(parts.instance, np.arange(plant.num_velocities(), dtype=float)).tolist()
         self._rows = [order.index(joint.velocity_start()) for joint in parts.joints]
@@ -166,6 +190,8 @@ class LoadTruth(LeafSystem):
         self._wrenches = _Wrenches(self, count, len(frames))
         self._results = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
         self._contact_torque = self.DeclareVectorInputPort("contact_torque", len(order))
+        self._released = self.DeclareVectorInputPort("part_released", len(held)) if held else None
+        parts_tickets = {self._released.ticket()} if self._released is not None else set()
         self._posture = posture_cache(self, robot, position)
         posture: Any = self._posture.ticket()
         self._contacts = BlockCache(
@@ -173,13 +199,15 @@ class LoadTruth(LeafSystem):
             "wrench at each TCP, then force",
             lambda: AbstractValue.Make(BasicVector(7 * count)),
             lambda block, context, value: value.get_mutable_value().SetFromVector(block._touch(context)),
-            {posture, self._results.ticket()} | self._wrenches.tickets,
+            {posture, self._results.ticket()} | self._wrenches.tickets | parts_tickets,
         )
         self.DeclareVectorOutputPort(
             "external_torque",
             n,
             self._show_torque,
-            prerequisites_of_calc={posture, self._contact_torque.ticket()} | self._wrenches.tickets,
+            prerequisites_of_calc={posture, self._contact_torque.ticket()}
+            | self._wrenches.tickets
+            | ({self._results.ticket()} | parts_tickets if held else set()),
         )
         known = {self._contacts.ticket()}
         self.DeclareVectorOutputPort("tip_wrench", 6 * count, self._show_wrench, prerequisites_of_calc=known)
@@ -188,11 +216,15 @@ class LoadTruth(LeafSystem):
     def _touch(self, context: Context) -> Array:
         wrenches, _ = self._wrenches.read(context)
         forces = np.zeros(len(self._arms))
-        contacts = list(self._reader.read(self._results.Eval(context))) if self._results.HasValue(context) else []
+        contacts = self._read(context)
         if contacts:
             posture = self._posture.Eval(context)
+            released = self._are_released(context)
             for k, (arm, (moving, rigid)) in enumerate(zip(self._arms, self._bodies, strict=True)):
                 tip = arm.tcp_frame.CalcPoseInWorld(posture).translation()
+                for part, free in zip(self._held, released, strict=True):
+                    if part.arm == k and not free:
+                        moving, rigid = moving | part.bodies, rigid | part.bodies
                 wrenches[k] += wrench_between(contacts, rigid, None, tip)
                 forces[k] = sum(
                     float(np.linalg.norm(contact.wrench[3:]))
@@ -202,6 +234,12 @@ class LoadTruth(LeafSystem):
                 )
         return np.concatenate([wrenches.ravel(), forces])
 
+    def _read(self, context: Context) -> list[BodyContact]:
+        return list(self._reader.read(self._results.Eval(context))) if self._results.HasValue(context) else []
+
+    def _are_released(self, context: Context) -> list[bool]:
+        return [] if self._released is None else (self._released.Eval(context) > 0.5).tolist()
+
     def _show_torque(self, context: Context, output: BasicVector) -> None:
         torque = np.zeros(self._robot.num_joints)
         places = [*(arm.tcp_frame for arm in self._arms), *self._frames]
@@ -210,6 +248,13 @@ class LoadTruth(LeafSystem):
                 torque += self._robot.jacobian_of(self._posture.Eval(context), frame).T @ wrench
         if self._contact_torque.HasValue(context):
             torque += self._contact_torque.Eval(context)[self._rows]
+        # A released part still hangs on the arm's coordinates, in which its contacts seem to act on the joints.
+        for part, free in zip(self._held, self._are_released(context), strict=True):
+            if free and (contacts := self._read(context)):
+                frame, posture = self._arms[part.arm].tcp_frame, self._posture.Eval(context)
+                tip = frame.CalcPoseInWorld(posture).translation()
+                on_part = wrench_between(contacts, part.bodies, None, tip)
+                torque -= self._robot.jacobian_of(posture, frame).T @ on_part
         output.SetFromVector(torque)
 
     def _show_wrench(self, context: Context, output: BasicVector) -> None:

@@ -92,6 +92,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "Surface": "forcectl.plant.contact.compliant_contact:EnvironmentConfig",
         "Box": "forcectl.plant.contact.obstacle:ObstacleConfig",
         "Parts": "forcectl.plant.contact.parts:EnvironmentPartsConfig",
+        "Part": "forcectl.plant.contact.part:PartConfig",
     },
     "surface": {
         "Grooves": "forcectl.plant.contact.surface:GrooveConfig",

@@ -1,4 +1,4 @@
-"""Scenario part `environment: !Parts`: several surfaces and boxes, each with a name; or none."""
+"""Scenario part `environment: !Parts`: several surfaces, boxes and parts of assemblies, each with a name; or none."""
 
 from __future__ import annotations
 

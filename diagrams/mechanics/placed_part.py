@@ -1,0 +1,147 @@
+"""Parts of an assembly in the plant of a station: fixed to the world, or held by an arm.
+
+A grasp is six joints in a row from the TCP to the part, through bodies without mass, and the part hangs on the last.
+Each joint has two equal actuators with PD gains, half of the spring each and half of its limit, solved implicitly with
+the contacts: any stiffness is stable with any mass. Open, one is sent far to one side and the other as far to the
+other: both stay at their limits, the sum of their torques is zero, and so is its derivative. The part is then free.
+
+In a row of three turns the second must not reach 90 degrees: a free part that tilts by as much about the y axis of the
+TCP that held it is beyond what these coordinates can carry.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import (
+    Frame,
+    ModelInstanceIndex,
+    PdControllerGains,
+    PrismaticJoint,
+    RevoluteJoint,
+    SpatialInertia,
+)
+from pydrake.systems.framework import DiagramBuilder, OutputPort
+from pydrake.systems.primitives import MatrixGain
+
+from forcectl.errors import BadInputError, about, unknown
+from forcectl.plant.contact.part import GraspConfig, PartConfig
+from forcectl.robot.model_file import ModelFile, parse_models
+from forcectl.robot.parts import RobotParts, frame_named
+
+_FAR = 1e6  # [m, rad] where the actuators of an open grasp are sent
+
+
+@dataclass(frozen=True)
+class PlacedPart:
+    """A part in a plant.
+
+    Attributes:
+        name: of its model instance.
+        config: its configuration.
+        frame: that was placed.
+        bodies: indices of its bodies.
+        grasp: model instance of the springs; None of a part that is fixed to the world.
+    """
+
+    name: str
+    config: PartConfig
+    frame: Frame
+    bodies: frozenset[int]
+    grasp: ModelInstanceIndex | None
+
+
+def add_placed_part(plant: MultibodyPlant, robot: RobotParts, name: str, config: PartConfig) -> PlacedPart:
+    """Add a part, and its grasp.
+
+    Args:
+        plant: not finalized, with the robot.
+        robot: in the plant.
+        name: of the part.
+        config: its configuration.
+
+    Raises:
+        BadInputError: unknown arm, frame or model, a name that is taken, or a model that moves in itself.
+    """
+    with about(config):
+        file = config.file()
+        if plant.HasModelInstanceNamed(name):
+            raise BadInputError(f"part {name!r}: must have another name than the models {_names(plant)}")
+        model = ModelFile.look(file)
+        instance = parse_models(plant, {name: model}, [])[name]
+        moving = [plant.get_joint(index).name() for index in plant.GetJointIndices(instance)
+                  if plant.get_joint(index).num_velocities()]
+        if moving:
+            raise BadInputError(f" = {config.model!r}: joint {moving[0]!r} moves: must be one rigid part", key="model")
+        frame = (
+            frame_named(plant, config.frame, instance)
+            if config.frame
+            else plant.get_body(plant.GetBodyIndices(instance)[0]).body_frame()
+        )
+        grasp = None
+        if not config.arm:
+            plant.WeldFrames(plant.world_frame(), frame, config.placement)
+        elif config.arm not in robot.arms:
+            raise unknown("arm", config.arm, robot.arms).at("arm")
+        else:
+            grasp = plant.AddModelInstance(f"{name}_grasp")
+            end = _add_grasp(plant, grasp, robot.arms[config.arm].tcp_frame, config.grasp)
+            plant.WeldFrames(end, frame, config.placement)
+    bodies = frozenset(int(index) for index in plant.GetBodyIndices(instance))
+    return PlacedPart(name, config, frame, bodies, grasp)
+
+
+def _names(plant: MultibodyPlant) -> str:
+    return ", ".join(plant.GetModelInstanceName(ModelInstanceIndex(i)) for i in range(plant.num_model_instances()))
+
+
+def _add_grasp(plant: MultibodyPlant, instance: ModelInstanceIndex, tcp: Frame, grasp: GraspConfig) -> Frame:
+    """The springs; returns the frame that is the TCP when they are at rest."""
+    along = zip(grasp.stiffness, grasp.damping, grasp.force_limit, strict=True)
+    about_axes = zip(grasp.rotational_stiffness, grasp.rotational_damping, grasp.torque_limit, strict=True)
+    springs = [(PrismaticJoint, *each) for each in along] + [(RevoluteJoint, *each) for each in about_axes]
+    parent = tcp
+    for i, (kind, stiffness, damping, limit) in enumerate(springs):
+        child = plant.AddRigidBody(f"carrier_{i + 1}", instance, SpatialInertia.Zero()).body_frame()
+        joint = plant.AddJoint(kind(f"spring_{i + 1}", parent, child, np.eye(3)[i % 3]))
+        for side in ("forward", "backward"):
+            actuator = plant.AddJointActuator(f"spring_{i + 1}_{side}", joint, 0.5 * limit)
+            actuator.set_controller_gains(PdControllerGains(p=0.5 * stiffness, d=0.5 * damping))
+        parent = child
+    return parent
+
+
+def drive_grasp(builder: DiagramBuilder, plant: MultibodyPlant, part: PlacedPart, released: OutputPort, row: int) -> None:
+    """Feed the springs of a grasp.
+
+    Args:
+        builder: of the station.
+        plant: finalized.
+        part: that is held.
+        released: shape (m,), of all parts that are held [1].
+        row: of this one among them.
+    """
+    gain = np.zeros((24, released.size()))
+    gain[0:12:2, row], gain[1:12:2, row] = _FAR, -_FAR
+    opening = builder.AddNamedSystem(f"{part.name}_opening", MatrixGain(gain))
+    builder.Connect(released, opening.get_input_port())
+    builder.Connect(opening.get_output_port(), plant.get_desired_state_input_port(part.grasp))
+
+
+def leave_out_the_hand(
+    plant: MultibodyPlant, scene_graph: SceneGraph, robot: RobotParts, parts: tuple[PlacedPart, ...]
+) -> None:
+    """A part does not touch the hand that holds or held it: the springs stand for that contact."""
+    for part in parts:
+        if part.grasp is None:
+            continue
+        arm = robot.arms[part.config.arm]
+        hand = plant.GetBodiesWeldedTo(arm.tcp_frame.body())
+        pair = [
+            GeometrySet([geometry for body in bodies for geometry in plant.GetCollisionGeometriesForBody(body)])
+            for bodies in (hand, [plant.get_body(index) for index in plant.GetBodyIndices(part.frame.model_instance())])
+        ]
+        scene_graph.collision_filter_manager().Apply(CollisionFilterDeclaration().ExcludeBetween(*pair))

@@ -1,0 +1,68 @@
+"""Scenario part `environment: !Part`: a model of its own, fixed to the world or held by an arm through a compliant grasp.
+
+A grasp holds with six springs and dampers between the TCP and the part, each as far as its limit: beyond it the fingers
+give way. From `released_at` on it is open, and the part is free.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from pathlib import Path
+
+import numpy as np
+from pydrake.math import RigidTransform, RollPitchYaw
+
+from forcectl.errors import BadInputError, unknown
+from forcectl.framework.fields import Config, key
+from forcectl.models import models_folder
+
+_FILES = (".urdf", ".sdf")
+
+
+@dataclass(kw_only=True)
+class GraspConfig(Config):
+    """Springs of a grasp along and about the axes of the TCP; about x, then the y so turned, then the z."""
+
+    stiffness: list[float] = key([1000.0, 1000.0, 2000.0], "along", unit="N/m", bounds="positive", size=3)
+    damping: list[float] = key([30.0, 30.0, 60.0], "along", unit="Ns/m", bounds="not negative", size=3)
+    force_limit: list[float] = key([20.0, 20.0, 20.0], "along, of what is held", unit="N", bounds="positive", size=3)
+    rotational_stiffness: list[float] = key([3.0, 3.0, 3.0], "about", unit="Nm/rad", bounds="positive", size=3)
+    rotational_damping: list[float] = key([0.1, 0.1, 0.1], "about", unit="Nms/rad", bounds="not negative", size=3)
+    torque_limit: list[float] = key([1.0, 1.0, 1.0], "about, of what is held", unit="Nm", bounds="positive", size=3)
+    released_at: float | None = key(None, "when the gripper opens; null: never", unit="s", bounds="not negative")
+
+
+@dataclass(kw_only=True)
+class PartConfig(Config):
+    """Scenario part `!Part`: a model of one body or of bodies welded together.
+
+    Its name among the `!Parts` is that of its model instance in the plant, for `!ContactTruth`.
+    """
+
+    model: str = key(meaning="shipped part, such as pipette_body, or path of a URDF or SDF file")
+    frame: str = key("", "of the model, which is placed; empty: of its first body")
+    arm: str = key("", "that holds it at its TCP; empty: fixed to the world")
+    position: list[float] = key([0.0, 0.0, 0.0], "of that frame in the TCP that holds it or the world", unit="m", size=3)
+    rotation_deg: list[float] = key([0.0, 0.0, 0.0], "roll, pitch, yaw, likewise", unit="deg", size=3)
+    grasp: GraspConfig = key(GraspConfig, "of the arm that holds it")
+
+    @property
+    def placement(self) -> RigidTransform:
+        """Pose of the frame in the TCP or the world."""
+        return RigidTransform(RollPitchYaw(np.radians(self.rotation_deg)), np.array(self.position))
+
+    def file(self) -> Path:
+        """The model's file.
+
+        Raises:
+            BadInputError: neither a shipped part nor such a file.
+        """
+        shipped = {file.stem: file for file in sorted((models_folder() / "parts").glob("*.urdf"))}
+        if self.model in shipped:
+            return shipped[self.model]
+        path = Path(self.model).expanduser()
+        if path.suffix.lower() not in _FILES:
+            raise unknown("part (neither shipped nor a URDF or SDF file)", self.model, shipped).at("model")
+        if not path.is_file():
+            raise BadInputError(f" = {self.model!r}: there is no such file", key="model")
+        return path
