@@ -1,0 +1,161 @@
+"""Parts of assemblies in a station: fixed, held by an arm, put down."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import numpy as np
+import pytest
+
+from forcectl.diagrams import ContactTruthConfig, JointReadingsConfig, describe
+from forcectl.diagrams.fidelities.multibody import MultibodyStation
+from forcectl.diagrams.workcell import Workcell
+from forcectl.errors import BadInputError
+from forcectl.plant.contact.part import PartConfig
+from forcectl.plant.contact.parts import EnvironmentPartsConfig
+from tests.examples.held_parts import MASS, TICK, Held, block_in_hand
+from tests.examples.stations import free, pressing
+
+WEIGHT = MASS * 9.81  # [N]
+PLUNGER = PartConfig(
+    model="pipette_plunger_0p5", frame="tip", arm="left", position=[0.0, 0.0, 0.1], rotation_deg=[180.0, 0.0, 0.0]
+)
+
+
+def test_a_part_sags_by_its_weight_over_the_stiffness(tmp_path):
+    held = Held(block_in_hand(tmp_path, stiffness=[500.0, 1000.0, 1500.0], damping=[10.0, 10.0, 10.0]))
+    held.go(0.5)
+    X_WT = held.hand()
+    down = X_WT.rotation().matrix().T @ [0.0, 0.0, -WEIGHT]
+    sagged = X_WT.inverse() @ held.read("part_position")
+    np.testing.assert_allclose(sagged, down / [500.0, 1000.0, 1500.0], atol=5e-6)  # [m]
+    for name in ("tip_wrench", "external_torque", "arm_contact_force"):
+        assert not held.read(name).any()
+
+
+def test_a_released_part_falls_and_the_hand_feels_nothing_of_it(tmp_path):
+    held = Held(block_in_hand(tmp_path, released_at=0.2))
+    held.go(0.2)
+    start = held.read("part_position")
+    held.go(0.24, speed=np.full(7, 0.5))
+    fall = held.read("part_position") - start
+    # Free fall from rest in steps of 1 ms, as Drake integrates it.
+    np.testing.assert_allclose(fall, [0.0, 0.0, -9.81 * 1e-6 * 40 * 41 / 2], atol=1e-5)
+
+
+def test_a_part_that_is_put_down_stays_there(tmp_path):
+    held = Held(block_in_hand(tmp_path, table=1e-4, released_at=0.3))
+    held.go(0.3 - TICK)
+    assert held.read("part_released") == 0
+    assert held.read("tip_wrench")[5] > 0.5 * WEIGHT
+    put = held.read("part_position")
+    away = np.zeros(7)
+    away[1] = -0.5
+    hand = held.hand().translation()
+    held.go(0.4)
+    held.go(0.8, speed=away)
+    assert held.read("part_released") == 1
+    assert np.linalg.norm(held.hand().translation() - hand) > 0.03  # [m]
+    np.testing.assert_allclose(held.read("part_position"), put, atol=1e-4)  # [m]
+    # The table carries the block; nothing of that is on the arm.
+    for name in ("tip_wrench", "external_torque", "arm_contact_force"):
+        np.testing.assert_allclose(held.read(name), 0.0, atol=1e-9)
+
+
+def test_a_grasp_holds_no_more_than_its_limit(tmp_path):
+    held = Held(block_in_hand(tmp_path, table=1e-4, force_limit=[2.0, 2.0, 2.0], stiffness=[3000.0] * 3))
+    down = np.linalg.lstsq(
+        held.workcell.robot.jacobian(held.workcell.start_context()), [0, 0, 0, 0, 0, -1.0], rcond=None
+    )[0]
+    held.go(0.2)
+    held.go(0.6, speed=0.01 * down)  # 4 mm: 12 N of the springs
+    force = held.read("tip_wrench")[3:]
+    in_hand = held.hand().rotation().matrix().T @ force
+    weight = held.hand().rotation().matrix().T @ [0.0, 0.0, WEIGHT]
+    assert np.abs(in_hand - weight).max() == pytest.approx(2.0, abs=0.05)
+
+
+def beside_the_bore(offset: float) -> Workcell:
+    """A plunger in the left hand, and a body fixed around its tip, off by so much [m]."""
+    config = free(robot="yumi/left", elastic_joints=True)
+    workcell = describe(config)
+    X_WT = workcell.robot.pose(workcell.start_context())
+    X_WM = X_WT @ PLUNGER.placement
+    at = X_WM.translation() + X_WM.rotation().matrix() @ [offset, 0.0, 0.03]
+    roll, pitch, yaw = np.degrees(X_WM.rotation().ToRollPitchYaw().vector())
+    body = PartConfig(model="pipette_body", frame="mouth", position=at.tolist(), rotation_deg=[roll, pitch, yaw])
+    parts = EnvironmentPartsConfig(parts={"plunger": PLUNGER, "body": body})
+    sensors = {
+        "joints": JointReadingsConfig(),
+        "contact": ContactTruthConfig(on=["plunger"], by=["body"], frame="tcp"),
+    }
+    return describe(replace(config, environment=parts, sensors=sensors))
+
+
+def test_contact_of_a_held_part_counts_as_that_of_its_tool():
+    held = Held(beside_the_bore(1e-3))
+    held.go(0.02)
+    wrench = held.read("body_contact_wrench")
+    assert np.linalg.norm(wrench[3:]) > 0.1
+    at_tip = held.read("tip_wrench")
+    np.testing.assert_allclose((wrench.reshape(2, 3) @ held.hand().rotation().matrix().T).ravel(), at_tip, atol=1e-9)
+    robot = held.workcell.robot
+    jacobian = robot.jacobian(robot.context_at(held.read("link_position")))
+    np.testing.assert_allclose(held.read("external_torque"), jacobian.T @ at_tip, atol=1e-9)
+
+
+def test_an_aligned_part_does_not_touch():
+    held = Held(beside_the_bore(0.0))
+    assert not held.read("body_contact_wrench").any()
+
+
+def test_a_part_in_each_hand():
+    body = PartConfig(model="pipette_body", frame="mouth", arm="right", position=[0.0, 0.0, 0.06])
+    parts = EnvironmentPartsConfig(parts={"plunger": PLUNGER, "body": body})
+    both = Held(describe(free(elastic_joints=True, self_collision=True, environment=parts)))
+    start = both.read("part_position").reshape(2, 3)
+    both.go(0.3)
+    end = both.read("part_position").reshape(2, 3)
+    robot = both.workcell.robot
+    posture = robot.context_at(both.workcell.start)
+    for name, part, place in zip(("left", "right"), (PLUNGER, body), start, strict=True):
+        X_WT = robot.parts.arms[name].tcp_frame.CalcPoseInWorld(posture)
+        np.testing.assert_allclose(place, X_WT @ part.placement.translation(), atol=1e-9)
+    # They sag by 0.1 to 0.4 N over 1 to 2 kN/m, and tilt by their weight beside the TCP over 3 Nm/rad.
+    assert 1e-5 < np.linalg.norm(end - start, axis=1).min()
+    assert np.linalg.norm(end - start, axis=1).max() < 2e-3
+    assert not both.read("arm_contact_force").any()
+
+
+@pytest.mark.parametrize(
+    ("parts", "message"),
+    [
+        ({"plunger": replace(PLUNGER, arm="middle")}, "unknown arm 'middle'"),
+        ({"plunger": replace(PLUNGER, frame="top")}, "unknown frame of plunger 'top'"),
+        ({"yumi": PLUNGER}, "part 'yumi': must have another name than the models"),
+    ],
+)
+def test_parts_that_do_not_fit(parts, message):
+    workcell = describe(free(robot="yumi/left", environment=EnvironmentPartsConfig(parts=parts)))
+    with pytest.raises(BadInputError) as caught:
+        MultibodyStation(workcell, 0)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_a_part_that_moves_in_itself(tmp_path):
+    hinged = tmp_path / "hinge.urdf"
+    inertial = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+    links = "".join(f'<link name="{name}">{inertial}</link>' for name in "ab")
+    joint = '<joint name="pin" type="continuous"><parent link="a"/><child link="b"/></joint>'
+    hinged.write_text(f'<robot name="hinge">{links}{joint}</robot>')
+    parts = EnvironmentPartsConfig(parts={"hinge": PartConfig(model=str(hinged), arm="left")})
+    with pytest.raises(BadInputError, match="joint 'pin' moves: must be one rigid part"):
+        MultibodyStation(describe(free(robot="yumi/left", environment=parts)), 0)
+
+
+def test_stations_without_dynamics_refuse_parts():
+    surface = pressing().environment
+    parts = EnvironmentPartsConfig(parts={"table": surface, "plunger": PLUNGER})
+    with pytest.raises(BadInputError, match=r"has parts \(plunger\): must have a fidelity with dynamics"):
+        describe(pressing(fidelity="Kinematic", environment=parts))
