@@ -204,7 +204,7 @@ def describe(config: StationConfig) -> Workcell:
     _check_times(config, period)
     start = _start_posture(config, robot)
     environment = config.environment_parts()
-    parts = {name: part for name, part in environment.items() if isinstance(part, PartConfig)}
+    parts = {name: part for name, part in environment.items() if hasattr(part, "placement")}
     obstacles = {name: part for name, part in environment.items() if hasattr(part, "pose")}
     contacts = []
     for name, part in environment.items():

@@ -107,7 +107,7 @@ class MultibodyStation(Diagram):
     external_torque: shape (n,), truth [Nm]. Feedthrough of external_wrench.
     tip_wrench: shape (6a,), truth, at each TCP in the world, [torque; force] [Nm, N]. Feedthrough of external_wrench.
     arm_contact_force: shape (a,), truth, sum of magnitudes [N]. Feedthrough of external_wrench.
-    part_released: shape (h,), of the parts that are held at the start, see `GripperOpening` [1]. Of the time only.
+    part_released: shape (h,), of the parts that are held at the start, see `GripperOpening` [1]. Function of time.
     part_position: shape (3m,), truth, of m parts of assemblies in the world [m]. State.
     All outputs are state, as far as those of further sensors are.
 

@@ -72,8 +72,11 @@ def add_placed_part(plant: MultibodyPlant, robot: RobotParts, name: str, config:
             raise BadInputError(f"part {name!r}: must have another name than the models {_names(plant)}")
         model = ModelFile.look(file)
         instance = parse_models(plant, {name: model}, [])[name]
-        moving = [plant.get_joint(index).name() for index in plant.GetJointIndices(instance)
-                  if plant.get_joint(index).num_velocities()]
+        moving = [
+            plant.get_joint(index).name()
+            for index in plant.GetJointIndices(instance)
+            if plant.get_joint(index).num_velocities()
+        ]
         if moving:
             raise BadInputError(f" = {config.model!r}: joint {moving[0]!r} moves: must be one rigid part", key="model")
         frame = (
@@ -114,7 +117,9 @@ def _add_grasp(plant: MultibodyPlant, instance: ModelInstanceIndex, tcp: Frame, 
     return parent
 
 
-def drive_grasp(builder: DiagramBuilder, plant: MultibodyPlant, part: PlacedPart, released: OutputPort, row: int) -> None:
+def drive_grasp(
+    builder: DiagramBuilder, plant: MultibodyPlant, part: PlacedPart, released: OutputPort, row: int
+) -> None:
     """Feed the springs of a grasp.
 
     Args:

@@ -11,7 +11,11 @@ from forcectl.plant.contact.contact_truth import ContactReader as ContactReader
 from forcectl.plant.contact.contact_truth import ContactWrench as ContactWrench
 from forcectl.plant.contact.contact_truth import bodies_named as bodies_named
 from forcectl.plant.contact.contact_truth import wrench_between as wrench_between
+from forcectl.plant.contact.gripper_opening import GripperOpening as GripperOpening
 from forcectl.plant.contact.obstacle import ObstacleConfig as ObstacleConfig
+from forcectl.plant.contact.part import GraspConfig as GraspConfig
+from forcectl.plant.contact.part import PartConfig as PartConfig
+from forcectl.plant.contact.part_position import PartPosition as PartPosition
 from forcectl.plant.contact.parts import EnvironmentPartsConfig as EnvironmentPartsConfig
 from forcectl.plant.contact.peg_contact import PegContact as PegContact
 from forcectl.plant.contact.peg_contact import PegInBoreConfig as PegInBoreConfig
@@ -61,5 +65,6 @@ from forcectl.plant.sensors.wrist_sensor import WristSensor as WristSensor
 from forcectl.plant.tip_kinematics import ForceToWrench as ForceToWrench
 from forcectl.plant.tip_kinematics import LinkPosition as LinkPosition
 from forcectl.plant.tip_kinematics import TipDisplacement as TipDisplacement
+from forcectl.plant.tip_load import HeldPart as HeldPart
 from forcectl.plant.tip_load import LoadTruth as LoadTruth
 from forcectl.plant.tip_load import TipLoad as TipLoad

@@ -140,10 +140,10 @@ class LoadTruth(LeafSystem):
     link_position: shape (n,) [rad]. external_wrench, contact_wrench, body_wrench: those of `TipLoad`.
     contact_results: abstract, of the plant. contact_torque: shape (n_v,), its generalized contact forces on the model
     instance of the robot [Nm]. Both may be left unconnected: no contacts.
-    part_released: shape (h,), of h held parts, 0 while held: contacts of a part count as those of the tool that holds it
-    and no longer once it is released [1]. Must be connected where parts are held.
-    external_torque: shape (n,), joint torques of all loads and contacts [Nm]. Feedthrough of all inputs; of
-    contact_results where parts are held.
+    part_released: shape (h,), of h held parts, 0 while held: contacts of a part count as those of the tool that holds
+    it, and no longer once it is released [1]. Must be connected where parts are held.
+    external_torque: shape (n,), joint torques of all loads and contacts [Nm]. Feedthrough of all inputs but
+    contact_results. Feedthrough of contact_results when parts are held.
     tip_wrench: shape (6a,), of loads at the TCPs and of contacts of the bodies fixed to them, at each TCP in the world,
     [torque; force] [Nm, N]. Feedthrough of all inputs but contact_torque.
     arm_contact_force: shape (a,), sum of the magnitudes of the contact forces on each arm, those between two arms

@@ -19,7 +19,7 @@ from forcectl.plant.drives.joint_servo import JointServo, ReferenceHold
 from forcectl.plant.drives.motor_motion import MotorMotion
 from forcectl.plant.drives.servo import servo_gains
 from forcectl.plant.sensors.joint_sensors import JointSensors
-from forcectl.plant.tip_load import LoadTruth, TipLoad
+from forcectl.plant.tip_load import HeldPart, LoadTruth, TipLoad
 from forcectl.robot.model import RobotModel
 from forcectl.robot.parts import RobotParts, add_robot
 from tests.examples.block_example import Example, each
@@ -83,6 +83,13 @@ def load_on_a_body() -> TipLoad:
 def truth_of_a_body() -> LoadTruth:
     robot, plant, parts = arm_in_a_plant()
     return LoadTruth(robot, plant, parts, [robot.plant.GetFrameByName(ELBOW, robot.parts.instance)])
+
+
+def truth_of_a_part() -> LoadTruth:
+    """The last link in the place of a part."""
+    robot, plant, parts = arm_in_a_plant()
+    last = frozenset({int(plant.GetBodyByName("left_link_7").index())})
+    return LoadTruth(robot, plant, parts, held=[HeldPart(0, last)])
 
 
 def truth_of(*inputs: str) -> set[tuple[str, str]]:
@@ -205,6 +212,12 @@ JOINT_INTERFACE_EXAMPLES: dict[type[System], list[Example]] = {
             truth_of_a_body,
             truth_of("link_position", "external_wrench", "contact_wrench", "body_wrench"),
             {"link_position": moved, "contact_wrench": wrench, "body_wrench": wrench},
+        ),
+        Example(
+            truth_of_a_part,
+            truth_of("link_position", "external_wrench", "contact_wrench", "part_released")
+            | each("external_torque", "contact_results"),
+            {"link_position": moved, "external_wrench": wrench, "part_released": lambda t: np.array([float(t > 0.02)])},
         ),
     ],
 }

@@ -26,7 +26,10 @@ from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.models import add_packages
 from forcectl.plant.contact.compliant_contact import CompliantContact, EnvironmentConfig
 from forcectl.plant.contact.contact_truth import ContactWrench, bodies_named
+from forcectl.plant.contact.gripper_opening import GripperOpening
 from forcectl.plant.contact.obstacle import ObstacleConfig
+from forcectl.plant.contact.part import GraspConfig, PartConfig
+from forcectl.plant.contact.part_position import PartPosition
 from forcectl.plant.contact.parts import EnvironmentPartsConfig
 from forcectl.plant.contact.peg_contact import PegContact, PegInBoreConfig
 from forcectl.plant.contact.surface import SurfaceConfig
@@ -167,6 +170,18 @@ def contact_wrench() -> ContactWrench:
     return ContactWrench(plant, bodies_named(plant, ["left_link_7"], "on"), None, plant.world_frame())
 
 
+@cache
+def holding_workcell() -> Workcell:
+    """An arm that holds a cap, lets go of it after 20 ms, and a mount that is fixed."""
+    cap = PartConfig(model="bayonet_cap", arm="left", grasp=GraspConfig(released_at=0.02))
+    parts = {"cap": cap, "mount": PartConfig(model="bayonet_mount", position=[0.5, 0.0, 0.0])}
+    return describe(free(robot=ARM, tool=None, environment=EnvironmentPartsConfig(parts=parts)))
+
+
+def part_position() -> PartPosition:
+    return PartPosition([part.frame for part in in_plant(holding_workcell()).placed])
+
+
 def peg_contact() -> PegContact:
     plant = MultibodyPlant(0.001)
     parser = Parser(plant)
@@ -215,6 +230,7 @@ STATION_EXAMPLES: dict[type[System], list[Example]] = {
         ),
         example(two_tables, INTERFACE, "contact_force", "contact_state", *LOADED),
         example(table_and_foam, INTERFACE, "contact_force", "contact_state", *LOADED),
+        example(holding_workcell, INTERFACE, *LOADED),
     ],
     MotorSide: [
         Example(
@@ -297,6 +313,15 @@ STATION_EXAMPLES: dict[type[System], list[Example]] = {
             each("body_contact_wrench", "contact_results", "body_poses"),
             {"joint_position_command": lambda t: moved(touching_workcell(False))(t)},
             runnable=lambda: build_station(touching_workcell(False), 3),
+        )
+    ],
+    GripperOpening: [Example(lambda: GripperOpening([0.02, None, 0.0]))],
+    PartPosition: [
+        Example(
+            part_position,
+            each("part_position", "body_poses"),
+            {"joint_position_command": lambda t: moved(holding_workcell())(t)},
+            runnable=lambda: build_station(holding_workcell(), 3),
         )
     ],
     PegContact: [

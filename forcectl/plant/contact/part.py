@@ -1,4 +1,4 @@
-"""Scenario part `environment: !Part`: a model of its own, fixed to the world or held by an arm through a compliant grasp.
+"""Scenario part `environment: !Part`: a model that is fixed to the world or held by an arm through a compliant grasp.
 
 A grasp holds with six springs and dampers between the TCP and the part, each as far as its limit: beyond it the fingers
 give way. From `released_at` on it is open, and the part is free.
@@ -42,7 +42,9 @@ class PartConfig(Config):
     model: str = key(meaning="shipped part, such as pipette_body, or path of a URDF or SDF file")
     frame: str = key("", "of the model, which is placed; empty: of its first body")
     arm: str = key("", "that holds it at its TCP; empty: fixed to the world")
-    position: list[float] = key([0.0, 0.0, 0.0], "of that frame in the TCP that holds it or the world", unit="m", size=3)
+    position: list[float] = key(
+        [0.0, 0.0, 0.0], "of that frame in the TCP that holds it or the world", unit="m", size=3
+    )
     rotation_deg: list[float] = key([0.0, 0.0, 0.0], "roll, pitch, yaw, likewise", unit="deg", size=3)
     grasp: GraspConfig = key(GraspConfig, "of the arm that holds it")
 

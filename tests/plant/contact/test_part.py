@@ -32,7 +32,7 @@ def test_models_that_are_not_there(model, message):
 
 
 def test_springs_need_three_numbers_above_zero():
-    with pytest.raises(BadInputError, match="stiffness = .*must be three numbers, positive"):
+    with pytest.raises(BadInputError, match=r"stiffness = .*must be three numbers, positive"):
         GraspConfig(stiffness=[1000.0])
     with pytest.raises(BadInputError, match=r"force_limit.1 = 0.0: must be positive"):
         GraspConfig(force_limit=[20.0, 0.0, 20.0])

@@ -1,0 +1,30 @@
+"""docs/holding.md says what is true."""
+
+from __future__ import annotations
+
+import re
+from pathlib import Path
+
+import numpy as np
+
+import forcectl as fc
+from forcectl.framework.yaml_tree import parse
+
+PAGE = (Path(__file__).parents[2] / "docs" / "holding.md").read_text(encoding="utf-8")
+(SCENARIO,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
+
+
+def test_a_plunger_in_one_hand_and_a_tube_in_the_other_that_lets_go():
+    log = fc.run(parse(SCENARIO, "holding.yaml")).log
+    assert log["part_position"].attrs["units"] == "m"
+    place, released = log["part_position"].values, log["part_released"].values
+    assert not released[:, 0].any()
+    np.testing.assert_array_equal(released[:, 1], log["time"].values >= 0.2 - 1e-9)
+    # The hand of the tube stands: the tube moves by its sag, then falls freely for 0.1 s.
+    assert np.abs(place[:50, 3:] - place[0, 3:]).max() < 5e-4  # [m]
+    fall = place[-1, 5] - place[50, 5]
+    assert abs(fall + 0.5 * 9.81 * 0.1**2) < 1.5e-3  # [m], a step of 1 ms is 1 mm of that
+    # The plunger goes with its hand, and nothing touches.
+    assert np.linalg.norm(place[-1, :3] - place[0, :3]) > 5e-3
+    assert not log["body_contact_wrench"].values.any()
+    assert not log["tip_wrench"].values.any()
