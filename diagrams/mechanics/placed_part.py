@@ -5,8 +5,8 @@ Each joint has two equal actuators with PD gains, half of the spring each and ha
 the contacts: any stiffness is stable with any mass. Open, one is sent far to one side and the other as far to the
 other: both stay at their limits, the sum of their torques is zero, and so is its derivative. The part is then free.
 
-In a row of three turns the second must not reach 90 degrees: a free part that tilts by as much about the y axis of the
-TCP that held it is beyond what these coordinates can carry.
+A row of three turns is singular where the second is 90 degrees. A free part that passes there, turned by as much about the
+y axis of the TCP that held it, keeps moving, but less exactly: at 8 rad/s its speed of rotation came out 9 % too high.
 """
 
 from __future__ import annotations

@@ -265,9 +265,10 @@ def _holds(tree: Tree, parts: list[str]) -> bool:
 def _locate_files(tree: Tree, folder: Path) -> None:
     # A file beside the scenario is found from anywhere.
     if isinstance(tree, Tagged):
-        path = tree.get("path")
-        if isinstance(path, str) and path and (folder / path).is_file():
-            tree["path"] = str(folder / path)
+        for name in ("path", "model"):
+            path = tree.get(name)
+            if isinstance(path, str) and path and (folder / path).is_file():
+                tree[name] = str(folder / path)
         for part in tree.values():
             _locate_files(part, folder)
 
