@@ -5,8 +5,9 @@ Each joint has two equal actuators with PD gains, half of the spring each and ha
 the contacts: any stiffness is stable with any mass. Open, one is sent far to one side and the other as far to the
 other: both stay at their limits, the sum of their torques is zero, and so is its derivative. The part is then free.
 
-A row of three turns is singular where the second is 90 degrees. A free part that passes there, turned by as much about the
-y axis of the TCP that held it, keeps moving, but less exactly: at 8 rad/s its speed of rotation came out 9 % too high.
+A row of three turns is singular where the second is 90 degrees. A free part that passes there, turned by as much about
+the y axis of the TCP that held it, keeps moving, but less exactly: at 8 rad/s its speed of rotation came out 9 % too
+high.
 """
 
 from __future__ import annotations
@@ -22,6 +23,7 @@ from pydrake.multibody.tree import (
     PdControllerGains,
     PrismaticJoint,
     RevoluteJoint,
+    RigidBody,
     SpatialInertia,
 )
 from pydrake.systems.framework import DiagramBuilder, OutputPort
@@ -64,7 +66,7 @@ def add_placed_part(plant: MultibodyPlant, robot: RobotParts, name: str, config:
         config: its configuration.
 
     Raises:
-        BadInputError: unknown arm, frame or model, a name that is taken, or a model that moves in itself.
+        BadInputError: unknown arm, frame or model, a name that is taken, or a model that is not one rigid part.
     """
     with about(config):
         file = config.file()
@@ -72,18 +74,8 @@ def add_placed_part(plant: MultibodyPlant, robot: RobotParts, name: str, config:
             raise BadInputError(f"part {name!r}: must have another name than the models {_names(plant)}")
         model = ModelFile.look(file)
         instance = parse_models(plant, {name: model}, [])[name]
-        moving = [
-            plant.get_joint(index).name()
-            for index in plant.GetJointIndices(instance)
-            if plant.get_joint(index).num_velocities()
-        ]
-        if moving:
-            raise BadInputError(f" = {config.model!r}: joint {moving[0]!r} moves: must be one rigid part", key="model")
-        frame = (
-            frame_named(plant, config.frame, instance)
-            if config.frame
-            else plant.get_body(plant.GetBodyIndices(instance)[0]).body_frame()
-        )
+        root = _root(plant, instance, config)
+        frame = frame_named(plant, config.frame, instance) if config.frame else root.body_frame()
         grasp = None
         if not config.arm:
             plant.WeldFrames(plant.world_frame(), frame, config.placement)
@@ -95,6 +87,35 @@ def add_placed_part(plant: MultibodyPlant, robot: RobotParts, name: str, config:
             plant.WeldFrames(end, frame, config.placement)
     bodies = frozenset(int(index) for index in plant.GetBodyIndices(instance))
     return PlacedPart(name, config, frame, bodies, grasp)
+
+
+def _root(plant: MultibodyPlant, instance: ModelInstanceIndex, config: PartConfig) -> RigidBody:
+    """The body that all others are welded to.
+
+    Raises:
+        BadInputError: there is none, or several, a joint moves, or a part that is held has no inertia about some axis.
+    """
+    fault = f" = {config.model!r}: must be one rigid part"
+    joints = [plant.get_joint(index) for index in plant.GetJointIndices(instance)]
+    for joint in joints:
+        if joint.num_velocities():
+            raise BadInputError(f"{fault}, but joint {joint.name()!r} moves", key="model")
+    carried = {int(joint.child_body().index()) for joint in joints}
+    bodies = [plant.get_body(index) for index in plant.GetBodyIndices(instance)]
+    roots = [body for body in bodies if int(body.index()) not in carried]
+    if len(roots) != 1:
+        named = ", ".join(body.name() for body in roots)
+        raise BadInputError(f"{fault}, but {f'{named} are apart' if roots else 'stands in the world'}", key="model")
+    if config.arm and not any(_has_inertia(body) for body in bodies):
+        raise BadInputError(f" = {config.model!r}: must have mass and moments of inertia to be held", key="model")
+    return roots[0]
+
+
+def _has_inertia(body: RigidBody) -> bool:
+    inertia = body.default_spatial_inertia()
+    return bool(
+        inertia.get_mass() > 0 and inertia.Shift(inertia.get_com()).CalcRotationalInertia().get_moments().min() > 0
+    )
 
 
 def _names(plant: MultibodyPlant) -> str:

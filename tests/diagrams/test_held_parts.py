@@ -143,15 +143,42 @@ def test_parts_that_do_not_fit(parts, message):
     assert "\n" not in str(caught.value)
 
 
-def test_a_part_that_moves_in_itself(tmp_path):
-    hinged = tmp_path / "hinge.urdf"
-    inertial = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
-    links = "".join(f'<link name="{name}">{inertial}</link>' for name in "ab")
-    joint = '<joint name="pin" type="continuous"><parent link="a"/><child link="b"/></joint>'
-    hinged.write_text(f'<robot name="hinge">{links}{joint}</robot>')
-    parts = EnvironmentPartsConfig(parts={"hinge": PartConfig(model=str(hinged), arm="left")})
-    with pytest.raises(BadInputError, match="joint 'pin' moves: must be one rigid part"):
+INERTIAL = '<inertial><mass value="1"/><inertia ixx="1" iyy="1" izz="1" ixy="0" ixz="0" iyz="0"/></inertial>'
+LINK = f'<link name="{{}}">{INERTIAL}</link>'
+JOINT = '<joint name="pin" type="{}"><parent link="{}"/><child link="{}"/></joint>'
+
+
+@pytest.mark.parametrize(
+    ("model", "message"),
+    [
+        (LINK.format("a") + LINK.format("b") + JOINT.format("continuous", "a", "b"), "but joint 'pin' moves"),
+        ('<link name="a"/><link name="b"/>', "but a, b are apart"),
+        (LINK.format("a") + '<link name="world"/>' + JOINT.format("fixed", "world", "a"), "but stands in the world"),
+        ('<link name="a"/>', "must have mass and moments of inertia to be held"),
+    ],
+)
+def test_models_that_cannot_be_held(tmp_path, model, message):
+    """The second one as SDF: links without a joint are refused by the reader of URDF."""
+    file = tmp_path / ("part.sdf" if "apart" in message else "part.urdf")
+    whole = (
+        '<sdf version="1.9"><model name="part">{}</model></sdf>' if "apart" in message else '<robot name="p">{}</robot>'
+    )
+    file.write_text(whole.format(model))
+    parts = EnvironmentPartsConfig(parts={"part": PartConfig(model=str(file), arm="left")})
+    with pytest.raises(BadInputError) as caught:
         MultibodyStation(describe(free(robot="yumi/left", environment=parts)), 0)
+    assert message in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_bodies_that_are_welded_together_are_one_part(tmp_path):
+    file = tmp_path / "part.urdf"
+    file.write_text(f'<robot name="part">{LINK.format("a")}{LINK.format("b")}{JOINT.format("fixed", "b", "a")}</robot>')
+    parts = EnvironmentPartsConfig(parts={"part": PartConfig(model=str(file), arm="left")})
+    held = Held(describe(free(robot="yumi/left", environment=parts)))
+    start = held.read("part_position")
+    held.go(0.02)
+    assert 0 < np.linalg.norm(held.read("part_position") - start) < 0.02  # [m], under 20 N on 1 to 2 kN/m
 
 
 def test_stations_without_dynamics_refuse_parts():

@@ -48,6 +48,11 @@ class PartConfig(Config):
     rotation_deg: list[float] = key([0.0, 0.0, 0.0], "roll, pitch, yaw, likewise", unit="deg", size=3)
     grasp: GraspConfig = key(GraspConfig, "of the arm that holds it")
 
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.arm and self.grasp != GraspConfig():
+            raise BadInputError("must be left out where no arm holds the part", key="grasp")
+
     @property
     def placement(self) -> RigidTransform:
         """Pose of the frame in the TCP or the world."""

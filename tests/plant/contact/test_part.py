@@ -38,6 +38,11 @@ def test_springs_need_three_numbers_above_zero():
         GraspConfig(force_limit=[20.0, 0.0, 20.0])
 
 
+def test_a_part_that_nobody_holds_has_no_grasp():
+    with pytest.raises(BadInputError, match="grasp: must be left out where no arm holds the part"):
+        PartConfig(model="bayonet_cap", grasp=GraspConfig(released_at=1.0))
+
+
 def test_a_gripper_opens_at_its_time_and_not_before():
     block = GripperOpening([0.3, None])
     context = block.CreateDefaultContext()
