@@ -14,7 +14,7 @@ Units are SI. A port or a logged signal has the unit of its name in `SIGNAL_UNIT
 the table with a class attribute `port_units: dict[str, str]`.
 
 Signals that pass between the parts of a loop stand in `SIGNALS`: ports of these names are connected by name. Shapes are
-in terms of n joints, a arms, k surfaces that are pressed on and m parts.
+in terms of n joints, a arms, k surfaces that are pressed on and m parts, of which h are held.
 """
 
 from __future__ import annotations
@@ -72,7 +72,7 @@ SIGNALS: dict[str, Signal] = {
     "tip_wrench": Signal("Nm,N", "6a", "of loads and contacts on the tools, at each TCP in the world", True),
     "applied_wrench": Signal("Nm,N", "6a", "of the loads at each TCP in the world", True),
     "arm_contact_force": Signal("N", "a", "sum of the magnitudes of the contact forces on each arm", True),
-    "part_released": Signal("1", "m", "1 once the gripper that held a part is open", True),
+    "part_released": Signal("1", "h", "1 once the gripper that held a part is open", True),
     "part_position": Signal("m", "3m", "of the frames of the parts in the world", True),
     "body_contact_wrench": Signal("Nm,N", "6", "between the bodies of a `!ContactTruth`, in its frame", True),
 }

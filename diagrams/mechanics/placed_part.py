@@ -147,7 +147,7 @@ def drive_grasp(
         builder: of the station.
         plant: finalized.
         part: that is held.
-        released: shape (m,), of all parts that are held [1].
+        released: shape (h,), of all parts that are held [1].
         row: of this one among them.
     """
     gain = np.zeros((24, released.size()))

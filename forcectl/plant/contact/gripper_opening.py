@@ -19,7 +19,7 @@ class GripperOpening(LeafSystem):
     output_ports: [part_released]
     ```
 
-    part_released: shape (m,), of m parts, 0 while the part is held and 1 from its time on [1]. Function of time.
+    part_released: shape (h,), of h parts, 0 while the part is held and 1 from its time on [1]. Function of time.
 
     Sampling: none; evaluated when read.
 
