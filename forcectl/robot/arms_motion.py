@@ -59,6 +59,7 @@ class ArmsMotion(_Beside):
 
     Attributes:
         known: results computed from this motion that may be used again in this tick, by their owner.
+        forces: measured ones by the constraint that reads them [N]; filled in by the controller.
     """
 
     def __init__(self, robot: RobotModel, context: Context, q: Vector, v: Vector):
@@ -66,6 +67,7 @@ class ArmsMotion(_Beside):
         lead = self._lead = RobotMotion(robot, context, q, v)
         self.__dict__ |= lead.__dict__
         self.known: dict[object, Any] = {}
+        self.forces: dict[object, float] = {}
         self._arms: dict[str, RobotMotion] = {}
         for name, arm in robot.parts.arms.items():
             self._arms[name] = _OtherArm(lead, robot, context, arm.tcp_frame) if self._arms else lead

@@ -115,6 +115,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "SpeedLimit": f"{_CONSTRAINTS}:SpeedLimitConfig",
         "LinkDistance": f"{_CONSTRAINTS}:LinkDistanceConfig",
         "Robust": f"{_CONSTRAINTS}:RobustConfig",
+        "ForceBand": f"{_CONSTRAINTS}:ForceBandConfig",
     },
     "null_space": {
         "JointSpeed": f"{_NULL_SPACE}:JointSpeedConfig",

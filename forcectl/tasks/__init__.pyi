@@ -3,7 +3,9 @@ from forcectl.tasks.constraints.base import Constraint as Constraint
 from forcectl.tasks.constraints.base import ConstraintSet as ConstraintSet
 from forcectl.tasks.constraints.base import ForceLimit as ForceLimit
 from forcectl.tasks.constraints.base import JointTorqueLimit as JointTorqueLimit
+from forcectl.tasks.constraints.force_band import ForceBand as ForceBand
 from forcectl.tasks.constraints.joint_bounds import JointBounds as JointBounds
+from forcectl.tasks.constraints.parts import ForceBandConfig as ForceBandConfig
 from forcectl.tasks.constraints.parts import LinkDistanceConfig as LinkDistanceConfig
 from forcectl.tasks.constraints.parts import RangeConfig as RangeConfig
 from forcectl.tasks.constraints.parts import RobustConfig as RobustConfig

@@ -30,7 +30,7 @@ from forcectl.tasks.constraints.parts import constraints_of
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.null_space import AnyCriterion
 from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig
-from forcectl.tasks.reactive_controller import ReactiveController
+from forcectl.tasks.reactive_controller import READINGS, ReactiveController
 from forcectl.tasks.reactive_motion import MotionLimitsConfig, ReactiveMotion
 from forcectl.tasks.task_parts import TaskTargetConfig, made_task, start_motion
 
@@ -183,7 +183,7 @@ class ReactiveReaching(Diagram):
 
     ```
     name: ReactiveReaching
-    input_ports: [joint_position, joint_velocity]
+    input_ports: [joint_position, joint_velocity, measured_force (optional)]
     output_ports: [joint_position_command, joint_velocity_command, task_position_reference, task_position,
     task_velocity, task_acceleration, status, active_constraints, slack, constraint_violation, tracking_error,
     near_singular, levels_solved, holding, reached, stalled, reading_ok, stage_costs, task_target]
@@ -204,8 +204,9 @@ class ReactiveReaching(Diagram):
         source = builder.AddNamedSystem("target", target)
         motion = builder.AddNamedSystem("motion", ReactiveMotion(controller, limits))
         builder.Connect(source.get_output_port(), motion.GetInputPort("task_target"))
-        for name in ("joint_position", "joint_velocity"):
-            builder.ExportInput(motion.GetInputPort(name), name)
+        for name in READINGS:
+            if motion.HasInputPort(name):
+                builder.ExportInput(motion.GetInputPort(name), name)
         export_all_outputs(builder, motion)
         builder.ExportOutput(source.get_output_port(), "task_target")
         builder.BuildInto(self)

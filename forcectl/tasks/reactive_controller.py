@@ -49,6 +49,8 @@ _DIAGNOSTICS = (
     *("status", "active_constraints", "slack", "constraint_violation", "tracking_error", "near_singular"),
     *("levels_solved", "holding", "reached", "stalled"),
 )
+# Inputs that come from the loop, those that there are.
+READINGS = ("joint_position", "joint_velocity", "measured_force")
 _QUANTITIES = ("position", "velocity", "acceleration")
 
 
@@ -94,7 +96,7 @@ class ReactiveController(SampledBlock):
     ```
     name: ReactiveController
     input_ports: [task_position_reference, task_velocity_reference, task_acceleration_reference, task_target,
-    joint_position, joint_velocity]
+    joint_position, joint_velocity, measured_force (optional)]
     output_ports: [joint_position_command, joint_velocity_command, task_position, task_velocity, task_acceleration,
     status, active_constraints, slack, constraint_violation, tracking_error, near_singular, levels_solved, holding,
     reached, stalled, reading_ok, stage_costs]
@@ -107,6 +109,8 @@ class ReactiveController(SampledBlock):
     task_target: shape (k,), where they are to end [m or rad]; may be left unconnected, then reached and stalled are 0.
     joint_position, joint_velocity: shape (n,), as measured [rad, rad/s]; only supervised, see `JointStateMonitor`; may
     be left unconnected.
+    measured_force: shape (b,), of each constraint that reads a force, such as `ForceBand`, in their order [N]. There is
+    none without such a constraint.
     joint_position_command, joint_velocity_command: shape (n,), q and q' at the next tick [rad, rad/s].
     task_position, task_velocity, task_acceleration: shape (k,), the motion the next reference starts from, see this
     module [m or rad, m/s or rad/s, m/s^2 or rad/s^2]. State, no direct feedthrough.
@@ -184,6 +188,8 @@ class ReactiveController(SampledBlock):
         limits = checked_limits(robot.limits if limits is None else limits, origin)
         if not check("constraint_gamma", constraint_gamma) < 0:
             raise invalid("constraint_gamma", constraint_gamma, "below zero")
+        self._bands = [each for each in constraints if getattr(each, "reads_force", False)]
+        origin.forces = dict.fromkeys(self._bands, 0.0)
         self._constraints = ConstraintSet(constraints, limits, origin, Ts, constraint_gamma, approach)
         angular = np.concatenate([task.angular for task in tasks])
         self._tolerance = np.where(angular, supervision.angle_tolerance, supervision.position_tolerance)
@@ -228,6 +234,8 @@ class ReactiveController(SampledBlock):
         references = [self.DeclareVectorInputPort(f"task_{name}_reference", k) for name in _QUANTITIES]
         target = self.DeclareVectorInputPort("task_target", k)
         measured = [self.DeclareVectorInputPort(name, n) for name in ("joint_position", "joint_velocity")]
+        if self._bands:
+            measured.append(self.DeclareVectorInputPort("measured_force", len(self._bands)))
         memory = {
             "joint_position_command": start,
             "joint_velocity_command": np.zeros(n),
@@ -328,6 +336,8 @@ class ReactiveController(SampledBlock):
         readings, stops = self._look(start)
         position, velocity = inputs["task_position_reference"], inputs["task_velocity_reference"]
         motion = ArmsMotion(self._robot, self._scratch.Eval(context), q, v)
+        if self._bands:
+            motion.forces = dict(zip(self._bands, inputs["measured_force"].tolist(), strict=True))
         state = gathered(self._tasks, motion)
         rows = self._constraints.rows(motion, memory["foreseen"])
         posed = None

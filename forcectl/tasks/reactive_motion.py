@@ -16,7 +16,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.motion.trajectory_generator import TrajectoryGenerator
-from forcectl.tasks.reactive_controller import ReactiveController
+from forcectl.tasks.reactive_controller import READINGS, ReactiveController
 
 
 @dataclass(kw_only=True)
@@ -36,7 +36,7 @@ class ReactiveMotion(Diagram):
 
     ```
     name: ReactiveMotion
-    input_ports: [task_target, joint_position, joint_velocity]
+    input_ports: [task_target, joint_position, joint_velocity, measured_force (optional)]
     output_ports: [joint_position_command, joint_velocity_command, task_position_reference, task_position,
     task_velocity, task_acceleration, status, active_constraints, slack, constraint_violation, tracking_error,
     near_singular, levels_solved, holding, reached, stalled, reading_ok, stage_costs]
@@ -79,8 +79,9 @@ class ReactiveMotion(Diagram):
             connect(generator.GetOutputPort(name), controller.GetInputPort(f"task_{name}_reference"))
         target = builder.ExportInput(generator.GetInputPort("target_position"), "task_target")
         builder.ConnectInput(target, controller.GetInputPort("task_target"))
-        for name in ("joint_position", "joint_velocity"):
-            builder.ExportInput(controller.GetInputPort(name), name)
+        for name in READINGS:
+            if controller.HasInputPort(name):
+                builder.ExportInput(controller.GetInputPort(name), name)
         first = ("joint_position_command", "joint_velocity_command")
         for name in first:
             builder.ExportOutput(controller.GetOutputPort(name), name)

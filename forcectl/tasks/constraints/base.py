@@ -62,8 +62,9 @@ class Constraint(Protocol):
     An attribute `gamma` (< 0, in units of y'') replaces the controller's default. An attribute `slack_weight` (> 0, see
     `QuadraticProgram`) makes the rows soft in controllers of several arms: they give way before the others. `margin`
     (>= 0, in units of y) is kept beside a constraint of relative degree 2, for what a tick misses. `rows_change`, if it
-    is true, says that a row may stand for something else at the next tick. `companions` are further constraints that
-    belong to it. `label`, and `row_names` of a constraint of several rows, are its names in the program of a
+    is true, says that a row may stand for something else at the next tick. `reads_force`, if it is true, asks a
+    controller of several arms for a measured force: `motion.forces[constraint]` [N]. `companions` are further
+    constraints that belong to it. `label`, and `row_names` of a constraint of several rows, are its names in the program of a
     controller: "wall 1"; else they are made of the name of its class and numbers.
     """
 

@@ -14,6 +14,7 @@ from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.wiring import made_by
 from forcectl.plant.plant_model import PlantModel
 from forcectl.tasks.constraints.base import CartesianWall, Constraint
+from forcectl.tasks.constraints.force_band import ForceBand
 from forcectl.tasks.constraints.robust import Errors, RobustConstraint
 from forcectl.tasks.constraints.task_limits import OfArm, TaskRange, TaskSpeedLimit
 from forcectl.tasks.task_parts import made_task, start_motion
@@ -117,6 +118,39 @@ class RobustConfig(Config):
         seen, missed = Errors(*self.measurement_error), Errors(*self.model_error)
         inner = made_constraint(self.of, model, "of")
         return RobustConstraint(inner, self.braking, measurement_error=seen, model_error=missed, period=model.period)
+
+
+@dataclass(kw_only=True)
+class ForceBandConfig(Config):
+    """Scenario part `!ForceBand`: a measured force on a spring stays in a band (6.16)-(6.21)*.
+
+    The forces of all bands, in the order of the constraints, are the controller's input measured_force.
+    """
+
+    task: Any = slot("task", meaning="its one coordinate: pressing is towards smaller values")
+    force: list[float] = key(meaning="F_min and F_max", unit="N", bounds="not negative", size=2)
+    stiffness: list[float] = key(meaning="K_min and K_max of the contact", unit="N/m", bounds="positive", size=2)
+    braking: float = key(meaning="gamma_x, always possible", unit="m/s^2", bounds="positive")
+    measurement_error: list[float] = key(
+        [0.0, 0.0], "largest, of the force and of the speed", unit="N, m/s", bounds="not negative", size=2
+    )
+    model_error: list[float] = key(
+        [0.0, 0.0], "largest, of the force and of the speed after a tick", unit="N, m/s", bounds="not negative", size=2
+    )
+    slack_weight: float | None = key(None, "of soft rows; null: hard", bounds="positive")
+
+    def constraint(self, model: PlantModel) -> ForceBand:
+        """See `ConstraintPart`."""
+        return ForceBand(
+            made_task(self.task, start_motion(model), "task"),
+            self.force,
+            self.stiffness,
+            self.braking,
+            measurement_error=Errors(*self.measurement_error),
+            model_error=Errors(*self.model_error),
+            slack_weight=self.slack_weight,
+            period=model.period,
+        )
 
 
 def _limits(values: Sequence[float | None], none: float) -> list[float] | float:

@@ -45,6 +45,46 @@ class Errors(NamedTuple):
     rate: ArrayLike = 0.0
 
 
+class RobustBound:
+    """The largest p'' with which p <= 0 can be kept in spite of bounded errors; see this module.
+
+    Args:
+        gamma_p, measurement_error, model_error, period: see `RobustConstraint`.
+        margin: of p, kept beside the errors.
+    """
+
+    def __init__(
+        self, gamma_p: float, measurement_error: Errors, model_error: Errors, period: float, margin: float = 0.0
+    ):
+        self._period, gamma_p = check("period", period, "positive"), check("gamma_p", gamma_p, "positive")
+        seen_value, seen_rate = _bounds("measurement_error", measurement_error)
+        missed_value, missed_rate = _bounds("model_error", model_error)
+        drift = missed_rate / self._period
+        if (drift >= gamma_p).any():
+            allowed = f"below gamma_p * period = {gamma_p * self._period:g}: what braking can take away"
+            raise invalid("model_error.rate", missed_rate.tolist(), allowed)
+        self._drift, self._gamma = drift, drift - gamma_p
+        self._value = seen_value + margin
+        self._rate = seen_rate + missed_value / self._period
+
+    def at(self, y: ArrayLike, rate: ArrayLike) -> Vector:
+        """The largest p'', at least -gamma_p.
+
+        Args:
+            y, rate: p and p' as measured.
+        """
+        p, w = np.add(y, self._value), np.add(rate, self._rate)
+        # From outside, as a measurement may have it, it comes back within the same acceleration.
+        upper = np.where(p > 0.0, -self._gamma, np.inf)
+        return one_step_acceleration(p, w, self._gamma, upper, self._period) - self._drift
+
+    def distance(self) -> Vector:
+        """How far from its limit p rests at most, with exact readings and no model error; see `RobustConstraint`."""
+        Ts, jump = self._period, self._drift * self._period
+        coasting = Ts * (self._rate + jump / 2) - (self._rate + jump) ** 2 / (2 * self._gamma)
+        return self._value + coasting - self._gamma * Ts**2 / 8
+
+
 class RobustConstraint:
     """A constraint of relative degree 2, kept in spite of bounded errors; with any number of rows.
 
@@ -84,17 +124,8 @@ class RobustConstraint:
             raise BadInputError(f"constraint {type(inner).__name__} lacks relative_degree or evaluate(motion)")
         if inner.relative_degree != 2:
             raise invalid("relative_degree of the constraint to make robust", inner.relative_degree, "2")
-        self._inner, self._period = inner, check("period", period, "positive")
-        gamma_p = check("gamma_p", gamma_p, "positive")
-        seen_value, seen_rate = _bounds("measurement_error", measurement_error)
-        missed_value, missed_rate = _bounds("model_error", model_error)
-        drift = missed_rate / self._period
-        if (drift >= gamma_p).any():
-            allowed = f"below gamma_p * period = {gamma_p * self._period:g}: what braking can take away"
-            raise invalid("model_error.rate", missed_rate.tolist(), allowed)
-        self._drift, self._gamma = drift, drift - gamma_p
-        self._value = seen_value + getattr(inner, "margin", 0.0)
-        self._rate = seen_rate + missed_value / self._period
+        self._inner = inner
+        self._law = RobustBound(gamma_p, measurement_error, model_error, period, getattr(inner, "margin", 0.0))
         for name in ("slack_weight", "companions"):
             if hasattr(inner, name):
                 setattr(self, name, getattr(inner, name))
@@ -105,15 +136,8 @@ class RobustConstraint:
         return 0.0, 0.0, row, np.subtract(bias, self.bound(y, rate))
 
     def bound(self, y: ArrayLike, rate: ArrayLike) -> Vector:
-        """The largest y'' with which the constraint can be kept, at least -gamma_p.
-
-        Args:
-            y, rate: as measured.
-        """
-        p, w = np.add(y, self._value), np.add(rate, self._rate)
-        # From outside, as a measurement may have it, it comes back within the same acceleration.
-        upper = np.where(p > 0.0, -self._gamma, np.inf)
-        return one_step_acceleration(p, w, self._gamma, upper, self._period) - self._drift
+        """See `RobustBound.at`."""
+        return self._law.at(y, rate)
 
 
 def _bounds(name: str, errors: Errors) -> list[Vector]:
