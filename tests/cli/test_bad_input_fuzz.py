@@ -129,6 +129,12 @@ def fillers():
         "Range": {"task": Tagged({"arm": "arm"}, "ArmTask")},
         "SpeedLimit": {"task": Tagged({"arm": "arm"}, "ArmTask"), "limit": [0.5]},
         "Robust": {"of": Tagged(wall, "Wall"), "braking": 2.0},
+        "ForceBand": {
+            "task": Tagged({"arm": "arm", "coordinates": ["z"]}, "ArmTask"),
+            "force": [0.2, 0.5],
+            "stiffness": [1300.0, 1600.0],
+            "braking": 0.05,
+        },
         "Evasive": {"potentials": [Tagged({}, "AwayFromLinks")]},
         "AwayFrom": {"constraint": Tagged(wall, "Wall")},
     }

@@ -12,7 +12,7 @@ leaves (6.19)*; every stiffness can brake like that. Divided by K, a corner is a
     y = (F - F_max)/K,   y' = -x_c',   y'' = -x_c'',   braking at gamma_x K_min/K,       and F_min - F likewise
 
 so that `RobustBound` gives the largest y'' of each. Of the two stiffnesses the smaller bound counts. Where (6.21)* asks
-for +-gamma_x as soon as a corner is outside, this asks for as much as keeps all corners inside: there is no limit cycle.
+for +-gamma_x once a corner is outside, this asks for as much as keeps all corners inside: there is no limit cycle.
 """
 
 from __future__ import annotations

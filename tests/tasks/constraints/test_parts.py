@@ -66,6 +66,40 @@ def test_a_speed_limit_holds() -> None:
     assert np.abs(speed).max() == pytest.approx(0.05, rel=1e-3)
 
 
+PRESSING = """
+station: {robot: yumi, tool: force_probe, fidelity: Multibody, elastic_joints: false, drive: !JointInterface {},
+          sensors: {joints: !JointReadings {}, force: !WristForce {bandwidth: 300.0, noise_std: 0.0}},
+          environment: !Surface {arm: left, stiffness: 1450.0}}
+controller: !ReactiveReaching
+  link_distance: 0
+  tasks:
+    left: !ArmTask {arm: left, coordinates: [x, y, z]}
+    right: !ArmTask {arm: right}
+  constraints:
+    - !ForceBand {task: !ArmTask {arm: left, coordinates: [z]}, force: [0.2, 0.5], stiffness: [1300.0, 1600.0],
+                  braking: 0.05, measurement_error: [0.06, 0.0015]}
+duration: 1.5
+"""
+
+
+@pytest.mark.parametrize(("stiffness", "depth"), [(1600.0, -0.01), (1300.0, 0.01)])
+def test_a_force_band_holds_on_a_spring(stiffness: float, depth: float) -> None:
+    """With servos, friction that sticks and a sensor that reads in steps of 0.05 N; 16 N, or no contact, are asked."""
+    targets = f"{{time: 0.05, value: [0.1493, 0.1409, {0.1172 + depth}]}}"
+    changes = {
+        "controller.tasks.left.targets": [parse(targets, "test")],
+        "station.environment.stiffness": stiffness,
+    }
+    made = fc.load_scenario(parse(PRESSING, "test"), overrides=changes)
+    log = fc.run(made).log
+    force = log["contact_force"].values.ravel()
+    entered = int(np.argmax(force >= 0.2))
+    assert 0 < log["time"].values[entered] < 0.2
+    assert force[entered:].min() >= 0.2
+    assert force.max() <= 0.5
+    assert log["status"].values.max() == 0
+
+
 def test_link_distances_are_rows_of_their_own() -> None:
     def rows(constraints: str) -> int:
         block = fc.build(scenario(constraints)).diagram
@@ -92,6 +126,9 @@ def test_link_distances_are_rows_of_their_own() -> None:
         (f"[!Robust {{of: !Range {{{Z}, upper: [1]}}, braking: 0}}]", "constraints.0.braking = 0.0: must be positive"),
         (f"[!Robust {{of: !Range {{{Z}, upper: [1]}}, braking: 1, model_error: [0, 1]}}]", "model_error.rate"),
         (f"[!Robust {{of: !Range {{{Z}, upper: [1]}}, braking: 1, model_error: [0]}}]", "must be two numbers"),
+        (f"[!ForceBand {{{Z}, force: [0.2, 0.5], stiffness: [1e3, 1e3], braking: 0.1}}]", "wants measured_force"),
+        (f"[!ForceBand {{{Z}, force: [0.5], stiffness: [1e3, 1e3], braking: 0.1}}]", "must be two numbers"),
+        (f"[!ForceBand {{{Z}, force: [0.5, 0.2], stiffness: [1e3, 1e3], braking: 0.1}}]", "the smaller one first"),
         ("[!Robust {of: 3, braking: 2}]", "constraints.0.of = 3: must be a part: one of !Wall"),
         ("[!Robust {of: !Step {}, braking: 2}]", "constraints.0.of: unknown tag '!Step'"),
     ],
