@@ -45,6 +45,7 @@ SIGNALS: dict[str, Signal] = {
     # commands
     "joint_position_command": Signal("rad", "n", "joint positions that the drives are to reach"),
     "joint_velocity_command": Signal("rad/s", "n", "speeds of that motion"),
+    "mode": Signal("1", "1", "number of the mode of a reactive controller, from 0 on"),
     "joint_torque_feedforward": Signal("Nm", "n", "torques on top of the drives' own, positive along the joints"),
     # what is measured
     "measured_force": Signal("N", "k", "force of each surface on the tool along its normal"),

@@ -36,7 +36,7 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder
 
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.robot.joint_tree import JointTree
 from forcectl.robot.meshes import Enclosure, enclosure
 from forcectl.robot.parts import RobotParts, add_robot
@@ -199,6 +199,30 @@ class RobotShapes:
             solids.append(Solid(obstacle.name, 0, obstacle.X_WO.GetAsMatrix4(), *core))
             pairs += [(i, len(solids) - 1) for i in moved]
         return RobotShapes(self.tree, self.parts, solids, pairs)
+
+    def without(self, touching: Iterable[tuple[str, str]]) -> RobotShapes:
+        """The same pairs but for those of shapes that may touch.
+
+        Args:
+            touching: two names each: of a shape, "finger_1/left_yumi_gripper::finger", or what it begins with up to one
+                of the marks, for all shapes of a body or a tool.
+
+        Raises:
+            BadInputError: there is no such shape.
+        """
+        left_out: set[tuple[int, int]] = set()
+        for pair in touching:
+            first, second = (self._named(name) for name in pair)
+            left_out |= {(a, b) for a in first for b in second} | {(b, a) for a in first for b in second}
+        kept = [pair for pair in self.pairs if pair not in left_out]
+        return RobotShapes(self.tree, self.parts, self.solids, kept)
+
+    def _named(self, name: str) -> list[int]:
+        begins = (f"{name}/", f"{name}::")
+        found = [i for i, each in enumerate(self.solids) if each.name == name or each.name.startswith(begins)]
+        if not found:
+            raise unknown("shape", name, [each.name for each in self.solids])
+        return found
 
 
 def _around(mesh: Mesh | Convex) -> Enclosure:

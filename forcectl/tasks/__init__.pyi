@@ -41,6 +41,7 @@ from forcectl.tasks.reaching import RandomMovesConfig as RandomMovesConfig
 from forcectl.tasks.reaching import ReachConfig as ReachConfig
 from forcectl.tasks.reaching import ReactiveReaching as ReactiveReaching
 from forcectl.tasks.reaching import ReactiveReachingConfig as ReactiveReachingConfig
+from forcectl.tasks.reactive_controller import Mode as Mode
 from forcectl.tasks.reactive_controller import ReactiveController as ReactiveController
 from forcectl.tasks.reactive_controller import Supervision as Supervision
 from forcectl.tasks.reactive_motion import MotionLimitsConfig as MotionLimitsConfig

@@ -195,22 +195,29 @@ class TaskProgram:
 
 
 def task_levels(
-    tasks: Sequence[ArmTask], weights: Weights | Sequence[Weights], length: float, period: float
+    tasks: Sequence[ArmTask],
+    weights: Weights | Sequence[Weights],
+    length: float,
+    period: float,
+    active: Sequence[bool] | None = None,
 ) -> list[TaskLevel]:
     """The levels of tasks by their priority.
 
     Args:
-        tasks: of any priorities.
+        tasks: of any priorities, all whose coordinates there are.
         weights: of every level, or one for all.
         length: makes lengths and angles comparable [m].
         period: tick [s].
+        active: whether a level has the task, of each; None: all.
 
     Raises:
         BadInputError: not as many weights as levels, or weights that do not fit, see `TaskCost`.
     """
     scale = np.where(np.concatenate([task.angular for task in tasks]), 1.0, 1.0 / length)
-    priority = np.repeat([task.priority for task in tasks], [task.size for task in tasks])
-    found = np.unique(priority)
+    chosen = [True] * len(tasks) if active is None else active
+    levels_of = [task.priority if there else 0 for task, there in zip(tasks, chosen, strict=True)]  # 0 is none
+    priority = np.repeat(levels_of, [task.size for task in tasks])
+    found = np.unique(priority[priority > 0])
     given = [weights] * len(found) if isinstance(weights, Weights) else list(weights)
     if len(given) != len(found):
         raise BadInputError(f"weights: {len(given)} given: must be one, or one for each of {len(found)} priorities")

@@ -183,7 +183,7 @@ class ReactiveReaching(Diagram):
 
     ```
     name: ReactiveReaching
-    input_ports: [joint_position, joint_velocity, measured_force (optional)]
+    input_ports: [joint_position, joint_velocity, measured_force (optional), mode (optional)]
     output_ports: [joint_position_command, joint_velocity_command, task_position_reference, task_position,
     task_velocity, task_acceleration, status, active_constraints, slack, constraint_violation, tracking_error,
     near_singular, levels_solved, holding, reached, stalled, reading_ok, stage_costs, task_target]

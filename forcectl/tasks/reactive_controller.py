@@ -50,7 +50,7 @@ _DIAGNOSTICS = (
     *("levels_solved", "holding", "reached", "stalled"),
 )
 # Inputs that come from the loop, those that there are.
-READINGS = ("joint_position", "joint_velocity", "measured_force")
+READINGS = ("joint_position", "joint_velocity", "measured_force", "mode")
 _QUANTITIES = ("position", "velocity", "acceleration")
 
 
@@ -61,6 +61,37 @@ class Tick(NamedTuple):
     state: TaskState
     readings: Readings
     posed: Posed | None
+    mode: int
+    switched: bool
+
+
+@dataclass(frozen=True)
+class Mode:
+    """What a controller does while its input `mode` is the number of this mode, beside what it always does.
+
+    Attributes:
+        tasks: that are followed, at least one of the controller's; None: all.
+        constraints: that are kept beside the controller's.
+        criterion: of the null space; None: the controller's.
+        weights: of its priority levels, or one for all; None: the controller's.
+    """
+
+    tasks: Sequence[ArmTask] | None = None
+    constraints: Sequence[Constraint] = ()
+    criterion: AnyCriterion | None = None
+    weights: Weights | Sequence[Weights] | None = None
+
+
+class _Built(NamedTuple):
+    """A mode, ready to be solved: its constraints, programs, active coordinates (k,) and criterion's memory at first.
+
+    `active` is None where all are.
+    """
+
+    constraints: ConstraintSet
+    program: TaskProgram
+    active: NDArray[np.bool_] | None
+    criterion_start: Vector
 
 
 @dataclass(frozen=True)
@@ -96,7 +127,7 @@ class ReactiveController(SampledBlock):
     ```
     name: ReactiveController
     input_ports: [task_position_reference, task_velocity_reference, task_acceleration_reference, task_target,
-    joint_position, joint_velocity, measured_force (optional)]
+    joint_position, joint_velocity, measured_force (optional), mode (optional)]
     output_ports: [joint_position_command, joint_velocity_command, task_position, task_velocity, task_acceleration,
     status, active_constraints, slack, constraint_violation, tracking_error, near_singular, levels_solved, holding,
     reached, stalled, reading_ok, stage_costs]
@@ -111,6 +142,7 @@ class ReactiveController(SampledBlock):
     be left unconnected.
     measured_force: shape (b,), of each constraint that reads a force, such as `ForceBand`, in their order [N]. There is
     none without such a constraint.
+    mode: shape (1,), number of the mode from 0 on [1]. There is none without `modes`.
     joint_position_command, joint_velocity_command: shape (n,), q and q' at the next tick [rad, rad/s].
     task_position, task_velocity, task_acceleration: shape (k,), the motion the next reference starts from, see this
     module [m or rad, m/s or rad/s, m/s^2 or rad/s^2]. State, no direct feedthrough.
@@ -130,8 +162,15 @@ class ReactiveController(SampledBlock):
 
     All outputs are feedthrough of all inputs at the tick.
 
-    After a reference that is not a number or beyond 1e6, or readings that stay bad for longer than `longest_gap`, the
-    joints brake together, along their path, and hold while it lasts; docs/reactive_control.md has every such case.
+    A mode says which tasks are followed and which constraints are kept. At a switch the commanded motion goes on: its
+    position and speed have no jump, and its acceleration changes no faster than within a mode. The references of tasks
+    that are not followed are not read; theirs start from the motion, as task_position, task_velocity and
+    task_acceleration have it. `tracking_error`, `reached`, `stalled` and the costs are of the tasks that are followed;
+    levels that a mode does not have cost 0. A criterion that remembers something starts anew.
+
+    After a mode that there is none of, a reference that is not a number or beyond 1e6, or readings that stay bad for
+    longer than `longest_gap`, the joints brake together, along their path, and hold while it lasts;
+    docs/reactive_control.md has every such case.
 
     Sampling: every `period` [s]; no delay, see `SampledBlock`: what the tick computes is put out at once and held.
 
@@ -141,7 +180,8 @@ class ReactiveController(SampledBlock):
         start: commanded posture before the first tick (n,) [rad]; None: the robot's default.
         weights: of every priority level, or one for all of them.
         criterion: of the null space.
-        constraints: further ones than joint limits.
+        constraints: further ones than joint limits, in every mode.
+        modes: by their number; the first one is that of the start. Empty: one mode, without an input for it.
         limits: of the joints; None: the robot's.
         constraint_gamma: of constraints without their own, < 0.
         approach: time constant with which the limits of positions and speeds are approached [s].
@@ -166,6 +206,7 @@ class ReactiveController(SampledBlock):
         weights: Weights | Sequence[Weights] = _DEFAULT_WEIGHTS,
         criterion: AnyCriterion | None = None,
         constraints: Sequence[Constraint] = (),
+        modes: Sequence[Mode] = (),
         limits: JointLimits | None = None,
         constraint_gamma: float = -2.0,
         approach: float = 0.02,
@@ -188,26 +229,60 @@ class ReactiveController(SampledBlock):
         limits = checked_limits(robot.limits if limits is None else limits, origin)
         if not check("constraint_gamma", constraint_gamma) < 0:
             raise invalid("constraint_gamma", constraint_gamma, "below zero")
-        self._bands = [each for each in constraints if getattr(each, "reads_force", False)]
-        origin.forces = dict.fromkeys(self._bands, 0.0)
-        self._constraints = ConstraintSet(constraints, limits, origin, Ts, constraint_gamma, approach)
         angular = np.concatenate([task.angular for task in tasks])
         self._tolerance = np.where(angular, supervision.angle_tolerance, supervision.position_tolerance)
         scale = np.where(angular, robot.parameters.characteristic_length, 1.0)
         self._reference_reset = ReferenceReset([task.size for task in tasks], scale, Ts)
-        levels = task_levels(tasks, weights, robot.parameters.characteristic_length, Ts)
-        chosen = JointSpeed() if criterion is None else criterion
-        if not isinstance(chosen, AnyCriterion):
-            raise BadInputError(f"criterion {type(chosen).__name__} lacks cost(motion, period)")
-        self._criterion_start = chosen.memory if isinstance(chosen, RememberingCriterion) else np.zeros(0)
-        stepped(chosen)(origin, Ts, self._criterion_start)  # a criterion that does not fit the robot fails here
-        joints = [joint.name() for joint in robot.parts.joints]
-        self._tasks_program = TaskProgram(levels, chosen, self._constraints, limits.torque, Ts, solver, joints)
+        self._has_modes, modes = bool(modes), modes or [Mode()]
+        every = [*constraints, *(each for mode in modes for each in mode.constraints)]
+        self._bands = list(dict.fromkeys(each for each in every if getattr(each, "reads_force", False)))
+        origin.forces = dict.fromkeys(self._bands, 0.0)
+        base = Mode(self._tasks, constraints, JointSpeed() if criterion is None else criterion, weights)
+        self._modes: list[_Built] = []
+        for number, mode in enumerate(modes):
+            parts = (base, limits, origin, constraint_gamma, approach, solver, number == 0)
+            try:
+                self._modes.append(self._built(mode, *parts))
+            except BadInputError as error:
+                if not self._has_modes:
+                    raise
+                raise BadInputError(f"mode {number}: {error}") from error.__cause__
         self._monitor = JointStateMonitor(
             self._n, supervision.longest_gap, supervision.frozen_distance, supervision.largest_error, Ts
         )
         self._progress = TaskProgress(self._tolerance, supervision.patience, Ts)
         self._declare(q0, state.value)
+
+    def _built(
+        self,
+        mode: Mode,
+        base: Mode,
+        limits: JointLimits,
+        origin: ArmsMotion,
+        gamma: float,
+        approach: float,
+        solver: str | Solver,
+        from_start: bool,
+    ) -> _Built:
+        """A mode; `base` is what it has of the controller."""
+        robot, Ts = self._robot, self._period
+        followed = [mode.tasks is None or task in mode.tasks for task in self._tasks]
+        if not any(followed) or (mode.tasks is not None and sum(followed) != len(mode.tasks)):
+            raise BadInputError("tasks: must be at least one, each of the controller's")
+        together = [*base.constraints, *mode.constraints]
+        constraints = ConstraintSet(together, limits, origin, Ts, gamma, approach, from_start)
+        weights = base.weights if mode.weights is None else mode.weights
+        assert weights is not None
+        levels = task_levels(self._tasks, weights, robot.parameters.characteristic_length, Ts, followed)
+        chosen = base.criterion if mode.criterion is None else mode.criterion
+        if not isinstance(chosen, AnyCriterion):
+            raise BadInputError(f"criterion {type(chosen).__name__} lacks cost(motion, period)")
+        start = chosen.memory if isinstance(chosen, RememberingCriterion) else np.zeros(0)
+        stepped(chosen)(origin, Ts, start)  # a criterion that does not fit the robot fails here
+        joints = [joint.name() for joint in robot.parts.joints]
+        program = TaskProgram(levels, chosen, constraints, limits.torque, Ts, solver, joints)
+        active = np.repeat(followed, [task.size for task in self._tasks])
+        return _Built(constraints, program, None if active.all() else active, start)
 
     @property
     def tasks(self) -> tuple[ArmTask, ...]:
@@ -221,8 +296,8 @@ class ReactiveController(SampledBlock):
 
     @property
     def num_rows(self) -> int:
-        """How many rows the programs have, besides the bounds of the joints."""
-        return self._tasks_program.num_rows
+        """How many rows the programs have, besides the bounds of the joints; the most of all modes."""
+        return max(mode.program.num_rows for mode in self._modes)
 
     @property
     def task_start(self) -> Vector:
@@ -236,22 +311,29 @@ class ReactiveController(SampledBlock):
         measured = [self.DeclareVectorInputPort(name, n) for name in ("joint_position", "joint_velocity")]
         if self._bands:
             measured.append(self.DeclareVectorInputPort("measured_force", len(self._bands)))
+        if self._has_modes:
+            measured.append(self.DeclareVectorInputPort("mode", 1))
+        first = self._modes[0]
+        sizes = [(mode.constraints.foreseen_size, mode.program.size, len(mode.criterion_start)) for mode in self._modes]
+        self._sizes = np.max(sizes, axis=0).tolist()  # of what modes remember, each as long as the longest
+        foreseen, costs, criterion = self._sizes
         memory = {
             "joint_position_command": start,
             "joint_velocity_command": np.zeros(n),
             "joint_acceleration": np.zeros(n),
-            "foreseen": np.zeros(self._constraints.foreseen_size),
+            "mode": 0.0,
+            "foreseen": np.zeros(foreseen),
             **Readings(np.full(n, np.nan), start, np.ones(n), 0.0)._asdict(),
             **dict.fromkeys(_DIAGNOSTICS, 0.0),
             **Progress(np.full(k, np.nan), np.inf, 0.0, 0.0, 0.0)._asdict(),
-            "stage_costs": np.zeros(self._tasks_program.size),
-            "criterion": self._criterion_start,
+            "stage_costs": np.zeros(costs),
+            "criterion": _longer(first.criterion_start, criterion),
         }
         motion = (task_start, np.zeros(k), np.zeros(k))
         kept = {f"task_{name}": value for name, value in zip(_QUANTITIES, motion, strict=True)}
-        program = self._tasks_program
+        programs = [mode.program for mode in self._modes]
         self._scratch = scratch(self, "commanded posture", self._robot.create_context)
-        self._program = scratch(self, "quadratic programs", lambda: deepcopy(program))
+        self._programs = scratch(self, "quadratic programs", lambda: deepcopy(programs))
         self._task_start = task_start
         self.declare_memory(memory, [*references, target, *measured], self._period, kept)
         self.show("joint_position_command", "joint_velocity_command")
@@ -273,11 +355,11 @@ class ReactiveController(SampledBlock):
         Raises:
             BadInputError: there was no tick yet, no such level or program in it, or a number was none.
         """
-        posed = self._tick(context, self.last_tick(context)).posed
-        if posed is None:
-            raise BadInputError("program: the last tick had none: its reference or its readings are bad")
-        program: TaskProgram = self._program.Eval(context)
-        return program.program(posed, level)
+        tick = self._tick(context, self.last_tick(context))
+        if tick.posed is None:
+            raise BadInputError("program: the last tick had none: its reference, mode or readings are bad")
+        program: TaskProgram = self._programs.Eval(context)[tick.mode]
+        return program.program(tick.posed, level)
 
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
         """The memory after a tick."""
@@ -285,28 +367,41 @@ class ReactiveController(SampledBlock):
         q, v = memory["joint_position_command"], memory["joint_velocity_command"]
         position, velocity = inputs["task_position_reference"], inputs["task_velocity_reference"]
         target = inputs.get("task_target")
-        rows, state, readings, posed = self._tick(context, TickStart(memory, inputs))
+        rows, state, readings, posed, number, switched = self._tick(context, TickStart(memory, inputs))
+        mode = self._modes[number]
         if posed is None:
-            found = Outcome(self._constraints.brake(v, rows), Status.NOT_FINITE, 0.0, 0, 0, 0.0)
+            found = Outcome(mode.constraints.brake(v, rows), Status.NOT_FINITE, 0.0, 0, 0, 0.0)
         else:
-            program: TaskProgram = self._program.Eval(context)
+            program: TaskProgram = self._programs.Eval(context)[number]
             found = program.solve(posed)
 
         u = found.u
         a = state.jacobian @ u + state.bias
         rate = state.rate + Ts * a
         x = state.value + 0.5 * Ts * (state.rate + rate)
-        led, missed, costs = (x, rate, a), 0.0, np.zeros(self._tasks_program.size)
+        acceleration = inputs.get("task_acceleration_reference", a)
+        ahead, here, moving = target, x, rate
+        if mode.active is not None:  # tasks that are not followed are where they are to be
+            position, velocity, acceleration = (
+                np.where(mode.active, wanted, own)
+                for wanted, own in ((position, x), (velocity, rate), (acceleration, a))
+            )
+            moving = np.where(mode.active, rate, 0.0)
+            if target is not None:
+                ahead, here = np.where(mode.active, target, x), np.where(mode.active, x, target)
+        led, missed, costs = (x, rate, a), 0.0, np.zeros(0)
         if posed is not None and found.levels > 0:
             error = x - position
             missed = largest(np.abs(error) / self._tolerance)
-            of_tasks = self._tasks_program.costs(error, rate - velocity)
-            costs = np.array([*of_tasks, self._tasks_program.criterion(posed, u)])
-            asked = (position, velocity, inputs.get("task_acceleration_reference", a))
-            led = self._reference_reset.start(led, asked, target)
+            of_tasks = mode.program.costs(error, rate - velocity)
+            costs = np.array([*of_tasks, mode.program.criterion(posed, u)])
+            led = self._reference_reset.start(led, (position, velocity, acceleration), ahead)
         progress = Progress(*(memory[name] for name in Progress._fields))
+        if switched:
+            progress = Progress(np.full(self._size, np.nan), np.inf, 0.0, 0.0, 0.0)
         if target is not None:
-            progress = self._progress.look(progress, target, x, rate)
+            progress = self._progress.look(progress, target, here, moving)
+        foreseen, levels, criterion = self._sizes
         violation = max(rows.violation, found.beyond)
         after = v + Ts * u
         return {
@@ -321,11 +416,12 @@ class ReactiveController(SampledBlock):
             "joint_position_command": q + 0.5 * Ts * (v + after),
             "joint_velocity_command": after,
             "joint_acceleration": u,
-            "foreseen": self._constraints.foresee(rows, u),
+            "mode": float(number),
+            "foreseen": _longer(mode.constraints.foresee(rows, u), foreseen),
             **readings._asdict(),
             **progress._asdict(),
-            "stage_costs": costs,
-            "criterion": memory["criterion"] if posed is None else posed.criterion_memory,
+            "stage_costs": _longer(costs, levels),
+            "criterion": memory["criterion"] if posed is None else _longer(posed.criterion_memory, criterion),
             **{f"task_{name}": value for name, value in zip(_QUANTITIES, led, strict=True)},
         }
 
@@ -339,16 +435,26 @@ class ReactiveController(SampledBlock):
         if self._bands:
             motion.forces = dict(zip(self._bands, inputs["measured_force"].tolist(), strict=True))
         state = gathered(self._tasks, motion)
-        rows = self._constraints.rows(motion, memory["foreseen"])
+        before = int(memory["mode"])
+        asked = inputs["mode"].item() if self._has_modes else 0
+        known = asked in range(len(self._modes))
+        number = int(asked) if known else before
+        mode, switched = self._modes[number], number != before
+        foreseen = memory["foreseen"][: mode.constraints.foreseen_size]
+        criterion = memory["criterion"][: len(mode.criterion_start)]
+        if switched:  # the tick before foresaw other rows
+            foreseen, criterion = np.full_like(foreseen, np.nan), mode.criterion_start
+        rows = mode.constraints.rows(motion, foreseen)
         posed = None
+        followed = slice(None) if mode.active is None else mode.active
         # Of a NaN every comparison is false.
-        good = largest(np.abs(position)) < _MAX_REFERENCE and largest(np.abs(velocity)) < _MAX_REFERENCE
-        if good and not stops:
+        good = all(largest(np.abs(each[followed])) < _MAX_REFERENCE for each in (position, velocity))
+        if good and known and not stops:
             last = memory["joint_acceleration"]
-            bounds = self._constraints.joints.gradual(rows.lower, rows.upper, last)
+            bounds = mode.constraints.joints.gradual(rows.lower, rows.upper, last)
             smooth = None if bounds is None else Smooth(*bounds, last)
-            posed = self._tasks_program.pose(motion, rows, state, position, velocity, smooth, memory["criterion"])
-        return Tick(rows, state, readings, posed)
+            posed = mode.program.pose(motion, rows, state, position, velocity, smooth, criterion)
+        return Tick(rows, state, readings, posed, number, switched)
 
     def _look(self, start: TickStart) -> tuple[Readings, bool]:
         """The readings of this tick, and whether they stop the motion."""
@@ -359,3 +465,8 @@ class ReactiveController(SampledBlock):
         q, v = memory["joint_position_command"], memory["joint_velocity_command"]
         readings = self._monitor.look(past, inputs["joint_position"], inputs.get("joint_velocity", v), q)
         return readings, self._monitor.stops(readings)
+
+
+def _longer(values: Vector, size: int) -> Vector:
+    """The values (k,) with zeros behind them, (size,)."""
+    return values if len(values) == size else np.concatenate([values, np.zeros(size - len(values))])

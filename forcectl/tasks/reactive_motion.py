@@ -36,7 +36,7 @@ class ReactiveMotion(Diagram):
 
     ```
     name: ReactiveMotion
-    input_ports: [task_target, joint_position, joint_velocity, measured_force (optional)]
+    input_ports: [task_target, joint_position, joint_velocity, measured_force (optional), mode (optional)]
     output_ports: [joint_position_command, joint_velocity_command, task_position_reference, task_position,
     task_velocity, task_acceleration, status, active_constraints, slack, constraint_violation, tracking_error,
     near_singular, levels_solved, holding, reached, stalled, reading_ok, stage_costs]

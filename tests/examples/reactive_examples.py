@@ -15,9 +15,10 @@ from forcectl.diagrams.workcell import describe
 from forcectl.framework.rotation_vector import RotationVector
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import RobotModel
+from forcectl.tasks.constraints.force_band import ForceBand
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.reaching import ReachConfig, ReactiveReaching, ReactiveReachingConfig
-from forcectl.tasks.reactive_controller import ReactiveController
+from forcectl.tasks.reactive_controller import Mode, ReactiveController
 from forcectl.tasks.reactive_motion import ReactiveMotion
 from forcectl.testing.runs import Input
 from tests.examples.block_example import Example
@@ -47,6 +48,12 @@ def reactive_controller(**changes: Any) -> ReactiveController:
     return ReactiveController(two_arms(), **{"tasks": arm_tasks()} | changes)
 
 
+def switched_controller() -> ReactiveController:
+    """A wide force band and two modes, so that there are all inputs."""
+    band = ForceBand(ArmTask("right", ["z"]), [0.0, 1.0], [1e3, 1e3], 0.1)
+    return reactive_controller(constraints=[band], modes=[Mode(), Mode(arm_tasks()[:1])])
+
+
 @cache
 def task_start() -> np.ndarray:
     return reactive_controller().task_start
@@ -62,6 +69,10 @@ REACTIVE_INPUTS: dict[str, Input] = {
     "task_target": lambda t: task_start() + AMPLITUDE,
     "joint_position": lambda t: two_arms().parameters.default_posture + 0.01 * math.sin(30 * t),
     "joint_velocity": lambda t: 0.3 * math.cos(30 * t) * np.ones(N),
+}
+SWITCHED_INPUTS: dict[str, Input] = REACTIVE_INPUTS | {
+    "measured_force": lambda t: [0.5 + 0.01 * math.sin(20 * t)],
+    "mode": lambda t: [float(0.05 <= t < 0.1)],
 }
 FROM_STATE = ("task_position", "task_velocity", "task_acceleration")
 
@@ -97,7 +108,8 @@ def every(names: set[str], inputs: Iterable[str]) -> set[tuple[str, str]]:
 
 REACTIVE_EXAMPLES: dict[type[System], list[Example]] = {
     ReactiveController: [
-        Example(reactive_controller, every(outputs(), REACTIVE_INPUTS), REACTIVE_INPUTS, periods={"period": 0.004})
+        Example(reactive_controller, every(outputs(), REACTIVE_INPUTS), REACTIVE_INPUTS, periods={"period": 0.004}),
+        Example(switched_controller, every(outputs(), SWITCHED_INPUTS), SWITCHED_INPUTS, periods={"period": 0.004}),
     ],
     ReactiveMotion: [
         Example(

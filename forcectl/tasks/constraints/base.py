@@ -63,9 +63,9 @@ class Constraint(Protocol):
     `QuadraticProgram`) makes the rows soft in controllers of several arms: they give way before the others. `margin`
     (>= 0, in units of y) is kept beside a constraint of relative degree 2, for what a tick misses. `rows_change`, if it
     is true, says that a row may stand for something else at the next tick. `reads_force`, if it is true, asks a
-    controller of several arms for a measured force: `motion.forces[constraint]` [N]. `companions` are further
-    constraints that belong to it. `label`, and `row_names` of a constraint of several rows, are its names in the program
-    of a controller: "wall 1"; else they are made of the name of its class and numbers.
+    controller of several arms for a measured force: `motion.forces[constraint]` [N]; it must be hashable.
+    `companions` are further constraints that belong to it. `label`, and `row_names` of a constraint of several rows,
+    are its names in the program of a controller: "wall 1"; else they are made of the name of its class and numbers.
     """
 
     relative_degree: int
@@ -237,6 +237,7 @@ class ConstraintSet:
         period: tick Ts [s].
         gamma: of constraints without their own, < 0.
         approach: time constant T with which limits are approached, see this module [s]; 0: a tick.
+        from_start: whether they are kept from the start on, and so must hold there.
 
     Raises:
         BadInputError: a constraint that does not keep to the protocol or is violated at the start.
@@ -250,12 +251,13 @@ class ConstraintSet:
         period: float,
         gamma: float,
         approach: float = 0.0,
+        from_start: bool = True,
     ):
         self._n, self._period = len(start.q), check("period", period, "positive")
         self._approach = check("approach", approach, "not negative")
         self._slowing = max(self._approach, self._period)
         every = [part for c in constraints for part in (c, *getattr(c, "companions", ()))]
-        found = [(c, *_try(c, start, gamma)) for c in every]
+        found = [(c, *_try(c, start, gamma, from_start)) for c in every]
         names = dict(zip(map(id, every), _row_names([(c, rows) for c, rows, _ in found]), strict=True))
         found.sort(key=lambda item: item[0].relative_degree)
         self.row_names = [name for c, _, _ in found for name in names[id(c)]]
@@ -357,7 +359,7 @@ def _margin(constraint: Constraint) -> float:
     return check(f"margin of constraint {type(constraint).__name__}", margin, "not negative")
 
 
-def _try(constraint: Any, start: RobotMotion, gamma: float) -> tuple[int, float]:
+def _try(constraint: Any, start: RobotMotion, gamma: float, must_hold: bool) -> tuple[int, float]:
     """Number of rows and gamma of a constraint."""
     name, n = type(constraint).__name__, len(start.q)
     if not isinstance(constraint, Constraint):
@@ -381,7 +383,7 @@ def _try(constraint: Any, start: RobotMotion, gamma: float) -> tuple[int, float]
         raise BadInputError(f"constraint {name}: evaluate returned a row of shape {row.shape}: must return {wanted}")
     if not (np.isfinite(row).all() and all(np.isfinite(part).all() for part in together)):
         raise BadInputError(f"constraint {name}: is not finite in the start posture")
-    if constraint.relative_degree > 0 and together[0].max() > 0:
+    if must_hold and constraint.relative_degree > 0 and together[0].max() > 0:
         why = f" ({constraint.nearest(start.q)})" if hasattr(constraint, "nearest") else ""
         raise BadInputError(
             f"constraint {name}: is violated in the start posture, by {together[0].max():.3g}{why}: must hold there"

@@ -7,7 +7,7 @@ The contact is a spring of a stiffness K between K_min and K_max, and x_c the co
 
 The states that may come next are a polytope: its corners are those of the stiffness, the same in both rows of (6.17)*,
 and of the errors of F, x_c' and of the model. They must stay in the sets that braking at gamma_F = K_min gamma_x never
-leaves (6.19)*; every stiffness can brake like that. Divided by K, a corner is an output of relative degree 2::
+leaves; every stiffness can brake like that. Divided by K, a corner is an output of relative degree 2::
 
     y = (F - F_max)/K,   y' = -x_c',   y'' = -x_c'',   braking at gamma_x K_min/K,       and F_min - F likewise
 
