@@ -11,13 +11,14 @@ from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import RobotShapes
 from forcectl.errors import BadInputError
 from forcectl.qp.quadratic_program import Status
+from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.constraints.base import CartesianWall
 from forcectl.tasks.constraints.force_band import ForceBand
 from forcectl.tasks.constraints.task_limits import TaskRange, TaskSpeedLimit
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.cost import Weights
-from forcectl.tasks.null_space import EvasiveMotion, SelfMotion, TowardsSmallMass
-from forcectl.tasks.reactive_controller import Mode, ReactiveController
+from forcectl.tasks.null_space import EvasiveMotion, QuadraticCost, SelfMotion, TowardsSmallMass
+from forcectl.tasks.reactive_controller import Mode, ReactiveController, Supervision
 from forcectl.tasks.reactive_motion import ReactiveMotion
 from forcectl.tasks.relative_task import RelativeTask
 from forcectl.testing.runs import Log, run_diagram
@@ -105,7 +106,8 @@ def test_what_a_mode_leaves_out_is_free_and_what_it_keeps_holds() -> None:
     """A wall of one mode is passed in the other, and come back from when it is kept again."""
     height = at(two_arms().parameters.default_posture).arm("left").position[2]
     ceiling = CartesianWall([0.0, 0.0, height + 0.01], [0.0, 0.0, -1.0])
-    motion = ReactiveMotion(reactive_controller(modes=[Mode(constraints=[ceiling]), Mode()]))
+    modes, patience = [Mode(constraints=[ceiling]), Mode()], Supervision(patience=0.2)
+    motion = ReactiveMotion(reactive_controller(modes=modes, supervision=patience))
     target = motion.GetSubsystemByName("controller").task_start + 0.03 * np.eye(12)[2]
     log = run_diagram(
         motion, 2.4, period=PERIOD, inputs={"task_target": target, "mode": lambda t: [float(0.8 <= t < 1.6)]}
@@ -117,7 +119,47 @@ def test_what_a_mode_leaves_out_is_free_and_what_it_keeps_holds() -> None:
     assert z[back].max() <= 0.01 + 1e-4
     assert log["reached"][passed].all()
     assert not log["reached"][back].any()
+    # `stalled` starts anew.
+    first = int(np.argmax(log.time >= 0.8))
+    assert (log["stalled"][first - 1], log["stalled"][first], log["stalled"][-1]) == (1, 0, 1)
     assert log["holding"].max() == 0
+
+
+def test_rows_do_not_take_over_what_was_foreseen_of_others() -> None:
+    """The same two walls in another order: to switch between them changes nothing."""
+    height = at(two_arms().parameters.default_posture).arm("left").position[2]
+    ceiling = CartesianWall([0.0, 0.0, height + 0.02], [0.0, 0.0, -1.0])
+    floor = CartesianWall([0.0, 0.0, height - 0.02], [0.0, 0.0, 1.0])
+    modes = [Mode(constraints=[ceiling, floor]), Mode(constraints=[floor, ceiling])]
+    heights = []
+    for every in (np.inf, 0.02):
+        motion = ReactiveMotion(reactive_controller(modes=modes))
+        target = motion.GetSubsystemByName("controller").task_start + 0.04 * np.eye(12)[2]
+        mode = lambda t, every=every: [float(t % (2 * every) >= every)]  # noqa: E731
+        log = run_diagram(motion, 0.5, period=PERIOD, inputs={"task_target": target, "mode": mode})
+        heights.append([at(q).arm("left").position[2] for q in log["joint_position_command"]])
+    np.testing.assert_allclose(*heights, atol=1e-5)
+
+
+def test_a_criterion_starts_anew_with_its_mode() -> None:
+    class Counting:
+        memory = np.array([5.0, 0.0])
+
+        def __init__(self) -> None:
+            self.met: list[float] = []
+
+        def step(self, motion: ArmsMotion, period: float, memory: np.ndarray) -> tuple[QuadraticCost, np.ndarray]:
+            self.met.append(memory[0])
+            return QuadraticCost(np.eye(N), motion.v / period), memory + 1.0
+
+        def cost(self, motion: ArmsMotion, period: float) -> QuadraticCost:
+            return self.step(motion, period, self.memory)[0]
+
+    counting = Counting()
+    controller = reactive_controller(modes=[Mode(), Mode(criterion=counting)])
+    counting.met.clear()
+    follow(controller, lambda t: [float(t > 0.011 and abs(t - 0.02) > 0.002)], duration=0.032)
+    assert counting.met[:5] == [5.0, 6.0, 5.0, 6.0, 7.0]
 
 
 def test_a_later_mode_need_not_hold_at_the_start() -> None:
