@@ -37,6 +37,7 @@ from forcectl.tasks.null_space_parts import LinkPotentialConfig as LinkPotential
 from forcectl.tasks.null_space_parts import SelfMotionConfig as SelfMotionConfig
 from forcectl.tasks.null_space_parts import SmallMassPotentialConfig as SmallMassPotentialConfig
 from forcectl.tasks.progress import TaskProgress as TaskProgress
+from forcectl.tasks.reaching import ModeConfig as ModeConfig
 from forcectl.tasks.reaching import RandomMovesConfig as RandomMovesConfig
 from forcectl.tasks.reaching import ReachConfig as ReachConfig
 from forcectl.tasks.reaching import ReactiveReaching as ReactiveReaching

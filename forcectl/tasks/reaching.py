@@ -26,11 +26,12 @@ from forcectl.motion.references import held_trajectory
 from forcectl.plant.plant_model import PlantModel
 from forcectl.qp.solvers import DEFAULT_SOLVER, available_solvers
 from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.tasks.constraints.base import Constraint
 from forcectl.tasks.constraints.parts import constraints_of
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.null_space import AnyCriterion
 from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig
-from forcectl.tasks.reactive_controller import READINGS, ReactiveController
+from forcectl.tasks.reactive_controller import READINGS, Mode, ReactiveController
 from forcectl.tasks.reactive_motion import MotionLimitsConfig, ReactiveMotion
 from forcectl.tasks.task_parts import TaskTargetConfig, made_task, start_motion
 
@@ -80,6 +81,22 @@ class RandomMovesConfig(Config):
 
 
 @dataclass(kw_only=True)
+class ModeConfig(Config):
+    """What changes while the signal mode is the number of this one, see `Mode`."""
+
+    tasks: list[str] = key([], "names of those that are followed; empty: all")
+    constraints: list[Any] = slot("constraint", list, meaning="beside those that are always kept")
+    touching: list[list[str]] = key([], "two shapes each that may touch, see RobotShapes.without")
+    null_space: Any = slot("null_space", JointSpeedConfig, meaning="what joints do that the tasks leave free")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for i, pair in enumerate(self.touching):
+            if len(pair) != 2:
+                raise invalid(f"touching.{i}", pair, "two names of shapes")
+
+
+@dataclass(kw_only=True)
 class ReactiveReachingConfig(Config):
     """Scenario part `!ReactiveReaching`."""
 
@@ -96,6 +113,7 @@ class ReactiveReachingConfig(Config):
         0.01, "of the links from each other and from boxes; 0: not kept, without boxes", unit="m", bounds="not negative"
     )
     constraints: list[Any] = slot("constraint", list, meaning="further ones")
+    modes: list[ModeConfig] = key([], "by their number, which is the signal mode; the first is that of the start")
     solver: str = key(DEFAULT_SOLVER, "of the quadratic programs", choices=available_solvers)
 
     def __post_init__(self) -> None:
@@ -104,6 +122,8 @@ class ReactiveReachingConfig(Config):
             raise invalid("targets", self.targets, "empty beside tasks, which have targets of their own")
         if self.random_moves.count and (self.tasks or self.targets):
             raise invalid("random_moves.count", self.random_moves.count, "0 beside targets or tasks")
+        if self.modes and self.null_space != JointSpeedConfig():
+            raise invalid("null_space", type(self.null_space).__name__, "left out beside modes, which have their own")
         if not self.speed_margin < 1.0:
             raise invalid("speed_margin", self.speed_margin, "below 1")
 
@@ -113,17 +133,35 @@ class ReactiveReachingConfig(Config):
         if model.obstacles and not self.link_distance > 0:
             raise invalid("link_distance", self.link_distance, "above zero to keep away from the station's boxes")
         tasks = self._tasks(start_motion(model))
-        distances = self._distances(model) if self.link_distance > 0 else []
         limits = self.limits.limits(robot.limits)
         limits = replace(limits, velocity=(1.0 - self.speed_margin) * limits.velocity)
-        constraints = [*distances, *constraints_of(self.constraints, model)]
-        wanted, setting = "an object with cost(motion, period)", JointSetting(model, limits, constraints)
+        always = [*self._obstacles(model), *constraints_of(self.constraints, model)]
+        kept = [
+            [*self._links(model, mode.touching), *constraints_of(mode.constraints, model, f"modes.{i}.constraints")]
+            for i, mode in enumerate(self.modes or [ModeConfig()])
+        ]
+
+        def criterion(part: Any, key: str, constraints: Sequence[Constraint]) -> AnyCriterion:
+            wanted, setting = "an object with cost(motion, period)", JointSetting(model, limits, constraints)
+            made: AnyCriterion = made_by(part, "criterion", key, AnyCriterion, wanted, setting)
+            return made
+
+        modes = [
+            Mode(
+                self._followed(i, tasks),
+                own,
+                criterion(mode.null_space, f"modes.{i}.null_space", [*own, *always]),
+            )
+            for i, (mode, own) in enumerate(zip(self.modes, kept, strict=False))
+        ]
+        first = [] if modes else kept[0]
         controller = ReactiveController(
             robot,
             [task for _, task, _ in tasks],
             start=model.start,
-            criterion=made_by(self.null_space, "criterion", "null_space", AnyCriterion, wanted, setting),
-            constraints=constraints,
+            criterion=criterion(self.null_space, "null_space", [*kept[0], *always]),
+            constraints=[*first, *always],
+            modes=modes,
             limits=limits,
             period=model.period,
             solver=self.solver,
@@ -143,13 +181,25 @@ class ReactiveReachingConfig(Config):
             found.append((arm, task, [each.of_task() for each in targets if each.arm == arm]))
         return found
 
-    def _distances(self, model: PlantModel) -> list[LinkDistance]:
+    def _followed(self, mode: int, tasks: Sequence[NamedTask]) -> list[ArmTask] | None:
+        known = {name: task for name, task, _ in tasks}
+        for name in self.modes[mode].tasks:
+            if name not in known:
+                raise unknown("task", name, known).at(f"modes.{mode}.tasks")
+        return [known[name] for name in self.modes[mode].tasks] or None
+
+    def _links(self, model: PlantModel, touching: Sequence[Sequence[str]]) -> list[LinkDistance]:
+        if not self.link_distance > 0:
+            return []
+        shapes = RobotShapes.load(*model.known_robot().source).without([(a, b) for a, b in touching])
+        return [LinkDistance(shapes, self.link_distance, period=model.period)]
+
+    def _obstacles(self, model: PlantModel) -> list[LinkDistance]:
+        if not model.obstacles:
+            return []
         shapes = RobotShapes.load(*model.known_robot().source)
-        found = [LinkDistance(shapes, self.link_distance, period=model.period)]
-        if model.obstacles:
-            boxes = [Obstacle(Box(*box.size), box.pose, f"obstacle {i + 1}") for i, box in enumerate(model.obstacles)]
-            found.append(LinkDistance(shapes.against(boxes), self.link_distance, period=model.period))
-        return found
+        boxes = [Obstacle(Box(*box.size), box.pose, f"obstacle {i + 1}") for i, box in enumerate(model.obstacles)]
+        return [LinkDistance(shapes.against(boxes), self.link_distance, period=model.period)]
 
 
 def _targets(tasks: Sequence[NamedTask], now: Array) -> TrajectorySource:

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.primitives import TrajectorySource
 
 import forcectl as fc
 from forcectl.analysis.motion_metrics import REACH_METRICS, is_motion_metric
@@ -15,6 +16,8 @@ from forcectl.analysis.reaching import ReachAnalysis
 from forcectl.diagrams.model import plant_model
 from forcectl.diagrams.workcell import describe
 from forcectl.errors import BadInputError
+from forcectl.framework.yaml_tree import parse
+from forcectl.motion.references import held_trajectory
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.plant_model import PlantModel
 from forcectl.runs.run import RunResult
@@ -32,6 +35,7 @@ from forcectl.tasks.reaching import RandomMovesConfig, ReachConfig, ReactiveReac
 from forcectl.tasks.reactive_motion import MotionLimitsConfig
 from forcectl.tasks.task_parts import start_motion
 from forcectl.testing import assert_memory_released
+from tests.examples.reactive_examples import at
 from tests.examples.stations import free
 
 
@@ -238,3 +242,67 @@ def test_random_moves_beside_targets_are_refused() -> None:
         ReactiveReachingConfig(
             targets=[ReachConfig(arm="left", position=[0, 0, 0])], random_moves=RandomMovesConfig(count=3)
         )
+
+
+class Switch:
+    """Puts out the signal `mode`: 1 from a time on."""
+
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> Diagram:
+        inner = DiagramBuilder()
+        step = inner.AddNamedSystem("step", TrajectorySource(held_trajectory([0.0, 0.4], np.array([[0.0, 1.0]]))))
+        inner.ExportOutput(step.get_output_port(), "mode")
+        return builder.AddNamedSystem("switch", inner.Build())
+
+
+MODES = """
+  link_distance: 0.01
+  tasks:
+    left: !ArmTask {arm: left, coordinates: [x, y, z], targets: [{time: 0.02, value: [0.2, 0.25, 0.3]}]}
+    right: !ArmTask {arm: right, coordinates: [x, y, z]}
+  modes:
+    - {tasks: [right]}
+    - constraints: [!Range {task: !ArmTask {arm: left, coordinates: [z]}, upper: [0.25]}]
+      touching: [[left_link_7, right_link_7]]
+      null_space: !Evasive {potentials: [!AwayFromLinks {}]}
+"""
+
+
+def of_modes(modes: str) -> Any:
+    text = SHORT.split("controller:")[0] + f"controller: !ReactiveReaching{modes}duration: 1.2\n"
+    made = fc.load_scenario(parse(text, "test"))
+    made.estimators["switch"] = Switch()
+    return made
+
+
+def test_modes_of_a_scenario_switch_with_their_signal() -> None:
+    log = fc.run(of_modes(MODES)).log
+    height = np.array([at(q).arm("left").position[2] for q in log["joint_position_command"].values[::5]])
+    before, time = height[0], log["time"].values[::5]
+    assert np.abs(height[time < 0.39] - before).max() < 1e-3  # the left arm has no task
+    assert height.max() == pytest.approx(0.25, abs=1e-5)  # then it has, up to the limit
+    assert log["status"].values.max() == 0
+    assert log["levels_solved"].values.min() == 2
+
+
+@pytest.mark.parametrize(
+    ("changed", "told"),
+    [
+        (("[right]", "[middle]"), "modes.0.tasks: unknown task 'middle'"),
+        (("right_link_7", "hand"), "unknown shape 'hand'"),
+        (("[left_link_7, right_link_7]", "[left_link_7]"), "touching.0 = ['left_link_7']: must be two names of shapes"),
+        (("upper: [0.25]", "upper: [1, 2]"), "modes.1.constraints.0.upper has shape (2,)"),
+        (("link_distance: 0.01", "null_space: !SelfMotion {}"), "null_space"),
+    ],
+)
+def test_a_mode_that_does_not_fit_is_told_in_one_line(changed: tuple[str, str], told: str) -> None:
+    with pytest.raises(BadInputError) as caught:
+        fc.build(of_modes(MODES.replace(*changed)))
+    assert told in str(caught.value)
+    assert "\n" not in str(caught.value)
+
+
+def test_the_signal_of_the_modes_must_be_there() -> None:
+    made = of_modes(MODES)
+    made.estimators.clear()
+    with pytest.raises(BadInputError, match=r"wants mode .*, which nothing puts out"):
+        fc.build(made)

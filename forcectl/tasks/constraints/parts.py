@@ -27,9 +27,9 @@ class ConstraintPart(Protocol):
         """The constraint, built anew, for this model of the plant."""
 
 
-def constraints_of(parts: Sequence[ConstraintPart], model: PlantModel) -> list[Constraint]:
-    """The constraints of the parts in a list `constraints`, see `made_by`."""
-    return [made_constraint(part, model, f"constraints.{i}") for i, part in enumerate(parts)]
+def constraints_of(parts: Sequence[ConstraintPart], model: PlantModel, key: str = "constraints") -> list[Constraint]:
+    """The constraints of the parts in a list that stands at `key`, see `made_by`."""
+    return [made_constraint(part, model, f"{key}.{i}") for i, part in enumerate(parts)]
 
 
 def made_constraint(part: ConstraintPart, model: PlantModel, key: str) -> Constraint:
