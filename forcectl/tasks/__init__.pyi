@@ -20,6 +20,7 @@ from forcectl.tasks.coordinates import Orientation as Orientation
 from forcectl.tasks.cost import TaskCost as TaskCost
 from forcectl.tasks.cost import Weights as Weights
 from forcectl.tasks.joint_state_monitor import JointStateMonitor as JointStateMonitor
+from forcectl.tasks.modes import Mode as Mode
 from forcectl.tasks.null_space import AwayFrom as AwayFrom
 from forcectl.tasks.null_space import AwayFromJointLimits as AwayFromJointLimits
 from forcectl.tasks.null_space import Criterion as Criterion
@@ -42,7 +43,6 @@ from forcectl.tasks.reaching import RandomMovesConfig as RandomMovesConfig
 from forcectl.tasks.reaching import ReachConfig as ReachConfig
 from forcectl.tasks.reaching import ReactiveReaching as ReactiveReaching
 from forcectl.tasks.reaching import ReactiveReachingConfig as ReactiveReachingConfig
-from forcectl.tasks.reactive_controller import Mode as Mode
 from forcectl.tasks.reactive_controller import ReactiveController as ReactiveController
 from forcectl.tasks.reactive_controller import Supervision as Supervision
 from forcectl.tasks.reactive_motion import MotionLimitsConfig as MotionLimitsConfig

@@ -29,9 +29,10 @@ from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.constraints.base import Constraint
 from forcectl.tasks.constraints.parts import constraints_of
 from forcectl.tasks.coordinates import ArmTask
+from forcectl.tasks.modes import Mode
 from forcectl.tasks.null_space import AnyCriterion
 from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig
-from forcectl.tasks.reactive_controller import READINGS, Mode, ReactiveController
+from forcectl.tasks.reactive_controller import READINGS, ReactiveController
 from forcectl.tasks.reactive_motion import MotionLimitsConfig, ReactiveMotion
 from forcectl.tasks.task_parts import TaskTargetConfig, made_task, start_motion
 
@@ -87,13 +88,15 @@ class ModeConfig(Config):
     tasks: list[str] = key([], "names of those that are followed; empty: all")
     constraints: list[Any] = slot("constraint", list, meaning="beside those that are always kept")
     touching: list[list[str]] = key([], "two shapes each that may touch, see RobotShapes.without")
-    null_space: Any = slot("null_space", JointSpeedConfig, meaning="what joints do that the tasks leave free")
+    null_space: list[Any] = slot("null_space", list, meaning="one, instead of the controller's; empty: that")
 
     def __post_init__(self) -> None:
         super().__post_init__()
         for i, pair in enumerate(self.touching):
             if len(pair) != 2:
                 raise invalid(f"touching.{i}", pair, "two names of shapes")
+        if len(self.null_space) > 1:
+            raise invalid("null_space", [type(part).__name__ for part in self.null_space], "one at most")
 
 
 @dataclass(kw_only=True)
@@ -122,8 +125,6 @@ class ReactiveReachingConfig(Config):
             raise invalid("targets", self.targets, "empty beside tasks, which have targets of their own")
         if self.random_moves.count and (self.tasks or self.targets):
             raise invalid("random_moves.count", self.random_moves.count, "0 beside targets or tasks")
-        if self.modes and self.null_space != JointSpeedConfig():
-            raise invalid("null_space", type(self.null_space).__name__, "left out beside modes, which have their own")
         if not self.speed_margin < 1.0:
             raise invalid("speed_margin", self.speed_margin, "below 1")
 
@@ -150,7 +151,7 @@ class ReactiveReachingConfig(Config):
             Mode(
                 self._followed(i, tasks),
                 own,
-                criterion(mode.null_space, f"modes.{i}.null_space", [*own, *always]),
+                criterion([*mode.null_space, self.null_space][0], f"modes.{i}.null_space.0", [*own, *always]),
             )
             for i, (mode, own) in enumerate(zip(self.modes, kept, strict=False))
         ]

@@ -30,12 +30,13 @@ from forcectl.qp.quadratic_program import Status
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import JointLimits, RobotModel
-from forcectl.tasks.constraints.base import Constraint, ConstraintSet, Rows, checked_limits
+from forcectl.tasks.constraints.base import Constraint, Rows, checked_limits
 from forcectl.tasks.coordinates import ArmTask, TaskState, gathered
 from forcectl.tasks.cost import Weights
 from forcectl.tasks.joint_state_monitor import JointStateMonitor, Readings
-from forcectl.tasks.null_space import AnyCriterion, JointSpeed, RememberingCriterion, stepped
-from forcectl.tasks.program import Posed, TaskProgram, task_levels
+from forcectl.tasks.modes import Mode, ModeBuilder, longer
+from forcectl.tasks.null_space import AnyCriterion, JointSpeed
+from forcectl.tasks.program import Posed, TaskProgram
 from forcectl.tasks.progress import Progress, TaskProgress
 from forcectl.tasks.reference_reset import ReferenceReset
 
@@ -63,35 +64,6 @@ class Tick(NamedTuple):
     posed: Posed | None
     mode: int
     switched: bool
-
-
-@dataclass(frozen=True)
-class Mode:
-    """What a controller does while its input `mode` is the number of this mode, beside what it always does.
-
-    Attributes:
-        tasks: that are followed, at least one of the controller's; None: all.
-        constraints: that are kept beside the controller's.
-        criterion: of the null space; None: the controller's.
-        weights: of its priority levels, or one for all; None: the controller's.
-    """
-
-    tasks: Sequence[ArmTask] | None = None
-    constraints: Sequence[Constraint] = ()
-    criterion: AnyCriterion | None = None
-    weights: Weights | Sequence[Weights] | None = None
-
-
-class _Built(NamedTuple):
-    """A mode, ready to be solved: its constraints, programs, active coordinates (k,) and criterion's memory at first.
-
-    `active` is None where all are.
-    """
-
-    constraints: ConstraintSet
-    program: TaskProgram
-    active: NDArray[np.bool_] | None
-    criterion_start: Vector
 
 
 @dataclass(frozen=True)
@@ -233,56 +205,18 @@ class ReactiveController(SampledBlock):
         self._tolerance = np.where(angular, supervision.angle_tolerance, supervision.position_tolerance)
         scale = np.where(angular, robot.parameters.characteristic_length, 1.0)
         self._reference_reset = ReferenceReset([task.size for task in tasks], scale, Ts)
-        self._has_modes, modes = bool(modes), modes or [Mode()]
         every = [*constraints, *(each for mode in modes for each in mode.constraints)]
         self._bands = list(dict.fromkeys(each for each in every if getattr(each, "reads_force", False)))
         origin.forces = dict.fromkeys(self._bands, 0.0)
-        base = Mode(self._tasks, constraints, JointSpeed() if criterion is None else criterion, weights)
-        self._modes: list[_Built] = []
-        for number, mode in enumerate(modes):
-            parts = (base, limits, origin, constraint_gamma, approach, solver, number == 0)
-            try:
-                self._modes.append(self._built(mode, *parts))
-            except BadInputError as error:
-                if not self._has_modes:
-                    raise
-                raise BadInputError(f"mode {number}: {error}") from error.__cause__
+        chosen = JointSpeed() if criterion is None else criterion
+        shared = (robot, origin, limits, self._tasks, constraints, chosen, weights)
+        builder = ModeBuilder(*shared, constraint_gamma, approach, Ts, solver)
+        self._has_modes, self._modes = bool(modes), builder.built(modes)
         self._monitor = JointStateMonitor(
             self._n, supervision.longest_gap, supervision.frozen_distance, supervision.largest_error, Ts
         )
         self._progress = TaskProgress(self._tolerance, supervision.patience, Ts)
         self._declare(q0, state.value)
-
-    def _built(
-        self,
-        mode: Mode,
-        base: Mode,
-        limits: JointLimits,
-        origin: ArmsMotion,
-        gamma: float,
-        approach: float,
-        solver: str | Solver,
-        from_start: bool,
-    ) -> _Built:
-        """A mode; `base` is what it has of the controller."""
-        robot, Ts = self._robot, self._period
-        followed = [mode.tasks is None or task in mode.tasks for task in self._tasks]
-        if not any(followed) or (mode.tasks is not None and sum(followed) != len(mode.tasks)):
-            raise BadInputError("tasks: must be at least one, each of the controller's")
-        together = [*base.constraints, *mode.constraints]
-        constraints = ConstraintSet(together, limits, origin, Ts, gamma, approach, from_start)
-        weights = base.weights if mode.weights is None else mode.weights
-        assert weights is not None
-        levels = task_levels(self._tasks, weights, robot.parameters.characteristic_length, Ts, followed)
-        chosen = base.criterion if mode.criterion is None else mode.criterion
-        if not isinstance(chosen, AnyCriterion):
-            raise BadInputError(f"criterion {type(chosen).__name__} lacks cost(motion, period)")
-        start = chosen.memory if isinstance(chosen, RememberingCriterion) else np.zeros(0)
-        stepped(chosen)(origin, Ts, start)  # a criterion that does not fit the robot fails here
-        joints = [joint.name() for joint in robot.parts.joints]
-        program = TaskProgram(levels, chosen, constraints, limits.torque, Ts, solver, joints)
-        active = np.repeat(followed, [task.size for task in self._tasks])
-        return _Built(constraints, program, None if active.all() else active, start)
 
     @property
     def tasks(self) -> tuple[ArmTask, ...]:
@@ -327,7 +261,7 @@ class ReactiveController(SampledBlock):
             **dict.fromkeys(_DIAGNOSTICS, 0.0),
             **Progress(np.full(k, np.nan), np.inf, 0.0, 0.0, 0.0)._asdict(),
             "stage_costs": np.zeros(costs),
-            "criterion": _longer(first.criterion_start, criterion),
+            "criterion": longer(first.criterion_start, criterion),
         }
         motion = (task_start, np.zeros(k), np.zeros(k))
         kept = {f"task_{name}": value for name, value in zip(_QUANTITIES, motion, strict=True)}
@@ -379,28 +313,22 @@ class ReactiveController(SampledBlock):
         a = state.jacobian @ u + state.bias
         rate = state.rate + Ts * a
         x = state.value + 0.5 * Ts * (state.rate + rate)
-        acceleration = inputs.get("task_acceleration_reference", a)
-        ahead, here, moving = target, x, rate
-        if mode.active is not None:  # tasks that are not followed are where they are to be
-            position, velocity, acceleration = (
-                np.where(mode.active, wanted, own)
-                for wanted, own in ((position, x), (velocity, rate), (acceleration, a))
-            )
-            moving = np.where(mode.active, rate, 0.0)
-            if target is not None:
-                ahead, here = np.where(mode.active, target, x), np.where(mode.active, x, target)
+        # Coordinates that are not followed are where they are asked to be.
+        position, velocity = mode.asked(position, x), mode.asked(velocity, rate)
+        acceleration = mode.asked(inputs.get("task_acceleration_reference", a), a)
         led, missed, costs = (x, rate, a), 0.0, np.zeros(0)
         if posed is not None and found.levels > 0:
             error = x - position
             missed = largest(np.abs(error) / self._tolerance)
             of_tasks = mode.program.costs(error, rate - velocity)
             costs = np.array([*of_tasks, mode.program.criterion(posed, u)])
+            ahead = None if target is None else mode.asked(target, x)
             led = self._reference_reset.start(led, (position, velocity, acceleration), ahead)
         progress = Progress(*(memory[name] for name in Progress._fields))
         if switched:
             progress = Progress(np.full(self._size, np.nan), np.inf, 0.0, 0.0, 0.0)
         if target is not None:
-            progress = self._progress.look(progress, target, here, moving)
+            progress = self._progress.look(progress, target, mode.asked(x, target), mode.asked(rate, np.zeros_like(x)))
         foreseen, levels, criterion = self._sizes
         violation = max(rows.violation, found.beyond)
         after = v + Ts * u
@@ -417,11 +345,11 @@ class ReactiveController(SampledBlock):
             "joint_velocity_command": after,
             "joint_acceleration": u,
             "mode": float(number),
-            "foreseen": _longer(mode.constraints.foresee(rows, u), foreseen),
+            "foreseen": longer(mode.constraints.foresee(rows, u), foreseen),
             **readings._asdict(),
             **progress._asdict(),
-            "stage_costs": _longer(costs, levels),
-            "criterion": memory["criterion"] if posed is None else _longer(posed.criterion_memory, criterion),
+            "stage_costs": longer(costs, levels),
+            "criterion": memory["criterion"] if posed is None else longer(posed.criterion_memory, criterion),
             **{f"task_{name}": value for name, value in zip(_QUANTITIES, led, strict=True)},
         }
 
@@ -435,10 +363,15 @@ class ReactiveController(SampledBlock):
         if self._bands:
             motion.forces = dict(zip(self._bands, inputs["measured_force"].tolist(), strict=True))
         state = gathered(self._tasks, motion)
-        before = int(memory["mode"])
+        number = before = int(memory["mode"])
         asked = inputs["mode"].item() if self._has_modes else 0
-        known = asked in range(len(self._modes))
-        number = int(asked) if known else before
+        good = not stops and asked in range(len(self._modes))
+        if good:
+            references = [self._modes[int(asked)].asked(each, np.zeros_like(each)) for each in (position, velocity)]
+            # Of a NaN every comparison is false.
+            good = all(largest(np.abs(each)) < _MAX_REFERENCE for each in references)
+        if good:  # else the joints brake in the mode of the tick before
+            number = int(asked)
         mode, switched = self._modes[number], number != before
         foreseen = memory["foreseen"][: mode.constraints.foreseen_size]
         criterion = memory["criterion"][: len(mode.criterion_start)]
@@ -446,10 +379,7 @@ class ReactiveController(SampledBlock):
             foreseen, criterion = np.full_like(foreseen, np.nan), mode.criterion_start
         rows = mode.constraints.rows(motion, foreseen)
         posed = None
-        followed = slice(None) if mode.active is None else mode.active
-        # Of a NaN every comparison is false.
-        good = all(largest(np.abs(each[followed])) < _MAX_REFERENCE for each in (position, velocity))
-        if good and known and not stops:
+        if good:
             last = memory["joint_acceleration"]
             bounds = mode.constraints.joints.gradual(rows.lower, rows.upper, last)
             smooth = None if bounds is None else Smooth(*bounds, last)
@@ -465,8 +395,3 @@ class ReactiveController(SampledBlock):
         q, v = memory["joint_position_command"], memory["joint_velocity_command"]
         readings = self._monitor.look(past, inputs["joint_position"], inputs.get("joint_velocity", v), q)
         return readings, self._monitor.stops(readings)
-
-
-def _longer(values: Vector, size: int) -> Vector:
-    """The values (k,) with zeros behind them, (size,)."""
-    return values if len(values) == size else np.concatenate([values, np.zeros(size - len(values))])

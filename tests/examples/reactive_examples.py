@@ -17,8 +17,9 @@ from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import RobotModel
 from forcectl.tasks.constraints.force_band import ForceBand
 from forcectl.tasks.coordinates import ArmTask
+from forcectl.tasks.modes import Mode
 from forcectl.tasks.reaching import ReachConfig, ReactiveReaching, ReactiveReachingConfig
-from forcectl.tasks.reactive_controller import Mode, ReactiveController
+from forcectl.tasks.reactive_controller import ReactiveController
 from forcectl.tasks.reactive_motion import ReactiveMotion
 from forcectl.testing.runs import Input
 from tests.examples.block_example import Example

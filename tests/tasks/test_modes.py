@@ -17,8 +17,9 @@ from forcectl.tasks.constraints.force_band import ForceBand
 from forcectl.tasks.constraints.task_limits import TaskRange, TaskSpeedLimit
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.cost import Weights
+from forcectl.tasks.modes import Mode
 from forcectl.tasks.null_space import EvasiveMotion, QuadraticCost, SelfMotion, TowardsSmallMass
-from forcectl.tasks.reactive_controller import Mode, ReactiveController, Supervision
+from forcectl.tasks.reactive_controller import ReactiveController, Supervision
 from forcectl.tasks.reactive_motion import ReactiveMotion
 from forcectl.tasks.relative_task import RelativeTask
 from forcectl.testing.runs import Log, run_diagram
@@ -141,20 +142,21 @@ def test_rows_do_not_take_over_what_was_foreseen_of_others() -> None:
     np.testing.assert_allclose(*heights, atol=1e-5)
 
 
+class Counting:
+    memory = np.array([5.0, 0.0])
+
+    def __init__(self) -> None:
+        self.met: list[float] = []
+
+    def step(self, motion: ArmsMotion, period: float, memory: np.ndarray) -> tuple[QuadraticCost, np.ndarray]:
+        self.met.append(memory[0])
+        return QuadraticCost(np.eye(N), motion.v / period), memory + 1.0
+
+    def cost(self, motion: ArmsMotion, period: float) -> QuadraticCost:
+        return self.step(motion, period, self.memory)[0]
+
+
 def test_a_criterion_starts_anew_with_its_mode() -> None:
-    class Counting:
-        memory = np.array([5.0, 0.0])
-
-        def __init__(self) -> None:
-            self.met: list[float] = []
-
-        def step(self, motion: ArmsMotion, period: float, memory: np.ndarray) -> tuple[QuadraticCost, np.ndarray]:
-            self.met.append(memory[0])
-            return QuadraticCost(np.eye(N), motion.v / period), memory + 1.0
-
-        def cost(self, motion: ArmsMotion, period: float) -> QuadraticCost:
-            return self.step(motion, period, self.memory)[0]
-
     counting = Counting()
     controller = reactive_controller(modes=[Mode(), Mode(criterion=counting)])
     counting.met.clear()
@@ -217,6 +219,19 @@ def test_a_mode_that_there_is_none_of_brakes(bad: float) -> None:
     assert log["holding"][braked].all()
     np.testing.assert_allclose(log["joint_velocity_command"][np.flatnonzero(braked)[-1]], np.zeros(N), atol=1e-9)
     assert not log["holding"][log.time > 0.41].any()
+
+
+def test_a_mode_begins_when_its_references_are_good() -> None:
+    """A criterion that remembers starts anew then, and not while the joints brake."""
+    counting = Counting()
+    controller = reactive_controller(modes=[Mode(), Mode([LEFT], criterion=counting)])
+    counting.met.clear()
+    start = controller.task_start
+    broken = lambda t: start + (np.nan if 0.01 < t < 0.03 else 0.0)  # noqa: E731
+    inputs = {"task_position_reference": broken, "task_velocity_reference": np.zeros(12)}
+    log = run_diagram(controller, 0.05, period=PERIOD, inputs=inputs | {"mode": lambda t: [float(t > 0.01)]})
+    assert log["holding"].sum() > 3
+    assert counting.met[:3] == [5.0, 6.0, 7.0]
 
 
 @pytest.mark.parametrize(

@@ -263,7 +263,7 @@ MODES = """
     - {tasks: [right]}
     - constraints: [!Range {task: !ArmTask {arm: left, coordinates: [z]}, upper: [0.25]}]
       touching: [[left_link_7, right_link_7]]
-      null_space: !Evasive {potentials: [!AwayFromLinks {}]}
+      null_space: [!Evasive {potentials: [!AwayFromLinks {}]}]
 """
 
 
@@ -291,7 +291,10 @@ def test_modes_of_a_scenario_switch_with_their_signal() -> None:
         (("right_link_7", "hand"), "unknown shape 'hand'"),
         (("[left_link_7, right_link_7]", "[left_link_7]"), "touching.0 = ['left_link_7']: must be two names of shapes"),
         (("upper: [0.25]", "upper: [1, 2]"), "modes.1.constraints.0.upper has shape (2,)"),
-        (("link_distance: 0.01", "null_space: !SelfMotion {}"), "null_space"),
+        (
+            ("null_space: [", "null_space: [!JointSpeed {}, "),
+            "modes.1.null_space = ['JointSpeedConfig', 'EvasiveConfig']",
+        ),
     ],
 )
 def test_a_mode_that_does_not_fit_is_told_in_one_line(changed: tuple[str, str], told: str) -> None:

@@ -1,0 +1,128 @@
+"""Modes of the reactive controller: what it follows and keeps, which may change while it runs.
+
+Everything of a mode is built with the controller; a tick picks the mode that holds.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from dataclasses import dataclass
+from typing import NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.errors import BadInputError
+from forcectl.qp.solvers import Solver
+from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.robot.model import JointLimits, RobotModel
+from forcectl.tasks.constraints.base import Constraint, ConstraintSet
+from forcectl.tasks.coordinates import ArmTask
+from forcectl.tasks.cost import Weights
+from forcectl.tasks.null_space import AnyCriterion, RememberingCriterion, stepped
+from forcectl.tasks.program import TaskProgram, task_levels
+
+Vector = NDArray[np.float64]
+
+
+@dataclass(frozen=True)
+class Mode:
+    """What a controller does while its input `mode` is the number of this mode, beside what it always does.
+
+    Attributes:
+        tasks: that are followed, at least one of the controller's; None: all.
+        constraints: that are kept beside the controller's.
+        criterion: of the null space; None: the controller's.
+        weights: of its priority levels, or one for all; None: the controller's.
+    """
+
+    tasks: Sequence[ArmTask] | None = None
+    constraints: Sequence[Constraint] = ()
+    criterion: AnyCriterion | None = None
+    weights: Weights | Sequence[Weights] | None = None
+
+
+class BuiltMode(NamedTuple):
+    """A mode, ready to be solved.
+
+    Attributes:
+        constraints: all that are kept.
+        program: of its tasks; a copy is solved.
+        active: which of all task coordinates it follows (k,); None: all.
+        criterion_start: memory of its criterion at first.
+    """
+
+    constraints: ConstraintSet
+    program: TaskProgram
+    active: NDArray[np.bool_] | None
+    criterion_start: Vector
+
+    def asked(self, wanted: Vector, own: Vector) -> Vector:
+        """Of the coordinates that are followed what is `wanted`, of the others their `own`, (k,)."""
+        return wanted if self.active is None else np.where(self.active, wanted, own)
+
+
+@dataclass(frozen=True)
+class ModeBuilder:
+    """What all modes of a controller share.
+
+    Attributes:
+        robot: whose joints move.
+        origin: its motion at the start.
+        limits: of the joints.
+        tasks, constraints, criterion, weights: of the controller.
+        gamma, approach: see `ConstraintSet`.
+        period: tick [s].
+        solver: of the programs.
+    """
+
+    robot: RobotModel
+    origin: ArmsMotion
+    limits: JointLimits
+    tasks: Sequence[ArmTask]
+    constraints: Sequence[Constraint]
+    criterion: AnyCriterion
+    weights: Weights | Sequence[Weights]
+    gamma: float
+    approach: float
+    period: float
+    solver: str | Solver
+
+    def built(self, modes: Sequence[Mode]) -> list[BuiltMode]:
+        """The modes; without any the one of the controller itself.
+
+        Raises:
+            BadInputError: something of a mode does not fit; the message begins with its number.
+        """
+        if not modes:
+            return [self._built(Mode(), from_start=True)]
+        found = []
+        for number, mode in enumerate(modes):
+            try:
+                found.append(self._built(mode, from_start=number == 0))
+            except BadInputError as error:
+                raise BadInputError(f"mode {number}: {error}") from error.__cause__
+        return found
+
+    def _built(self, mode: Mode, *, from_start: bool) -> BuiltMode:
+        followed = [mode.tasks is None or task in mode.tasks for task in self.tasks]
+        if not any(followed) or (mode.tasks is not None and sum(followed) != len(mode.tasks)):
+            raise BadInputError("tasks: must be at least one, each of the controller's")
+        every, Ts = [*self.constraints, *mode.constraints], self.period
+        constraints = ConstraintSet(every, self.limits, self.origin, Ts, self.gamma, self.approach, from_start)
+        weights = self.weights if mode.weights is None else mode.weights
+        levels = task_levels(self.tasks, weights, self.robot.parameters.characteristic_length, Ts, followed)
+        criterion = self.criterion if mode.criterion is None else mode.criterion
+        if not isinstance(criterion, AnyCriterion):
+            raise BadInputError(f"criterion {type(criterion).__name__} lacks cost(motion, period)")
+        start = criterion.memory if isinstance(criterion, RememberingCriterion) else np.zeros(0)
+        stepped(criterion)(self.origin, Ts, start)  # a criterion that does not fit the robot fails here
+        joints = [joint.name() for joint in self.robot.parts.joints]
+        program = TaskProgram(levels, criterion, constraints, self.limits.torque, Ts, self.solver, joints)
+        active = np.repeat(followed, [task.size for task in self.tasks])
+        return BuiltMode(constraints, program, None if active.all() else active, start)
+
+
+def longer(values: Vector, size: int) -> Vector:
+    """The values (k,) with zeros behind them, (size,)."""
+    return values if len(values) == size else np.concatenate([values, np.zeros(size - len(values))])
