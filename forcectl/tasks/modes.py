@@ -57,7 +57,7 @@ class BuiltMode(NamedTuple):
     active: NDArray[np.bool_] | None
     criterion_start: Vector
 
-    def asked(self, wanted: Vector, own: Vector) -> Vector:
+    def asked(self, wanted: Vector, own: Vector | float) -> Vector:
         """Of the coordinates that are followed what is `wanted`, of the others their `own`, (k,)."""
         return wanted if self.active is None else np.where(self.active, wanted, own)
 

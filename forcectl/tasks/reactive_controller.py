@@ -328,7 +328,7 @@ class ReactiveController(SampledBlock):
         if switched:
             progress = Progress(np.full(self._size, np.nan), np.inf, 0.0, 0.0, 0.0)
         if target is not None:
-            progress = self._progress.look(progress, target, mode.asked(x, target), mode.asked(rate, np.zeros_like(x)))
+            progress = self._progress.look(progress, target, mode.asked(x, target), mode.asked(rate, 0.0))
         foreseen, levels, criterion = self._sizes
         violation = max(rows.violation, found.beyond)
         after = v + Ts * u
@@ -367,7 +367,7 @@ class ReactiveController(SampledBlock):
         asked = inputs["mode"].item() if self._has_modes else 0
         good = not stops and asked in range(len(self._modes))
         if good:
-            references = [self._modes[int(asked)].asked(each, np.zeros_like(each)) for each in (position, velocity)]
+            references = [self._modes[int(asked)].asked(each, 0.0) for each in (position, velocity)]
             # Of a NaN every comparison is false.
             good = all(largest(np.abs(each)) < _MAX_REFERENCE for each in references)
         if good:  # else the joints brake in the mode of the tick before
