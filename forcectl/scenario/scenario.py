@@ -92,7 +92,10 @@ class Scenario(Config):
 
     def build(self) -> Loop:
         """The loop as a diagram."""
-        return build_loop(self.parts)
+        loop = build_loop(self.parts)
+        if self.reference_model and "desired_force" not in loop.signals:
+            raise invalid("reference_model", self.reference_model, "left out where nothing takes a desired force")
+        return loop
 
     def setting(self) -> Setting:
         """What analyses are given beside the log."""

@@ -290,3 +290,15 @@ def test_an_estimator_that_cannot_be_added_is_told_as_the_estimator(own_module, 
     path.write_text("estimators: {mine: !Import {path: 'own_laws:Raises'}}\n")
     with pytest.raises(BadInputError, match=r"motion.yaml:1: estimators\.mine: cannot be built: AttributeError"):
         fc.run(path)
+
+
+def test_a_reference_model_of_a_loop_without_a_desired_force_is_refused():
+    station = {
+        "robot": "yumi",
+        "drive": "!JointInterface",
+        "sensors": {"joints": "!JointReadings"},
+        "environment": "!Parts",
+    }
+    scenario = {"station": station, "controller": "!JointMoves", "reference_model": 4.0}
+    with pytest.raises(BadInputError, match=r"reference_model = 4\.0: must be left out where nothing takes a desired"):
+        fc.run(scenario)
