@@ -248,7 +248,7 @@ class _Layers:
         """Where the value at a dotted key is from: the strongest layer that holds it, or holds the part around it."""
         parts = key.split(".")
         for length in range(len(parts), 0, -1):
-            for where, tree in reversed(self._layers):
+            for where, tree in reversed(self._layers[1:]):  # a default stands where the part around it does
                 if _holds(tree, parts[:length]):
                     return where(key)
         return self._file.where(key)

@@ -23,7 +23,7 @@ STEPS = {  # sizes of the step by the name of its port; several where a dead zon
     "joint_position_command": (0.1,),  # [rad]
 }
 # Their controllers only ask of the measured force, or of the joint readings, whether it is to be believed.
-SUPERVISED = ("time_varying_reference", "fig_5_3")
+SUPERVISED = ("time_varying_reference", "fig_5_3", "null_space", "usable_forces")
 MOTION_LOOPS = [name for name in list_experiments() if "reference" not in find_scenario(name).tree]
 FORCE_LOOPS = [name for name in list_experiments() if name not in MOTION_LOOPS]
 CASES = [

@@ -302,3 +302,12 @@ def test_a_reference_model_of_a_loop_without_a_desired_force_is_refused():
     scenario = {"station": station, "controller": "!JointMoves", "reference_model": 4.0}
     with pytest.raises(BadInputError, match=r"reference_model = 4\.0: must be left out where nothing takes a desired"):
         fc.run(scenario)
+
+
+def test_a_default_that_does_not_fit_stands_where_the_part_around_it_does(tmp_path):
+    path = tmp_path / "mine.yaml"
+    path.write_text("duration: 1.0\nstation:\n  robot: yumi/left\n  posture_deg: []\n", encoding="utf-8")
+    with pytest.raises(
+        BadInputError, match=r"^mine\.yaml:2: station\.drive\.position_loop\.delay = 0\.002: must be zero"
+    ):
+        fc.run(path)
