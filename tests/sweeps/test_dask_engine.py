@@ -28,7 +28,7 @@ def cluster(tmp_path):
     contact = tmp_path / "scheduler.json"
     options = ("--host", "127.0.0.1", "--port", 0, "--no-dashboard")
     scheduler = launch("dask_scheduler", *options, "--scheduler-file", contact)
-    wait_until(contact.is_file)
+    wait_until(lambda: contact.is_file() and contact.stat().st_size > 0 and contact.read_text().rstrip().endswith("}"))
     address = json.loads(contact.read_text())["address"]
 
     def worker():
