@@ -135,17 +135,14 @@ class WrenchBetweenConfig(Config):
         Raises:
             BadInputError: there are no such arms, or no such signal.
         """
-        robot = model.known_robot()
-        arms = list(robot.parts.arms)
-        for arm in self.between:
-            if arm not in arms:
-                raise unknown("between", arm, arms)
-        tcp = robot.parts.arms[self.between[1]].tcp_frame if self.expressed_in == "tcp" else None
-        block = builder.AddNamedSystem(f"{name}_between", WrenchBetween(robot, (self.between[0], self.between[1]), tcp))
-        source = signals.find(self.of, f"signals.{name}")
-        if source.size() != block.GetInputPort("estimated_wrench").size():
-            raise invalid("of", self.of, f"a signal of shape ({6 * len(arms)},): wrenches at the TCPs")
-        builder.Connect(source, block.GetInputPort("estimated_wrench"))
+        robot, (first, second) = model.known_robot(), self.between
+        arm = robot.parts.arms.get(second)  # the block refuses one that is not there
+        tcp = arm.tcp_frame if arm and self.expressed_in == "tcp" else None
+        block = builder.AddNamedSystem(f"{name}_between", WrenchBetween(robot, (first, second), tcp))
+        source, wanted = signals.find(self.of, f"signals.{name}"), block.GetInputPort("estimated_wrench")
+        if source.size() != wanted.size():
+            raise invalid("of", self.of, f"a signal of shape ({wanted.size()},): wrenches at the TCPs")
+        builder.Connect(source, wanted)
         joints = signals.find("joint_position", f"signals.{name}")
         builder.Connect(joints, block.GetInputPort("joint_position"))
         return block.get_output_port()

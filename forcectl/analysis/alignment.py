@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
+from forcectl.analysis.slot import variants_of
 from forcectl.diagrams.model import Setting
 from forcectl.framework.fields import Config, key
 
@@ -45,10 +46,8 @@ class AlignmentAnalysis(Config):
         """Angle and speed of the peg, and torque, of every variant."""
         from forcectl.figures.alignment import alignment_figure
 
-        runs = {"": log}
-        if "variant" in log.dims:
-            runs = {str(name): log.sel(variant=name).dropna("time", how="all") for name in log["variant"].values}
-        curves = {name: (run["time"].values, *_angle_and_torque(run)) for name, run in runs.items()}
+        runs = variants_of(log).items()
+        curves = {name: (run["time"].values, *_angle_and_torque(run)) for name, run in runs}
         return {"alignment": alignment_figure(curves, self.angle, title)}
 
 

@@ -9,6 +9,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.geometry import Box
 
+from forcectl.analysis.slot import variants_of
 from forcectl.collision.distance import LinkDistance
 from forcectl.collision.shapes import Obstacle, RobotShapes
 from forcectl.diagrams.model import Setting
@@ -72,10 +73,7 @@ class ReachAnalysis(Config):
 
         if not self._whole_poses(log, setting.truth):
             return {}
-        if "variant" in log.dims:
-            runs = {str(name): log.sel(variant=name).dropna("time", how="all") for name in log["variant"].values}
-        else:
-            runs = {"": log}
+        runs = variants_of(log)
         found = {name: self._along(run, setting.truth) for name, run in runs.items()}
         first, limits = next(iter(runs)), setting.truth.known_robot().limits
         figures = {"reaching": reach_figure(runs[first], found[first][0], self.every, title)}

@@ -60,6 +60,13 @@ def surfaces(log: Any) -> list[tuple[str, Any]]:
     return [(f"{name}.", log.sel(surface=name)) for name in log[SURFACE].values]
 
 
+def variants_of(log: Any) -> dict[str, Any]:
+    """The log of each variant by name, without the times that only others have; of a single one under ""."""
+    if "variant" not in log.dims:
+        return {"": log}
+    return {str(name): log.sel(variant=name).dropna("time", how="all") for name in log["variant"].values}
+
+
 def run_figures(log: Any, title: str) -> dict[str, Figure]:
     """The figures of any run by file name, as far as it has the signals.
 

@@ -13,6 +13,7 @@ import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.analysis.force_estimation import stretches
+from forcectl.analysis.slot import variants_of
 from forcectl.diagrams.model import Setting
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
@@ -56,13 +57,8 @@ class WrenchErrorAnalysis(Config):
         """How large the errors of all arms are in which share of the time, in every variant."""
         from forcectl.figures.wrench_errors import error_figure
 
-        runs = (
-            {str(name): log.sel(variant=name).dropna("time", how="all") for name in log["variant"].values}
-            if ("variant" in log.dims)
-            else {"": log}
-        )
         errors = {}
-        for name, run in runs.items():
+        for name, run in variants_of(log).items():
             found = self._error(run, setting.truth)
             if found is not None:
                 late = run["time"].values >= self.begin - 1e-9

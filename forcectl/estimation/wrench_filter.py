@@ -28,7 +28,7 @@ from forcectl.errors import BadInputError
 from forcectl.framework.batch import check
 from forcectl.framework.cache import scratch
 from forcectl.framework.sampled_block import Memory, SampledBlock
-from forcectl.plant.drives.joint_friction import JointFriction
+from forcectl.plant.drives.joint_friction import JointFriction, sliding_friction_torque
 from forcectl.robot.momentum_model import MomentumModel
 
 Array = NDArray[np.float64]
@@ -199,7 +199,7 @@ class WrenchFilter(SampledBlock):
         gained = H @ P
         S = gained @ H.T + np.diag(self._noise + doubt**2 * self._unknown)
         _, solved, failed = dposv(S, gained)
-        felt = balance[mine] + self._expected_friction(v)[mine]
+        felt = balance[mine] + sliding_friction_torque(v, self._friction)[mine]
         if not failed:
             x = x + solved.T @ (felt - H @ x)
             P = P - solved.T @ gained
@@ -241,9 +241,3 @@ class WrenchFilter(SampledBlock):
             "zero": zero,
             "tared": tared,
         }
-
-    def _expected_friction(self, v: Array) -> Array:
-        """tau_F of joints that move [Nm]: Coulomb's friction has its full size at any speed."""
-        f = self._friction
-        viscous = f.viscous_forward * np.maximum(v, 0.0) + f.viscous_backward * np.minimum(v, 0.0)
-        return f.offset + f.coulomb * np.sign(v) + viscous

@@ -98,6 +98,10 @@ class ModeConfig(Config):
         if len(self.null_space) > 1:
             raise invalid("null_space", [type(part).__name__ for part in self.null_space], "one at most")
 
+    def criterion_part(self, number: int, otherwise: Any) -> tuple[Any, str]:
+        """What fills the null space in this mode, its own or the controller's, and its key."""
+        return (self.null_space[0], f"modes.{number}.null_space.0") if self.null_space else (otherwise, "null_space")
+
 
 @dataclass(kw_only=True)
 class ReactiveReachingConfig(Config):
@@ -136,9 +140,13 @@ class ReactiveReachingConfig(Config):
         tasks = self._tasks(start_motion(model))
         limits = self.limits.limits(robot.limits)
         limits = replace(limits, velocity=(1.0 - self.speed_margin) * limits.velocity)
-        always = [*self._obstacles(model), *constraints_of(self.constraints, model)]
+        shapes = RobotShapes.load(*robot.source) if self.link_distance > 0 else None
+        always = [*self._obstacles(shapes, model), *constraints_of(self.constraints, model)]
         kept = [
-            [*self._links(model, mode.touching), *constraints_of(mode.constraints, model, f"modes.{i}.constraints")]
+            [
+                *self._links(shapes, model, mode.touching),
+                *constraints_of(mode.constraints, model, f"modes.{i}.constraints"),
+            ]
             for i, mode in enumerate(self.modes or [ModeConfig()])
         ]
 
@@ -151,7 +159,7 @@ class ReactiveReachingConfig(Config):
             Mode(
                 self._followed(i, tasks),
                 own,
-                criterion([*mode.null_space, self.null_space][0], f"modes.{i}.null_space.0", [*own, *always]),
+                criterion(*mode.criterion_part(i, self.null_space), [*own, *always]),
             )
             for i, (mode, own) in enumerate(zip(self.modes, kept, strict=False))
         ]
@@ -189,16 +197,17 @@ class ReactiveReachingConfig(Config):
                 raise unknown("task", name, known).at(f"modes.{mode}.tasks")
         return [known[name] for name in self.modes[mode].tasks] or None
 
-    def _links(self, model: PlantModel, touching: Sequence[Sequence[str]]) -> list[LinkDistance]:
-        if not self.link_distance > 0:
+    def _links(
+        self, shapes: RobotShapes | None, model: PlantModel, touching: Sequence[Sequence[str]]
+    ) -> list[LinkDistance]:
+        if shapes is None:
             return []
-        shapes = RobotShapes.load(*model.known_robot().source).without([(a, b) for a, b in touching])
-        return [LinkDistance(shapes, self.link_distance, period=model.period)]
+        apart = shapes.without([(a, b) for a, b in touching])
+        return [LinkDistance(apart, self.link_distance, period=model.period)]
 
-    def _obstacles(self, model: PlantModel) -> list[LinkDistance]:
-        if not model.obstacles:
+    def _obstacles(self, shapes: RobotShapes | None, model: PlantModel) -> list[LinkDistance]:
+        if shapes is None or not model.obstacles:
             return []
-        shapes = RobotShapes.load(*model.known_robot().source)
         boxes = [Obstacle(Box(*box.size), box.pose, f"obstacle {i + 1}") for i, box in enumerate(model.obstacles)]
         return [LinkDistance(shapes.against(boxes), self.link_distance, period=model.period)]
 

@@ -182,7 +182,7 @@ def part_position() -> PartPosition:
     return PartPosition([part.frame for part in in_plant(holding_workcell()).placed])
 
 
-def peg_contact() -> PegContact:
+def peg_contact_in_a_plant(config: PegInBoreConfig) -> tuple[PegContact, MultibodyPlant]:
     plant = MultibodyPlant(0.001)
     parser = Parser(plant)
     add_packages(parser.package_map())
@@ -190,7 +190,11 @@ def peg_contact() -> PegContact:
         parser.AddModelsFromUrl(f"package://parts/{name}.urdf")
     plant.Finalize()
     tip, mouth = plant.GetFrameByName("tip"), plant.GetFrameByName("mouth")
-    return PegContact(plant, tip, mouth, PegInBoreConfig(), time_step=0.001)
+    return PegContact(plant, tip, mouth, config, time_step=0.001), plant
+
+
+def peg_contact() -> PegContact:
+    return peg_contact_in_a_plant(PegInBoreConfig())[0]
 
 
 def example(workcell: Callable[[], Workcell], periods: dict[str, float], *truth: str) -> Example:

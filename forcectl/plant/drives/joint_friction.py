@@ -94,8 +94,17 @@ def _finite(name: str, value: ArrayLike, size: int) -> Array:
 
 def friction_torque(speed: Array, friction: JointFriction) -> Array:
     """tau_F of (5.2) [Nm] at joint speeds of shape (..., n) [rad/s]."""
+    return _with_direction(speed, friction, np.tanh(COULOMB_STEEPNESS * speed))
+
+
+def sliding_friction_torque(speed: Array, friction: JointFriction) -> Array:
+    """The same of joints that move: Coulomb's friction has its full size at any speed."""
+    return _with_direction(speed, friction, np.sign(speed))
+
+
+def _with_direction(speed: Array, friction: JointFriction, direction: Array) -> Array:
     viscous = friction.viscous_forward * np.maximum(speed, 0.0) + friction.viscous_backward * np.minimum(speed, 0.0)
-    torque: Array = friction.offset + friction.coulomb * np.tanh(COULOMB_STEEPNESS * speed) + viscous
+    torque: Array = friction.offset + friction.coulomb * direction + viscous
     return torque
 
 

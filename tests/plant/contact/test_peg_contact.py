@@ -6,13 +6,12 @@ import numpy as np
 import pytest
 from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.multibody.math import SpatialVelocity
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 
 from forcectl.errors import BadInputError
-from forcectl.models import add_packages
 from forcectl.plant import PegContact, PegInBoreConfig
 from forcectl.plant.contact.peg_contact import PegProfile, touching
+from tests.examples.block_examples_stations import peg_contact_in_a_plant
 from tests.examples.insertion import ACROSS, Misalignment, analytic, insert, misalignments
 
 CONFIG = PegInBoreConfig(clearance=0.5e-3)
@@ -70,14 +69,7 @@ def test_nothing_touches_above_the_mouth_nor_aligned_in_the_bore():
 
 
 def block_and_plant() -> tuple[PegContact, MultibodyPlant]:
-    plant = MultibodyPlant(0.001)
-    parser = Parser(plant)
-    add_packages(parser.package_map())
-    for name in ("pipette_body", "pipette_plunger_0p5"):
-        parser.AddModelsFromUrl(f"package://parts/{name}.urdf")
-    plant.Finalize()
-    tip, mouth = plant.GetFrameByName("tip"), plant.GetFrameByName("mouth")
-    return PegContact(plant, tip, mouth, CONFIG, time_step=0.001), plant
+    return peg_contact_in_a_plant(CONFIG)
 
 
 def read(X_WM: RigidTransform, X_MT: RigidTransform, V_MT: np.ndarray) -> tuple[np.ndarray, list]:
