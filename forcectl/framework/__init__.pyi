@@ -7,6 +7,7 @@ from forcectl.framework.batch import whole_multiple as whole_multiple
 from forcectl.framework.cache import BlockCache as BlockCache
 from forcectl.framework.enclosed import Enclosed as Enclosed
 from forcectl.framework.euler_angles import EulerAngles as EulerAngles
+from forcectl.framework.expression import Expression as Expression
 from forcectl.framework.fields import Config as Config
 from forcectl.framework.fields import slot as slot
 from forcectl.framework.imports import import_object as import_object

@@ -21,13 +21,13 @@ from scipy.stats import qmc
 import forcectl
 from forcectl.analysis.force_metrics import METRICS, is_metric
 from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.expression import Expression
 from forcectl.framework.yaml_tree import dump
 from forcectl.runs.run import overlap
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.scenario import Scenario, as_file, build, origins, resolve, select_variants
 from forcectl.scenario.trees import part_tree
 from forcectl.sweeps.axes import Axis, axis_of, is_plain
-from forcectl.sweeps.expression import Expression
 from forcectl.sweeps.sweep_config import SweepConfig, SweepFile, with_scenario
 
 MOST_TRIALS = 10_000_000

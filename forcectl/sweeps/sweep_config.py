@@ -8,12 +8,12 @@ from pathlib import Path
 from typing import Any
 
 from forcectl.errors import BadInputError, invalid
+from forcectl.framework.expression import Expression
 from forcectl.framework.fields import Config, key
 from forcectl.framework.yaml_tree import Tagged, parse, place, plain
 from forcectl.runs.run import overlap
 from forcectl.scenario.catalog import ScenarioFile, experiments_folder, list_experiments
 from forcectl.scenario.schema import ScenarioReader
-from forcectl.sweeps.expression import Expression
 
 DESIGNS = ("grid", "random", "latin_hypercube", "sobol", "saltelli")
 KEEP = ("none", "failed", "all")

@@ -16,12 +16,12 @@ import xarray as xr
 
 from forcectl.diagrams.loop import check_range
 from forcectl.errors import BadInputError, one_line
+from forcectl.framework.expression import Expression
 from forcectl.runs.logs import write_netcdf
 from forcectl.runs.simulate import VariantOutcome, simulate
 from forcectl.runs.simulate_batch import simulate_batch
 from forcectl.scenario.scenario import build, origins, resolve
 from forcectl.sweeps.batches import Task
-from forcectl.sweeps.expression import Expression
 from forcectl.sweeps.results import BEAT, Results, Row
 from forcectl.sweeps.study import Study, Trial
 

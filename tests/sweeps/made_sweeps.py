@@ -6,8 +6,8 @@ from pathlib import Path
 
 import numpy as np
 
+from forcectl.framework.expression import Expression
 from forcectl.framework.yaml_tree import Tagged
-from forcectl.sweeps.expression import Expression
 from forcectl.sweeps.results import Results
 from forcectl.sweeps.study import study_of
 from forcectl.sweeps.sweep_config import read_sweep

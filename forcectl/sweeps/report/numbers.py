@@ -10,9 +10,9 @@ import numpy as np
 from numpy.typing import NDArray
 from scipy.stats import binomtest, rankdata, sobol_indices
 
+from forcectl.framework.expression import Expression
 from forcectl.framework.fields import key_of
 from forcectl.sweeps.axes import Axis
-from forcectl.sweeps.expression import Expression
 from forcectl.sweeps.study import Study
 
 if TYPE_CHECKING:

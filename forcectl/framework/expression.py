@@ -1,12 +1,13 @@
-"""Conditions and numbers as text in a sweep file, such as `overshoot_pct <= 5 and peak_force_N < 20`.
+"""Conditions and numbers as text, such as `overshoot_pct <= 5 and peak_force_N < 20` or `abs(touch.force_z) > 1`.
 
-Names are dotted keys or metrics. There are numbers, the operators `+ - * / **`, comparisons, and, or, not,
-parentheses: nothing that could call anything.
+Names may have dots. There are numbers, the operators `+ - * / **`, comparisons, and, or, not, parentheses and the
+functions `abs`, `min` and `max`: nothing else can be called.
 """
 
 from __future__ import annotations
 
 import ast
+import math
 import operator
 from collections.abc import Callable, Iterable, Mapping
 from itertools import pairwise
@@ -30,6 +31,12 @@ _OPERATORS: dict[type, Callable[..., Any]] = {
     ast.Eq: operator.eq,
     ast.NotEq: operator.ne,
 }
+# Functions, and how many arguments each takes at least and at most.
+_FUNCTIONS: dict[str, tuple[Callable[..., Any], int, float]] = {
+    "abs": (abs, 1, 1),
+    "min": (min, 2, math.inf),
+    "max": (max, 2, math.inf),
+}
 
 
 class _UndefinedError(Exception):
@@ -41,11 +48,12 @@ class Expression:
 
     Args:
         text: as written.
-        key: of the sweep file, for messages.
+        key: that it stands at, for messages.
 
     Attributes:
         text: as written.
         names: that it needs, in order of appearance.
+        texts: that it compares with, such as wood in `material == 'wood'`.
 
     Raises:
         BadInputError: it is no expression of that kind.
@@ -59,6 +67,8 @@ class Expression:
         except (SyntaxError, ValueError, RecursionError, MemoryError):
             raise invalid(key, text, "an expression such as overshoot_pct <= 5 and peak_force_N < 20") from None
         self.names = list(dict.fromkeys(self._names(self._tree)))
+        constants = [node.value for node in ast.walk(self._tree) if isinstance(node, ast.Constant)]
+        self.texts = [value for value in constants if isinstance(value, str)]
 
     def check_names(self, known: Iterable[str], kind: str) -> None:
         """Raise BadInputError for a name that is not among the known ones.
@@ -73,15 +83,43 @@ class Expression:
                 raise unknown(kind, name, names).at(self._key)
 
     def __call__(self, values: Mapping[str, Any]) -> Any:
-        """The value of the expression; None where a value that it needs is None, or for a division by zero.
+        """The value of the expression; None where it has none.
+
+        That is: a value that it needs is None, a division by zero, a root of a negative number.
 
         Args:
             values: by name.
         """
+        return self._value_or_none(self._tree, values)
+
+    def deciding_value(self, values: Mapping[str, Any]) -> Any:
+        """The value that decides whether the condition holds; None where it has none.
+
+        It is the left side of the comparison, or the first side that has a name where the left one has none. Of `and`
+        the first part counts, of `or` the first one that holds. A condition without a comparison is the value itself.
+
+        Args:
+            values: by name.
+        """
+        return self._value_or_none(self._deciding(self._tree, values), values)
+
+    def _value_or_none(self, node: ast.expr, values: Mapping[str, Any]) -> Any:
         try:
-            return self._value(self._tree, values)
+            return self._value(node, values)
         except (_UndefinedError, ZeroDivisionError, OverflowError):
             return None
+
+    def _deciding(self, node: ast.expr, values: Mapping[str, Any]) -> ast.expr:
+        if isinstance(node, ast.BoolOp):
+            holds = (part for part in node.values if self._value_or_none(part, values))
+            chosen = next(holds, node.values[0]) if isinstance(node.op, ast.Or) else node.values[0]
+            return self._deciding(chosen, values)
+        if isinstance(node, ast.UnaryOp) and isinstance(node.op, ast.Not):
+            return self._deciding(node.operand, values)
+        if isinstance(node, ast.Compare):
+            terms = [node.left, *node.comparators]
+            return next((term for term in terms if any(self._names(term))), node.left)
+        return node
 
     def _names(self, node: ast.AST) -> Iterable[str]:
         name = _dotted(node)
@@ -92,19 +130,34 @@ class Expression:
             if not isinstance(node.value, int | float | str):
                 raise invalid(self._key, self.text, "of numbers and names")
             return
+        if isinstance(node, ast.Call):
+            yield from self._names_in_call(node)
+            return
         parts = [part for part in ast.iter_child_nodes(node) if not isinstance(part, ast.expr_context)]
         operators = [part for part in parts if isinstance(part, ast.operator | ast.unaryop | ast.cmpop)]
         expressions = isinstance(node, ast.BoolOp | ast.BinOp | ast.UnaryOp | ast.Compare)
         if not expressions or any(type(part) not in _OPERATORS for part in operators):
-            written = ast.unparse(node)
-            raise BadInputError(
-                f" = {self.text!r}: {written!r} cannot stand here: must be of names, numbers, + - * / **, comparisons, "
-                "and, or, not",
-                key=self._key,
-            )
+            raise self._misplaced(node)
         for part in parts:
             if isinstance(part, ast.expr):
                 yield from self._names(part)
+
+    def _names_in_call(self, node: ast.Call) -> Iterable[str]:
+        name = _dotted(node.func)
+        if name not in _FUNCTIONS or node.keywords:
+            raise self._misplaced(node)
+        _, fewest, most = _FUNCTIONS[name]
+        if not fewest <= len(node.args) <= most:
+            wanted = "one value" if most == 1 else "two values or more"
+            raise BadInputError(f" = {self.text!r}: {name}() must be of {wanted}", key=self._key)
+        for part in node.args:
+            yield from self._names(part)
+
+    def _misplaced(self, node: ast.AST) -> BadInputError:
+        allowed = f"names, numbers, + - * / **, comparisons, and, or, not, {', '.join(_FUNCTIONS)}"
+        return BadInputError(
+            f" = {self.text!r}: {ast.unparse(node)!r} cannot stand here: must be of {allowed}", key=self._key
+        )
 
     def _value(self, node: ast.expr, values: Mapping[str, Any]) -> Any:
         name = _dotted(node)
@@ -119,19 +172,27 @@ class Expression:
             parts = (self._value(part, values) for part in node.values)
             return all(parts) if isinstance(node.op, ast.And) else any(parts)
         if isinstance(node, ast.UnaryOp):
-            return self._apply(node.op, self._value(node.operand, values))
+            return self._apply(_OPERATORS[type(node.op)], self._value(node.operand, values))
         if isinstance(node, ast.BinOp):
-            return self._apply(node.op, self._value(node.left, values), self._value(node.right, values))
+            terms = [self._value(part, values) for part in (node.left, node.right)]
+            return self._apply(_OPERATORS[type(node.op)], *terms)
+        if isinstance(node, ast.Call):
+            function, _, _ = _FUNCTIONS[_dotted(node.func)]
+            return self._apply(function, *(self._value(part, values) for part in node.args))
         assert isinstance(node, ast.Compare)
         terms = [self._value(part, values) for part in (node.left, *node.comparators)]
-        return all(self._apply(op, *pair) for op, pair in zip(node.ops, pairwise(terms), strict=True))
+        operators = [_OPERATORS[type(op)] for op in node.ops]
+        return all(self._apply(op, *pair) for op, pair in zip(operators, pairwise(terms), strict=True))
 
-    def _apply(self, op: ast.AST, *terms: Any) -> Any:
+    def _apply(self, function: Callable[..., Any], *terms: Any) -> Any:
         try:
-            return _OPERATORS[type(op)](*terms)
+            value = function(*terms)
         except TypeError:
             shown = " and ".join(repr(term) for term in terms)
             raise BadInputError(f" = {self.text!r}: cannot be worked out with {shown}", key=self._key) from None
+        if isinstance(value, complex):  # a root of a negative number
+            raise _UndefinedError
+        return value
 
 
 def _dotted(node: ast.AST) -> str:

@@ -1,7 +1,7 @@
 import pytest
 
 from forcectl.errors import BadInputError
-from forcectl.sweeps.expression import Expression
+from forcectl.framework.expression import Expression
 
 VALUES = {"a": 2.0, "b.c": 3.0, "none": None, "name": "wood", "yes": True}
 
@@ -21,6 +21,10 @@ VALUES = {"a": 2.0, "b.c": 3.0, "none": None, "name": "wood", "yes": True}
         ("a > 1 or none > 1", True),
         ("a / (b.c - 3)", None),
         ("10 ** 10 ** 10", None),
+        ("(a - b.c) ** 0.5 > 0", None),
+        ("abs(a - b.c) + min(a, b.c, 7) * max(-a, -b.c)", -3.0),
+        ("abs(none) > 1", None),
+        ("max(a, b.c) == b.c", True),
     ],
 )
 def test_values(text, value):
@@ -34,12 +38,34 @@ def test_names_in_order_of_appearance():
 @pytest.mark.parametrize(
     "text",
     ["", "a <", "import os", "open('x')", "a[0]", "lambda: a", "a.b()", "[a]", "a if a else a", "a and", "a := 2",
-     "b'x' == a", "a in name", "(" * 300, "None", "a % 2", "__import__('os')", "f'{a}'"],
+     "b'x' == a", "a in name", "(" * 300, "None", "a % 2", "__import__('os')", "f'{a}'", "abs(a, a)", "abs()",
+     "min(a)", "max(*a)", "min(a, key=a)", "a.abs(a)", "sum(a, a)", "max(a, open('x'))"],
 )  # fmt: skip
 def test_nothing_but_numbers_names_and_comparisons(text):
     with pytest.raises(BadInputError, match="success") as error:
         Expression(text, "success")
     assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("text", "value"),
+    [
+        ("a + 1 > 0.5", 3.0),
+        ("0.5 < abs(-a) < b.c", 2.0),
+        ("b.c > 2 and a > 1", 3.0),
+        ("b.c > 5 or a > 1", 2.0),
+        ("not (b.c > 5 or a > 3)", 3.0),
+        ("yes", True),
+        ("3 > 2", 3.0),
+        ("none > 1", None),
+    ],
+)
+def test_the_value_that_decides(text, value):
+    assert Expression(text).deciding_value(VALUES) == value
+
+
+def test_texts_that_are_compared_with():
+    assert Expression("name == 'wood' and a > 1").texts == ["wood"]
 
 
 def test_terms_that_do_not_go_together_are_told():
