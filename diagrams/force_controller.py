@@ -12,8 +12,7 @@ from pydrake.systems.primitives import Demultiplexer, MatrixGain, PassThrough
 
 from forcectl.errors import BadInputError
 from forcectl.force.kinematic_inversion import ConstantKinematicInversion, KinematicInversion, joint_direction
-from forcectl.framework.enclosed import Enclosed
-from forcectl.framework.wiring import add_part, affine, export_all_outputs, input_names, output_names, stacked
+from forcectl.framework.wiring import Enclosed, add_part, affine, export_all_outputs, input_names, output_names, stacked
 from forcectl.plant.plant_model import PlantModel
 
 _NO_SURFACE = " has no surface: must have one for a force law to press on"

@@ -29,8 +29,7 @@ from forcectl.diagrams.signals import SignalChoice, Signals
 from forcectl.diagrams.station import StationConfig, build_station
 from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.errors import BadInputError, about, invalid
-from forcectl.framework.enclosed import Enclosed
-from forcectl.framework.wiring import add_part, input_names, made_by
+from forcectl.framework.wiring import Enclosed, add_part, input_names, made_by
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.tip_kinematics import tip_displacements
 

@@ -42,8 +42,7 @@ from forcectl.diagrams.mechanics.station_surface import add_contact_state, add_s
 from forcectl.diagrams.mechanics.world import add_world
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError
-from forcectl.framework.enclosed import Enclosed
-from forcectl.framework.wiring import add_part, stacked
+from forcectl.framework.wiring import Enclosed, add_part, stacked
 from forcectl.motion.loads import add_loads, loaded_frames
 from forcectl.plant.contact.gripper_opening import GripperOpening
 from forcectl.plant.contact.part_position import PartPosition

@@ -9,9 +9,8 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer
 
 from forcectl.errors import BadInputError, about, invalid
-from forcectl.framework.enclosed import Enclosed
 from forcectl.framework.fields import Config, slot
-from forcectl.framework.wiring import stacked
+from forcectl.framework.wiring import Enclosed, stacked
 from forcectl.plant.plant_model import PlantModel
 
 _INPUTS = ("desired_force", "measured_force", "motor_displacement", "path_displacement")

@@ -5,7 +5,6 @@ from forcectl.framework.batch import check as check
 from forcectl.framework.batch import check_count as check_count
 from forcectl.framework.batch import whole_multiple as whole_multiple
 from forcectl.framework.cache import BlockCache as BlockCache
-from forcectl.framework.enclosed import Enclosed as Enclosed
 from forcectl.framework.euler_angles import EulerAngles as EulerAngles
 from forcectl.framework.expression import Expression as Expression
 from forcectl.framework.fields import Config as Config
@@ -16,6 +15,7 @@ from forcectl.framework.rotation_vector import RotationVector as RotationVector
 from forcectl.framework.sampled_block import SampledBatch as SampledBatch
 from forcectl.framework.sampled_block import SampledBlock as SampledBlock
 from forcectl.framework.series_file import read_series as read_series
+from forcectl.framework.wiring import Enclosed as Enclosed
 from forcectl.framework.wiring import affine as affine
 from forcectl.framework.wiring import export_all_outputs as export_all_outputs
 from forcectl.framework.wiring import export_outputs as export_outputs

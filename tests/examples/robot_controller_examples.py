@@ -18,7 +18,7 @@ from forcectl.force.invariance.controller import InvarianceController
 from forcectl.force.invariance.regulated_output import RegulatedCoordinate
 from forcectl.force.invariance.robot import AdaptiveInvarianceController, InvarianceRobotConfig
 from forcectl.force.sensor_lag import SensorLag
-from forcectl.framework.enclosed import Enclosed
+from forcectl.framework.wiring import Enclosed
 from forcectl.plant.plant_model import PlantModel
 from forcectl.tasks.constraints.base import CartesianWall
 from forcectl.testing.runs import Input

@@ -24,9 +24,9 @@ from forcectl.force.adaptive_force_law import AdaptiveLawConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.invariance.force_law import InvarianceForceLaw, InvarianceLimits, one_step_acceleration
 from forcectl.framework.batch import BatchValue
-from forcectl.framework.enclosed import Enclosed
 from forcectl.framework.fields import key, slot
 from forcectl.framework.sampled_block import Memory
+from forcectl.framework.wiring import Enclosed
 from forcectl.plant.plant_model import PlantModel
 
 
