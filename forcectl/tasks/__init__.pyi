@@ -20,6 +20,14 @@ from forcectl.tasks.coordinates import Orientation as Orientation
 from forcectl.tasks.cost import TaskCost as TaskCost
 from forcectl.tasks.cost import Weights as Weights
 from forcectl.tasks.joint_state_monitor import JointStateMonitor as JointStateMonitor
+from forcectl.tasks.machine.chart import ChartArrow as ChartArrow
+from forcectl.tasks.machine.chart import ChartMode as ChartMode
+from forcectl.tasks.machine.chart import MachineChart as MachineChart
+from forcectl.tasks.machine.modes import ExitConfig as ExitConfig
+from forcectl.tasks.machine.modes import MachineModeConfig as MachineModeConfig
+from forcectl.tasks.machine.modes import check_modes as check_modes
+from forcectl.tasks.machine.modes import machine_chart as machine_chart
+from forcectl.tasks.machine.state_machine import StateMachine as StateMachine
 from forcectl.tasks.modes import Mode as Mode
 from forcectl.tasks.null_space import AwayFrom as AwayFrom
 from forcectl.tasks.null_space import AwayFromJointLimits as AwayFromJointLimits

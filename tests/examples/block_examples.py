@@ -39,6 +39,7 @@ from tests.examples.block_examples_joint_interface import JOINT_INTERFACE_EXAMPL
 from tests.examples.block_examples_stations import STATION_EXAMPLES
 from tests.examples.controller_examples import CONTROLLER_EXAMPLES
 from tests.examples.governor_examples import GOVERNOR_EXAMPLES
+from tests.examples.machines import MACHINE_EXAMPLES
 from tests.examples.motion_examples import MOTION_EXAMPLES
 from tests.examples.predictive_examples import PREDICTIVE_EXAMPLES
 from tests.examples.reactive_examples import REACTIVE_EXAMPLES
@@ -151,6 +152,7 @@ def law_feedthrough(*inputs: str) -> set[tuple[str, str]]:
 ELSEWHERE = ROBOT_EXAMPLES | ESTIMATION_EXAMPLES | VRFT_EXAMPLES | PREDICTIVE_EXAMPLES | GOVERNOR_EXAMPLES
 ELSEWHERE |= MOTION_EXAMPLES
 ELSEWHERE |= REACTIVE_EXAMPLES
+ELSEWHERE |= MACHINE_EXAMPLES
 ELSEWHERE |= JOINT_INTERFACE_EXAMPLES
 ELSEWHERE |= TORQUE_EXAMPLES
 ELSEWHERE |= SURFACE_EXAMPLES

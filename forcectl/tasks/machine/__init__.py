@@ -1,0 +1,1 @@
+"""Task state machines: modes with guards, timeouts and named ends."""

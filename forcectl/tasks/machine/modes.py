@@ -1,0 +1,162 @@
+"""Modes of a task state machine as a scenario declares them, and what a machine must be.
+
+A machine is refused, in one line with the key, when
+
+* `start`, `to`, `on_timeout` or `on_bad_signal` is no mode of it, or a transition leads back to its own mode;
+* a mode is neither an end nor has a timeout, is both, or cannot be reached from the start;
+* the timeouts alone do not lead from each mode to an end: a machine none of whose guards ever holds ends, too;
+* no mode is a success, or a failure has no reason;
+* a name of a mode is not made of letters, digits and _, or a gripper is neither open nor closed.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass
+
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.fields import Config, key
+from forcectl.tasks.machine.chart import ChartArrow, ChartMode, MachineChart
+
+GRIPPERS = ("open", "closed")
+LONGEST_GAP = 0.05  # [s]
+
+
+@dataclass(kw_only=True)
+class ExitConfig(Config):
+    """A transition of a mode: where its guard leads to."""
+
+    when: str = key(meaning="guard, an expression such as abs(touch.force_z) > 1 or time > 0.5")
+    to: str = key(meaning="mode that begins then")
+    hold: float = key(0.0, "how long the guard must hold without a break", unit="s", bounds="not negative")
+
+
+@dataclass(kw_only=True)
+class MachineModeConfig(Config):
+    """What a state machine knows of a mode; a controller's own modes derive from it."""
+
+    exits: list[ExitConfig] = key([], "transitions; of several whose guards hold the first counts")
+    timeout: float | None = key(None, "longest time in the mode; needed in all but ends", unit="s", bounds="positive")
+    on_timeout: str = key("", "mode that begins then")
+    end: str = key("", "empty: the machine goes on", choices=("", "success", "failure"))
+    reason: str = key("", "of a failure, in words")
+    grippers: dict[str, str] = key({}, "open or closed, by arm; of others as before")
+    tare: bool = key(False, "tare the estimated wrenches")
+
+
+Modes = Mapping[str, MachineModeConfig]
+
+
+def check_modes(modes: Modes, start: str, on_bad_signal: str = "") -> None:
+    """Refuse a machine that is none, see above.
+
+    Args:
+        modes: by name.
+        start: name of the first one.
+        on_bad_signal: of the one that begins when a signal is bad; "" for none.
+
+    Raises:
+        BadInputError: about the key, from `modes`, `start` or `on_bad_signal` on.
+    """
+    for name in modes:
+        if not (isinstance(name, str) and name.isidentifier()):
+            raise invalid("modes", name, "named by letters, digits and _, not beginning with a digit")
+    _check_mode("start", start, modes)
+    if on_bad_signal:
+        _check_mode("on_bad_signal", on_bad_signal, modes)
+    for name, mode in modes.items():
+        _check_ways(f"modes.{name}", name, mode, modes)
+        for arm, state in mode.grippers.items():
+            if state not in GRIPPERS:
+                raise invalid(f"modes.{name}.grippers.{arm}", state, "open or closed")
+    if not any(mode.end == "success" for mode in modes.values()):
+        raise BadInputError("one of them must be a success: end: success", key="modes")
+    reached = _reached(modes, start, on_bad_signal)
+    for name in modes:
+        if name not in reached:
+            raise BadInputError(f"cannot be reached from {start!r}: no transition leads there", key=f"modes.{name}")
+    for name in modes:
+        _check_timeouts(name, modes)
+
+
+def machine_chart(
+    name: str, modes: Modes, start: str, on_bad_signal: str = "", longest_gap: float = LONGEST_GAP
+) -> MachineChart:
+    """The machine as it is drawn.
+
+    Args:
+        name: of the machine.
+        modes, start, on_bad_signal: see `check_modes`.
+        longest_gap: see `StateMachine` [s].
+
+    Raises:
+        BadInputError: see `check_modes`.
+    """
+    check_modes(modes, start, on_bad_signal)
+    drawn, arrows = [], []
+    for mode_name, mode in modes.items():
+        notes = [mode.reason] if mode.reason else []
+        if mode.timeout is not None:
+            notes.append(f"at most {mode.timeout:g} s")
+            arrows += [ChartArrow(mode_name, exit_.to, _label(exit_)) for exit_ in mode.exits]
+            arrows.append(ChartArrow(mode_name, mode.on_timeout, "timeout"))
+        if mode_name == on_bad_signal:
+            notes.append(f"from any mode after {longest_gap:g} s without a signal")
+        notes += [f"{arm}: gripper {state}" for arm, state in mode.grippers.items()]
+        drawn.append(ChartMode(mode_name, mode.end, tuple(notes)))  # type: ignore[arg-type]  # one of its choices
+    return MachineChart(name, start, tuple(drawn), tuple(arrows))
+
+
+def _label(exit_: ExitConfig) -> str:
+    return exit_.when + (f" for {exit_.hold:g} s" if exit_.hold else "")
+
+
+def _check_mode(key: str, name: str, modes: Modes) -> None:
+    if name not in modes:
+        raise unknown("mode", name, modes).at(key)
+
+
+def _check_ways(place: str, name: str, mode: MachineModeConfig, modes: Modes) -> None:
+    """What one mode must be; `place` is its key."""
+    if mode.end:
+        for key in ("exits", "timeout", "on_timeout"):
+            if getattr(mode, key):
+                raise invalid(f"{place}.{key}", getattr(mode, key), "left out in an end")
+        if mode.end == "failure" and not mode.reason.strip():
+            raise invalid(f"{place}.reason", mode.reason, "given in words in a failure")
+        return
+    if mode.timeout is None:
+        if not mode.exits:
+            raise BadInputError(" is a dead end: must have a timeout and exits, or be an end", key=place)
+        raise invalid(f"{place}.timeout", mode.timeout, "given in a mode that is no end")
+    targets = {f"{place}.exits.{i}.to": exit_.to for i, exit_ in enumerate(mode.exits)}
+    for key, target in (targets | {f"{place}.on_timeout": mode.on_timeout}).items():
+        _check_mode(key, target, modes)
+        if target == name:
+            raise invalid(key, target, "another mode than this one")
+
+
+def _reached(modes: Modes, start: str, on_bad_signal: str) -> set[str]:
+    reached: set[str] = set()
+    waiting = [start, *([on_bad_signal] if on_bad_signal else [])]
+    while waiting:
+        name = waiting.pop()
+        if name not in reached:
+            reached.add(name)
+            mode = modes[name]
+            waiting += [exit_.to for exit_ in mode.exits] + ([mode.on_timeout] if mode.on_timeout else [])
+    return reached
+
+
+def _check_timeouts(name: str, modes: Modes) -> None:
+    """Refuse a mode from which the timeouts lead around a ring."""
+    way = [name]
+    while not modes[way[-1]].end:
+        following = modes[way[-1]].on_timeout
+        if following in way:
+            ring = ", ".join(way[way.index(following) :])
+            raise BadInputError(
+                f" = {following!r}: must lead to an end by timeouts alone, not around {ring}",
+                key=f"modes.{way[-1]}.on_timeout",
+            )
+        way.append(following)

@@ -1,0 +1,279 @@
+"""Task state machine: which mode a task is in, from signals at every tick."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Mapping, Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from pydrake.systems.framework import Context
+
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.batch import check
+from forcectl.framework.expression import Expression
+from forcectl.framework.sampled_block import Memory, SampledBlock
+from forcectl.tasks.machine.modes import LONGEST_GAP, Modes, check_modes
+
+ENDS = ("running", "success", "failure")  # by their number
+# Names in guards that are no signals.
+TIME, VISITS = "time", "visits"
+
+_TINY = 1e-6  # of a tick, for rounding
+
+
+class Guard:
+    """A condition over signals.
+
+    Args:
+        text: the expression.
+        key: that it stands at, for messages.
+        known: names of the components of signals.
+
+    Attributes:
+        signals: names of those that it reads.
+
+    Raises:
+        BadInputError: it is no condition, or of other names.
+    """
+
+    def __init__(self, text: str, key: str, known: Sequence[str]):
+        self._condition = Expression(text, key)
+        self._condition.check_names([*known, TIME, VISITS], "signal")
+        if self._condition.texts:
+            raise invalid(key, text, "of signals and numbers, without texts")
+        self.signals = frozenset(self._condition.names) - {TIME, VISITS}
+
+    def value_if_true(self, values: Mapping[str, float]) -> float | None:
+        """The value that decided, see `Expression.deciding_value`, where the condition holds; None elsewhere.
+
+        A condition does not hold while a signal that it reads, or the value that decides, is not finite.
+
+        Args:
+            values: by name.
+        """
+        if not all(math.isfinite(values[name]) for name in self.signals) or not self._condition(values):
+            return None
+        value = self._condition.deciding_value(values)
+        return float(value) if value is not None and math.isfinite(value) else None
+
+
+class _Exit(NamedTuple):
+    """A transition: guard, number of the mode that it leads to, ticks that the guard has to hold after the first."""
+
+    guard: Guard
+    target: int
+    hold: int
+
+
+class _Mode(NamedTuple):
+    """A mode, ready for a tick.
+
+    Attributes:
+        exits: in their order.
+        timeout: after so many ticks.
+        on_timeout: number of the mode that begins then.
+        signals: names that the guards read.
+        end: number of `ENDS`.
+        tare: 0 or 1.
+        grippers: 1 closed, 0 open, NaN as before (a,).
+    """
+
+    exits: tuple[_Exit, ...]
+    timeout: float
+    on_timeout: int
+    signals: frozenset[str]
+    end: float
+    tare: float
+    grippers: Any
+
+
+class StateMachine(SampledBlock):
+    """Modes of a task, one at a time, with transitions by guards and timeouts (thesis Fig. 6.7 and 6.14).
+
+    ```
+    name: StateMachine
+    input_ports: [(further signals that guards read)]
+    output_ports: [mode, time_in_mode, transition, transition_value, machine_end, gripper_command (optional),
+    tare (optional)]
+    ```
+
+    The inputs are the signals that at least one guard reads.
+    mode: shape (1,), number of the mode in the order of `modes`, from 0 on [1].
+    time_in_mode: shape (1,), since the mode began [s].
+    transition: shape (1,), how many there were so far [1].
+    transition_value: shape (1,), what caused the last one, in its own unit [N or Nm or m or rad or s or 1]: the value
+    that decided the guard (see `Expression.deciding_value`), the time in the mode after a timeout, the time without a
+    signal after that; 0 before the first.
+    machine_end: shape (1,), 0 while the machine goes on, 1 after a success, 2 after a failure [1].
+    gripper_command: shape (a,), 1 where the gripper of an arm is to be closed, else 0 [1]. There where a mode names
+    one.
+    tare: shape (1,), 1 in modes that tare, else 0 [1]. There where a mode does.
+    All outputs are feedthrough of all inputs at the tick, and held.
+
+    A guard is an expression over signals: a signal of one component stands by its own name, others are
+    `signal.component`. `time` is the time in the mode [s], `visits` how often it began, from 1 on, for a task that is
+    tried again so many times.
+
+    The first tick begins the first mode. At every later tick the exits of the mode are looked at in their order, then
+    whether a signal is bad, then the timeout; the first that applies begins another mode at that tick, whose own exits
+    are looked at from the next tick on. So there is one transition at a tick at most. A guard with `hold` must hold at
+    every tick over that time, within the mode. A guard does not hold while a signal that it reads is not finite; when
+    one that the guards of the mode read stays so for more than `longest_gap`, `on_bad_signal` begins.
+
+    The mode is a number in the declared memory and no abstract value: an abstract state changes in unrestricted
+    updates only, which copy the state of the whole diagram and act after the outputs of the tick were computed. As it
+    is, a mode acts at the tick that it begins at, and everything that is remembered lies in the Context.
+
+    Sampling: every `period` [s]; no delay from the inputs to the mode.
+
+    Args:
+        modes: by name, see `check_modes`.
+        start: name of the first one.
+        signals: name of an input -> names of its components, of all that guards may read.
+        arms: names of those whose grippers are commanded.
+        on_bad_signal: name of the mode that begins when a signal is bad; "" for none: then there are the timeouts.
+        longest_gap: bad ticks in a row that are passed over [s], >= 0.
+        period: tick [s].
+
+    Raises:
+        BadInputError: see `check_modes`; a guard is no expression or of unknown signals; a gripper of an unknown arm,
+            or one that the first mode does not name while others do.
+    """
+
+    port_units = {
+        "time_in_mode": "s",
+        "transition": "1",
+        "machine_end": "1",
+        "gripper_command": "1",
+    }
+
+    def __init__(
+        self,
+        modes: Modes,
+        *,
+        start: str,
+        signals: Mapping[str, Sequence[str]],
+        arms: Sequence[str] = (),
+        on_bad_signal: str = "",
+        longest_gap: float = LONGEST_GAP,
+        period: float = 0.004,
+    ):
+        super().__init__()
+        check_modes(modes, start, on_bad_signal)
+        self._tick = check("period", period, "positive")
+        self._gap = check("longest_gap", longest_gap, "not negative") / period + 0.5
+        self._numbers_of = {name: number for number, name in enumerate(modes)}
+        components = _components(signals)
+        self._modes = [self._built(f"modes.{name}", mode, components, arms) for name, mode in modes.items()]
+        self._bad_mode = self._numbers_of.get(on_bad_signal)
+        first = self._modes[self._numbers_of[start]]
+        self._grips = any(mode.grippers for mode in modes.values())
+        if self._grips and np.isnan(first.grippers).any():
+            arm = arms[int(np.flatnonzero(np.isnan(first.grippers))[0])]
+            raise BadInputError(f"must say of every arm: {arm!r} is missing", key=f"modes.{start}.grippers")
+        self._tares = any(mode.tare for mode in modes.values())
+        read = frozenset[str]().union(*(mode.signals for mode in self._modes))
+        self._places = {name: components[name] for name in sorted(read)}
+        used = {port for port, _ in self._places.values()}
+        inputs = [self.DeclareVectorInputPort(name, len(signals[name])) for name in signals if name in used]
+        self.port_flags = {"mode": tuple(modes), "machine_end": ENDS}
+        memory: dict[str, Any] = {
+            "mode": float(self._numbers_of[start]),
+            "time_in_mode": 0.0,
+            "transition": 0.0,
+            "transition_value": 0.0,
+            "machine_end": first.end,
+            "ticks": -1.0,  # in the mode
+            "gap": 0.0,  # ticks in a row at which a signal was bad
+            "held": np.zeros(max(1, *(len(mode.exits) for mode in self._modes))),  # ticks, of each guard of the mode
+            "visits": np.zeros(len(modes)),
+        }
+        shown = ["mode", "time_in_mode", "transition", "transition_value", "machine_end"]
+        if self._grips:
+            memory["gripper_command"] = first.grippers
+            shown.append("gripper_command")
+        if self._tares:
+            memory["tare"] = first.tare
+            shown.append("tare")
+        self.declare_memory(memory, inputs, self._tick)
+        self.show(*shown)
+
+    def _built(self, place: str, mode: Any, components: Mapping[str, Any], arms: Sequence[str]) -> _Mode:
+        exits = []
+        for i, exit_ in enumerate(mode.exits):
+            guard = Guard(exit_.when, f"{place}.exits.{i}.when", list(components))
+            hold = math.ceil(exit_.hold / self._tick - _TINY)
+            exits.append(_Exit(guard, self._numbers_of[exit_.to], hold))
+        grippers = np.full(len(arms), np.nan)
+        for arm, state in mode.grippers.items():
+            if arm not in arms:
+                raise unknown("arm", arm, arms).at(f"{place}.grippers")
+            grippers[list(arms).index(arm)] = float(state == "closed")
+        return _Mode(
+            exits=tuple(exits),
+            timeout=math.inf if mode.timeout is None else math.ceil(mode.timeout / self._tick - _TINY),
+            on_timeout=self._numbers_of.get(mode.on_timeout, 0),
+            signals=frozenset[str]().union(*(exit_.guard.signals for exit_ in exits)),
+            end=float(ENDS.index(mode.end or "running")),
+            tare=float(mode.tare),
+            grippers=grippers,
+        )
+
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
+        """See the class."""
+        number, ticks = int(memory["mode"]), memory["ticks"] + 1.0
+        if ticks == 0.0:  # the first tick
+            return self._begun(memory, number)
+        mode = self._modes[number]
+        values = {name: inputs[port].item(i) for name, (port, i) in self._places.items() if name in mode.signals}
+        bad = not all(map(math.isfinite, values.values()))
+        gap = memory["gap"] + 1.0 if bad else 0.0
+        values |= {TIME: ticks * self._tick, VISITS: memory["visits"].item(number)}
+        held, way = np.zeros_like(memory["held"]), None
+        for i, exit_ in enumerate(mode.exits):
+            value = exit_.guard.value_if_true(values)
+            if value is not None:
+                held[i] = memory["held"][i] + 1.0
+                if held[i] > exit_.hold and way is None:
+                    way = exit_.target, value
+        if way is None and self._bad_mode not in (None, number) and gap > self._gap:
+            way = self._bad_mode, gap * self._tick
+        if way is None and ticks >= mode.timeout:
+            way = mode.on_timeout, values[TIME]
+        after = {**memory, "gap": gap}
+        if way is None:
+            return after | {"ticks": ticks, "time_in_mode": values[TIME], "held": held}
+        after |= {"transition": memory["transition"] + 1.0, "transition_value": way[1]}
+        return self._begun(after, way[0])
+
+    def _begun(self, memory: Memory, number: int) -> dict[str, Any]:
+        """The memory at the tick that begins a mode."""
+        mode, visits = self._modes[number], memory["visits"].copy()
+        visits[number] += 1.0
+        after = {
+            **memory,
+            "mode": float(number),
+            "time_in_mode": 0.0,
+            "machine_end": mode.end,
+            "ticks": 0.0,
+            "held": np.zeros_like(memory["held"]),
+            "visits": visits,
+        }
+        if self._grips:
+            after["gripper_command"] = np.where(np.isnan(mode.grippers), memory["gripper_command"], mode.grippers)
+        if self._tares:
+            after["tare"] = mode.tare
+        return after
+
+
+def _components(signals: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, int]]:
+    """Name in guards -> input and place in it, of every component."""
+    found: dict[str, tuple[str, int]] = {}
+    for port, names in signals.items():
+        for i, name in enumerate(names):
+            found[port if len(names) == 1 else f"{port}.{name}"] = port, i
+    for name in (TIME, VISITS):
+        if name in found:
+            raise BadInputError(f"{name!r} is no name of a signal: it has a meaning of its own", key="signals")
+    return found

@@ -1,0 +1,136 @@
+"""What a machine must be: each mistake is one line that names the key."""
+
+from __future__ import annotations
+
+from dataclasses import replace
+
+import pytest
+
+from forcectl.errors import BadInputError
+from forcectl.tasks.machine.chart import ChartArrow
+from forcectl.tasks.machine.modes import ExitConfig, MachineModeConfig, check_modes, machine_chart
+from forcectl.tasks.machine.state_machine import StateMachine
+from tests.examples.machines import PEG_SIGNALS, cap, end, exit_to, mode, peg
+
+
+def changed(name, **changes):
+    return lambda modes: modes | {name: replace(modes[name], **changes)}
+
+
+def without(*names):
+    return lambda modes: {name: mode for name, mode in modes.items() if name not in names}
+
+
+def stopping(**changes):
+    """The first exit of that mode, changed."""
+    first, second = peg()["stopping"].exits
+    return changed("stopping", exits=[replace(first, **changes), second])
+
+
+BAD = {
+    "no such target": (stopping(to="complaint"), "modes.stopping.exits.0.to: unknown mode 'complaint': did you mean "),
+    "no such mode at a timeout": (changed("stopping", on_timeout="stick"), "modes.stopping.on_timeout: unknown mode"),
+    "no mode at a timeout": (changed("stopping", on_timeout=""), "modes.stopping.on_timeout: unknown mode ''"),
+    "back to itself": (stopping(to="stopping"), "modes.stopping.exits.0.to = 'stopping': must be another mode"),
+    "times out to itself": (changed("stopping", on_timeout="stopping"), "modes.stopping.on_timeout = 'stopping'"),
+    "not reached": (lambda modes: modes | {"idle": mode(on_timeout="stuck")}, "modes.idle: cannot be reached from"),
+    "dead end": (changed("stopping", exits=[], timeout=None, on_timeout=""), "modes.stopping is a dead end"),
+    "no timeout": (changed("stopping", timeout=None), "modes.stopping.timeout = None: must be given"),
+    "an end with exits": (changed("stuck", exits=[exit_to("missed", "time > 1")]), "modes.stuck.exits = "),
+    "an end with a timeout": (changed("stuck", timeout=1.0), "modes.stuck.timeout = 1.0: must be left out"),
+    "no reason": (changed("stuck", reason=" "), "modes.stuck.reason = ' ': must be given in words in a failure"),
+    "no success": (changed("inserted", end="failure", reason="why"), "modes: one of them must be a success"),
+    "a ring of timeouts": (
+        lambda modes: without("no_contact")(
+            changed("stopping", on_timeout="compliant")(changed("compliant", on_timeout="stopping")(modes))
+        ),
+        "modes.stopping.on_timeout = 'compliant': must lead to an end by timeouts alone, not around compliant, stop",
+    ),
+    "a gripper ajar": (changed("opening", grippers={"right": "ajar"}), "modes.opening.grippers.right = 'ajar'"),
+    "a name with a blank": (lambda modes: modes | {"hold on": end("success")}, "modes = 'hold on': must be named by"),
+}
+
+
+@pytest.mark.parametrize("case", BAD)
+def test_a_bad_machine_is_refused_with_the_key(case):
+    change, message = BAD[case]
+    with pytest.raises(BadInputError) as error:
+        check_modes(change(peg()), "approach")
+    assert str(error.value).startswith(message)
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize("key", ["start", "on_bad_signal"])
+def test_a_mode_that_the_machine_does_not_have(key):
+    with pytest.raises(BadInputError, match=f"^{key}: unknown mode 'aproach': did you mean 'approach'"):
+        check_modes(peg(), **{"start": "approach", key: "aproach"})
+
+
+def test_a_machine_that_is_one_is_not_refused():
+    """Rings of guards are allowed, and timeouts that lead back where others lead on."""
+    check_modes(peg(), "approach")
+    check_modes(changed("stopping", on_timeout="approach")(peg()), "approach")
+
+
+def test_the_mode_of_bad_signals_is_reached_without_an_exit():
+    check_modes(cap(), "approach", "no_reading")
+    with pytest.raises(BadInputError, match=r"^modes.no_reading: cannot be reached from 'approach'"):
+        check_modes(cap(), "approach")
+
+
+GUARDS = {
+    "touch.forcez > 1": "unknown signal 'touch.forcez': did you mean 'touch.force_z'. known: touch.force_x, ",
+    "tuch > 1": "unknown signal 'tuch'",
+    "touch > 1": "unknown signal 'touch'",
+    "touch.force_z >": " = 'touch.force_z >': must be an expression",
+    "touch.force_z == 'high'": ".*must be of signals and numbers, without texts",
+    "open(touch.force_z)": ".*cannot stand here",
+}
+
+
+@pytest.mark.parametrize("guard", GUARDS)
+def test_a_bad_guard_is_refused_with_the_key(guard):
+    with pytest.raises(BadInputError, match=r"^modes\.stopping\.exits\.0\.when:? ?" + GUARDS[guard]) as error:
+        StateMachine(stopping(when=guard)(peg()), start="approach", signals=PEG_SIGNALS, arms=("left", "right"))
+    assert "\n" not in str(error.value)
+
+
+@pytest.mark.parametrize(
+    ("change", "message"),
+    [
+        (changed("opening", grippers={"rigth": "open"}), "modes.opening.grippers: unknown arm 'rigth': did you mean"),
+        (changed("approach", grippers={"left": "open"}), "modes.approach.grippers: must say of every arm: 'right' is"),
+    ],
+)
+def test_a_bad_gripper_is_refused(change, message):
+    with pytest.raises(BadInputError, match=f"^{message}"):
+        StateMachine(change(peg()), start="approach", signals=PEG_SIGNALS, arms=("left", "right"))
+
+
+@pytest.mark.parametrize("name", ["time", "visits"])
+def test_a_signal_with_a_name_that_has_a_meaning_is_refused(name):
+    with pytest.raises(BadInputError, match=f"^signals: '{name}' is no name of a signal"):
+        StateMachine(peg(), start="approach", signals=PEG_SIGNALS | {name: ("x",)}, arms=("left", "right"))
+
+
+def test_a_number_out_of_bounds_is_refused():
+    with pytest.raises(BadInputError, match=r"^hold = -0.1: must be not negative"):
+        ExitConfig(when="time > 1", to="stuck", hold=-0.1)
+    with pytest.raises(BadInputError, match=r"^end: unknown end 'win': .* success, failure"):
+        MachineModeConfig(end="win")
+
+
+def test_the_chart_of_a_machine():
+    chart = machine_chart("cap", cap(), "approach", "no_reading")
+    notes = {mode.name: mode.notes for mode in chart.modes}
+    assert list(notes) == list(cap())
+    assert notes["rotation"] == ("at most 20 s",)
+    assert notes["no_reading"] == ("no force was estimated", "from any mode after 0.05 s without a signal")
+    rotation = [arrow for arrow in chart.arrows if arrow.source == "rotation"]
+    assert rotation == [
+        ChartArrow("rotation", "stopping", "abs(touch.torque_z) > 0.08 for 0.04 s"),
+        ChartArrow("rotation", "failed", "timeout"),
+    ]
+    assert {mode.name: mode.end for mode in chart.modes if mode.end} == {
+        "locked": "success", "failed": "failure", "no_reading": "failure"
+    }  # fmt: skip
