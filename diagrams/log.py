@@ -4,6 +4,7 @@ from __future__ import annotations
 
 from collections.abc import Mapping
 from dataclasses import dataclass
+from typing import Any
 
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import LogVectorOutput, Multiplexer, VectorLog, VectorLogSink
@@ -17,12 +18,14 @@ class LoggedSignal:
 
     Attributes:
         dimension: what its components are; None: joints, or its own.
+        meanings: names of the values 0, 1, ... of a signal that is the number of something; else empty.
     """
 
     rows: slice
     unit: str
     labels: tuple[str, ...] | None
     dimension: str | None = None
+    meanings: tuple[str, ...] = ()
 
 
 @dataclass(frozen=True)
@@ -53,7 +56,8 @@ def add_log(
 ) -> tuple[VectorLogSink, dict[str, LoggedSignal]]:
     """Log the ports every `period` [s]: one multiplexer and one sink, a tenth of the cost of a sink each.
 
-    A signal has the unit that its block gives the port of that name, or that of the conventions.
+    A signal has the unit that its block gives the port of that name in `port_units`, or that of the conventions, and
+    the names of its values that the block gives it in `port_meanings`.
 
     Args:
         ports: by signal name.
@@ -67,18 +71,19 @@ def add_log(
     for i, (name, port) in enumerate(ports.items()):
         builder.Connect(port, multiplexer.get_input_port(i))
         dimension, named = labels.get(name, (None, None))
-        unit = unit_of(name, _units(port.get_system()))
-        signals[name] = LoggedSignal(slice(row, row + port.size()), unit, named, dimension)
+        unit = unit_of(name, _of_ports(port.get_system(), "port_units"))
+        meanings = _of_ports(port.get_system(), "port_meanings").get(name, ())
+        signals[name] = LoggedSignal(slice(row, row + port.size()), unit, named, dimension, meanings)
         row += port.size()
     sink = LogVectorOutput(multiplexer.get_output_port(), builder, period)
     sink.set_name("log")
     return sink, signals
 
 
-def _units(system: System) -> dict[str, str]:
-    """Units that a block, or the blocks inside a diagram, give to ports by name; outer blocks win."""
+def _of_ports(system: System, attribute: str) -> dict[str, Any]:
+    """What a block, or the blocks inside a diagram, say of ports by name in an attribute; outer blocks win."""
     inner = system.GetSystems() if isinstance(system, Diagram) else []
-    found: dict[str, str] = {}
+    found: dict[str, Any] = {}
     for block in inner:
-        found |= _units(block)
-    return found | getattr(system, "port_units", {})
+        found |= _of_ports(block, attribute)
+    return found | getattr(system, attribute, {})

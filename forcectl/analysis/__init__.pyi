@@ -8,4 +8,7 @@ from forcectl.analysis.friction_identification import FrictionAnalysis as Fricti
 from forcectl.analysis.motion_metrics import joint_metrics as joint_metrics
 from forcectl.analysis.reaching import ReachAnalysis as ReachAnalysis
 from forcectl.analysis.slot import run_metrics as run_metrics
+from forcectl.analysis.transitions import Stay as Stay
+from forcectl.analysis.transitions import TransitionAnalysis as TransitionAnalysis
+from forcectl.analysis.transitions import stays as stays
 from forcectl.analysis.wrench_errors import WrenchErrorAnalysis as WrenchErrorAnalysis

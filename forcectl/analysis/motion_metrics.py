@@ -1,7 +1,7 @@
 """Metrics of motion loops: one definition each, from the log.
 
 Every run has those of `LOOP_METRICS`; an analysis (`forcectl.analysis.slot`) adds its own, which it names in
-`ANALYSIS_METRICS`. `<joint or arm>.<metric>` is that metric of one joint or arm alone.
+`ANALYSIS_METRICS`. `<joint, arm or mode>.<metric>` is that metric of one joint, arm or mode alone.
 """
 
 from __future__ import annotations
@@ -99,7 +99,13 @@ ALIGNMENT_METRICS: dict[str, tuple[str, str]] = {
     "torque_at_start_Nm": ("Nm", "interaction torque at first"),
     "torque_at_end_Nm": ("Nm", "interaction torque at the end"),
 }
+TRANSITION_METRICS: dict[str, tuple[str, str]] = {
+    "begins_s": ("s", "when a mode of the state machine begins for the first time"),
+    "transitions": ("1", "number of transitions of the state machine"),
+    "ended": ("1", "1 if the state machine ended in a success, 2 if in a failure, else 0"),
+}
 ANALYSIS_METRICS = FORCE_METRICS | WRENCH_ERROR_METRICS | FRICTION_METRICS | REACH_METRICS | ALIGNMENT_METRICS
+ANALYSIS_METRICS |= TRANSITION_METRICS
 MOTION_METRICS = LOOP_METRICS | ANALYSIS_METRICS
 
 

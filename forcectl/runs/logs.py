@@ -2,7 +2,8 @@
 
 One variant is a dataset over `time` with the scalar coordinate `variant`; several are stacked along the dimension
 `variant`. Vector signals have a second dimension with the names of their components. Every variable has the attributes
-`units` and `long_name`.
+`units` and `long_name`. One that is the number of something, such as a mode, also has `flag_values` and, with blanks
+between the names, `flag_meanings` (CF conventions, section 3.5).
 """
 
 from __future__ import annotations
@@ -64,7 +65,7 @@ def to_dataset(
     Args:
         times: (k,) [s].
         values: (n, k).
-        signals: name -> which `rows` (a slice), `unit` and component `labels` (None: a scalar).
+        signals: name -> which `rows` (a slice), `unit`, component `labels` (None: a scalar), `meanings` of its values.
         variant: name of the variant.
         model_bandwidth: of the reference model [rad/s]; adds its response `model_force` [N].
         derived: further scalars, name -> unit and samples (k,).
@@ -74,6 +75,9 @@ def to_dataset(
     for name, signal in signals.items():
         rows = values[signal.rows]
         attributes = {"units": signal.unit, "long_name": name.replace("_", " ")}
+        if signal.meanings:
+            values_of = np.arange(len(signal.meanings), dtype=float)
+            attributes |= {"flag_values": values_of, "flag_meanings": " ".join(signal.meanings)}
         if signal.labels is None:
             variables[name] = (("time",), rows[0].copy(), attributes)
         else:
@@ -108,8 +112,15 @@ def stack(logs: Sequence[xr.Dataset]) -> xr.Dataset:
         data_vars="all",
         coords="minimal",
         compat="override",
-        combine_attrs="override",
+        combine_attrs=_first_attributes,
     )
+
+
+def _first_attributes(attributes: Sequence[dict[str, Any]], context: Any = None) -> dict[str, Any]:
+    """Those of the first variant, without meanings of values that are others in another one."""
+    first, *others = attributes
+    same = all(each.get("flag_meanings") == first.get("flag_meanings") for each in others)
+    return {name: value for name, value in first.items() if same or not name.startswith("flag_")}
 
 
 def write_netcdf(dataset: xr.Dataset, path: Path) -> None:

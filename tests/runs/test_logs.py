@@ -18,6 +18,7 @@ class Signal:
     unit: str
     labels: tuple[str, ...] | None = None
     dimension: str | None = None
+    meanings: tuple[str, ...] = ()
 
 
 SIGNALS = {
@@ -46,6 +47,19 @@ def samples(n=5, seed=1):
     values = np.random.default_rng(seed).normal(size=(4, n))
     values[0] = 15.0
     return times, values
+
+
+def test_the_names_of_values_stand_in_the_log_and_the_file(tmp_path):
+    """Where variants have different ones no name is better than a wrong one."""
+    signals = {"mode": Signal(slice(0, 1), "1", meanings=("press", "turn"))}
+    logs = [to_dataset(*samples(), signals, name) for name in ("a", "b")]
+    write_netcdf(stack(logs), tmp_path / "log.nc")
+    read = read_netcdf(tmp_path / "log.nc")
+    assert read["mode"].attrs["flag_meanings"] == "press turn"
+    np.testing.assert_array_equal(read["mode"].attrs["flag_values"], [0.0, 1.0])
+    logs[1]["mode"].attrs["flag_meanings"] = "turn press"
+    mixed = stack(logs)["mode"].attrs
+    assert mixed == {"units": "1", "long_name": "mode"}
 
 
 def test_one_variant_is_one_dimensional_with_units_and_joint_names():

@@ -177,7 +177,7 @@ class StateMachine(SampledBlock):
         self._places = {name: components[name] for name in sorted(read)}
         used = {port for port, _ in self._places.values()}
         inputs = [self.DeclareVectorInputPort(name, len(signals[name])) for name in signals if name in used]
-        self.port_flags = {"mode": tuple(modes), "machine_end": ENDS}
+        self.port_meanings = {"mode": tuple(modes), "machine_end": ENDS}
         memory: dict[str, Any] = {
             "mode": float(self._numbers_of[start]),
             "time_in_mode": 0.0,

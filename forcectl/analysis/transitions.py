@@ -1,0 +1,78 @@
+"""How a task state machine went: when each mode began, what caused each transition, how it ended."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any, NamedTuple
+
+import numpy as np
+
+from forcectl.analysis.slot import variants_of
+from forcectl.diagrams.model import Setting
+from forcectl.framework.fields import Config
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+
+class Stay(NamedTuple):
+    """A stay in a mode.
+
+    Attributes:
+        mode: its name.
+        begin, end: [s]; the last stay ends with the log.
+        value: that caused the transition into it, in its own unit; None for the first stay.
+        kind: 0 the machine goes on, 1 success, 2 failure.
+    """
+
+    mode: str
+    begin: float
+    end: float
+    value: float | None
+    kind: int
+
+
+@dataclass(kw_only=True)
+class TransitionAnalysis(Config):
+    """Scenario part `!Transitions`: of a run with a state machine. Of another run there is nothing."""
+
+    def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
+        """Those of `TRANSITION_METRICS`; `<mode>.begins_s` of every mode, None of one that never began."""
+        found = stays(log)
+        if not found:
+            return {}
+        begins: dict[str, float | None] = {f"{name}.begins_s": None for name in mode_names(log)}
+        for stay in reversed(found):
+            begins[f"{stay.mode}.begins_s"] = stay.begin
+        return {**begins, "transitions": float(log["transition"].values[-1]), "ended": float(found[-1].kind)}
+
+    def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
+        """A time line of the modes of every variant."""
+        from forcectl.figures.transitions import transition_figure
+
+        runs = {name: found for name, run in variants_of(log).items() if (found := stays(run))}
+        return {"transitions": transition_figure(runs, mode_names(log), title)} if runs else {}
+
+
+def mode_names(log: Any) -> list[str]:
+    """Names of the modes by their number; none of a log without a state machine."""
+    return log["mode"].attrs.get("flag_meanings", "").split() if "mode" in log and "transition" in log else []
+
+
+def stays(log: Any) -> list[Stay]:
+    """The stays in modes of one variant, in their order.
+
+    Args:
+        log: over time, with the outputs of a `StateMachine`.
+    """
+    names = mode_names(log)
+    if not names or not log.sizes["time"]:
+        return []
+    time, count = log["time"].values, log["transition"].values
+    numbers, values, ends = (log[name].values for name in ("mode", "transition_value", "machine_end"))
+    first = [0, *(np.flatnonzero(np.diff(count)) + 1)]
+    last = [*first[1:], len(time) - 1]
+    return [
+        Stay(names[int(numbers[k])], float(time[k]), float(time[m]), float(values[k]) if k else None, int(ends[k]))
+        for k, m in zip(first, last, strict=True)
+    ]
