@@ -180,26 +180,33 @@ def graph(
     depth: Annotated[
         int, typer.Option(metavar="N", min=0, help="Levels of nesting to unfold; the HTML page starts there.")
     ] = 1,
+    machine: Annotated[bool, typer.Option("--machine", help="The state machine of the controller instead.")] = False,
     out: Annotated[Path | None, typer.Option(metavar="FILE", help="File to write (replaced if it exists).")] = None,
     variant: Variant = None,
     settings: Settings = None,
     fidelity: Fidelity = None,
 ) -> None:
-    """Draw the block diagram of a scenario, or of your own diagram.
+    """Draw the block diagram of a scenario, or of your own diagram, or a state machine.
 
     Example: forcectl graph fig_2_7 --format html --depth 2 --out loop.html
     """
     from forcectl.graph import export
-    from forcectl.runs.target import named_diagram
+    from forcectl.runs.target import named_diagram, named_machine
 
     chosen = format_ or (export.format_of(out) if out is not None and out.suffix else "svg")
     if chosen not in export.FORMATS:
         raise unknown("format", chosen, export.FORMATS)
-    name, diagram = named_diagram(scenario, variant, settings, fidelity)
+    drawn: export.Graph | export.MachineGraph
+    if machine:
+        name, chart = named_machine(scenario, variant, settings, fidelity)
+        drawn = export.graph(chart)
+    else:
+        name, diagram = named_diagram(scenario, variant, settings, fidelity)
+        drawn = export.graph(diagram, depth=depth)
     target = out or Path(f"{name}.{'mmd' if chosen == 'mermaid' else chosen}")
     partial = target.with_name(f".partial-{target.name}")
     try:
-        export.graph(diagram, depth=depth).save(partial, chosen)
+        drawn.save(partial, chosen)
         partial.replace(target)
     except OSError as error:
         raise BadInputError(f"--out {str(target)!r} cannot be written: {error.strerror}") from None

@@ -1,4 +1,5 @@
 from forcectl.graph.export import Graph as Graph
+from forcectl.graph.export import MachineGraph as MachineGraph
 from forcectl.graph.formats.dot import to_dot as to_dot
 from forcectl.graph.formats.dot import to_pydot as to_pydot
 from forcectl.graph.formats.html import to_html as to_html

@@ -5,7 +5,8 @@
     picture.save("loop.pdf")              # dot, html, mermaid, pdf, png, svg
 
 The picture reads from left to right: the forward path in one row, the wires that close loops below. Nested diagrams are
-boxes that can be unfolded, ports have names, wires carry size and unit, sampled blocks their sample time.
+boxes that can be unfolded, ports have names, wires carry size and unit, sampled blocks their sample time. A state
+machine (`MachineChart`) is drawn likewise: modes are boxes, guards stand at the arrows.
 """
 
 from __future__ import annotations
@@ -13,13 +14,14 @@ from __future__ import annotations
 import os
 from importlib import import_module
 from pathlib import Path
-from typing import TYPE_CHECKING
+from typing import TYPE_CHECKING, Any, overload
 
 from pydrake.systems.framework import Context, System
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.graph.extract import read_blocks
 from forcectl.graph.model import BlockGraph
+from forcectl.tasks.machine.chart import MachineChart
 
 if TYPE_CHECKING:
     import pydot
@@ -28,11 +30,18 @@ FORMATS = ("dot", "html", "mermaid", "pdf", "png", "svg")
 _SUFFIXES = {".gv": "dot", ".htm": "html", ".mmd": "mermaid"}
 
 
-class Graph(BlockGraph):
-    """A block graph that shows itself in a notebook and can be saved in every format; none needs another program."""
+class _Drawing:
+    """Something that shows itself in a notebook and can be saved in every format; none needs another program."""
+
+    _formats = "forcectl.graph"  # module with the functions of the formats
+
+    @property
+    def _content(self) -> Any:
+        """What they are called with."""
+        return self
 
     def render(self, format: str) -> str | bytes:
-        """The graph in one of `FORMATS`: text, or bytes for png and pdf.
+        """The picture in one of `FORMATS`: text, or bytes for png and pdf.
 
         Raises:
             BadInputError: an unknown format.
@@ -40,7 +49,7 @@ class Graph(BlockGraph):
         if format not in FORMATS:
             raise unknown("format", format, FORMATS)
         # The room imports a format when it is asked for: Matplotlib alone takes half a second.
-        content: str | bytes = getattr(import_module("forcectl.graph"), f"to_{format}")(self)
+        content: str | bytes = getattr(import_module(self._formats), f"to_{format}")(self._content)
         return content
 
     def save(self, path: str | os.PathLike[str], format: str | None = None) -> None:
@@ -48,22 +57,55 @@ class Graph(BlockGraph):
         content = self.render(format or format_of(path))
         Path(path).write_bytes(content.encode() if isinstance(content, str) else content)
 
-    def to_pydot(self) -> pydot.Dot:
-        """The graph as pydot objects, to be restyled: a `Cluster` per open diagram, a `Node` per block."""
-        from forcectl.graph.formats.dot import to_pydot
-
-        return to_pydot(self)
-
     def _repr_svg_(self) -> str:
         return str(self.render("svg"))
 
     def _repr_html_(self) -> str:
         return f'<div style="overflow-x:auto">{self._repr_svg_()}</div>'
 
+
+class Graph(_Drawing, BlockGraph):
+    """The picture of a diagram."""
+
+    def to_pydot(self) -> pydot.Dot:
+        """The graph as pydot objects, to be restyled: a `Cluster` per open diagram, a `Node` per block."""
+        from forcectl.graph.formats.dot import to_pydot
+
+        return to_pydot(self)
+
     def __repr__(self) -> str:
         return f"<block diagram {self.root.name!r}: {len(self.nodes)} blocks, {len(self.edges)} wires>"
 
 
+class MachineGraph(_Drawing):
+    """The picture of a state machine.
+
+    Attributes:
+        chart: its modes and arrows.
+    """
+
+    _formats = "forcectl.graph.formats.state_chart"
+
+    def __init__(self, chart: MachineChart):
+        self.chart = chart
+
+    @property
+    def _content(self) -> MachineChart:
+        return self.chart
+
+    def to_pydot(self) -> pydot.Dot:
+        """The machine as pydot objects, to be restyled: a `Node` per mode, an `Edge` per arrow."""
+        from forcectl.graph.formats.state_chart import to_pydot
+
+        return to_pydot(self.chart)
+
+    def __repr__(self) -> str:
+        return f"<state machine {self.chart.name!r}: {len(self.chart.modes)} modes, {len(self.chart.arrows)} arrows>"
+
+
+@overload
+def graph(diagram: MachineChart) -> MachineGraph: ...
+@overload
 def graph(
     diagram: System,
     *,
@@ -71,11 +113,20 @@ def graph(
     hide_unused: bool = True,
     loggers: bool = False,
     context: Context | None = None,
-) -> Graph:
-    """The block diagram of a Drake diagram; it does not refer to the diagram any more.
+) -> Graph: ...
+def graph(
+    diagram: System | MachineChart,
+    *,
+    depth: int | None = 1,
+    hide_unused: bool = True,
+    loggers: bool = False,
+    context: Context | None = None,
+) -> Graph | MachineGraph:
+    """The block diagram of a Drake diagram, to which it does not refer any more; or the picture of a state machine.
 
     Args:
-        diagram: any Drake diagram, or a single leaf system.
+        diagram: any Drake diagram, or a single leaf system; or a state machine, to which the other arguments do not
+            apply.
         depth: levels of nested diagrams that are unfolded: 0 shows one box, 1 its blocks, None everything.
         hide_unused: leave out ports that nothing is connected to.
         loggers: show blocks that only record a signal.
@@ -84,6 +135,8 @@ def graph(
     Raises:
         BadInputError: when `diagram` is no Drake system or `depth` is negative.
     """
+    if isinstance(diagram, MachineChart):
+        return MachineGraph(diagram)
     if not isinstance(diagram, System):
         raise BadInputError(f"diagram = {diagram!r}: must be a Drake diagram or system that is built")
     if depth is not None and (isinstance(depth, bool) or not isinstance(depth, int) or depth < 0):

@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Iterable
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
@@ -10,9 +11,12 @@ from pydrake.systems.framework import System
 
 from forcectl.errors import BadInputError, invalid, one_line
 from forcectl.framework.imports import import_object
+from forcectl.framework.wiring import made_by
 from forcectl.framework.yaml_tree import parse
 from forcectl.runs.run import assumed_of, with_shortcuts
+from forcectl.scenario.error_keys import located
 from forcectl.scenario.scenario import as_file, build, origins, resolve, select_variants
+from forcectl.tasks.machine.chart import MachineChart
 
 
 def parse_settings(settings: Iterable[str] | None) -> dict[str, Any]:
@@ -51,6 +55,29 @@ def named_diagram(
     overrides = with_shortcuts(parse_settings(settings), None, fidelity)
     name = select_variants(file, variant)[0]
     return file.name, build(resolve(file, name, overrides), origins(file, name, overrides)).diagram
+
+
+def named_machine(
+    target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None
+) -> tuple[str, MachineChart]:
+    """A file name and the state machine of the controller of a scenario, for a picture.
+
+    Args: as for `named_diagram`, without import paths.
+
+    Raises:
+        BadInputError: there is no such scenario, or its controller has no state machine, or one that is none.
+    """
+    file = as_file(target)
+    overrides = with_shortcuts(parse_settings(settings), None, fidelity)
+    name = select_variants(file, variant)[0]
+    scenario, where = resolve(file, name, overrides), origins(file, name, overrides)
+    if not hasattr(scenario.controller, "machine"):
+        raise BadInputError(f"--machine: the controller of {file.name!r} has no state machine")
+    try:
+        chart = made_by(scenario.controller, "machine", "controller", MachineChart, "a MachineChart")
+    except BadInputError as error:
+        raise located(scenario, error, where) from error.__cause__
+    return f"{file.name}_machine", replace(chart, name=file.name)
 
 
 def named_assumptions(

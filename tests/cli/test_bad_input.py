@@ -82,6 +82,7 @@ CASES = [
     (["graph", "fig_2_7", "--format", "svgg"], ["unknown format 'svgg'", "did you mean 'svg'"]),
     (["graph", "fig_2_7", "--out", "picture.jpeg"], ["unknown format 'jpeg'", "did you mean 'png'", "png, svg"]),
     (["graph", "fig_2_7", "--out", "no/such/folder/x.svg"], ["'no/such/folder/x.svg'", "cannot be written"]),
+    (["graph", "fig_2_7", "--machine"], ["--machine: the controller of 'fig_2_7' has no state machine"]),
     (["graph", "nothing.here:function"], ["'nothing.here:function'", "importable", "No module named"]),
     (["graph", "numpy:get_include"], ["'numpy:get_include'", "must return a Drake Diagram, not str"]),
     (["graph", "numpy:sin"], ["'numpy:sin'", "but raised TypeError"]),

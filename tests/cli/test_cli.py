@@ -189,6 +189,50 @@ def test_graph_and_check_take_a_diagram_of_the_users_own(forcectl, tmp_path):
     sys.modules.pop("own_diagrams", None)
 
 
+MACHINE = """
+from dataclasses import dataclass, field
+
+from forcectl.force.integral import IntegralConfig
+from forcectl.framework.fields import key
+from forcectl.tasks.machine.modes import MachineModeConfig, machine_chart
+
+@dataclass(kw_only=True)
+class Pressing(IntegralConfig):
+    modes: dict[str, MachineModeConfig] = field(default_factory=dict)
+
+    def machine(self):
+        return machine_chart("pressing", self.modes, "press")
+"""
+PRESSING = """
+station: {{fidelity: OneDimensional}}
+controller: !Import
+  path: own_machine:Pressing
+  parameters:
+    modes:
+      press:
+        exits: [{{when: touch > 5, to: {to}, hold: 0.1}}]
+        timeout: 2.0
+        on_timeout: missed
+      done: {{end: success}}
+      missed: {{end: failure, reason: nothing was touched}}
+"""
+
+
+def test_graph_draws_the_state_machine_of_a_controller(forcectl, tmp_path):
+    (tmp_path / "own_machine.py").write_text(MACHINE)
+    (tmp_path / "pressing.yaml").write_text(PRESSING.format(to="done"))
+    result = forcectl("graph", "pressing.yaml", "--machine")
+    assert result == (0, "wrote pressing_machine.svg\n", "")
+    drawn = (tmp_path / "pressing_machine.svg").read_text()
+    assert "State machine pressing" in drawn
+    assert "touch &gt; 5 for 0.1 s" in drawn
+    (tmp_path / "pressing.yaml").write_text(PRESSING.format(to="dine"))
+    code, _, err = forcectl("graph", "pressing.yaml", "--machine")
+    assert code == 2
+    assert "pressing.yaml:3: controller.modes.press.exits.0.to: unknown mode 'dine': did you mean 'done'" in err
+    sys.modules.pop("own_machine", None)
+
+
 @pytest.mark.parametrize("fidelity", catalog.SLOTS["fidelity"])
 def test_check_finds_no_error_in_the_shipped_loop(forcectl, fidelity):
     code, out, err = forcectl("check", "fig_2_7", "--fidelity", fidelity)

@@ -48,7 +48,7 @@ class _Writer:
             return
         title = block.name + (f"  ({subtitle(block)})" if subtitle(block) else "")
         cluster = pydot.Cluster(
-            self._ids[block.path], label=_label(title), labeljust="l", style="rounded", color="#8b97a3",
+            self._ids[block.path], label=label_of(title), labeljust="l", style="rounded", color="#8b97a3",
             bgcolor="#f7f8f9",
         )  # fmt: skip
         self._add_terminals(cluster, block, "in", block.inputs)
@@ -58,7 +58,7 @@ class _Writer:
         returning = feedback_edges(block)
         for edge in block.edges:
             wire = pydot.Edge(self._end(edge.source, "out", block.path), self._end(edge.target, "in", block.path))
-            wire.set("label", _label(edge.signal))
+            wire.set("label", label_of(edge.signal))
             if edge in returning:
                 wire.set("constraint", False)
             if not edge.size:
@@ -74,7 +74,7 @@ class _Writer:
         for number, port in enumerate(ports):
             name = f"{self._ids[block.path]}_{side}{number}"
             row.add_node(
-                pydot.Node(name, shape="cds", fillcolor="white", height=0.2, fontsize=10, label=_label(port.name))
+                pydot.Node(name, shape="cds", fillcolor="white", height=0.2, fontsize=10, label=label_of(port.name))
             )
 
     def _end(self, end: Endpoint, side: str, inside: str) -> str:
@@ -107,7 +107,7 @@ def _field(text: str) -> str:
     return escaped.replace("&", "&amp;").replace("\n", "\\n")
 
 
-def _label(text: str) -> str:
+def label_of(text: str) -> str:
     """Text of a plain label, always in quotes: pydot takes one between angles for HTML."""
     quoted: str = pydot.make_quoted(text.replace("\\", "\\\\").replace("&", "&amp;"))
     return quoted

@@ -49,7 +49,7 @@ def to_html(graph: BlockGraph) -> str:
         style=style(),
         width=f"{start.width:.2f}",
         height=f"{start.height:.2f}",
-        scene=draw(graph, start),
+        scene=draw(groups(graph, start)),
         kinds=[(name, CATEGORY_TEXT[name]) for name in PALETTE if any(b.category == name for b in graph.root.walk())],
         max_depth=graph.root.height,
         depth=graph.root.height if graph.depth is None else min(graph.depth, graph.root.height),

@@ -30,11 +30,11 @@ class _Flowchart:
             return
         inner = indent + "  "
         title = block.name + (f" ({subtitle(block)})" if subtitle(block) else "")
-        yield f'{indent}subgraph {node}["{_text(title)}"]'
+        yield f'{indent}subgraph {node}["{text_of(title)}"]'
         yield f"{inner}direction LR"
         for side, terminals in (("in", block.inputs), ("out", block.outputs)):
             for number, port in enumerate(terminals):
-                yield f'{inner}{node}_{side}{number}(["{_text(port.name)}"])'
+                yield f'{inner}{node}_{side}{number}(["{text_of(port.name)}"])'
         for child in block.blocks:
             yield from self.block(child, inner)
         yield f"{indent}end"
@@ -44,7 +44,7 @@ class _Flowchart:
             ports = " → ".join(dict.fromkeys(name for name in (from_port, to_port) if name))
             label = ": ".join(word for word in (ports, edge.signal) if word)
             arrow = "-->" if edge.size else "-.->"
-            yield f'{indent}{source} {arrow}|"{_text(label)}"| {target}'
+            yield f'{indent}{source} {arrow}|"{text_of(label)}"| {target}'
 
     def colours(self) -> Iterator[str]:
         for name, (fill, line) in PALETTE.items():
@@ -65,7 +65,7 @@ def _node(block: Block, node: str) -> str:
     shape = shape_of(block)
     symbol = "" if shape.symbol.startswith(":") else shape.symbol
     name = "" if symbol and block.automatic_name else block.name
-    text = "<br/>".join(_text(row) for row in (symbol, name, subtitle(block), block.period_text) if row)
+    text = "<br/>".join(text_of(row) for row in (symbol, name, subtitle(block), block.period_text) if row)
     if shape.form == "circle":
         return f'{node}(("{text}"))'
     if block.kind == "diagram":
@@ -73,7 +73,7 @@ def _node(block: Block, node: str) -> str:
     return f'{node}["{text}"]'
 
 
-def _text(text: str) -> str:
+def text_of(text: str) -> str:
     """Text inside quotes: Mermaid knows entities written with `#`; Markdown marks would be interpreted."""
     special = '#"&<>`*_\\|{}[]()~'
     return "".join(f"#{ord(c)};" if c in special and c != "_" else c for c in text.replace("\n", " "))

@@ -7,8 +7,9 @@ from __future__ import annotations
 
 import io
 import math
+from collections.abc import Sequence
 from pathlib import Path as FilePath
-from typing import Any, Literal
+from typing import Any, Literal, NamedTuple
 
 import matplotlib as mpl
 from matplotlib.colors import to_rgba
@@ -20,8 +21,8 @@ from matplotlib.text import Text
 from matplotlib.transforms import Affine2D, Transform
 
 from forcectl.graph.formats.paint import DASHES, LETTERS, PAPER, paint_of
-from forcectl.graph.formats.picture import Layouter, Picture, PlacedBox
-from forcectl.graph.layout.marks import Disc, Label, Rectangle, Stroke, groups
+from forcectl.graph.formats.picture import Layouter, PlacedBox
+from forcectl.graph.layout.marks import Disc, Group, Label, Rectangle, Stroke, groups
 from forcectl.graph.layout.rows import Point
 from forcectl.graph.model import BlockGraph
 
@@ -51,26 +52,47 @@ _SETTINGS: dict[Any, Any] = {
 }
 
 
+class Sheet(NamedTuple):
+    """Groups of marks on a sheet [px]."""
+
+    width: float
+    height: float
+    groups: Sequence[Group]
+
+    @property
+    def size(self) -> tuple[int, int]:
+        """In whole pixels."""
+        return math.ceil(self.width), math.ceil(self.height)
+
+
 def to_png(graph: BlockGraph) -> bytes:
     """The graph at its depth as a bitmap on white, two pixels per pixel of the SVG."""
-    picture = Layouter(graph).picture()
-    zoom = min(_ZOOM, _LONGEST_SIDE / max(_size(picture)), math.sqrt(_MOST_PIXELS / math.prod(_size(picture))))
+    return bitmap(_title(graph), sheet_of(graph))
+
+
+def bitmap(title: str, sheet: Sheet) -> bytes:
+    """A sheet as PNG."""
+    zoom = min(_ZOOM, _LONGEST_SIDE / max(sheet.size), math.sqrt(_MOST_PIXELS / math.prod(sheet.size)))
     content = io.BytesIO()
-    details = {"Title": _title(graph), "Software": None}
+    details = {"Title": title, "Software": None}
     with mpl.rc_context(_SETTINGS):
-        figure = figure_of(graph, picture, _PER_INCH)
+        figure = figure_of(sheet, _PER_INCH)
         figure.savefig(content, format="png", dpi=_PER_INCH * zoom, metadata=details)
     return content.getvalue()
 
 
 def to_pdf(graph: BlockGraph) -> bytes:
     """The graph at its depth as one page of lines and text."""
-    picture = Layouter(graph).picture()
-    per_inch = max(_PER_INCH, max(_size(picture)) / _LARGEST_PAGE)
+    return page(_title(graph), sheet_of(graph))
+
+
+def page(title: str, sheet: Sheet) -> bytes:
+    """A sheet as PDF."""
+    per_inch = max(_PER_INCH, max(sheet.size) / _LARGEST_PAGE)
     content = io.BytesIO()
-    details = {"Title": _title(graph), "Creator": None, "Producer": None, "CreationDate": None}
+    details = {"Title": title, "Creator": None, "Producer": None, "CreationDate": None}
     with mpl.rc_context(_SETTINGS):
-        figure_of(graph, picture, per_inch).savefig(content, format="pdf", dpi=72.0, metadata=details)
+        figure_of(sheet, per_inch).savefig(content, format="pdf", dpi=72.0, metadata=details)
     return content.getvalue()
 
 
@@ -78,20 +100,22 @@ def _title(graph: BlockGraph) -> str:
     return f"Block diagram of {graph.root.name}"
 
 
-def _size(picture: Picture) -> tuple[int, int]:
-    return math.ceil(picture.width), math.ceil(picture.height)
+def sheet_of(graph: BlockGraph) -> Sheet:
+    """The picture of the graph at its depth."""
+    picture = Layouter(graph).picture()
+    return Sheet(picture.width, picture.height, list(groups(graph, picture)))
 
 
-def figure_of(graph: BlockGraph, picture: Picture, per_inch: float) -> Figure:
-    """A figure that shows the picture and nothing else, with `per_inch` pixels of the picture to the inch."""
-    width, height = _size(picture)
+def figure_of(sheet: Sheet, per_inch: float) -> Figure:
+    """A figure that shows the sheet and nothing else, with `per_inch` pixels of it to the inch."""
+    width, height = sheet.size
     # The hundredth of a pixel keeps rounding from losing a whole one.
     inches = (width + 0.01) / per_inch, (height + 0.01) / per_inch
     figure = Figure(figsize=inches, facecolor=PAPER, edgecolor="none", linewidth=0.0)
     figure.set_layout_engine("none")
     whole = Affine2D().scale(1.0 / width, -1.0 / height).translate(0.0, 1.0) + figure.transFigure
     point = 72.0 / per_inch  # points per pixel of the picture
-    for placed, group, marks in groups(graph, picture):
+    for placed, group, marks in sheet.groups:
         place = Affine2D().translate(placed.x, placed.y) + whole if isinstance(placed, PlacedBox) else whole
         for mark in marks:
             if mark.role != "title":  # the strip that can be clicked in a page

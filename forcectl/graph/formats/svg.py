@@ -6,8 +6,8 @@ from collections.abc import Iterable
 from html import escape
 
 from forcectl.graph.formats.paint import BODIES, DASHES, INKS, LETTERS, PAPER, SHAPES, Letters, Paint
-from forcectl.graph.formats.picture import Layouter, Picture, PlacedBox
-from forcectl.graph.layout.marks import Disc, Label, Mark, Rectangle, Stroke, groups
+from forcectl.graph.formats.picture import Layouter, PlacedBox
+from forcectl.graph.layout.marks import Disc, Group, Label, Mark, Rectangle, Stroke, groups
 from forcectl.graph.model import BlockGraph, Endpoint
 
 FONTS = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"
@@ -28,27 +28,31 @@ def style() -> str:
 def to_svg(graph: BlockGraph) -> str:
     """The graph at its depth as a complete SVG document."""
     picture = Layouter(graph).picture()
-    width, height = picture.width, picture.height
-    label = escape(f"Block diagram of {graph.root.name}")
+    return document(f"Block diagram of {graph.root.name}", picture.width, picture.height, groups(graph, picture))
+
+
+def document(title: str, width: float, height: float, drawn: Iterable[Group]) -> str:
+    """A complete SVG document of groups of marks on a sheet [px]."""
     return (
         f'<svg xmlns="http://www.w3.org/2000/svg" class="fcg" width="{width:.0f}" height="{height:.0f}" '
-        f'viewBox="0 0 {_n(width)} {_n(height)}" role="img" aria-label="{label}">\n'
+        f'viewBox="0 0 {_n(width)} {_n(height)}" role="img" aria-label="{escape(title)}">\n'
         f"<style>{style()}</style>\n"
         f'<rect class="paper" width="{_n(width)}" height="{_n(height)}"/>\n'
-        f"{draw(graph, picture)}</svg>\n"
+        f"{draw(drawn)}</svg>\n"
     )
 
 
-def draw(graph: BlockGraph, picture: Picture) -> str:
-    """The elements of a picture: boxes, outer ones first, then wires."""
+def draw(drawn: Iterable[Group]) -> str:
+    """The elements of a picture."""
     parts = []
-    for placed, role, marks in groups(graph, picture):
+    for placed, role, marks in drawn:
+        label = ""
         if isinstance(placed, PlacedBox):
             # The group's transform carries the place, so that a page can move it.
-            label = f'data-path="{escape(placed.path)}" transform="translate({_n(placed.x)} {_n(placed.y)})"'
-        else:
-            label = f'data-source="{escape(net_key(placed.inside, placed.source))}"'
-        parts.append(f'<g class="{role}" {label}>{elements(marks)}</g>\n')
+            label = f' data-path="{escape(placed.path)}" transform="translate({_n(placed.x)} {_n(placed.y)})"'
+        elif placed is not None:
+            label = f' data-source="{escape(net_key(placed.inside, placed.source))}"'
+        parts.append(f'<g class="{role}"{label}>{elements(marks)}</g>\n')
     return "".join(parts)
 
 

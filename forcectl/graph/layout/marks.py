@@ -5,7 +5,7 @@ What a block or a wire looks like is said here once; `formats.svg` and `formats.
 
 from __future__ import annotations
 
-from collections.abc import Iterator
+from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
 from forcectl.graph.formats.picture import Picture, PlacedBox, PlacedNet
@@ -78,6 +78,10 @@ class Label:
 Mark = Rectangle | Disc | Stroke | Label
 
 
+# What a group of marks stands for, None for something without a place of its own; its classes; its marks.
+Group = tuple[PlacedBox | PlacedNet | None, str, Sequence[Mark]]
+
+
 def groups(graph: BlockGraph, picture: Picture) -> Iterator[tuple[PlacedBox | PlacedNet, str, list[Mark]]]:
     """Each box, outer ones first, then each net: its classes, and its marks relative to the corner of the box."""
     for box in picture.boxes:
@@ -97,8 +101,8 @@ def box_marks(block: Block, box: PlacedBox) -> tuple[str, list[Mark]]:
 
 def _net_marks(graph: BlockGraph, net: PlacedNet) -> tuple[str, list[Mark]]:
     """Classes of a net's group, and its wires, arrow heads, dots where they part, and size and unit at the start."""
-    marks: list[Mark] = [Stroke("wire", _wire(wire)) for wire in net.wires]
-    marks += [Stroke("head", _arrow(*wire[-1], back=8.0, half=3.6)) for wire in net.wires]
+    marks: list[Mark] = [Stroke("wire", wire(points)) for points in net.wires]
+    marks += [Stroke("head", arrow(*points[-1])) for points in net.wires]
     marks += [Disc("dot", x, y, 2.6) for x, y in net.dots]
     marks.append(Label("signal", *net.text_at, net.signal))
     return "net abstract" if _is_abstract(graph, net) else "net", _labelled(marks)
@@ -115,7 +119,7 @@ def _is_abstract(graph: BlockGraph, net: PlacedNet) -> bool:
     return any(port.abstract for port in ports if port.name == net.source.port)
 
 
-def _wire(points: tuple[Point, ...]) -> Steps:
+def wire(points: tuple[Point, ...]) -> Steps:
     """A wire with rounded corners; it stops short of its end, where the arrow head begins."""
     end = (points[-1][0] - 4.0, points[-1][1])
     corners = [*points[:-1], end]
@@ -144,7 +148,7 @@ def _polygon(*corners: Point) -> Steps:
     return *_line(*corners), ("Z", ())
 
 
-def _arrow(x: float, y: float, back: float, half: float) -> Steps:
+def arrow(x: float, y: float, back: float = 8.0, half: float = 3.6) -> Steps:
     """A triangle with its tip at a point, pointing right."""
     return _polygon((x - back, y - half), (x, y), (x - back, y + half))
 
@@ -161,7 +165,7 @@ def _frame(block: Block, box: PlacedBox) -> list[Mark]:
     for name, (_, y) in box.inputs:
         marks.append(Label("port", 7.0, y - box.y - 4.0, name))
         if name not in wired:
-            marks.append(Stroke("pin", _arrow(4.5, y - box.y, back=8.0, half=4.0)))
+            marks.append(Stroke("pin", arrow(4.5, y - box.y, back=8.0, half=4.0)))
     for name, (_, y) in box.outputs:
         marks.append(Label("port", box.width - 9.0, y - box.y - 4.0, name, "end"))
     return marks

@@ -9,7 +9,7 @@ from __future__ import annotations
 import itertools
 import re
 from collections import defaultdict
-from collections.abc import Container, Iterable
+from collections.abc import Container, Iterable, Sequence
 
 from forcectl.graph.model import Block, Edge
 
@@ -30,12 +30,15 @@ def feedback_edges(block: Block) -> frozenset[Edge]:
 
 def ranks(block: Block) -> dict[str, int]:
     """Column of each block inside a diagram, from 1 on; every forward wire leads at least one column to the right."""
-    order = _forward_order(block)
+    return columns_of(_forward_order(block), ((edge.source.block, edge.target.block) for edge in _inner(block)))
+
+
+def columns_of(order: Sequence[str], arcs: Iterable[_Arc]) -> dict[str, int]:
+    """Column of each of the blocks in their forward order, from 1 on, by what connects them."""
     place = {path: number for number, path in enumerate(order)}
     after: dict[str, set[str]] = defaultdict(set)
     before: dict[str, set[str]] = defaultdict(set)
-    for edge in _inner(block):
-        source, target = edge.source.block, edge.target.block
+    for source, target in arcs:
         if place[source] < place[target]:
             after[source].add(target)
             before[target].add(source)
@@ -95,7 +98,7 @@ def _weights(block: Block) -> dict[_Arc, float]:
 
 def _components(paths: list[str], weights: dict[_Arc, float]) -> list[list[str]]:
     """Strongly connected groups in forward order (Kosaraju's two searches)."""
-    order = _forwards(paths[::-1], paths, weights)
+    order = forwards(paths[::-1], paths, weights)
     backwards = {(target, source) for source, target in weights}
     return [sorted(tree, key=paths.index) for tree in _depth_first(order, paths, backwards)]
 
@@ -105,11 +108,11 @@ def _best_order(group: list[str], weights: dict[_Arc, float]) -> list[str]:
     member = set(group)
     arcs = {arc: weight for arc, weight in weights.items() if member.issuperset(arc)}
     starts = group if len(group) <= 12 else group[:1]
-    candidates = [_improved(_forwards([start, *group], group, arcs), arcs) for start in starts]
+    candidates = [_improved(forwards([start, *group], group, arcs), arcs) for start in starts]
     return min(candidates, key=lambda order: round(_cost(order, arcs), 6))
 
 
-def _forwards(roots: Iterable[str], paths: list[str], arcs: Container[_Arc]) -> list[str]:
+def forwards(roots: Iterable[str], paths: list[str], arcs: Container[_Arc]) -> list[str]:
     """The blocks so that only arcs that close a ring run backwards."""
     return [path for tree in _depth_first(roots, paths, arcs) for path in tree][::-1]
 

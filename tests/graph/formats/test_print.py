@@ -23,7 +23,7 @@ from matplotlib.transforms import Affine2D
 from forcectl.graph.export import graph
 from forcectl.graph.formats.paint import PALETTE, SHAPES
 from forcectl.graph.formats.picture import Layouter
-from forcectl.graph.formats.print import figure_of, to_pdf, to_png
+from forcectl.graph.formats.print import figure_of, sheet_of, to_pdf, to_png
 from forcectl.graph.formats.svg import to_svg
 from forcectl.graph.layout.marks import Label, box_marks
 from tests.examples.graph_diagrams import ALL, ForceLaw, arm_with_controller, force_loop, primitive_loop, random_diagram
@@ -58,7 +58,7 @@ def texts_of(pdf):
 def test_names_stay_inside_their_boxes(make, depth):
     model = graph(make(), depth=depth)
     picture = Layouter(model).picture()
-    figure = figure_of(model, picture, 96.0)
+    figure = figure_of(sheet_of(model), 96.0)
     figure.set_dpi(96.0 * FINE)  # at which no letter is fitted to whole pixels
     renderer = RendererAgg(1, 1, figure.dpi)  # letters are measured and not drawn
     to_picture = Affine2D().scale(1.0 / FINE)
