@@ -181,6 +181,27 @@ def test_a_bad_signal_never_holds_and_leads_to_its_own_end(guard, value):
     assert run_two([value], exit_to("done", guard), timeout=0.02) == ("failed", 0.02, 0.02)
 
 
+def test_the_mode_for_bad_signals_goes_on_while_they_stay_bad():
+    """It reads them, too; its timeout ends it, or a guard once they are good again."""
+    retreat = mode(exit_to("done", "x > 1"), timeout=0.1)
+    modes = two(exit_to("done", "x > 1")) | {"retreat": retreat}
+    machine = StateMachine(modes, start="first", signals={"x": ("x",)}, on_bad_signal="retreat", period=PERIOD)
+    found = words(run_diagram(machine, 0.2, period=PERIOD, inputs={"x": [math.nan]}), modes)
+    assert found == 14 * ["first"] + 25 * ["retreat"] + 12 * ["failed"]
+    back = run_diagram(machine, 0.2, period=PERIOD, inputs={"x": lambda t: [math.nan if t < 0.099 else 2.0]})
+    assert words(back, modes)[20:27] == 5 * ["retreat"] + 2 * ["done"]
+
+
+def test_times_are_whole_ticks_in_spite_of_rounding():
+    """0.035 / 0.005 is a little more than 7 in floating point numbers, and 0.07 / 0.005 more than 14."""
+    modes = two(exit_to("done", "x > 1", hold=0.035), timeout=0.07)
+    machine = StateMachine(modes, start="first", signals={"x": ("x",)}, period=0.005)
+    held = run_diagram(machine, 0.1, period=0.005, inputs={"x": [2.0]})
+    assert words(held, modes) == 8 * ["first"] + 13 * ["done"]
+    late = run_diagram(machine, 0.1, period=0.005, inputs={"x": [0.0]})
+    assert words(late, modes) == 14 * ["first"] + 7 * ["failed"]
+
+
 def test_a_short_gap_of_a_signal_is_passed_over():
     assert run_two(lambda t: [math.nan if t < 0.05 else 2.0], exit_to("done", "x > 1"), bad="blind")[0] == "done"
 
