@@ -37,10 +37,7 @@ app.add_typer(tuning, name="tune")
 
 Target = Annotated[str, typer.Argument(metavar="SCENARIO", help="Name of a shipped experiment or path of a YAML file.")]
 Diagrammed = Annotated[
-    str,
-    typer.Argument(
-        metavar="SCENARIO", help="Shipped experiment, YAML file, or package.module:function that returns a Diagram."
-    ),
+    str, typer.Argument(metavar="SCENARIO", help="Experiment, YAML file, or package.module:function of a Diagram.")
 ]
 Variant = Annotated[
     str | None, typer.Option(metavar="V", help="This variant only; default all (graph, check: the first).")
@@ -196,17 +193,11 @@ def graph(
     chosen = format_ or (export.format_of(out) if out is not None and out.suffix else "svg")
     if chosen not in export.FORMATS:
         raise unknown("format", chosen, export.FORMATS)
-    drawn: export.Graph | export.MachineGraph
-    if machine:
-        name, chart = named_machine(scenario, variant, settings, fidelity)
-        drawn = export.graph(chart)
-    else:
-        name, diagram = named_diagram(scenario, variant, settings, fidelity)
-        drawn = export.graph(diagram, depth=depth)
+    name, content = (named_machine if machine else named_diagram)(scenario, variant, settings, fidelity)
     target = out or Path(f"{name}.{'mmd' if chosen == 'mermaid' else chosen}")
     partial = target.with_name(f".partial-{target.name}")
     try:
-        drawn.save(partial, chosen)
+        export.graph(content, depth=depth).save(partial, chosen)
         partial.replace(target)
     except OSError as error:
         raise BadInputError(f"--out {str(target)!r} cannot be written: {error.strerror}") from None

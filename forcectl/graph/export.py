@@ -104,7 +104,7 @@ class MachineGraph(_Drawing):
 
 
 @overload
-def graph(diagram: MachineChart) -> MachineGraph: ...
+def graph(diagram: MachineChart, *, depth: int | None = 1) -> MachineGraph: ...
 @overload
 def graph(
     diagram: System,

@@ -143,13 +143,18 @@ def undocumented(tree: ast.Module) -> Iterator[str]:
         yield "module"
     for node in tree.body:
         if isinstance(node, ast.ClassDef | ast.FunctionDef) and not node.name.startswith("_"):
-            if not ast.get_docstring(node):
+            if not ast.get_docstring(node) and not decorators(node) & {"overload"}:
                 yield node.name
             for method in node.body if isinstance(node, ast.ClassDef) else []:
-                if isinstance(method, ast.FunctionDef) and not method.name.startswith("_"):
-                    decorators = {ast.unparse(d).split(".")[-1] for d in method.decorator_list}
-                    if not ast.get_docstring(method) and not decorators & {"overload", "override", "setter"}:
-                        yield f"{node.name}.{method.name}"
+                public = isinstance(method, ast.FunctionDef) and not method.name.startswith("_")
+                bare = public and not ast.get_docstring(method)
+                if bare and not decorators(method) & {"overload", "override", "setter"}:
+                    yield f"{node.name}.{method.name}"
+
+
+def decorators(node: ast.ClassDef | ast.FunctionDef) -> set[str]:
+    """Names of what a class or function is decorated with."""
+    return {ast.unparse(each).split(".")[-1] for each in node.decorator_list}
 
 
 def test_public_things_have_docstrings():
