@@ -2,7 +2,8 @@
 
     x = f(q),    x' = J q',    x'' = J u + J'q'                                                        (5.10)
 
-Position and orientation are those of the TCP in the world, or in the TCP frame of another arm, the leader.
+Position and orientation are those of the TCP, or of a frame fixed to it, in the world or in such a frame of another
+arm, the leader.
 """
 
 from __future__ import annotations
@@ -17,6 +18,7 @@ from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.batch import check_count
 from forcectl.framework.rotation_vector import OrientationState
 from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.tasks.task_frame import Spatial, TaskFrame
 
 Vector = NDArray[np.float64]
 
@@ -45,27 +47,6 @@ class Orientation(Protocol):
         """Of the rotation R (3, 3) that turns at w (3,) [rad/s]."""
 
 
-class Spatial(Protocol):
-    """A pose in motion, of a `RobotMotion` or of one frame in another; spatial vectors are [rotation; translation].
-
-    Attributes:
-        position, rotation: (3,) [m] and (3, 3).
-        velocity: V = J q', (6,) [rad/s; m/s].
-    """
-
-    position: Vector
-    rotation: Vector
-    velocity: Vector
-
-    @property
-    def jacobian(self) -> Vector:
-        """J, (6, n) [1; m]."""
-
-    @property
-    def bias(self) -> Vector:
-        """J'q', (6,) [rad/s^2; m/s^2]."""
-
-
 class ArmTask:
     """Some or all of the coordinates x, y, z [m] and phi, theta, psi [rad] of one arm.
 
@@ -76,6 +57,7 @@ class ArmTask:
         coordinates: of `COORDINATES`, in that order.
         orientation: makes phi, theta, psi; None where the task has none of them.
         priority: the level that it belongs to, 1 is the first.
+        frame: whose coordinates they are, in the TCP frame of the arm; None: that frame itself.
 
     Raises:
         BadInputError: unknown coordinates, or orientation without what makes it.
@@ -87,6 +69,7 @@ class ArmTask:
         coordinates: Sequence[str] = COORDINATES,
         orientation: Orientation | None = None,
         priority: int = 1,
+        frame: TaskFrame | None = None,
     ):
         for name in coordinates:
             if name not in COORDINATES:
@@ -97,7 +80,7 @@ class ArmTask:
         priority = check_count("priority", priority)
         if self._rows[-1] > 2 and orientation is None:
             raise BadInputError(f"coordinates {list(coordinates)} of {arm}: orientation is missing")
-        self.arm, self.coordinates, self.priority = arm, tuple(coordinates), priority
+        self.arm, self.coordinates, self.priority, self.frame = arm, tuple(coordinates), priority, frame
         self._orientation = orientation if self._rows[-1] > 2 else None
         self._every = len(self._rows) == 6
 
@@ -120,7 +103,8 @@ class ArmTask:
 
     def tool(self, motion: ArmsMotion) -> Spatial:
         """Whose pose it is that the coordinates are of."""
-        return motion.arm(self.arm)
+        tip = motion.arm(self.arm)
+        return tip if self.frame is None else self.frame.motion(tip)
 
     def of(self, tool: Spatial, out: TaskState | None = None) -> TaskState:
         """Of a pose in motion.

@@ -26,7 +26,8 @@ from forcectl.framework.euler_angles import angles_of
 from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import RobotModel
-from forcectl.tasks.coordinates import COORDINATES, ArmTask, Orientation, Spatial
+from forcectl.tasks.coordinates import COORDINATES, ArmTask, Orientation
+from forcectl.tasks.task_frame import Spatial, TaskFrame, cross, cross_matrix
 
 Array = NDArray[np.float64]
 
@@ -52,7 +53,7 @@ class RelativeMotion:
         self._of_follower, self._of_leader = np.zeros((6, 6)), np.zeros((6, 6))
         for map_ in (self._of_follower, self._of_leader):
             map_[:3, :3] = map_[3:, 3:] = turn
-        self._of_leader[3:, :3] = -turn @ _cross_matrix(d)
+        self._of_leader[3:, :3] = -turn @ cross_matrix(d)
         self._offset = d
         self.velocity: Array = self._of_follower @ follower.velocity - self._of_leader @ leader.velocity
 
@@ -66,8 +67,8 @@ class RelativeMotion:
         """J'q', (6,) [rad/s^2; m/s^2]."""
         leader, follower = self._leader, self._follower
         w, rate = leader.velocity[:3], follower.velocity[3:] - leader.velocity[3:]
-        turning = _cross(w, follower.velocity[:3])
-        moving = _cross(w, 2.0 * rate - _cross(w, self._offset))
+        turning = cross(w, follower.velocity[:3])
+        moving = cross(w, 2.0 * rate - cross(w, self._offset))
         # What the maps do not contain: their own derivatives.
         plain: Array = self._of_follower @ follower.bias - self._of_leader @ leader.bias
         plain[:3] -= leader.rotation.T @ turning
@@ -76,11 +77,13 @@ class RelativeMotion:
 
 
 class RelativeTask(ArmTask):
-    """Task coordinates of the TCP of one arm in the TCP frame of another, see `ArmTask`.
+    """Task coordinates of a frame of one arm in a frame of another, the leader, see `ArmTask`.
 
     Args:
         leader, follower: names of two arms.
         coordinates, orientation, priority: see `ArmTask`.
+        follower_frame: whose coordinates they are, in the follower's TCP frame; None: that frame itself.
+        leader_frame: in which they are, in the leader's TCP frame; None: that frame itself.
 
     Raises:
         BadInputError: see `ArmTask`; or leader and follower are the same arm.
@@ -93,15 +96,21 @@ class RelativeTask(ArmTask):
         coordinates: Sequence[str] = COORDINATES,
         orientation: Orientation | None = None,
         priority: int = 1,
+        *,
+        follower_frame: TaskFrame | None = None,
+        leader_frame: TaskFrame | None = None,
     ):
         if leader == follower:
             raise invalid("follower", follower, "another arm than the leader")
-        super().__init__(follower, coordinates, orientation, priority)
-        self.leader = leader
+        super().__init__(follower, coordinates, orientation, priority, follower_frame)
+        self.leader, self.leader_frame = leader, leader_frame
 
     def tool(self, motion: ArmsMotion) -> RelativeMotion:
-        """The pose of the follower's TCP in that of the leader."""
-        return RelativeMotion(motion.arm(self.leader), motion.arm(self.arm))
+        """The motion of the follower's frame in the leader's."""
+        leader: Spatial = motion.arm(self.leader)
+        if self.leader_frame is not None:
+            leader = self.leader_frame.motion(leader)
+        return RelativeMotion(leader, super().tool(motion))
 
 
 class RelativePose(SampledBlock):
@@ -162,14 +171,3 @@ class RelativePose(SampledBlock):
             "relative_angles": angles_of(pose.rotation().matrix(), memory["relative_angles"]),
             "relative_velocity": velocity.get_coeffs(),
         }
-
-
-def _cross_matrix(a: Array) -> Array:
-    x, y, z = a.tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-def _cross(a: Array, b: Array) -> Array:
-    """The vector product; numpy's takes ten times as long."""
-    (x, y, z), (u, v, w) = a.tolist(), b.tolist()
-    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])

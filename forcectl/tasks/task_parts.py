@@ -6,6 +6,7 @@ from dataclasses import dataclass
 from typing import Protocol
 
 import numpy as np
+from numpy.typing import NDArray
 
 from forcectl.framework.euler_angles import EulerAngles, angles_of
 from forcectl.framework.fields import Config, key
@@ -13,10 +14,12 @@ from forcectl.framework.rotation_vector import RotationVector
 from forcectl.framework.wiring import made_by
 from forcectl.plant.plant_model import PlantModel
 from forcectl.robot.arms_motion import ArmsMotion
-from forcectl.tasks.coordinates import COORDINATES, ArmTask, Orientation, Spatial
-from forcectl.tasks.relative_task import RelativeMotion, RelativeTask
+from forcectl.tasks.coordinates import COORDINATES, ArmTask, Orientation
+from forcectl.tasks.relative_task import RelativeTask
+from forcectl.tasks.task_frame import TaskFrame
 
 ORIENTATIONS = ("rotation_vector", "euler_angles")
+_NONE = [0.0, 0.0, 0.0]
 
 
 @dataclass(kw_only=True)
@@ -54,32 +57,58 @@ class _TaskConfig(Config):
     priority: int = key(1, "1 comes first", bounds="at least 1")
     targets: list[TaskTargetConfig] = key([], "over time; until the first one the coordinates stay")
 
-    def _orientation(self, start: Spatial) -> Orientation:
+    def _orientation(self, rotation: NDArray[np.float64]) -> Orientation:
         if self.orientation == "euler_angles":
-            return EulerAngles(about=angles_of(start.rotation))
-        return RotationVector(start.rotation)
+            return EulerAngles(about=angles_of(rotation))
+        return RotationVector(rotation)
+
+
+def _frame(position: list[float], rotation_deg: list[float]) -> TaskFrame | None:
+    """The frame there; None for the TCP frame itself."""
+    if not any((*position, *rotation_deg)):
+        return None
+    return TaskFrame(position, RotationVector().rotation(np.radians(rotation_deg)))
 
 
 @dataclass(kw_only=True)
 class ArmTaskConfig(_TaskConfig):
-    """Scenario part `!ArmTask`: coordinates of the TCP of an arm in the world."""
+    """Scenario part `!ArmTask`: coordinates of the TCP of an arm, or of a frame fixed to it, in the world."""
 
     arm: str = key(meaning="name of the arm")
+    frame_position: list[float] = key(_NONE, "of the frame, in the TCP frame", unit="m", size=3)
+    frame_rotation_deg: list[float] = key(_NONE, "of the frame, rotation vector in the TCP frame", unit="deg", size=3)
 
     def task(self, start: ArmsMotion) -> ArmTask:
         """See `TaskPart`."""
-        orientation = self._orientation(start.arm(self.arm))
-        return ArmTask(self.arm, self.coordinates, orientation, self.priority)
+        frame = _frame(self.frame_position, self.frame_rotation_deg)
+        rotation = ArmTask(self.arm, ["x"], frame=frame).tool(start).rotation
+        return ArmTask(self.arm, self.coordinates, self._orientation(rotation), self.priority, frame)
 
 
 @dataclass(kw_only=True)
 class RelativeTaskConfig(_TaskConfig):
-    """Scenario part `!RelativeTask`: coordinates of the TCP of one arm in the TCP frame of another, its leader."""
+    """Scenario part `!RelativeTask`: coordinates of a frame of one arm in a frame of another, its leader."""
 
-    leader: str = key(meaning="name of the arm whose TCP frame is used")
+    leader: str = key(meaning="name of the arm in whose frame they are")
     follower: str = key(meaning="name of the arm that follows")
+    leader_position: list[float] = key(_NONE, "of the leader's frame, in its TCP frame", unit="m", size=3)
+    leader_rotation_deg: list[float] = key(
+        _NONE, "of the leader's frame, rotation vector in its TCP frame", unit="deg", size=3
+    )
+    follower_position: list[float] = key(_NONE, "of the follower's frame, in its TCP frame", unit="m", size=3)
+    follower_rotation_deg: list[float] = key(
+        _NONE, "of the follower's frame, rotation vector in its TCP frame", unit="deg", size=3
+    )
 
     def task(self, start: ArmsMotion) -> RelativeTask:
         """See `TaskPart`."""
-        orientation = self._orientation(RelativeMotion(start.arm(self.leader), start.arm(self.follower)))
-        return RelativeTask(self.leader, self.follower, self.coordinates, orientation, self.priority)
+        leader = _frame(self.leader_position, self.leader_rotation_deg)
+        follower = _frame(self.follower_position, self.follower_rotation_deg)
+
+        def task(coordinates: list[str], orientation: Orientation | None = None) -> RelativeTask:
+            arms = (self.leader, self.follower)
+            return RelativeTask(
+                *arms, coordinates, orientation, self.priority, leader_frame=leader, follower_frame=follower
+            )
+
+        return task(self.coordinates, self._orientation(task(["x"]).tool(start).rotation))
