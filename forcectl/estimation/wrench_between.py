@@ -9,11 +9,25 @@ It is the wrench between the arms as long as neither touches anything else.
 from __future__ import annotations
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from forcectl.errors import invalid, unknown
+from forcectl.framework.kernels import cross
 from forcectl.robot.model import RobotModel, posture_cache
+
+Array = NDArray[np.float64]
+
+
+def moved_wrench(wrench: Array, by: Array) -> Array:
+    """The same wrench (6,) at a point that is `by` (3,) [m] from that of its own, all in the same axes [Nm, N]."""
+    return np.concatenate([wrench[:3] - cross(by, wrench[3:]), wrench[3:]])
+
+
+def opposite_mean(on_a: Array, on_b: Array) -> Array:
+    """The wrench of a on b (6,) of what both feel, at one point and in the same axes [Nm, N]."""
+    return 0.5 * (on_b - on_a)
 
 
 class WrenchBetween(LeafSystem):
@@ -68,7 +82,6 @@ class WrenchBetween(LeafSystem):
         posture, world = self._posture.Eval(context), self._plant.world_frame()
         on_a, on_b = (self._wrenches.Eval(context)[rows] for rows in self._rows)
         p_a, p_b = (self._plant.CalcPointsPositions(posture, tip, np.zeros(3), world).ravel() for tip in self._tips)
-        moved = on_a[:3] + np.cross(p_a - p_b, on_a[3:])
+        wrench = opposite_mean(moved_wrench(on_a, p_b - p_a), on_b)
         rotation = self._plant.CalcRelativeRotationMatrix(posture, self._axes, world).matrix()
-        wrench = np.concatenate([rotation @ (on_b[:3] - moved), rotation @ (on_b[3:] - on_a[3:])])
-        output.SetFromVector(0.5 * wrench)
+        output.SetFromVector(np.concatenate([rotation @ wrench[:3], rotation @ wrench[3:]]))

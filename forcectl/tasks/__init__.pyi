@@ -58,6 +58,7 @@ from forcectl.tasks.reactive_motion import ReactiveMotion as ReactiveMotion
 from forcectl.tasks.reference_reset import ReferenceReset as ReferenceReset
 from forcectl.tasks.relative_task import RelativePose as RelativePose
 from forcectl.tasks.relative_task import RelativeTask as RelativeTask
+from forcectl.tasks.task_force import TaskForce as TaskForce
 from forcectl.tasks.task_frame import Spatial as Spatial
 from forcectl.tasks.task_frame import TaskFrame as TaskFrame
 from forcectl.tasks.task_parts import ArmTaskConfig as ArmTaskConfig

@@ -8,16 +8,18 @@ arm, the leader.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import NamedTuple, Protocol
 
 import numpy as np
 from numpy.typing import NDArray
 
 from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.estimation.wrench_between import moved_wrench
 from forcectl.framework.batch import check_count
 from forcectl.framework.rotation_vector import OrientationState
 from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.robot.robot_motion import TipPose
 from forcectl.tasks.task_frame import Spatial, TaskFrame
 
 Vector = NDArray[np.float64]
@@ -106,6 +108,37 @@ class ArmTask:
         tip = motion.arm(self.arm)
         return tip if self.frame is None else self.frame.motion(tip)
 
+    def felt(
+        self, tips: Mapping[str, TipPose], wrenches: Mapping[str, Vector], *, of_both: bool = True
+    ) -> tuple[Vector, Vector]:
+        """What the environment does to the arm at the origin of the frame that the coordinates are of.
+
+        Args:
+            tips: poses of the TCPs in the world, by arm.
+            wrenches: on the arms at their TCPs in the world, by arm, (6,).
+            of_both: of what follower and leader feel of each other the mean; else only what the follower feels.
+
+        Returns:
+            The rotation of the frame (3, 3), and the wrench (6,) [torque; force] [Nm, N] in the axes that it is of.
+        """
+        tip = tips[self.arm]
+        pose = tip if self.frame is None else self.frame.pose(tip)
+        return pose.rotation, moved_wrench(wrenches[self.arm], pose.position - tip.position)
+
+    def forces(self, rotation: Vector, wrench: Vector) -> Vector:
+        """Generalized forces along the coordinates, (k,) [N or Nm]: their power x'F is that of the wrench.
+
+        The coordinates phi, theta, psi that the task does not have are held.
+
+        Args:
+            rotation, wrench: see `felt`.
+        """
+        along = wrench[3:]
+        if self._orientation is not None:
+            rates = self._orientation.state(rotation, _STILL).rates
+            along = np.concatenate([along, np.linalg.solve(rates.T, wrench[:3])])
+        return along[self._rows]
+
     def of(self, tool: Spatial, out: TaskState | None = None) -> TaskState:
         """Of a pose in motion.
 
@@ -149,5 +182,6 @@ def gathered(tasks: Sequence[ArmTask], motion: ArmsMotion) -> TaskState:
     return every
 
 
+_STILL = np.zeros(3)
 _TRANSLATION = np.zeros((6, 6))
 _TRANSLATION[:3, 3:] = np.eye(3)

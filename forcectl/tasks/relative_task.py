@@ -11,7 +11,7 @@ that V' = J u + J'q' is that of V.
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from functools import cached_property
 from typing import Any
 
@@ -21,13 +21,16 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
 from forcectl.errors import BadInputError, invalid
+from forcectl.estimation.wrench_between import moved_wrench, opposite_mean
 from forcectl.framework.cache import scratch
 from forcectl.framework.euler_angles import angles_of
+from forcectl.framework.kernels import cross, cross_matrix
 from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import RobotModel
+from forcectl.robot.robot_motion import TipPose
 from forcectl.tasks.coordinates import COORDINATES, ArmTask, Orientation
-from forcectl.tasks.task_frame import Spatial, TaskFrame, cross, cross_matrix
+from forcectl.tasks.task_frame import Spatial, TaskFrame
 
 Array = NDArray[np.float64]
 
@@ -111,6 +114,21 @@ class RelativeTask(ArmTask):
         if self.leader_frame is not None:
             leader = self.leader_frame.motion(leader)
         return RelativeMotion(leader, super().tool(motion))
+
+    def felt(
+        self, tips: Mapping[str, TipPose], wrenches: Mapping[str, Array], *, of_both: bool = True
+    ) -> tuple[Array, Array]:
+        """The same of the follower, in the leader's frame, see `ArmTask`."""
+        rotation, wrench = super().felt(tips, wrenches)
+        tip = tips[self.leader]
+        back = (tip if self.leader_frame is None else self.leader_frame.pose(tip)).rotation.T
+        if of_both:
+            follower = tips[self.arm]
+            way = follower.position - tip.position
+            if self.frame is not None:
+                way = way + follower.rotation @ self.frame.position
+            wrench = opposite_mean(moved_wrench(wrenches[self.leader], way), wrench)
+        return back @ rotation, np.concatenate([back @ wrench[:3], back @ wrench[3:]])
 
 
 class RelativePose(SampledBlock):

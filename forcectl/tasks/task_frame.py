@@ -15,6 +15,7 @@ import numpy as np
 from numpy.typing import ArrayLike, NDArray
 
 from forcectl.framework.batch import batch_values
+from forcectl.framework.kernels import cross, cross_matrix
 from forcectl.framework.rotation_vector import transposed
 from forcectl.robot.robot_motion import TipPose
 
@@ -89,15 +90,3 @@ class _FixedTo:
         d, w, moved = self._offset, self._body.velocity[:3], self._body.bias.copy()
         moved[3:] += cross(moved[:3], d) + cross(w, cross(w, d))
         return moved
-
-
-def cross_matrix(a: Array) -> Array:
-    """[a]x, (3, 3): [a]x b = a x b."""
-    x, y, z = a.tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
-
-
-def cross(a: Array, b: Array) -> Array:
-    """The vector product; numpy's takes ten times as long."""
-    (x, y, z), (u, v, w) = a.tolist(), b.tolist()
-    return np.array([y * w - z * v, z * u - x * w, x * v - y * u])

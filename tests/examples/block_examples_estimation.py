@@ -17,8 +17,9 @@ from forcectl.estimation.wrench_between import WrenchBetween
 from forcectl.estimation.wrench_filter import WrenchFilter
 from forcectl.plant.drives.joint_friction import FrictionRest, JointFriction
 from forcectl.robot.momentum_model import MomentumModel
+from forcectl.tasks.task_force import TaskForce
 from tests.examples.block_example import Example, each
-from tests.examples.reactive_examples import two_arms
+from tests.examples.reactive_examples import arm_tasks, two_arms
 
 
 def add_chain(plant: MultibodyPlant, name: str, links: int, base: RigidTransform) -> list[Joint]:
@@ -101,6 +102,11 @@ FILTER_INPUTS = {
     "tare": tare,
 }
 
+TOUCH_INPUTS = {
+    "estimated_wrench": lambda t: np.arange(12.0) + t,
+    "joint_position": lambda t: two_arms().parameters.default_posture + 0.1 * t,
+}
+
 ESTIMATION_EXAMPLES: dict[type[System], list[Example]] = {
     MomentumObserver: [
         Example(
@@ -138,10 +144,14 @@ ESTIMATION_EXAMPLES: dict[type[System], list[Example]] = {
         Example(
             lambda: WrenchBetween(two_arms(), ("left", "right")),
             each("wrench", "estimated_wrench", "joint_position"),
-            {
-                "estimated_wrench": lambda t: np.arange(12.0) + t,
-                "joint_position": lambda t: two_arms().parameters.default_posture + 0.1 * t,
-            },
+            TOUCH_INPUTS,
+        ),
+    ],
+    TaskForce: [
+        Example(
+            lambda: TaskForce(two_arms(), arm_tasks(), force_dead_band=0.4, torque_dead_band=0.03),
+            each("task_force", *TOUCH_INPUTS) | each("task_wrench", *TOUCH_INPUTS),
+            TOUCH_INPUTS,
         ),
     ],
     FrictionRest: [Example(friction_rest, each("generalized_force", "velocity"), {"velocity": swing_speed})],

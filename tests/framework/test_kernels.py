@@ -9,7 +9,16 @@ import pytest
 from hypothesis import given
 from hypothesis import strategies as st
 
-from forcectl.framework.kernels import all_finite, free_optimum, is_definite, keeps, largest, smallest
+from forcectl.framework.kernels import (
+    all_finite,
+    cross,
+    cross_matrix,
+    free_optimum,
+    is_definite,
+    keeps,
+    largest,
+    smallest,
+)
 
 
 @given(st.lists(st.floats(allow_nan=False), min_size=1, max_size=20))
@@ -43,6 +52,12 @@ def test_a_matrix_is_definite_if_its_eigenvalues_are_positive(least: float) -> N
 @given(st.lists(st.floats(), max_size=6), st.lists(st.floats(), max_size=6))
 def test_arrays_are_finite_if_all_their_elements_are(a: list[float], b: list[float]) -> None:
     assert all_finite(np.array(a), np.array(b)) == bool(np.isfinite(a).all() and np.isfinite(b).all())
+
+
+def test_vector_products_are_those_of_numpy() -> None:
+    for a, b in np.random.default_rng(0).normal(size=(5, 2, 3)):
+        np.testing.assert_allclose(cross(a, b), np.cross(a, b), rtol=1e-15, atol=1e-15)
+        np.testing.assert_allclose(cross_matrix(a) @ b, np.cross(a, b), rtol=1e-14, atol=1e-15)
 
 
 @given(st.integers(0, 10**6), st.sampled_from([-1e-9, 0.0, 0.3]), st.booleans())

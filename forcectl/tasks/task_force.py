@@ -1,0 +1,118 @@
+"""The force along task coordinates: what admittance control and guards of a task read, of estimated wrenches.
+
+    F = J_x^T W,    V = J_x x'
+
+with the wrench W at the origin of the task's frame and its velocity V: the generalized force F has the power of W in
+every motion of the coordinates. Along positions it is the force, along angles the torque about the axes that they turn
+about.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.value import AbstractValue, Value
+from pydrake.systems.framework import Context, LeafSystem
+
+from forcectl.errors import invalid, unknown
+from forcectl.estimation.momentum_observer import dead_band
+from forcectl.framework.batch import check
+from forcectl.framework.cache import BlockCache
+from forcectl.framework.kernels import all_finite
+from forcectl.robot.model import RobotModel, posture_cache
+from forcectl.robot.robot_motion import pose_parts
+from forcectl.tasks.coordinates import ArmTask
+
+Array = NDArray[np.float64]
+
+
+class TaskForce(LeafSystem):
+    """Force of the environment on the follower along its task coordinates, of the estimated wrenches of all arms.
+
+    ```
+    name: TaskForce
+    input_ports: [estimated_wrench, joint_position]
+    output_ports: [task_force, task_wrench]
+    ```
+
+    estimated_wrench: shape (6a,), of the environment on each arm at its TCP in the world, [torque; force] [Nm, N].
+    joint_position: shape (n,) [rad].
+    task_force: shape (k,), along the coordinates of all tasks one after the other, positive where it pushes towards
+    larger values [N or Nm]. A force of f counts as sign(f) max(|f| - b, 0), with the dead band b.
+    task_wrench: shape (6t,), of each of t tasks, before the dead band, [torque; force] [Nm, N]. It is at the origin of
+    the frame that the coordinates are of, and in the axes that they are in: of an `ArmTask` the world, of a
+    `RelativeTask` the leader's frame.
+    Both are feedthrough of both inputs.
+
+    Of a `RelativeTask` it is the mean of what follower and leader feel, see `forcectl.estimation.wrench_between`.
+    Readings that are not finite give NaN: a wrench in the tasks of its arm, a joint position in all.
+
+    Sampling: none; evaluated when read.
+
+    Args:
+        robot: with the arms of the tasks.
+        tasks: in the order of the coordinates.
+        force_dead_band: b along positions [N].
+        torque_dead_band: b along angles [Nm].
+        of_both: whether it is that mean; else what the follower feels.
+
+    Raises:
+        BadInputError: no task, a task of an arm that there is not, or a dead band below zero.
+    """
+
+    port_units = {"task_force": "", "task_wrench": "Nm,N"}
+
+    def __init__(
+        self,
+        robot: RobotModel,
+        tasks: Sequence[ArmTask],
+        *,
+        force_dead_band: float = 0.0,
+        torque_dead_band: float = 0.0,
+        of_both: bool = True,
+    ):
+        super().__init__()
+        if not tasks:
+            raise invalid("tasks", list(tasks), "at least one")
+        self._tasks, self._of_both = tuple(tasks), of_both
+        self._tips = {name: arm.tcp_frame for name, arm in robot.parts.arms.items()}
+        for task in tasks:
+            for name in (task.arm, getattr(task, "leader", task.arm)):
+                if name not in self._tips:
+                    raise unknown("arm", name, self._tips)
+        bands = check("force_dead_band", force_dead_band, "not negative")
+        turning = check("torque_dead_band", torque_dead_band, "not negative")
+        angular = np.concatenate([task.angular for task in tasks])
+        self._band: Array = np.where(angular, turning, bands)
+        wrenches = self.DeclareVectorInputPort("estimated_wrench", 6 * len(self._tips))
+        position = self.DeclareVectorInputPort("joint_position", robot.num_joints)
+        self._wrenches, self._position = wrenches, position
+        self._posture = posture_cache(self, robot, position)
+        now: Any = BlockCache(
+            self,
+            "wrenches of the tasks",
+            lambda: Value[object](()),
+            lambda block, context, value: block._compute(context, value),
+            {wrenches.ticket(), self._posture.ticket()},
+        )
+
+        def put(element: int) -> Any:
+            return lambda context, output: output.SetFromVector(now.Eval(context)[element])
+
+        for element, (name, size) in enumerate((("task_force", len(angular)), ("task_wrench", 6 * len(tasks)))):
+            self.DeclareVectorOutputPort(name, size, put(element), prerequisites_of_calc={now.ticket()})
+
+    def _compute(self, context: Context, value: AbstractValue) -> None:
+        readings = self._wrenches.Eval(context).reshape(-1, 6)
+        if not all_finite(self._position.Eval(context)):
+            value.set_value((np.full(len(self._band), np.nan), np.full(6 * len(self._tasks), np.nan)))
+            return
+        posture = self._posture.Eval(context)
+        tips = {name: pose_parts(frame.CalcPoseInWorld(posture)) for name, frame in self._tips.items()}
+        wrenches = dict(zip(tips, readings, strict=True))
+        felt = [task.felt(tips, wrenches, of_both=self._of_both) for task in self._tasks]
+        forces = [task.forces(*each) for task, each in zip(self._tasks, felt, strict=True)]
+        value.set_value((dead_band(np.concatenate(forces), self._band), np.concatenate([each[1] for each in felt])))
