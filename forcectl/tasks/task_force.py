@@ -45,7 +45,7 @@ class TaskForce(LeafSystem):
     task_wrench: shape (6t,), of each of t tasks, before the dead band, [torque; force] [Nm, N]. It is at the origin of
     the frame that the coordinates are of, and in the axes that they are in: of an `ArmTask` the world, of a
     `RelativeTask` the leader's frame.
-    Both are feedthrough of both inputs.
+    All outputs are feedthrough of all inputs.
 
     Of a `RelativeTask` it is the mean of what follower and leader feel, see `forcectl.estimation.wrench_between`.
     Readings that are not finite give NaN: a wrench in the tasks of its arm, a joint position in all.
