@@ -1,3 +1,6 @@
+from forcectl.tasks.compliant_motion import CompliantMotion as CompliantMotion
+from forcectl.tasks.compliant_references import CompliantReferences as CompliantReferences
+from forcectl.tasks.compliant_references import ModeReferences as ModeReferences
 from forcectl.tasks.constraints.base import CartesianWall as CartesianWall
 from forcectl.tasks.constraints.base import Constraint as Constraint
 from forcectl.tasks.constraints.base import ConstraintSet as ConstraintSet
@@ -53,8 +56,13 @@ from forcectl.tasks.reaching import ReactiveReaching as ReactiveReaching
 from forcectl.tasks.reaching import ReactiveReachingConfig as ReactiveReachingConfig
 from forcectl.tasks.reactive_controller import ReactiveController as ReactiveController
 from forcectl.tasks.reactive_controller import Supervision as Supervision
-from forcectl.tasks.reactive_motion import MotionLimitsConfig as MotionLimitsConfig
 from forcectl.tasks.reactive_motion import ReactiveMotion as ReactiveMotion
+from forcectl.tasks.reference_parts import AdmittanceGainsConfig as AdmittanceGainsConfig
+from forcectl.tasks.reference_parts import DampingOverConfig as DampingOverConfig
+from forcectl.tasks.reference_parts import MotionLimitsConfig as MotionLimitsConfig
+from forcectl.tasks.reference_parts import ReferenceConfig as ReferenceConfig
+from forcectl.tasks.reference_parts import SwingConfig as SwingConfig
+from forcectl.tasks.reference_parts import mode_references as mode_references
 from forcectl.tasks.reference_reset import ReferenceReset as ReferenceReset
 from forcectl.tasks.relative_task import RelativePose as RelativePose
 from forcectl.tasks.relative_task import RelativeTask as RelativeTask

@@ -229,6 +229,11 @@ class ReactiveController(SampledBlock):
         return self._period
 
     @property
+    def num_modes(self) -> int:
+        """How many modes there are; 1 without `modes`."""
+        return len(self._modes)
+
+    @property
     def num_rows(self) -> int:
         """How many rows the programs have, besides the bounds of the joints; the most of all modes."""
         return max(mode.program.num_rows for mode in self._modes)

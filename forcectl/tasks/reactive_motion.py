@@ -8,27 +8,14 @@ Each task is planned on its own: an arm that is blocked does not hold up the oth
 
 from __future__ import annotations
 
-from dataclasses import dataclass
+from collections.abc import Mapping
 
-import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder
+from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPort, System
 
-from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.motion.trajectory_generator import TrajectoryGenerator
 from forcectl.tasks.reactive_controller import READINGS, ReactiveController
-
-
-@dataclass(kw_only=True)
-class MotionLimitsConfig(Config):
-    """Limits of the references, in metres and in radians."""
-
-    speed: float = key(0.5, "of positions", unit="m/s", bounds="positive")
-    acceleration: float = key(2.0, "of positions", unit="m/s^2", bounds="positive")
-    jerk: float = key(20.0, "of positions", unit="m/s^3", bounds="positive")
-    turn_speed: float = key(1.5, "of rotations", unit="rad/s", bounds="positive")
-    turn_acceleration: float = key(6.0, "of rotations", unit="rad/s^2", bounds="positive")
-    turn_jerk: float = key(60.0, "of rotations", unit="rad/s^3", bounds="positive")
+from forcectl.tasks.reference_parts import MotionLimitsConfig
 
 
 class ReactiveMotion(Diagram):
@@ -60,31 +47,45 @@ class ReactiveMotion(Diagram):
     def __init__(self, controller: ReactiveController, limits: MotionLimitsConfig | None = None):
         super().__init__()
         builder, limits = DiagramBuilder(), limits or MotionLimitsConfig()
-        add, connect = builder.AddNamedSystem, builder.Connect
-        add("controller", controller)
-        tasks = controller.tasks
-        kinds = np.concatenate([task.angular for task in tasks])
+        builder.AddNamedSystem("controller", controller)
+        bounds = limits.of(controller.tasks)
         generator = TrajectoryGenerator(
-            len(kinds),
-            velocity_limit=np.where(kinds, limits.turn_speed, limits.speed),
-            acceleration_limit=np.where(kinds, limits.turn_acceleration, limits.acceleration),
-            jerk_limit=np.where(kinds, limits.turn_jerk, limits.jerk),
+            len(bounds.velocity),
+            velocity_limit=bounds.velocity,
+            acceleration_limit=bounds.acceleration,
+            jerk_limit=bounds.jerk,
             initial_position=controller.task_start,
-            groups=[task.size for task in tasks],
+            groups=[task.size for task in controller.tasks],
             period=controller.period,
         )
-        add("generator", generator)
-        for name in ("position", "velocity", "acceleration"):
-            connect(controller.GetOutputPort(f"task_{name}"), generator.GetInputPort(f"start_{name}"))
-            connect(generator.GetOutputPort(name), controller.GetInputPort(f"task_{name}_reference"))
+        builder.AddNamedSystem("generator", generator)
         target = builder.ExportInput(generator.GetInputPort("target_position"), "task_target")
         builder.ConnectInput(target, controller.GetInputPort("task_target"))
-        for name in READINGS:
-            if controller.HasInputPort(name):
-                builder.ExportInput(controller.GetInputPort(name), name)
-        first = ("joint_position_command", "joint_velocity_command")
-        for name in first:
-            builder.ExportOutput(controller.GetOutputPort(name), name)
-        builder.ExportOutput(generator.GetOutputPort("position"), "task_position_reference")
-        export_all_outputs(builder, controller, but=first)
+        references = {name: generator.GetOutputPort(name) for name in ("position", "velocity", "acceleration")}
+        wire_motion(builder, controller, generator, references)
         builder.BuildInto(self)
+
+
+def wire_motion(
+    builder: DiagramBuilder, controller: ReactiveController, generator: System, references: Mapping[str, OutputPort]
+) -> dict[str, InputPortIndex]:
+    """Connect a controller with what makes its references, and export its readings and all of its outputs.
+
+    Args:
+        generator: whose start_position, start_velocity and start_acceleration are the motion of the controller.
+        references: of position, velocity and acceleration, by these names.
+
+    Returns:
+        The readings that are exported, by name.
+    """
+    for name, port in references.items():
+        builder.Connect(controller.GetOutputPort(f"task_{name}"), generator.GetInputPort(f"start_{name}"))
+        builder.Connect(port, controller.GetInputPort(f"task_{name}_reference"))
+    inputs = [name for name in READINGS if controller.HasInputPort(name)]
+    exported = {name: builder.ExportInput(controller.GetInputPort(name), name) for name in inputs}
+    first = ("joint_position_command", "joint_velocity_command")
+    for name in first:
+        builder.ExportOutput(controller.GetOutputPort(name), name)
+    builder.ExportOutput(references["position"], "task_position_reference")
+    export_all_outputs(builder, controller, but=first)
+    return exported

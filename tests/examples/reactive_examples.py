@@ -15,12 +15,22 @@ from forcectl.diagrams.workcell import describe
 from forcectl.framework.rotation_vector import RotationVector
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import RobotModel
+from forcectl.tasks.compliant_motion import CompliantMotion
+from forcectl.tasks.compliant_references import CompliantReferences, ModeReferences
 from forcectl.tasks.constraints.force_band import ForceBand
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.modes import Mode
 from forcectl.tasks.reaching import ReachConfig, ReactiveReaching, ReactiveReachingConfig
 from forcectl.tasks.reactive_controller import ReactiveController
 from forcectl.tasks.reactive_motion import ReactiveMotion
+from forcectl.tasks.reference_parts import (
+    AdmittanceGainsConfig,
+    MotionLimitsConfig,
+    ReferenceConfig,
+    SwingConfig,
+    mode_references,
+)
+from forcectl.tasks.task_force import TaskForce
 from forcectl.testing.runs import Input
 from tests.examples.block_example import Example
 from tests.examples.stations import free
@@ -98,6 +108,47 @@ def reactive_reaching() -> ReactiveReaching:
     return made
 
 
+def references(**said: Any) -> ModeReferences:
+    """Of the right arm, in a mode."""
+    named = {task.arm: task for task in arm_tasks()}
+    limits, gains = MotionLimitsConfig(), AdmittanceGainsConfig()
+    right = {name: ReferenceConfig(**each) for name, each in said.items()}
+    return mode_references({"right": right}, named, gains=gains, limits=limits, period=0.004)
+
+
+def compliant_references() -> CompliantReferences:
+    swing = SwingConfig(amplitude=0.02, frequency=2.5)
+    modes = [references(z={"velocity": -0.05}, x={"comply": True}), references(phi={"swing": swing}, y={"by": 0.1})]
+    return CompliantReferences(modes, [6, 6], task_start())
+
+
+def stiff_references() -> CompliantReferences:
+    return CompliantReferences([references(z={"velocity": -0.05})], [6, 6], task_start())
+
+
+def compliant_motion() -> CompliantMotion:
+    """All ports that there are."""
+    modes = [references(z={"comply": True}), references(x={"velocity": 0.1})]
+    return CompliantMotion(switched_controller(), modes, TaskForce(two_arms(), arm_tasks()))
+
+
+STARTS: dict[str, Input] = {
+    f"start_{name}": REACTIVE_INPUTS[f"task_{name}_reference"] for name in ("position", "velocity", "acceleration")
+}
+MODE: dict[str, Input] = {"mode": SWITCHED_INPUTS["mode"]}
+REFERENCE_INPUTS = STARTS | MODE | {"task_force": lambda t: np.arange(12.0) * t}
+COMPLIANT_INPUTS: dict[str, Input] = {
+    **{name: SWITCHED_INPUTS[name] for name in (*READINGS, "measured_force", "mode")},
+    "estimated_wrench": lambda t: np.arange(12.0) * t,
+}
+REFERENCE_OUTPUTS = (
+    *(f"task_{name}_reference" for name in ("position", "velocity", "acceleration")),
+    *("task_target", "task_displacement", "task_force_ok"),
+)
+
+FORCE_INPUTS = ("joint_position", "estimated_wrench")
+
+
 def outputs() -> set[str]:
     block = reactive_controller()
     return {block.get_output_port(i).get_name() for i in range(block.num_output_ports())} - set(FROM_STATE)
@@ -117,6 +168,27 @@ REACTIVE_EXAMPLES: dict[type[System], list[Example]] = {
             reactive_motion,
             every(outputs(), MOTION_INPUTS) | {("task_position_reference", "task_target")},
             MOTION_INPUTS,
+            periods={"period": 0.004},
+        )
+    ],
+    CompliantReferences: [
+        Example(
+            compliant_references,
+            every(set(REFERENCE_OUTPUTS), REFERENCE_INPUTS),
+            REFERENCE_INPUTS,
+            periods={"period": 0.004},
+        ),
+        Example(
+            stiff_references, every(set(REFERENCE_OUTPUTS), STARTS | MODE), STARTS | MODE, periods={"period": 0.004}
+        ),
+    ],
+    CompliantMotion: [
+        Example(
+            compliant_motion,
+            every(outputs(), COMPLIANT_INPUTS)
+            | every({"task_force", "task_wrench"}, FORCE_INPUTS)
+            | every({REFERENCE_OUTPUTS[0], *REFERENCE_OUTPUTS[3:]}, (*FORCE_INPUTS, "mode")),
+            COMPLIANT_INPUTS,
             periods={"period": 0.004},
         )
     ],

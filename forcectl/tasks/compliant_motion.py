@@ -1,0 +1,89 @@
+"""Motion of tasks that give way to forces, mode by mode (Figs. 6.3, 6.4 and 5.3): forces, references, a controller::
+
+estimated wrenches -> task forces -> references (x~, x~', x~'') -> reactive controller -> joint references
+                                     references <- commanded motion of the tasks (state of the controller) <-
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pydrake.systems.framework import Diagram, DiagramBuilder
+
+from forcectl.errors import BadInputError
+from forcectl.framework.wiring import export_all_outputs
+from forcectl.tasks.compliant_references import CompliantReferences, ModeReferences
+from forcectl.tasks.reactive_controller import ReactiveController
+from forcectl.tasks.reactive_motion import wire_motion
+from forcectl.tasks.task_force import TaskForce
+
+
+class CompliantMotion(Diagram):
+    """Reactive controller with references that follow, comply or both by its modes.
+
+    ```
+    name: CompliantMotion
+    input_ports: [joint_position, joint_velocity, measured_force (optional), mode (optional), estimated_wrench
+    (optional)]
+    output_ports: [joint_position_command, joint_velocity_command, task_position_reference, task_position,
+    task_velocity, task_acceleration, status, active_constraints, slack, constraint_violation, tracking_error,
+    near_singular, levels_solved, holding, reached, stalled, reading_ok, stage_costs, task_target,
+    task_displacement, task_force_ok, task_force (optional), task_wrench (optional)]
+    ```
+
+    joint_position: shape (n,), as measured [rad]; may be left unconnected without `forces`.
+    mode: shape (1,), number of the mode from 0 on [1]. There is none where the controller has no modes.
+    estimated_wrench: see `TaskForce`. There is none without `forces`.
+    task_force, task_wrench: see `TaskForce`. There are none without `forces`. Feedthrough of joint_position and
+    estimated_wrench.
+    task_position_reference: shape (k,), at the next tick [m or rad]. Feedthrough of joint_position, mode and
+    estimated_wrench.
+    task_position, task_velocity, task_acceleration: shape (k,), of the controller [m or rad, m/s or rad/s, m/s^2 or
+    rad/s^2]. State.
+    task_target, task_displacement, task_force_ok: see `CompliantReferences`. Feedthrough of joint_position, mode and
+    estimated_wrench.
+    The other ports: see `ReactiveController`. All outputs are feedthrough of all inputs at the tick.
+
+    Sampling: every `period` [s] of the controller; no delay from the forces or the readings to the references.
+
+    Args:
+        controller: is built into this diagram.
+        references: of each of its modes.
+        forces: along the coordinates of its tasks; may be None where nothing complies.
+
+    Raises:
+        BadInputError: another number of modes than the controller has, or something complies without forces.
+    """
+
+    optional_inputs = ("joint_velocity",)
+
+    def __init__(
+        self, controller: ReactiveController, references: Sequence[ModeReferences], forces: TaskForce | None = None
+    ):
+        super().__init__()
+        if len(references) != controller.num_modes:
+            wanted = f"{controller.num_modes}, one for each mode of the controller"
+            raise BadInputError(f"references: {len(references)} of them: must be {wanted}")
+        builder = DiagramBuilder()
+        builder.AddNamedSystem("controller", controller)
+        sizes = [task.size for task in controller.tasks]
+        block = CompliantReferences(references, sizes, controller.task_start, period=controller.period)
+        if block.complies and forces is None:
+            raise BadInputError("comply: must not be said without forces along the tasks")
+        builder.AddNamedSystem("references", block)
+        made = {
+            name: block.GetOutputPort(f"task_{name}_reference") for name in ("position", "velocity", "acceleration")
+        }
+        exported = wire_motion(builder, controller, block, made)
+        builder.Connect(block.GetOutputPort("task_target"), controller.GetInputPort("task_target"))
+        if "mode" in exported:
+            builder.ConnectInput(exported["mode"], block.GetInputPort("mode"))
+        export_all_outputs(builder, block, but=[port.get_name() for port in made.values()])
+        if forces is not None:
+            builder.AddNamedSystem("forces", forces)
+            builder.ConnectInput(exported["joint_position"], forces.GetInputPort("joint_position"))
+            builder.ExportInput(forces.GetInputPort("estimated_wrench"), "estimated_wrench")
+            if block.complies:
+                builder.Connect(forces.GetOutputPort("task_force"), block.GetInputPort("task_force"))
+            export_all_outputs(builder, forces)
+        builder.BuildInto(self)

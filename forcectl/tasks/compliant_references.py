@@ -1,0 +1,290 @@
+"""References of task coordinates that follow a generator, give way to forces, or both, mode by mode::
+
+    x~[k+1] = x_gen[k+1] + dx[k+1] + s[k+1]                                                            (6.9)
+    H a = F - F_bar - D dv,    dx[k] = x[k] - s[k] - x_gen[k],    dv[k] = x'[k] - s'[k] - x_gen'[k]    (6.3), (6.10)*
+
+with the commanded motion x, the force F along the coordinate and a swing s. Of a coordinate that complies the generator
+goes on from its own state, the arrangement `consistent` of `forcectl.force.admittance`; of any other one from x - s.
+
+At a switch of modes every coordinate goes on with the position, velocity and acceleration that it was commanded: dx and
+s become part of x_gen. What still complies keeps dv.
+
+The swing is a sine whose amplitude A + g t grows, with the envelope e that rises in the first period, so that it begins
+at rest::
+
+    s(t) = e(f t) (A + g t) sin(2 pi f t + phase),    e(u) = u^3 (10 - 15 u + 6 u^2) up to u = 1
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import Context
+
+from forcectl.errors import invalid
+from forcectl.force.admittance import admittance_step
+from forcectl.framework.batch import check_count
+from forcectl.framework.cache import scratch
+from forcectl.framework.kernels import largest
+from forcectl.framework.sampled_block import Memory, SampledBlock
+from forcectl.motion.trajectory import Limits, Motion, Planner, Target, TrajectoryState, begin
+
+Array = NDArray[np.float64]
+Flags = NDArray[np.bool_]
+
+_START = ("start_position", "start_velocity", "start_acceleration")
+_REFERENCES = tuple(f"task_{name}_reference" for name in ("position", "velocity", "acceleration"))
+_ROUNDING = 1e-9
+_LARGEST_FORCE = 1e6  # [N or Nm] a force beyond is no number
+
+
+class DampingTable(NamedTuple):
+    """Damping of one coordinate over the value of another.
+
+    Attributes:
+        row, of: their places among all coordinates.
+        at: values of the other one, ascending [m or rad]; in between the factor is linear, outside constant.
+        factor: times which the damping counts [1].
+    """
+
+    row: int
+    of: int
+    at: Array
+    factor: Array
+
+
+class Swing(NamedTuple):
+    """The swing of one coordinate; see the module's documentation.
+
+    Attributes:
+        row: its place among all coordinates.
+        frequency: f [1/s].
+        amplitude, growth: A and g [m or rad, per s].
+        phase: [rad].
+    """
+
+    row: int
+    frequency: float
+    amplitude: float
+    growth: float
+    phase: float
+
+    def at(self, time: float) -> tuple[float, float, float]:
+        """s, s' and s'' at a time in the mode [s]."""
+        _, f, A, g, phase = self
+        u, w = min(f * time, 1.0), 2.0 * math.pi * f
+        e = u**3 * (10.0 - 15.0 * u + 6.0 * u**2)
+        e1, e2 = 30.0 * f * (u * (1.0 - u)) ** 2, 60.0 * f**2 * u * (1.0 - u) * (1.0 - 2.0 * u)
+        size = A + g * time
+        a, a1, a2 = e * size, e1 * size + e * g, e2 * size + 2.0 * e1 * g
+        sine, cosine = math.sin(w * time + phase), w * math.cos(w * time + phase)
+        return a * sine, a1 * sine + a * cosine, (a2 - a * w**2) * sine + 2.0 * a1 * cosine
+
+
+class ModeReferences(NamedTuple):
+    """What the k coordinates of all tasks do in a mode, each (k,); from `forcectl.tasks.reference_parts`.
+
+    Attributes:
+        followed: False in the coordinates of tasks that the mode does not follow.
+        position: where they go [m or rad]; NaN for none.
+        by: how far from where the mode began [m or rad]; NaN for none.
+        velocity: that they take on [m/s or rad/s]; 0 for none.
+        stays: that come to rest and stay there.
+        comply: that give way to the force.
+        force: F_bar [N or Nm].
+        slowest, fastest: limits of dv [m/s or rad/s].
+        inertia, damping: H and D [kg or kg m^2/rad, N s/m or Nms/rad].
+        tables: of the damping.
+        swings: of the coordinates that swing.
+        limits: of the generator.
+    """
+
+    followed: Flags
+    position: Array
+    by: Array
+    velocity: Array
+    stays: Flags
+    comply: Flags
+    force: Array
+    slowest: Array
+    fastest: Array
+    inertia: Array
+    damping: Array
+    tables: Sequence[DampingTable]
+    swings: Sequence[Swing]
+    limits: Limits
+
+    def damping_at(self, position: Array) -> Array:
+        """D at a position of all coordinates."""
+        if not self.tables:
+            return self.damping
+        damping = self.damping.copy()
+        for row, of, at, factor in self.tables:
+            damping[row] *= np.interp(position[of], at, factor)
+        return damping
+
+
+class CompliantReferences(SampledBlock):
+    """References of the task coordinates by modes, for a controller that hands back what it commanded.
+
+    ```
+    name: CompliantReferences
+    input_ports: [start_position, start_velocity, start_acceleration, task_force (optional), mode]
+    output_ports: [task_position_reference, task_velocity_reference, task_acceleration_reference, task_target,
+    task_displacement, task_force_ok]
+    ```
+
+    Units u per coordinate: [m] or [rad].
+
+    start_position, start_velocity, start_acceleration: shape (k,), the commanded motion x, x', x'' that the references
+    go on from [u, u/s, u/s^2]: task_position, task_velocity and task_acceleration of a `ReactiveController`.
+    task_force: shape (k,), F along the coordinates [N or Nm]. There is none where no coordinate complies in any mode.
+    mode: shape (1,), number of the mode from 0 on [1]. One that there is none of keeps the last; 0 when not connected.
+    task_position_reference, task_velocity_reference, task_acceleration_reference: shape (k,), x~ at the next tick [u,
+    u/s, u/s^2].
+    task_target: shape (k,), where the coordinates go to [u]; where they have no target, comply or swing, the commanded
+    motion.
+    task_displacement: shape (k,), dx at the next tick [u], since the mode began; 0 where nothing complies.
+    task_force_ok: shape (k,), 0 in coordinates that comply to a force that is not a number, else 1 [1].
+    All outputs are feedthrough of all inputs at the tick, and held.
+
+    A coordinate that complies to a force that is not a number, or beyond 1e6, comes to rest until it is one again: with
+    no force along it, and its generator stops. Velocities of dv beyond their limits are brought back with the
+    acceleration limit. References of tasks that are not followed are the commanded motion.
+
+    Sampling: every `period` [s]; no delay from the force to the reference, see `SampledBlock`.
+
+    Args:
+        modes: by their number; the first one is that of the start.
+        groups: how many coordinates each task has; those of a task are planned together.
+        initial_position: of the coordinates, (k,) [u].
+
+    Raises:
+        BadInputError: no mode, or groups that do not add up.
+    """
+
+    optional_inputs = ("mode",)
+    port_units = {
+        **dict.fromkeys((*_START, *_REFERENCES, "task_force", "task_target", "task_displacement"), ""),
+        "task_force_ok": "1",
+    }
+
+    def __init__(
+        self,
+        modes: Sequence[ModeReferences],
+        groups: Sequence[int],
+        initial_position: ArrayLike,
+        *,
+        period: float = 0.004,
+    ):
+        super().__init__()
+        if not modes:
+            raise invalid("modes", list(modes), "at least one")
+        self._modes, sizes = tuple(modes), [check_count("groups", count) for count in groups]
+        k = self._size = sum(sizes)
+        every = [mode.limits for mode in modes]
+
+        def planners() -> list[Planner]:
+            return [Planner(limits, groups=sizes) for limits in every]
+
+        planners()  # refuses groups that do not add up
+        self._planners = scratch(self, "planners", planners)
+        names = [*_START, *["task_force"] * self.complies]
+        inputs = [self.DeclareVectorInputPort(name, k) for name in names]
+        inputs.append(self.DeclareVectorInputPort("mode", 1))
+        start = np.broadcast_to(np.asarray(initial_position, dtype=float), k)
+        none = np.zeros(k)
+        memory = {
+            "mode": -1.0,
+            "ticks": 0.0,  # since the mode began
+            "trajectory": begin(start)[:].ravel(),
+            "swing": np.zeros(3 * k),
+            "goal": np.full(k, np.nan),  # where the generator goes to; NaN where it takes on a velocity
+            **dict(zip(_REFERENCES, (start, none, none), strict=True)),
+            "task_target": start,
+            "task_displacement": none,
+            "task_force_ok": np.ones(k),
+        }
+        self.declare_memory(memory, inputs, period)
+        self.show(*_REFERENCES, "task_target", "task_displacement", "task_force_ok")
+
+    @property
+    def complies(self) -> bool:
+        """Whether any coordinate complies in any mode."""
+        return any(mode.comply.any() for mode in self._modes)
+
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
+        """One tick."""
+        Ts, before = self._period, int(memory["mode"])
+        asked = inputs["mode"].item() if "mode" in inputs else 0
+        number = int(asked) if asked in range(len(self._modes)) else max(before, 0)
+        mode = self._modes[number]
+        commanded = np.array([inputs[name] for name in _START])
+        state = TrajectoryState(memory["trajectory"].reshape(-1, self._size))
+        own, swing = np.array(state.motion), memory["swing"].reshape(3, -1)
+        if number != before:
+            ticks, goal = 0.0, np.where(np.isnan(mode.position), commanded[0] + mode.by, mode.position)
+            start = commanded.copy()
+            if before >= 0:
+                still = mode.comply & self._modes[before].comply
+                start[1:, still] = (own + swing)[1:, still]
+            swing = np.zeros_like(swing)
+        else:
+            ticks, goal = memory["ticks"] + 1.0, memory["goal"]
+            start = np.where(mode.comply, own, commanded - swing)
+
+        dx, dv = (commanded - swing - start)[:2]
+        ok = np.ones(self._size, dtype=bool)
+        if largest(mode.comply):
+            force = inputs["task_force"]
+            ok = (np.abs(force) < _LARGEST_FORCE) | ~mode.comply
+            dx, after = self._filtered(mode, commanded[0], dx, dv, np.where(mode.comply & ok, force - mode.force, 0.0))
+        else:
+            after = dv
+
+        free, wanted = np.isnan(goal) | ~ok, np.where(ok, mode.velocity, 0.0)
+        # Ruckig comes back to a velocity limit by way of standstill: that speed is taken on first.
+        fast = ~free & (np.abs(start[1]) > mode.limits.velocity * (1.0 + _ROUNDING))
+        if largest(fast):
+            wanted = np.where(fast, np.copysign(mode.limits.velocity, start[1]), wanted)
+        in_velocity = free | fast
+        target = Target(np.where(in_velocity, 0.0, goal), wanted, in_velocity.astype(float))
+        start[:, ~mode.followed] = np.nan  # goes on by itself
+        planner: Planner = self._planners.Eval(context)[number]
+        state = planner.follow(state, target, Ts, Motion(*start))
+        reference = np.array(state.motion)
+        goal = np.where(mode.stays & free & ok & (state.arrived > 0.5), reference[0], goal)
+        reference += (dx, after, (after - dv) / Ts)
+        fixed = ~(mode.comply | np.isnan(goal))
+        if mode.swings:
+            swing = np.zeros_like(swing)
+        for each in mode.swings:
+            fixed[each.row] = False
+            swing[:, each.row] = each.at((ticks + 1.0) * Ts)
+            reference[:, each.row] += swing[:, each.row]
+        reference = np.where(mode.followed, reference, commanded)
+        return {
+            "mode": float(number),
+            "ticks": ticks,
+            "trajectory": state[:].ravel(),
+            "swing": swing.ravel(),
+            "goal": goal,
+            **dict(zip(_REFERENCES, reference, strict=True)),
+            "task_target": np.where(fixed, goal, commanded[0]),
+            "task_displacement": dx,
+            "task_force_ok": ok.astype(float),
+        }
+
+    def _filtered(
+        self, mode: ModeReferences, position: Array, dx: Array, dv: Array, force: Array
+    ) -> tuple[Array, Array]:
+        """dx and dv after the tick, with dv within its limits."""
+        Ts, most = self._period, self._period * mode.limits.acceleration
+        moved, speed = admittance_step(dx, dv, force, mode.inertia, mode.damping_at(position), Ts)
+        lower, upper = np.minimum(mode.slowest, dv + most), np.maximum(mode.fastest, dv - most)
+        limited = np.minimum(np.maximum(speed, lower), upper)
+        return moved + 0.5 * Ts * (limited - speed), limited
