@@ -33,8 +33,7 @@ from forcectl.tasks.modes import Mode
 from forcectl.tasks.null_space import AnyCriterion
 from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig
 from forcectl.tasks.reactive_controller import READINGS, ReactiveController
-from forcectl.tasks.reactive_motion import ReactiveMotion
-from forcectl.tasks.reference_parts import MotionLimitsConfig
+from forcectl.tasks.reactive_motion import MotionLimitsConfig, ReactiveMotion
 from forcectl.tasks.task_parts import TaskTargetConfig, made_task, start_motion
 
 _FARTHEST = 10.0  # [m or rad] beyond is no target of any arm, but a mistake

@@ -212,6 +212,7 @@ class ReactiveController(SampledBlock):
         shared = (robot, origin, limits, self._tasks, constraints, chosen, weights)
         builder = ModeBuilder(*shared, constraint_gamma, approach, Ts, solver)
         self._has_modes, self._modes = bool(modes), builder.built(modes)
+        self.num_modes = len(self._modes)  # 1 without `modes`
         self._monitor = JointStateMonitor(
             self._n, supervision.longest_gap, supervision.frozen_distance, supervision.largest_error, Ts
         )
@@ -227,11 +228,6 @@ class ReactiveController(SampledBlock):
     def period(self) -> float:
         """Tick [s]."""
         return self._period
-
-    @property
-    def num_modes(self) -> int:
-        """How many modes there are; 1 without `modes`."""
-        return len(self._modes)
 
     @property
     def num_rows(self) -> int:

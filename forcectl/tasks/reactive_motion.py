@@ -8,14 +8,40 @@ Each task is planned on its own: an arm that is blocked does not hold up the oth
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
 
+import numpy as np
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPort, System
 
+from forcectl.framework.fields import Config, key
 from forcectl.framework.wiring import export_all_outputs
+from forcectl.motion.trajectory import Limits, limits_of
 from forcectl.motion.trajectory_generator import TrajectoryGenerator
+from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.reactive_controller import READINGS, ReactiveController
-from forcectl.tasks.reference_parts import MotionLimitsConfig
+
+
+@dataclass(kw_only=True)
+class MotionLimitsConfig(Config):
+    """Limits of the references, in metres and in radians."""
+
+    speed: float = key(0.5, "of positions", unit="m/s", bounds="positive")
+    acceleration: float = key(2.0, "of positions", unit="m/s^2", bounds="positive")
+    jerk: float = key(20.0, "of positions", unit="m/s^3", bounds="positive")
+    turn_speed: float = key(1.5, "of rotations", unit="rad/s", bounds="positive")
+    turn_acceleration: float = key(6.0, "of rotations", unit="rad/s^2", bounds="positive")
+    turn_jerk: float = key(60.0, "of rotations", unit="rad/s^3", bounds="positive")
+
+    def of(self, tasks: Sequence[ArmTask]) -> Limits:
+        """The limits of the coordinates of all tasks."""
+        angular = np.concatenate([task.angular for task in tasks])
+        return limits_of(
+            len(angular),
+            np.where(angular, self.turn_speed, self.speed),
+            np.where(angular, self.turn_acceleration, self.acceleration),
+            np.where(angular, self.turn_jerk, self.jerk),
+        )
 
 
 class ReactiveMotion(Diagram):

@@ -17,7 +17,7 @@ from forcectl.estimation.wrench_between import WrenchBetween
 from forcectl.estimation.wrench_filter import WrenchFilter
 from forcectl.plant.drives.joint_friction import FrictionRest, JointFriction
 from forcectl.robot.momentum_model import MomentumModel
-from forcectl.tasks.task_force import TaskForce
+from forcectl.tasks.compliance.task_force import TaskForce
 from tests.examples.block_example import Example, each
 from tests.examples.reactive_examples import arm_tasks, two_arms
 

@@ -15,22 +15,16 @@ from forcectl.diagrams.workcell import describe
 from forcectl.framework.rotation_vector import RotationVector
 from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import RobotModel
-from forcectl.tasks.compliant_motion import CompliantMotion
-from forcectl.tasks.compliant_references import CompliantReferences, ModeReferences
+from forcectl.tasks.compliance.motion import CompliantMotion
+from forcectl.tasks.compliance.parts import AdmittanceGainsConfig, ReferenceConfig, SwingConfig, mode_references
+from forcectl.tasks.compliance.references import CompliantReferences, ModeReferences
+from forcectl.tasks.compliance.task_force import TaskForce
 from forcectl.tasks.constraints.force_band import ForceBand
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.modes import Mode
 from forcectl.tasks.reaching import ReachConfig, ReactiveReaching, ReactiveReachingConfig
 from forcectl.tasks.reactive_controller import ReactiveController
-from forcectl.tasks.reactive_motion import ReactiveMotion
-from forcectl.tasks.reference_parts import (
-    AdmittanceGainsConfig,
-    MotionLimitsConfig,
-    ReferenceConfig,
-    SwingConfig,
-    mode_references,
-)
-from forcectl.tasks.task_force import TaskForce
+from forcectl.tasks.reactive_motion import MotionLimitsConfig, ReactiveMotion
 from forcectl.testing.runs import Input
 from tests.examples.block_example import Example
 from tests.examples.stations import free

@@ -32,7 +32,7 @@ from forcectl.tasks.null_space_parts import (
     SmallMassPotentialConfig,
 )
 from forcectl.tasks.reaching import RandomMovesConfig, ReachConfig, ReactiveReachingConfig
-from forcectl.tasks.reference_parts import MotionLimitsConfig
+from forcectl.tasks.reactive_motion import MotionLimitsConfig
 from forcectl.tasks.task_parts import start_motion
 from forcectl.testing import assert_memory_released
 from tests.examples.reactive_examples import at

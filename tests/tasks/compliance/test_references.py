@@ -11,16 +11,16 @@ from pydrake.systems.analysis import Simulator
 
 from forcectl.errors import BadInputError
 from forcectl.framework.rotation_vector import RotationVector
-from forcectl.tasks.compliant_references import CompliantReferences
-from forcectl.tasks.coordinates import ArmTask
-from forcectl.tasks.reference_parts import (
+from forcectl.tasks.compliance.parts import (
     AdmittanceGainsConfig,
     DampingOverConfig,
-    MotionLimitsConfig,
     ReferenceConfig,
     SwingConfig,
     mode_references,
 )
+from forcectl.tasks.compliance.references import CompliantReferences
+from forcectl.tasks.coordinates import ArmTask
+from forcectl.tasks.reactive_motion import MotionLimitsConfig
 
 PERIOD = 0.004
 TASKS = {

@@ -12,13 +12,9 @@ from forcectl.errors import BadInputError
 from forcectl.framework.reader import Reader
 from forcectl.framework.rotation_vector import RotationVector
 from forcectl.framework.yaml_tree import parse
+from forcectl.tasks.compliance.parts import AdmittanceGainsConfig, ReferenceConfig, mode_references
 from forcectl.tasks.coordinates import ArmTask
-from forcectl.tasks.reference_parts import (
-    AdmittanceGainsConfig,
-    MotionLimitsConfig,
-    ReferenceConfig,
-    mode_references,
-)
+from forcectl.tasks.reactive_motion import MotionLimitsConfig
 from forcectl.tasks.relative_task import RelativeTask
 
 TASKS = {

@@ -12,41 +12,19 @@ Coordinates of which nothing is said come to rest and stay there.
 from __future__ import annotations
 
 import math
-from collections.abc import Collection, Mapping, Sequence
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 
 import numpy as np
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.fields import Config, key
-from forcectl.motion.trajectory import Limits, limits_of
-from forcectl.tasks.compliant_references import DampingTable, ModeReferences, Swing
+from forcectl.tasks.compliance.references import DampingTable, ModeReferences, Swing
 from forcectl.tasks.coordinates import ArmTask
+from forcectl.tasks.reactive_motion import MotionLimitsConfig
 
 _TARGETS = ("position", "by", "velocity")
 _OF_COMPLIANCE = {"force": 0.0, "speed_limit": [], "inertia": None, "damping": None, "damping_over": None}
-
-
-@dataclass(kw_only=True)
-class MotionLimitsConfig(Config):
-    """Limits of the references, in metres and in radians."""
-
-    speed: float = key(0.5, "of positions", unit="m/s", bounds="positive")
-    acceleration: float = key(2.0, "of positions", unit="m/s^2", bounds="positive")
-    jerk: float = key(20.0, "of positions", unit="m/s^3", bounds="positive")
-    turn_speed: float = key(1.5, "of rotations", unit="rad/s", bounds="positive")
-    turn_acceleration: float = key(6.0, "of rotations", unit="rad/s^2", bounds="positive")
-    turn_jerk: float = key(60.0, "of rotations", unit="rad/s^3", bounds="positive")
-
-    def of(self, tasks: Sequence[ArmTask]) -> Limits:
-        """The limits of the coordinates of all tasks."""
-        angular = np.concatenate([task.angular for task in tasks])
-        return limits_of(
-            len(angular),
-            np.where(angular, self.turn_speed, self.speed),
-            np.where(angular, self.turn_acceleration, self.acceleration),
-            np.where(angular, self.turn_jerk, self.jerk),
-        )
 
 
 @dataclass(kw_only=True)

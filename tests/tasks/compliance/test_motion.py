@@ -11,13 +11,14 @@ from pydrake.systems.analysis import Simulator
 
 from forcectl.errors import BadInputError
 from forcectl.framework.rotation_vector import RotationVector
-from forcectl.tasks.compliant_motion import CompliantMotion
+from forcectl.tasks.compliance.motion import CompliantMotion
+from forcectl.tasks.compliance.parts import AdmittanceGainsConfig, ReferenceConfig, mode_references
+from forcectl.tasks.compliance.task_force import TaskForce
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.modes import Mode
 from forcectl.tasks.reactive_controller import ReactiveController
-from forcectl.tasks.reference_parts import AdmittanceGainsConfig, MotionLimitsConfig, ReferenceConfig, mode_references
+from forcectl.tasks.reactive_motion import MotionLimitsConfig
 from forcectl.tasks.relative_task import RelativeMotion, RelativeTask
-from forcectl.tasks.task_force import TaskForce
 from forcectl.tasks.task_frame import TaskFrame
 from tests.examples.reactive_examples import at, two_arms
 

@@ -86,7 +86,7 @@ class Swing(NamedTuple):
 
 
 class ModeReferences(NamedTuple):
-    """What the k coordinates of all tasks do in a mode, each (k,); from `forcectl.tasks.reference_parts`.
+    """What the k coordinates of all tasks do in a mode, each (k,); from `forcectl.tasks.compliance.parts`.
 
     Attributes:
         followed: False in the coordinates of tasks that the mode does not follow.

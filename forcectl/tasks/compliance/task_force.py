@@ -41,7 +41,7 @@ class TaskForce(LeafSystem):
     estimated_wrench: shape (6a,), of the environment on each arm at its TCP in the world, [torque; force] [Nm, N].
     joint_position: shape (n,) [rad].
     task_force: shape (k,), along the coordinates of all tasks one after the other, positive where it pushes towards
-    larger values [N or Nm]. A force of f counts as sign(f) max(|f| - b, 0), with the dead band b.
+    larger values [N or Nm]. Within the dead band it is 0; beyond, what is beyond.
     task_wrench: shape (6t,), of each of t tasks, before the dead band, [torque; force] [Nm, N]. It is at the origin of
     the frame that the coordinates are of, and in the axes that they are in: of an `ArmTask` the world, of a
     `RelativeTask` the leader's frame.
@@ -55,8 +55,8 @@ class TaskForce(LeafSystem):
     Args:
         robot: with the arms of the tasks.
         tasks: in the order of the coordinates.
-        force_dead_band: b along positions [N].
-        torque_dead_band: b along angles [Nm].
+        force_dead_band: along positions [N].
+        torque_dead_band: along angles [Nm].
         of_both: whether it is that mean; else what the follower feels.
 
     Raises:

@@ -1,7 +1,9 @@
-"""Motion of tasks that give way to forces, mode by mode (Figs. 6.3, 6.4 and 5.3): forces, references, a controller::
+"""Motion of tasks that give way to forces, mode by mode (Figs. 6.3, 6.4 and 5.3)::
 
-estimated wrenches -> task forces -> references (x~, x~', x~'') -> reactive controller -> joint references
-                                     references <- commanded motion of the tasks (state of the controller) <-
+    estimated wrenches -> task forces -> references (x~, x~', x~'') -> reactive controller -> joint references
+                                         references <- commanded motion of the tasks (state of the controller) <-
+
+What each coordinate does in a mode stands in `forcectl.tasks.compliance.parts`.
 """
 
 from __future__ import annotations
@@ -12,10 +14,10 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from forcectl.errors import BadInputError
 from forcectl.framework.wiring import export_all_outputs
-from forcectl.tasks.compliant_references import CompliantReferences, ModeReferences
+from forcectl.tasks.compliance.references import CompliantReferences, ModeReferences
+from forcectl.tasks.compliance.task_force import TaskForce
 from forcectl.tasks.reactive_controller import ReactiveController
 from forcectl.tasks.reactive_motion import wire_motion
-from forcectl.tasks.task_force import TaskForce
 
 
 class CompliantMotion(Diagram):

@@ -9,9 +9,9 @@ from pydrake.multibody.math import SpatialForce, SpatialVelocity
 from forcectl.errors import BadInputError
 from forcectl.framework.euler_angles import EulerAngles
 from forcectl.framework.rotation_vector import RotationVector
+from forcectl.tasks.compliance.task_force import TaskForce
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.relative_task import RelativeTask
-from forcectl.tasks.task_force import TaskForce
 from forcectl.tasks.task_frame import TaskFrame
 from tests.examples.reactive_examples import at, two_arms
 from tests.tasks.test_task_frame import PLACES
