@@ -23,7 +23,7 @@ DURATION = 3.0  # [s]
 def benchmark(repeats: int) -> Iterator[Row]:
     from forcectl.estimation.force_estimator import ForceEstimatorConfig
     from forcectl.motion.joint_path import JointExcitationConfig
-    from forcectl.tasks.reaching import ReachConfig, ReactiveReachingConfig
+    from forcectl.tasks.controllers.reaching import ReachConfig, ReactiveReachingConfig
 
     swing, estimator = JointExcitationConfig(speed_shares=[0.3]), ForceEstimatorConfig()
     targets = [

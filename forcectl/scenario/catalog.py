@@ -43,7 +43,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "PerArm": "forcectl.force.per_arm:PerArmConfig",
         "JointMoves": "forcectl.motion.joint_path:JointMovesConfig",
         "JointExcitation": "forcectl.motion.joint_path:JointExcitationConfig",
-        "ReactiveReaching": "forcectl.tasks.reaching:ReactiveReachingConfig",
+        "ReactiveReaching": "forcectl.tasks.controllers.reaching:ReactiveReachingConfig",
     },
     "reference": {
         "Step": "forcectl.motion.references:StepConfig",

@@ -24,6 +24,12 @@ from forcectl.tasks.constraints.robust import RobustConstraint as RobustConstrai
 from forcectl.tasks.constraints.task_limits import OfArm as OfArm
 from forcectl.tasks.constraints.task_limits import TaskRange as TaskRange
 from forcectl.tasks.constraints.task_limits import TaskSpeedLimit as TaskSpeedLimit
+from forcectl.tasks.controllers.base import ModeConfig as ModeConfig
+from forcectl.tasks.controllers.base import TaskControllerConfig as TaskControllerConfig
+from forcectl.tasks.controllers.reaching import RandomMovesConfig as RandomMovesConfig
+from forcectl.tasks.controllers.reaching import ReachConfig as ReachConfig
+from forcectl.tasks.controllers.reaching import ReactiveReaching as ReactiveReaching
+from forcectl.tasks.controllers.reaching import ReactiveReachingConfig as ReactiveReachingConfig
 from forcectl.tasks.coordinates import ArmTask as ArmTask
 from forcectl.tasks.coordinates import Orientation as Orientation
 from forcectl.tasks.cost import TaskCost as TaskCost
@@ -55,11 +61,6 @@ from forcectl.tasks.null_space_parts import LinkPotentialConfig as LinkPotential
 from forcectl.tasks.null_space_parts import SelfMotionConfig as SelfMotionConfig
 from forcectl.tasks.null_space_parts import SmallMassPotentialConfig as SmallMassPotentialConfig
 from forcectl.tasks.progress import TaskProgress as TaskProgress
-from forcectl.tasks.reaching import ModeConfig as ModeConfig
-from forcectl.tasks.reaching import RandomMovesConfig as RandomMovesConfig
-from forcectl.tasks.reaching import ReachConfig as ReachConfig
-from forcectl.tasks.reaching import ReactiveReaching as ReactiveReaching
-from forcectl.tasks.reaching import ReactiveReachingConfig as ReactiveReachingConfig
 from forcectl.tasks.reactive_controller import ReactiveController as ReactiveController
 from forcectl.tasks.reactive_controller import Supervision as Supervision
 from forcectl.tasks.reactive_motion import MotionLimitsConfig as MotionLimitsConfig

@@ -20,9 +20,9 @@ from forcectl.tasks.compliance.parts import AdmittanceGainsConfig, ReferenceConf
 from forcectl.tasks.compliance.references import CompliantReferences, ModeReferences
 from forcectl.tasks.compliance.task_force import TaskForce
 from forcectl.tasks.constraints.force_band import ForceBand
+from forcectl.tasks.controllers.reaching import ReachConfig, ReactiveReaching, ReactiveReachingConfig
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.modes import Mode
-from forcectl.tasks.reaching import ReachConfig, ReactiveReaching, ReactiveReachingConfig
 from forcectl.tasks.reactive_controller import ReactiveController
 from forcectl.tasks.reactive_motion import MotionLimitsConfig, ReactiveMotion
 from forcectl.testing.runs import Input

@@ -16,7 +16,7 @@ from forcectl.force.governor.governor import CommandGovernor, GovernedConfig
 from forcectl.force.invariance.robot import InvarianceRobotConfig
 from forcectl.qp.quadratic_program import Status
 from forcectl.qp.solvers import DaqpPackage, Solver, available_solvers, drake_daqp, make_solver
-from forcectl.tasks.reaching import ReactiveReachingConfig
+from forcectl.tasks.controllers.reaching import ReactiveReachingConfig
 from tests.examples.program_runs import EXACT, Case, cases, solved, ticks
 from tests.examples.robot_controller_runs import make, robot_plant_model
 

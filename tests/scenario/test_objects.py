@@ -28,8 +28,8 @@ from forcectl.plant.sensors.joint_sensors import ReadingFaultConfig
 from forcectl.scenario.catalog import SLOTS
 from forcectl.scenario.scenario import Scenario, load_scenario
 from forcectl.tasks.constraints.parts import WallConfig
+from forcectl.tasks.controllers.reaching import ReactiveReachingConfig
 from forcectl.tasks.null_space_parts import EvasiveConfig, JointSpeedConfig, LinkPotentialConfig
-from forcectl.tasks.reaching import ReactiveReachingConfig
 from forcectl.tasks.task_parts import ArmTaskConfig
 from tests.examples.stations import free
 

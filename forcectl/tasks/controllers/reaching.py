@@ -6,35 +6,25 @@ A MotionController (see `forcectl.tasks.slot`): targets over time, generator and
 from __future__ import annotations
 
 from collections.abc import Sequence
-from dataclasses import dataclass, replace
-from typing import Any
+from dataclasses import dataclass
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.geometry import Box
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import TrajectorySource
 
-from forcectl.collision.distance import LinkDistance
-from forcectl.collision.shapes import Obstacle, RobotShapes
 from forcectl.errors import BadInputError, invalid, unknown
-from forcectl.force.invariance.robot import JointLimitConfig
-from forcectl.framework.fields import Config, key, slot
+from forcectl.framework.fields import Config, key
 from forcectl.framework.rotation_vector import RotationVector
-from forcectl.framework.wiring import export_all_outputs, made_by
+from forcectl.framework.wiring import export_all_outputs
 from forcectl.motion.references import held_trajectory
 from forcectl.plant.plant_model import PlantModel
-from forcectl.qp.solvers import DEFAULT_SOLVER, available_solvers
 from forcectl.robot.arms_motion import ArmsMotion
-from forcectl.tasks.constraints.base import Constraint
-from forcectl.tasks.constraints.parts import constraints_of
+from forcectl.tasks.controllers.base import ModeConfig, TaskControllerConfig
 from forcectl.tasks.coordinates import ArmTask
-from forcectl.tasks.modes import Mode
-from forcectl.tasks.null_space import AnyCriterion
-from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig
 from forcectl.tasks.reactive_controller import READINGS, ReactiveController
 from forcectl.tasks.reactive_motion import MotionLimitsConfig, ReactiveMotion
-from forcectl.tasks.task_parts import TaskTargetConfig, made_task, start_motion
+from forcectl.tasks.task_parts import TaskTargetConfig, start_motion
 
 _FARTHEST = 10.0  # [m or rad] beyond is no target of any arm, but a mistake
 
@@ -82,46 +72,12 @@ class RandomMovesConfig(Config):
 
 
 @dataclass(kw_only=True)
-class ModeConfig(Config):
-    """What changes while the signal mode is the number of this one, see `Mode`."""
-
-    tasks: list[str] = key([], "names of those that are followed; empty: all")
-    constraints: list[Any] = slot("constraint", list, meaning="beside those that are always kept")
-    touching: list[list[str]] = key([], "two shapes each that may touch, see RobotShapes.without")
-    null_space: list[Any] = slot("null_space", list, meaning="one, instead of the controller's; empty: that")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        for i, pair in enumerate(self.touching):
-            if len(pair) != 2:
-                raise invalid(f"touching.{i}", pair, "two names of shapes")
-        if len(self.null_space) > 1:
-            raise invalid("null_space", [type(part).__name__ for part in self.null_space], "one at most")
-
-    def criterion_part(self, number: int, otherwise: Any) -> tuple[Any, str]:
-        """What fills the null space in this mode, its own or the controller's, and its key."""
-        return (self.null_space[0], f"modes.{number}.null_space.0") if self.null_space else (otherwise, "null_space")
-
-
-@dataclass(kw_only=True)
-class ReactiveReachingConfig(Config):
+class ReactiveReachingConfig(TaskControllerConfig):
     """Scenario part `!ReactiveReaching`."""
 
     targets: list[ReachConfig] = key([], "of whole poses; with `tasks` they have their own")
     random_moves: RandomMovesConfig = key(RandomMovesConfig, "instead of targets")
-    tasks: dict[str, Any] = slot("task", dict, meaning="by name; empty: the whole pose of every arm")
-    motion_limits: MotionLimitsConfig = key(MotionLimitsConfig, "limits of the references")
-    limits: JointLimitConfig = key(JointLimitConfig, "of the joints; the robot's where none is given")
-    speed_margin: float = key(
-        0.01, "share of the speed limits of the joints that is left to their servos", unit="1", bounds="not negative"
-    )
-    null_space: Any = slot("null_space", JointSpeedConfig, meaning="what joints do that the tasks leave free")
-    link_distance: float = key(
-        0.01, "of the links from each other and from boxes; 0: not kept, without boxes", unit="m", bounds="not negative"
-    )
-    constraints: list[Any] = slot("constraint", list, meaning="further ones")
     modes: list[ModeConfig] = key([], "by their number, which is the signal mode; the first is that of the start")
-    solver: str = key(DEFAULT_SOLVER, "of the quadratic programs", choices=available_solvers)
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -129,58 +85,18 @@ class ReactiveReachingConfig(Config):
             raise invalid("targets", self.targets, "empty beside tasks, which have targets of their own")
         if self.random_moves.count and (self.tasks or self.targets):
             raise invalid("random_moves.count", self.random_moves.count, "0 beside targets or tasks")
-        if not self.speed_margin < 1.0:
-            raise invalid("speed_margin", self.speed_margin, "below 1")
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """A `ReactiveReaching`."""
-        robot = model.known_robot()
-        if model.obstacles and not self.link_distance > 0:
-            raise invalid("link_distance", self.link_distance, "above zero to keep away from the station's boxes")
         tasks = self._tasks(start_motion(model))
-        limits = self.limits.limits(robot.limits)
-        limits = replace(limits, velocity=(1.0 - self.speed_margin) * limits.velocity)
-        shapes = RobotShapes.load(*robot.source) if self.link_distance > 0 else None
-        always = [*self._obstacles(shapes, model), *constraints_of(self.constraints, model)]
-        kept = [
-            [
-                *self._links(shapes, model, mode.touching),
-                *constraints_of(mode.constraints, model, f"modes.{i}.constraints"),
-            ]
-            for i, mode in enumerate(self.modes or [ModeConfig()])
-        ]
-
-        def criterion(part: Any, key: str, constraints: Sequence[Constraint]) -> AnyCriterion:
-            wanted, setting = "an object with cost(motion, period)", JointSetting(model, limits, constraints)
-            made: AnyCriterion = made_by(part, "criterion", key, AnyCriterion, wanted, setting)
-            return made
-
-        modes = [
-            Mode(
-                self._followed(i, tasks),
-                own,
-                criterion(*mode.criterion_part(i, self.null_space), [*own, *always]),
-            )
-            for i, (mode, own) in enumerate(zip(self.modes, kept, strict=False))
-        ]
-        first = [] if modes else kept[0]
-        controller = ReactiveController(
-            robot,
-            [task for _, task, _ in tasks],
-            start=model.start,
-            criterion=criterion(self.null_space, "null_space", [*kept[0], *always]),
-            constraints=[*first, *always],
-            modes=modes,
-            limits=limits,
-            period=model.period,
-            solver=self.solver,
-        )
+        modes = {str(i): mode for i, mode in enumerate(self.modes)}
+        controller = self.made_controller(model, {name: task for name, task, _ in tasks}, modes)
         targets = _targets(tasks, controller.task_start)
         return builder.AddNamedSystem("reactive_reaching", ReactiveReaching(controller, targets, self.motion_limits))
 
     def _tasks(self, start: ArmsMotion) -> list[NamedTask]:
         if self.tasks:
-            return [(name, made_task(part, start, f"tasks.{name}"), part.targets) for name, part in self.tasks.items()]
+            return [(name, task, self.tasks[name].targets) for name, task in self.made_tasks(start).items()]
         for target in self.targets:
             if target.arm not in start.arm_names:
                 raise unknown("targets.arm", target.arm, start.arm_names)
@@ -189,27 +105,6 @@ class ReactiveReachingConfig(Config):
             task = ArmTask(arm, orientation=RotationVector(start.arm(arm).rotation))
             found.append((arm, task, [each.of_task() for each in targets if each.arm == arm]))
         return found
-
-    def _followed(self, mode: int, tasks: Sequence[NamedTask]) -> list[ArmTask] | None:
-        known = {name: task for name, task, _ in tasks}
-        for name in self.modes[mode].tasks:
-            if name not in known:
-                raise unknown("task", name, known).at(f"modes.{mode}.tasks")
-        return [known[name] for name in self.modes[mode].tasks] or None
-
-    def _links(
-        self, shapes: RobotShapes | None, model: PlantModel, touching: Sequence[Sequence[str]]
-    ) -> list[LinkDistance]:
-        if shapes is None:
-            return []
-        apart = shapes.without([(a, b) for a, b in touching])
-        return [LinkDistance(apart, self.link_distance, period=model.period)]
-
-    def _obstacles(self, shapes: RobotShapes | None, model: PlantModel) -> list[LinkDistance]:
-        if shapes is None or not model.obstacles:
-            return []
-        boxes = [Obstacle(Box(*box.size), box.pose, f"obstacle {i + 1}") for i, box in enumerate(model.obstacles)]
-        return [LinkDistance(shapes.against(boxes), self.link_distance, period=model.period)]
 
 
 def _targets(tasks: Sequence[NamedTask], now: Array) -> TrajectorySource:

@@ -23,6 +23,7 @@ from forcectl.plant.plant_model import PlantModel
 from forcectl.runs.run import RunResult
 from forcectl.scenario.scenario import Scenario
 from forcectl.tasks.constraints.parts import WallConfig
+from forcectl.tasks.controllers.reaching import RandomMovesConfig, ReachConfig, ReactiveReachingConfig
 from forcectl.tasks.null_space_parts import (
     ConstraintPotentialConfig,
     EvasiveConfig,
@@ -31,7 +32,6 @@ from forcectl.tasks.null_space_parts import (
     LinkPotentialConfig,
     SmallMassPotentialConfig,
 )
-from forcectl.tasks.reaching import RandomMovesConfig, ReachConfig, ReactiveReachingConfig
 from forcectl.tasks.reactive_motion import MotionLimitsConfig
 from forcectl.tasks.task_parts import start_motion
 from forcectl.testing import assert_memory_released

@@ -1,0 +1,1 @@
+"""Controllers of a scenario that follow tasks."""

@@ -1,0 +1,147 @@
+"""What the configurations of all controllers that follow tasks share: tasks, limits, constraints, modes."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import Any
+
+from pydrake.geometry import Box
+
+from forcectl.collision.distance import LinkDistance
+from forcectl.collision.shapes import Obstacle, RobotShapes
+from forcectl.errors import invalid, unknown
+from forcectl.force.invariance.robot import JointLimitConfig
+from forcectl.framework.fields import Config, key, slot
+from forcectl.framework.wiring import made_by
+from forcectl.plant.plant_model import PlantModel
+from forcectl.qp.solvers import DEFAULT_SOLVER, available_solvers
+from forcectl.robot.arms_motion import ArmsMotion
+from forcectl.tasks.constraints.base import Constraint
+from forcectl.tasks.constraints.parts import constraints_of
+from forcectl.tasks.coordinates import ArmTask
+from forcectl.tasks.modes import Mode
+from forcectl.tasks.null_space import AnyCriterion
+from forcectl.tasks.null_space_parts import JointSetting, JointSpeedConfig
+from forcectl.tasks.reactive_controller import ReactiveController
+from forcectl.tasks.reactive_motion import MotionLimitsConfig
+from forcectl.tasks.task_parts import made_task
+
+
+@dataclass(kw_only=True)
+class ModeConfig(Config):
+    """What changes while the signal mode is the number of this one, see `Mode`."""
+
+    tasks: list[str] = key([], "names of those that are followed; empty: all")
+    constraints: list[Any] = slot("constraint", list, meaning="beside those that are always kept")
+    touching: list[list[str]] = key([], "two shapes each that may touch, see RobotShapes.without")
+    null_space: list[Any] = slot("null_space", list, meaning="one, instead of the controller's; empty: that")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for i, pair in enumerate(self.touching):
+            if len(pair) != 2:
+                raise invalid(f"touching.{i}", pair, "two names of shapes")
+        if len(self.null_space) > 1:
+            raise invalid("null_space", [type(part).__name__ for part in self.null_space], "one at most")
+
+
+@dataclass(kw_only=True)
+class TaskControllerConfig(Config):
+    """Keys of every controller that follows tasks; a subclass says by which modes, and where they go."""
+
+    tasks: dict[str, Any] = slot("task", dict, meaning="by name; empty: the whole pose of every arm")
+    motion_limits: MotionLimitsConfig = key(MotionLimitsConfig, "limits of the references")
+    limits: JointLimitConfig = key(JointLimitConfig, "of the joints; the robot's where none is given")
+    speed_margin: float = key(
+        0.01, "share of the speed limits of the joints that is left to their servos", unit="1", bounds="not negative"
+    )
+    null_space: Any = slot("null_space", JointSpeedConfig, meaning="what joints do that the tasks leave free")
+    link_distance: float = key(
+        0.01, "of the links from each other and from boxes; 0: not kept, without boxes", unit="m", bounds="not negative"
+    )
+    constraints: list[Any] = slot("constraint", list, meaning="further ones")
+    solver: str = key(DEFAULT_SOLVER, "of the quadratic programs", choices=available_solvers)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.speed_margin < 1.0:
+            raise invalid("speed_margin", self.speed_margin, "below 1")
+
+    def made_tasks(self, start: ArmsMotion) -> dict[str, ArmTask]:
+        """The tasks of the scenario by name, for the motion of the robot in its start posture."""
+        return {name: made_task(part, start, f"tasks.{name}") for name, part in self.tasks.items()}
+
+    def made_controller(
+        self, model: PlantModel, tasks: Mapping[str, ArmTask], modes: Mapping[str, ModeConfig]
+    ) -> ReactiveController:
+        """The controller of these tasks.
+
+        Args:
+            model: of the plant.
+            tasks: by name, in the order of the coordinates.
+            modes: by what stands behind `modes.` in their keys, in the order of their numbers; empty: none.
+
+        Raises:
+            BadInputError: something does not fit.
+        """
+        robot = model.known_robot()
+        if model.obstacles and not self.link_distance > 0:
+            raise invalid("link_distance", self.link_distance, "above zero to keep away from the station's boxes")
+        limits = self.limits.limits(robot.limits)
+        limits = replace(limits, velocity=(1.0 - self.speed_margin) * limits.velocity)
+        shapes = RobotShapes.load(*robot.source) if self.link_distance > 0 else None
+        always = [*self._obstacles(shapes, model), *constraints_of(self.constraints, model)]
+        kept = [
+            [*self._links(shapes, model, mode.touching), *constraints_of(mode.constraints, model, f"{at}.constraints")]
+            for at, mode in _keys(modes or {"": ModeConfig()})
+        ]
+
+        def criterion(part: Any, key: str, constraints: Sequence[Constraint]) -> AnyCriterion:
+            wanted, setting = "an object with cost(motion, period)", JointSetting(model, limits, constraints)
+            made: AnyCriterion = made_by(part, "criterion", key, AnyCriterion, wanted, setting)
+            return made
+
+        made = []
+        for (at, mode), own in zip(_keys(modes), kept, strict=False):
+            part, place = (self.null_space, "null_space")
+            if mode.null_space:
+                part, place = mode.null_space[0], f"{at}.null_space.0"
+            followed = _followed(mode, tasks, f"{at}.tasks")
+            made.append(Mode(followed, own, criterion(part, place, [*own, *always])))
+        return ReactiveController(
+            robot,
+            list(tasks.values()),
+            start=model.start,
+            criterion=criterion(self.null_space, "null_space", [*kept[0], *always]),
+            constraints=[*([] if modes else kept[0]), *always],
+            modes=made,
+            limits=limits,
+            period=model.period,
+            solver=self.solver,
+        )
+
+    def _links(
+        self, shapes: RobotShapes | None, model: PlantModel, touching: Sequence[Sequence[str]]
+    ) -> list[LinkDistance]:
+        if shapes is None:
+            return []
+        apart = shapes.without([(a, b) for a, b in touching])
+        return [LinkDistance(apart, self.link_distance, period=model.period)]
+
+    def _obstacles(self, shapes: RobotShapes | None, model: PlantModel) -> list[LinkDistance]:
+        if shapes is None or not model.obstacles:
+            return []
+        boxes = [Obstacle(Box(*box.size), box.pose, f"obstacle {i + 1}") for i, box in enumerate(model.obstacles)]
+        return [LinkDistance(shapes.against(boxes), self.link_distance, period=model.period)]
+
+
+def _keys(modes: Mapping[str, ModeConfig]) -> list[tuple[str, ModeConfig]]:
+    return [(f"modes.{name}", mode) for name, mode in modes.items()]
+
+
+def _followed(mode: ModeConfig, tasks: Mapping[str, ArmTask], key: str) -> list[ArmTask] | None:
+    for name in mode.tasks:
+        if name not in tasks:
+            raise unknown("task", name, tasks).at(key)
+    return [tasks[name] for name in mode.tasks] or None
