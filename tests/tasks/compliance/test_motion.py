@@ -14,6 +14,7 @@ from forcectl.framework.rotation_vector import RotationVector
 from forcectl.tasks.compliance.motion import CompliantMotion
 from forcectl.tasks.compliance.parts import AdmittanceGainsConfig, ReferenceConfig, mode_references
 from forcectl.tasks.compliance.task_force import TaskForce
+from forcectl.tasks.constraints.task_limits import TaskRange
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.modes import Mode
 from forcectl.tasks.reactive_controller import ReactiveController
@@ -53,9 +54,9 @@ def references(peg: dict[str, Any]) -> Any:
     return mode_references(said, TASKS, gains=AdmittanceGainsConfig(), limits=MotionLimitsConfig(), period=PERIOD)
 
 
-def motion(*modes: dict[str, Any], forces: bool = True) -> CompliantMotion:
+def motion(*modes: dict[str, Any], forces: bool = True, **options: Any) -> CompliantMotion:
     tasks = list(TASKS.values())
-    controller = ReactiveController(two_arms(), tasks, modes=[Mode() for _ in modes], period=PERIOD)
+    controller = ReactiveController(two_arms(), tasks, modes=[Mode() for _ in modes], period=PERIOD, **options)
     return CompliantMotion(
         controller, [references(each) for each in modes], TaskForce(two_arms(), tasks) if forces else None
     )
@@ -85,44 +86,71 @@ def wrenches(q: np.ndarray) -> np.ndarray:
     return np.concatenate(felt)
 
 
-def test_a_peg_goes_to_the_bottom_centres_itself_and_presses_with_the_desired_force():
-    """The joints are where they were commanded a tick before. The mode changes where the bottom is felt."""
-    block = motion(INSERT, PUSH)
+def run(block: CompliantMotion, ticks: int, mode: Any, felt: Any = lambda q: np.zeros(12)) -> dict[str, np.ndarray]:
+    """Outputs over time, of joints that are where they were commanded a tick before.
+
+    Args:
+        mode: its number, of the tick and the joint positions.
+        felt: wrenches, of the joint positions.
+    """
     simulator = Simulator(block)
-    context = simulator.get_mutable_context()
-    names = (
-        "joint_position_command",
-        "joint_velocity_command",
-        "task_wrench",
-        "task_displacement",
-        "status",
-        "holding",
-    )
-    log: dict[str, list[np.ndarray]] = {name: [] for name in names}
-    q, mode, touched = Q, 0.0, 0
-    for tick in range(450):
-        block.GetInputPort("joint_position").FixValue(context, q)
-        block.GetInputPort("joint_velocity").FixValue(context, np.zeros(14))
-        block.GetInputPort("estimated_wrench").FixValue(context, wrenches(q))
-        if mode == 0.0 and force(poses(q).position)[2] > 3.0:
-            mode, touched = 1.0, tick
-        block.GetInputPort("mode").FixValue(context, [mode])
-        for name in names:
-            log[name].append(block.GetOutputPort(name).Eval(context))
+    context, q = simulator.get_mutable_context(), Q
+    log: dict[str, list[np.ndarray]] = {}
+    for tick in range(ticks):
+        inputs = {"joint_position": q, "joint_velocity": np.zeros(14), "estimated_wrench": felt(q)}
+        for name, value in (inputs | {"mode": [mode(tick, q)]}).items():
+            block.GetInputPort(name).FixValue(context, value)
+        for i in range(block.num_output_ports()):
+            port = block.get_output_port(i)
+            log.setdefault(port.get_name(), []).append(port.Eval(context))
         q = log["joint_position_command"][-1]
         simulator.AdvanceTo(PERIOD * (tick + 1))
-    end = poses(q)
-    assert 60 < touched < 140
+    return {name: np.array(values) for name, values in log.items()}
+
+
+def assert_smooth(log: dict[str, np.ndarray]) -> None:
+    """Speeds are the integral of accelerations that change no faster than to their limit in 20 ms; nothing failed."""
+    position, speed = log["joint_position_command"], log["joint_velocity_command"]
+    np.testing.assert_allclose(np.diff(position, axis=0), 0.5 * PERIOD * (speed[1:] + speed[:-1]), atol=1e-12)
+    jerk = np.diff(speed, 2, axis=0) / PERIOD / two_arms().limits.acceleration
+    assert np.abs(jerk).max() <= PERIOD / 0.02 + 1e-9
+    assert not log["status"].any()
+    assert not log["holding"].any()
+
+
+def test_a_peg_goes_to_the_bottom_centres_itself_and_presses_with_the_desired_force():
+    """The mode changes where the bottom is felt."""
+    touched = []
+
+    def mode(tick: int, q: np.ndarray) -> float:
+        if not touched and force(poses(q).position)[2] > 3.0:
+            touched.append(tick)
+        return float(bool(touched))
+
+    log = run(motion(INSERT, PUSH), 300, mode, wrenches)
+    end = poses(log["joint_position_command"][-1])
+    assert 60 < touched[0] < 140
     assert force(end.position)[2] == pytest.approx(5.0, abs=0.01)
     assert np.abs(force(end.position)[:2]).max() < 0.05  # from 2.4 N
     np.testing.assert_allclose(log["task_wrench"][-1][9:], force(end.position), atol=0.01)
     np.testing.assert_allclose(end.rotation[2], START.rotation[2], atol=1e-3)  # turns about the leader's z are free
-    position, speed = np.array(log["joint_position_command"]), np.array(log["joint_velocity_command"])
-    np.testing.assert_allclose(np.diff(position, axis=0), 0.5 * PERIOD * (speed[1:] + speed[:-1]), atol=1e-12)
-    jerk = np.diff(speed, 2, axis=0) / PERIOD / two_arms().limits.acceleration
-    assert np.abs(jerk).max() <= PERIOD / 0.02 + 1e-9
-    assert not np.any(log["status"])
-    assert not np.any(log["holding"])
+    assert_smooth(log)
+
+
+@pytest.mark.parametrize("comply", [True, False])
+def test_what_is_blocked_turns_back_at_once(comply):
+    """A limit of the task keeps it from going on; the generator of what complies goes on without it."""
+    lower = np.array([-np.inf, -np.inf, START.position[2] - 0.01, -np.inf, -np.inf])
+    wall = TaskRange(TASKS["peg"], lower=lower)
+    block = motion(INSERT | {"z": {"velocity": -0.075, "comply": comply}}, {"z": {"by": 0.005}}, constraints=[wall])
+    log = run(block, 225, lambda tick, q: float(tick >= 150))
+    z = [poses(q).position[2] - START.position[2] for q in log["joint_position_command"][[149, 175, -1]]]
+    assert z[0] == pytest.approx(-0.01, abs=1e-5)
+    # 0.1 s after the switch; 67 ms of it the jerk of 20 m/s^3 takes for the 1 mm that the reference is ahead.
+    assert z[1] > z[0] + 1e-5
+    assert z[2] == pytest.approx(z[0] + 0.005, abs=1.1e-3)
+    assert (log["task_displacement"][149, 5] > 0.02) == comply
+    assert_smooth(log)
 
 
 def test_nothing_complies_without_forces():

@@ -181,6 +181,13 @@ def test_coordinates_go_where_the_mode_says():
     assert not loop.log("task_displacement").any()
 
 
+def test_without_a_limit_of_jerk_velocities_are_those_of_algorithm_3():
+    loop = Loop([mode({"z": {"velocity": -0.075}}, limits=MotionLimitsConfig(acceleration=2.0, jerk=1e6))])
+    loop.run(20)
+    time = PERIOD * (1 + np.arange(20))
+    np.testing.assert_allclose(loop.log(NAMES[1])[:, Z], -np.minimum(2.0 * time, 0.075), atol=5e-6)
+
+
 def test_what_nothing_is_said_of_stops_and_stays_there():
     """... also where it is pushed away; `by: 0` goes back to where the mode began."""
     loop = Loop([mode({"z": {"velocity": -0.1}, "x": {"velocity": 0.1}}), mode({"x": {"by": 0.0}})])
