@@ -29,7 +29,7 @@ from forcectl.errors import invalid
 from forcectl.force.admittance import admittance_step
 from forcectl.framework.batch import check_count
 from forcectl.framework.cache import scratch
-from forcectl.framework.kernels import largest
+from forcectl.framework.kernels import largest, smallest
 from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.motion.trajectory import Limits, Motion, Planner, Target, TrajectoryState, begin
 
@@ -253,11 +253,15 @@ class CompliantReferences(SampledBlock):
             wanted = np.where(fast, np.copysign(mode.limits.velocity, start[1]), wanted)
         in_velocity = free | fast
         target = Target(np.where(in_velocity, 0.0, goal), wanted, in_velocity.astype(float))
-        start[:, ~mode.followed] = np.nan  # goes on by itself
+        every = smallest(mode.followed)
+        if not every:
+            start[:, ~mode.followed] = np.nan  # goes on by itself
         planner: Planner = self._planners.Eval(context)[number]
         state = planner.follow(state, target, Ts, Motion(*start))
         reference = np.array(state.motion)
-        goal = np.where(mode.stays & free & ok & (state.arrived > 0.5), reference[0], goal)
+        rest = mode.stays & free & ok
+        if largest(rest):
+            goal = np.where(rest & (state.arrived > 0.5), reference[0], goal)
         reference += (dx, after, (after - dv) / Ts)
         fixed = ~(mode.comply | np.isnan(goal))
         if mode.swings:
@@ -266,7 +270,8 @@ class CompliantReferences(SampledBlock):
             fixed[each.row] = False
             swing[:, each.row] = each.at((ticks + 1.0) * Ts)
             reference[:, each.row] += swing[:, each.row]
-        reference = np.where(mode.followed, reference, commanded)
+        if not every:
+            reference = np.where(mode.followed, reference, commanded)
         return {
             "mode": float(number),
             "ticks": ticks,
