@@ -35,7 +35,7 @@ NAMES = ("task_position_reference", "task_velocity_reference", "task_acceleratio
 
 def mode(peg: Mapping[str, Any] | None = None, *, limits: MotionLimitsConfig | None = None, **further: Any) -> Any:
     """What the coordinates of the peg do; the others stay."""
-    said = {"peg": {name: ReferenceConfig(**each) for name, each in (peg or {}).items()}}
+    said = {"peg": {name: ReferenceConfig(**each) for name, each in peg.items()}} if peg else {}
     return mode_references(
         said,
         TASKS,
@@ -104,6 +104,7 @@ def test_one_coordinate_gives_way_as_the_equations_say():
         x = x_gen + dx + pushed
         assert loop.tick(0, along(Z, F), along(Z, pushed))[Z] == pytest.approx(x, abs=1e-12)
         assert loop.motion[1][Z] == pytest.approx(v, abs=1e-12)
+        assert loop.motion[2][Z] == pytest.approx(a, abs=1e-9)
         assert loop.seen["task_displacement"][-1][Z] == pytest.approx(dx, abs=1e-12)
     others = np.delete(loop.log(NAMES[0]), Z, axis=1)
     np.testing.assert_array_equal(others, np.broadcast_to(np.delete(START, Z), others.shape))
@@ -141,6 +142,17 @@ def test_a_force_driven_push_is_a_speed_between_limits(force):
     np.testing.assert_allclose(np.diff(positions), 0.5 * PERIOD * (speeds[1:] + speeds[:-1]), atol=1e-12)
 
 
+@pytest.mark.parametrize("sign", [-1.0, 1.0])
+def test_what_gives_way_too_fast_for_the_next_mode_slows_down_within_the_acceleration_limit(sign):
+    slow = {"comply": True, "speed_limit": [-0.02, 0.02]}
+    loop = Loop([mode({"z": {"comply": True}}), mode({"z": slow})])
+    loop.run(100, 0, lambda x: along(Z, 3.0 * sign))
+    assert loop.motion[1][Z] == pytest.approx(0.1 * sign)
+    loop.run(50, 1, lambda x: along(Z, 3.0 * sign))
+    assert loop.motion[1][Z] == pytest.approx(0.02 * sign)
+    assert np.abs(np.diff(loop.log(NAMES[1])[99:, Z])).max() == pytest.approx(2.0 * PERIOD)
+
+
 @pytest.mark.parametrize(("z", "factor"), [(0.5, 1.0), (0.3, 1.0), (0.25, 3.0), (0.2, 5.0), (0.1, 5.0)])
 def test_damping_grows_with_another_coordinate(z, factor):
     table = DampingOverConfig(coordinate="z", at=[0.2, 0.3], factor=[5.0, 1.0])
@@ -152,16 +164,19 @@ def test_damping_grows_with_another_coordinate(z, factor):
 
 
 def test_without_a_number_for_the_force_it_stops_and_says_so():
-    loop = Loop([mode({"z": {"comply": True, "velocity": -0.075}, "x": {"position": 0.2}})])
+    sides = {"x": {"position": 0.2}, "y": {"position": 0.5, "comply": True}}
+    loop = Loop([mode({"z": {"comply": True, "velocity": -0.075}, **sides})])
     loop.run(100, force=lambda x: along(Z, 0.3))
     for bad in (np.nan, np.inf, 1e9):
-        loop.run(200, force=lambda x, bad=bad: along(Z, bad))
-        assert abs(loop.motion[1][Z]) < 1e-6
-        assert loop.seen["task_force_ok"][-1].tolist() == [1, 1, 0, 1, 1, 1, 1]
+        loop.run(200, force=lambda x, bad=bad: along(Z, bad) + along(1, bad))
+        assert np.abs(loop.motion[1][[1, Z]]).max() < 1e-6
+        assert loop.seen["task_force_ok"][-1].tolist() == [1, 0, 0, 1, 1, 1, 1]
     accelerations = np.diff(loop.log(NAMES[1])[:, Z]) / PERIOD
     assert np.abs(accelerations).max() < 2.0 + (0.3 + 30.0 * 0.01) / 0.4  # generator and filter
     assert loop.motion[0][0] == pytest.approx(0.2)  # the others go on
-    loop.run(200)
+    assert loop.motion[0][1] < 0.4
+    loop.run(400)
+    assert loop.motion[0][1] == pytest.approx(0.5)
     assert loop.motion[1][Z] == pytest.approx(-0.075, rel=1e-3)
     assert loop.seen["task_force_ok"][-1].all()
 
@@ -209,7 +224,8 @@ def test_a_swing_begins_at_rest_and_is_a_circle_about_the_start():
         "phi": {"swing": SwingConfig(amplitude=0.026, frequency=2.5)},
         "theta": {"swing": SwingConfig(amplitude=0.026, frequency=2.5, phase_deg=90.0)},
     }
-    loop = Loop([mode(circle), mode()])
+    circle["phi"]["comply"] = True
+    loop = Loop([mode(circle), mode({"phi": {"comply": True}})])
     loop.run(400)
     angles, rates, second = (loop.log(name)[:, 3:5] for name in NAMES)
     time = PERIOD * (1 + np.arange(400))
@@ -219,8 +235,10 @@ def test_a_swing_begins_at_rest_and_is_a_circle_about_the_start():
     np.testing.assert_allclose(rates[1:-1], (angles[2:] - angles[:-2]) / (2 * PERIOD), atol=3e-3)
     np.testing.assert_allclose(second[1:-1], (rates[2:] - rates[:-2]) / (2 * PERIOD), atol=5e-2)
     assert np.abs(rates[0]).max() < 2e-3
+    np.testing.assert_array_equal(loop.log("task_target")[1:, 3:5], angles[:-1])  # no target to reach
     loop.run(300, 1)
     assert np.abs(loop.motion[1]).max() < 1e-9
+    assert np.abs(loop.log("task_displacement")).max() < 1e-12
 
 
 def test_a_spiral_grows():
@@ -292,6 +310,7 @@ def test_the_displacement_is_since_the_mode_began():
     began = loop.motion[0][Z]
     assert loop.seen["task_displacement"][-1][Z] == pytest.approx(began - START[Z])
     loop.run(500, 1, lambda x: 0.0 * force)
+    np.testing.assert_array_equal(loop.log("task_target")[101:, Z], loop.log(NAMES[0])[100:-1, Z])
     drift = loop.seen["task_displacement"][-1][Z]
     assert drift == pytest.approx(0.1 * (0.4 / 30.0 - PERIOD / 2), rel=1e-6)  # dv dies out with H/D, from 3 N/30 N s/m
     assert loop.motion[0][Z] == pytest.approx(began + drift, abs=1e-9)
@@ -307,6 +326,15 @@ def test_a_task_that_is_not_followed_starts_from_the_motion():
     led = loop.motion[0].copy()
     assert led[ROWS["lead", "x"]] == pytest.approx(START[ROWS["lead", "x"]] + 0.05)
     np.testing.assert_allclose(loop.run(100, 1), led, atol=1e-9)
+
+
+def test_a_task_that_was_not_followed_goes_on_at_its_speed_also_when_it_complies():
+    loop, moving = Loop([mode(followed=["lead"]), mode({"z": {"comply": True}})]), along(Z, 0.1)
+    for _ in range(10):
+        loop.motion[1] = moving
+        loop.tick(0)
+    loop.tick(1)
+    assert loop.motion[1][Z] == pytest.approx(0.1, abs=2.0 * PERIOD)
 
 
 @pytest.mark.parametrize("number", [np.nan, -1.0, 2.0, 0.5])
@@ -328,7 +356,7 @@ def test_a_slower_mode_is_reached_without_a_way_back():
     loop.run(50)
     assert loop.motion[1][Z] > 0.2
     loop.run(150, 1)
-    assert loop.log(NAMES[1])[:, Z].min() >= 0.0
+    assert loop.log(NAMES[1])[50:, Z].min() >= 0.02 * (1 - 1e-6)
     assert loop.motion[1][Z] == pytest.approx(0.02, rel=1e-6)
     acceleration = loop.log(NAMES[2])[:, Z]
     assert np.abs(np.diff(acceleration)).max() <= 20.0 * PERIOD * (1 + 1e-6)
