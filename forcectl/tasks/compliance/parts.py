@@ -131,9 +131,11 @@ def mode_references(
             raise unknown("task", name, tasks).at(f"{key}.{name}")
         if followed and name not in followed:
             raise BadInputError(f"must be one of the tasks of the mode: {', '.join(followed)}", key=f"{key}.{name}")
-        for coordinate in said:
+        for coordinate, each in said.items():
             if coordinate not in tasks[name].coordinates:
                 raise unknown("coordinate", coordinate, tasks[name].coordinates).at(f"{key}.{name}.{coordinate}")
+            if not isinstance(each, ReferenceConfig):
+                raise invalid(f"{key}.{name}.{coordinate}", each, "a ReferenceConfig")
 
     places = [(name, coordinate) for name, task in tasks.items() for coordinate in task.coordinates]
     nothing = ReferenceConfig()

@@ -111,3 +111,9 @@ def test_what_does_not_fit_is_told_in_one_line(text, told):
 def test_references_of_a_task_that_the_mode_does_not_follow_are_refused():
     with pytest.raises(BadInputError, match=r"references.lead: must be one of the tasks of the mode: peg"):
         read("{lead: {x: {by: 0.1}}}", followed=["peg"])
+
+
+def test_in_python_a_reference_is_an_object():
+    given = {"gains": AdmittanceGainsConfig(), "limits": MotionLimitsConfig(), "period": 0.004}
+    with pytest.raises(BadInputError, match=r"references.peg.z = \{'by': 0.1\}: must be a ReferenceConfig"):
+        mode_references({"peg": {"z": {"by": 0.1}}}, TASKS, **given)
