@@ -225,7 +225,7 @@ class CompliantReferences(SampledBlock):
         mode = self._modes[number]
         commanded = np.array([inputs[name] for name in _START])
         state = TrajectoryState(memory["trajectory"].reshape(-1, self._size))
-        own, swing = np.array(state.motion), memory["swing"].reshape(3, -1)
+        own, swing = state[:3], memory["swing"].reshape(3, -1)
         if number != before:
             ticks, goal = 0.0, np.where(np.isnan(mode.position), commanded[0] + mode.by, mode.position)
             start = commanded.copy()
@@ -258,7 +258,7 @@ class CompliantReferences(SampledBlock):
             start[:, ~mode.followed] = np.nan  # goes on by itself
         planner: Planner = self._planners.Eval(context)[number]
         state = planner.follow(state, target, Ts, Motion(*start))
-        reference = np.array(state.motion)
+        reference = state[:3].copy()
         rest = mode.stays & free & ok
         if largest(rest):
             goal = np.where(rest & (state.arrived > 0.5), reference[0], goal)
