@@ -259,7 +259,7 @@ def _labels(ports: Mapping[str, OutputPort], workcell: Workcell) -> dict[str, tu
             found[name] = ("contact_component", tuple(WRENCH_PARTS))
         elif name.endswith("_wrench") and size == len(wrenches[1]):
             found[name] = wrenches
-        elif name == "arm_contact_force":
+        elif name in ("arm_contact_force", "gripper_holds", "gripper_command"):
             found[name] = ("arm", tuple(arms))
         elif size == len(surfaces[1]) > 1 and name in (*by_loop, "displacement_command"):
             found[name] = surfaces

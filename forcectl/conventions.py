@@ -14,7 +14,7 @@ Units are SI. A port or a logged signal has the unit of its name in `SIGNAL_UNIT
 the table with a class attribute `port_units: dict[str, str]`.
 
 Signals that pass between the parts of a loop stand in `SIGNALS`: ports of these names are connected by name. Shapes are
-in terms of n joints, a arms, k surfaces that are pressed on and m parts, of which h are held.
+in terms of n joints, a arms, k surfaces that are pressed on and m parts, of which arms can hold h.
 """
 
 from __future__ import annotations
@@ -47,6 +47,7 @@ SIGNALS: dict[str, Signal] = {
     "joint_velocity_command": Signal("rad/s", "n", "speeds of that motion"),
     "mode": Signal("1", "1", "number of the mode of a reactive controller, from 0 on"),
     "joint_torque_feedforward": Signal("Nm", "n", "torques on top of the drives' own, positive along the joints"),
+    "gripper_command": Signal("1", "a", "above 0.5 the gripper of the arm is to be closed, else open"),
     # what is measured
     "measured_force": Signal("N", "k", "force of each surface on the tool along its normal"),
     "measured_wrench": Signal("Nm,N", "6", "of the environment on the tool, at the sensor frame S in S"),
@@ -55,6 +56,7 @@ SIGNALS: dict[str, Signal] = {
     "joint_position": Signal("rad", "n", "readings of the robot's interface"),
     "joint_velocity": Signal("rad/s", "n", "readings of the robot's interface"),
     "motor_torque": Signal("Nm", "n", "readings of the robot's interface, mean over the last tick"),
+    "gripper_holds": Signal("1", "a", "1 where the gripper of the arm is closed and something is between its fingers"),
     # what is estimated
     "tare": Signal("1", "1", "above 0.5 estimated wrenches are tared, below -0.5 that is forgotten"),
     "estimated_torque": Signal("Nm", "n", "external joint torques"),
@@ -73,7 +75,7 @@ SIGNALS: dict[str, Signal] = {
     "tip_wrench": Signal("Nm,N", "6a", "of loads and contacts on the tools, at each TCP in the world", True),
     "applied_wrench": Signal("Nm,N", "6a", "of the loads at each TCP in the world", True),
     "arm_contact_force": Signal("N", "a", "sum of the magnitudes of the contact forces on each arm", True),
-    "part_released": Signal("1", "h", "1 once the gripper that held a part is open", True),
+    "part_released": Signal("1", "h", "1 while no gripper holds the part", True),
     "part_position": Signal("m", "3m", "of the frames of the parts in the world", True),
     "body_contact_wrench": Signal("Nm,N", "6", "between the bodies of a `!ContactTruth`, in its frame", True),
 }

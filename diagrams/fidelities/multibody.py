@@ -36,7 +36,6 @@ from pydrake.systems.primitives import (
 from forcectl.diagrams.fidelities.light import add_sensors, check_one_sided
 from forcectl.diagrams.mechanics.assembly import Assembly, through
 from forcectl.diagrams.mechanics.environment_body import drive_surface
-from forcectl.diagrams.mechanics.placed_part import drive_grasp
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.mechanics.station_surface import add_contact_state, add_surface, is_uniform
 from forcectl.diagrams.mechanics.world import add_world
@@ -44,7 +43,7 @@ from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError
 from forcectl.framework.wiring import Enclosed, add_part, stacked
 from forcectl.motion.loads import add_loads, loaded_frames
-from forcectl.plant.contact.gripper_opening import GripperOpening
+from forcectl.plant.contact.gripper_opening import Grasp, GripperOpening
 from forcectl.plant.contact.part_position import PartPosition
 from forcectl.plant.drives.joint_friction import FrictionRest, actuation_gain, desired_state_gain
 from forcectl.plant.tip_kinematics import TipDisplacement
@@ -79,17 +78,19 @@ class MultibodyStation(Diagram):
     ```
     name: MultibodyStation
     input_ports: [joint_position_command, joint_velocity_command (optional), joint_torque_feedforward (optional),
-    external_wrench (optional)]
+    gripper_command (optional), external_wrench (optional)]
     output_ports: [link_position, link_velocity, motor_position, motor_velocity,
     (further outputs of drive and sensors; in any order), measured_wrench (optional), measured_force (optional),
     joint_position (optional), joint_velocity (optional), motor_torque (optional), contact_force (optional),
     surface_height (optional), surface_damping (optional), surface_stiffness (optional),
     contact_displacement (optional), contact_state (optional), applied_wrench (optional), external_torque (optional),
-    tip_wrench (optional), arm_contact_force (optional), part_released (optional), part_position (optional)]
+    tip_wrench (optional), arm_contact_force (optional), part_released (optional), gripper_holds (optional),
+    part_position (optional)]
     ```
 
     joint_position_command, joint_velocity_command, joint_torque_feedforward: shape (n,) [rad, rad/s, Nm]; the last two
     of drives that take them, and zero when they are not connected.
+    gripper_command: shape (a,), of stations with parts that arms can hold, see `GripperOpening` [1].
     external_wrench: shape (6a,), on the robot at each TCP in the world, [torque; force] [Nm, N]; of stations with
     external_torque and without loads of their own, and zero when it is not connected.
     link_position, link_velocity: shape (n,), truth [rad, rad/s]. State.
@@ -106,7 +107,8 @@ class MultibodyStation(Diagram):
     external_torque: shape (n,), truth [Nm]. Feedthrough of external_wrench.
     tip_wrench: shape (6a,), truth, at each TCP in the world, [torque; force] [Nm, N]. Feedthrough of external_wrench.
     arm_contact_force: shape (a,), truth, sum of magnitudes [N]. Feedthrough of external_wrench.
-    part_released: shape (h,), of the parts that are held at the start, see `GripperOpening` [1]. Function of time.
+    part_released: shape (h,), truth, of the parts that arms can hold, see `GripperOpening` [1]. State.
+    gripper_holds: shape (a,), readings, see `GripperOpening` [1]. State.
     part_position: shape (3m,), truth, of m parts of assemblies in the world [m]. State.
     All outputs are state, as far as those of further sensors are.
 
@@ -122,7 +124,7 @@ class MultibodyStation(Diagram):
         scene_graph: None where nothing can touch.
     """
 
-    optional_inputs = ("joint_velocity_command", "joint_torque_feedforward", "external_wrench")
+    optional_inputs = ("joint_velocity_command", "joint_torque_feedforward", "gripper_command", "external_wrench")
 
     def __init__(self, workcell: Workcell, seed: int):
         super().__init__()
@@ -222,13 +224,22 @@ def _connect_rigid(assembly: Assembly, site: Site) -> None:
 
 def _add_parts(assembly: Assembly, site: Site) -> None:
     """Grasps of parts, and where the parts are."""
-    builder, plant = assembly.builder, site.plant
+    builder, plant, arms = assembly.builder, site.plant, list(site.parts.arms)
     held = [part for part in site.placed if part.grasp is not None]
     if held:
-        opening = GripperOpening([part.config.grasp.released_at for part in held])
-        assembly.add(builder.AddNamedSystem("gripper_opening", opening))
-        for row, part in enumerate(held):
-            drive_grasp(builder, plant, part, assembly.signals["part_released"], row)
+        grasps = [Grasp(arms.index(part.config.arm), part.config.grasp, not part.config.lies_at) for part in held]
+        opening = GripperOpening(grasps, len(arms), period=site.period)
+        builder.AddNamedSystem("gripper_opening", opening)
+        rows = [joint.position_start() for part in held for joint in part.springs]
+        offset = _selector(plant.num_multibody_states(), rows, "grasp_offset")
+        state = plant.get_state_output_port()
+        builder.Connect(through(builder, "grasp_offset", offset, state), opening.GetInputPort("grasp_offset"))
+        for i, part in enumerate(held):
+            desired = opening.GetOutputPort(f"desired_state_{i + 1}")
+            builder.Connect(desired, plant.get_desired_state_input_port(part.grasp))
+        for name in ("part_released", "gripper_holds"):
+            assembly.offer(name, opening.GetOutputPort(name))
+        assembly.want("gripper_command", opening.GetInputPort("gripper_command"))
     if site.placed:
         position = PartPosition([part.frame for part in site.placed])
         assembly.add(builder.AddNamedSystem("part_position", position))

@@ -10,7 +10,13 @@ from forcectl.errors import BadInputError
 from forcectl.framework.wiring import input_names, output_names
 
 # What comes from outside of a station.
-STATION_INPUTS = ("joint_position_command", "joint_velocity_command", "joint_torque_feedforward", "external_wrench")
+STATION_INPUTS = (
+    "joint_position_command",
+    "joint_velocity_command",
+    "joint_torque_feedforward",
+    "gripper_command",
+    "external_wrench",
+)
 # What only its parts need.
 _INTERNAL = ("motor_state", "spring_torque", "torque_integral", "joint_torque", "displacement", "reaction_forces")
 

@@ -4,6 +4,7 @@ A grasp is six joints in a row from the TCP to the part, through bodies without 
 Each joint has two equal actuators with PD gains, half of the spring each and half of its limit, solved implicitly with
 the contacts: any stiffness is stable with any mass. Open, one is sent far to one side and the other as far to the
 other: both stay at their limits, the sum of their torques is zero, and so is its derivative. The part is then free.
+Taken up again, both are sent to where the part is.
 
 A row of three turns is singular where the second is 90 degrees. A free part that passes there, turned by as much about
 the y axis of the TCP that held it, keeps moving, but less exactly: at 8 rad/s its speed of rotation came out 9 % too
@@ -19,6 +20,7 @@ from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     Frame,
+    Joint,
     ModelInstanceIndex,
     PdControllerGains,
     PrismaticJoint,
@@ -26,15 +28,14 @@ from pydrake.multibody.tree import (
     RigidBody,
     SpatialInertia,
 )
-from pydrake.systems.framework import DiagramBuilder, OutputPort
-from pydrake.systems.primitives import MatrixGain
 
 from forcectl.errors import BadInputError, about, unknown
 from forcectl.plant.contact.part import GraspConfig, PartConfig
 from forcectl.robot.model_file import ModelFile, parse_models
 from forcectl.robot.parts import RobotParts, frame_named
 
-_FAR = 1e6  # [m, rad] where the actuators of an open grasp are sent
+_TURN = "lies_rotation_deg"
+_NEARLY_SINGULAR = np.sin(np.radians(85.0))
 
 
 @dataclass(frozen=True)
@@ -47,6 +48,7 @@ class PlacedPart:
         frame: that was placed.
         bodies: indices of its bodies.
         grasp: model instance of the springs; None of a part that is fixed to the world.
+        springs: joints of the grasp, along and about the axes of the TCP.
     """
 
     name: str
@@ -54,6 +56,7 @@ class PlacedPart:
     frame: Frame
     bodies: frozenset[int]
     grasp: ModelInstanceIndex | None
+    springs: tuple[Joint, ...] = ()
 
 
 def add_placed_part(plant: MultibodyPlant, robot: RobotParts, name: str, config: PartConfig) -> PlacedPart:
@@ -76,17 +79,17 @@ def add_placed_part(plant: MultibodyPlant, robot: RobotParts, name: str, config:
         instance = parse_models(plant, {name: model}, [])[name]
         root = _root(plant, instance, config)
         frame = frame_named(plant, config.frame, instance) if config.frame else root.body_frame()
-        grasp = None
+        grasp, springs = None, ()
         if not config.arm:
             plant.WeldFrames(plant.world_frame(), frame, config.placement)
         elif config.arm not in robot.arms:
             raise unknown("arm", config.arm, robot.arms).at("arm")
         else:
             grasp = plant.AddModelInstance(f"{name}_grasp")
-            end = _add_grasp(plant, grasp, robot.arms[config.arm].tcp_frame, config.grasp)
+            springs, end = _add_grasp(plant, grasp, robot.arms[config.arm].tcp_frame, config.grasp)
             plant.WeldFrames(end, frame, config.placement)
     bodies = frozenset(int(index) for index in plant.GetBodyIndices(instance))
-    return PlacedPart(name, config, frame, bodies, grasp)
+    return PlacedPart(name, config, frame, bodies, grasp, springs)
 
 
 def _root(plant: MultibodyPlant, instance: ModelInstanceIndex, config: PartConfig) -> RigidBody:
@@ -122,39 +125,48 @@ def _names(plant: MultibodyPlant) -> str:
     return ", ".join(plant.GetModelInstanceName(ModelInstanceIndex(i)) for i in range(plant.num_model_instances()))
 
 
-def _add_grasp(plant: MultibodyPlant, instance: ModelInstanceIndex, tcp: Frame, grasp: GraspConfig) -> Frame:
-    """The springs; returns the frame that is the TCP when they are at rest."""
+def _add_grasp(
+    plant: MultibodyPlant, instance: ModelInstanceIndex, tcp: Frame, grasp: GraspConfig
+) -> tuple[tuple[Joint, ...], Frame]:
+    """The springs; returns their joints, and the frame that is the TCP when they are at rest."""
     along = zip(grasp.stiffness, grasp.damping, grasp.force_limit, strict=True)
     about_axes = zip(grasp.rotational_stiffness, grasp.rotational_damping, grasp.torque_limit, strict=True)
     springs = [(PrismaticJoint, *each) for each in along] + [(RevoluteJoint, *each) for each in about_axes]
-    parent = tcp
+    parent, joints = tcp, []
     for i, (kind, stiffness, damping, limit) in enumerate(springs):
         child = plant.AddRigidBody(f"carrier_{i + 1}", instance, SpatialInertia.Zero()).body_frame()
         joint = plant.AddJoint(kind(f"spring_{i + 1}", parent, child, np.eye(3)[i % 3]))
         for side in ("forward", "backward"):
             actuator = plant.AddJointActuator(f"spring_{i + 1}_{side}", joint, 0.5 * limit)
             actuator.set_controller_gains(PdControllerGains(p=0.5 * stiffness, d=0.5 * damping))
+        joints.append(joint)
         parent = child
-    return parent
+    return tuple(joints), parent
 
 
-def drive_grasp(
-    builder: DiagramBuilder, plant: MultibodyPlant, part: PlacedPart, released: OutputPort, row: int
-) -> None:
-    """Feed the springs of a grasp.
+def lay_down(plant: MultibodyPlant, robot: RobotParts, parts: tuple[PlacedPart, ...]) -> None:
+    """Default positions of the parts that are not in the hand at the start.
 
     Args:
-        builder: of the station.
-        plant: finalized.
-        part: that is held.
-        released: shape (h,), of all parts that are held [1].
-        row: of this one among them.
+        plant: finalized, with the start posture of the robot as its default.
+        robot: in the plant.
+        parts: in the plant.
+
+    Raises:
+        BadInputError: a part lies where its joints are singular.
     """
-    gain = np.zeros((24, released.size()))
-    gain[0:12:2, row], gain[1:12:2, row] = _FAR, -_FAR
-    opening = builder.AddNamedSystem(f"{part.name}_opening", MatrixGain(gain))
-    builder.Connect(released, opening.get_input_port())
-    builder.Connect(opening.get_output_port(), plant.get_desired_state_input_port(part.grasp))
+    context = plant.CreateDefaultContext()
+    for part in parts:
+        if part.config.lying is not None:
+            X_WT = robot.arms[part.config.arm].tcp_frame.CalcPoseInWorld(context)
+            X_TE = X_WT.inverse() @ part.config.lying @ part.config.placement.inverse()
+            R = X_TE.rotation().matrix()
+            if abs(R[0, 2]) > _NEARLY_SINGULAR:
+                fault = " turns the part by 90 degrees about the y axis of the TCP at the start from how it is held"
+                with about(part.config):
+                    raise BadInputError(f"{fault}: must be 5 degrees off that, or have another posture_deg", key=_TURN)
+            turns = [np.arctan2(-R[1, 2], R[2, 2]), np.arcsin(np.clip(R[0, 2], -1, 1)), np.arctan2(-R[0, 1], R[0, 0])]
+            plant.SetDefaultPositions(part.grasp, np.array([*X_TE.translation(), *turns]))
 
 
 def leave_out_the_hand(

@@ -29,7 +29,7 @@ from pydrake.multibody.tree import Joint, JointActuator, ModelInstanceIndex, PdC
 from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.diagrams.mechanics.environment_body import BALL_COMPLIANCE, add_environment, contact_material
-from forcectl.diagrams.mechanics.placed_part import PlacedPart, add_placed_part, leave_out_the_hand
+from forcectl.diagrams.mechanics.placed_part import PlacedPart, add_placed_part, lay_down, leave_out_the_hand
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.plant.contact.obstacle import LARGEST_STIFFNESS, ObstacleConfig
@@ -92,6 +92,7 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
         _add_obstacle(plant, obstacle, f"obstacle_{i + 1}")
     placed = tuple(add_placed_part(plant, parts, name, part) for name, part in workcell.parts.items())
     plant.Finalize()
+    lay_down(plant, parts, placed)
     if scene_graph is not None:
         _filter(plant, scene_graph, pressing, solid, config.self_collision, placed)
         leave_out_the_hand(plant, scene_graph, parts, placed)

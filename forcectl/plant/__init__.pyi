@@ -11,6 +11,7 @@ from forcectl.plant.contact.contact_truth import ContactReader as ContactReader
 from forcectl.plant.contact.contact_truth import ContactWrench as ContactWrench
 from forcectl.plant.contact.contact_truth import bodies_named as bodies_named
 from forcectl.plant.contact.contact_truth import wrench_between as wrench_between
+from forcectl.plant.contact.gripper_opening import Grasp as Grasp
 from forcectl.plant.contact.gripper_opening import GripperOpening as GripperOpening
 from forcectl.plant.contact.obstacle import ObstacleConfig as ObstacleConfig
 from forcectl.plant.contact.part import GraspConfig as GraspConfig

@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydrake.math import RollPitchYaw, RotationMatrix
 
 from forcectl.diagrams import ContactTruthConfig, JointReadingsConfig, describe
 from forcectl.diagrams.fidelities.multibody import MultibodyStation
@@ -39,8 +40,8 @@ def test_a_released_part_falls_and_the_hand_feels_nothing_of_it(tmp_path):
     start = held.read("part_position")
     held.go(0.24, speed=np.full(7, 0.5))
     fall = held.read("part_position") - start
-    # Free fall from rest in steps of 1 ms, as Drake integrates it.
-    np.testing.assert_allclose(fall, [0.0, 0.0, -9.81 * 1e-6 * 40 * 41 / 2], atol=1e-5)
+    # Free fall from rest in steps of 1 ms, as Drake integrates it, from the step after that of the tick on.
+    np.testing.assert_allclose(fall, [0.0, 0.0, -9.81 * 1e-6 * 39 * 40 / 2], atol=1e-5)
 
 
 def test_a_part_that_is_put_down_stays_there(tmp_path):
@@ -60,6 +61,83 @@ def test_a_part_that_is_put_down_stays_there(tmp_path):
     # The table carries the block; nothing of that is on the arm.
     for name in ("tip_wrench", "external_torque", "arm_contact_force"):
         np.testing.assert_allclose(held.read(name), 0.0, atol=1e-9)
+
+
+def test_a_part_is_put_down_and_taken_up_again(tmp_path):
+    held = Held(block_in_hand(tmp_path, table=1e-4))
+    held.go(0.1)
+    held.grip(0.0)
+    held.go(0.2)
+    put = held.read("part_position").copy()
+    held.to(np.array([0.0, 0.0, 0.05]), 0.6)
+    held.grip(1.0)  # closes on nothing
+    held.go(0.62)
+    assert held.read("part_released") == 1
+    assert held.read("gripper_holds") == 0
+    held.to(np.array([0.003, 0.0, 0.0]), 0.9)
+    held.go(1.0)
+    assert held.read("part_released") == 1  # it was not open meanwhile
+    np.testing.assert_allclose(held.read("part_position"), put, atol=1e-4)
+    held.grip(0.0)
+    held.go(1.02)
+    before = held.read("tip_wrench").copy()
+    held.grip(1.0)
+    held.go(1.024)
+    held.go(1.032)
+    assert held.read("part_released") == 0
+    assert held.read("gripper_holds") == 1
+    # Taken where it is: the springs would pull by 3 N to their first place.
+    np.testing.assert_allclose(before, 0.0, atol=1e-9)
+    assert np.linalg.norm(held.read("tip_wrench")[3:]) < 1.2 * WEIGHT
+    place, hand = held.read("part_position").copy(), held.hand().translation()
+    held.to(np.array([0.003, 0.0, 0.05]), 1.5)
+    held.go(1.7)
+    moved = held.read("part_position") - place
+    # With the hand, but for its sag.
+    np.testing.assert_allclose(moved, held.hand().translation() - hand, atol=2e-3)
+    assert moved[2] > 0.045
+    assert not held.read("tip_wrench").any()
+
+
+def test_a_part_that_lies_on_a_table_is_fetched(tmp_path):
+    place = np.array([0.05, 0.02, -0.03])
+    held = Held(block_in_hand(tmp_path, table=0.0301, lying=place))
+    start = held.read("part_position").copy()
+    np.testing.assert_allclose(start, held.home.translation() + place, atol=3e-4)  # the arm sags by gravity
+    held.grip(0.0)
+    held.to(place, 0.7)
+    np.testing.assert_allclose(held.read("part_position"), start, atol=3e-4)
+    held.grip(1.0)
+    held.go(0.75)
+    assert held.read("gripper_holds") == 1
+    held.to(place + [0.0, 0.0, 0.04], 1.1)
+    held.go(1.3)
+    np.testing.assert_allclose(held.read("part_position") - start, [0.0, 0.0, 0.04], atol=3e-3)
+
+
+def test_a_part_that_is_pulled_out_of_the_fingers_is_lost(tmp_path):
+    soft = {"stiffness": [500.0] * 3, "force_limit": [2.0] * 3, "largest_offset": 0.008}
+    held = Held(block_in_hand(tmp_path, table=1e-4, **soft))
+    held.to(np.array([0.0, 0.0, -0.006]), 0.3)
+    assert held.read("gripper_holds") == 1
+    held.to(np.array([0.0, 0.0, -0.02]), 0.6)
+    held.go(0.7)
+    assert held.read("gripper_holds") == 0
+    assert held.read("part_released") == 1
+    held.to(np.zeros(3), 1.0)
+    assert held.read("part_released") == 1  # though it is within reach
+    assert not held.read("tip_wrench").any()
+
+
+def test_a_part_that_lies_where_its_joints_are_singular_is_refused(tmp_path):
+    workcell = block_in_hand(tmp_path, table=0.0301, lying=[0.05, 0.0, 0.0])
+    parts = workcell.config.environment.parts
+    hand = workcell.robot.pose(workcell.start_context()).rotation()
+    turned = hand @ RotationMatrix.MakeYRotation(np.radians(89.0)) @ parts["block"].placement.rotation()
+    part = replace(parts["block"], lies_rotation_deg=np.degrees(RollPitchYaw(turned).vector()).tolist())
+    environment = EnvironmentPartsConfig(parts={"block": part})
+    with pytest.raises(BadInputError, match="lies_rotation_deg turns the part by 90 degrees about the y axis"):
+        MultibodyStation(describe(replace(workcell.config, environment=environment)), 0)
 
 
 def test_a_grasp_holds_no_more_than_its_limit(tmp_path):

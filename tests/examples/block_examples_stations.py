@@ -26,7 +26,7 @@ from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.models import add_packages
 from forcectl.plant.contact.compliant_contact import CompliantContact, EnvironmentConfig
 from forcectl.plant.contact.contact_truth import ContactWrench, bodies_named
-from forcectl.plant.contact.gripper_opening import GripperOpening
+from forcectl.plant.contact.gripper_opening import Grasp, GripperOpening
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.contact.part import GraspConfig, PartConfig
 from forcectl.plant.contact.part_position import PartPosition
@@ -178,6 +178,11 @@ def holding_workcell() -> Workcell:
     return describe(free(robot=ARM, tool=None, environment=EnvironmentPartsConfig(parts=parts)))
 
 
+def gripper_opening() -> GripperOpening:
+    grasps = [Grasp(0, GraspConfig()), Grasp(1, GraspConfig(released_at=0.04), held=False)]
+    return GripperOpening(grasps, 2, period=0.002)
+
+
 def part_position() -> PartPosition:
     return PartPosition([part.frame for part in in_plant(holding_workcell()).placed])
 
@@ -319,7 +324,16 @@ STATION_EXAMPLES: dict[type[System], list[Example]] = {
             runnable=lambda: build_station(touching_workcell(False), 3),
         )
     ],
-    GripperOpening: [Example(lambda: GripperOpening([0.02, None, 0.0]))],
+    GripperOpening: [
+        Example(
+            gripper_opening,
+            inputs={
+                "gripper_command": lambda t: np.array([float(t < 0.02 or t > 0.05), 1.0]),
+                "grasp_offset": lambda t: np.full(12, 1e-3),
+            },
+            periods=PERIOD,
+        )
+    ],
     PartPosition: [
         Example(
             part_position,

@@ -1,7 +1,7 @@
 """Scenario part `environment: !Part`: a model that is fixed to the world or held by an arm through a compliant grasp.
 
 A grasp holds with six springs and dampers between the TCP and the part, each as far as its limit: beyond it the fingers
-give way. From `released_at` on it is open, and the part is free.
+give way. While the gripper of the arm is open the part is free; how it is taken up again: see `GripperOpening`.
 """
 
 from __future__ import annotations
@@ -29,7 +29,15 @@ class GraspConfig(Config):
     rotational_stiffness: list[float] = key([3.0, 3.0, 3.0], "about", unit="Nm/rad", bounds="positive", size=3)
     rotational_damping: list[float] = key([0.1, 0.1, 0.1], "about", unit="Nms/rad", bounds="not negative", size=3)
     torque_limit: list[float] = key([1.0, 1.0, 1.0], "about, of what is held", unit="Nm", bounds="positive", size=3)
-    released_at: float | None = key(None, "when the gripper opens; null: never", unit="s", bounds="not negative")
+    released_at: float | None = key(
+        None, "when the gripper opens, for good; null: never by itself", unit="s", bounds="not negative"
+    )
+    # Beyond the stretch of the springs at their limits, 20 mm with the defaults: what only gives way is not lost.
+    largest_offset: float = key(
+        0.025, "of the part from where it was taken; farther off it is lost", unit="m", bounds="positive"
+    )
+    reach: float = key(0.005, "offset up to which a closing gripper takes the part", unit="m", bounds="not negative")
+    reach_deg: float = key(5.0, "angle up to which it does", unit="deg", bounds="not negative")
 
 
 @dataclass(kw_only=True)
@@ -41,22 +49,36 @@ class PartConfig(Config):
 
     model: str = key(meaning="shipped part, such as pipette_body, or path of a URDF or SDF file")
     frame: str = key("", "of the model, which is placed; empty: of its first body")
-    arm: str = key("", "that holds it at its TCP; empty: fixed to the world")
+    arm: str = key("", "that holds it at its TCP, or can take it there; empty: fixed to the world")
     position: list[float] = key(
         [0.0, 0.0, 0.0], "of that frame in the TCP that holds it or the world", unit="m", size=3
     )
     rotation_deg: list[float] = key([0.0, 0.0, 0.0], "roll, pitch, yaw, likewise", unit="deg", size=3)
     grasp: GraspConfig = key(GraspConfig, "of the arm that holds it")
+    lies_at: list[float] = key(
+        [], "of that frame in the world at the start, where it is not held; empty: in the hand", unit="m", size=3
+    )
+    lies_rotation_deg: list[float] = key([0.0, 0.0, 0.0], "roll, pitch, yaw, likewise", unit="deg", size=3)
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if not self.arm and self.grasp != GraspConfig():
-            raise BadInputError("must be left out where no arm holds the part", key="grasp")
+        for name, value, rest in (("grasp", self.grasp, GraspConfig()), ("lies_at", self.lies_at, [])):
+            if not self.arm and value != rest:
+                raise BadInputError("must be left out where no arm holds the part", key=name)
+        if any(self.lies_rotation_deg) and not self.lies_at:
+            raise BadInputError("must be left out where lies_at is", key="lies_rotation_deg")
 
     @property
     def placement(self) -> RigidTransform:
         """Pose of the frame in the TCP or the world."""
         return RigidTransform(RollPitchYaw(np.radians(self.rotation_deg)), np.array(self.position))
+
+    @property
+    def lying(self) -> RigidTransform | None:
+        """Pose of the frame in the world at the start; None of a part that begins in the hand, or is fixed."""
+        if not self.lies_at:
+            return None
+        return RigidTransform(RollPitchYaw(np.radians(self.lies_rotation_deg)), np.array(self.lies_at))
 
     def file(self) -> Path:
         """The model's file.

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+from typing import Any
+
+import numpy as np
 import pytest
+from pydrake.math import RotationMatrix
+from pydrake.systems.analysis import Simulator
 
 from forcectl.errors import BadInputError
 from forcectl.models import models_folder
-from forcectl.plant.contact.gripper_opening import GripperOpening
+from forcectl.plant.contact.gripper_opening import Grasp, GripperOpening, turned_by
 from forcectl.plant.contact.part import GraspConfig, PartConfig
 
 
@@ -43,11 +48,95 @@ def test_a_part_that_nobody_holds_has_no_grasp():
         PartConfig(model="bayonet_cap", grasp=GraspConfig(released_at=1.0))
 
 
-def test_a_gripper_opens_at_its_time_and_not_before():
-    block = GripperOpening([0.3, None])
-    context = block.CreateDefaultContext()
-    shown = []
-    for time in (0.0, 0.299, 0.3, 100.0):
-        context.SetTime(time)
-        shown.append(block.get_output_port().Eval(context).tolist())
-    assert shown == [[0, 0], [0, 0], [1, 0], [1, 0]]
+@pytest.mark.parametrize(
+    ("keys", "message"),
+    [
+        ({"lies_at": [0.0, 0.0, 0.1]}, "lies_at: must be left out where no arm holds the part"),
+        ({"arm": "left", "lies_rotation_deg": [90.0, 0.0, 0.0]}, "lies_rotation_deg: must be left out where lies_at is"),
+        ({"arm": "left", "lies_at": [0.0]}, "lies_at = [0.0]: must be three numbers"),
+    ],
+)
+def test_where_a_part_cannot_lie(keys, message):
+    with pytest.raises(BadInputError) as caught:
+        PartConfig(model="bayonet_cap", **keys)
+    assert message in str(caught.value)
+
+
+class Gripper:
+    """Two arms; the left one holds a part, the right one can take one that lies."""
+
+    def __init__(self, **grasp: Any):
+        grasps = [Grasp(0, GraspConfig(**grasp)), Grasp(1, GraspConfig(**grasp), held=False)]
+        self.block = GripperOpening(grasps, 2, period=0.01)
+        self.simulator = Simulator(self.block)
+        self.context, self.ticks = self.simulator.get_mutable_context(), 0
+        self.put(np.zeros(6), np.ones(6))
+
+    def put(self, *offsets: Any) -> None:
+        self.block.GetInputPort("grasp_offset").FixValue(self.context, np.concatenate(offsets))
+
+    def tick(self, *command: float) -> list[list[float]]:
+        """What is released and what the grippers hold after a tick with this command."""
+        if command:
+            self.block.GetInputPort("gripper_command").FixValue(self.context, command)
+        self.simulator.AdvanceTo(0.01 * self.ticks + 0.005)
+        self.ticks += 1
+        return [self.read(name).tolist() for name in ("part_released", "gripper_holds")]
+
+    def read(self, name: str) -> Any:
+        return self.block.GetOutputPort(name).Eval(self.context)
+
+
+def test_grippers_without_a_command_are_closed():
+    gripper = Gripper()
+    for _ in range(3):
+        assert gripper.tick() == [[0, 1], [1, 0]]
+
+
+def test_a_gripper_opens_at_its_time_for_good():
+    gripper = Gripper(released_at=0.02)
+    shown = [gripper.tick()[0] for _ in range(4)]
+    assert shown == [[0, 1], [0, 1], [1, 1], [1, 1]]
+    gripper.tick(0.0, 1.0)
+    assert gripper.tick(1.0, 1.0) == [[1, 1], [0, 0]]
+
+
+def test_a_gripper_takes_what_is_within_reach_when_it_closes():
+    gripper = Gripper()
+    near, far, askew = np.array([[3e-3, 0, 0, 0.05, 0, 0.05], [6e-3, 0, 0, 0, 0, 0], [0, 0, 0, 0, 0.1, 0]])
+    assert gripper.tick(0.0, 0.0) == [[1, 1], [0, 0]]
+    for place in (far, askew):
+        gripper.put(near, place)
+        assert gripper.tick(1.0, 1.0) == [[0, 1], [1, 0]]
+        gripper.put(near, near)
+        assert gripper.tick(1.0, 1.0) == [[0, 1], [1, 0]]  # it is closed already
+        assert gripper.tick(0.0, 0.0) == [[1, 1], [0, 0]]
+    assert gripper.tick(1.0, 1.0) == [[0, 0], [1, 1]]
+    # Both actuators of each spring are sent to where the part is.
+    np.testing.assert_array_equal(gripper.read("desired_state_2"), np.append(np.repeat(near, 2), np.zeros(12)))
+
+
+def test_a_command_that_is_not_a_number_changes_nothing():
+    gripper = Gripper()
+    assert gripper.tick(np.nan, np.nan) == [[0, 1], [1, 0]]
+    assert gripper.tick(0.0, 0.0) == [[1, 1], [0, 0]]
+    gripper.put(np.zeros(6), np.zeros(6))
+    assert gripper.tick(np.nan, np.inf) == [[1, 1], [0, 0]]
+
+
+def test_a_part_is_lost_beyond_its_largest_offset_from_where_it_was_taken():
+    gripper = Gripper(largest_offset=0.02, reach=0.01)
+    at = np.array([0.0, 0.008, 0.0, 0.0, 0.0, 0.0])
+    gripper.put(at, np.zeros(6))
+    gripper.tick(0.0, 0.0)
+    gripper.tick(1.0, 0.0)
+    for aside, released in ((0.019, 0), (0.021, 1), (0.0, 1)):
+        gripper.put(at + [0.0, aside, 0.0, 0.0, 0.0, 0.0], np.zeros(6))
+        assert gripper.tick(1.0, 0.0) == [[released, 1], [1 - released, 0]]
+
+
+@pytest.mark.parametrize("seed", range(5))
+def test_the_angle_of_the_turns_of_a_grasp(seed):
+    a, b, c = np.random.default_rng(seed).uniform(-1.2, 1.2, 3)
+    R = RotationMatrix.MakeXRotation(a) @ RotationMatrix.MakeYRotation(b) @ RotationMatrix.MakeZRotation(c)
+    assert turned_by(np.array([a, b, c])) == pytest.approx(R.ToAngleAxis().angle(), abs=1e-9)
