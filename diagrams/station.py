@@ -1,7 +1,8 @@
 """The station: robot, drives, environment and sensors, in any fidelity with the same ports::
 
     in     joint_position_command (n,) [rad]; joint_velocity_command (n,) [rad/s] and joint_torque_feedforward (n,) [Nm]
-           of drives that take them; external_wrench (6a,) [torque; force] at the TCP of each arm [Nm, N], with dynamics
+           of drives that take them; external_wrench (6a,) [torque; force] at the TCP of each arm [Nm, N], with
+           dynamics, and gripper_command (a,) [1] where arms can hold parts
     out    motor_position, motor_velocity (n,) [rad, rad/s], and the outputs of the sensors
     truth  contact_force (k,) [N] along the normals, contact_state (k,), link_position (n,) [rad], and more: see
            `forcectl.conventions`

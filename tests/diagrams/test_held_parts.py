@@ -110,7 +110,7 @@ def test_a_part_that_lies_on_a_table_is_fetched(tmp_path):
     held.grip(1.0)
     held.go(0.75)
     assert held.read("gripper_holds") == 1
-    held.to(place + [0.0, 0.0, 0.04], 1.1)
+    held.to(place + np.array([0.0, 0.0, 0.04]), 1.1)
     held.go(1.3)
     np.testing.assert_allclose(held.read("part_position") - start, [0.0, 0.0, 0.04], atol=3e-3)
 

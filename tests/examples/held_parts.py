@@ -44,9 +44,7 @@ def block_in_hand(folder: Path, table: float | None = None, lying: list[float] |
     X_WT = robot.pose(robot.context_at(robot.parameters.default_posture))
     upright = np.degrees(RollPitchYaw(X_WT.rotation().inverse()).vector()).tolist()
     lies_at = [] if lying is None else (X_WT.translation() + lying).tolist()
-    block = PartConfig(
-        model=str(file), arm="left", rotation_deg=upright, grasp=GraspConfig(**grasp), lies_at=lies_at
-    )
+    block = PartConfig(model=str(file), arm="left", rotation_deg=upright, grasp=GraspConfig(**grasp), lies_at=lies_at)
     parts: dict[str, Any] = {"block": block}
     if table is not None:
         x, y, z = X_WT.translation()

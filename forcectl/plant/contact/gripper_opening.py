@@ -125,9 +125,7 @@ class GripperOpening(LeafSystem):
             was_held = held[k]
             if was_held:
                 rest = context.get_discrete_state(self._desired[k]).value()[: 2 * SPRINGS : 2]
-                held[k] = closed[grasp.arm] and bool(
-                    np.linalg.norm((offset - rest)[:3]) <= grasp.config.largest_offset
-                )
+                held[k] = closed[grasp.arm] and bool(np.linalg.norm((offset - rest)[:3]) <= grasp.config.largest_offset)
             else:
                 held[k] = closing[grasp.arm] and _within(offset, grasp.config)
             held[k] &= not open_by_time

@@ -52,7 +52,10 @@ def test_a_part_that_nobody_holds_has_no_grasp():
     ("keys", "message"),
     [
         ({"lies_at": [0.0, 0.0, 0.1]}, "lies_at: must be left out where no arm holds the part"),
-        ({"arm": "left", "lies_rotation_deg": [90.0, 0.0, 0.0]}, "lies_rotation_deg: must be left out where lies_at is"),
+        (
+            {"arm": "left", "lies_rotation_deg": [90.0, 0.0, 0.0]},
+            "must be left out where lies_at is",
+        ),
         ({"arm": "left", "lies_at": [0.0]}, "lies_at = [0.0]: must be three numbers"),
     ],
 )
@@ -131,7 +134,7 @@ def test_a_part_is_lost_beyond_its_largest_offset_from_where_it_was_taken():
     gripper.tick(0.0, 0.0)
     gripper.tick(1.0, 0.0)
     for aside, released in ((0.019, 0), (0.021, 1), (0.0, 1)):
-        gripper.put(at + [0.0, aside, 0.0, 0.0, 0.0, 0.0], np.zeros(6))
+        gripper.put(at + aside * np.eye(6)[1], np.zeros(6))
         assert gripper.tick(1.0, 0.0) == [[released, 1], [1 - released, 0]]
 
 
