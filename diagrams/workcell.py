@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Context, DiagramBuilder, System
 from scipy.signal import StateSpace
 
-from forcectl.errors import BadInputError, about, invalid
+from forcectl.errors import BadInputError, about, invalid, unknown
 from forcectl.force.kinematic_inversion import check_start_posture
 from forcectl.framework.batch import whole_multiple
 from forcectl.framework.wiring import add_part
@@ -18,6 +18,7 @@ from forcectl.plant.compliance import compliance_along, robot_compliance
 from forcectl.plant.contact.compliant_contact import contact_response
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.contact.part import PartConfig
+from forcectl.plant.contact.peg_in_bore import InsertionConfig
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.robot.model import RobotModel, unit_normal
 
@@ -86,6 +87,7 @@ class Workcell:
         contacts: the surfaces that are pressed on, in the order of the environment's parts.
         obstacles: boxes around the robot, by name.
         parts: of assemblies, fixed or held, by name.
+        insertions: contacts of two parts without meshes, by name.
     """
 
     config: StationConfig
@@ -96,6 +98,7 @@ class Workcell:
     contacts: tuple[Contact, ...]
     obstacles: dict[str, ObstacleConfig]
     parts: dict[str, PartConfig]
+    insertions: dict[str, InsertionConfig]
 
     @property
     def num_joints(self) -> int:
@@ -206,15 +209,24 @@ def describe(config: StationConfig) -> Workcell:
     environment = config.environment_parts()
     parts = {name: part for name, part in environment.items() if hasattr(part, "placement")}
     obstacles = {name: part for name, part in environment.items() if hasattr(part, "pose")}
+    insertions = {name: part for name, part in environment.items() if hasattr(part, "peg")}
+    for insertion in insertions.values():
+        with about(insertion):
+            for role in ("peg", "bore"):
+                if getattr(insertion, role) not in parts:
+                    raise unknown("part", getattr(insertion, role), parts).at(role)
+            insertion.check_model(parts[insertion.peg].model)
     contacts = []
     for name, part in environment.items():
-        if name not in obstacles and name not in parts:
+        if name not in {**obstacles, **parts, **insertions}:
             with about(part):
                 contacts.append(_contact(config, robot, start, name, part))
     pressed = [each.arm for each in contacts]
     if len(set(pressed)) < len(pressed):
         raise invalid("environment", sorted(environment), "at most one surface for each arm")
-    workcell = Workcell(config, robot, start, period, config.posture_period, tuple(contacts), obstacles, parts)
+    workcell = Workcell(
+        config, robot, start, period, config.posture_period, tuple(contacts), obstacles, parts, insertions
+    )
     with about(config.fidelity):
         config.fidelity.check(workcell)
     return workcell

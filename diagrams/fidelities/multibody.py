@@ -7,7 +7,7 @@ The joint springs are actuator PD laws whose desired state is the motor side, an
 contact with linear (Kelvin-Voigt) dissipation; the discrete SAP solver integrates both implicitly, so an environment
 from 1e3 to 1e6 N/m and the joints stay stable at the default 1 ms. The step is an implicit Euler step: it damps a mode
 of angular frequency w by an extra damping ratio of about w dt/2. A surface of a class of one's own acts by its force at
-the TCP, one step old.
+the TCP, one step old; a `!PegInBore` by what it foresees for the end of the step.
 
 Links pass through each other unless `self_collision`; all arms share one plant.
 """
@@ -29,22 +29,19 @@ from pydrake.systems.primitives import (
     MatrixGain,
     Multiplexer,
     PassThrough,
-    Selector,
-    SelectorParams,
 )
 
 from forcectl.diagrams.fidelities.light import add_sensors, check_one_sided
-from forcectl.diagrams.mechanics.assembly import Assembly, through
+from forcectl.diagrams.mechanics.assembly import Assembly, selector, through
 from forcectl.diagrams.mechanics.environment_body import drive_surface
 from forcectl.diagrams.mechanics.site import Site
+from forcectl.diagrams.mechanics.station_parts import add_insertions, add_parts, apply_forces
 from forcectl.diagrams.mechanics.station_surface import add_contact_state, add_surface, is_uniform
 from forcectl.diagrams.mechanics.world import add_world
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.errors import BadInputError
 from forcectl.framework.wiring import Enclosed, add_part, stacked
 from forcectl.motion.loads import add_loads, loaded_frames
-from forcectl.plant.contact.gripper_opening import Grasp, GripperOpening
-from forcectl.plant.contact.part_position import PartPosition
 from forcectl.plant.drives.joint_friction import FrictionRest, actuation_gain, desired_state_gain
 from forcectl.plant.tip_kinematics import TipDisplacement
 from forcectl.plant.tip_load import HeldPart, LoadTruth, TipLoad
@@ -138,26 +135,19 @@ class MultibodyStation(Diagram):
             ("link_position", [joint.position_start() for joint in parts.joints]),
             ("link_velocity", [n_q + joint.velocity_start() for joint in parts.joints]),
         ):
-            assembly.offer(name, through(builder, name, _selector(size, rows, name), plant.get_state_output_port()))
+            assembly.offer(name, through(builder, name, selector(size, rows, name), plant.get_state_output_port()))
         _add_drive(assembly, site)
         assembly.offer("reaction_forces", plant.get_reaction_forces_output_port())
         assembly.offer("contact_results", plant.get_contact_results_output_port())
         assembly.offer("body_poses", plant.get_body_poses_output_port())
-        _add_parts(assembly, site)
+        add_parts(assembly, site)
+        forces = add_insertions(assembly, site)
         add_sensors(assembly, site)
         own = _add_surfaces(assembly, site)
         if "motor_torque" in assembly.signals or workcell.config.loads or own is not None:
-            _add_loads(assembly, site, own)
+            forces.append(_add_loads(assembly, site, own))
+        apply_forces(builder, plant, forces)
         assembly.finish(self)
-
-
-def _selector(size: int, rows: list[int], name: str) -> Selector:
-    """A block that puts out some elements of a vector, at a port of this name."""
-    one = SelectorParams.OutputSelection
-    output = SelectorParams.OutputPortParams(
-        name=name, selections=[one(input_port_index=0, input_offset=row) for row in rows]
-    )
-    return Selector(SelectorParams(inputs=[SelectorParams.InputPortParams(name="state", size=size)], outputs=[output]))
 
 
 def _add_drive(assembly: Assembly, site: Site) -> None:
@@ -215,34 +205,11 @@ def _connect_rigid(assembly: Assembly, site: Site) -> None:
     sticking = through(builder, "sticking", no_motion, rest.get_output_port())
     connect(sticking, plant.get_desired_state_input_port(instance))
     n_q, n_v = plant.num_positions(), plant.num_velocities()
-    every = _selector(n_q + n_v, list(range(n_q, n_q + n_v)), "velocity")
+    every = selector(n_q + n_v, list(range(n_q, n_q + n_v)), "velocity")
     speeds = through(builder, "speeds", every, plant.get_state_output_port())
     friction = FrictionRest(plant, parts.joints, workcell.config.drive.true_friction(workcell.robot))
     drag = through(builder, "friction", friction, speeds)
     connect(drag, plant.get_applied_generalized_force_input_port())
-
-
-def _add_parts(assembly: Assembly, site: Site) -> None:
-    """Grasps of parts, and where the parts are."""
-    builder, plant, arms = assembly.builder, site.plant, list(site.parts.arms)
-    held = [part for part in site.placed if part.grasp is not None]
-    if held:
-        grasps = [Grasp(arms.index(part.config.arm), part.config.grasp, not part.config.lies_at) for part in held]
-        opening = GripperOpening(grasps, len(arms), period=site.period)
-        builder.AddNamedSystem("gripper_opening", opening)
-        rows = [joint.position_start() for part in held for joint in part.springs]
-        offset = _selector(plant.num_multibody_states(), rows, "grasp_offset")
-        state = plant.get_state_output_port()
-        builder.Connect(through(builder, "grasp_offset", offset, state), opening.GetInputPort("grasp_offset"))
-        for i, part in enumerate(held):
-            desired = opening.GetOutputPort(f"desired_state_{i + 1}")
-            builder.Connect(desired, plant.get_desired_state_input_port(part.grasp))
-        for name in ("part_released", "gripper_holds"):
-            assembly.offer(name, opening.GetOutputPort(name))
-        assembly.want("gripper_command", opening.GetInputPort("gripper_command"))
-    if site.placed:
-        position = PartPosition([part.frame for part in site.placed])
-        assembly.add(builder.AddNamedSystem("part_position", position))
 
 
 def _add_surfaces(assembly: Assembly, site: Site) -> OutputPort | None:
@@ -312,8 +279,8 @@ def _own_wrenches(builder: DiagramBuilder, workcell: Workcell, forces: dict[int,
     return through(builder, "contact_wrench", MatrixGain(gain), stacked(builder, "own_forces", list(forces.values())))
 
 
-def _add_loads(assembly: Assembly, site: Site, own: OutputPort | None) -> None:
-    """Loads on the robot, and what they and contacts do to its joints."""
+def _add_loads(assembly: Assembly, site: Site, own: OutputPort | None) -> OutputPort:
+    """Loads on the robot, and what they and contacts do to its joints; returns the loads as forces on the plant."""
     builder, workcell, plant, parts = assembly.builder, site.workcell, site.plant, site.parts
     loads, signals = workcell.config.loads, assembly.signals
     frames = loaded_frames(loads, workcell.robot)
@@ -321,7 +288,11 @@ def _add_loads(assembly: Assembly, site: Site, own: OutputPort | None) -> None:
     load = builder.AddNamedSystem("load", TipLoad(parts, in_plant))
     arms = list(parts.arms)
     held = [HeldPart(arms.index(part.config.arm), part.bodies) for part in site.placed if part.grasp is not None]
-    truth = builder.AddNamedSystem("truth", LoadTruth(workcell.robot, plant, parts, list(frames.values()), held))
+    pairs = len(site.insertions)
+    block = LoadTruth(workcell.robot, plant, parts, list(frames.values()), held, pairs)
+    truth = builder.AddNamedSystem("truth", block)
+    for name in (f"contact_pair_{i + 1}" for i in range(pairs)):
+        builder.Connect(signals[name], truth.GetInputPort(name))
     if held:
         builder.Connect(signals["part_released"], truth.GetInputPort("part_released"))
     if loads:
@@ -336,7 +307,6 @@ def _add_loads(assembly: Assembly, site: Site, own: OutputPort | None) -> None:
     if own is not None:
         for block in (load, truth):
             builder.Connect(own, block.GetInputPort("contact_wrench"))
-    builder.Connect(load.GetOutputPort("spatial_forces"), plant.get_applied_spatial_force_input_port())
     builder.Connect(signals["link_position"], truth.GetInputPort("link_position"))
     if site.scene_graph is not None:
         builder.Connect(signals["contact_results"], truth.GetInputPort("contact_results"))
@@ -344,6 +314,7 @@ def _add_loads(assembly: Assembly, site: Site, own: OutputPort | None) -> None:
         builder.Connect(torque, truth.GetInputPort("contact_torque"))
     for name in ("external_torque", "tip_wrench", "arm_contact_force"):
         assembly.offer(name, truth.GetOutputPort(name))
+    return load.GetOutputPort("spatial_forces")
 
 
 class MountingForces(LeafSystem):

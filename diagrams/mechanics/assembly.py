@@ -3,6 +3,7 @@
 from __future__ import annotations
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, InputPort, OutputPort, PortDataType, System
+from pydrake.systems.primitives import Selector, SelectorParams
 
 from forcectl.conventions import TRUTH, unit_of
 from forcectl.diagrams.mechanics.site import STATION_SIGNALS
@@ -36,6 +37,15 @@ def through(builder: DiagramBuilder, name: str, block: System, source: OutputPor
     builder.AddNamedSystem(name, block)
     builder.Connect(source, block.get_input_port(0))
     return block.get_output_port(0)
+
+
+def selector(size: int, rows: list[int], name: str) -> Selector:
+    """A block that puts out some elements of a vector, at a port of this name."""
+    one = SelectorParams.OutputSelection
+    output = SelectorParams.OutputPortParams(
+        name=name, selections=[one(input_port_index=0, input_offset=row) for row in rows]
+    )
+    return Selector(SelectorParams(inputs=[SelectorParams.InputPortParams(name="state", size=size)], outputs=[output]))
 
 
 class Assembly:

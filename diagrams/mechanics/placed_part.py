@@ -13,12 +13,14 @@ high.
 
 from __future__ import annotations
 
+from collections.abc import Iterable
 from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
+    BodyIndex,
     Frame,
     Joint,
     ModelInstanceIndex,
@@ -31,6 +33,7 @@ from pydrake.multibody.tree import (
 
 from forcectl.errors import BadInputError, about, unknown
 from forcectl.plant.contact.part import GraspConfig, PartConfig
+from forcectl.plant.contact.peg_in_bore import InsertionConfig
 from forcectl.robot.model_file import ModelFile, parse_models
 from forcectl.robot.parts import RobotParts, frame_named
 
@@ -57,6 +60,25 @@ class PlacedPart:
     bodies: frozenset[int]
     grasp: ModelInstanceIndex | None
     springs: tuple[Joint, ...] = ()
+
+
+@dataclass(frozen=True)
+class Insertion:
+    """Contact of two parts without meshes.
+
+    Attributes:
+        name: of the environment's part.
+        config: its configuration.
+        peg, bore: the parts.
+        tip, mouth: their frames that it is about.
+    """
+
+    name: str
+    config: InsertionConfig
+    peg: PlacedPart
+    bore: PlacedPart
+    tip: Frame
+    mouth: Frame
 
 
 def add_placed_part(plant: MultibodyPlant, robot: RobotParts, name: str, config: PartConfig) -> PlacedPart:
@@ -177,9 +199,41 @@ def leave_out_the_hand(
         if part.grasp is None:
             continue
         arm = robot.arms[part.config.arm]
-        hand = plant.GetBodiesWeldedTo(arm.tcp_frame.body())
-        pair = [
-            GeometrySet([geometry for body in bodies for geometry in plant.GetCollisionGeometriesForBody(body)])
-            for bodies in (hand, [plant.get_body(index) for index in plant.GetBodyIndices(part.frame.model_instance())])
-        ]
-        scene_graph.collision_filter_manager().Apply(CollisionFilterDeclaration().ExcludeBetween(*pair))
+        hand = [int(body.index()) for body in plant.GetBodiesWeldedTo(arm.tcp_frame.body())]
+        _leave_out(plant, scene_graph, hand, part.bodies)
+
+
+def find_insertion(
+    plant: MultibodyPlant, name: str, config: InsertionConfig, parts: tuple[PlacedPart, ...]
+) -> Insertion:
+    """The two parts and their frames.
+
+    Raises:
+        BadInputError: a part has no such frame.
+    """
+    by_name = {part.name: part for part in parts}
+    peg, bore = by_name[config.peg], by_name[config.bore]
+    with about(config):
+        tip = frame_named(plant, config.tip, peg.frame.model_instance(), "tip")
+        mouth = frame_named(plant, config.mouth, bore.frame.model_instance(), "mouth")
+    return Insertion(name, config, peg, bore, tip, mouth)
+
+
+def leave_out_shapes(plant: MultibodyPlant, scene_graph: SceneGraph, insertions: tuple[Insertion, ...]) -> None:
+    """The shapes of two parts do not touch where a block stands for their contact."""
+    for each in insertions:
+        _leave_out(plant, scene_graph, each.peg.bodies, each.bore.bodies)
+
+
+def _leave_out(plant: MultibodyPlant, scene_graph: SceneGraph, one: Iterable[int], other: Iterable[int]) -> None:
+    pair = [
+        GeometrySet(
+            [
+                geometry
+                for body in sorted(bodies)
+                for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(BodyIndex(body)))
+            ]
+        )
+        for bodies in (one, other)
+    ]
+    scene_graph.collision_filter_manager().Apply(CollisionFilterDeclaration().ExcludeBetween(*pair))

@@ -29,7 +29,14 @@ from pydrake.multibody.tree import Joint, JointActuator, ModelInstanceIndex, PdC
 from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.diagrams.mechanics.environment_body import BALL_COMPLIANCE, add_environment, contact_material
-from forcectl.diagrams.mechanics.placed_part import PlacedPart, add_placed_part, lay_down, leave_out_the_hand
+from forcectl.diagrams.mechanics.placed_part import (
+    PlacedPart,
+    add_placed_part,
+    find_insertion,
+    lay_down,
+    leave_out_shapes,
+    leave_out_the_hand,
+)
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.plant.contact.obstacle import LARGEST_STIFFNESS, ObstacleConfig
@@ -93,10 +100,12 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
     placed = tuple(add_placed_part(plant, parts, name, part) for name, part in workcell.parts.items())
     plant.Finalize()
     lay_down(plant, parts, placed)
+    insertions = tuple(find_insertion(plant, name, each, placed) for name, each in workcell.insertions.items())
     if scene_graph is not None:
         _filter(plant, scene_graph, pressing, solid, config.self_collision, placed)
         leave_out_the_hand(plant, scene_graph, parts, placed)
-    return Site(workcell, seed, plant, scene_graph, parts, friction, tuple(mountings), placed)
+        leave_out_shapes(plant, scene_graph, insertions)
+    return Site(workcell, seed, plant, scene_graph, parts, friction, tuple(mountings), placed, insertions)
 
 
 def _add_ball(plant: MultibodyPlant, parts: RobotParts, contact: Contact) -> GeometryId:

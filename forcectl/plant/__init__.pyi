@@ -7,6 +7,7 @@ from forcectl.plant.contact.compliant_contact import LinearContact as LinearCont
 from forcectl.plant.contact.contact_monitor import ContactMode as ContactMode
 from forcectl.plant.contact.contact_monitor import ContactMonitor as ContactMonitor
 from forcectl.plant.contact.contact_truth import BodyContact as BodyContact
+from forcectl.plant.contact.contact_truth import ContactPairs as ContactPairs
 from forcectl.plant.contact.contact_truth import ContactReader as ContactReader
 from forcectl.plant.contact.contact_truth import ContactWrench as ContactWrench
 from forcectl.plant.contact.contact_truth import bodies_named as bodies_named
@@ -19,7 +20,8 @@ from forcectl.plant.contact.part import PartConfig as PartConfig
 from forcectl.plant.contact.part_position import PartPosition as PartPosition
 from forcectl.plant.contact.parts import EnvironmentPartsConfig as EnvironmentPartsConfig
 from forcectl.plant.contact.peg_contact import PegContact as PegContact
-from forcectl.plant.contact.peg_contact import PegInBoreConfig as PegInBoreConfig
+from forcectl.plant.contact.peg_in_bore import InsertionConfig as InsertionConfig
+from forcectl.plant.contact.peg_in_bore import PegInBoreConfig as PegInBoreConfig
 from forcectl.plant.contact.surface import GrooveConfig as GrooveConfig
 from forcectl.plant.contact.surface import ProfileFileConfig as ProfileFileConfig
 from forcectl.plant.contact.surface import RoughnessConfig as RoughnessConfig

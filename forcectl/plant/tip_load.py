@@ -20,7 +20,7 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from forcectl.framework.cache import BlockCache
-from forcectl.plant.contact.contact_truth import BodyContact, ContactReader, wrench_between
+from forcectl.plant.contact.contact_truth import BodyContact, ContactPairs, ContactReader, wrench_between
 from forcectl.robot.model import RobotModel, posture_cache
 from forcectl.robot.parts import RobotParts
 
@@ -133,7 +133,7 @@ class LoadTruth(LeafSystem):
     ```
     name: LoadTruth
     input_ports: [link_position, external_wrench, contact_wrench, body_wrench (optional), contact_results,
-    contact_torque, part_released (optional)]
+    contact_torque, part_released (optional), contact_pair_1 (optional), (further ones of the same kind)]
     output_ports: [external_torque, tip_wrench, arm_contact_force]
     ```
 
@@ -141,7 +141,8 @@ class LoadTruth(LeafSystem):
     contact_results: abstract, of the plant. contact_torque: shape (n_v,), its generalized contact forces on the model
     instance of the robot [Nm]. Both may be left unconnected: no contacts.
     part_released: shape (h,), of h held parts, 0 while held: contacts of a part count as those of the tool that holds
-    it, and no longer once it is released [1]. Must be connected where parts are held.
+    it, and not while it is released [1]. Must be connected where parts are held.
+    contact_pair_1: abstract, of a `PegContact` between parts, see there; contact_pair_2 of a second one, and so on.
     external_torque: shape (n,), joint torques of all loads and contacts [Nm]. Feedthrough of all inputs but
     contact_results. Feedthrough of contact_results when parts are held.
     tip_wrench: shape (6a,), of loads at the TCPs and of contacts of the bodies fixed to them, at each TCP in the world,
@@ -157,6 +158,7 @@ class LoadTruth(LeafSystem):
         parts: of the robot in the plant.
         frames: the further ones of `TipLoad`, of the robot's own plant.
         held: parts that arms hold.
+        pairs: number of contacts that are not the plant's own.
     """
 
     port_units = {
@@ -177,6 +179,7 @@ class LoadTruth(LeafSystem):
         parts: RobotParts,
         frames: Sequence[Frame] = (),
         held: Sequence[HeldPart] = (),
+        pairs: int = 0,
     ):
         super().__init__()
         n, count = robot.num_joints, len(parts.arms)
@@ -192,6 +195,8 @@ class LoadTruth(LeafSystem):
         self._contact_torque = self.DeclareVectorInputPort("contact_torque", len(order))
         self._released = self.DeclareVectorInputPort("part_released", len(held)) if held else None
         parts_tickets = {self._released.ticket()} if self._released is not None else set()
+        self._pairs = ContactPairs(self, pairs)
+        parts_tickets |= self._pairs.tickets
         self._posture = posture_cache(self, robot, position)
         posture: Any = self._posture.ticket()
         self._contacts = BlockCache(
@@ -216,7 +221,7 @@ class LoadTruth(LeafSystem):
     def _touch(self, context: Context) -> Array:
         wrenches, _ = self._wrenches.read(context)
         forces = np.zeros(len(self._arms))
-        contacts = self._read(context)
+        contacts = self._read(context) + self._pairs.read(context)
         if contacts:
             posture = self._posture.Eval(context)
             released = self._are_released(context)
@@ -248,13 +253,15 @@ class LoadTruth(LeafSystem):
                 torque += self._robot.jacobian_of(self._posture.Eval(context), frame).T @ wrench
         if self._contact_torque.HasValue(context):
             torque += self._contact_torque.Eval(context)[self._rows]
-        # A released part still hangs on the arm's coordinates, in which its contacts seem to act on the joints.
+        # In the plant's contact torques are those of held parts, and also those of a released part, which still hangs
+        # on the arm's coordinates. Contacts that are not the plant's own are not in them.
         for part, free in zip(self._held, self._are_released(context), strict=True):
-            if free and (contacts := self._read(context)):
+            contacts, sign = (self._read(context), -1.0) if free else (self._pairs.read(context), 1.0)
+            if contacts:
                 frame, posture = self._arms[part.arm].tcp_frame, self._posture.Eval(context)
                 tip = frame.CalcPoseInWorld(posture).translation()
                 on_part = wrench_between(contacts, part.bodies, None, tip)
-                torque -= self._robot.jacobian_of(posture, frame).T @ on_part
+                torque += sign * (self._robot.jacobian_of(posture, frame).T @ on_part)
         output.SetFromVector(torque)
 
     def _show_wrench(self, context: Context, output: BasicVector) -> None:

@@ -94,6 +94,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "Box": "forcectl.plant.contact.obstacle:ObstacleConfig",
         "Parts": "forcectl.plant.contact.parts:EnvironmentPartsConfig",
         "Part": "forcectl.plant.contact.part:PartConfig",
+        "PegInBore": "forcectl.plant.contact.peg_in_bore:InsertionConfig",
     },
     "surface": {
         "Grooves": "forcectl.plant.contact.surface:GrooveConfig",

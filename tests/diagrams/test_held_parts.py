@@ -8,19 +8,15 @@ import numpy as np
 import pytest
 from pydrake.math import RollPitchYaw, RotationMatrix
 
-from forcectl.diagrams import ContactTruthConfig, JointReadingsConfig, describe
+from forcectl.diagrams import describe
 from forcectl.diagrams.fidelities.multibody import MultibodyStation
-from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError
 from forcectl.plant.contact.part import PartConfig
 from forcectl.plant.contact.parts import EnvironmentPartsConfig
-from tests.examples.held_parts import MASS, TICK, Held, block_in_hand
+from tests.examples.held_parts import MASS, PLUNGER, TICK, Held, beside_the_bore, block_in_hand
 from tests.examples.stations import free, pressing
 
 WEIGHT = MASS * 9.81  # [N]
-PLUNGER = PartConfig(
-    model="pipette_plunger_0p5", frame="tip", arm="left", position=[0.0, 0.0, 0.1], rotation_deg=[180.0, 0.0, 0.0]
-)
 
 
 def test_a_part_sags_by_its_weight_over_the_stiffness(tmp_path):
@@ -153,37 +149,22 @@ def test_a_grasp_holds_no_more_than_its_limit(tmp_path):
     assert np.abs(in_hand - weight).max() == pytest.approx(2.0, abs=0.05)
 
 
-def beside_the_bore(offset: float) -> Workcell:
-    """A plunger in the left hand, and a body fixed around its tip, off by so much [m]."""
-    config = free(robot="yumi/left", elastic_joints=True)
-    workcell = describe(config)
-    X_WT = workcell.robot.pose(workcell.start_context())
-    X_WM = X_WT @ PLUNGER.placement
-    at = X_WM.translation() + X_WM.rotation().matrix() @ [offset, 0.0, 0.03]
-    roll, pitch, yaw = np.degrees(X_WM.rotation().ToRollPitchYaw().vector())
-    body = PartConfig(model="pipette_body", frame="mouth", position=at.tolist(), rotation_deg=[roll, pitch, yaw])
-    parts = EnvironmentPartsConfig(parts={"plunger": PLUNGER, "body": body})
-    sensors = {
-        "joints": JointReadingsConfig(),
-        "contact": ContactTruthConfig(on=["plunger"], by=["body"], frame="tcp"),
-    }
-    return describe(replace(config, environment=parts, sensors=sensors))
-
-
-def test_contact_of_a_held_part_counts_as_that_of_its_tool():
-    held = Held(beside_the_bore(1e-3))
+@pytest.mark.parametrize("shapes", [True, False])
+def test_contact_of_a_held_part_counts_as_that_of_its_tool(shapes):
+    held = Held(beside_the_bore(1e-3, shapes))
     held.go(0.02)
     wrench = held.read("body_contact_wrench")
     assert np.linalg.norm(wrench[3:]) > 0.1
     at_tip = held.read("tip_wrench")
-    np.testing.assert_allclose((wrench.reshape(2, 3) @ held.hand().rotation().matrix().T).ravel(), at_tip, atol=1e-9)
+    np.testing.assert_allclose(at_tip, held.moved("body", wrench, held.hand()), atol=1e-9)
     robot = held.workcell.robot
     jacobian = robot.jacobian(robot.context_at(held.read("link_position")))
     np.testing.assert_allclose(held.read("external_torque"), jacobian.T @ at_tip, atol=1e-9)
 
 
-def test_an_aligned_part_does_not_touch():
-    held = Held(beside_the_bore(0.0))
+@pytest.mark.parametrize("shapes", [True, False])
+def test_an_aligned_part_does_not_touch(shapes):
+    held = Held(beside_the_bore(0.0, shapes))
     assert not held.read("body_contact_wrench").any()
 
 

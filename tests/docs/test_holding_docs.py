@@ -32,6 +32,16 @@ def test_a_plunger_in_one_hand_and_a_tube_in_the_other_that_lets_go():
     assert not log["tip_wrench"].values.any()
 
 
+def test_the_contact_without_meshes_is_built_from_its_line():
+    """Beside parts that do not touch it changes nothing."""
+    (seat,) = re.findall(r"`(seat: !PegInBore {.*?})`", PAGE)
+    short = SCENARIO.replace("duration: 0.3", "duration: 0.04")
+    tube = "      tube: !Part\n"
+    assert tube in short
+    logs = [fc.run(parse(text, "holding.yaml")).log for text in (short, short.replace(tube, f"      {seat}\n{tube}"))]
+    np.testing.assert_array_equal(logs[1]["part_position"].values, logs[0]["part_position"].values)
+
+
 def test_a_controller_of_ones_own_opens_a_hand_and_closes_it(tmp_path, monkeypatch):
     (tmp_path / "my_grippers.py").write_text(CODE)
     monkeypatch.syspath_prepend(str(tmp_path))

@@ -10,6 +10,7 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from forcectl.diagrams.model import plant_model
+from forcectl.diagrams.station import build_station
 from forcectl.diagrams.workcell import Workcell
 from forcectl.estimation.force_estimator import READINGS, ForceEstimator, ForceEstimatorConfig
 from forcectl.motion.joint_path import JointPath, Move, Sines
@@ -23,7 +24,7 @@ from forcectl.plant.tip_load import HeldPart, LoadTruth, TipLoad
 from forcectl.robot.model import RobotModel
 from forcectl.robot.parts import RobotParts, add_robot
 from tests.examples.block_example import Example, each
-from tests.examples.block_examples_stations import ARM, arm_workcell
+from tests.examples.block_examples_stations import ARM, arm_workcell, inserting_workcell
 
 ELBOW = "left_link_4"  # a body that loads may act on
 
@@ -85,11 +86,11 @@ def truth_of_a_body() -> LoadTruth:
     return LoadTruth(robot, plant, parts, [robot.plant.GetFrameByName(ELBOW, robot.parts.instance)])
 
 
-def truth_of_a_part() -> LoadTruth:
+def truth_of_a_part(pairs: int = 0) -> LoadTruth:
     """The last link in the place of a part."""
     robot, plant, parts = arm_in_a_plant()
     last = frozenset({int(plant.GetBodyByName("left_link_7").index())})
-    return LoadTruth(robot, plant, parts, held=[HeldPart(0, last)])
+    return LoadTruth(robot, plant, parts, held=[HeldPart(0, last)], pairs=pairs)
 
 
 def truth_of(*inputs: str) -> set[tuple[str, str]]:
@@ -218,6 +219,13 @@ JOINT_INTERFACE_EXAMPLES: dict[type[System], list[Example]] = {
             truth_of("link_position", "external_wrench", "contact_wrench", "part_released")
             | each("external_torque", "contact_results"),
             {"link_position": moved, "external_wrench": wrench, "part_released": lambda t: np.array([float(t > 0.02)])},
+        ),
+        Example(
+            partial(truth_of_a_part, pairs=1),
+            truth_of("link_position", "external_wrench", "contact_wrench", "part_released", "contact_pair_1")
+            | each("external_torque", "contact_results"),
+            {"joint_position_command": lambda t: moved(t)},
+            runnable=lambda: build_station(inserting_workcell(), 3),
         ),
     ],
 }

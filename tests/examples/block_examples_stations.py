@@ -3,7 +3,7 @@
 from __future__ import annotations
 
 from collections.abc import Callable
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import cache, partial
 from typing import Any
 
@@ -31,7 +31,8 @@ from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.contact.part import GraspConfig, PartConfig
 from forcectl.plant.contact.part_position import PartPosition
 from forcectl.plant.contact.parts import EnvironmentPartsConfig
-from forcectl.plant.contact.peg_contact import PegContact, PegInBoreConfig
+from forcectl.plant.contact.peg_contact import PegContact
+from forcectl.plant.contact.peg_in_bore import PegInBoreConfig
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.plant.contact.surface_materials import MaterialsConfig, SegmentConfig
 from forcectl.plant.drives.position_loop import PositionLoopConfig
@@ -40,6 +41,7 @@ from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 from forcectl.testing.runs import Input
 from tests.examples import insertion
 from tests.examples.block_example import Example, each
+from tests.examples.held_parts import beside_the_bore
 from tests.examples.stations import free, pressing
 
 ARM = "yumi/left"
@@ -178,6 +180,18 @@ def holding_workcell() -> Workcell:
     return describe(free(robot=ARM, tool=None, environment=EnvironmentPartsConfig(parts=parts)))
 
 
+@cache
+def inserting_workcell() -> Workcell:
+    """An arm that holds a plunger, askew in a bore, without the contact of their shapes."""
+    config = beside_the_bore(1e-3, shapes=False).config
+    return describe(replace(config, sensors={"joints": config.sensors["joints"]}))
+
+
+def wrench_in_the_bore() -> ContactWrench:
+    plant = in_plant(inserting_workcell()).plant
+    return ContactWrench(plant, bodies_named(plant, ["plunger"], "on"), None, plant.world_frame(), pairs=1)
+
+
 def gripper_opening() -> GripperOpening:
     grasps = [Grasp(0, GraspConfig()), Grasp(1, GraspConfig(released_at=0.04), held=False)]
     return GripperOpening(grasps, 2, period=0.002)
@@ -240,6 +254,7 @@ STATION_EXAMPLES: dict[type[System], list[Example]] = {
         example(two_tables, INTERFACE, "contact_force", "contact_state", *LOADED),
         example(table_and_foam, INTERFACE, "contact_force", "contact_state", *LOADED),
         example(holding_workcell, INTERFACE, *LOADED),
+        example(inserting_workcell, INTERFACE, *LOADED),
     ],
     MotorSide: [
         Example(
@@ -322,7 +337,13 @@ STATION_EXAMPLES: dict[type[System], list[Example]] = {
             each("body_contact_wrench", "contact_results", "body_poses"),
             {"joint_position_command": lambda t: moved(touching_workcell(False))(t)},
             runnable=lambda: build_station(touching_workcell(False), 3),
-        )
+        ),
+        Example(
+            wrench_in_the_bore,
+            each("body_contact_wrench", "contact_results", "body_poses", "contact_pair_1"),
+            {"joint_position_command": lambda t: moved(inserting_workcell())(t)},
+            runnable=lambda: build_station(inserting_workcell(), 3),
+        ),
     ],
     GripperOpening: [
         Example(
@@ -345,8 +366,11 @@ STATION_EXAMPLES: dict[type[System], list[Example]] = {
     PegContact: [
         Example(
             peg_contact,
-            each("spatial_forces", "body_poses", "body_velocities")
-            | each("body_contact_wrench", "body_poses", "body_velocities"),
+            {
+                pair
+                for output in ("spatial_forces", "body_contact_wrench", "contact_pair")
+                for pair in each(output, "body_poses", "body_velocities", "released")
+            },
             runnable=lambda: insertion.build(
                 "0p5", insertion.misalignments(1)[0], contact=insertion.analytic("0p5"), above=-0.01
             )[0],

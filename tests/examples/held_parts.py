@@ -2,19 +2,22 @@
 
 from __future__ import annotations
 
+from collections.abc import Sequence
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import numpy as np
-from pydrake.math import RollPitchYaw
+from pydrake.math import RigidTransform, RollPitchYaw
 from pydrake.systems.analysis import Simulator
 
-from forcectl.diagrams import describe
+from forcectl.diagrams import ContactTruthConfig, JointReadingsConfig, describe
 from forcectl.diagrams.fidelities.multibody import MultibodyStation
 from forcectl.diagrams.workcell import Workcell
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.contact.part import GraspConfig, PartConfig
 from forcectl.plant.contact.parts import EnvironmentPartsConfig
+from forcectl.plant.contact.peg_in_bore import InsertionConfig
 from forcectl.robot.model import RobotModel
 from tests.examples.stations import free
 
@@ -53,16 +56,55 @@ def block_in_hand(folder: Path, table: float | None = None, lying: list[float] |
     return describe(free(robot="yumi/left", elastic_joints=True, environment=EnvironmentPartsConfig(parts=parts)))
 
 
+PLUNGER = PartConfig(
+    model="pipette_plunger_0p5", frame="tip", arm="left", position=[0.0, 0.0, 0.1], rotation_deg=[180.0, 0.0, 0.0]
+)
+BETWEEN = ContactTruthConfig(on=["plunger"], by=["body"], frame="body::mouth")  # wrench on the plunger
+# The hands face each other along y, level, 16.5 cm apart: 5 mm between a plunger and the bore in the other hand.
+ARMS = {"left": [-50.997, -41.655, 85.036, 18.127, -30.028, 69.708, -116.149]}
+ARMS["right"] = [50.997, -41.655, -85.036, 18.127, 30.028, 69.708, 116.149]
+
+
+def plunger_and_bore(parts: dict[str, PartConfig], shapes: bool, **station: Any) -> Workcell:
+    """A workcell with a plunger and a body, whose contact is that of their shapes or a `PegContact`."""
+    seat = {} if shapes else {"seat": InsertionConfig(peg="plunger", bore="body")}
+    config = free(elastic_joints=True, environment=EnvironmentPartsConfig(parts=parts | seat), **station)
+    return describe(replace(config, sensors={"joints": JointReadingsConfig(), "contact": BETWEEN}))
+
+
+def beside_the_bore(
+    offset: float, shapes: bool = True, deep: float = 0.03, posture: Sequence[float] = (), **grasp: Any
+) -> Workcell:
+    """A plunger in the left hand, and a body fixed around its tip, off by so much, which is so deep in it [m]."""
+    station = {"robot": "yumi/left", "posture_deg": list(posture)}
+    workcell = describe(free(elastic_joints=True, **station))
+    X_WM = workcell.robot.pose(workcell.start_context()) @ PLUNGER.placement
+    at = X_WM.translation() + X_WM.rotation().matrix() @ [offset, 0.0, deep]
+    angles = np.degrees(X_WM.rotation().ToRollPitchYaw().vector()).tolist()
+    body = PartConfig(model="pipette_body", frame="mouth", position=at.tolist(), rotation_deg=angles)
+    plunger = replace(PLUNGER, grasp=GraspConfig(**grasp))
+    return plunger_and_bore({"plunger": plunger, "body": body}, shapes, **station)
+
+
+def facing_hands(offset: Sequence[float], tilt: float, shapes: bool, **station: Any) -> Workcell:
+    """A plunger in the left hand and a body in the right; the plunger is off by this [m] and tilted [deg]."""
+    plunger = replace(PLUNGER, position=[*offset, 0.1], rotation_deg=[180.0 + tilt, 0.0, 0.0])
+    body = PartConfig(model="pipette_body", frame="mouth", arm="right", position=[0.0, 0.0, 0.06])
+    posture = ARMS["left"] + ARMS["right"]
+    return plunger_and_bore({"plunger": plunger, "body": body}, shapes, posture_deg=posture, **station)
+
+
 class Held:
     """A station whose arm is commanded to stand at its start, or off it by joint positions [rad]."""
 
     def __init__(self, workcell: Workcell):
         self.workcell, self.station = workcell, MultibodyStation(workcell, 0)
-        self._simulator = Simulator(self.station)
-        self.context = self._simulator.get_mutable_context()
+        self.simulator = Simulator(self.station)
+        self.context = self.simulator.get_mutable_context()
         self._command = self.station.GetInputPort("joint_position_command")
         self._command.FixValue(self.context, workcell.motor_start)
-        self.home = workcell.robot.pose(workcell.robot.context_at(workcell.motor_start))
+        self._robot = workcell.robot.for_arm("left")
+        self.home = self._robot.pose(self._robot.context_at(workcell.motor_start))
 
     def go(self, until: float, speed: Array | float = 0.0) -> None:
         """Simulate up to a time [s], the command moving at these joint speeds [rad/s]."""
@@ -70,11 +112,11 @@ class Held:
         first = round(self.context.get_time() / TICK)
         for k in range(first + 1, round(until / TICK) + 1):
             self._command.FixValue(self.context, start + (k - first) * TICK * np.asarray(speed))
-            self._simulator.AdvanceTo(k * TICK)
+            self.simulator.AdvanceTo(k * TICK)
 
     def to(self, offset: Array, until: float) -> None:
-        """Lead the hand straight to where it was at the start, plus an offset in the world [m]."""
-        robot, arm = self.workcell.robot, self._command.Eval(self.context).copy()
+        """Lead the hand, of two the left one, to where it was at the start, plus an offset in the world [m]."""
+        robot, arm = self._robot, self._command.Eval(self.context).copy()
         goal, turned = self.home.translation() + offset, arm.copy()
         for _ in range(30):
             context = robot.context_at(turned)
@@ -94,8 +136,17 @@ class Held:
         """An output of the station."""
         return self.station.GetOutputPort(name).Eval(self.context)
 
-    def hand(self):
-        """Pose of the TCP."""
+    def hand(self, arm: str = ""):
+        """Pose of the TCP of the one arm, or of one of two."""
+        return self._pose("tcp", f"{arm}_yumi_gripper" if arm else "yumi_gripper")
+
+    def moved(self, bore: str, wrench: Array, hand: RigidTransform) -> Array:
+        """A wrench at the mouth of a part in its axes, at a hand in the world."""
+        X_WM = self._pose("mouth", bore)
+        torque, force = wrench.reshape(2, 3) @ X_WM.rotation().matrix().T
+        return np.concatenate([torque + np.cross(X_WM.translation() - hand.translation(), force), force])
+
+    def _pose(self, frame: str, model: str):
         plant = self.station.plant
-        frame = plant.GetFrameByName("tcp", plant.GetModelInstanceByName("yumi_gripper"))
-        return frame.CalcPoseInWorld(plant.GetMyContextFromRoot(self.context))
+        found = plant.GetFrameByName(frame, plant.GetModelInstanceByName(model))
+        return found.CalcPoseInWorld(plant.GetMyContextFromRoot(self.context))

@@ -66,6 +66,24 @@ class ContactReader:
             yield BodyContact(self._body_of[surface.id_M()], self._body_of[surface.id_N()], surface.centroid(), wrench)
 
 
+class ContactPairs:
+    """Inputs `contact_pair_1` and so on of a block: contacts that are no part of a plant's contact results.
+
+    Args:
+        block: that has them.
+        count: of inputs.
+    """
+
+    def __init__(self, block: LeafSystem, count: int):
+        names = [f"contact_pair_{i + 1}" for i in range(count)]
+        self._ports = [block.DeclareAbstractInputPort(name, AbstractValue.Make(())) for name in names]
+        self.tickets = {port.ticket() for port in self._ports}
+
+    def read(self, context: Context) -> list[BodyContact]:
+        """All of them."""
+        return [contact for port in self._ports for contact in port.Eval(context)]
+
+
 def wrench_between(
     contacts: Iterable[BodyContact], on: Collection[int], by: Collection[int] | None, point: Array
 ) -> Array:
@@ -136,11 +154,12 @@ class ContactWrench(LeafSystem):
 
     ```
     name: ContactWrench
-    input_ports: [contact_results, body_poses]
+    input_ports: [contact_results, body_poses, contact_pair_1 (optional), (further ones of the same kind)]
     output_ports: [body_contact_wrench]
     ```
 
     contact_results, body_poses: abstract, of the plant.
+    contact_pair_1: abstract, of a `PegContact`, see there; contact_pair_2 of a second one, and so on.
     body_contact_wrench: shape (6,), on the bodies `on` at the origin of the frame in the frame, [torque; force]; zero
     where they do not touch [Nm, N]. Feedthrough of all inputs.
 
@@ -151,25 +170,29 @@ class ContactWrench(LeafSystem):
         on: indices of the bodies that are acted on.
         by: of those that act; None: all others.
         frame: of the plant.
+        pairs: number of contacts that are not the plant's own.
     """
 
     port_units = {"body_contact_wrench": "Nm,N"}
 
-    def __init__(self, plant: MultibodyPlant, on: Collection[int], by: Collection[int] | None, frame: Frame):
+    def __init__(
+        self, plant: MultibodyPlant, on: Collection[int], by: Collection[int] | None, frame: Frame, pairs: int = 0
+    ):
         super().__init__()
         self._reader, self._on, self._by = ContactReader(plant), on, by
         self._body, self._X_BF = int(frame.body().index()), frame.GetFixedPoseInBodyFrame()
         self._results = self.DeclareAbstractInputPort("contact_results", AbstractValue.Make(ContactResults()))
         self._poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
+        self._pairs = ContactPairs(self, pairs)
         self.DeclareVectorOutputPort(
             "body_contact_wrench",
             6,
             self._show,
-            prerequisites_of_calc={self._results.ticket(), self._poses.ticket()},
+            prerequisites_of_calc={self._results.ticket(), self._poses.ticket()} | self._pairs.tickets,
         )
 
     def _show(self, context: Context, output: BasicVector) -> None:
         X_WF = self._poses.Eval(context)[self._body] @ self._X_BF
-        contacts = self._reader.read(self._results.Eval(context))
+        contacts = [*self._reader.read(self._results.Eval(context)), *self._pairs.read(context)]
         wrench = wrench_between(contacts, self._on, self._by, X_WF.translation())
         output.SetFromVector((wrench.reshape(2, 3) @ X_WF.rotation().matrix()).ravel())

@@ -1,0 +1,238 @@
+"""Contact of a tapered peg in a bore with a lead-in chamfer, without meshes: Kelvin-Voigt springs on four rings.
+
+Both parts are turned. In the half plane of radius r and height z through an axis, the wall of the bore and the peg are
+convex, each the set where a few planes have a depth of at least zero, and the depth of a point is the least of them.
+They touch at an edge of one on a face of the other: the edges of the peg's tip and of its shoulder on the bore, the
+edge of the bore and that of its mouth on the peg. An edge is a ring of points. Along the normals the forces on it are
+
+    f_i = max(0, K d_i - D v_i) d_i/sum(d)        d depth, v speed of separation
+
+so that its stiffness K does not depend on the number of points, and Coulomb's along the face, smooth below 1 mm/s.
+
+A force that a discrete plant holds over a step h makes stiff contact unstable. So d and v are those that the peg will
+have at the end of the step, when it has the velocity V+ relative to the bore. That follows from the mobility W of the
+two parts, each with what holds it, and from V*, what V+ would be without contact:
+
+    V+ = V* + h W F(V+),    V* = V + W W0^-1 (V - V-) - h W F-
+
+with F linear in V+ (stiffness, damping and friction of the points that would touch at the end of the step with V*).
+The part of V* beside V is what all but the contact did over the last step; W0 is the mobility without springs and
+dampers, which answer to a change of the velocity. At rest the force is K d whatever W is; W decides over stability
+only: parts that move more easily than it says ring, those that move less easily lag.
+"""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any, NamedTuple
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.errors import invalid
+from forcectl.framework.fields import Config, key
+from forcectl.models.make_parts import CLEARANCES
+
+Array = NDArray[np.float64]
+SLIP = 1e-3  # [m/s] below which friction is less than Coulomb's
+_PASSES = 3  # to find the points that push, and their friction
+_COUNT = 24  # points of a ring
+_ANGLES = 2 * np.pi * (np.arange(_COUNT) + 0.5) / _COUNT
+
+
+@dataclass(kw_only=True)
+class PegInBoreConfig(Config):
+    """Sizes and coefficients of a peg and a bore; the defaults are those of `models/parts`."""
+
+    bore_radius: float = key(12.85e-3, "of the bore", unit="m", bounds="positive")
+    chamfer: float = key(4e-3, "of the mouth, radially and along the axis", unit="m", bounds="positive")
+    depth: float = key(96e-3, "from the mouth to the floor", unit="m", bounds="positive")
+    clearance: float = key(0.5e-3, "in radius", unit="m", bounds="not negative")
+    rim_radius: float = key(18.5e-3, "outside of the bore's part", unit="m", bounds="positive")
+    floor_thickness: float = key(20e-3, "of the bore's part", unit="m", bounds="positive")
+    length: float = key(110e-3, "of the peg", unit="m", bounds="positive")
+    taper_length: float = key(8e-3, "of the peg's tip", unit="m", bounds="positive")
+    taper_radius: float = key(5e-3, "by which the peg's tip is narrower", unit="m", bounds="positive")
+    stiffness: float = key(2e5, "K of a ring", unit="N/m", bounds="positive")
+    damping: float = key(100.0, "D of a ring", unit="N s/m", bounds="not negative")
+    friction: float = key(0.15, "Coulomb's", bounds="not negative")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.clearance + self.taper_radius < self.bore_radius:
+            raise invalid("taper_radius", self.taper_radius, f"below {self.bore_radius - self.clearance:g}, the peg's")
+        if not self.bore_radius + self.chamfer < self.rim_radius:
+            raise invalid("rim_radius", self.rim_radius, f"above {self.bore_radius + self.chamfer:g}, the mouth's")
+
+
+@dataclass(kw_only=True)
+class InsertionConfig(PegInBoreConfig):
+    """Scenario part `!PegInBore`: the contact of two `!Part`s by `PegContact`, in place of that of their shapes."""
+
+    peg: str = key(meaning="name of the part that goes in")
+    bore: str = key(meaning="name of the part with the bore")
+    tip: str = key("tip", "frame of the peg, in its front face, z backwards")
+    mouth: str = key("mouth", "frame of the other part, in the opening, z out of it")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.peg == self.bore:
+            raise invalid("bore", self.bore, "another part than that of peg")
+
+    def check_model(self, peg: str) -> None:
+        """Whether the clearance is that of the peg's model, if it is a shipped one.
+
+        Raises:
+            BadInputError: it is not.
+        """
+        clearance = CLEARANCES.get(peg.removeprefix("pipette_plunger_"), self.clearance)
+        if not math.isclose(clearance, self.clearance):
+            raise invalid("clearance", self.clearance, f"{clearance:g}, that of {peg}")
+
+
+def cross_matrix(a: Array) -> Array:
+    """The matrix of the product a x ..., several times as fast as `np.cross`."""
+    x, y, z = a.tolist()
+    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+def _ring(radius: float, z: float) -> Array:
+    return np.column_stack([radius * np.cos(_ANGLES), radius * np.sin(_ANGLES), np.full(_COUNT, z)])
+
+
+class PegProfile:
+    """Rings of points and planes (a, b, c) of depth a r + b z + c of a peg and a bore.
+
+    Args:
+        config: sizes.
+    """
+
+    def __init__(self, config: PegInBoreConfig):
+        R, c = config.bore_radius, config.chamfer
+        peg, tip = R - config.clearance, R - config.clearance - config.taper_radius
+        slope = config.taper_radius / config.taper_length
+        steep, half = math.hypot(1.0, slope), math.sqrt(0.5)
+        rim, end = [-1.0, 0.0, config.rim_radius], [0.0, -1.0, config.length]
+        self.wall = np.array([[1.0, 0.0, -R], [half, -half, -half * (R + c)], [0.0, -1.0, 0.0], rim])
+        self.peg = np.array([[-1.0, 0.0, peg], [-1 / steep, slope / steep, tip / steep], [0.0, 1.0, 0.0], end])
+        self.floor, self.bottom, self.rim = -config.depth, config.floor_thickness, config.rim_radius
+        self.reach = math.hypot(config.depth + config.floor_thickness + config.length, config.rim_radius + peg)
+        self.on_peg = np.vstack([_ring(tip, 0.0), _ring(peg, config.taper_length)])
+        self.on_bore = np.vstack([_ring(R, -c), _ring(R + c, 0.0)])
+
+
+def _depths(points: Array, planes: Array) -> tuple[Array, Array]:
+    """Depth of each point in a turned part, shape (p,), and the outward normal there, (p, 3), in the part's frame."""
+    radius = np.hypot(points[:, 0], points[:, 1])
+    each = planes[:, :1] * radius + planes[:, 1:2] * points[:, 2] + planes[:, 2:]
+    which = each.argmin(axis=0)
+    normals = np.empty_like(points)
+    a, b = planes[which, 0], planes[which, 1]
+    normals[:, :2] = -(a / np.maximum(radius, 1e-9))[:, None] * points[:, :2]
+    normals[:, 2] = -b
+    return each[which, np.arange(len(which))], normals
+
+
+class Touch(NamedTuple):
+    """Points of a peg that touch a bore now, in the mouth's frame.
+
+    Attributes:
+        points: where, shape (p, 3) [m].
+        normals: of the faces there, towards the peg, shape (p, 3).
+        depths: shape (p,) [m].
+        shares: of the stiffness of their rings, shape (p,).
+    """
+
+    points: Array
+    normals: Array
+    depths: Array
+    shares: Array
+
+
+def touching(profile: PegProfile, R: Array, p: Array) -> Touch | None:
+    """Where a peg touches a bore; None where it does not.
+
+    Args:
+        profile: of both.
+        R, p: orientation and place of the peg's tip in the mouth's frame, shapes (3, 3) and (3,) [m].
+    """
+    peg_points = profile.on_peg @ R.T + p
+    if peg_points[:, 2].min() > 0.0:
+        return None
+    depth, normals = _depths(peg_points, profile.wall)
+    below = profile.floor - peg_points[:, 2]
+    if below.max() > 0:  # the floor is a part of its own
+        inside = np.hypot(peg_points[:, 0], peg_points[:, 1]) < profile.rim
+        low = (below > 0) & (below < profile.bottom) & inside
+        depth, normals = np.where(low, below, depth), np.where(low[:, None], [0.0, 0.0, 1.0], normals)
+    other_depth, other_normals = _depths((profile.on_bore - p) @ R, profile.peg)
+    depths = np.maximum(np.concatenate([depth, other_depth]), 0.0)
+    active = np.flatnonzero(depths)
+    if not active.size:
+        return None
+    sums = depths.reshape(4, _COUNT).sum(axis=1)
+    points = np.concatenate([peg_points, profile.on_bore])[active]
+    normals = np.concatenate([normals, -other_normals @ R.T])[active]
+    return Touch(points, normals, depths[active], depths[active] / sums[active // _COUNT])
+
+
+def forces_at(touch: Touch, config: PegInBoreConfig, twist: Array, change: Array) -> Array:
+    """Forces on the peg at the points that touch, shape (p, 3) [N].
+
+    Args:
+        touch: the points.
+        config: coefficients.
+        twist: velocity of the peg at the mouth in its frame, shape (6,) [rad/s, m/s].
+        change: by which the peg is elsewhere than where it touches like this, likewise, shape (6,) [rad, m].
+    """
+    velocity, moved = (each[3:] - touch.points @ cross_matrix(each[:3]) for each in (twist, change))
+    apart, away = (np.einsum("ij,ij->i", each, touch.normals) for each in (velocity, moved))
+    spring = config.stiffness * (touch.depths - away) - config.damping * apart
+    normal = np.maximum(spring, 0.0) * touch.shares
+    slip = velocity - apart[:, None] * touch.normals
+    speed = np.sqrt(np.einsum("ij,ij->i", slip, slip) + SLIP**2)
+    forces: Array = normal[:, None] * touch.normals - (config.friction * normal / speed)[:, None] * slip
+    return forces
+
+
+def resultant(touch: Touch, forces: Array) -> Array:
+    """[torque; force] of forces at the points that touch, at the mouth, shape (6,) [Nm, N]."""
+    m = touch.points.T @ forces
+    torque = [m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]]
+    return np.concatenate([torque, forces.sum(axis=0)])
+
+
+def next_twist(touch: Touch, config: PegInBoreConfig, mobility: Array, free: Array, step: float) -> Array:
+    """Velocity of the peg at the end of a step, its contact included, shape (6,) [rad/s, m/s].
+
+    Args:
+        touch: the points, where the peg is at the end of the step without contact.
+        config: coefficients.
+        mobility: W at the mouth, shape (6, 6).
+        free: its velocity there at the end of the step without contact [rad/s, m/s].
+        step: h [s].
+    """
+    x, n, c = touch.points, touch.normals, config
+    points = np.zeros((len(x), 3, 6))  # Jacobians of the points
+    points[:, :, 3:] = np.eye(3)
+    for row, column, axis in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        points[:, row, column] = x[:, axis]
+        points[:, column, row] = -x[:, axis]
+    rows = np.einsum("ij,ijk->ik", n, points)
+    every, stiff, response = points.reshape(-1, 6), c.stiffness * step, step * mobility
+    elastic = c.stiffness * touch.depths + stiff * (rows @ free)  # depths are of the end of the step
+    spring, along = elastic - (c.damping + stiff) * (rows @ free), np.zeros(len(x))
+    found: Any = free
+    for _ in range(_PASSES):
+        pushing = touch.shares * (spring > 0.0)
+        # Along the normals springs and dampers, in all other directions friction as a damper.
+        normal = (c.damping + stiff) * pushing - along
+        damper = (rows.T * normal) @ rows + (every.T * np.repeat(along, 3)) @ every
+        found = np.linalg.solve(np.eye(6) + response @ damper, free + response @ ((pushing * elastic) @ rows))
+        apart = rows @ found
+        spring = elastic - (c.damping + stiff) * apart
+        slip = (every @ found).reshape(-1, 3) - apart[:, None] * n
+        speed = np.sqrt(np.einsum("ij,ij->i", slip, slip) + SLIP**2)
+        along = c.friction * np.maximum(spring, 0.0) * touch.shares / speed
+    return found
