@@ -7,6 +7,7 @@ import argparse
 from benchmarks import (
     _measure,
     block_graph,
+    contact,
     control_tick,
     force_laws,
     governor,
@@ -34,6 +35,7 @@ def run_all() -> None:
         start_up,
         real_time,
         joint_interface_station,
+        contact,
         control_tick,
         force_laws,
         governor,

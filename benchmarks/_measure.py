@@ -41,11 +41,11 @@ class Row:
 Benchmark = Callable[[int], Iterator[Row]]
 
 
-def seconds(work: Callable[[], Any]) -> float:
-    """How long `work` takes [s]."""
-    started = time.perf_counter()
+def seconds(work: Callable[[], Any], clock: Callable[[], float] = time.perf_counter) -> float:
+    """How long `work` takes by a clock [s]."""
+    started = clock()
     work()
-    return time.perf_counter() - started
+    return clock() - started
 
 
 def median_seconds(work: Callable[[], Any], repeats: int) -> float:
@@ -54,14 +54,16 @@ def median_seconds(work: Callable[[], Any], repeats: int) -> float:
     return statistics.median(seconds(work) for _ in range(repeats))
 
 
-def interleaved_medians(works: Sequence[Callable[[], Any]], repeats: int) -> list[float]:
+def interleaved_medians(
+    works: Sequence[Callable[[], Any]], repeats: int, clock: Callable[[], float] = time.perf_counter
+) -> list[float]:
     """Median time of each of `works` [s], run in turns so that a disturbance of the machine meets all of them."""
     for work in works:
         work()
     times: list[list[float]] = [[] for _ in works]
     for _ in range(repeats):
         for work, found in zip(works, times, strict=True):
-            found.append(seconds(work))
+            found.append(seconds(work, clock))
     return [statistics.median(found) for found in times]
 
 

@@ -20,10 +20,8 @@ from forcectl.plant.contact.contact_truth import BodyContact
 from forcectl.plant.contact.peg_in_bore import (
     PegInBoreConfig,
     PegProfile,
+    contact_wrench,
     cross_matrix,
-    forces_at,
-    next_twist,
-    resultant,
     touching,
 )
 
@@ -165,8 +163,7 @@ class PegContact(LeafSystem):
         touch = touching(self._profile, R + turn @ R, p + turn @ p + self._step * free[3:])
         if touch is None:
             return np.concatenate([own.ravel(), np.zeros(18)])
-        then = next_twist(touch, self._config, mobility, free, self._step)
-        wrench = resultant(touch, forces_at(touch, self._config, then, self._step * (then - free)))
+        wrench = contact_wrench(touch, self._config, mobility, free, self._step)
         return np.concatenate([own.ravel(), wrench, R_WM @ wrench[:3], R_WM @ wrench[3:], p_WT - p_WM, p_WM])
 
     def _remember(self, context: Context, next_state: DiscreteValues) -> None:

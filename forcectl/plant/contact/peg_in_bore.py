@@ -25,10 +25,11 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.linalg.lapack import dgesv
 
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
@@ -37,6 +38,7 @@ from forcectl.models.make_parts import CLEARANCES
 Array = NDArray[np.float64]
 SLIP = 1e-3  # [m/s] below which friction is less than Coulomb's
 _PASSES = 3  # to find the points that push, and their friction
+_IDENTITY = np.eye(6)
 _COUNT = 24  # points of a ring
 _ANGLES = 2 * np.pi * (np.arange(_COUNT) + 0.5) / _COUNT
 
@@ -177,45 +179,19 @@ def touching(profile: PegProfile, R: Array, p: Array) -> Touch | None:
     return Touch(points, normals, depths[active], depths[active] / sums[active // _COUNT])
 
 
-def forces_at(touch: Touch, config: PegInBoreConfig, twist: Array, change: Array) -> Array:
-    """Forces on the peg at the points that touch, shape (p, 3) [N].
-
-    Args:
-        touch: the points.
-        config: coefficients.
-        twist: velocity of the peg at the mouth in its frame, shape (6,) [rad/s, m/s].
-        change: by which the peg is elsewhere than where it touches like this, likewise, shape (6,) [rad, m].
-    """
-    velocity, moved = (each[3:] - touch.points @ cross_matrix(each[:3]) for each in (twist, change))
-    apart, away = (np.einsum("ij,ij->i", each, touch.normals) for each in (velocity, moved))
-    spring = config.stiffness * (touch.depths - away) - config.damping * apart
-    normal = np.maximum(spring, 0.0) * touch.shares
-    slip = velocity - apart[:, None] * touch.normals
-    speed = np.sqrt(np.einsum("ij,ij->i", slip, slip) + SLIP**2)
-    forces: Array = normal[:, None] * touch.normals - (config.friction * normal / speed)[:, None] * slip
-    return forces
-
-
-def resultant(touch: Touch, forces: Array) -> Array:
-    """[torque; force] of forces at the points that touch, at the mouth, shape (6,) [Nm, N]."""
-    m = touch.points.T @ forces
-    torque = [m[1, 2] - m[2, 1], m[2, 0] - m[0, 2], m[0, 1] - m[1, 0]]
-    return np.concatenate([torque, forces.sum(axis=0)])
-
-
-def next_twist(touch: Touch, config: PegInBoreConfig, mobility: Array, free: Array, step: float) -> Array:
-    """Velocity of the peg at the end of a step, its contact included, shape (6,) [rad/s, m/s].
+def contact_wrench(touch: Touch, config: PegInBoreConfig, mobility: Array, free: Array, step: float) -> Array:
+    """[torque; force] on the peg at the mouth over a step, shape (6,) [Nm, N].
 
     Args:
         touch: the points, where the peg is at the end of the step without contact.
         config: coefficients.
         mobility: W at the mouth, shape (6, 6).
-        free: its velocity there at the end of the step without contact [rad/s, m/s].
+        free: velocity V* of the peg there at the end of the step without contact [rad/s, m/s].
         step: h [s].
     """
     x, n, c = touch.points, touch.normals, config
     points = np.zeros((len(x), 3, 6))  # Jacobians of the points
-    points[:, :, 3:] = np.eye(3)
+    points[:, :, 3:] = _IDENTITY[:3, :3]
     for row, column, axis in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
         points[:, row, column] = x[:, axis]
         points[:, column, row] = -x[:, axis]
@@ -223,16 +199,17 @@ def next_twist(touch: Touch, config: PegInBoreConfig, mobility: Array, free: Arr
     every, stiff, response = points.reshape(-1, 6), c.stiffness * step, step * mobility
     elastic = c.stiffness * touch.depths + stiff * (rows @ free)  # depths are of the end of the step
     spring, along = elastic - (c.damping + stiff) * (rows @ free), np.zeros(len(x))
-    found: Any = free
     for _ in range(_PASSES):
         pushing = touch.shares * (spring > 0.0)
         # Along the normals springs and dampers, in all other directions friction as a damper.
         normal = (c.damping + stiff) * pushing - along
         damper = (rows.T * normal) @ rows + (every.T * np.repeat(along, 3)) @ every
-        found = np.linalg.solve(np.eye(6) + response @ damper, free + response @ ((pushing * elastic) @ rows))
-        apart = rows @ found
+        then = dgesv(_IDENTITY + response @ damper, free + response @ ((pushing * elastic) @ rows))[2]
+        apart = rows @ then
         spring = elastic - (c.damping + stiff) * apart
-        slip = (every @ found).reshape(-1, 3) - apart[:, None] * n
+        slip = (every @ then).reshape(-1, 3) - apart[:, None] * n
         speed = np.sqrt(np.einsum("ij,ij->i", slip, slip) + SLIP**2)
         along = c.friction * np.maximum(spring, 0.0) * touch.shares / speed
-    return found
+    force = (np.maximum(spring, 0.0) * touch.shares)[:, None] * n - along[:, None] * slip
+    wrench: Array = force.ravel() @ every
+    return wrench
