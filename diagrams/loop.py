@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortDataType, System
 
-from forcectl.conventions import TRUTH, unit_of
+from forcectl.conventions import SIGNALS, TRUTH, WRENCH_PARTS, unit_of
 from forcectl.diagrams.chain import check_stability
 from forcectl.diagrams.force_controller import build_controller
 from forcectl.diagrams.log import LoggedLoop, add_log
@@ -33,7 +33,6 @@ from forcectl.framework.wiring import Enclosed, add_part, input_names, made_by
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.tip_kinematics import tip_displacements
 
-WRENCH_PARTS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
 # Of a station with a force sensor only, the signals that are looked at; the others cost more to log than to have.
 _FORCE_SIGNALS = (
     "measured_force",
@@ -155,6 +154,7 @@ def build_loop(parts: LoopParts) -> Loop:
     with about(parts.station):
         station = builder.AddNamedSystem("station", build_station(workcell, parts.seed))
     signals.add("station", station)
+    signals.add("controller", controller, SIGNALS)
     estimators = _add_estimators(builder, parts, model)
     for name, system in estimators.items():
         signals.add(name, system)

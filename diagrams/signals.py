@@ -9,7 +9,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Collection, Mapping
 from dataclasses import dataclass
 from typing import Any, Protocol
 
@@ -169,10 +169,11 @@ class Signals:
         """The ports with a signal of this name by the part they are of, the truth apart."""
         return {} if name in self._truth else self._offers.get(name, {})
 
-    def add(self, part: str, system: System) -> None:
-        """Offer the vector outputs of the part of that name."""
+    def add(self, part: str, system: System, names: Collection[str] | None = None) -> None:
+        """Offer the vector outputs of the part of that name; `names`: only these."""
         for port in map(system.get_output_port, range(system.num_output_ports())):
-            if port.get_data_type() == PortDataType.kVectorValued:
+            wanted = names is None or port.get_name() in names
+            if wanted and port.get_data_type() == PortDataType.kVectorValued:
                 self._offers.setdefault(port.get_name(), {})[part] = port
 
     def find(self, name: str, wanted_by: str) -> OutputPort:

@@ -80,6 +80,9 @@ SIGNALS: dict[str, Signal] = {
     "body_contact_wrench": Signal("Nm,N", "6", "between the bodies of a `!ContactTruth`, in its frame", True),
 }
 
+# Components of a wrench.
+WRENCH_PARTS = ("torque_x", "torque_y", "torque_z", "force_x", "force_y", "force_z")
+
 # Names of ports inside of parts.
 _FURTHER = {
     "force": "N",

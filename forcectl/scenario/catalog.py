@@ -44,6 +44,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "JointMoves": "forcectl.motion.joint_path:JointMovesConfig",
         "JointExcitation": "forcectl.motion.joint_path:JointExcitationConfig",
         "ReactiveReaching": "forcectl.tasks.controllers.reaching:ReactiveReachingConfig",
+        "TaskMachine": "forcectl.tasks.controllers.task_machine:TaskMachineConfig",
     },
     "reference": {
         "Step": "forcectl.motion.references:StepConfig",

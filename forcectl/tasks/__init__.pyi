@@ -30,6 +30,9 @@ from forcectl.tasks.controllers.reaching import RandomMovesConfig as RandomMoves
 from forcectl.tasks.controllers.reaching import ReachConfig as ReachConfig
 from forcectl.tasks.controllers.reaching import ReactiveReaching as ReactiveReaching
 from forcectl.tasks.controllers.reaching import ReactiveReachingConfig as ReactiveReachingConfig
+from forcectl.tasks.controllers.task_machine import TaskMachine as TaskMachine
+from forcectl.tasks.controllers.task_machine import TaskMachineConfig as TaskMachineConfig
+from forcectl.tasks.controllers.task_machine import TaskModeConfig as TaskModeConfig
 from forcectl.tasks.coordinates import ArmTask as ArmTask
 from forcectl.tasks.coordinates import Orientation as Orientation
 from forcectl.tasks.cost import TaskCost as TaskCost

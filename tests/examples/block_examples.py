@@ -45,6 +45,7 @@ from tests.examples.predictive_examples import PREDICTIVE_EXAMPLES
 from tests.examples.reactive_examples import REACTIVE_EXAMPLES
 from tests.examples.robot_controller_examples import ROBOT_EXAMPLES
 from tests.examples.surface_examples import SURFACE_EXAMPLES
+from tests.examples.task_machines import TASK_MACHINE_EXAMPLES
 from tests.examples.torque_examples import TORQUE_EXAMPLES
 from tests.examples.vrft_examples import VRFT_EXAMPLES
 
@@ -152,7 +153,7 @@ def law_feedthrough(*inputs: str) -> set[tuple[str, str]]:
 ELSEWHERE = ROBOT_EXAMPLES | ESTIMATION_EXAMPLES | VRFT_EXAMPLES | PREDICTIVE_EXAMPLES | GOVERNOR_EXAMPLES
 ELSEWHERE |= MOTION_EXAMPLES
 ELSEWHERE |= REACTIVE_EXAMPLES
-ELSEWHERE |= MACHINE_EXAMPLES
+ELSEWHERE |= MACHINE_EXAMPLES | TASK_MACHINE_EXAMPLES
 ELSEWHERE |= JOINT_INTERFACE_EXAMPLES
 ELSEWHERE |= TORQUE_EXAMPLES
 ELSEWHERE |= SURFACE_EXAMPLES

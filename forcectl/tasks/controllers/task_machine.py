@@ -1,0 +1,235 @@
+"""Scenario part `!TaskMachine`: a task in modes, with what every mode follows, gives way to and waits for.
+
+The modes of the thesis' Figs. 6.7 and 6.14 and of any other task::
+
+    signals of the loop, forces and motion of the tasks -> state machine -> mode -> references, reactive controller
+                                                                         -> grippers, taring
+
+Guards read, beside `time` and `visits` of the mode (see `StateMachine`), with a task called `insert`:
+
+- `insert.z`, `insert.speed_z`: its coordinates and their speeds, as commanded [m or rad, per s],
+- `insert_force.force_z`, `insert_force.torque_x`, ...: the wrench on it, see `TaskForce` [N, Nm],
+- `reached`, `stalled`, `holding`: of the controller at the tick before, see `ReactiveController`,
+- `gripper_holds.left`: 1 where a gripper holds something,
+- `torque_elsewhere.left`: of a `!KalmanForceEstimator`, what acts on the arm but not on its tool [Nm].
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+
+import numpy as np
+from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPort, System
+from pydrake.systems.primitives import MatrixGain, Multiplexer, ZeroOrderHold
+
+from forcectl.conventions import WRENCH_PARTS
+from forcectl.errors import BadInputError
+from forcectl.framework.fields import key
+from forcectl.framework.wiring import export_all_outputs, input_names
+from forcectl.plant.plant_model import PlantModel
+from forcectl.tasks.compliance.motion import CompliantMotion
+from forcectl.tasks.compliance.parts import AdmittanceGainsConfig, ReferenceConfig, mode_references
+from forcectl.tasks.compliance.task_force import TaskForce
+from forcectl.tasks.controllers.base import ModeConfig, TaskControllerConfig
+from forcectl.tasks.coordinates import ArmTask
+from forcectl.tasks.machine.chart import MachineChart
+from forcectl.tasks.machine.modes import LONGEST_GAP, MachineModeConfig, check_modes, machine_chart
+from forcectl.tasks.machine.state_machine import StateMachine
+from forcectl.tasks.reactive_motion import MotionLimitsConfig
+from forcectl.tasks.task_parts import start_motion
+
+_OF_CONTROLLER = ("reached", "stalled", "holding")
+_OF_ARMS = ("gripper_holds", "torque_elsewhere")
+
+
+@dataclass(kw_only=True)
+class TaskModeConfig(ModeConfig, MachineModeConfig):
+    """A mode: what it follows, keeps and gives way to, how it ends."""
+
+    references: dict[str, dict[str, ReferenceConfig]] = key(
+        {}, "what coordinates of tasks do, by task and coordinate; others come to rest and stay"
+    )
+    motion_limits: MotionLimitsConfig | None = key(None, "limits of the references; null: the controller's")
+
+
+@dataclass(kw_only=True)
+class TaskMachineConfig(TaskControllerConfig):
+    """Scenario part `!TaskMachine`."""
+
+    modes: dict[str, TaskModeConfig] = key(meaning="by name; the first is that of the start")
+    on_bad_signal: str = key("", "mode that begins when a signal that a guard reads is no number for long")
+    longest_gap: float = key(LONGEST_GAP, "of such signals, that is passed over", unit="s", bounds="not negative")
+    admittance: AdmittanceGainsConfig = key(AdmittanceGainsConfig, "of coordinates that comply")
+    force_dead_band: float = key(0.0, "of forces that are complied to", unit="N", bounds="not negative")
+    torque_dead_band: float = key(0.0, "of torques that are complied to", unit="Nm", bounds="not negative")
+    of_both: bool = key(True, "whether forces of relative tasks are the mean of what both arms feel; else the follower")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if not self.tasks:
+            raise BadInputError("must have at least one", key="tasks")
+        if not self.modes:
+            raise BadInputError("must have at least one", key="modes")
+        check_modes(self.modes, self._start, self.on_bad_signal)
+        for name, part in self.tasks.items():
+            if part.targets:
+                raise BadInputError("must be left out: references of the modes say it", key=f"tasks.{name}.targets")
+
+    @property
+    def _start(self) -> str:
+        return next(iter(self.modes))
+
+    def machine(self) -> MachineChart:
+        """The state machine as it is drawn."""
+        return machine_chart("", self.modes, self._start, self.on_bad_signal, self.longest_gap)
+
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
+        """A `TaskMachine`."""
+        robot = model.known_robot()
+        tasks = self.made_tasks(start_motion(model))
+        arms = list(robot.parts.arms)
+        machine = StateMachine(
+            self.modes,
+            start=self._start,
+            signals=_signals(tasks, arms),
+            arms=arms,
+            on_bad_signal=self.on_bad_signal,
+            longest_gap=self.longest_gap,
+            period=model.period,
+        )
+        references = [
+            mode_references(
+                mode.references,
+                tasks,
+                gains=self.admittance,
+                limits=mode.motion_limits or self.motion_limits,
+                period=model.period,
+                followed=mode.tasks,
+                key=f"modes.{name}.references",
+            )
+            for name, mode in self.modes.items()
+        ]
+        forces = None
+        read = any(machine.HasInputPort(_force(name)) for name in tasks)
+        if read or any(mode.comply.any() for mode in references):
+            forces = TaskForce(
+                robot,
+                list(tasks.values()),
+                force_dead_band=self.force_dead_band,
+                torque_dead_band=self.torque_dead_band,
+                of_both=self.of_both,
+            )
+        motion = CompliantMotion(self.made_controller(model, tasks, self.modes), references, forces)
+        return builder.AddNamedSystem("task_machine", TaskMachine(motion, machine, tasks, model.period))
+
+
+def _force(task: str) -> str:
+    """Name of the wrench on a task."""
+    return f"{task}_force"
+
+
+def _signals(tasks: Mapping[str, ArmTask], arms: Sequence[str]) -> dict[str, list[str]]:
+    """What guards may read: components by name of the input."""
+    found = {name: [*task.coordinates, *(f"speed_{each}" for each in task.coordinates)] for name, task in tasks.items()}
+    found |= {_force(name): list(WRENCH_PARTS) for name in tasks}
+    found |= {name: [name] for name in _OF_CONTROLLER}
+    return found | {name: list(arms) for name in _OF_ARMS}
+
+
+class TaskMachine(Diagram):
+    """A state machine with the motion whose modes it says.
+
+    ```
+    name: TaskMachine
+    input_ports: [joint_position, joint_velocity, measured_force (optional), estimated_wrench (optional),
+    gripper_holds (optional), torque_elsewhere (optional)]
+    output_ports: [joint_position_command, joint_velocity_command, task_position_reference, task_position,
+    task_velocity, task_acceleration, status, active_constraints, slack, constraint_violation, tracking_error,
+    near_singular, levels_solved, holding, reached, stalled, reading_ok, stage_costs, task_target,
+    task_displacement, task_force_ok, task_force (optional), task_wrench (optional), mode, time_in_mode, transition,
+    transition_value, machine_end, gripper_command (optional), tare (optional)]
+    ```
+
+    gripper_holds: shape (a,), 1 where the gripper of an arm holds something [1]. torque_elsewhere: shape (a,) [Nm].
+    Both are there where a guard reads them.
+    mode, time_in_mode, transition, transition_value, machine_end, gripper_command: see `StateMachine`. Feedthrough of
+    joint_position, estimated_wrench, gripper_holds and torque_elsewhere.
+    tare: shape (1,), of the tick before: what estimators make of it is read by the guards [1]. State.
+    task_force, task_wrench: see `TaskForce`. Feedthrough of joint_position and estimated_wrench.
+    task_position_reference, task_target, task_displacement, task_force_ok: see `CompliantReferences`. Feedthrough of
+    joint_position, estimated_wrench, gripper_holds and torque_elsewhere.
+    task_position, task_velocity, task_acceleration: see `ReactiveController`. State.
+    The other ports: see `CompliantMotion`. All outputs are feedthrough of all inputs at the tick.
+
+    Sampling: every `period` [s]; no delay from the readings to mode, grippers and references.
+
+    Args:
+        motion: of the tasks in each mode.
+        machine: its modes, in the same order.
+        tasks: by name, in the order of the coordinates.
+        period: of the tick [s].
+    """
+
+    optional_inputs = ("joint_velocity",)
+
+    def __init__(self, motion: CompliantMotion, machine: StateMachine, tasks: Mapping[str, ArmTask], period: float):
+        super().__init__()
+        builder = DiagramBuilder()
+        builder.AddNamedSystem("motion", motion)
+        builder.AddNamedSystem("machine", machine)
+        exported: dict[str, InputPortIndex] = {}
+        for name in input_names(motion):
+            if name != "mode":
+                exported[name] = builder.ExportInput(motion.GetInputPort(name), name)
+        builder.Connect(machine.GetOutputPort("mode"), motion.GetInputPort("mode"))
+        sources = _task_signals(builder, motion, machine, tasks)
+        for name in input_names(machine):
+            port = machine.GetInputPort(name)
+            if name in sources:
+                builder.Connect(sources[name], port)
+            elif motion.HasOutputPort(name):
+                builder.Connect(_tick_before(builder, motion.GetOutputPort(name), period), port)
+            else:
+                builder.ExportInput(port, name)
+        export_all_outputs(builder, motion)
+        export_all_outputs(builder, machine, but=["tare"])
+        if machine.HasOutputPort("tare"):
+            builder.ExportOutput(_tick_before(builder, machine.GetOutputPort("tare"), period), "tare")
+        builder.BuildInto(self)
+
+
+def _tick_before(builder: DiagramBuilder, port: OutputPort, period: float) -> OutputPort:
+    """The values of a port at the tick before, zero at the first."""
+    delay = builder.AddNamedSystem(f"{port.get_name()}_before", ZeroOrderHold(period, port.size()))
+    builder.Connect(port, delay.get_input_port())
+    return delay.get_output_port()
+
+
+def _task_signals(
+    builder: DiagramBuilder, motion: CompliantMotion, machine: StateMachine, tasks: Mapping[str, ArmTask]
+) -> dict[str, OutputPort]:
+    """Motion and wrench of each task that the machine reads."""
+    size = sum(task.size for task in tasks.values())
+    found, begin = {}, 0
+    moving = None
+    for i, (name, task) in enumerate(tasks.items()):
+        rows = np.arange(begin, begin + task.size)
+        begin += task.size
+        if machine.HasInputPort(name):
+            if moving is None:
+                moving = builder.AddNamedSystem("task_motion", Multiplexer([size, size]))
+                for k, part in enumerate(("task_position", "task_velocity")):
+                    builder.Connect(motion.GetOutputPort(part), moving.get_input_port(k))
+            found[name] = _rows(builder, name, moving.get_output_port(), [*rows, *(rows + size)])
+        if machine.HasInputPort(_force(name)):
+            wrench = motion.GetOutputPort("task_wrench")
+            found[_force(name)] = _rows(builder, _force(name), wrench, range(6 * i, 6 * i + 6))
+    return found
+
+
+def _rows(builder: DiagramBuilder, name: str, port: OutputPort, rows: Sequence[int]) -> OutputPort:
+    """Some elements of a port."""
+    chosen = builder.AddNamedSystem(name, MatrixGain(np.eye(port.size())[rows]))
+    builder.Connect(port, chosen.get_input_port())
+    return chosen.get_output_port()
