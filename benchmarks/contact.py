@@ -55,6 +55,8 @@ def _runner(**options: Any) -> Callable[[], None]:
 
 def scenario(contact: str, step: float = 0.001, estimator: bool = True, controller: bool = True) -> Any:
     """The scenario of a case."""
+    from forcectl.tasks.reaching import MotionLimitsConfig, ReachConfig, ReactiveReachingConfig
+
     from forcectl.diagrams.drives.joint_interface import JointInterfaceConfig
     from forcectl.diagrams.sensors import ContactTruthConfig, JointReadingsConfig
     from forcectl.diagrams.station import StationConfig
@@ -65,7 +67,6 @@ def scenario(contact: str, step: float = 0.001, estimator: bool = True, controll
     from forcectl.plant.contact.peg_in_bore import InsertionConfig
     from forcectl.scenario.scenario import Scenario
     from forcectl.tasks.null_space_parts import SelfMotionConfig
-    from forcectl.tasks.reaching import MotionLimitsConfig, ReachConfig, ReactiveReachingConfig
 
     aside = 0.05 if contact == "free" else 0.0
     parts: dict[str, Any] = {

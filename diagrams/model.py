@@ -106,7 +106,7 @@ def plant_model(workcell: Workcell, lag: tuple[float, float, float] | None = Non
         friction=friction(workcell.robot) if friction else JointFriction(workcell.num_joints),
         rotor_inertia=rotors,
         velocity_bandwidth=next((speed for speed in speeds if speed is not None), np.inf),
-        obstacles=tuple(workcell.obstacles.values()),
+        obstacles=workcell.obstacles,
     )
 
 

@@ -152,7 +152,7 @@ class ReachAnalysis(Config):
         if shapes is not None and shapes.pairs:
             pairs.append(LinkDistance(shapes))
         if shapes is not None and truth.obstacles:
-            boxes = [Obstacle(Box(*each.size), each.pose) for each in truth.obstacles]
+            boxes = [Obstacle(Box(*each.size), each.pose) for each in truth.obstacles.values()]
             pairs.append(LinkDistance(shapes.against(boxes)))
         masses = [TowardsSmallMass(robot, arm, self.mass_direction) for arm in robot.parts.arms]
         context, rest = robot.create_context(), np.zeros(truth.num_joints)

@@ -204,8 +204,8 @@ class RobotShapes:
         """The same pairs but for those of shapes that may touch.
 
         Args:
-            touching: two names each: of a shape, "finger_1/left_yumi_gripper::finger", or what it begins with up to one
-                of the marks, for all shapes of a body or a tool.
+            touching: two names each: of a shape, "finger_1/left_yumi_gripper::finger", or for all shapes of a body or a
+                tool that of the body, "finger_1", of the tool, "left_yumi_gripper", or both, with the mark between.
 
         Raises:
             BadInputError: there is no such shape.
@@ -218,8 +218,11 @@ class RobotShapes:
         return RobotShapes(self.tree, self.parts, self.solids, kept)
 
     def _named(self, name: str) -> list[int]:
-        begins = (f"{name}/", f"{name}::")
-        found = [i for i, each in enumerate(self.solids) if each.name == name or each.name.startswith(begins)]
+        found = []
+        for i, solid in enumerate(self.solids):
+            whole = solid.name.split("::")[0]
+            if name in (solid.name, whole, *whole.split("/")):
+                found.append(i)
         if not found:
             raise unknown("shape", name, [each.name for each in self.solids])
         return found

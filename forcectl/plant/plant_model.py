@@ -6,6 +6,7 @@ with the simulated plant whose change could be seen on the other side.
 
 from __future__ import annotations
 
+from collections.abc import Mapping
 from dataclasses import dataclass, field, replace
 from typing import Any
 
@@ -48,7 +49,7 @@ class PlantModel:
         friction: of the joints.
         rotor_inertia: at the joints, shape (n,) [kg m2].
         velocity_bandwidth: of the filter behind the measured speeds [rad/s].
-        obstacles: configurations of the boxes around the robot.
+        obstacles: configurations of the boxes around the robot, by name.
     """
 
     size: int
@@ -70,7 +71,7 @@ class PlantModel:
     friction: JointFriction = field(default_factory=lambda: JointFriction(1))
     rotor_inertia: Array = field(default_factory=lambda: np.zeros(0))
     velocity_bandwidth: float = np.inf
-    obstacles: tuple[Any, ...] = ()
+    obstacles: Mapping[str, Any] = field(default_factory=dict)
 
     @property
     def total_compliance(self) -> Array:

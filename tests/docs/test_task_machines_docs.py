@@ -5,14 +5,19 @@ from __future__ import annotations
 import re
 from pathlib import Path
 
+import numpy as np
 import pytest
 
+import forcectl as fc
+from forcectl.analysis.transitions import stays
 from forcectl.errors import BadInputError
+from forcectl.framework.yaml_tree import parse
 from forcectl.tasks import StateMachine
 
 DOCS = Path(__file__).parents[2] / "docs"
 PAGE = (DOCS / "task_machines.md").read_text(encoding="utf-8")
 BUILD, BREAK = re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL)
+(SCENARIO,) = re.findall(r"```yaml\n(.*?)```", PAGE, re.DOTALL)
 (MESSAGE,) = re.findall(r"```text\n(.*?)\n```", PAGE, re.DOTALL)
 
 
@@ -26,8 +31,22 @@ def test_the_code_runs_the_picture_is_its_own_and_the_message_is_that(tmp_path, 
     assert str(error.value) == MESSAGE
 
 
+def test_a_task_of_ones_own_in_yaml_touches_the_table_and_comes_back():
+    assert len(SCENARIO.splitlines()) <= 60
+    run = fc.run(parse(SCENARIO, "touch.yaml"))
+    log, (metrics,) = run.log, run.metrics.values()
+    assert [stay.mode for stay in stays(log)] == ["wait", "lower", "press", "back", "done"]
+    assert metrics["ended"] == 1.0
+    mode, force = log["mode"].values, log["tip_wrench"].values[:, 5]
+    assert not force[mode == 0].any()
+    assert force[mode == 2][-25:].mean() == pytest.approx(4.0, abs=1.0)  # [N] the force that was asked for
+    assert force[-1] == 0.0
+    first = np.flatnonzero(force > 0)[0]
+    assert 0 < (mode >= 2).argmax() - first < 25  # [ticks] never in the air
+
+
 def test_the_table_names_every_output():
-    table = re.findall(r"^\| `(\w+)` \|", PAGE, re.MULTILINE)
+    table = re.findall(r"^\| `(\w+)` \|", PAGE.split("## What it puts out")[1], re.MULTILINE)
     listed = re.search(r"output_ports: \[(.*?)\]", StateMachine.__doc__ or "", re.DOTALL)[1]
     outputs = re.findall(r"\w+", listed.replace("(optional)", ""))
     assert sorted(table) == sorted(outputs)

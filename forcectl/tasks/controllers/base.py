@@ -34,7 +34,7 @@ class ModeConfig(Config):
 
     tasks: list[str] = key([], "names of those that are followed; empty: all")
     constraints: list[Any] = slot("constraint", list, meaning="beside those that are always kept")
-    touching: list[list[str]] = key([], "two shapes each that may touch, see RobotShapes.without")
+    touching: list[list[str]] = key([], "two shapes each that may touch, or a shape and a box, by name")
     null_space: list[Any] = slot("null_space", list, meaning="one, instead of the controller's; empty: that")
 
     def __post_init__(self) -> None:
@@ -91,9 +91,9 @@ class TaskControllerConfig(Config):
         limits = self.limits.limits(robot.limits)
         limits = replace(limits, velocity=(1.0 - self.speed_margin) * limits.velocity)
         shapes = RobotShapes.load(*robot.source) if self.link_distance > 0 else None
-        always = [*self._obstacles(shapes, model), *constraints_of(self.constraints, model)]
+        always = constraints_of(self.constraints, model)
         kept = [
-            [*self._links(shapes, model, mode.touching), *constraints_of(mode.constraints, model, f"{at}.constraints")]
+            [*self._apart(shapes, model, mode.touching), *constraints_of(mode.constraints, model, f"{at}.constraints")]
             for at, mode in _keys(modes or {"": ModeConfig()})
         ]
 
@@ -121,19 +121,19 @@ class TaskControllerConfig(Config):
             solver=self.solver,
         )
 
-    def _links(
+    def _apart(
         self, shapes: RobotShapes | None, model: PlantModel, touching: Sequence[Sequence[str]]
     ) -> list[LinkDistance]:
+        """The distances of the links from each other and from boxes, but for what may touch."""
         if shapes is None:
             return []
-        apart = shapes.without([(a, b) for a, b in touching])
-        return [LinkDistance(apart, self.link_distance, period=model.period)]
-
-    def _obstacles(self, shapes: RobotShapes | None, model: PlantModel) -> list[LinkDistance]:
-        if shapes is None or not model.obstacles:
-            return []
-        boxes = [Obstacle(Box(*box.size), box.pose, f"obstacle {i + 1}") for i, box in enumerate(model.obstacles)]
-        return [LinkDistance(shapes.against(boxes), self.link_distance, period=model.period)]
+        boxes = [Obstacle(Box(*box.size), box.pose, name) for name, box in model.obstacles.items()]
+        of_boxes = [(a, b) for a, b in touching if a in model.obstacles or b in model.obstacles]
+        of_links = [(a, b) for a, b in touching if (a, b) not in of_boxes]
+        apart = [shapes.without(of_links)]
+        if boxes:
+            apart.append(shapes.against(boxes).without(of_boxes))
+        return [LinkDistance(each, self.link_distance, period=model.period) for each in apart]
 
 
 def _keys(modes: Mapping[str, ModeConfig]) -> list[tuple[str, ModeConfig]]:
