@@ -1,7 +1,8 @@
 """How wrong estimated wrenches are, all the time: false forces where nothing acts, and how soon a load is felt.
 
 Errors are quantiles over all samples of an arm, in the axes of its tool where the estimator puts out
-`estimated_local_wrench` in `tcp`, else in the world. Where nothing acts, the error is a false force.
+`estimated_local_wrench` in `tcp`, else in the world. Where nothing acts, the error is a false force. Of two arms there
+are the same of the wrench between them, at the TCP of the second one, see `forcectl.estimation.wrench_between`.
 """
 
 from __future__ import annotations
@@ -15,6 +16,7 @@ from numpy.typing import NDArray
 from forcectl.analysis.force_estimation import stretches
 from forcectl.analysis.slot import variants_of
 from forcectl.diagrams.model import Setting
+from forcectl.estimation.wrench_between import moved_wrench, opposite_mean
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
 
@@ -49,6 +51,9 @@ class WrenchErrorAnalysis(Config):
         for metric in next(iter(each.values())):
             known = [value for one in each.values() if (value := one[metric]) is not None]
             metrics[metric] = min(known, default=None) if metric.startswith("felt_") else max(known, default=None)
+        if len(each) == 2:
+            between = self._between(log, setting.truth, estimated, true)
+            each["between"] = self._arm(log["time"].values[late], *(wrenches[late] for wrenches in between))
         if len(each) > 1:
             metrics |= {f"{name}.{metric}": value for name, one in each.items() for metric, value in one.items()}
         return metrics | self._assumed(setting)
@@ -112,6 +117,23 @@ class WrenchErrorAnalysis(Config):
             "load_found_slowest_ms": max(found, default=None),
             "loads_missed": float(len(delays) - len(found)) if loads else None,
         }
+
+    def _between(self, log: Any, truth: PlantModel, *both: Array) -> list[Array]:
+        """Of wrenches (k, 12) of two arms those of the first on the second (k, 6), in the axes that they are in."""
+        robot = truth.known_robot()
+        context, plant = robot.create_context(), robot.plant
+        tips = [arm.tcp_frame for arm in robot.parts.arms.values()]
+        local = "estimated_local_wrench" in log
+        found = [np.empty((len(wrenches), 6)) for wrenches in both]
+        for k, q in enumerate(log["link_position"].values):
+            robot.set_positions(context, q)
+            first, second = tips if local else [plant.world_frame()] * 2
+            R = plant.CalcRelativeRotationMatrix(context, second, first).matrix()
+            one, other = (plant.CalcPointsPositions(context, tip, np.zeros(3), second).ravel() for tip in tips)
+            for wrenches, made in zip(both, found, strict=True):
+                turned = np.concatenate([R @ wrenches[k, :3], R @ wrenches[k, 3:6]])
+                made[k] = opposite_mean(moved_wrench(turned, other - one), wrenches[k, 6:])
+        return found
 
     def _in_tools(self, log: Any, truth: PlantModel) -> Array:
         """The true wrenches at the TCPs, in the axes of the tools."""

@@ -4,11 +4,15 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import xarray as xr
+from pydrake.multibody.math import SpatialForce
 
 from forcectl.analysis.motion_metrics import WRENCH_ERROR_METRICS
 from forcectl.analysis.wrench_errors import WrenchErrorAnalysis
+from forcectl.diagrams.workcell import describe
 from forcectl.runs.logs import stack
 from tests.analysis.test_analyses import COUNT, TICK, made_up, model, setting, wrench
+from tests.examples import stations
 
 TIME = TICK * np.arange(COUNT)
 
@@ -56,6 +60,34 @@ def test_local_wrenches_are_held_against_the_truth_in_the_axes_of_the_tool():
     found = judged(local=True, tip_wrench=true, estimated_wrench=np.hstack([true[:, :3] @ R, true[:, 3:] @ R]))
     assert found["force_error_z_99_N"] < 1e-12
     assert found["force_error_xy_99_N"] < 1e-12
+
+
+@pytest.mark.parametrize("local", [False, True])
+def test_of_two_arms_the_wrench_between_them_has_half_the_error_of_one(local):
+    """A wrench of the first on the second, felt by both in their own axes; the second is wrong by a constant force."""
+    both = stations.setting(describe(stations.free()))
+    robot, start = both.truth.known_robot(), both.truth.start
+    context = robot.create_context()
+    robot.set_positions(context, start)
+    first, second = (arm.tcp_frame.CalcPoseInWorld(context) for arm in robot.parts.arms.values())
+    on_second = SpatialForce([0.1, -0.2, 0.05], [0.0, 2.0, 3.0])
+    on_first = SpatialForce(-on_second.Shift(first.translation() - second.translation()).get_coeffs())
+    true = np.outer((TIME >= 1.0) & (TIME < 2.0), np.r_[on_first.get_coeffs(), on_second.get_coeffs()])
+    error = np.r_[np.zeros(9), (second.rotation().matrix() if local else np.eye(3)) @ [0.3, 0.0, 0.4]]
+    estimated = true + error
+    if local:
+        for i, pose in enumerate((first, second)):
+            for part in (slice(6 * i, 6 * i + 3), slice(6 * i + 3, 6 * i + 6)):
+                estimated[:, part] = estimated[:, part] @ pose.rotation().matrix()
+    columns = {"tip_wrench": true, "estimated_local_wrench" if local else "estimated_wrench": estimated}
+    columns["link_position"] = np.tile(start, (COUNT, 1))
+    log = xr.Dataset({name: (("time", f"of_{name}"), values) for name, values in columns.items()}, {"time": TIME})
+    found = WrenchErrorAnalysis(begin=0.0).metrics(log, both)
+    assert found["between.force_error_z_95_N"] == pytest.approx(0.2)
+    assert found["between.force_error_xy_95_N"] == pytest.approx(0.15)
+    assert found["between.false_force_z_N"] == pytest.approx(0.2)
+    assert found["between.load_found_ms"] == pytest.approx(0.0)
+    assert found["force_error_z_95_N"] == pytest.approx(0.4)  # of the worse arm alone
 
 
 def test_a_run_without_an_estimator_has_none():
