@@ -61,7 +61,7 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
         seed: of the station.
     """
     config = workcell.config
-    solid = bool(workcell.obstacles or workcell.parts) or config.self_collision
+    solid = bool(workcell.obstacles or workcell.parts) or workcell.self_collision
     scene_graph: SceneGraph | None = None
     if solid or any(contact.surface is not None for contact in workcell.contacts):
         plant, scene_graph = AddMultibodyPlantSceneGraph(builder, config.time_step)
@@ -102,7 +102,7 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
     lay_down(plant, parts, placed)
     insertions = tuple(find_insertion(plant, name, each, placed) for name, each in workcell.insertions.items())
     if scene_graph is not None:
-        _filter(plant, scene_graph, pressing, solid, config.self_collision, placed)
+        _filter(plant, scene_graph, pressing, solid, workcell.self_collision, placed)
         leave_out_the_hand(plant, scene_graph, parts, placed)
         leave_out_shapes(plant, scene_graph, insertions)
     return Site(workcell, seed, plant, scene_graph, parts, friction, tuple(mountings), placed, insertions)
@@ -171,13 +171,16 @@ def _filter(
     placed: tuple[PlacedPart, ...],
 ) -> None:
     """Leave only what is to touch: each ball and its surface, and links where they are solid."""
-    everything = set(scene_graph.model_inspector().GetAllGeometryIds(Role.kProximity))
-    alone = {geometry for pair in pressing for geometry in pair}
-    filters = scene_graph.collision_filter_manager()
-    if not solid:
-        for geometry in everything - alone:
+    inspector, alone = scene_graph.model_inspector(), {geometry for pair in pressing for geometry in pair}
+    plates = {plant.GetBodyFromFrameId(inspector.GetFrameId(surface)).model_instance() for _, surface in pressing}
+    everything = set(inspector.GetAllGeometryIds(Role.kProximity))
+    for geometry in everything - alone:
+        # A surface is pressed on by its ball: a hand that is inclined or wider than the ball would go into the plate.
+        if not solid or plant.GetBodyFromFrameId(inspector.GetFrameId(geometry)).model_instance() in plates:
             scene_graph.RemoveRole(plant.get_source_id(), geometry, Role.kProximity)
-    elif not self_collision:
+            everything.remove(geometry)
+    filters = scene_graph.collision_filter_manager()
+    if solid and not self_collision:
         apart = [part.frame.model_instance() for part in placed]
         links = [
             geometry
@@ -185,11 +188,11 @@ def _filter(
             if instance not in apart
             for index in plant.GetBodyIndices(instance)
             for geometry in plant.GetCollisionGeometriesForBody(plant.get_body(index))
-            if geometry not in alone
+            if geometry in everything - alone
         ]
         filters.Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet(links)))
     for ball, surface in pressing:
-        others = alone - {ball, surface} | (everything - alone if solid else set())
+        others = everything - {ball, surface}
         if others:
             filters.Apply(
                 CollisionFilterDeclaration().ExcludeBetween(GeometrySet([ball, surface]), GeometrySet(list(others)))
