@@ -148,7 +148,9 @@ class JointReadingsConfig(Config):
         bounds="not negative",
     )
     position_noise: float = key(0.0, "standard deviation of the positions per tick", unit="rad", bounds="not negative")
-    torque_noise: float = key(0.0, "standard deviation of the torques per tick", unit="Nm", bounds="not negative")
+    torque_noise: float = key(
+        0.1, "standard deviation of the torques per tick; assumed", unit="Nm", bounds="not negative"
+    )
     velocity_bandwidth: float = key(250.0, "of the filter of differences of positions", unit="rad/s", bounds="positive")
 
     def add_to(self, builder: DiagramBuilder, site: Site) -> JointSensors:

@@ -48,7 +48,9 @@ class StationConfig(Config):
     posture_deg: list[float] = key([], "start posture of all arms; empty: the default", unit="deg")
     normal: list[float] = key([0.0, 0.0, 1.0], "normal where a surface has none, in W", bounds="not all zero", size=3)
     gravity: bool = key(True, "false: the robot has no weight")
-    self_collision: bool = key(False, "links that touch each other push each other (Multibody)")
+    self_collision: bool | None = key(
+        None, "links that touch push each other (Multibody); null: those of several arms, if they have shapes"
+    )
     period: float | None = key(None, "control tick; null: that of the control parameters", unit="s", bounds="positive")
     time_step: float = key(0.001, "step of the MultibodyPlant, divides the period", unit="s", bounds="positive")
     posture_period: float = key(

@@ -122,6 +122,12 @@ class Workcell:
         return bool(self.config.fidelity.has_dynamics)
 
     @property
+    def self_collision(self) -> bool:
+        """Whether links that touch push each other; if not said, those of several arms that have all their shapes."""
+        parts, said = self.robot.parts, self.config.self_collision
+        return said if said is not None else len(parts.arms) > 1 and not parts.missing_shapes
+
+    @property
     def has_gravity(self) -> bool:
         """Whether the robot feels its weight."""
         return self.has_dynamics and self.config.gravity

@@ -9,7 +9,7 @@ from 1e3 to 1e6 N/m and the joints stay stable at the default 1 ms. The step is 
 of angular frequency w by an extra damping ratio of about w dt/2. A surface of a class of one's own acts by its force at
 the TCP, one step old; a `!PegInBore` by what it foresees for the end of the step.
 
-Links pass through each other unless `self_collision`; all arms share one plant.
+All arms share one plant. Links push each other where `self_collision` says so; unless it does, those of several arms.
 """
 
 from __future__ import annotations

@@ -241,9 +241,11 @@ def find_scenario(name_or_path: str | Path) -> ScenarioFile:
     raise unknown("scenario", name, list_experiments())
 
 
-def find_preset(name: str) -> ScenarioFile:
-    """The plant preset of that name, one of `list_presets`."""
-    return read_scenario(experiments_folder() / "presets" / f"{name}.yaml", name)
+def find_preset(name: str, drive: str = "") -> ScenarioFile:
+    """The plant preset of that name, one of `list_presets`; that of stations with this drive, if there is one."""
+    folder = experiments_folder() / "presets"
+    own = folder / drive / f"{name}.yaml"
+    return read_scenario(own if drive and own.is_file() else folder / f"{name}.yaml", name)
 
 
 def read_scenario(path: Path, name: str) -> ScenarioFile:

@@ -29,7 +29,7 @@ from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.error_keys import full_key, located
 from forcectl.scenario.expectations import Expectation
 from forcectl.scenario.schema import ScenarioReader
-from forcectl.scenario.trees import default_tags, to_tree, tree_of_fields
+from forcectl.scenario.trees import default_tags, path_of, to_tree, tree_of_fields
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -234,9 +234,20 @@ class _Layers:
         name = self.merged().get("preset", catalog.DEFAULT_PRESET)
         if name not in catalog.list_presets():
             raise unknown("preset", name, catalog.list_presets()).at("preset", self.where("preset"))
-        preset = catalog.find_preset(str(name))
+        preset = catalog.find_preset(str(name), self._drive())
         preset.tree.pop("description", None)
         self._layers.insert(1, (lambda key: preset.where(key, f"preset {name!r}"), preset.tree))
+
+    def _drive(self) -> str:
+        """Tag of the drive; empty where there is none."""
+        station = self.merged().get("station")
+        drive = station.get("drive") if isinstance(station, Tagged) else getattr(station, "drive", None)
+        if isinstance(drive, Tagged) and drive.given is None:
+            return drive.tag or ""
+        if isinstance(drive, str):
+            return drive.removeprefix("!")
+        path = path_of(type(getattr(drive, "given", drive)))
+        return next((tag for tag, known in catalog.tags_of("drive").items() if known == path), "")
 
     def merged(self) -> Tagged:
         result = Tagged()

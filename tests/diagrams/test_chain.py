@@ -21,7 +21,8 @@ controller: !Admittance {inertia: 3.0, damping: 300.0}
 reference: !Step {force: 8.0}
 """
 SENSORLESS = """
-station: {robot: yumi, tool: yumi_gripper, elastic_joints: false, drive: !JointInterface {friction: {scale: 0.0}},
+preset: ideal
+station: {robot: yumi, tool: yumi_gripper, drive: !JointInterface {friction: {scale: 0.0}},
           sensors: {joints: !JointReadings {}}, environment: !Surface {arm: right}}
 controller: !Admittance {inertia: 0.5, damping: 40.0, lower_limit: -0.3, upper_limit: 0.3}
 estimators: {force: !ForceEstimator {}}

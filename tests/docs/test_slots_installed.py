@@ -90,7 +90,8 @@ analyses: {peak: !Peak {}}
 duration: 0.5
 """
 REACH = """
-station: {robot: yumi, tool: null, fidelity: Multibody, elastic_joints: false, time_step: 0.002,
+preset: ideal
+station: {robot: yumi, tool: null, fidelity: Multibody, time_step: 0.002,
           drive: !JointInterface {}, sensors: {joints: !JointReadings {}}, environment: !Parts {},
           loads: [!Push {newton: 3.0}], faults: [!DeadEncoder {joint: left_joint_3, start: 0.2}]}
 estimators: {impulse: !TorqueImpulse {}}
@@ -108,7 +109,8 @@ duration: 0.5
 """
 TUNE = "{controller: !RecursiveVrft {excitation: !Humming {depth: 2.0e-3}}, duration: 0.2}"
 HOME = """
-station: {robot: yumi, tool: null, fidelity: Multibody, elastic_joints: false, time_step: 0.002,
+preset: ideal
+station: {robot: yumi, tool: null, fidelity: Multibody, time_step: 0.002,
           drive: !JointInterface {}, sensors: {joints: !JointReadings {}}, environment: !Parts {}}
 controller: !ReactiveReaching {null_space: !Homewards {gain: 2.0}}
 duration: 0.1

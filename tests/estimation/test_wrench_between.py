@@ -53,10 +53,10 @@ def test_axes_of_the_tool():
 
 def scenario(**choice):
     return {
+        "preset": "ideal",
         "station": {
             "fidelity": "Multibody",
             "robot": "yumi",
-            "elastic_joints": False,
             "drive": "!JointInterface",
             "sensors": {"joints": "!JointReadings"},
             "environment": "!Parts",

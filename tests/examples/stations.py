@@ -12,6 +12,7 @@ from forcectl.diagrams.sensors import JointReadingsConfig
 from forcectl.diagrams.station import StationConfig
 from forcectl.diagrams.workcell import Workcell
 from forcectl.plant.contact.parts import EnvironmentPartsConfig
+from forcectl.scenario.catalog import find_preset
 
 
 def pressing(**options: Any) -> StationConfig:
@@ -29,29 +30,22 @@ def pressing(**options: Any) -> StationConfig:
 
 
 def free(**options: Any) -> StationConfig:
-    """A robot behind its joint interface, with rigid joints, in free space or among boxes.
+    """A robot behind its joint interface in free space or among boxes, with what the preset `ideal` says of it.
 
     Args:
         options: keys of the station; `servo` and `friction` are those of its drive, `sensors` are its joint readings,
             each as a mapping or a configuration, and `obstacles` is a list of boxes.
     """
-    parts = {
-        "servo": JointServoConfig,
-        "friction": JointFrictionConfig,
-        "sensors": JointReadingsConfig,
-    }
-    made = {name: _made(kind, options.pop(name, {})) for name, kind in parts.items()}
+    ideal = find_preset("ideal", "JointInterface").tree["station"]
+    readings = options.pop("sensors", {})
+    if isinstance(readings, Mapping):
+        readings = JointReadingsConfig(**{**ideal["sensors"]["joints"], **readings})
+    servo, friction = (options.pop(name, {}) for name in ("servo", "friction"))
+    drive = JointInterfaceConfig(servo=_made(JointServoConfig, servo), friction=_made(JointFrictionConfig, friction))
     boxes = {f"box_{i + 1}": box for i, box in enumerate(options.pop("obstacles", []))}
-    known = {"robot": "yumi", "tool": "yumi_gripper", "elastic_joints": False, "fidelity": "Multibody"}
-    return StationConfig(
-        **{
-            **known,
-            "drive": JointInterfaceConfig(servo=made["servo"], friction=made["friction"]),
-            "sensors": {"joints": made["sensors"]},
-            "environment": EnvironmentPartsConfig(parts=boxes),
-            **options,
-        }
-    )
+    known = {"robot": "yumi", "tool": "yumi_gripper", "fidelity": "Multibody", "drive": drive}
+    parts = {"sensors": {"joints": readings}, "environment": EnvironmentPartsConfig(parts=boxes)}
+    return StationConfig(**{**ideal, **known, **parts, **options})
 
 
 def _made(kind: type, given: Any) -> Any:

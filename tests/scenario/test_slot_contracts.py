@@ -12,7 +12,8 @@ from forcectl.framework.yaml_tree import Tagged, parse
 from forcectl.scenario.catalog import CONTRACTS, SLOTS
 
 REACH = """
-station: {robot: yumi, tool: null, fidelity: Multibody, elastic_joints: false, time_step: 0.002,
+preset: ideal
+station: {robot: yumi, tool: null, fidelity: Multibody, time_step: 0.002,
           drive: !JointInterface {}, sensors: {joints: !JointReadings {}}, environment: !Parts {}}
 controller: !ReactiveReaching {}
 """

@@ -11,7 +11,8 @@ from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.tasks.relative_task import RelativeMotion
 
 CELL = """
-station: {robot: yumi, tool: yumi_gripper, fidelity: Multibody, elastic_joints: false, drive: !JointInterface {},
+preset: ideal
+station: {robot: yumi, tool: yumi_gripper, fidelity: Multibody, drive: !JointInterface {},
           sensors: {joints: !JointReadings {}}, environment: !Parts {}}
 duration: 2.0
 """

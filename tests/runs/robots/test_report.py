@@ -30,7 +30,6 @@ duration: 2.5
 REACH = """station:
   robot: {folder}
   tool: null
-  elastic_joints: false
   drive: !JointInterface {{}}
   sensors: {{joints: !JointReadings {{}}}}
   self_collision: true
@@ -136,7 +135,7 @@ def test_what_is_proposed_reaches(tmp_path, forcectl, arms):
 
 
 def test_without_a_mesh_link_distance_0_still_reaches(tmp_path, forcectl):
-    folder = write_public_robot(tmp_path)
+    folder = write_public_robot(tmp_path, arms=("left_", "right_"))
     (folder.parent / "meshes/link_4.stl").unlink()
     report = adopt(folder)
     assert any("some collision shapes are missing" in note for note in report.notes)
@@ -145,7 +144,8 @@ def test_without_a_mesh_link_distance_0_still_reaches(tmp_path, forcectl):
         (tmp_path / "reach.yaml").write_text(text.replace("  self_collision: true\n", "").replace("1.2", "0.1"))
         found, _, err = forcectl("run", "reach.yaml", "--out", f"reach_{code}")
         assert found == code, err
-        assert ("link link_4: collision mesh package://acme_support/meshes/link_4.stl: not found" in err) == (code == 2)
+        told = "link left_link_4: collision mesh package://acme_support/meshes/link_4.stl: not found"
+        assert (told in err) == (code == 2)
 
 
 def test_check_says_what_is_assumed(tmp_path, forcectl):

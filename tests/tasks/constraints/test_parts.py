@@ -14,7 +14,8 @@ from forcectl.robot.arms_motion import ArmsMotion
 from forcectl.robot.model import RobotModel
 
 REACHING = """
-station: {robot: yumi, tool: null, fidelity: Multibody, elastic_joints: false, time_step: 0.002,
+preset: ideal
+station: {robot: yumi, tool: null, fidelity: Multibody, time_step: 0.002,
           drive: !JointInterface {}, sensors: {joints: !JointReadings {}}, environment: !Parts {}}
 duration: 1.2
 """
@@ -67,7 +68,8 @@ def test_a_speed_limit_holds() -> None:
 
 
 PRESSING = """
-station: {robot: yumi, tool: force_probe, fidelity: Multibody, elastic_joints: false, drive: !JointInterface {},
+preset: ideal
+station: {robot: yumi, tool: force_probe, fidelity: Multibody, drive: !JointInterface {},
           sensors: {joints: !JointReadings {}, force: !WristForce {bandwidth: 300.0, noise_std: 0.0}},
           environment: !Surface {arm: left, stiffness: 1450.0}}
 controller: !ReactiveReaching

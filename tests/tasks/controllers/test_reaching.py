@@ -51,12 +51,12 @@ class Nothing:
 
 LEFT = {"arm": "left", "position": [0.20, 0.25, 0.25]}
 SHORT = """
+preset: ideal
 station:
   fidelity: Multibody
   robot: yumi
   tool: null
   time_step: 0.002
-  elastic_joints: false
   drive: !JointInterface {}
   sensors: {joints: !JointReadings {}}
   environment: !Parts {}
