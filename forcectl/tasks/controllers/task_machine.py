@@ -5,7 +5,7 @@ The modes of the thesis' Figs. 6.7 and 6.14 and of any other task::
     signals of the loop, forces and motion of the tasks -> state machine -> mode -> references, reactive controller
                                                                          -> grippers, taring
 
-Guards read, beside `time` and `visits` of the mode (see `StateMachine`), with a task called `insert`:
+Guards read, beside `time`, `visits` and `elapsed` (see `StateMachine`), with a task called `insert`:
 
 - `insert.z`, `insert.speed_z`: its coordinates and their speeds, as commanded [m or rad, per s],
 - `insert_force.force_z`, `insert_force.torque_x`, ...: the wrench on it, see `TaskForce` [N, Nm],
@@ -34,7 +34,7 @@ from forcectl.tasks.compliance.task_force import TaskForce
 from forcectl.tasks.controllers.base import ModeConfig, TaskControllerConfig
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.machine.chart import MachineChart
-from forcectl.tasks.machine.modes import LONGEST_GAP, MachineModeConfig, check_modes, machine_chart
+from forcectl.tasks.machine.modes import LONGEST_GAP, ExitConfig, MachineModeConfig, check_modes, machine_chart
 from forcectl.tasks.machine.state_machine import StateMachine
 from forcectl.tasks.reactive_motion import MotionLimitsConfig
 from forcectl.tasks.task_parts import start_motion
@@ -59,6 +59,7 @@ class TaskMachineConfig(TaskControllerConfig):
 
     modes: dict[str, TaskModeConfig] = key(meaning="by name; the first is that of the start")
     on_bad_signal: str = key("", "mode that begins when a signal that a guard reads is no number for long")
+    always: list[ExitConfig] = key([], "transitions of every mode but ends, looked at before its own")
     longest_gap: float = key(LONGEST_GAP, "of such signals, that is passed over", unit="s", bounds="not negative")
     admittance: AdmittanceGainsConfig = key(AdmittanceGainsConfig, "of coordinates that comply")
     force_dead_band: float = key(0.0, "of forces that are complied to", unit="N", bounds="not negative")
@@ -71,7 +72,7 @@ class TaskMachineConfig(TaskControllerConfig):
             raise BadInputError("must have at least one", key="tasks")
         if not self.modes:
             raise BadInputError("must have at least one", key="modes")
-        check_modes(self.modes, self._start, self.on_bad_signal)
+        check_modes(self.modes, self._start, self.on_bad_signal, self.always)
         for name, part in self.tasks.items():
             if part.targets:
                 raise BadInputError("must be left out: references of the modes say it", key=f"tasks.{name}.targets")
@@ -82,7 +83,7 @@ class TaskMachineConfig(TaskControllerConfig):
 
     def machine(self) -> MachineChart:
         """The state machine as it is drawn."""
-        return machine_chart("", self.modes, self._start, self.on_bad_signal, self.longest_gap)
+        return machine_chart("", self.modes, self._start, self.on_bad_signal, self.longest_gap, self.always)
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
         """A `TaskMachine`."""
@@ -96,6 +97,7 @@ class TaskMachineConfig(TaskControllerConfig):
             arms=arms,
             on_bad_signal=self.on_bad_signal,
             longest_gap=self.longest_gap,
+            always=self.always,
             period=model.period,
         )
         references = [

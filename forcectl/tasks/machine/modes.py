@@ -2,7 +2,7 @@
 
 A machine is refused, in one line with the key, when
 
-* `start`, `to`, `on_timeout` or `on_bad_signal` is no mode of it, or a transition leads back to its own mode;
+* `start`, `to`, `on_timeout` or `on_bad_signal` is no mode of it, or a transition of a mode leads back to it;
 * a mode is neither an end nor has a timeout, is both, or cannot be reached from the start;
 * the timeouts alone do not lead from each mode to an end: a machine none of whose guards ever holds ends, too;
 * no mode is a success, or a failure has no reason;
@@ -11,7 +11,7 @@ A machine is refused, in one line with the key, when
 
 from __future__ import annotations
 
-from collections.abc import Mapping
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 from forcectl.errors import BadInputError, invalid, unknown
@@ -47,16 +47,17 @@ class MachineModeConfig(Config):
 Modes = Mapping[str, MachineModeConfig]
 
 
-def check_modes(modes: Modes, start: str, on_bad_signal: str = "") -> None:
+def check_modes(modes: Modes, start: str, on_bad_signal: str = "", always: Sequence[ExitConfig] = ()) -> None:
     """Refuse a machine that is none, see above.
 
     Args:
         modes: by name.
         start: name of the first one.
         on_bad_signal: of the one that begins when a signal is bad; "" for none.
+        always: transitions of every mode but ends.
 
     Raises:
-        BadInputError: about the key, from `modes`, `start` or `on_bad_signal` on.
+        BadInputError: about the key, from `modes`, `start`, `on_bad_signal` or `always` on.
     """
     for name in modes:
         if not (isinstance(name, str) and name.isidentifier()):
@@ -64,6 +65,8 @@ def check_modes(modes: Modes, start: str, on_bad_signal: str = "") -> None:
     _check_mode("start", start, modes)
     if on_bad_signal:
         _check_mode("on_bad_signal", on_bad_signal, modes)
+    for i, exit_ in enumerate(always):
+        _check_mode(f"always.{i}.to", exit_.to, modes)
     for name, mode in modes.items():
         _check_ways(f"modes.{name}", name, mode, modes)
         for arm, state in mode.grippers.items():
@@ -71,7 +74,8 @@ def check_modes(modes: Modes, start: str, on_bad_signal: str = "") -> None:
                 raise invalid(f"modes.{name}.grippers.{arm}", state, "open or closed")
     if not any(mode.end == "success" for mode in modes.values()):
         raise BadInputError("one of them must be a success: end: success", key="modes")
-    reached = _reached(modes, start, on_bad_signal)
+    anywhere = [exit_.to for exit_ in always] + [on_bad_signal] * bool(on_bad_signal)
+    reached = _reached(modes, [start, *anywhere])
     for name in modes:
         if name not in reached:
             raise BadInputError(f"cannot be reached from {start!r}: no transition leads there", key=f"modes.{name}")
@@ -80,19 +84,24 @@ def check_modes(modes: Modes, start: str, on_bad_signal: str = "") -> None:
 
 
 def machine_chart(
-    name: str, modes: Modes, start: str, on_bad_signal: str = "", longest_gap: float = LONGEST_GAP
+    name: str,
+    modes: Modes,
+    start: str,
+    on_bad_signal: str = "",
+    longest_gap: float = LONGEST_GAP,
+    always: Sequence[ExitConfig] = (),
 ) -> MachineChart:
     """The machine as it is drawn.
 
     Args:
         name: of the machine.
-        modes, start, on_bad_signal: see `check_modes`.
+        modes, start, on_bad_signal, always: see `check_modes`.
         longest_gap: see `StateMachine` [s].
 
     Raises:
         BadInputError: see `check_modes`.
     """
-    check_modes(modes, start, on_bad_signal)
+    check_modes(modes, start, on_bad_signal, always)
     drawn, arrows = [], []
     for mode_name, mode in modes.items():
         notes = [mode.reason] if mode.reason else []
@@ -102,6 +111,7 @@ def machine_chart(
             arrows.append(ChartArrow(mode_name, mode.on_timeout, "timeout"))
         if mode_name == on_bad_signal:
             notes.append(f"from any mode after {longest_gap:g} s without a signal")
+        notes += [f"from any mode: {_label(exit_)}" for exit_ in always if exit_.to == mode_name]
         notes += [f"{arm}: gripper {state}" for arm, state in mode.grippers.items()]
         drawn.append(ChartMode(mode_name, mode.end, tuple(notes)))  # type: ignore[arg-type]  # one of its choices
     return MachineChart(name, start, tuple(drawn), tuple(arrows))
@@ -136,9 +146,9 @@ def _check_ways(place: str, name: str, mode: MachineModeConfig, modes: Modes) ->
             raise invalid(key, target, "another mode than this one")
 
 
-def _reached(modes: Modes, start: str, on_bad_signal: str) -> set[str]:
+def _reached(modes: Modes, begins: Sequence[str]) -> set[str]:
     reached: set[str] = set()
-    waiting = [start, *([on_bad_signal] if on_bad_signal else [])]
+    waiting = list(begins)
     while waiting:
         name = waiting.pop()
         if name not in reached:

@@ -13,12 +13,13 @@ from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.batch import check
 from forcectl.framework.expression import Expression
 from forcectl.framework.sampled_block import Memory, SampledBlock
-from forcectl.tasks.machine.modes import LONGEST_GAP, Modes, check_modes
+from forcectl.tasks.machine.modes import LONGEST_GAP, ExitConfig, MachineModeConfig, Modes, check_modes
 
 ENDS = ("running", "success", "failure")  # by their number
 # Names in guards that are no signals.
-TIME, VISITS = "time", "visits"
+TIME, VISITS, ELAPSED = "time", "visits", "elapsed"
 
+_OWN = (TIME, VISITS, ELAPSED)
 _TINY = 1e-6  # of a tick, for rounding
 
 
@@ -39,10 +40,10 @@ class Guard:
 
     def __init__(self, text: str, key: str, known: Sequence[str]):
         self._condition = Expression(text, key)
-        self._condition.check_names([*known, TIME, VISITS], "signal")
+        self._condition.check_names([*known, *_OWN], "signal")
         if self._condition.texts:
             raise invalid(key, text, "of signals and numbers, without texts")
-        self.signals = frozenset(self._condition.names) - {TIME, VISITS}
+        self.signals = frozenset(self._condition.names) - {*_OWN}
 
     def value_if_true(self, values: Mapping[str, float]) -> float | None:
         """The value that decided, see `Expression.deciding_value`, where the condition holds; None elsewhere.
@@ -113,13 +114,14 @@ class StateMachine(SampledBlock):
 
     A guard is an expression over signals: a signal of one component stands by its own name, others are
     `signal.component`. `time` is the time in the mode [s], `visits` how often it began, from 1 on, for a task that is
-    tried again so many times.
+    tried again so many times, `elapsed` the time since the first tick [s].
 
-    The first tick begins the first mode. At every later tick the exits of the mode are looked at in their order, then
-    whether a signal is bad, then the timeout; the first that applies begins another mode at that tick, whose own exits
-    are looked at from the next tick on. So there is one transition at a tick at most. A guard with `hold` must hold at
-    every tick over that time, within the mode. A guard does not hold while a signal that it reads is not finite; when
-    one that the guards of the mode read stays so for more than `longest_gap`, `on_bad_signal` begins.
+    The first tick begins the first mode. At every later tick the exits of all modes and then those of the mode
+    are looked at in their order, then whether a signal is bad, then the timeout; the first that applies begins another
+    mode at that tick, whose own exits are looked at from the next tick on. So there is one transition at a tick at
+    most. A guard with `hold` must hold at every tick over that time, within the mode. A guard does not hold while a
+    signal that it reads is not finite; when one that the guards of the mode read stays so for more than `longest_gap`,
+    `on_bad_signal` begins.
 
     The mode is a number in the declared memory and no abstract value: an abstract state changes in unrestricted
     updates only, which copy the state of the whole diagram and act after the outputs of the tick were computed. As it
@@ -134,6 +136,7 @@ class StateMachine(SampledBlock):
         arms: names of those whose grippers are commanded.
         on_bad_signal: name of the mode that begins when a signal is bad; "" for none: then there are the timeouts.
         longest_gap: bad ticks in a row that are passed over [s], >= 0.
+        always: transitions of every mode but ends; in the one that it leads to a transition is left out.
         period: tick [s].
 
     Raises:
@@ -157,15 +160,16 @@ class StateMachine(SampledBlock):
         arms: Sequence[str] = (),
         on_bad_signal: str = "",
         longest_gap: float = LONGEST_GAP,
+        always: Sequence[ExitConfig] = (),
         period: float = 0.004,
     ):
         super().__init__()
-        check_modes(modes, start, on_bad_signal)
+        check_modes(modes, start, on_bad_signal, always)
         self._tick = check("period", period, "positive")
         self._gap = check("longest_gap", longest_gap, "not negative") / period + 0.5
         self._numbers_of = {name: number for number, name in enumerate(modes)}
         components = _components(signals)
-        self._modes = [self._built(f"modes.{name}", mode, components, arms) for name, mode in modes.items()]
+        self._modes = [self._built(name, mode, always, components, arms) for name, mode in modes.items()]
         self._bad_mode = self._numbers_of.get(on_bad_signal)
         first = self._modes[self._numbers_of[start]]
         self._grips = any(mode.grippers for mode in modes.values())
@@ -188,6 +192,7 @@ class StateMachine(SampledBlock):
             "gap": 0.0,  # ticks in a row at which a signal was bad
             "held": np.zeros(max(1, *(len(mode.exits) for mode in self._modes))),  # ticks, of each guard of the mode
             "visits": np.zeros(len(modes)),
+            "all_ticks": 0.0,
         }
         shown = ["mode", "time_in_mode", "transition", "transition_value", "machine_end"]
         if self._grips:
@@ -199,10 +204,19 @@ class StateMachine(SampledBlock):
         self.declare_memory(memory, inputs, self._tick)
         self.show(*shown)
 
-    def _built(self, place: str, mode: Any, components: Mapping[str, Any], arms: Sequence[str]) -> _Mode:
-        exits = []
-        for i, exit_ in enumerate(mode.exits):
-            guard = Guard(exit_.when, f"{place}.exits.{i}.when", list(components))
+    def _built(
+        self,
+        name: str,
+        mode: MachineModeConfig,
+        always: Sequence[ExitConfig],
+        components: Mapping[str, Any],
+        arms: Sequence[str],
+    ) -> _Mode:
+        place, exits = f"modes.{name}", []
+        ways = [(f"always.{i}", exit_) for i, exit_ in enumerate(always) if exit_.to != name and not mode.end]
+        ways += [(f"{place}.exits.{i}", exit_) for i, exit_ in enumerate(mode.exits)]
+        for key, exit_ in ways:
+            guard = Guard(exit_.when, f"{key}.when", list(components))
             hold = math.ceil(exit_.hold / self._tick - _TINY)
             exits.append(_Exit(guard, self._numbers_of[exit_.to], hold))
         grippers = np.full(len(arms), np.nan)
@@ -229,7 +243,8 @@ class StateMachine(SampledBlock):
         values = {name: inputs[port].item(i) for name, (port, i) in self._places.items() if name in mode.signals}
         bad = not all(map(math.isfinite, values.values()))
         gap = memory["gap"] + 1.0 if bad else 0.0
-        values |= {TIME: ticks * self._tick, VISITS: memory["visits"].item(number)}
+        all_ticks = memory["all_ticks"] + 1.0
+        values |= {TIME: ticks * self._tick, VISITS: memory["visits"].item(number), ELAPSED: all_ticks * self._tick}
         held, way = np.zeros_like(memory["held"]), None
         for i, exit_ in enumerate(mode.exits):
             value = exit_.guard.value_if_true(values)
@@ -241,7 +256,7 @@ class StateMachine(SampledBlock):
             way = self._bad_mode, gap * self._tick
         if way is None and ticks >= mode.timeout:
             way = mode.on_timeout, values[TIME]
-        after = {**memory, "gap": gap}
+        after = {**memory, "gap": gap, "all_ticks": all_ticks}
         if way is None:
             return after | {"ticks": ticks, "time_in_mode": values[TIME], "held": held}
         after |= {"transition": memory["transition"] + 1.0, "transition_value": way[1]}
@@ -273,7 +288,7 @@ def _components(signals: Mapping[str, Sequence[str]]) -> dict[str, tuple[str, in
     for port, names in signals.items():
         for i, name in enumerate(names):
             found[port if len(names) == 1 else f"{port}.{name}"] = port, i
-    for name in (TIME, VISITS):
+    for name in _OWN:
         if name in found:
             raise BadInputError(f"{name!r} is no name of a signal: it has a meaning of its own", key="signals")
     return found

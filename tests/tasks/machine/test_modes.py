@@ -66,6 +66,20 @@ def test_a_mode_that_the_machine_does_not_have(key):
         check_modes(peg(), **{"start": "approach", key: "aproach"})
 
 
+def test_what_is_watched_in_every_mode_is_an_exit_of_each_and_a_note_in_the_picture():
+    watched = [exit_to("too_hard", "abs(touch.force_z) > 20", 0.01)]
+    modes = peg() | {"too_hard": end("failure", "the force was too large")}
+    with pytest.raises(BadInputError, match=r"^modes\.too_hard: cannot be reached"):
+        check_modes(modes, "approach")
+    chart = machine_chart("peg", modes, "approach", always=watched)
+    (drawn,) = [mode for mode in chart.modes if mode.name == "too_hard"]
+    assert "from any mode: abs(touch.force_z) > 20 for 0.01 s" in drawn.notes
+    with pytest.raises(BadInputError, match=r"^always\.0\.to: unknown mode 'to_hard': did you mean 'too_hard'"):
+        check_modes(modes, "approach", always=[exit_to("to_hard", "time > 1")])
+    with pytest.raises(BadInputError, match=r"^always\.0\.when: unknown signal 'touch.forcez'"):
+        StateMachine(modes, start="approach", signals=PEG_SIGNALS, always=[exit_to("too_hard", "touch.forcez > 1")])
+
+
 def test_a_machine_that_is_one_is_not_refused():
     """Rings of guards are allowed, and timeouts that lead back where others lead on."""
     check_modes(peg(), "approach")

@@ -39,16 +39,19 @@ GUARDS = {
     "time > 0.04": (lambda s: s["time"] > 0.04, "", lambda s: s["time"]),
     "not (x > 0.2)": (lambda s: s["x"] <= 0.2, "x", lambda s: s["x"]),
     "visits > 2 and x > 0": (lambda s: s["visits"] > 2 and s["x"] > 0, "x", lambda s: s["visits"]),
+    "elapsed > 0.3": (lambda s: s["elapsed"] > 0.3, "", lambda s: s["elapsed"]),
+    "p.u > 0.99": (lambda s: s["u"] > 0.99, "u", lambda s: s["u"]),
     "x > 0.95 and p.u > 0.9": (lambda s: s["x"] > 0.95 and s["u"] > 0.9, "xu", lambda s: s["x"]),
 }  # fmt: skip
 
 
-def plain_machine(modes, samples, gap_us):
+def plain_machine(modes, samples, gap_us, always):
     """Mode, transitions, value, end, gripper and tare at every tick, in whole microseconds.
 
     Args:
         samples: dictionaries of x, u, w at the ticks.
         gap_us: longest gap of a signal.
+        always: exits of every mode but ends.
     """
     tick_us = round(PERIOD * US)
     name, began, bad_ticks, true_since, visits = "a", 0, 0, {}, {"a": 1}
@@ -57,10 +60,11 @@ def plain_machine(modes, samples, gap_us):
     for k, sample in enumerate(samples):
         now, at, following = k * tick_us, modes[name], None
         if k > 0:
-            signals = {**sample, "time": (now - began) / US, "visits": visits[name]}
-            read = {letter for exit_ in at.exits for letter in GUARDS[exit_.when][1]}
+            signals = {**sample, "time": (now - began) / US, "visits": visits[name], "elapsed": now / US}
+            exits = [*(exit_ for exit_ in always if exit_.to != name and not at.end), *at.exits]
+            read = {letter for exit_ in exits for letter in GUARDS[exit_.when][1]}
             bad_ticks = bad_ticks + 1 if any(not math.isfinite(sample[letter]) for letter in read) else 0
-            for i, exit_ in enumerate(at.exits):
+            for i, exit_ in enumerate(exits):
                 holds, letters, decides = GUARDS[exit_.when]
                 if all(math.isfinite(sample[letter]) for letter in letters) and holds(signals):
                     since = true_since.setdefault(i, now)
@@ -91,19 +95,20 @@ def test_random_walks_are_those_of_a_plain_machine(seed):
     ticks, seen = 120, set[int]()
     for _ in range(8):
         modes = random_modes(rng)
+        watched = [exit_to("c", "p.u > 0.99", 0.004), exit_to("failed", "elapsed > 0.3")]
+        always = watched[: rng.integers(0, 3)]
         values = np.sin(np.cumsum(rng.normal(0.0, 0.4, (ticks, 4)), axis=0))
         for begin, length in zip(rng.integers(0, ticks, 4), rng.integers(1, 12, 4), strict=True):
             values[begin : begin + length, rng.integers(0, 4)] = rng.choice([np.nan, np.inf])
-        machine = StateMachine(
-            modes, start="a", signals=SIGNALS, arms=["left"], on_bad_signal="blind", longest_gap=0.02, period=PERIOD
-        )
+        options = {"arms": ["left"], "on_bad_signal": "blind", "longest_gap": 0.02, "always": always}
+        machine = StateMachine(modes, start="a", signals=SIGNALS, period=PERIOD, **options)
         columns = {"x": slice(0, 1), "p": slice(1, 4)}
         inputs = {
             name: lambda t, v=values[:, columns[name]]: v[round(t / PERIOD)]
             for name in (machine.get_input_port(i).get_name() for i in range(machine.num_input_ports()))
         }
         log = run_diagram(machine, (ticks - 1) * PERIOD, period=PERIOD, inputs=inputs)
-        wanted = plain_machine(modes, [{"x": row[0], "u": row[1], "w": row[3]} for row in values], 20_000)
+        wanted = plain_machine(modes, [{"x": row[0], "u": row[1], "w": row[3]} for row in values], 20_000, always)
         for i, name in enumerate(NAMES):
             if name in log.values:
                 np.testing.assert_allclose(log[name][:, 0], wanted[:, i], rtol=0, atol=1e-9, err_msg=name)
