@@ -19,7 +19,7 @@ import xarray as xr
 from numpy.typing import NDArray
 
 from forcectl.analysis.force_metrics import model_response
-from forcectl.conventions import unit_of
+from forcectl.conventions import TRUTH, unit_of
 
 Array = NDArray[np.float64]
 
@@ -142,7 +142,7 @@ def read_netcdf(path: str | Path) -> xr.Dataset:
 
 
 def first_fault(
-    times: Array, values: Array, signals: Mapping[str, Any], limits: Mapping[str, float]
+    times: Array, values: Array, signals: Mapping[str, Any], limits: Mapping[str, float], *, faulty: bool = False
 ) -> tuple[str, float, float] | None:
     """The first sample that no healthy run has: (signal, time [s], value), or None.
 
@@ -151,11 +151,15 @@ def first_fault(
         values: (n, k).
         signals: name -> rows.
         limits: name -> largest absolute value; every signal must be finite.
+        faulty: readings fail on purpose: then commands and what only the simulation knows must be numbers, the rest may
+            be none.
     """
     found = []
     for name, signal in signals.items():
         rows = values[signal.rows]
         bad = ~np.isfinite(rows) | (np.abs(rows) > limits.get(name, np.inf))
+        if faulty and not (name in TRUTH or name.endswith("_command")):
+            bad &= ~np.isnan(rows)
         if bad.any():
             k = int(np.argmax(bad.any(axis=0)))
             found.append((name, float(times[k]), float(rows[bad[:, k], k][0])))

@@ -60,7 +60,7 @@ def simulate(
         cause, seconds = advance(simulator, end)
         computing += seconds if i else 0.0  # the first one initializes
         times, values = log.take(loop.sink.FindMutableLog(context))
-        fault = first_fault(times, values, loop.signals, limits)
+        fault = first_fault(times, values, loop.signals, limits, faulty=bool(scenario.station.faults))
         if fault is not None:
             name, when, value = fault
             failure = fault_of(name, when, value, loop.signals[name].unit)

@@ -147,6 +147,16 @@ def test_the_first_fault_has_signal_time_and_value(row, column, value, expected)
     np.testing.assert_equal(found, value)
 
 
+def test_readings_that_fail_on_purpose_may_be_no_numbers_but_commands_and_the_truth_may_not():
+    times, values = samples()
+    values[3, 1] = np.nan  # of motor_position, a reading
+    assert first_fault(times, values, SIGNALS, {}, faulty=True) is None
+    values[1, 3] = np.nan
+    assert first_fault(times, values, SIGNALS, {}, faulty=True)[:2] == ("contact_force", times[3])
+    values[3, 2] = np.inf
+    assert first_fault(times, values, SIGNALS, {}, faulty=True)[:2] == ("motor_position", times[2])
+
+
 def test_a_healthy_or_empty_log_has_no_fault():
     times, values = samples()
     assert first_fault(times, values, SIGNALS, {"contact_force": 800.0, "other": 1.0}) is None
