@@ -77,6 +77,7 @@ SIGNALS: dict[str, Signal] = {
     "arm_contact_force": Signal("N", "a", "sum of the magnitudes of the contact forces on each arm", True),
     "part_released": Signal("1", "h", "1 while no gripper holds the part", True),
     "part_position": Signal("m", "3m", "of the frames of the parts in the world", True),
+    "part_orientation": Signal("1", "4m", "of these frames in the world, quaternions [w, x, y, z]", True),
     "body_contact_wrench": Signal("Nm,N", "6", "between the bodies of a `!ContactTruth`, in its frame", True),
 }
 

@@ -82,7 +82,7 @@ class MultibodyStation(Diagram):
     surface_height (optional), surface_damping (optional), surface_stiffness (optional),
     contact_displacement (optional), contact_state (optional), applied_wrench (optional), external_torque (optional),
     tip_wrench (optional), arm_contact_force (optional), part_released (optional), gripper_holds (optional),
-    part_position (optional)]
+    part_position (optional), part_orientation (optional)]
     ```
 
     joint_position_command, joint_velocity_command, joint_torque_feedforward: shape (n,) [rad, rad/s, Nm]; the last two
@@ -106,7 +106,8 @@ class MultibodyStation(Diagram):
     arm_contact_force: shape (a,), truth, sum of magnitudes [N]. Feedthrough of external_wrench.
     part_released: shape (h,), truth, of the parts that arms can hold, see `GripperOpening` [1]. State.
     gripper_holds: shape (a,), readings, see `GripperOpening` [1]. State.
-    part_position: shape (3m,), truth, of m parts of assemblies in the world [m]. State.
+    part_position, part_orientation: shape (3m,), (4m,), truth, of m parts of assemblies in the world, see `PartPose`
+    [m, 1]. State.
     All outputs are state, as far as those of further sensors are.
 
     Sampling: every `time_step` [s] of the workcell the plant and its drives; every `period` [s] commands and readings;

@@ -94,13 +94,7 @@ def add_placed_part(plant: MultibodyPlant, robot: RobotParts, name: str, config:
         BadInputError: unknown arm, frame or model, a name that is taken, or a model that is not one rigid part.
     """
     with about(config):
-        file = config.file()
-        if plant.HasModelInstanceNamed(name):
-            raise BadInputError(f"part {name!r}: must have another name than the models {_names(plant)}")
-        model = ModelFile.look(file)
-        instance = parse_models(plant, {name: model}, [])[name]
-        root = _root(plant, instance, config)
-        frame = frame_named(plant, config.frame, instance) if config.frame else root.body_frame()
+        _, frame = parse_part(plant, name, config)
         grasp, springs = None, ()
         if not config.arm:
             plant.WeldFrames(plant.world_frame(), frame, config.placement)
@@ -110,8 +104,27 @@ def add_placed_part(plant: MultibodyPlant, robot: RobotParts, name: str, config:
             grasp = plant.AddModelInstance(f"{name}_grasp")
             springs, end = _add_grasp(plant, grasp, robot.arms[config.arm].tcp_frame, config.grasp)
             plant.WeldFrames(end, frame, config.placement)
-    bodies = frozenset(int(index) for index in plant.GetBodyIndices(instance))
+    bodies = frozenset(int(index) for index in plant.GetBodyIndices(frame.model_instance()))
     return PlacedPart(name, config, frame, bodies, grasp, springs)
+
+
+def parse_part(plant: MultibodyPlant, name: str, config: PartConfig) -> tuple[RigidBody, Frame]:
+    """Add the model of a part, free; returns the body that all its others are welded to, and the frame to be placed.
+
+    Args:
+        plant: not finalized.
+        name: of the part.
+        config: its configuration.
+
+    Raises:
+        BadInputError: unknown frame or model, a name that is taken, or a model that is not one rigid part.
+    """
+    file = config.file()
+    if plant.HasModelInstanceNamed(name):
+        raise BadInputError(f"part {name!r}: must have another name than the models {_names(plant)}")
+    instance = parse_models(plant, {name: ModelFile.look(file)}, [])[name]
+    root = _root(plant, instance, config)
+    return root, frame_named(plant, config.frame, instance) if config.frame else root.body_frame()
 
 
 def _root(plant: MultibodyPlant, instance: ModelInstanceIndex, config: PartConfig) -> RigidBody:

@@ -10,7 +10,7 @@ from pydrake.systems.primitives import MatrixGain
 from forcectl.diagrams.mechanics.assembly import Assembly, selector, through
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.plant.contact.gripper_opening import Grasp, GripperOpening
-from forcectl.plant.contact.part_position import PartPosition
+from forcectl.plant.contact.part_pose import PartPose
 from forcectl.plant.contact.peg_contact import PegContact
 
 
@@ -33,8 +33,7 @@ def add_parts(assembly: Assembly, site: Site) -> None:
             assembly.offer(name, opening.GetOutputPort(name))
         assembly.want("gripper_command", opening.GetInputPort("gripper_command"))
     if site.placed:
-        position = PartPosition([part.frame for part in site.placed])
-        assembly.add(builder.AddNamedSystem("part_position", position))
+        assembly.add(builder.AddNamedSystem("part_pose", PartPose([part.frame for part in site.placed])))
 
 
 def add_insertions(assembly: Assembly, site: Site) -> list[OutputPort]:

@@ -4,10 +4,13 @@ from __future__ import annotations
 
 from typing import Any
 
+import numpy as np
 from matplotlib.figure import Figure
 
 from forcectl.figures.force import COLOURS, stacked
 
+_LOCAL = "estimated_local_wrench"
+_DASHED: dict[str, Any] = {"lw": 1.0, "ls": (0, (4, 2))}
 _OF_COMPONENTS = {"joint": "link_position", "arm": "arm_contact_force", "wrench_component": "tip_wrench"}
 
 
@@ -27,7 +30,7 @@ def motion_figures(log: Any, title: str = "") -> dict[str, Figure]:
     names = [str(name) for name in log["variant"].values] if "variant" in log.dims else [""]
     for i, name in enumerate(names):
         one = one_variant(log, i)
-        if "estimated_wrench" in one or one["tip_wrench"].values.any():
+        if _estimated(one) or one["tip_wrench"].values.any():
             shown = f"{title}: {name}" if name else title
             figures["forces" if len(names) == 1 else f"forces_{i + 1}"] = force_figure(one, shown)
     return figures
@@ -47,20 +50,30 @@ def speed_figure(log: Any, title: str = "") -> Figure:
 
 
 def force_figure(log: Any, title: str = "") -> Figure:
-    """True forces at the tool centre points over time, and what was estimated, one row per arm."""
-    arms = [str(name) for name in log["arm"].values]
+    """True forces at the tool centre points over time, and what was estimated, one row per arm.
+
+    True forces are in the world. Of an estimate in other axes, which the log does not name, both are shown by size.
+    """
+    arms, estimated = [str(name) for name in log["arm"].values], _estimated(log)
     figure, rows = stacked(len(arms), 8.0, 0.9 + 2.6 * len(arms), title)
     for arm, axes in zip(arms, rows, strict=True):
-        for k, part in enumerate("xyz"):
-            component = f"{arm}_force_{part}"
-            if "estimated_wrench" in log:
-                estimate = log["estimated_wrench"].sel(wrench_component=component)
-                axes.plot(log["time"], estimate, color=_colour(k), lw=1.4, label=f"{part}, estimated")
-            true = log["tip_wrench"].sel(wrench_component=component)
-            axes.plot(log["time"], true, color=_colour(k), lw=1.0, ls=(0, (4, 2)), label=f"{part}, true")
+        of_arm = [f"{arm}_force_{part}" for part in "xyz"]
+        for name, word, look in ((estimated, "estimated", {"lw": 1.4}), ("tip_wrench", "true", _DASHED)):
+            if name:
+                force = log[name].sel(wrench_component=of_arm).values
+                shown = dict(zip("xyz", force.T, strict=True))
+                if estimated == _LOCAL:
+                    shown = {"size": np.linalg.norm(force, axis=1)}
+                for k, (part, values) in enumerate(shown.items()):
+                    axes.plot(log["time"], values, color=_colour(k), label=f"{part}, {word}", **look)
         axes.set_ylabel(f"{arm}: force [N]")
         axes.legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=6)
     return figure
+
+
+def _estimated(log: Any) -> str:
+    """Name of the estimated wrenches of a log; empty without any."""
+    return next((name for name in ("estimated_wrench", _LOCAL) if name in log and log[name].notnull().any()), "")
 
 
 def _colour(index: int) -> str:

@@ -17,7 +17,7 @@ from forcectl.plant.contact.gripper_opening import GripperOpening as GripperOpen
 from forcectl.plant.contact.obstacle import ObstacleConfig as ObstacleConfig
 from forcectl.plant.contact.part import GraspConfig as GraspConfig
 from forcectl.plant.contact.part import PartConfig as PartConfig
-from forcectl.plant.contact.part_position import PartPosition as PartPosition
+from forcectl.plant.contact.part_pose import PartPose as PartPose
 from forcectl.plant.contact.parts import EnvironmentPartsConfig as EnvironmentPartsConfig
 from forcectl.plant.contact.peg_contact import PegContact as PegContact
 from forcectl.plant.contact.peg_in_bore import InsertionConfig as InsertionConfig

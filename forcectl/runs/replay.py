@@ -1,20 +1,21 @@
 """Replay of a run: robot, environment and forces in three dimensions, as one HTML page without any network access.
 
 Drawn from the log alone, so it works for every fidelity. Motions are true to scale. An uneven surface moves by its
-height under the tool, as the tool sees it; its grooves are dark lines on the plate. Blue bars are true forces, orange
-ones estimates.
+height under the tool, as the tool sees it; its grooves are dark lines on the plate. Blue arrows are true forces, orange
+ones estimates; the page says which is which, what the time is and, of a state machine, the mode.
 """
 
 from __future__ import annotations
 
 import gc
 import logging
-from collections.abc import Callable
+from collections.abc import Callable, Mapping
 from pathlib import Path
 
 import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
+from pydrake.common.eigen_geometry import Quaternion
 from pydrake.geometry import (
     Box,
     Meshcat,
@@ -31,57 +32,62 @@ from pydrake.multibody.plant import AddMultibodyPlantSceneGraph, MultibodyPlant
 from pydrake.multibody.tree import FixedOffsetFrame, PrismaticJoint
 from pydrake.systems.framework import Context, DiagramBuilder
 
+from forcectl.analysis.transitions import stays
+from forcectl.diagrams.mechanics.placed_part import parse_part
 from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.models import add_packages
+from forcectl.plant.contact.part import PartConfig
 from forcectl.robot.parts import add_robot
+from forcectl.runs.replay_forces import BESIDE, Arrow, ShownForce, forces_of
+from forcectl.runs.replay_page import with_panel
+from forcectl.tasks.coordinates import ArmTask
 
 FRAMES = 32.0  # pictures per second of simulated time
-ARROW = 0.02  # [m/N] length of the bars that show forces
-_LEAST = 0.05  # [N] of a force that is shown
-_BLUE, _DARK = Rgba(0.0, 0.45, 0.7, 1.0), Rgba(0.15, 0.15, 0.17, 1.0)
-_ORANGE, _WOOD = Rgba(0.84, 0.37, 0.0, 1.0), Rgba(0.75, 0.6, 0.42, 1.0)
-_LOOKS = {"tip_wrench": (0.010, _BLUE), "estimated_wrench": (0.007, _ORANGE)}  # width [m], colour
+_DARK, _WOOD = Rgba(0.15, 0.15, 0.17, 1.0), Rgba(0.75, 0.6, 0.42, 1.0)
 _PLATE = 0.3, 0.2  # [m] length and width of the plate
 
 
-def write_replay(log: xr.Dataset, workcell: Workcell, path: Path) -> None:
+def write_replay(
+    log: xr.Dataset, workcell: Workcell, path: Path, *, title: str = "", tasks: Mapping[str, ArmTask] | None = None
+) -> None:
     """Write the replay of one variant.
 
     Args:
         log: over time, with `link_position` or `motor_position`, and forces.
         workcell: what was simulated.
         path: HTML file to write.
+        title: heading.
+        tasks: those of `task_wrench` in the log, by name, in their order.
     """
     try:
-        _draw(log, workcell, path)
+        path.write_text(_drawn(log, workcell, title, tasks or {}), encoding="utf-8")
     finally:
         # Drake ends the process when a Meshcat is destroyed in another thread than the one that made it, and a diagram
         # of Python is a cycle of references: left alone it would go in whichever thread collects it.
         gc.collect()
 
 
-def _draw(log: xr.Dataset, workcell: Workcell, path: Path) -> None:
+def _drawn(log: xr.Dataset, workcell: Workcell, title: str, tasks: Mapping[str, ArmTask]) -> str:
     builder = DiagramBuilder()
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
     parts = add_robot(plant, workcell.config.robot, workcell.config.tool)
     plates = [_Plate(plant, contact, i) for i, contact in enumerate(workcell.contacts)]
+    placed = [_Part(plant, name, part) for name, part in workcell.parts.items()]
     plant.Finalize()
     scene = Scene(builder, plant, scene_graph)
     meshcat, own = scene.meshcat, scene.plant_context
+    # A background of one colour: a gradient has edges when it is seen from elsewhere than the side.
+    for end in ("top_color", "bottom_color"):
+        meshcat.SetProperty("/Background/<object>", end, [0.93, 0.93, 0.96])
     for i, obstacle in enumerate(workcell.obstacles.values()):
         meshcat.SetObject(f"obstacles/{i}", Box(*obstacle.size), _WOOD)
         meshcat.SetTransform(f"obstacles/{i}", obstacle.pose)
     for plate in plates:
         plate.draw_grooves(meshcat)
-    if plates:
-        tip = plates[0].X_WE.translation()
-        meshcat.SetCameraPose(tip + np.array([0.3, -1.4, 0.3]), 0.85 * tip)
-    bars = {
-        name: [_ForceBar(meshcat, f"{name}/{arm}", *look) for arm in parts.arms]
-        for name, look in _LOOKS.items()
-        if name in log
-    }
-    beside = [_ForceBar(meshcat, plate.name("force"), 0.012, _BLUE) for plate in plates]
+    shown = [*forces_of(log, workcell, tasks, plant, parts, own)]
+    of = [f" {contact.name}" if len(plates) > 1 else "" for contact in workcell.contacts]
+    shown += [plate.pressed(log, f"true, surface{name}") for plate, name in zip(plates, of, strict=True)]
+    arrows = [Arrow(meshcat, force.path, force.look) for force in shown]
     joints = log["link_position" if "link_position" in log else "motor_position"].values
     positions, indices = plant.GetPositions(own), [joint.position_start() for joint in parts.joints]
 
@@ -91,16 +97,25 @@ def _draw(log: xr.Dataset, workcell: Workcell, path: Path) -> None:
         for plate in plates:
             plate.move(meshcat, positions, height, when)
         plant.SetPositions(own, positions)
-        tips = [part.tcp_frame.CalcPoseInWorld(own).translation() for part in parts.arms.values()]
-        for name, of_arms in bars.items():
-            forces = log[name].values[k].reshape(-1, 6)[:, 3:]
-            for bar, tip, force in zip(of_arms, tips, forces, strict=True):
-                bar.draw(tip - ARROW * force, force, when)  # it ends where the force acts
-        pressed = np.atleast_1d(log["contact_force"].values[k]) if plates else ()
-        for bar, plate, force in zip(beside, plates, pressed, strict=True):
-            bar.draw(plate.foot, float(force) * plate.n, when)
+        for i, part in enumerate(placed):
+            place, turn = log["part_position"].values[k], log["part_orientation"].values[k]
+            part.move(own, place[3 * i : 3 * i + 3], turn[4 * i : 4 * i + 4])
+        for arrow, force in zip(arrows, shown, strict=True):
+            arrow.draw(*force.at(k), when)
 
-    scene.record(log["time"].values, draw, path)
+    times = log["time"].values
+    wanted = np.arange(0.0, times[-1] - times[0] + 0.5 / FRAMES, 1 / FRAMES)
+    pictures = np.searchsorted(times, times[0] + wanted).clip(max=len(times) - 1)
+    positions[indices] = joints[0]
+    plant.SetPositions(own, positions)
+    tip = np.mean([arm.tcp_frame.CalcPoseInWorld(own).translation() for arm in parts.arms.values()], axis=0)
+    if plates:
+        tip = plates[0].X_WE.translation()
+        meshcat.SetCameraPose(tip + np.array([0.3, -1.4, 0.3]), 0.85 * tip)
+    else:
+        beside = tip + np.array([-0.05, -0.09, 0.0])  # the panel stands at the left
+        meshcat.SetCameraPose(beside + np.array([0.6, -0.35, 0.3]), beside)
+    return with_panel(scene.record(times, pictures, draw), title, times, pictures, stays(log), shown)
 
 
 class _Plate:
@@ -115,8 +130,8 @@ class _Plate:
             d = self._uneven.direction_across(self.n)
             R_WE = RotationMatrix(np.column_stack([d, np.cross(self.n, d), self.n]))
         self.X_WE = RigidTransform(R_WE, contact.robot.pose(contact.robot.context_at(contact.start)).translation())
-        # A bar stands beside the tool, where it does not go, and grows along n.
-        self.foot = self.X_WE @ ([-0.12, 0.08, 0.0] if self._uneven else [0.1, 0.0, 0.0])
+        # The arrow stands beside the tool, where it does not go, and grows along n.
+        self._foot = self.X_WE @ ([-0.12, 0.08, 0.0] if self._uneven else [0.1, 0.0, 0.0])
         parser = Parser(plant)
         parser.SetAutoRenaming(True)
         add_packages(parser.package_map())
@@ -128,6 +143,11 @@ class _Plate:
             self._slide = plant.AddJoint(PrismaticJoint("surface_slide", guide, top, [0.0, 0.0, 1.0]))
         else:
             plant.WeldFrames(plant.world_frame(), top, self.X_WE)
+
+    def pressed(self, log: xr.Dataset, label: str) -> ShownForce:
+        """The force of the surface on the tool."""
+        forces = log["contact_force"].values.reshape(log.sizes["time"], -1)[:, [self._index]] * self.n
+        return ShownForce(label, self.name("force"), BESIDE, forces, lambda k: (self._foot, forces[k]))
 
     def name(self, what: str) -> str:
         return what if self._index == 0 else f"{what}_{self._index + 1}"
@@ -150,24 +170,18 @@ class _Plate:
             meshcat.SetTransform(f"{self.name('grooves')}/lines", RigidTransform([0.0, 0.0, height]), when)
 
 
-class _ForceBar:
-    """A bar of a width [m] that shows a force: `ARROW` long per newton, hidden below `_LEAST`."""
+class _Part:
+    """A part of an assembly; the plant is not finalized."""
 
-    def __init__(self, meshcat: Meshcat, path: str, width: float, colour: Rgba):
-        self._meshcat, self._path = meshcat, path
-        meshcat.SetObject(path, Box(width, width, 1.0), colour)
+    def __init__(self, plant: MultibodyPlant, name: str, config: PartConfig):
+        self._plant = plant
+        self._body, self._frame = parse_part(plant, name, config)
 
-    def draw(self, start: NDArray[np.float64], force: NDArray[np.float64], when: float) -> None:
-        """Draw it from a point (3,) [m] along a force (3,) [N], both in W, at a time [s] of the recording."""
-        size = float(np.linalg.norm(force))
-        shown = size > _LEAST
-        self._meshcat.SetProperty(self._path, "visible", shown, when)
-        if shown:  # the place of a hidden bar is nowhere, also in the log of a run that ended in NaN
-            X_WF = RigidTransform(RotationMatrix.MakeFromOneVector(force, 2), start)
-            length = ARROW * size
-            self._meshcat.SetTransform(self._path, X_WF @ RigidTransform([0.0, 0.0, length / 2]), when)
-            # Scaled are the axes of the shape itself. Those of a box are Drake's; a cylinder of Meshcat's lies along y.
-            self._meshcat.SetProperty(f"{self._path}/<object>", "scale", [1.0, 1.0, length], when)
+    def move(self, context: Context, position: NDArray[np.float64], orientation: NDArray[np.float64]) -> None:
+        """Put its frame at a position (3,) [m] and a quaternion (4,) in the world."""
+        X_WF = RigidTransform(Quaternion(orientation), position)
+        X_BF = self._frame.CalcPose(context, self._body.body_frame())
+        self._plant.SetFloatingBaseBodyPoseInWorldFrame(context, self._body, X_WF @ X_BF.inverse())
 
 
 class Scene:
@@ -190,24 +204,23 @@ class Scene:
         self._root = self._diagram.CreateDefaultContext()
         self.plant_context: Context = plant.GetMyMutableContextFromRoot(self._root)
 
-    def record(self, times: NDArray[np.float64], draw: Callable[[int, float], None], path: Path) -> None:
-        """Write the pictures of a log.
+    def record(self, times: NDArray[np.float64], pictures: NDArray[np.intp], draw: Callable[[int, float], None]) -> str:
+        """A page with pictures of a log.
 
         Args:
             times: of its samples [s].
+            pictures: which of them are shown.
             draw: sets `plant_context`, and what is drawn beside it, to sample k, at a time [s].
-            path: HTML file to write.
         """
         self._visualizer.StartRecording()
-        wanted = np.arange(0.0, times[-1] - times[0] + 0.5 / FRAMES, 1 / FRAMES)
-        for k in np.searchsorted(times, times[0] + wanted).clip(max=len(times) - 1):
+        for k in pictures:
             when = float(times[k])
             self._root.SetTime(when)
             draw(k, when)
             self._diagram.ForcedPublish(self._root)
         self._visualizer.StopRecording()
         self._visualizer.PublishRecording()
-        path.write_text(self.meshcat.StaticHtml(), encoding="utf-8")
+        return str(self.meshcat.StaticHtml())
 
 
 def _quiet_meshcat() -> Meshcat:

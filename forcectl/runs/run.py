@@ -246,8 +246,19 @@ def _write_files(folder: Path, mark: str, outcome: VariantOutcome, scenario: Sce
                 (folder / f"{path.stem}{mark}{path.suffix}").write_text(text, encoding="utf-8")
     if replay and outcome.log.sizes["time"]:
         from forcectl.runs.replay import write_replay
+        from forcectl.tasks.controllers.base import TaskControllerConfig
+        from forcectl.tasks.task_parts import start_motion
 
-        write_replay(outcome.log, setting.workcell, folder / f"replay{mark}.html")
+        controller, tasks = scenario.controller, {}
+        if "task_wrench" in outcome.log and isinstance(controller, TaskControllerConfig):
+            tasks = controller.made_tasks(start_motion(setting.model))
+        write_replay(
+            outcome.log,
+            setting.workcell,
+            folder / f"replay{mark}.html",
+            title=f"{scenario.title}{f': {outcome.variant}' if mark else ''}",
+            tasks=tasks,
+        )
 
 
 def _write_pictures(folder: Path, log: xr.Dataset, scenario: Scenario, diagram: Diagram, title: str) -> None:

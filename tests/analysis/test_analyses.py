@@ -234,6 +234,15 @@ def test_figures_of_every_run_show_arms_and_forces():
     assert set(motion_figures(made_up().drop_vars("estimated_wrench"), "T")) == {"motion"}
 
 
+def test_a_figure_of_forces_shows_the_size_of_an_estimate_in_other_axes():
+    log = made_up().rename(estimated_wrench="estimated_local_wrench")
+    (axes,) = motion_figures(log, "T")["forces"].axes
+    shown = {line.get_label(): line.get_ydata() for line in axes.lines}
+    assert set(shown) == {"size, estimated", "size, true"}
+    for label, name in (("size, estimated", "estimated_local_wrench"), ("size, true", "tip_wrench")):
+        np.testing.assert_allclose(shown[label] ** 2, (log[name].values[:, 3:] ** 2).sum(axis=1), atol=1e-12)
+
+
 def test_variants_of_different_robots_are_drawn_each_with_its_own_arms():
     small = made_up()
     wide = small.rename(joint="j", arm="a", wrench_component="w")

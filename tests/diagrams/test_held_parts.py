@@ -6,6 +6,7 @@ from dataclasses import replace
 
 import numpy as np
 import pytest
+from pydrake.common.eigen_geometry import Quaternion
 from pydrake.math import RollPitchYaw, RotationMatrix
 
 from forcectl.diagrams import describe
@@ -172,14 +173,15 @@ def test_a_part_in_each_hand():
     body = PartConfig(model="pipette_body", frame="mouth", arm="right", position=[0.0, 0.0, 0.06])
     parts = EnvironmentPartsConfig(parts={"plunger": PLUNGER, "body": body})
     both = Held(describe(free(elastic_joints=True, self_collision=True, environment=parts)))
-    start = both.read("part_position").reshape(2, 3)
+    start, turned = both.read("part_position").reshape(2, 3), both.read("part_orientation").reshape(2, 4)
     both.go(0.3)
     end = both.read("part_position").reshape(2, 3)
     robot = both.workcell.robot
     posture = robot.context_at(both.workcell.start)
-    for name, part, place in zip(("left", "right"), (PLUNGER, body), start, strict=True):
-        X_WT = robot.parts.arms[name].tcp_frame.CalcPoseInWorld(posture)
-        np.testing.assert_allclose(place, X_WT @ part.placement.translation(), atol=1e-9)
+    for name, part, place, turn in zip(("left", "right"), (PLUNGER, body), start, turned, strict=True):
+        X_WF = robot.parts.arms[name].tcp_frame.CalcPoseInWorld(posture) @ part.placement
+        np.testing.assert_allclose(place, X_WF.translation(), atol=1e-9)
+        np.testing.assert_allclose(RotationMatrix(Quaternion(turn)).matrix(), X_WF.rotation().matrix(), atol=1e-9)
     # They sag by 0.1 to 0.4 N over 1 to 2 kN/m, and tilt by their weight beside the TCP over 3 Nm/rad.
     assert np.linalg.norm(end - start, axis=1).min() > 1e-5
     assert np.linalg.norm(end - start, axis=1).max() < 2e-3

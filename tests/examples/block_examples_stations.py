@@ -29,7 +29,7 @@ from forcectl.plant.contact.contact_truth import ContactWrench, bodies_named
 from forcectl.plant.contact.gripper_opening import Grasp, GripperOpening
 from forcectl.plant.contact.obstacle import ObstacleConfig
 from forcectl.plant.contact.part import GraspConfig, PartConfig
-from forcectl.plant.contact.part_position import PartPosition
+from forcectl.plant.contact.part_pose import PartPose
 from forcectl.plant.contact.parts import EnvironmentPartsConfig
 from forcectl.plant.contact.peg_contact import PegContact
 from forcectl.plant.contact.peg_in_bore import PegInBoreConfig
@@ -197,8 +197,8 @@ def gripper_opening() -> GripperOpening:
     return GripperOpening(grasps, 2, period=0.002)
 
 
-def part_position() -> PartPosition:
-    return PartPosition([part.frame for part in in_plant(holding_workcell()).placed])
+def part_pose() -> PartPose:
+    return PartPose([part.frame for part in in_plant(holding_workcell()).placed])
 
 
 def peg_contact_in_a_plant(config: PegInBoreConfig) -> tuple[PegContact, MultibodyPlant]:
@@ -355,10 +355,10 @@ STATION_EXAMPLES: dict[type[System], list[Example]] = {
             periods=PERIOD,
         )
     ],
-    PartPosition: [
+    PartPose: [
         Example(
-            part_position,
-            each("part_position", "body_poses"),
+            part_pose,
+            each("part_position", "body_poses") | each("part_orientation", "body_poses"),
             {"joint_position_command": lambda t: moved(holding_workcell())(t)},
             runnable=lambda: build_station(holding_workcell(), 3),
         )

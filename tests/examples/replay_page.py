@@ -11,7 +11,7 @@ from typing import Any
 
 import numpy as np
 from pydrake.common.eigen_geometry import Quaternion
-from pydrake.math import RotationMatrix
+from pydrake.math import RigidTransform
 
 RATE = 64.0  # frames per second that Meshcat counts in
 _SIZED = {0xD9: (">B", "s"), 0xDA: (">H", "s"), 0xDB: (">I", "s"), 0xC4: (">B", "b"), 0xC5: (">H", "b")}
@@ -64,18 +64,9 @@ class Drawn:
     end: np.ndarray
 
 
-def drawn(page: Path, path: str, time: float) -> Drawn | None:
-    """What a page shows of the box or cylinder at a path at a recorded time [s]; None when it is hidden."""
-    found = re.findall(r'base64,([^"]+)"\)', page.read_text(encoding="utf-8"))
-    messages = [data for data in map(base64.b64decode, found) if b"set_animation" in data or path.encode() in data]
-    shape, recording = None, None
-    for message in (_Unpacker(data).value() for data in messages):
-        if message["type"] == "set_object" and message["path"].startswith(f"/drake/{path}"):
-            (shape,) = message["object"]["geometries"]
-        elif message["type"] == "set_animation":
-            recording = message["animations"]
-    assert shape is not None
-    assert recording is not None
+def tracks(page: Path, path: str, time: float) -> dict[str, Any]:
+    """What the recording says at a time [s] of the things whose path begins so: `.position`, `.scale`, and others."""
+    (recording,) = [message["animations"] for message in _messages(page, b"set_animation")]
     values: dict[str, Any] = {}
     for part in recording:
         if part["path"].startswith(f"/drake/{path}"):
@@ -83,6 +74,21 @@ def drawn(page: Path, path: str, time: float) -> Drawn | None:
                 at = {key["time"]: key["value"] for key in track["keys"]}
                 if round(time * RATE) in at:
                     values[track["name"]] = at[round(time * RATE)]
+    return values
+
+
+def pose(page: Path, path: str, time: float) -> RigidTransform:
+    """Where the only thing at a path is at a recorded time [s]."""
+    values = tracks(page, path, time)
+    x, y, z, w = values[".quaternion"]
+    return RigidTransform(Quaternion(w, x, y, z), values[".position"])
+
+
+def drawn(page: Path, path: str, time: float) -> Drawn | None:
+    """What a page shows of the box or cylinder at a path at a recorded time [s]; None when it is hidden."""
+    found = [each for each in _messages(page, b"set_object") if each["path"].startswith(f"/drake/{path}")]
+    ((shape,),) = [message["object"]["geometries"] for message in found]
+    values = tracks(page, path, time)
     if not values.get(".visible", True):
         return None
     # Meshcat's own axes: a box has its height along y and its depth along z, a cylinder its height along y.
@@ -90,6 +96,11 @@ def drawn(page: Path, path: str, time: float) -> Drawn | None:
     across = 2.0 * shape.get("radiusTop", 0.0)
     sides = (shape["width"], shape["height"], shape["depth"]) if box else (across, shape["height"], across)
     long = np.diag(np.multiply(sides, values[".scale"]))[np.argmax(np.multiply(sides, values[".scale"]))]
-    x, y, z, w = values[".quaternion"]
-    half = RotationMatrix(Quaternion(w, x, y, z)) @ long / 2
-    return Drawn(values[".position"] - half, values[".position"] + half)
+    X_WG = pose(page, path, time)
+    half = X_WG.rotation() @ long / 2
+    return Drawn(X_WG.translation() - half, X_WG.translation() + half)
+
+
+def _messages(page: Path, kind: bytes) -> list[dict[str, Any]]:
+    found = re.findall(r'base64,([^"]+)"\)', page.read_text(encoding="utf-8"))
+    return [_Unpacker(data).value() for data in map(base64.b64decode, found) if data.find(kind, 0, 40) > 0]

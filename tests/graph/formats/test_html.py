@@ -2,59 +2,18 @@ from __future__ import annotations
 
 import json
 import re
-import shutil
-import subprocess
 from html.parser import HTMLParser
 
 import pytest
 
 from forcectl.graph.export import graph
 from forcectl.graph.formats.html import fold_states, to_html
+from tests.examples.browser import needs_chromium, opened_in_browser, said, with_script
 from tests.examples.graph_diagrams import ALL, force_loop, odd_names, random_diagram
-
-CHROMIUM = next(filter(None, map(shutil.which, ("chromium", "chromium-browser", "google-chrome"))), None)
-needs_chromium = pytest.mark.skipif(CHROMIUM is None, reason="no Chromium or Chrome on this machine to open the page")
-FLAGS = [
-    "--headless",
-    "--no-sandbox",
-    "--disable-gpu",
-    "--disable-quic",
-    "--no-first-run",
-    "--disable-background-networking",
-    "--disable-component-update",
-    "--disable-sync",
-    "--window-size=1400,600",
-    "--virtual-time-budget=3000",
-]
 
 
 def data_of(page: str):
     return json.loads(re.search(r'<script type="application/json" id="data">(.*?)</script>', page, re.DOTALL)[1])
-
-
-def opened_in_browser(folder, page: str, *options: str) -> str:
-    path = folder / "page.html"
-    path.write_text(page)
-    command = [CHROMIUM, *FLAGS, f"--user-data-dir={folder / 'profile'}", *options, path.as_uri()]
-    return subprocess.run(command, capture_output=True, text=True, timeout=120, check=True).stdout
-
-
-def with_script(page: str, script: str) -> str:
-    """The page, and what a user would do in it; `say(x)` leaves a note that the test can read."""
-    helpers = """
-    const note = text => Object.assign(document.createElement("pre"), {textContent: "SAID " + text});
-    const say = text => document.body.append(note(text));
-    const send = (element, type) => element.dispatchEvent(
-      new PointerEvent(type, {bubbles: true, button: 0, clientX: 400, clientY: 300}));
-    const click = element => { send(element, "pointerdown"); send(element, "pointerup"); };
-    const find = path => document.querySelector(`[data-path="${CSS.escape(path)}"]`);
-    addEventListener("error", event => say("ERROR " + event.message));
-    """
-    return page.replace("</body>", f"<script>{helpers}\n{script}</script></body>")
-
-
-def said(dom: str) -> list[str]:
-    return re.findall(r"SAID (.*?)</pre>", dom)
 
 
 class Closed(HTMLParser):

@@ -1,0 +1,63 @@
+"""The page of a replay: beside Meshcat's picture the time, the mode in words, what arrows show, and a time line."""
+
+from __future__ import annotations
+
+import json
+from collections.abc import Sequence
+
+import numpy as np
+from jinja2 import Environment, PackageLoader, select_autoescape
+from numpy.typing import NDArray
+
+from forcectl.analysis.transitions import Stay
+from forcectl.runs.replay_forces import ARROW, ShownForce
+
+Array = NDArray[np.float64]
+
+
+def with_panel(
+    html: str, title: str, times: Array, pictures: Array, stays: Sequence[Stay], forces: Sequence[ShownForce]
+) -> str:
+    """Add the panel and the time line to a page of Meshcat's. They follow its animation.
+
+    Args:
+        html: of Meshcat.
+        title: heading.
+        times: of the samples of the log, (k,) [s].
+        pictures: which of them are shown.
+        stays: in the modes of a state machine; none without one.
+        forces: with an arrow in the picture.
+    """
+    data = {
+        "begin": float(times[0]),
+        "end": float(times[-1]),
+        "times": [round(float(time), 4) for time in times[pictures]],
+        "stays": [
+            stay._asdict() | {"mode": stay.mode.replace("_", " "), "value": _number(stay.value)} for stay in stays
+        ],
+        "arrows": [force.path for force in forces],
+        "forces": [[_number(size) for size in np.linalg.norm(force.values[pictures], axis=1)] for force in forces],
+    }
+    template = Environment(
+        loader=PackageLoader("forcectl.runs"), autoescape=select_autoescape(["html.j2"]), trim_blocks=True
+    ).get_template("replay.html.j2")
+    panel = template.render(
+        title=title,
+        forces=[(force.label, _css(force)) for force in forces],
+        millimetres=f"{1e3 * ARROW:g}",
+        newtons=f"{1e-3 / ARROW:g}",
+        # A closing tag inside of a name must not end the script element.
+        data=json.dumps(data, ensure_ascii=False, allow_nan=False, separators=(",", ":")).replace("<", "\\u003c"),
+    )
+    before, end, after = html.rpartition("</body>")
+    return f"{before}{panel}{end}{after}"
+
+
+def _number(value: float | None) -> float | None:
+    """To four digits, at most nine of them after the point; null for what JSON has no number for."""
+    return round(float(f"{value:.4g}"), 9) if value is not None and np.isfinite(value) else None
+
+
+def _css(force: ShownForce) -> str:
+    colour = force.look.colour
+    return f"rgb({255 * colour.r():.0f} {255 * colour.g():.0f} {255 * colour.b():.0f} / {colour.a():g})"
