@@ -2,7 +2,7 @@ from forcectl.runs.columns import read_columns as read_columns
 from forcectl.runs.logs import read_netcdf as read_netcdf
 from forcectl.runs.logs import write_netcdf as write_netcdf
 from forcectl.runs.recorded import read_record as read_record
-from forcectl.runs.replay import write_replay as write_replay
+from forcectl.runs.replay.write import write_replay as write_replay
 from forcectl.runs.reproduce import Reproduction as Reproduction
 from forcectl.runs.run import RunResult as RunResult
 from forcectl.runs.simulate import VariantOutcome as VariantOutcome

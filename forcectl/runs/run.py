@@ -245,7 +245,7 @@ def _write_files(folder: Path, mark: str, outcome: VariantOutcome, scenario: Sce
                 path = Path(name)
                 (folder / f"{path.stem}{mark}{path.suffix}").write_text(text, encoding="utf-8")
     if replay and outcome.log.sizes["time"]:
-        from forcectl.runs.replay import write_replay
+        from forcectl.runs.replay.write import write_replay
         from forcectl.tasks.controllers.base import TaskControllerConfig
         from forcectl.tasks.task_parts import start_motion
 

@@ -10,7 +10,7 @@ from jinja2 import Environment, PackageLoader, select_autoescape
 from numpy.typing import NDArray
 
 from forcectl.analysis.transitions import Stay
-from forcectl.runs.replay_forces import ARROW, ShownForce
+from forcectl.runs.replay.forces import ARROW, ShownForce
 
 Array = NDArray[np.float64]
 
@@ -39,7 +39,7 @@ def with_panel(
         "forces": [[_number(size) for size in np.linalg.norm(force.values[pictures], axis=1)] for force in forces],
     }
     template = Environment(
-        loader=PackageLoader("forcectl.runs"), autoescape=select_autoescape(["html.j2"]), trim_blocks=True
+        loader=PackageLoader("forcectl.runs.replay"), autoescape=select_autoescape(["html.j2"]), trim_blocks=True
     ).get_template("replay.html.j2")
     panel = template.render(
         title=title,

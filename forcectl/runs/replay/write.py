@@ -38,8 +38,8 @@ from forcectl.diagrams.workcell import Contact, Workcell
 from forcectl.models import add_packages
 from forcectl.plant.contact.part import PartConfig
 from forcectl.robot.parts import add_robot
-from forcectl.runs.replay_forces import BESIDE, Arrow, ShownForce, forces_of
-from forcectl.runs.replay_page import with_panel
+from forcectl.runs.replay.forces import BESIDE, Arrow, ShownForce, forces_of
+from forcectl.runs.replay.page import with_panel
 from forcectl.tasks.coordinates import ArmTask
 
 FRAMES = 32.0  # pictures per second of simulated time
@@ -72,7 +72,7 @@ def _drawn(log: xr.Dataset, workcell: Workcell, title: str, tasks: Mapping[str, 
     plant, scene_graph = AddMultibodyPlantSceneGraph(builder, 0.0)
     parts = add_robot(plant, workcell.config.robot, workcell.config.tool)
     plates = [_Plate(plant, contact, i) for i, contact in enumerate(workcell.contacts)]
-    placed = [_Part(plant, name, part) for name, part in workcell.parts.items()]
+    placed = [_MovedPart(plant, name, part) for name, part in workcell.parts.items()]
     plant.Finalize()
     scene = Scene(builder, plant, scene_graph)
     meshcat, own = scene.meshcat, scene.plant_context
@@ -170,7 +170,7 @@ class _Plate:
             meshcat.SetTransform(f"{self.name('grooves')}/lines", RigidTransform([0.0, 0.0, height]), when)
 
 
-class _Part:
+class _MovedPart:
     """A part of an assembly; the plant is not finalized."""
 
     def __init__(self, plant: MultibodyPlant, name: str, config: PartConfig):

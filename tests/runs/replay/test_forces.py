@@ -12,8 +12,8 @@ from pydrake.multibody.plant import MultibodyPlant
 from forcectl.diagrams.station import StationConfig
 from forcectl.diagrams.workcell import describe
 from forcectl.robot.parts import add_robot
-from forcectl.runs.replay import write_replay
-from forcectl.runs.replay_forces import ARROW
+from forcectl.runs.replay.forces import ARROW
+from forcectl.runs.replay.write import write_replay
 from tests.examples.replay_page import drawn, pose, tracks
 from tests.examples.stations import free
 

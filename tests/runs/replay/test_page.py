@@ -19,8 +19,8 @@ from forcectl.framework.yaml_tree import parse
 from forcectl.plant.contact.part import PartConfig
 from forcectl.plant.contact.parts import EnvironmentPartsConfig
 from forcectl.runs.logs import read_netcdf
-from forcectl.runs.replay import write_replay
-from forcectl.runs.replay_forces import ARROW
+from forcectl.runs.replay.forces import ARROW
+from forcectl.runs.replay.write import write_replay
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.relative_task import RelativeTask
 from forcectl.tasks.task_frame import TaskFrame

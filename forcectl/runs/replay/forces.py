@@ -15,7 +15,6 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
-from forcectl.diagrams.sensors import ContactTruthConfig
 from forcectl.diagrams.workcell import Workcell
 from forcectl.plant.contact.contact_truth import frame_called
 from forcectl.robot.parts import RobotParts
@@ -29,7 +28,7 @@ _Place = tuple[Array, Array]  # a point [m] and axes (3, 3), both in the world
 ARROW = 0.02  # [m/N] length of the arrows
 _HEAD = 0.02  # [m] of it the head, at most
 _LEAST = 0.05  # [N] of a force that is shown
-_WORLD = np.eye(3)
+_WORLD, _BETWEEN = np.eye(3), "body_contact_wrench"
 _SHORTEST = 1e-4  # [m] of a shaft: Meshcat cannot show a shape without any length
 
 
@@ -103,9 +102,9 @@ def forces_of(
             label = f"{word}, {arm} tool" if len(tips) > 1 else f"{word}, tool"
             yield _shown(label, f"{name}/{arm}", look, _forces(log[name], i), partial(upright, arm))
     for name, sensor in workcell.config.sensors.items():
-        if isinstance(sensor, ContactTruthConfig):
-            signal = f"{name}_body_contact_wrench"  # the first one has no name in front
-            forces = _forces(log[signal if signal in log else "body_contact_wrench"], 0)
+        known = [each for each in (f"{name}_{_BETWEEN}", _BETWEEN) if each in log]  # the first one has no name in front
+        if known and hasattr(sensor, "on"):
+            forces = _forces(log[known[0]], 0)
             by = f" by {' and '.join(sensor.by)}" if sensor.by else ""
             frame = frame_called(plant, sensor.frame, f"sensors.{name}.frame")
             label = f"true, on {' and '.join(sensor.on)}{by}"

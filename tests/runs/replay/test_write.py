@@ -14,9 +14,9 @@ import xarray as xr
 import forcectl as fc
 from forcectl.diagrams.station import StationConfig
 from forcectl.diagrams.workcell import describe
-from forcectl.runs.replay import Scene, write_replay
+from forcectl.runs.replay.write import Scene, write_replay
 
-ROOT = Path(__file__).parents[2]
+ROOT = Path(__file__).parents[3]
 
 SOCKETS = [Path("/proc/self/net/tcp"), Path("/proc/self/net/tcp6")]
 LISTENING = "0A"
@@ -83,10 +83,10 @@ import gc, sys, threading
 from pathlib import Path
 
 gc.disable()
-from tests.runs.test_replay import still
+from tests.runs.replay.test_write import still
 from forcectl.diagrams.station import StationConfig
 from forcectl.diagrams.workcell import describe
-from forcectl.runs.replay import write_replay
+from forcectl.runs.replay.write import write_replay
 
 write_replay(still(), describe(StationConfig()), Path(sys.argv[1]))
 thread = threading.Thread(target=gc.collect)
