@@ -174,7 +174,7 @@ def test_two_providers_are_an_error_until_the_scenario_chooses():
 
 def test_every_signal_says_unit_shape_and_meaning():
     for name, signal in SIGNALS.items():
-        assert signal.shape in ("1", "6", "n", "a", "k", "h", "6a", "3m"), name
+        assert signal.shape in ("1", "6", "n", "a", "k", "h", "6a", "3m", "4m"), name
         assert signal.unit
         assert signal.meaning
     assert "contact_force" in TRUTH
