@@ -18,6 +18,7 @@ from dataclasses import dataclass
 
 import numpy as np
 from pydrake.geometry import CollisionFilterDeclaration, GeometrySet, SceneGraph
+from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
     BodyIndex,
@@ -49,6 +50,7 @@ class PlacedPart:
         name: of its model instance.
         config: its configuration.
         frame: that was placed.
+        placement: pose of this frame in the TCP that holds it or in the world.
         bodies: indices of its bodies.
         grasp: model instance of the springs; None of a part that is fixed to the world.
         springs: joints of the grasp, along and about the axes of the TCP.
@@ -57,6 +59,7 @@ class PlacedPart:
     name: str
     config: PartConfig
     frame: Frame
+    placement: RigidTransform
     bodies: frozenset[int]
     grasp: ModelInstanceIndex | None
     springs: tuple[Joint, ...] = ()
@@ -81,7 +84,9 @@ class Insertion:
     mouth: Frame
 
 
-def add_placed_part(plant: MultibodyPlant, robot: RobotParts, name: str, config: PartConfig) -> PlacedPart:
+def add_placed_part(
+    plant: MultibodyPlant, robot: RobotParts, name: str, config: PartConfig, rng: np.random.Generator
+) -> PlacedPart:
     """Add a part, and its grasp.
 
     Args:
@@ -89,23 +94,25 @@ def add_placed_part(plant: MultibodyPlant, robot: RobotParts, name: str, config:
         robot: in the plant.
         name: of the part.
         config: its configuration.
+        rng: of its misplacement.
 
     Raises:
         BadInputError: unknown arm, frame or model, a name that is taken, or a model that is not one rigid part.
     """
     with about(config):
         _, frame = parse_part(plant, name, config)
+        placement = config.placement @ config.misplaced.drawn(rng)
         grasp, springs = None, ()
         if not config.arm:
-            plant.WeldFrames(plant.world_frame(), frame, config.placement)
+            plant.WeldFrames(plant.world_frame(), frame, placement)
         elif config.arm not in robot.arms:
             raise unknown("arm", config.arm, robot.arms).at("arm")
         else:
             grasp = plant.AddModelInstance(f"{name}_grasp")
             springs, end = _add_grasp(plant, grasp, robot.arms[config.arm].tcp_frame, config.grasp)
-            plant.WeldFrames(end, frame, config.placement)
+            plant.WeldFrames(end, frame, placement)
     bodies = frozenset(int(index) for index in plant.GetBodyIndices(frame.model_instance()))
-    return PlacedPart(name, config, frame, bodies, grasp, springs)
+    return PlacedPart(name, config, frame, placement, bodies, grasp, springs)
 
 
 def parse_part(plant: MultibodyPlant, name: str, config: PartConfig) -> tuple[RigidBody, Frame]:
@@ -194,7 +201,7 @@ def lay_down(plant: MultibodyPlant, robot: RobotParts, parts: tuple[PlacedPart, 
     for part in parts:
         if part.config.lying is not None:
             X_WT = robot.arms[part.config.arm].tcp_frame.CalcPoseInWorld(context)
-            X_TE = X_WT.inverse() @ part.config.lying @ part.config.placement.inverse()
+            X_TE = X_WT.inverse() @ part.config.lying @ part.placement.inverse()
             R = X_TE.rotation().matrix()
             if abs(R[0, 2]) > _NEARLY_SINGULAR:
                 fault = " turns the part by 90 degrees about the y axis of the TCP at the start from how it is held"

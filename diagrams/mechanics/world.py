@@ -97,7 +97,10 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
         joint.set_default_positions(np.array([position]))
     for i, obstacle in enumerate(workcell.obstacles.values()):
         _add_obstacle(plant, obstacle, f"obstacle_{i + 1}")
-    placed = tuple(add_placed_part(plant, parts, name, part) for name, part in workcell.parts.items())
+    placed = tuple(
+        add_placed_part(plant, parts, name, part, np.random.default_rng([seed, i]))
+        for i, (name, part) in enumerate(workcell.parts.items())
+    )
     plant.Finalize()
     lay_down(plant, parts, placed)
     insertions = tuple(find_insertion(plant, name, each, placed) for name, each in workcell.insertions.items())

@@ -104,8 +104,21 @@ TRANSITION_METRICS: dict[str, tuple[str, str]] = {
     "transitions": ("1", "number of transitions of the state machine"),
     "ended": ("1", "1 if the state machine ended in a success, 2 if in a failure, else 0"),
 }
+INSERTION_METRICS: dict[str, tuple[str, str]] = {
+    "first_contact_s": ("s", "when the peg first touches the bore"),
+    "seated_after_s": ("s", "from then until the peg stays at the depth of its seat"),
+    "finished_after_s": ("s", "from then until the state machine ends in a success"),
+    "depth_mm": ("mm", "of the tip below the mouth at the end"),
+    "tilt_deg": ("deg", "between the axes of peg and bore at the end"),
+    "offset_at_contact_mm": ("mm", "of the tip from the axis of the bore at first contact"),
+    "tilt_at_contact_deg": ("deg", "between the axes at first contact"),
+    "lateral_force_N": ("N", "largest true force across the bore"),
+    "axial_force_N": ("N", "largest true force along the bore"),
+    "inserted": ("1", "1 if the state machine ended in a success with the peg seated, else 0"),
+    "decided_in_the_air": ("1", "modes that only contact may begin, and that began without"),
+}
 ANALYSIS_METRICS = FORCE_METRICS | WRENCH_ERROR_METRICS | FRICTION_METRICS | REACH_METRICS | ALIGNMENT_METRICS
-ANALYSIS_METRICS |= TRANSITION_METRICS
+ANALYSIS_METRICS |= TRANSITION_METRICS | INSERTION_METRICS
 MOTION_METRICS = LOOP_METRICS | ANALYSIS_METRICS
 
 

@@ -71,6 +71,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "FrictionIdentification": "forcectl.analysis.friction_identification:FrictionAnalysis",
         "Alignment": "forcectl.analysis.alignment:AlignmentAnalysis",
         "Reaching": "forcectl.analysis.reaching:ReachAnalysis",
+        "Insertion": "forcectl.analysis.insertion:InsertionAnalysis",
         "Transitions": "forcectl.analysis.transitions:TransitionAnalysis",
         "WrenchErrors": "forcectl.analysis.wrench_errors:WrenchErrorAnalysis",
     },

@@ -10,7 +10,8 @@ from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
-from pydrake.math import RigidTransform, RollPitchYaw
+from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.math import RigidTransform, RollPitchYaw, RotationMatrix
 
 from forcectl.errors import BadInputError, unknown
 from forcectl.framework.fields import Config, key
@@ -41,6 +42,31 @@ class GraspConfig(Config):
 
 
 @dataclass(kw_only=True)
+class MisplacementConfig(Config):
+    """How a part is held otherwise than its task expects: the error of its place in the hand."""
+
+    offset: float = key(0.0, "across the z axis of the frame", unit="m", bounds="not negative")
+    direction_deg: float | None = key(
+        None, "of the offset, from the frame's x towards its y; null: drawn with the seed", unit="deg"
+    )
+    tilt_deg: float = key(0.0, "of the z axis of the frame, about its origin", unit="deg", bounds="from 0 to 90")
+    tilt_direction_deg: float | None = key(None, "towards which the z axis tilts; null: drawn", unit="deg")
+
+    def drawn(self, rng: np.random.Generator) -> RigidTransform:
+        """Pose of the frame as it is held in the frame as it is meant.
+
+        Args:
+            rng: of the directions that are not given.
+        """
+        drawn = rng.uniform(0.0, 360.0, 2)
+        given = (self.direction_deg, self.tilt_direction_deg)
+        along, towards = (np.radians(d if g is None else g) for d, g in zip(drawn, given, strict=True))
+        axis = np.array([-np.sin(towards), np.cos(towards), 0.0])
+        turned = AngleAxis(np.radians(self.tilt_deg), axis)
+        return RigidTransform(RotationMatrix(turned), self.offset * np.array([np.cos(along), np.sin(along), 0.0]))
+
+
+@dataclass(kw_only=True)
 class PartConfig(Config):
     """Scenario part `!Part`: a model of one body or of bodies welded together.
 
@@ -54,6 +80,7 @@ class PartConfig(Config):
         [0.0, 0.0, 0.0], "of that frame in the TCP that holds it or the world", unit="m", size=3
     )
     rotation_deg: list[float] = key([0.0, 0.0, 0.0], "roll, pitch, yaw, likewise", unit="deg", size=3)
+    misplaced: MisplacementConfig = key(MisplacementConfig, "error of its place in the hand or the world")
     grasp: GraspConfig = key(GraspConfig, "of the arm that holds it")
     lies_at: list[float] = key(
         [], "of that frame in the world at the start, where it is not held; empty: in the hand", unit="m", size=3
@@ -70,7 +97,7 @@ class PartConfig(Config):
 
     @property
     def placement(self) -> RigidTransform:
-        """Pose of the frame in the TCP or the world."""
+        """Pose of the frame in the TCP or the world, as it is meant."""
         return RigidTransform(RollPitchYaw(np.radians(self.rotation_deg)), np.array(self.position))
 
     @property

@@ -1,0 +1,56 @@
+"""Figure of an insertion, as Fig. 6.10."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+
+import numpy as np
+from matplotlib.figure import Figure
+
+from forcectl.figures.force import COLOURS, stacked
+
+_ROWS = ("force along the bore [N]", "force across [N]", "speed [m/s]", "depth [mm]", "tilt [deg]")
+
+
+def insertion_figure(course: Any, log: Any, stays: Sequence[Any], title: str = "") -> Figure:
+    """True and estimated forces, commanded speeds, depth and tilt over time, with the modes.
+
+    Args:
+        course: of an `InsertionAnalysis`.
+        log: of the same run; estimate and speeds are drawn where it has them, of the first task.
+        stays: in modes.
+        title: heading.
+    """
+    figure, rows = stacked(5, 7.5, 0.8 + 1.7 * 5, title)
+    along, across, speed, depth, tilt = rows
+    time = course.time
+    along.plot(time, np.abs(course.force[:, 2]), color=COLOURS[0], lw=1.5, label="true")
+    across.plot(time, np.hypot(course.force[:, 0], course.force[:, 1]), color=COLOURS[0], lw=1.5)
+    if "task_wrench" in log:
+        felt = log["task_wrench"].values[:, 3:6]
+        along.plot(time, np.abs(felt[:, 2]), color=COLOURS[1], lw=1.0, label="estimated")
+        across.plot(time, np.hypot(felt[:, 0], felt[:, 1]), color=COLOURS[1], lw=1.0)
+    if "task_velocity" in log:
+        for name, values, colour in zip("xyz", log["task_velocity"].values.T, COLOURS[2:], strict=False):
+            speed.plot(time, values, color=colour, lw=1.2, label=name)
+        speed.legend(frameon=False, fontsize=8, loc="lower left", ncol=3)
+    depth.plot(time, 1e3 * course.depth, color=COLOURS[0], lw=1.5)
+    tilt.plot(time, np.degrees(course.tilt), color=COLOURS[0], lw=1.5)
+    along.legend(frameon=False, fontsize=8, loc="upper left")
+    for axes, label in zip(rows, _ROWS, strict=True):
+        axes.set_ylabel(label, fontsize=9)
+        for stay in stays[1:]:
+            axes.axvline(stay.begin, color="0.6", lw=0.7, zorder=0)
+    # Names of short stays would lie on each other: each second one stands higher.
+    for k, stay in enumerate(stays):
+        along.annotate(
+            stay.mode,
+            (stay.begin, 1.0),
+            (1, 3 + 9 * (k % 2)),
+            xycoords=("data", "axes fraction"),
+            textcoords="offset points",
+            fontsize=7,
+        )
+    rows[-1].set_xlabel("time [s]; vertical lines: transitions")
+    return figure
