@@ -18,6 +18,7 @@ if TYPE_CHECKING:
     from matplotlib.figure import Figure
 
 Array = NDArray[np.float64]
+_ROUNDING = 1e-9  # [s]
 _TOUCH = 0.05  # [N] a smaller true force is no contact
 _IN_THE_AIR = 0.1  # [s] without contact, after which a decision was one in the air
 
@@ -44,8 +45,8 @@ class Course(NamedTuple):
 class InsertionAnalysis(Config):
     """Scenario part `!Insertion`: of a station with a peg and a bore.
 
-    The scenario has one `!ContactTruth` on the peg by the bore in the frame of the mouth. The z axes of both parts' frames
-    point out of the bore when the peg is in it.
+    The scenario has one `!ContactTruth` on the peg by the bore in the frame of the mouth. The z axes of the frames of both
+    parts point out of the bore when the peg is in it.
     """
 
     peg: str = key("plunger", "part whose frame is in the peg's front face")
@@ -60,10 +61,12 @@ class InsertionAnalysis(Config):
         size = np.linalg.norm(course.force, axis=1)
         touching = np.flatnonzero(size > _TOUCH)
         first = float(course.time[touching[0]]) if touching.size else None
-        outside = np.flatnonzero(np.abs(course.depth - self.seat) > self.within)
-        seated = float(course.time[outside[-1] + 1]) if 0 < outside.size and outside[-1] + 1 < course.time.size else None
         way = stays(log)
         done = next((stay.begin for stay in way if stay.kind == 1), None)
+        # What comes after a success, such as the release, is not part of the insertion.
+        last = len(course.time) - 1 if done is None else int(np.searchsorted(course.time, done - _ROUNDING))
+        outside = np.flatnonzero(np.abs(course.depth[: last + 1] - self.seat) > self.within)
+        seated = float(course.time[outside[-1] + 1]) if outside.size and outside[-1] < last else None
 
         def after(time: float | None) -> float | None:
             return None if time is None or first is None else time - first
@@ -72,8 +75,8 @@ class InsertionAnalysis(Config):
             "first_contact_s": first,
             "seated_after_s": after(seated),
             "finished_after_s": after(done),
-            "depth_mm": 1e3 * float(course.depth[-1]),
-            "tilt_deg": float(np.degrees(course.tilt[-1])),
+            "depth_mm": 1e3 * float(course.depth[last]),
+            "tilt_deg": float(np.degrees(course.tilt[last])),
             "offset_at_contact_mm": None if first is None else 1e3 * float(course.offset[touching[0]]),
             "tilt_at_contact_deg": None if first is None else float(np.degrees(course.tilt[touching[0]])),
             "lateral_force_N": float(np.hypot(course.force[:, 0], course.force[:, 1]).max()),

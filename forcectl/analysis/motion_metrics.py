@@ -101,15 +101,16 @@ ALIGNMENT_METRICS: dict[str, tuple[str, str]] = {
 }
 TRANSITION_METRICS: dict[str, tuple[str, str]] = {
     "begins_s": ("s", "when a mode of the state machine begins for the first time"),
+    "last_begins_s": ("s", "when it begins for the last time"),
     "transitions": ("1", "number of transitions of the state machine"),
     "ended": ("1", "1 if the state machine ended in a success, 2 if in a failure, else 0"),
 }
 INSERTION_METRICS: dict[str, tuple[str, str]] = {
     "first_contact_s": ("s", "when the peg first touches the bore"),
-    "seated_after_s": ("s", "from then until the peg stays at the depth of its seat"),
+    "seated_after_s": ("s", "from then until the peg stays at the depth of its seat, up to the success"),
     "finished_after_s": ("s", "from then until the state machine ends in a success"),
-    "depth_mm": ("mm", "of the tip below the mouth at the end"),
-    "tilt_deg": ("deg", "between the axes of peg and bore at the end"),
+    "depth_mm": ("mm", "of the tip below the mouth at the success, else at the end"),
+    "tilt_deg": ("deg", "between the axes of peg and bore then"),
     "offset_at_contact_mm": ("mm", "of the tip from the axis of the bore at first contact"),
     "tilt_at_contact_deg": ("deg", "between the axes at first contact"),
     "lateral_force_N": ("N", "largest true force across the bore"),

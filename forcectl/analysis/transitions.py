@@ -37,14 +37,14 @@ class TransitionAnalysis(Config):
     """Scenario part `!Transitions`: of a run with a state machine. Of another run there is nothing."""
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
-        """Those of `TRANSITION_METRICS`; `<mode>.begins_s` of every mode, None of one that never began."""
+        """Those of `TRANSITION_METRICS`; `begins_s` and `last_begins_s` of every mode, None of one that never began."""
         found = stays(log)
         if not found:
             return {}
-        begins: dict[str, float | None] = {f"{name}.begins_s": None for name in mode_names(log)}
-        for stay in reversed(found):
-            begins[f"{stay.mode}.begins_s"] = stay.begin
-        return {**begins, "transitions": float(log["transition"].values[-1]), "ended": float(found[-1].kind)}
+        first, last = ({stay.mode: stay.begin for stay in order} for order in (found[::-1], found))
+        begins = {f"{name}.begins_s": first.get(name) for name in mode_names(log)}
+        ends = {f"{name}.last_begins_s": last.get(name) for name in mode_names(log)}
+        return {**begins, **ends, "transitions": float(log["transition"].values[-1]), "ended": float(found[-1].kind)}
 
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
         """A time line of the modes of every variant."""

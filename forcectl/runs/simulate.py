@@ -3,11 +3,13 @@
 from __future__ import annotations
 
 import time
-from collections.abc import Callable, Iterator
+from collections.abc import Callable, Iterator, Mapping
 from dataclasses import dataclass, replace
+from typing import Any
 
 import numpy as np
 import xarray as xr
+from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, System
 
@@ -17,6 +19,7 @@ from forcectl.errors import RunFailedError
 from forcectl.runs.logs import ChunkedLog, first_fault, to_dataset
 from forcectl.scenario.scenario import Scenario
 
+Array = NDArray[np.float64]
 CHUNK = 0.25  # [s] of simulated time between two looks at the log
 
 
@@ -55,7 +58,7 @@ def simulate(
     log = ChunkedLog()
     limits = scenario.limits()
     ends = ends_of_chunks(scenario.duration)
-    failure, computing = None, 0.0
+    failure, computing, ended, enough = None, 0.0, None, False
     for i, end in enumerate(ends):
         cause, seconds = advance(simulator, end)
         computing += seconds if i else 0.0  # the first one initializes
@@ -67,15 +70,27 @@ def simulate(
             log.cut(when)
         elif cause is not None:
             failure = f"{_state_fault(loop.diagram, context)} at t = {context.get_time():.4f} s: {_reason(cause)}"
+        elif scenario.after_end is not None:
+            ended = _machine_end(times, values, loop.signals) if ended is None else ended
+            if enough := ended is not None and ended + scenario.after_end < end:
+                log.cut(ended + scenario.after_end)
         if progress:
-            progress(variant, i / (len(ends) - 1))
-        if failure is not None:
+            progress(variant, 1.0 if enough else i / (len(ends) - 1))
+        if failure is not None or enough:
             break
     times, values = log.samples()
     bandwidth = scenario.model_bandwidth(loop.reference_model_bandwidth)
     dataset = to_dataset(times, values, loop.signals, variant, bandwidth, loop.derived(values))
-    speed = scenario.duration / computing if computing > 0 else None
+    speed = end / computing if computing > 0 else None
     return judged(scenario, loop.setting, VariantOutcome(variant, dataset, {}, failure, loop.diagram, cause), speed)
+
+
+def _machine_end(times: Array, values: Array, signals: Mapping[str, Any]) -> float | None:
+    """When a state machine ended, if it did [s]."""
+    if "machine_end" not in signals:
+        return None
+    ended = np.flatnonzero(values[signals["machine_end"].rows][0] > 0)
+    return float(times[ended[0]]) if ended.size else None
 
 
 def ends_of_chunks(duration: float) -> list[float]:

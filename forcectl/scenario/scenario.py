@@ -70,6 +70,12 @@ class Scenario(Config):
     signals: dict[str, Any] = slot("signal", dict, meaning="choices and projections, by the name of the signal")
     analyses: dict[str, Any] = slot("analysis", dict, meaning="further metrics and figures, by name")
     duration: float = key(5.0, "simulated time", unit="s", bounds=f"positive, at most {LONGEST_DURATION:g}")
+    after_end: float | None = key(
+        None,
+        "for which a run goes on after its state machine ended; null: up to the duration",
+        unit="s",
+        bounds="not negative",
+    )
     seed: int = key(0, "of every random number in the run", bounds="from 0 to 9223372036854775807")
     reference_model: float | None = key(None, "of M(s); null: the controller's own", unit="rad/s", bounds="positive")
     model_error_window: float = key(4.1, "time T_w of the metric model_error_sd_N", unit="s", bounds="positive")

@@ -45,6 +45,7 @@ def metrics(log: Any) -> dict[str, float | None]:
     return TransitionAnalysis().metrics(log, None)
 
 
+TIMES = ("begins", "last_begins")
 WAY = ["approach", "compliant", "stopping", "compliant", "stopping", "opening", "inserted"]
 
 
@@ -60,14 +61,14 @@ def test_the_way_of_the_peg():
 def test_metrics():
     found = metrics(peg_log())
     assert found["stopping.begins_s"] == pytest.approx(0.052)  # its first time
+    assert found["stopping.last_begins_s"] == pytest.approx(0.152)
     assert found["inserted.begins_s"] == pytest.approx(0.404)
     assert found["approach.begins_s"] == 0.0
-    assert {name for name, value in found.items() if value is None} == {
-        "missed.begins_s", "no_contact.begins_s", "stuck.begins_s"
-    }  # fmt: skip
+    never = {name for name, value in found.items() if value is None}
+    assert never == {f"{mode}.{which}_s" for mode in ("missed", "no_contact", "stuck") for which in TIMES}
     assert (found["transitions"], found["ended"]) == (6.0, 1.0)
     assert all(map(is_metric, found))
-    assert metric_unit("stopping.begins_s") == "s"
+    assert {metric_unit(f"stopping.{which}_s") for which in TIMES} == {"s"}
 
 
 @pytest.mark.parametrize(("until", "ended"), [(0.3, 0.0), (0.41, 1.0)])

@@ -12,7 +12,7 @@ from pydrake.math import RollPitchYaw, RotationMatrix
 from forcectl.diagrams import describe
 from forcectl.diagrams.fidelities.multibody import MultibodyStation
 from forcectl.errors import BadInputError
-from forcectl.plant.contact.part import PartConfig
+from forcectl.plant.contact.part import MisplacementConfig, PartConfig
 from forcectl.plant.contact.parts import EnvironmentPartsConfig
 from tests.examples.held_parts import MASS, PLUNGER, TICK, Held, beside_the_bore, block_in_hand
 from tests.examples.stations import free, pressing
@@ -186,6 +186,35 @@ def test_a_part_in_each_hand():
     assert np.linalg.norm(end - start, axis=1).min() > 1e-5
     assert np.linalg.norm(end - start, axis=1).max() < 2e-3
     assert not both.read("arm_contact_force").any()
+
+
+def start_of(misplaced: MisplacementConfig, seed: int = 0) -> tuple[np.ndarray, np.ndarray]:
+    """Where the tip of a misplaced plunger is at the start, and where its axis points, as it is meant to be held."""
+    part = replace(PLUNGER, misplaced=misplaced)
+    workcell = describe(free(robot="yumi/left", environment=EnvironmentPartsConfig(parts={"plunger": part})))
+    station = MultibodyStation(workcell, seed)
+    context = station.CreateDefaultContext()
+    X_WM = workcell.robot.pose(workcell.robot.context_at(workcell.start)) @ part.placement
+    place, axis = (station.GetOutputPort(name).Eval(context) for name in ("part_position", "part_axis"))
+    return X_WM.inverse() @ place, X_WM.rotation().matrix().T @ axis
+
+
+def test_a_part_is_held_otherwise_than_meant():
+    at, axis = start_of(MisplacementConfig(offset=0.006, direction_deg=30, tilt_deg=10, tilt_direction_deg=-90))
+    np.testing.assert_allclose(at, [0.006 * np.sqrt(0.75), 0.003, 0.0], atol=1e-9)
+    np.testing.assert_allclose(axis, [0.0, -np.sin(np.radians(10)), np.cos(np.radians(10))], atol=1e-9)
+
+
+def test_directions_that_are_not_given_are_drawn_with_the_seed():
+    misplaced = MisplacementConfig(offset=0.006, tilt_deg=10)
+    starts = [np.concatenate(start_of(misplaced, seed)) for seed in (0, 0, 1)]
+    np.testing.assert_array_equal(starts[0], starts[1])
+    assert np.abs(starts[0][[0, 1]] - starts[2][[0, 1]]).max() > 1e-4
+    for start in starts:
+        assert np.hypot(start[0], start[1]) == pytest.approx(0.006)
+        assert start[5] == pytest.approx(np.cos(np.radians(10)))
+    # Offset and tilt have directions of their own.
+    assert abs(np.arctan2(start[1], start[0]) - np.arctan2(start[4], start[3])) > 0.01
 
 
 @pytest.mark.parametrize(

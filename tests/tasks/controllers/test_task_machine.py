@@ -137,6 +137,21 @@ def test_the_machine_is_drawn() -> None:
     assert ("press", "let_go", "reached > 0.5") in [(arrow.source, arrow.target, arrow.label) for arrow in chart.arrows]
 
 
+def test_a_run_goes_on_for_as_long_as_asked_after_the_machine_ended() -> None:
+    lines = [line for line in LOWER.splitlines() if "gripper_holds" not in line and " lost" not in line]
+    scenario = STATION + "\n".join(lines) + "\nduration: 1.2\nafter_end: "
+
+    def log(after_end: str) -> Any:
+        return fc.run(fc.load_scenario(parse(scenario + after_end + "\n", "machine.yaml"))).log
+
+    whole, cut = log("null"), log("0.1")
+    ended = float(whole["time"][whole["machine_end"] > 0][0])
+    assert float(whole["time"][-1]) == pytest.approx(1.2)
+    assert ended < 0.9
+    assert float(cut["time"][-1]) == pytest.approx(ended + 0.1, abs=TICK / 2)
+    np.testing.assert_array_equal(cut["joint_position"], whole["joint_position"][: cut.sizes["time"]])
+
+
 def test_in_a_loop_it_tares_the_estimator_and_asks_for_what_is_missing() -> None:
     """Without parts in the hands nothing says what the grippers hold; a machine that does not ask runs."""
     with pytest.raises(BadInputError, match=r"wants gripper_holds .*which nothing puts out"):
