@@ -95,8 +95,13 @@ class InsertionAnalysis(Config):
         """Forces, speeds and depth of every variant, with the modes."""
         from forcectl.figures.insertion import insertion_figure
 
-        runs = {name: (self.course(run, setting), run, stays(run)) for name, run in variants_of(log).items()}
-        return {f"insertion {name}".strip(): insertion_figure(*run, f"{title} {name}") for name, run in runs.items()}
+        runs = variants_of(log)
+        return {
+            f"insertion_{i}" if len(runs) > 1 else "insertion": insertion_figure(
+                self.course(run, setting), run, stays(run), f"{title}: {name}" if name else title
+            )
+            for i, (name, run) in enumerate(runs.items(), start=1)
+        }
 
     def course(self, log: Any, setting: Setting) -> Course:
         """The truth of one variant.

@@ -42,12 +42,12 @@ def insertion_figure(course: Any, log: Any, stays: Sequence[Any], title: str = "
         axes.set_ylabel(label, fontsize=9)
         for stay in stays[1:]:
             axes.axvline(stay.begin, color="0.6", lw=0.7, zorder=0)
-    # Names of short stays would lie on each other: each second one stands higher.
+    # Names of short stays would lie on each other: four heights.
     for k, stay in enumerate(stays):
         along.annotate(
             stay.mode,
             (stay.begin, 1.0),
-            (1, 3 + 9 * (k % 2)),
+            (1, 3 + 9 * (k % 4)),
             xycoords=("data", "axes fraction"),
             textcoords="offset points",
             fontsize=7,

@@ -23,7 +23,8 @@ STEPS = {  # sizes of the step by the name of its port; several where a dead zon
     "joint_position_command": (0.1,),  # [rad]
 }
 # Their controllers only ask of the measured force, or of the joint readings, whether it is to be believed.
-SUPERVISED = ("time_varying_reference", "fig_5_3", "null_space", "usable_forces")
+SUPERVISED = ("time_varying_reference", "fig_5_3", "null_space", "usable_forces", "peg_in_hole", "fig_6_10")
+HOLDING = ("peg_in_hole", "fig_6_10")  # parts in the hands: the step of the wrench would tear them away
 MOTION_LOOPS = [name for name in list_experiments() if "reference" not in find_scenario(name).tree]
 FORCE_LOOPS = [name for name in list_experiments() if name not in MOTION_LOOPS]
 CASES = [
@@ -97,7 +98,7 @@ def test_a_motion_loop_takes_the_dead_time_of_its_tables(name):
     assert back == pytest.approx(report.delays[0].total, abs=loop.period + TICK)
     inside = not loop.station.HasInputPort("external_wrench")  # where the loads are
     load = "station/loads.external_wrench" if inside else "station.external_wrench"
-    forth = measured(loop, context, load, command)
+    forth = math.inf if name in HOLDING else measured(loop, context, load, command)
     if name in SUPERVISED:
         assert report.delays[1].source == "station.external_wrench"
         assert report.dead_time == pytest.approx(report.delays[0].total + report.delays[1].total)
