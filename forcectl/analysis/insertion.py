@@ -45,8 +45,8 @@ class Course(NamedTuple):
 class InsertionAnalysis(Config):
     """Scenario part `!Insertion`: of a station with a peg and a bore.
 
-    The scenario has one `!ContactTruth` on the peg by the bore in the frame of the mouth. The z axes of the frames of both
-    parts point out of the bore when the peg is in it.
+    The scenario has one `!ContactTruth` on the peg by the bore in the frame of the mouth. The z axes of the frames of
+    both parts point out of the bore when the peg is in it.
     """
 
     peg: str = key("plunger", "part whose frame is in the peg's front face")
