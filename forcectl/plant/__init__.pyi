@@ -16,6 +16,7 @@ from forcectl.plant.contact.gripper_opening import Grasp as Grasp
 from forcectl.plant.contact.gripper_opening import GripperOpening as GripperOpening
 from forcectl.plant.contact.obstacle import ObstacleConfig as ObstacleConfig
 from forcectl.plant.contact.part import GraspConfig as GraspConfig
+from forcectl.plant.contact.part import MisplacementConfig as MisplacementConfig
 from forcectl.plant.contact.part import PartConfig as PartConfig
 from forcectl.plant.contact.part_pose import PartPose as PartPose
 from forcectl.plant.contact.parts import EnvironmentPartsConfig as EnvironmentPartsConfig
