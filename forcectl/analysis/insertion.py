@@ -7,6 +7,7 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
 
 from forcectl.analysis.slot import variants_of
 from forcectl.analysis.transitions import stays
@@ -116,10 +117,12 @@ class InsertionAnalysis(Config):
         if "body_contact_wrench" not in log:
             raise BadInputError("needs one !ContactTruth among the sensors, on the peg by the bore")
         tip, mouth = parts.index(self.peg), parts.index(self.bore)
-        places, axes = (log[name].values.reshape(-1, len(parts), 3) for name in ("part_position", "part_axis"))
-        apart, out = places[:, tip] - places[:, mouth], axes[:, mouth]
+        places = log["part_position"].values.reshape(-1, len(parts), 3)
+        turns = np.roll(log["part_orientation"].values.reshape(-1, len(parts), 4), -1, axis=2)  # scipy's [x, y, z, w]
+        along, out = (Rotation.from_quat(turns[:, i]).apply([0.0, 0.0, 1.0]) for i in (tip, mouth))
+        apart = places[:, tip] - places[:, mouth]
         depth = -np.einsum("ij,ij->i", apart, out)
-        turned = np.einsum("ij,ij->i", axes[:, tip], out)
+        turned = np.einsum("ij,ij->i", along, out)
         return Course(
             log["time"].values,
             depth,

@@ -8,6 +8,7 @@ from typing import Any
 import numpy as np
 import pytest
 import xarray as xr
+from pydrake.math import RotationMatrix
 
 from forcectl.analysis.insertion import InsertionAnalysis
 from forcectl.analysis.motion_metrics import INSERTION_METRICS, is_motion_metric
@@ -20,6 +21,12 @@ OUT = np.array([0.0, -0.6, 0.8])  # of the bore, in the world
 ASIDE = np.array([1.0, 0.0, 0.0])
 
 
+def facing(angle: float) -> Any:
+    """Quaternion [w, x, y, z] of a frame whose z axis is so far from the bore's [rad]."""
+    axis = np.cos(angle) * OUT + np.sin(angle) * ASIDE
+    return RotationMatrix.MakeFromOneVector(axis, 2).ToQuaternion().wxyz()
+
+
 def log(depth: Any, *, tilt: float = 0.0, contact: float = 0.5, modes: dict[float, str] | None = None) -> xr.Dataset:
     """Of 2 s: the tip at a depth over time [m], 3 mm aside, the plunger askew [rad], 3, 4 and 12 N from contact on."""
     time = np.arange(0.0, 2.0, TICK)
@@ -28,18 +35,18 @@ def log(depth: Any, *, tilt: float = 0.0, contact: float = 0.5, modes: dict[floa
     numbers = np.array([MODES.index(name) for name in begins.values()])[index]
     tube = np.array([0.4, 0.1, 0.2])
     tip = tube - depth(time)[:, None] * OUT + 0.003 * ASIDE
-    axis = np.cos(tilt) * OUT + np.sin(tilt) * ASIDE
     wrench = np.zeros((len(time), 6))
     wrench[time > contact] = [9.0, 9.0, 9.0, 3.0, -4.0, 12.0]
 
-    def of_parts(table: Any, *others: Any) -> Any:
-        return ("time", "part"), np.column_stack([np.broadcast_to(each, (len(time), 3)) for each in (table, *others)])
+    def of_parts(*each: Any) -> Any:
+        rows = [np.broadcast_to(one, (len(time), np.shape(one)[-1])) for one in each]
+        return ("time", f"of {np.shape(each[0])[-1]}"), np.column_stack(rows)
 
     mode = ("time", numbers.astype(float), {"flag_meanings": " ".join(MODES)})
     return xr.Dataset(
         {
             "part_position": of_parts(np.zeros(3), tube, tip),
-            "part_axis": of_parts(np.zeros(3), OUT, axis),
+            "part_orientation": of_parts([1, 0, 0, 0], facing(0.0), facing(tilt)),
             "body_contact_wrench": (("time", "component"), wrench),
             "mode": mode,
             "transition": ("time", index.astype(float)),

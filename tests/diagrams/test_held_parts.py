@@ -195,7 +195,8 @@ def start_of(misplaced: MisplacementConfig, seed: int = 0) -> tuple[np.ndarray, 
     station = MultibodyStation(workcell, seed)
     context = station.CreateDefaultContext()
     X_WM = workcell.robot.pose(workcell.robot.context_at(workcell.start)) @ part.placement
-    place, axis = (station.GetOutputPort(name).Eval(context) for name in ("part_position", "part_axis"))
+    place, turn = (station.GetOutputPort(name).Eval(context) for name in ("part_position", "part_orientation"))
+    axis = Quaternion(turn).rotation() @ [0.0, 0.0, 1.0]
     return X_WM.inverse() @ place, X_WM.rotation().matrix().T @ axis
 
 
