@@ -1,0 +1,67 @@
+"""What goes wrong in `peg_in_hole` ends in a mode that says so, with small forces."""
+
+from __future__ import annotations
+
+from pathlib import Path
+from typing import Any
+
+import numpy as np
+import pytest
+
+import forcectl as fc
+from forcectl.analysis.transitions import stays
+from forcectl.framework.yaml_tree import parse
+from forcectl.models import models_folder
+
+TUBE, PLUNGER = "station.environment.parts.tube", "station.environment.parts.plunger"
+RINGS = {"station.environment.parts.seat": parse("!PegInBore {peg: plunger, bore: tube}", "rings")}
+BESIDE = {f"{TUBE}.misplaced": {"offset": 0.06, "direction_deg": 90.0}, "controller.modes.seating.timeout": 0.6}
+LARGEST = 18.0  # [N] above it the machine gives up
+FAULTS: dict[str, tuple[dict[str, Any], str]] = {
+    "a reading of one joint is no number": (
+        {"station.faults": [{"kind": "nan", "joint": "left_joint_2", "start": 1.7, "duration": 9.0}]},
+        "no_reading",
+    ),
+    "an encoder is frozen": (
+        {"station.faults": [{"kind": "frozen", "joint": "left_joint_4", "start": 1.7, "duration": 9.0}]},
+        "no_reading",
+    ),
+    "the interface is lost": ({"station.faults": [{"kind": "lost", "start": 1.7, "duration": 9.0}]}, "no_reading"),
+    "the tube is missing": ({f"{TUBE}.grasp.released_at": 0.0}, "lost"),
+    "the plunger is dropped": ({f"{PLUNGER}.grasp.released_at": 1.9}, "lost"),
+    "an elbow is pushed": (
+        {"station.loads": [{"body": "left_link_3", "start": 1.8, "hold": 0.6, "wrenches": [[0, 0, 0, 0, 0, -30.0]]}]},
+        "pushed",
+    ),
+    "the tube is not where the plunger goes": (BESIDE, "no_seat"),
+}
+
+
+def last(overrides: dict[str, Any], **options: Any) -> tuple[str, float]:
+    """Name of the last mode, and the largest true force between plunger and tube [N]."""
+    log = fc.run("peg_in_hole", variant="3 mm, 5 degrees", overrides=overrides | options).log
+    force = np.abs(log["body_contact_wrench"].values[:, 3:]).max()
+    end = stays(log)[-1]
+    assert end.kind == 2
+    return end.mode, float(force)
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_ends_in_a_named_failure_with_small_forces(fault: str) -> None:
+    overrides, mode = FAULTS[fault]
+    ended, force = last(RINGS | overrides)
+    assert ended == mode
+    assert force < LARGEST
+
+
+@pytest.mark.slow
+def test_a_bore_that_is_too_narrow_jams(tmp_path: Path) -> None:
+    """The shapes of both parts, the tube a tenth narrower than the plunger needs."""
+    folder = models_folder() / "parts"
+    model = (folder / "pipette_body.urdf").read_text()
+    mesh = f'<mesh filename="{folder}/meshes/pipette_body.obj" scale="0.9 0.9 1"/>'
+    (tmp_path / "narrow.urdf").write_text(model.replace('<mesh filename="meshes/pipette_body.obj"/>', mesh))
+    ended, force = last({f"{TUBE}.model": str(tmp_path / "narrow.urdf"), "controller.modes.align.timeout": 1.0})
+    assert ended == "jammed"
+    assert force < LARGEST
