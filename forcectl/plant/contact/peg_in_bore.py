@@ -34,6 +34,7 @@ from scipy.linalg.lapack import dgesv
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 from forcectl.models.make_parts import CLEARANCES
+from forcectl.plant.contact.pair_contact import cross_matrix
 
 Array = NDArray[np.float64]
 SLIP = 1e-3  # [m/s] below which friction is less than Coulomb's
@@ -91,12 +92,6 @@ class InsertionConfig(PegInBoreConfig):
         clearance = CLEARANCES.get(peg.removeprefix("pipette_plunger_"), self.clearance)
         if not math.isclose(clearance, self.clearance):
             raise invalid("clearance", self.clearance, f"{clearance:g}, that of {peg}")
-
-
-def cross_matrix(a: Array) -> Array:
-    """The matrix of the product a x ..., several times as fast as `np.cross`."""
-    x, y, z = a.tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 def _ring(radius: float, z: float) -> Array:
