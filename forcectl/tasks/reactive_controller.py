@@ -225,6 +225,11 @@ class ReactiveController(SampledBlock):
         return self._tasks
 
     @property
+    def force_tasks(self) -> tuple[ArmTask, ...]:
+        """What the forces of measured_force act along, in their order."""
+        return tuple(band.task for band in self._bands)
+
+    @property
     def period(self) -> float:
         """Tick [s]."""
         return self._period

@@ -49,6 +49,9 @@ class ForceBand:
         slack_weight: see `Constraint`; None: hard.
         period: tick Ts [s].
 
+    Attributes:
+        task: the same.
+
     Raises:
         BadInputError: a task of several coordinates or of an angle, limits in the wrong order, or a band too narrow for
             its errors.
@@ -80,7 +83,7 @@ class ForceBand:
         if not K_min <= K_max:
             raise invalid("stiffness", [K_min, K_max], "the smaller one first")
         gamma = check("braking", braking, "positive")
-        self._task, self._limits = task, np.array([F_max, F_min])
+        self.task, self._limits = task, np.array([F_max, F_min])
         self._laws = []
         for K in (K_min, K_max):
             seen = measurement_error._replace(value=np.divide(measurement_error.value, K))
@@ -96,7 +99,7 @@ class ForceBand:
         """(0, 0, row, bias) of rows row u + bias <= 0: of F_max, then of F_min."""
         if not isinstance(motion, ArmsMotion) or self not in motion.forces:
             raise BadInputError("force band: must be in a reactive controller, which has the input measured_force")
-        state = self._task.state(motion)
+        state = self.task.state(motion)
         J, bias = state.jacobian[0], state.bias.item()
         lower, upper = self.accelerations(motion.forces[self], state.rate.item())
         return 0.0, 0.0, np.array([-J, J]), np.array([lower - bias, bias - upper])

@@ -20,7 +20,7 @@ from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 
 import numpy as np
-from pydrake.systems.framework import Diagram, DiagramBuilder, InputPortIndex, OutputPort, System
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
 from pydrake.systems.primitives import MatrixGain, Multiplexer, ZeroOrderHold
 
 from forcectl.conventions import WRENCH_PARTS
@@ -122,8 +122,12 @@ class TaskMachineConfig(TaskControllerConfig):
                 torque_dead_band=self.torque_dead_band,
                 of_both=self.of_both,
             )
-        motion = CompliantMotion(self.made_controller(model, tasks, self.modes), references, forces)
-        return builder.AddNamedSystem("task_machine", TaskMachine(motion, machine, tasks, model.period))
+        controller = self.made_controller(model, tasks, self.modes)
+        bands = None
+        if controller.force_tasks:
+            bands = TaskForce(robot, controller.force_tasks, of_both=self.of_both)
+        motion = CompliantMotion(controller, references, forces)
+        return builder.AddNamedSystem("task_machine", TaskMachine(motion, machine, tasks, bands, period=model.period))
 
 
 def _force(task: str) -> str:
@@ -144,8 +148,8 @@ class TaskMachine(Diagram):
 
     ```
     name: TaskMachine
-    input_ports: [joint_position, joint_velocity, measured_force (optional), estimated_wrench (optional),
-    gripper_holds (optional), torque_elsewhere (optional)]
+    input_ports: [joint_position, joint_velocity, estimated_wrench (optional), gripper_holds (optional),
+    torque_elsewhere (optional)]
     output_ports: [joint_position_command, joint_velocity_command, task_position_reference, task_position,
     task_velocity, task_acceleration, status, active_constraints, slack, constraint_violation, tracking_error,
     near_singular, levels_solved, holding, reached, stalled, reading_ok, stage_costs, task_target,
@@ -170,20 +174,38 @@ class TaskMachine(Diagram):
         motion: of the tasks in each mode.
         machine: its modes, in the same order.
         tasks: by name, in the order of the coordinates.
+        bands: forces that constraints of the motion read, see `ForceBand`; None where there are none.
         period: of the tick [s].
     """
 
     optional_inputs = ("joint_velocity",)
 
-    def __init__(self, motion: CompliantMotion, machine: StateMachine, tasks: Mapping[str, ArmTask], period: float):
+    def __init__(
+        self,
+        motion: CompliantMotion,
+        machine: StateMachine,
+        tasks: Mapping[str, ArmTask],
+        bands: TaskForce | None = None,
+        *,
+        period: float,
+    ):
         super().__init__()
         builder = DiagramBuilder()
         builder.AddNamedSystem("motion", motion)
         builder.AddNamedSystem("machine", machine)
-        exported: dict[str, InputPortIndex] = {}
+        exported: set[str] = set()
         for name in input_names(motion):
-            if name != "mode":
-                exported[name] = builder.ExportInput(motion.GetInputPort(name), name)
+            if name not in ("mode", "measured_force"):
+                builder.ExportInput(motion.GetInputPort(name), name)
+                exported.add(name)
+        if bands is not None:
+            builder.AddNamedSystem("force_bands", bands)
+            for name in input_names(bands):
+                if name in exported:
+                    builder.ConnectInput(name, bands.GetInputPort(name))
+                else:
+                    builder.ExportInput(bands.GetInputPort(name), name)
+            builder.Connect(bands.GetOutputPort("task_force"), motion.GetInputPort("measured_force"))
         builder.Connect(machine.GetOutputPort("mode"), motion.GetInputPort("mode"))
         sources = _task_signals(builder, motion, machine, tasks)
         for name in input_names(machine):
