@@ -206,7 +206,7 @@ class ReactiveController(SampledBlock):
         scale = np.where(angular, robot.parameters.characteristic_length, 1.0)
         self._reference_reset = ReferenceReset([task.size for task in tasks], scale, Ts)
         every = [*constraints, *(each for mode in modes for each in mode.constraints)]
-        self._bands = list(dict.fromkeys(each for each in every if getattr(each, "reads_force", False)))
+        self._bands: list[Any] = list(dict.fromkeys(each for each in every if getattr(each, "reads_force", False)))
         origin.forces = dict.fromkeys(self._bands, 0.0)
         chosen = JointSpeed() if criterion is None else criterion
         shared = (robot, origin, limits, self._tasks, constraints, chosen, weights)

@@ -63,7 +63,8 @@ class Constraint(Protocol):
     `QuadraticProgram`) makes the rows soft in controllers of several arms: they give way before the others. `margin`
     (>= 0, in units of y) is kept beside a constraint of relative degree 2, for what a tick misses. `rows_change`, if it
     is true, says that a row may stand for something else at the next tick. `reads_force`, if it is true, asks a
-    controller of several arms for a measured force: `motion.forces[constraint]` [N]; it must be hashable.
+    controller of several arms for a measured force: `motion.forces[constraint]` [N], along its
+    attribute `task`; it must be hashable.
     `companions` are further constraints that belong to it. `label`, and `row_names` of a constraint of several rows,
     are its names in the program of a controller: "wall 1"; else they are made of the name of its class and numbers.
     """

@@ -80,6 +80,38 @@ def test_a_coordinate_complies_in_its_mode_only() -> None:
     assert np.abs(y - y[0]).max() < 1e-5
 
 
+BAND = """      constraints:
+        - !ForceBand
+          {task: !ArmTask {arm: right, coordinates: [z]}, force: [0.5, 2.0], stiffness: [1000, 1000], braking: 0.03}
+"""
+
+
+def test_a_force_band_reads_the_force_along_its_own_task() -> None:
+    """3 N push up, of which 2 are allowed: from the switch on it gives way upwards, as fast as it may brake."""
+    text = LOWER.replace("      references: {touch: {z: {by: -0.002}}}\n", BAND)
+    text = text.replace("when: reached > 0.5", "when: time > 0.5")
+    log = run_diagram(
+        task_machine(text),
+        0.5,
+        period=TICK,
+        inputs={
+            "joint_position": lambda t: model().start + 1e-4 * np.sin(30.0 * t),
+            "estimated_wrench": lambda t: 3.0 * (np.arange(12) == RIGHT_FORCE_Z) * (t > MET - TICK / 2),
+            "gripper_holds": [1.0, 1.0],
+        },
+    )
+    press = log["mode"][:, 0] == MODES.index("press")
+    assert log["constraint_violation"].max() == 0.0
+    robot = model().known_robot()
+    heights = [
+        robot.parts.arms["right"].tcp_frame.CalcPoseInWorld(robot.context_at(q)).translation()[2]
+        for q in log["joint_position_command"][press]
+    ]
+    speeds = np.diff(heights) / TICK
+    assert speeds[0] < -0.03  # it came down
+    assert np.diff(speeds)[-10:] / TICK == pytest.approx(0.03, rel=0.05)
+
+
 @pytest.mark.parametrize(
     ("inputs", "last"),
     [
