@@ -228,6 +228,13 @@ class KalmanForceEstimatorConfig(ForceEstimatorConfig):
     slow: float = key(0.004, "speed below which a joint may stick", unit="rad/s", bounds="positive")
     hold: float = key(0.04, "time after that for which it still may", unit="s", bounds="not negative")
     trust: float = key(0.012, "time constant with which it is believed then", unit="s", bounds="positive")
+    tare_window: list[float] = key(
+        [],
+        "how long ago ended and began what the input tare takes the mean of, as long as it is above 0.5; empty: since "
+        "it rose, and the wrench is zero meanwhile",
+        unit="s",
+    )
+    tare_change: float = key(0.5, "of a force, with which that pauses", unit="N", bounds="positive")
 
     def force_lag(self) -> tuple[float, float, float]:
         """Lag of the estimated forces as that of a sensor: bandwidth [rad/s], damping ratio [1] and delay [s].
@@ -253,5 +260,7 @@ class KalmanForceEstimatorConfig(ForceEstimatorConfig):
             slow=self.slow,
             hold=self.hold,
             trust=self.trust,
+            tare_window=self.tare_window,
+            tare_change=self.tare_change,
             period=model.period,
         )

@@ -16,7 +16,8 @@ tells the two apart, as far as the force has a part along that motion.
 
 from __future__ import annotations
 
-from typing import Any
+from collections.abc import Sequence
+from typing import Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -24,7 +25,7 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 from scipy.linalg.lapack import dposv
 
-from forcectl.errors import BadInputError
+from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check
 from forcectl.framework.cache import scratch
 from forcectl.framework.sampled_block import Memory, SampledBlock
@@ -39,7 +40,24 @@ _SETTLED = 1.0  # [s] in which b and c are learnt that this torque is beyond
 _BRIEF = 0.008  # [s] until a joint is believed again that was slow and goes on in the same direction
 _STANDSTILL = 0.06  # [s] after which it has to prove itself as after a reversal
 _LAG = 0.02  # [s] of the torque of what acts elsewhere
+_PART = 0.1  # [s] of a mean in the window of taring
 _UNKNOWN = 8.0  # deviation of the friction of a joint that may stick, in units of Coulomb's
+
+
+class Tare(NamedTuple):
+    """What is subtracted from the wrench, and what it is made of.
+
+    Attributes:
+        zero: that, shape (6,) [Nm, N].
+        tared: ticks of the mean.
+        mean: of the ticks since taring began, with a window of the last 0.1 s, shape (6,) [Nm, N].
+        past: means over 0.1 s, the latest first, NaN where there are none yet, shape (6p,) [Nm, N].
+    """
+
+    zero: Array
+    tared: float
+    mean: Array
+    past: Array
 
 
 class WrenchFilter(SampledBlock):
@@ -54,7 +72,10 @@ class WrenchFilter(SampledBlock):
     torque_balance: shape (n,), from a `MomentumObserver` [Nm]. joint_position, joint_velocity: shape (n,) [rad, rad/s].
     reading_ok: shape (n,), 1 for a joint whose balance is of this tick, else 0 [1].
     tare: shape (1,) [1], may be left unconnected. Above 0.5 the wrench is zero, and what is subtracted from then on is
-    the mean of the ticks since it rose, in the axes of the frame; below -0.5 that is forgotten.
+    the mean of the ticks since it rose, in the axes of the frame; below -0.5 that is forgotten. With a `tare_window`
+    the wrench goes on above 0.5, and what is subtracted is the mean of that window of the past, as long as it has been
+    above; the first ticks, up to the window, are zero. Once the window is full this pauses, with the window, while a
+    force differs from its mean by more than `tare_change`: a contact that begins slowly is not subtracted.
     wrench: shape (6,), of the environment on the robot at the origin of `frame`, [torque; force] in `expressed_in`
     [Nm, N].
     wrench_deviation: shape (6,), standard deviations of the wrench in the axes of the frame, as this filter sees it:
@@ -86,6 +107,8 @@ class WrenchFilter(SampledBlock):
         hold: time for which a joint that has turned round, or stood for 60 ms, still may [s], >= 0.
         trust: time constant with which it is believed then [s], > 0. One that was slow for less and goes on as before
             is believed after 8 ms.
+        tare_window: how long ago it ended and began [s]; empty: none.
+        tare_change: of a force from the mean of the window, with which it pauses [N], > 0.
         period: tick [s].
 
     Raises:
@@ -111,6 +134,8 @@ class WrenchFilter(SampledBlock):
         slow: float = 0.004,
         hold: float = 0.04,
         trust: float = 0.012,
+        tare_window: Sequence[float] = (),
+        tare_change: float = 0.5,
         period: float = 0.004,
     ):
         super().__init__()
@@ -125,6 +150,8 @@ class WrenchFilter(SampledBlock):
         self._friction, self._coulomb = friction, friction.coulomb[joints]
         self._slow, self._wait = check("slow", slow, "positive"), check("hold", hold, "not negative")
         self._trust, Ts = check("trust", trust, "positive"), check("period", period, "positive")
+        self._window = _window(tare_window)
+        self._change = check("tare_change", tare_change, "positive")
         self._again = self._wait + 5.0 * self._trust - _BRIEF
         self._k, self._first = len(self._coulomb), 0 if moment else 3
         share = np.minimum(1.0, 0.3 + self._coulomb)
@@ -167,8 +194,7 @@ class WrenchFilter(SampledBlock):
             # b and c behind a lag, for they take up what acts elsewhere; and its torque.
             "settled": np.zeros(2 * self._k),
             "elsewhere": np.zeros(self._k),
-            "zero": np.zeros(6),
-            "tared": 0.0,
+            **Tare(np.zeros(6), 0.0, np.zeros(6), np.full(6 * self._window[1], np.nan))._asdict(),
         }
         self.declare_memory(memory, inputs, Ts)
         self.show("wrench", "wrench_deviation", "joint_bias", "moving", "torque_elsewhere")
@@ -216,14 +242,8 @@ class WrenchFilter(SampledBlock):
         found, deviation = np.zeros(6), np.zeros(6)
         found[self._first :] = x[:m]
         deviation[self._first :] = np.sqrt(np.maximum(np.diag(P)[:m], 0.0))
-        zero, tared = memory["zero"], memory["tared"]
-        if level > 0.5:
-            zero, tared = (zero * tared + found) / (tared + 1.0), tared + 1.0
-        elif level < -0.5:
-            zero, tared = np.zeros(6), 0.0
-        else:
-            tared = 0.0
-        shown = np.zeros(6) if level > 0.5 else found - zero
+        tare = Tare(memory["zero"], memory["tared"], memory["mean"], memory["past"])
+        shown, tare = self._tare(tare, found, level)
         rotation = self._frame.CalcRotationMatrix(plant, self._expressed_in).matrix()
         return {
             "wrench": np.concatenate([rotation @ shown[:3], rotation @ shown[3:]]),
@@ -238,6 +258,38 @@ class WrenchFilter(SampledBlock):
             "stood": stood,
             "settled": settled,
             "elsewhere": elsewhere,
-            "zero": zero,
-            "tared": tared,
+            **tare._asdict(),
         }
+
+    def _tare(self, tare: Tare, found: Array, level: float) -> tuple[Array, Tare]:
+        """The wrench after taring, shape (6,) [Nm, N], and what is known for the next tick."""
+        if level < -0.5:
+            tare = Tare(np.zeros(6), 0.0, np.zeros(6), np.full_like(tare.past, np.nan))
+        if not level > 0.5:
+            return found - tare.zero, tare._replace(tared=0.0)
+        if not self._window[1]:
+            mean = (tare.mean * tare.tared + found) / (tare.tared + 1.0)
+            return np.zeros(6), tare._replace(zero=mean, mean=mean, tared=tare.tared + 1.0)
+        past = tare.past.reshape(-1, 6)
+        full = np.isfinite(past[-1, 0])
+        if full and np.abs(found - tare.zero)[3:].max() > self._change:
+            return found - tare.zero, tare
+        count = tare.tared + 1.0
+        mean = tare.mean + (found - tare.mean) / count
+        if count * self._period > _PART - 0.5 * self._period:
+            past, count = np.concatenate([mean[None], past[:-1]]), 0.0
+        known = past[self._window[0] :]
+        known = known[np.isfinite(known[:, 0])]
+        zero = known.mean(axis=0) if len(known) else tare.zero
+        shown = found - zero if len(known) else np.zeros(6)
+        return shown, Tare(zero, count, mean, past.ravel())
+
+
+def _window(ago: Sequence[float]) -> tuple[int, int]:
+    """The first and the number of the means over 0.1 s, of a window of the past [s]."""
+    if len(ago) == 0:
+        return 0, 0
+    if len(ago) != 2 or not 0.0 <= ago[0] <= ago[1] - _PART:
+        raise invalid("tare_window", list(ago), f"two times, the second {_PART:g} s later at least")
+    first, last = (round(time / _PART) for time in ago)
+    return first, last

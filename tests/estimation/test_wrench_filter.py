@@ -198,3 +198,28 @@ def test_on_the_station_10_n_on_the_elbow_are_told_apart_from_10_n_on_the_tool()
         return float(log["torque_elsewhere"].sel(time=slice(1.5, 3.7))[:, 0].max())
 
     assert largest({"body": "left_link_3"}) > 2.0 * largest({"arm": "left"})
+
+
+def test_a_window_of_the_past_is_tared_but_not_a_contact_that_begins_slowly():
+    """1 N is there for 4 s, then 1 N/s more; of it the window of 0.5 to 1.5 s ago takes nothing."""
+
+    def pushed(t, values):
+        force = 1.0 + np.clip(t - 4.0, 0.0, 3.0)
+        context = MODEL.create_context()
+        MODEL.jacobian(context, values["joint_position"], TIP, WORLD)  # sets the posture
+        axis = TIP.CalcPoseInWorld(context).rotation().matrix()[:, 2]
+        added = jacobian(values["joint_position"]).T @ np.concatenate([np.zeros(3), force * axis])
+        return {"torque_balance": values["torque_balance"] + added, "tare": [float(t < 6.5)]}
+
+    block = WrenchFilter(MODEL, FRICTION, TIP, TIP, tare_window=[0.5, 1.5])
+    times, found = run(block, 8.0, wrench=np.zeros(6), changed=pushed)
+    force = found["wrench"][:, 5]
+    assert (found["wrench"][times < 0.5] == 0.0).all()
+    assert np.abs(force[(times > 2.0) & (times < 4.0)]).max() < 0.4  # 1 N is taken away
+    assert force[(times > 7.5)] == pytest.approx(3.0, abs=0.5)  # and the contact is not, with taring until 6.5 s
+
+
+@pytest.mark.parametrize("window", [[1.0], [1.0, 1.05], [-1.0, 2.0]])
+def test_a_window_that_is_none_is_refused(window):
+    with pytest.raises(BadInputError, match=r"tare_window = .*: must be two times, the second 0\.1 s later at least"):
+        WrenchFilter(MODEL, FRICTION, TIP, tare_window=window)
