@@ -34,6 +34,7 @@ from forcectl.diagrams.sensors import JointReadingsConfig as JointReadingsConfig
 from forcectl.diagrams.sensors import NormalForce as NormalForce
 from forcectl.diagrams.sensors import WristForce as WristForce
 from forcectl.diagrams.sensors import WristForceConfig as WristForceConfig
+from forcectl.diagrams.signals import ExactConfig as ExactConfig
 from forcectl.diagrams.signals import FromConfig as FromConfig
 from forcectl.diagrams.signals import ProjectionConfig as ProjectionConfig
 from forcectl.diagrams.signals import WrenchBetweenConfig as WrenchBetweenConfig

@@ -5,6 +5,7 @@
     signals:
       measured_force: !Projection {of: estimated_wrench, along: normal}     # made of another signal
       joint_position: !From {part: joint_sensors}                           # of the part of that name
+      estimated_wrench: !Exact {of: tip_wrench}                             # the truth, as of an ideal sensor
 """
 
 from __future__ import annotations
@@ -17,7 +18,7 @@ import numpy as np
 from pydrake.systems.framework import DiagramBuilder, OutputPort, PortDataType, System
 from pydrake.systems.primitives import MatrixGain
 
-from forcectl.conventions import SIGNALS
+from forcectl.conventions import SIGNALS, TRUTH
 from forcectl.diagrams.model import force_lag
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.estimation.wrench_between import WrenchBetween
@@ -59,6 +60,27 @@ class FromConfig(Config):
         if self.part not in offers:
             raise unknown("part", self.part, offers)
         return offers[self.part]
+
+
+@dataclass(kw_only=True)
+class ExactConfig(Config):
+    """Scenario part `!Exact`: what only a simulation knows, in place of what is measured or estimated.
+
+    It is the one way by which a truth reaches a controller: for tasks with ideal sensors, beside the ones with real.
+    """
+
+    of: str = key(meaning="a signal that is the truth, such as tip_wrench")
+
+    def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
+        """The port of the station.
+
+        Raises:
+            BadInputError: the station has no such truth.
+        """
+        known = signals.truths()
+        if self.of not in known:
+            raise unknown("truth", self.of, known).at("of")
+        return known[self.of]
 
 
 @dataclass(kw_only=True)
@@ -168,6 +190,11 @@ class Signals:
     def offers(self, name: str) -> dict[str, OutputPort]:
         """The ports with a signal of this name by the part they are of, the truth apart."""
         return {} if name in self._truth else self._offers.get(name, {})
+
+    def truths(self) -> dict[str, OutputPort]:
+        """What only the simulation knows, by name."""
+        known = {name: parts for name, parts in self._offers.items() if name in TRUTH}
+        return {name: parts["station"] for name, parts in known.items() if "station" in parts}
 
     def add(self, part: str, system: System, names: Collection[str] | None = None) -> None:
         """Offer the vector outputs of the part of that name; `names`: only these."""

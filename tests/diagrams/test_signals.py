@@ -89,6 +89,19 @@ def test_the_truth_cannot_be_chosen():
             fc.build(fc.load_scenario({"signals": {"measured_force": choice}}))
 
 
+def exact(signal: str):
+    return {"estimated_wrench": parse(f"!Exact {{of: {signal}}}", "f"), "measured_force": parse("!Projection {}", "f")}
+
+
+def test_a_truth_is_chosen_where_the_scenario_says_that_it_is_one():
+    log = fc.run(scenario(signals=exact("tip_wrench"), duration=0.4)).log
+    np.testing.assert_array_equal(log["estimated_wrench"], log["tip_wrench"])
+    np.testing.assert_allclose(log["measured_force"], log["contact_force"], atol=1e-9)
+    assert log["contact_force"].values[-1].min() > 1.0
+    with pytest.raises(fc.BadInputError, match=r"signals\.estimated_wrench\.of: unknown truth 'joint_position'"):
+        fc.build(fc.load_scenario(scenario(signals=exact("joint_position"))))
+
+
 def test_behind_a_joint_interface_motors_are_known_by_its_readings():
     """Their exact positions are for the log only."""
     loop = fc.build(fc.load_scenario(scenario(controller="!Integral", duration=0.1)))
