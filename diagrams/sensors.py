@@ -203,4 +203,4 @@ class ContactTruthConfig(Config):
         if by is not None and on & by:
             raise invalid("by", self.by, "other bodies than those of on")
         frame = frame_called(site.plant, self.frame, "frame")
-        return builder.AddNamedSystem("contact_wrench", ContactWrench(site.plant, on, by, frame, len(site.insertions)))
+        return builder.AddNamedSystem("contact_wrench", ContactWrench(site.plant, on, by, frame, len(site.pairs)))

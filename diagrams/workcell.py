@@ -17,8 +17,8 @@ from forcectl.framework.wiring import add_part
 from forcectl.plant.compliance import compliance_along, robot_compliance
 from forcectl.plant.contact.compliant_contact import contact_response
 from forcectl.plant.contact.obstacle import ObstacleConfig
+from forcectl.plant.contact.pair_contact import PairContactPart
 from forcectl.plant.contact.part import PartConfig
-from forcectl.plant.contact.peg_in_bore import InsertionConfig
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.robot.model import RobotModel, unit_normal
 
@@ -87,7 +87,7 @@ class Workcell:
         contacts: the surfaces that are pressed on, in the order of the environment's parts.
         obstacles: boxes around the robot, by name.
         parts: of assemblies, fixed or held, by name.
-        insertions: contacts of two parts without meshes, by name.
+        pairs: contacts of two parts without meshes, by name.
     """
 
     config: StationConfig
@@ -98,7 +98,7 @@ class Workcell:
     contacts: tuple[Contact, ...]
     obstacles: dict[str, ObstacleConfig]
     parts: dict[str, PartConfig]
-    insertions: dict[str, InsertionConfig]
+    pairs: dict[str, PairContactPart]
 
     @property
     def num_joints(self) -> int:
@@ -215,24 +215,23 @@ def describe(config: StationConfig) -> Workcell:
     environment = config.environment_parts()
     parts = {name: part for name, part in environment.items() if hasattr(part, "placement")}
     obstacles = {name: part for name, part in environment.items() if hasattr(part, "pose")}
-    insertions = {name: part for name, part in environment.items() if hasattr(part, "peg")}
-    for insertion in insertions.values():
-        with about(insertion):
-            for role in ("peg", "bore"):
-                if getattr(insertion, role) not in parts:
-                    raise unknown("part", getattr(insertion, role), parts).at(role)
-            insertion.check_model(parts[insertion.peg].model)
+    pairs = {name: part for name, part in environment.items() if hasattr(part, "roles")}
+    for pair in pairs.values():
+        with about(pair):
+            named = {role: getattr(pair, role) for role in pair.roles}
+            for role, part in named.items():
+                if part not in parts:
+                    raise unknown("part", part, parts).at(role)
+            pair.check_models(*(parts[part].model for part in named.values()))
     contacts = []
     for name, part in environment.items():
-        if name not in {**obstacles, **parts, **insertions}:
+        if name not in {**obstacles, **parts, **pairs}:
             with about(part):
                 contacts.append(_contact(config, robot, start, name, part))
     pressed = [each.arm for each in contacts]
     if len(set(pressed)) < len(pressed):
         raise invalid("environment", sorted(environment), "at most one surface for each arm")
-    workcell = Workcell(
-        config, robot, start, period, config.posture_period, tuple(contacts), obstacles, parts, insertions
-    )
+    workcell = Workcell(config, robot, start, period, config.posture_period, tuple(contacts), obstacles, parts, pairs)
     with about(config.fidelity):
         config.fidelity.check(workcell)
     return workcell

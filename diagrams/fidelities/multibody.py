@@ -35,7 +35,7 @@ from forcectl.diagrams.fidelities.light import add_sensors, check_one_sided
 from forcectl.diagrams.mechanics.assembly import Assembly, selector, through
 from forcectl.diagrams.mechanics.environment_body import drive_surface
 from forcectl.diagrams.mechanics.site import Site
-from forcectl.diagrams.mechanics.station_parts import add_insertions, add_parts, apply_forces
+from forcectl.diagrams.mechanics.station_parts import add_pairs, add_parts, apply_forces
 from forcectl.diagrams.mechanics.station_surface import add_contact_state, add_surface, is_uniform
 from forcectl.diagrams.mechanics.world import add_world
 from forcectl.diagrams.workcell import Contact, Workcell
@@ -142,7 +142,7 @@ class MultibodyStation(Diagram):
         assembly.offer("contact_results", plant.get_contact_results_output_port())
         assembly.offer("body_poses", plant.get_body_poses_output_port())
         add_parts(assembly, site)
-        forces = add_insertions(assembly, site)
+        forces = add_pairs(assembly, site)
         add_sensors(assembly, site)
         own = _add_surfaces(assembly, site)
         if "motor_torque" in assembly.signals or workcell.config.loads or own is not None:
@@ -289,7 +289,7 @@ def _add_loads(assembly: Assembly, site: Site, own: OutputPort | None) -> Output
     load = builder.AddNamedSystem("load", TipLoad(parts, in_plant))
     arms = list(parts.arms)
     held = [HeldPart(arms.index(part.config.arm), part.bodies) for part in site.placed if part.grasp is not None]
-    pairs = len(site.insertions)
+    pairs = len(site.pairs)
     block = LoadTruth(workcell.robot, plant, parts, list(frames.values()), held, pairs)
     truth = builder.AddNamedSystem("truth", block)
     for name in (f"contact_pair_{i + 1}" for i in range(pairs)):

@@ -33,8 +33,8 @@ from pydrake.multibody.tree import (
 )
 
 from forcectl.errors import BadInputError, about, unknown
+from forcectl.plant.contact.pair_contact import PairContactPart
 from forcectl.plant.contact.part import GraspConfig, PartConfig
-from forcectl.plant.contact.peg_in_bore import InsertionConfig
 from forcectl.robot.model_file import ModelFile, parse_models
 from forcectl.robot.parts import RobotParts, frame_named
 
@@ -66,20 +66,19 @@ class PlacedPart:
 
 
 @dataclass(frozen=True)
-class Insertion:
+class PairOfParts:
     """Contact of two parts without meshes.
 
     Attributes:
         name: of the environment's part.
         config: its configuration.
-        peg, bore: the parts.
+        ends: the parts, that with the tip and that with the mouth.
         tip, mouth: their frames that it is about.
     """
 
     name: str
-    config: InsertionConfig
-    peg: PlacedPart
-    bore: PlacedPart
+    config: PairContactPart
+    ends: tuple[PlacedPart, PlacedPart]
     tip: Frame
     mouth: Frame
 
@@ -223,26 +222,24 @@ def leave_out_the_hand(
         _leave_out(plant, scene_graph, hand, part.bodies)
 
 
-def find_insertion(
-    plant: MultibodyPlant, name: str, config: InsertionConfig, parts: tuple[PlacedPart, ...]
-) -> Insertion:
+def find_pair(plant: MultibodyPlant, name: str, config: PairContactPart, parts: tuple[PlacedPart, ...]) -> PairOfParts:
     """The two parts and their frames.
 
     Raises:
         BadInputError: a part has no such frame.
     """
     by_name = {part.name: part for part in parts}
-    peg, bore = by_name[config.peg], by_name[config.bore]
+    one, other = (by_name[getattr(config, role)] for role in config.roles)
     with about(config):
-        tip = frame_named(plant, config.tip, peg.frame.model_instance(), "tip")
-        mouth = frame_named(plant, config.mouth, bore.frame.model_instance(), "mouth")
-    return Insertion(name, config, peg, bore, tip, mouth)
+        tip = frame_named(plant, config.tip, one.frame.model_instance(), "tip")
+        mouth = frame_named(plant, config.mouth, other.frame.model_instance(), "mouth")
+    return PairOfParts(name, config, (one, other), tip, mouth)
 
 
-def leave_out_shapes(plant: MultibodyPlant, scene_graph: SceneGraph, insertions: tuple[Insertion, ...]) -> None:
+def leave_out_shapes(plant: MultibodyPlant, scene_graph: SceneGraph, pairs: tuple[PairOfParts, ...]) -> None:
     """The shapes of two parts do not touch where a block stands for their contact."""
-    for each in insertions:
-        _leave_out(plant, scene_graph, each.peg.bodies, each.bore.bodies)
+    for each in pairs:
+        _leave_out(plant, scene_graph, *(end.bodies for end in each.ends))
 
 
 def _leave_out(plant: MultibodyPlant, scene_graph: SceneGraph, one: Iterable[int], other: Iterable[int]) -> None:

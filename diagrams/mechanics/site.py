@@ -11,7 +11,7 @@ from typing import Any
 
 from pydrake.multibody.tree import Joint, JointActuator
 
-from forcectl.diagrams.mechanics.placed_part import Insertion, PlacedPart
+from forcectl.diagrams.mechanics.placed_part import PairOfParts, PlacedPart
 from forcectl.diagrams.workcell import Workcell
 
 # What an input of a station's part may be called, and what is connected to it.
@@ -30,7 +30,7 @@ STATION_SIGNALS = {
     "reaction_forces": "of the plant's joints, abstract; in fidelities with dynamics",
     "contact_results": "of the plant, abstract; in fidelities with dynamics",
     "body_poses": "of the plant's bodies in the world, abstract; in fidelities with dynamics",
-    "contact_pair_1": "of the first `!PegInBore`, see `PegContact`, abstract; contact_pair_2 of the second, and so on",
+    "contact_pair_1": "of the first `!PegInBore` or `!CapOnMount`, abstract; contact_pair_2 of the second, and so on",
 }
 
 _SEED_STEP = 1_000_003  # between the seeds of two sensors
@@ -49,7 +49,7 @@ class Site:
         friction: actuators that stand for the sticking friction of rigid joints.
         mountings: welds that carry the contact of each surface.
         placed: parts of assemblies.
-        insertions: contacts of two of them without meshes.
+        pairs: contacts of two of them without meshes.
     """
 
     workcell: Workcell
@@ -60,7 +60,7 @@ class Site:
     friction: tuple[JointActuator, ...] = ()
     mountings: tuple[Joint | None, ...] = ()
     placed: tuple[PlacedPart, ...] = ()
-    insertions: tuple[Insertion, ...] = ()
+    pairs: tuple[PairOfParts, ...] = ()
 
     @property
     def period(self) -> float:

@@ -11,7 +11,6 @@ from forcectl.diagrams.mechanics.assembly import Assembly, selector, through
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.plant.contact.gripper_opening import Grasp, GripperOpening
 from forcectl.plant.contact.part_pose import PartPose
-from forcectl.plant.contact.peg_contact import PegContact
 
 
 def add_parts(assembly: Assembly, site: Site) -> None:
@@ -36,18 +35,17 @@ def add_parts(assembly: Assembly, site: Site) -> None:
         assembly.add(builder.AddNamedSystem("part_pose", PartPose([part.frame for part in site.placed])))
 
 
-def add_insertions(assembly: Assembly, site: Site) -> list[OutputPort]:
+def add_pairs(assembly: Assembly, site: Site) -> list[OutputPort]:
     """Contacts of parts without meshes; returns their forces on the plant."""
     builder, plant, forces = assembly.builder, site.plant, []
-    for i, each in enumerate(site.insertions):
-        step = site.workcell.config.time_step
-        contact = PegContact(plant, each.tip, each.mouth, each.config, time_step=step)
+    for i, each in enumerate(site.pairs):
+        contact = each.config.contact(plant, each.tip, each.mouth, site.workcell.config.time_step)
         block = builder.AddNamedSystem(f"{each.name}_contact", contact)
         builder.Connect(assembly.signals["body_poses"], block.GetInputPort("body_poses"))
         builder.Connect(plant.get_body_spatial_velocities_output_port(), block.GetInputPort("body_velocities"))
         held = [part for part in site.placed if part.grasp is not None]
         if held:
-            gain = np.array([[float(part is end) for part in held] for end in (each.peg, each.bore)])
+            gain = np.array([[float(part is end) for part in held] for end in each.ends])
             rows = through(builder, f"{each.name}_released", MatrixGain(gain), assembly.signals["part_released"])
             builder.Connect(rows, block.GetInputPort("released"))
         assembly.offer(f"contact_pair_{i + 1}", block.GetOutputPort("contact_pair"))

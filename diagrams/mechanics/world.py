@@ -32,7 +32,7 @@ from forcectl.diagrams.mechanics.environment_body import BALL_COMPLIANCE, add_en
 from forcectl.diagrams.mechanics.placed_part import (
     PlacedPart,
     add_placed_part,
-    find_insertion,
+    find_pair,
     lay_down,
     leave_out_shapes,
     leave_out_the_hand,
@@ -103,12 +103,12 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
     )
     plant.Finalize()
     lay_down(plant, parts, placed)
-    insertions = tuple(find_insertion(plant, name, each, placed) for name, each in workcell.insertions.items())
+    pairs = tuple(find_pair(plant, name, each, placed) for name, each in workcell.pairs.items())
     if scene_graph is not None:
         _filter(plant, scene_graph, pressing, solid, workcell.self_collision, placed)
         leave_out_the_hand(plant, scene_graph, parts, placed)
-        leave_out_shapes(plant, scene_graph, insertions)
-    return Site(workcell, seed, plant, scene_graph, parts, friction, tuple(mountings), placed, insertions)
+        leave_out_shapes(plant, scene_graph, pairs)
+    return Site(workcell, seed, plant, scene_graph, parts, friction, tuple(mountings), placed, pairs)
 
 
 def _add_ball(plant: MultibodyPlant, parts: RobotParts, contact: Contact) -> GeometryId:

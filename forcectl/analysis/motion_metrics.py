@@ -118,8 +118,24 @@ INSERTION_METRICS: dict[str, tuple[str, str]] = {
     "inserted": ("1", "1 if the state machine ended in a success with the peg seated, else 0"),
     "decided_in_the_air": ("1", "modes that only contact may begin, and that began without"),
 }
+KEPT_FORCE_METRICS: dict[str, tuple[str, str]] = {
+    "contact_s": ("s", "when the parts touch for the first time"),
+    "force_at_switch_N": ("N", "true force when the rotation begins"),
+    "tilt_at_switch_deg": ("deg", "larger of the angles that tilt, as commanded, when the rotation begins"),
+    "force_min_N": ("N", "smallest true force while the part is turned"),
+    "force_max_N": ("N", "largest true force while the part is turned"),
+    "in_band_pct": ("%", "share of the rotation with the true force in the band"),
+    "lost_pct": ("%", "share of the rotation without contact, its beginning included"),
+    "turning_rad_s": ("rad/s", "mean speed of the rotation, as commanded"),
+    "turning_error_pct": ("%", "largest difference of that speed from its mean"),
+    "turned_rad": ("rad", "angle turned until the mode ended, as commanded"),
+    "torque_at_decision_Nm": ("Nm", "true torque about the axis when the lock is decided"),
+    "turned_after_decision_rad": ("rad", "angle turned after that, as commanded"),
+    "turned_past_lock_rad": ("rad", "angle turned after the true torque rose above 0.02 Nm, as commanded"),
+    "torque_max_Nm": ("Nm", "largest true torque about the axis"),
+}
 ANALYSIS_METRICS = FORCE_METRICS | WRENCH_ERROR_METRICS | FRICTION_METRICS | REACH_METRICS | ALIGNMENT_METRICS
-ANALYSIS_METRICS |= TRANSITION_METRICS | INSERTION_METRICS
+ANALYSIS_METRICS |= TRANSITION_METRICS | INSERTION_METRICS | KEPT_FORCE_METRICS
 MOTION_METRICS = LOOP_METRICS | ANALYSIS_METRICS
 
 

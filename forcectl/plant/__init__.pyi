@@ -1,6 +1,8 @@
 from forcectl.plant.compliance import compliance_along as compliance_along
 from forcectl.plant.compliance import joint_compliance as joint_compliance
 from forcectl.plant.compliance import link_compliance as link_compliance
+from forcectl.plant.contact.cap_contact import CapContact as CapContact
+from forcectl.plant.contact.cap_contact import CapOnMountConfig as CapOnMountConfig
 from forcectl.plant.contact.compliant_contact import CompliantContact as CompliantContact
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig as EnvironmentConfig
 from forcectl.plant.contact.compliant_contact import LinearContact as LinearContact

@@ -64,6 +64,7 @@ SLOTS: dict[str, dict[str, str]] = {
     "signal": {
         "Projection": "forcectl.diagrams.signals:ProjectionConfig",
         "From": "forcectl.diagrams.signals:FromConfig",
+        "Exact": "forcectl.diagrams.signals:ExactConfig",
         "WrenchBetween": "forcectl.diagrams.signals:WrenchBetweenConfig",
     },
     "analysis": {
@@ -73,6 +74,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "Reaching": "forcectl.analysis.reaching:ReachAnalysis",
         "Insertion": "forcectl.analysis.insertion:InsertionAnalysis",
         "Transitions": "forcectl.analysis.transitions:TransitionAnalysis",
+        "KeptForce": "forcectl.analysis.kept_force:KeptForceAnalysis",
         "WrenchErrors": "forcectl.analysis.wrench_errors:WrenchErrorAnalysis",
     },
     "fidelity": {
@@ -97,6 +99,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "Parts": "forcectl.plant.contact.parts:EnvironmentPartsConfig",
         "Part": "forcectl.plant.contact.part:PartConfig",
         "PegInBore": "forcectl.plant.contact.peg_in_bore:InsertionConfig",
+        "CapOnMount": "forcectl.plant.contact.cap_contact:CapOnMountConfig",
     },
     "surface": {
         "Grooves": "forcectl.plant.contact.surface:GrooveConfig",

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from typing import Any, NamedTuple
+from typing import Any, ClassVar, NamedTuple, Protocol
 from weakref import ref
 
 import numpy as np
@@ -10,7 +10,7 @@ from numpy.typing import NDArray
 from pydrake.common.value import AbstractValue
 from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialForce, SpatialVelocity
-from pydrake.multibody.plant import ExternallyAppliedSpatialForce
+from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
@@ -24,6 +24,29 @@ def cross_matrix(a: Array) -> Array:
     """The matrix of the product a x ..., several times as fast as `np.cross`."""
     x, y, z = a.tolist()
     return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
+
+
+class PairContactPart(Protocol):
+    """A part of the environment that is the contact of two `!Part`s.
+
+    Attributes:
+        roles: keys with the names of the part with the tip and of that with the mouth.
+        tip, mouth: names of frames of these parts.
+    """
+
+    roles: ClassVar[tuple[str, str]]
+    tip: str
+    mouth: str
+
+    def check_models(self, tip: str, mouth: str) -> None:
+        """Whether the models of both parts fit.
+
+        Raises:
+            BadInputError: one does not.
+        """
+
+    def contact(self, plant: MultibodyPlant, tip: Frame, mouth: Frame, time_step: float) -> PairContact:
+        """The block, of the frames in a finalized plant of this step [s]."""
 
 
 class EndMotion(NamedTuple):

@@ -25,16 +25,18 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import NamedTuple
+from typing import Any, ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame
 from scipy.linalg.lapack import dgesv
 
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 from forcectl.models.make_parts import CLEARANCES
-from forcectl.plant.contact.pair_contact import cross_matrix
+from forcectl.plant.contact.pair_contact import PairContact, cross_matrix
 
 Array = NDArray[np.float64]
 SLIP = 1e-3  # [m/s] below which friction is less than Coulomb's
@@ -78,20 +80,24 @@ class InsertionConfig(PegInBoreConfig):
     tip: str = key("tip", "frame of the peg, in its front face, z backwards")
     mouth: str = key("mouth", "frame of the other part, in the opening, z out of it")
 
+    roles: ClassVar[tuple[str, str]] = ("peg", "bore")
+
     def __post_init__(self) -> None:
         super().__post_init__()
         if self.peg == self.bore:
             raise invalid("bore", self.bore, "another part than that of peg")
 
-    def check_model(self, peg: str) -> None:
-        """Whether the clearance is that of the peg's model, if it is a shipped one.
-
-        Raises:
-            BadInputError: it is not.
-        """
-        clearance = CLEARANCES.get(peg.removeprefix("pipette_plunger_"), self.clearance)
+    def check_models(self, tip: str, mouth: str) -> None:
+        """Whether the clearance is that of the peg's model, if it is a shipped one; see `PairContactPart`."""
+        clearance = CLEARANCES.get(tip.removeprefix("pipette_plunger_"), self.clearance)
         if not math.isclose(clearance, self.clearance):
-            raise invalid("clearance", self.clearance, f"{clearance:g}, that of {peg}")
+            raise invalid("clearance", self.clearance, f"{clearance:g}, that of {tip}")
+
+    def contact(self, plant: MultibodyPlant, tip: Frame, mouth: Frame, time_step: float) -> PairContact:
+        """See `PairContactPart`."""
+        from forcectl.plant.contact.peg_contact import PegContact  # which needs the law of this module
+
+        return PegContact(plant, tip, mouth, self, time_step=time_step)
 
 
 def _ring(radius: float, z: float) -> Array:

@@ -1,0 +1,117 @@
+"""Contact of a cap on a mount without meshes: statics, tilt, friction, waves, lock, action and reaction."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.common.value import AbstractValue
+from pydrake.math import RigidTransform, RotationMatrix
+from pydrake.multibody.math import SpatialVelocity
+
+from forcectl.errors import BadInputError
+from forcectl.plant import CapOnMountConfig
+from forcectl.plant.contact.cap_contact import cap_wrench
+from tests.examples.block_examples_stations import CAP_ON_MOUNT, cap_contact_in_a_plant
+
+DEPTH = 1e-3  # [m]
+STILL = np.zeros(3)
+
+
+def config(**keys: float) -> CapOnMountConfig:
+    return CapOnMountConfig(mount="mount", cap="cap", **{"waviness": 0.0, **keys})
+
+
+def wrench(
+    sizes: CapOnMountConfig,
+    depth: float = DEPTH,
+    turn: RotationMatrix | None = None,
+    turning: np.ndarray = STILL,
+    moving: np.ndarray = STILL,
+) -> np.ndarray:
+    """Of the mount `depth` beyond the mouth of the cap, turned and moving in it."""
+    angles = np.radians([0.0, 120.0, 240.0])
+    feet = sizes.radius * np.column_stack([np.cos(angles), np.sin(angles), np.zeros(3)])
+    R = (turn or RotationMatrix()).matrix()
+    return cap_wrench(sizes, feet @ R.T - [0.0, 0.0, depth], R, turning, moving)
+
+
+def test_aligned_it_is_a_spring_with_a_damper_that_only_pushes():
+    sizes = config(stiffness=1450.0, damping=20.0)
+    np.testing.assert_allclose(wrench(sizes), [0, 0, 0, 0, 0, 1.45], atol=1e-12)
+    closing = wrench(sizes, moving=np.array([0.0, 0.0, -0.01]))
+    np.testing.assert_allclose(closing, [0, 0, 0, 0, 0, 1.45 + 0.2], atol=1e-12)
+    assert not wrench(sizes, moving=np.array([0.0, 0.0, 0.1])).any()  # damping would pull
+    assert not wrench(sizes, depth=-1e-6).any()
+
+
+@pytest.mark.parametrize("axis", [(1.0, 0.0, 0.0), (0.6, 0.8, 0.0)])
+def test_three_feet_resist_a_tilt_with_half_of_k_r2(axis):
+    sizes, angle = config(stiffness=1500.0, radius=0.01, friction=0.0), 0.01
+    cross = np.array([[0, 0, axis[1]], [0, 0, -axis[0]], [-axis[1], axis[0], 0]])
+    found = wrench(sizes, turn=RotationMatrix.ProjectToRotationMatrix(np.eye(3) + angle * cross))
+    np.testing.assert_allclose(found[:3], -0.5 * 1500.0 * 0.01**2 * angle * np.array(axis), atol=2e-6)
+    assert found[5] == pytest.approx(1.5, rel=1e-4)
+
+
+def test_friction_acts_against_sliding_and_turning():
+    sizes = config(stiffness=1500.0, friction=0.2)
+    sliding = wrench(sizes, moving=np.array([0.06, 0.08, 0.0]))
+    np.testing.assert_allclose(sliding[3:], [-0.3 * 0.6, -0.3 * 0.8, 1.5], rtol=1e-3)
+    turning = wrench(sizes, turning=np.array([0.0, 0.0, 10.0]))
+    assert turning[2] == pytest.approx(-0.3 * sizes.radius, rel=1e-2)
+    np.testing.assert_allclose(turning[3:5], 0.0, atol=1e-12)
+
+
+def test_waves_lift_all_feet_alike_and_their_slope_is_a_speed():
+    """In a ninth of a turn there is one wave; with damping, turning on a rising face is closing on it."""
+    sizes = config(stiffness=1000.0, waviness=1e-4, waves=9, friction=0.0, lock_deg=170.0)
+    for degrees in (0.0, 10.0, 20.0, 30.0):
+        found = wrench(sizes, turn=RotationMatrix.MakeZRotation(math.radians(degrees)))
+        assert found[5] == pytest.approx(1.0 + 0.1 * math.sin(math.radians(9 * degrees)), abs=1e-9)
+    damped = config(stiffness=1000.0, waviness=1e-4, waves=9, friction=0.0, damping=50.0, lock_deg=170.0)
+    rising = wrench(damped, turning=np.array([0.0, 0.0, 2.0]))  # at angle 0
+    assert rising[5] == pytest.approx(1.0 + 50.0 * 9 * 1e-4 * 2.0, rel=1e-9)
+
+
+@pytest.mark.parametrize("way", [1.0, -1.0])
+def test_the_lock_turns_back_beyond_its_angle_while_it_touches(way):
+    sizes = config(lock_deg=30.0 * way, lock_stiffness=5.0)
+    turned = [RotationMatrix.MakeZRotation(way * math.radians(degrees)) for degrees in (29.0, 33.0, -60.0)]
+    torques = [wrench(sizes, turn=turn)[2] for turn in turned]
+    np.testing.assert_allclose(torques, [0.0, -way * 5.0 * math.radians(3.0), 0.0], atol=1e-12)
+    assert not wrench(sizes, depth=-1e-4, turn=turned[1]).any()
+
+
+def test_both_parts_feel_it_until_one_is_released():
+    block, plant = cap_contact_in_a_plant(CAP_ON_MOUNT)
+    context, poses = block.CreateDefaultContext(), [RigidTransform()] * plant.num_bodies()
+    mount, cap = (plant.GetFrameByName(name).body().index() for name in ("tip", "mouth"))
+    # The cap lies on its side in the world; the mount is on its axis, 1 mm in, and turned past the lock.
+    X_WM = RigidTransform(RotationMatrix.MakeXRotation(1.2), [0.3, -0.2, 0.5])
+    X_MT = RigidTransform(RotationMatrix.MakeZRotation(1.0), [0.0, 0.0, -DEPTH])
+    poses[int(cap)] = X_WM @ plant.GetFrameByName("mouth").GetFixedPoseInBodyFrame().inverse()
+    poses[int(mount)] = X_WM @ X_MT @ plant.GetFrameByName("tip").GetFixedPoseInBodyFrame().inverse()
+    block.GetInputPort("body_poses").FixValue(context, AbstractValue.Make(poses))
+    speeds = [SpatialVelocity.Zero()] * plant.num_bodies()
+    block.GetInputPort("body_velocities").FixValue(context, AbstractValue.Make(speeds))
+    shown = block.GetOutputPort("body_contact_wrench").Eval(context)
+    lock = -CAP_ON_MOUNT.lock_stiffness * (1.0 - math.radians(CAP_ON_MOUNT.lock_deg))
+    assert shown[2] == pytest.approx(lock, rel=1e-9)
+    assert shown[5] == pytest.approx(CAP_ON_MOUNT.stiffness * DEPTH, rel=0.1)
+    on_mount, on_cap = block.GetOutputPort("spatial_forces").Eval(context)
+    assert (int(on_mount.body_index), int(on_cap.body_index)) == (int(mount), int(cap))
+    push = X_WM.rotation().matrix() @ shown[3:]
+    np.testing.assert_allclose(on_mount.F_Bq_W.translational(), push, atol=1e-9)
+    np.testing.assert_allclose(on_cap.F_Bq_W.translational(), -push, atol=1e-9)
+    (pair,) = block.GetOutputPort("contact_pair").Eval(context)
+    np.testing.assert_allclose(pair.wrench[3:], push, atol=1e-9)
+    block.GetInputPort("released").FixValue(context, [0.0, 1.0])
+    assert not block.GetOutputPort("body_contact_wrench").Eval(context).any()
+    assert block.GetOutputPort("spatial_forces").Eval(context) == []
+
+
+def test_one_part_on_itself_is_refused():
+    with pytest.raises(BadInputError, match="cap = 'a': must be another part than that of mount"):
+        CapOnMountConfig(mount="a", cap="a")
