@@ -17,7 +17,7 @@ from forcectl.framework.wiring import add_part
 from forcectl.plant.compliance import compliance_along, robot_compliance
 from forcectl.plant.contact.compliant_contact import contact_response
 from forcectl.plant.contact.obstacle import ObstacleConfig
-from forcectl.plant.contact.pair_contact import PairContactPart
+from forcectl.plant.contact.pairs.pair_contact import PairContactPart
 from forcectl.plant.contact.part import PartConfig
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.robot.model import RobotModel, unit_normal

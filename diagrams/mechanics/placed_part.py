@@ -33,7 +33,7 @@ from pydrake.multibody.tree import (
 )
 
 from forcectl.errors import BadInputError, about, unknown
-from forcectl.plant.contact.pair_contact import PairContactPart
+from forcectl.plant.contact.pairs.pair_contact import PairContactPart
 from forcectl.plant.contact.part import GraspConfig, PartConfig
 from forcectl.robot.model_file import ModelFile, parse_models
 from forcectl.robot.parts import RobotParts, frame_named

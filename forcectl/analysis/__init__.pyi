@@ -6,6 +6,7 @@ from forcectl.analysis.force_metrics import metrics_of as metrics_of
 from forcectl.analysis.force_metrics import step_metrics as step_metrics
 from forcectl.analysis.friction_identification import FrictionAnalysis as FrictionAnalysis
 from forcectl.analysis.insertion import InsertionAnalysis as InsertionAnalysis
+from forcectl.analysis.kept_force import KeptForceAnalysis as KeptForceAnalysis
 from forcectl.analysis.motion_metrics import joint_metrics as joint_metrics
 from forcectl.analysis.reaching import ReachAnalysis as ReachAnalysis
 from forcectl.analysis.slot import run_metrics as run_metrics

@@ -1,8 +1,6 @@
 from forcectl.plant.compliance import compliance_along as compliance_along
 from forcectl.plant.compliance import joint_compliance as joint_compliance
 from forcectl.plant.compliance import link_compliance as link_compliance
-from forcectl.plant.contact.cap_contact import CapContact as CapContact
-from forcectl.plant.contact.cap_contact import CapOnMountConfig as CapOnMountConfig
 from forcectl.plant.contact.compliant_contact import CompliantContact as CompliantContact
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig as EnvironmentConfig
 from forcectl.plant.contact.compliant_contact import LinearContact as LinearContact
@@ -17,6 +15,8 @@ from forcectl.plant.contact.contact_truth import wrench_between as wrench_betwee
 from forcectl.plant.contact.gripper_opening import Grasp as Grasp
 from forcectl.plant.contact.gripper_opening import GripperOpening as GripperOpening
 from forcectl.plant.contact.obstacle import ObstacleConfig as ObstacleConfig
+from forcectl.plant.contact.pairs.cap_contact import CapContact as CapContact
+from forcectl.plant.contact.pairs.cap_contact import CapOnMountConfig as CapOnMountConfig
 from forcectl.plant.contact.part import GraspConfig as GraspConfig
 from forcectl.plant.contact.part import MisplacementConfig as MisplacementConfig
 from forcectl.plant.contact.part import PartConfig as PartConfig

@@ -99,7 +99,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "Parts": "forcectl.plant.contact.parts:EnvironmentPartsConfig",
         "Part": "forcectl.plant.contact.part:PartConfig",
         "PegInBore": "forcectl.plant.contact.peg_in_bore:InsertionConfig",
-        "CapOnMount": "forcectl.plant.contact.cap_contact:CapOnMountConfig",
+        "CapOnMount": "forcectl.plant.contact.pairs.cap_contact:CapOnMountConfig",
     },
     "surface": {
         "Grooves": "forcectl.plant.contact.surface:GrooveConfig",

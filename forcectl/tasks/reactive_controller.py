@@ -207,6 +207,7 @@ class ReactiveController(SampledBlock):
         self._reference_reset = ReferenceReset([task.size for task in tasks], scale, Ts)
         every = [*constraints, *(each for mode in modes for each in mode.constraints)]
         self._bands: list[Any] = list(dict.fromkeys(each for each in every if getattr(each, "reads_force", False)))
+        self.force_tasks: tuple[ArmTask, ...] = tuple(band.task for band in self._bands)  # of measured_force
         origin.forces = dict.fromkeys(self._bands, 0.0)
         chosen = JointSpeed() if criterion is None else criterion
         shared = (robot, origin, limits, self._tasks, constraints, chosen, weights)
@@ -223,11 +224,6 @@ class ReactiveController(SampledBlock):
     def tasks(self) -> tuple[ArmTask, ...]:
         """The tasks, in the order of the coordinates."""
         return self._tasks
-
-    @property
-    def force_tasks(self) -> tuple[ArmTask, ...]:
-        """What the forces of measured_force act along, in their order."""
-        return tuple(band.task for band in self._bands)
 
     @property
     def period(self) -> float:

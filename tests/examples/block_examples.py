@@ -36,6 +36,7 @@ from forcectl.testing.runs import Input
 from tests.examples.block_example import Example, each
 from tests.examples.block_examples_estimation import ESTIMATION_EXAMPLES
 from tests.examples.block_examples_joint_interface import JOINT_INTERFACE_EXAMPLES
+from tests.examples.block_examples_pairs import PAIR_EXAMPLES
 from tests.examples.block_examples_stations import STATION_EXAMPLES
 from tests.examples.controller_examples import CONTROLLER_EXAMPLES
 from tests.examples.governor_examples import GOVERNOR_EXAMPLES
@@ -157,7 +158,7 @@ ELSEWHERE |= MACHINE_EXAMPLES | TASK_MACHINE_EXAMPLES
 ELSEWHERE |= JOINT_INTERFACE_EXAMPLES
 ELSEWHERE |= TORQUE_EXAMPLES
 ELSEWHERE |= SURFACE_EXAMPLES
-ELSEWHERE |= STATION_EXAMPLES
+ELSEWHERE |= STATION_EXAMPLES | PAIR_EXAMPLES
 ELSEWHERE |= CONTROLLER_EXAMPLES
 EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
     CompliantContact: [

@@ -9,7 +9,6 @@ from typing import Any
 
 import numpy as np
 from numpy.typing import ArrayLike
-from pydrake.math import RollPitchYaw
 from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import DiagramBuilder, System
@@ -25,7 +24,6 @@ from forcectl.diagrams.sensors import NormalForce, WristForce
 from forcectl.diagrams.station import build_station
 from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.models import add_packages
-from forcectl.plant.contact.cap_contact import CapContact, CapOnMountConfig
 from forcectl.plant.contact.compliant_contact import CompliantContact, EnvironmentConfig
 from forcectl.plant.contact.contact_truth import ContactWrench, bodies_named
 from forcectl.plant.contact.gripper_opening import Grasp, GripperOpening
@@ -40,7 +38,6 @@ from forcectl.plant.contact.surface_materials import MaterialsConfig, SegmentCon
 from forcectl.plant.drives.position_loop import PositionLoopConfig
 from forcectl.plant.drives.servo import ServoConfig
 from forcectl.plant.sensors.force_sensor import ForceSensorConfig
-from forcectl.robot.model import RobotModel
 from forcectl.testing.runs import Input
 from tests.examples import insertion
 from tests.examples.block_example import Example, each
@@ -215,30 +212,6 @@ def peg_contact_in_a_plant(config: PegInBoreConfig) -> tuple[PegContact, Multibo
     return PegContact(plant, tip, mouth, config, time_step=0.001), plant
 
 
-CAP_ON_MOUNT = CapOnMountConfig(mount="mount", cap="cap", lock_deg=30.0)
-
-
-def cap_contact_in_a_plant(config: CapOnMountConfig) -> tuple[CapContact, MultibodyPlant]:
-    plant = MultibodyPlant(0.001)
-    parser = Parser(plant)
-    add_packages(parser.package_map())
-    for name in ("bayonet_cap", "bayonet_mount"):
-        parser.AddModelsFromUrl(f"package://parts/{name}.urdf")
-    plant.Finalize()
-    return CapContact(plant.GetFrameByName("tip"), plant.GetFrameByName("mouth"), config), plant
-
-
-@cache
-def capping_workcell() -> Workcell:
-    """An arm that holds a cap on a mount that is fixed 1 mm in it."""
-    robot = RobotModel.load(ARM, None)
-    X_WT = robot.pose(robot.context_at(robot.parameters.default_posture))
-    at, turn = X_WT.translation() - 1e-3 * X_WT.rotation().matrix()[:, 2], RollPitchYaw(X_WT.rotation()).vector()
-    mount = PartConfig(model="bayonet_mount", frame="tip", position=at.tolist(), rotation_deg=np.degrees(turn).tolist())
-    parts = {"cap": PartConfig(model="bayonet_cap", frame="mouth", arm="left"), "mount": mount, "lock": CAP_ON_MOUNT}
-    return describe(free(robot=ARM, tool=None, environment=EnvironmentPartsConfig(parts=parts)))
-
-
 def peg_contact() -> PegContact:
     return peg_contact_in_a_plant(PegInBoreConfig())[0]
 
@@ -402,18 +375,6 @@ STATION_EXAMPLES: dict[type[System], list[Example]] = {
                 "0p5", insertion.misalignments(1)[0], contact=insertion.analytic("0p5"), above=-0.01
             )[0],
             periods=STEP,
-        )
-    ],
-    CapContact: [
-        Example(
-            lambda: cap_contact_in_a_plant(CAP_ON_MOUNT)[0],
-            {
-                pair
-                for output in ("spatial_forces", "body_contact_wrench", "contact_pair")
-                for pair in each(output, "body_poses", "body_velocities", "released")
-            },
-            {"joint_position_command": lambda t: moved(capping_workcell())(t)},
-            runnable=lambda: build_station(capping_workcell(), 3),
         )
     ],
     MountingForces: [

@@ -9,7 +9,7 @@ from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import Context, DiscreteValues
 
 from forcectl.framework.batch import check
-from forcectl.plant.contact.pair_contact import EndMotion, PairContact, cross_matrix
+from forcectl.plant.contact.pairs.pair_contact import EndMotion, PairContact, cross_matrix
 from forcectl.plant.contact.peg_in_bore import (
     PegInBoreConfig,
     PegProfile,

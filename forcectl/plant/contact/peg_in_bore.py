@@ -25,7 +25,7 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import Any, ClassVar, NamedTuple
+from typing import ClassVar, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -36,7 +36,7 @@ from scipy.linalg.lapack import dgesv
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 from forcectl.models.make_parts import CLEARANCES
-from forcectl.plant.contact.pair_contact import PairContact, cross_matrix
+from forcectl.plant.contact.pairs.pair_contact import PairContact, cross_matrix
 
 Array = NDArray[np.float64]
 SLIP = 1e-3  # [m/s] below which friction is less than Coulomb's

@@ -12,8 +12,8 @@ from pydrake.multibody.math import SpatialVelocity
 
 from forcectl.errors import BadInputError
 from forcectl.plant import CapOnMountConfig
-from forcectl.plant.contact.cap_contact import cap_wrench
-from tests.examples.block_examples_stations import CAP_ON_MOUNT, cap_contact_in_a_plant
+from forcectl.plant.contact.pairs.cap_contact import cap_wrench
+from tests.examples.block_examples_pairs import CAP_ON_MOUNT, cap_contact_in_a_plant
 
 DEPTH = 1e-3  # [m]
 STILL = np.zeros(3)

@@ -27,7 +27,7 @@ def cross_matrix(a: Array) -> Array:
 
 
 class PairContactPart(Protocol):
-    """A part of the environment that is the contact of two `!Part`s.
+    """A part of the environment that is the contact of two held or fixed parts.
 
     Attributes:
         roles: keys with the names of the part with the tip and of that with the mouth.

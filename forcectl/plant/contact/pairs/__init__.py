@@ -1,0 +1,1 @@
+"""Contacts of two parts in place of that of their shapes."""
