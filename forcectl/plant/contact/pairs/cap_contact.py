@@ -8,7 +8,8 @@ K and D, and has Coulomb's friction, smooth below 1 mm/s::
 
 so that K is the stiffness of the aligned contact, and K r^2/2 that against tilting. The slope of the waves is left
 out: N A/r, 0.04 with the defaults. While a foot touches, the lock is a torsional spring beyond its angle. Contact ends
-where a gripper lets one of the parts go: what the locked parts do then is not modelled.
+where the mount is r/2 beyond the face or r beside its axis, and where a gripper lets one of the parts go: what the
+locked parts do then is not modelled.
 """
 
 from __future__ import annotations
@@ -50,6 +51,7 @@ class CapOnMountConfig(Config):
         45.0, "angle of the mount in the cap from which on the lock turns back", unit="deg", bounds="from -170 to 170"
     )
     lock_stiffness: float = key(5.0, "of the lock, against turning on", unit="Nm/rad", bounds="not negative")
+    lock_torque: float = key(0.6, "with which the lock gives way", unit="Nm", bounds="positive")
 
     roles: ClassVar[tuple[str, str]] = ("mount", "cap")
 
@@ -99,7 +101,9 @@ class CapContact(PairContact):
         """See `PairContact`."""
         nothing = np.zeros(6), np.zeros(0)
         R, p = mouth.R.T @ tip.R, mouth.R.T @ (tip.p - mouth.p)
-        if p[2] > self._config.radius + self._config.waviness or any(self.released(context)):
+        r = self._config.radius
+        near = -0.5 * r < p[2] < r + self._config.waviness and math.hypot(p[0], p[1]) < r
+        if not near or any(self.released(context)):
             return nothing
         turning = mouth.R.T @ (tip.w - mouth.w)
         # Of the mount's point in the mouth, seen from the cap.
@@ -133,5 +137,6 @@ def cap_wrench(config: CapOnMountConfig, feet: Array, rotation: Array, turning: 
     forces[:, :2] = -(config.friction * forces[:, 2] / smooth)[:, None] * slip
     torque = np.cross(feet, forces).sum(axis=0)
     psi, way = math.atan2(rotation[1, 0], rotation[0, 0]), math.copysign(1.0, config.lock_deg)
-    torque[2] -= way * config.lock_stiffness * max(way * psi - abs(math.radians(config.lock_deg)), 0.0)
+    beyond = max(way * psi - abs(math.radians(config.lock_deg)), 0.0)
+    torque[2] -= way * min(config.lock_stiffness * beyond, config.lock_torque)
     return np.concatenate([torque, forces.sum(axis=0)])
