@@ -32,7 +32,7 @@ def kept_force_figure(
         rows[0].axhline(limit, color="0.4", lw=0.9, ls=(0, (2, 2)))
     for axes, label in zip(rows, ("force [N]", "torque [Nm]", "angle [rad]"), strict=True):
         axes.set_ylabel(label)
-    rows[-1].set_xlabel("time from the beginning of the rotation [s]; dotted: the band")
+    rows[-1].set_xlabel("time from the beginning of the rotation [s]; dotted: the band of the first variant")
     if any(runs):
         rows[0].legend(frameon=False, fontsize=8, loc="lower left", bbox_to_anchor=(0.0, 1.0), ncol=2)
     return figure
