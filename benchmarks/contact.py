@@ -62,9 +62,9 @@ def scenario(contact: str, step: float = 0.001, estimator: bool = True, controll
     from forcectl.diagrams.station import StationConfig
     from forcectl.estimation.force_estimator import KalmanForceEstimatorConfig
     from forcectl.motion.joint_path import JointMovesConfig
+    from forcectl.plant.contact.pairs.peg_in_bore import InsertionConfig
     from forcectl.plant.contact.part import PartConfig
     from forcectl.plant.contact.parts import EnvironmentPartsConfig
-    from forcectl.plant.contact.peg_in_bore import InsertionConfig
     from forcectl.scenario.scenario import Scenario
     from forcectl.tasks.null_space_parts import SelfMotionConfig
 

@@ -17,14 +17,14 @@ from forcectl.plant.contact.gripper_opening import GripperOpening as GripperOpen
 from forcectl.plant.contact.obstacle import ObstacleConfig as ObstacleConfig
 from forcectl.plant.contact.pairs.cap_contact import CapContact as CapContact
 from forcectl.plant.contact.pairs.cap_contact import CapOnMountConfig as CapOnMountConfig
+from forcectl.plant.contact.pairs.peg_contact import PegContact as PegContact
+from forcectl.plant.contact.pairs.peg_in_bore import InsertionConfig as InsertionConfig
+from forcectl.plant.contact.pairs.peg_in_bore import PegInBoreConfig as PegInBoreConfig
 from forcectl.plant.contact.part import GraspConfig as GraspConfig
 from forcectl.plant.contact.part import MisplacementConfig as MisplacementConfig
 from forcectl.plant.contact.part import PartConfig as PartConfig
 from forcectl.plant.contact.part_pose import PartPose as PartPose
 from forcectl.plant.contact.parts import EnvironmentPartsConfig as EnvironmentPartsConfig
-from forcectl.plant.contact.peg_contact import PegContact as PegContact
-from forcectl.plant.contact.peg_in_bore import InsertionConfig as InsertionConfig
-from forcectl.plant.contact.peg_in_bore import PegInBoreConfig as PegInBoreConfig
 from forcectl.plant.contact.surface import GrooveConfig as GrooveConfig
 from forcectl.plant.contact.surface import ProfileFileConfig as ProfileFileConfig
 from forcectl.plant.contact.surface import RoughnessConfig as RoughnessConfig

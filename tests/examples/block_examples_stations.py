@@ -28,11 +28,11 @@ from forcectl.plant.contact.compliant_contact import CompliantContact, Environme
 from forcectl.plant.contact.contact_truth import ContactWrench, bodies_named
 from forcectl.plant.contact.gripper_opening import Grasp, GripperOpening
 from forcectl.plant.contact.obstacle import ObstacleConfig
+from forcectl.plant.contact.pairs.peg_contact import PegContact
+from forcectl.plant.contact.pairs.peg_in_bore import PegInBoreConfig
 from forcectl.plant.contact.part import GraspConfig, PartConfig
 from forcectl.plant.contact.part_pose import PartPose
 from forcectl.plant.contact.parts import EnvironmentPartsConfig
-from forcectl.plant.contact.peg_contact import PegContact
-from forcectl.plant.contact.peg_in_bore import PegInBoreConfig
 from forcectl.plant.contact.surface import SurfaceConfig
 from forcectl.plant.contact.surface_materials import MaterialsConfig, SegmentConfig
 from forcectl.plant.drives.position_loop import PositionLoopConfig

@@ -26,7 +26,8 @@ from pydrake.systems.framework import Context
 
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
-from forcectl.plant.contact.pairs.pair_contact import EndMotion, PairContact, cross_matrix
+from forcectl.framework.kernels import cross_matrix
+from forcectl.plant.contact.pairs.pair_contact import EndMotion, PairContact
 
 Array = NDArray[np.float64]
 _SLIP = 1e-3  # [m/s] below which friction is less than Coulomb's

@@ -15,15 +15,10 @@ from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from forcectl.framework.cache import BlockCache
+from forcectl.framework.kernels import cross_matrix
 from forcectl.plant.contact.contact_truth import BodyContact
 
 Array = NDArray[np.float64]
-
-
-def cross_matrix(a: Array) -> Array:
-    """The matrix of the product a x ..., several times as fast as `np.cross`."""
-    x, y, z = a.tolist()
-    return np.array([[0.0, -z, y], [z, 0.0, -x], [-y, x, 0.0]])
 
 
 class PairContactPart(Protocol):

@@ -10,7 +10,7 @@ from pydrake.multibody.plant import MultibodyPlant
 
 from forcectl.errors import BadInputError
 from forcectl.plant import PegContact, PegInBoreConfig
-from forcectl.plant.contact.peg_in_bore import PegProfile, touching
+from forcectl.plant.contact.pairs.peg_in_bore import PegProfile, touching
 from tests.examples.block_examples_stations import peg_contact_in_a_plant
 from tests.examples.insertion import ACROSS, Misalignment, analytic, insert, misalignments
 

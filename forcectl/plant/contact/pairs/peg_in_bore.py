@@ -36,7 +36,7 @@ from scipy.linalg.lapack import dgesv
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 from forcectl.models.make_parts import CLEARANCES
-from forcectl.plant.contact.pairs.pair_contact import PairContact, cross_matrix
+from forcectl.plant.contact.pairs.pair_contact import PairContact
 
 Array = NDArray[np.float64]
 SLIP = 1e-3  # [m/s] below which friction is less than Coulomb's
@@ -95,7 +95,7 @@ class InsertionConfig(PegInBoreConfig):
 
     def contact(self, plant: MultibodyPlant, tip: Frame, mouth: Frame, time_step: float) -> PairContact:
         """See `PairContactPart`."""
-        from forcectl.plant.contact.peg_contact import PegContact  # which needs the law of this module
+        from forcectl.plant.contact.pairs.peg_contact import PegContact  # which needs the law of this module
 
         return PegContact(plant, tip, mouth, self, time_step=time_step)
 

@@ -9,8 +9,9 @@ from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import Context, DiscreteValues
 
 from forcectl.framework.batch import check
-from forcectl.plant.contact.pairs.pair_contact import EndMotion, PairContact, cross_matrix
-from forcectl.plant.contact.peg_in_bore import (
+from forcectl.framework.kernels import cross_matrix
+from forcectl.plant.contact.pairs.pair_contact import EndMotion, PairContact
+from forcectl.plant.contact.pairs.peg_in_bore import (
     PegInBoreConfig,
     PegProfile,
     contact_wrench,
