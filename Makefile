@@ -26,10 +26,10 @@ demo: $(VENV)/.installed ## simulate Figure 2.7 of the thesis; prints the result
 	$(BIN)/forcectl run fig_2_7 --out $(OUT) --force
 
 test: $(VENV)/.installed-test ## run all tests
-	$(BIN)/python -m pytest -n $(JOBS)
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal
 
 quick: $(VENV)/.installed-test ## run all tests but those that take seconds each
-	$(BIN)/python -m pytest -n $(JOBS) -m "not slow"
+	$(BIN)/python -m pytest -n $(JOBS) --dist worksteal -m "not slow"
 
 lint: $(VENV)/.installed-dev ## ruff, mypy, import-linter
 	@failed=0; for check in "ruff check ." "ruff format --check ." mypy "lint-imports --no-logo"; do \
