@@ -31,6 +31,7 @@ from forcectl.force.integral import IntegralForceLaw
 from forcectl.force.law import ForceLaw
 from forcectl.framework.batch import BatchBlock
 from forcectl.framework.sampled_block import SampledBatch, SampledBlock
+from forcectl.plant.contact.pairs.pair_contact import PairContact
 from forcectl.plant.contact.tip_contact import TipContact
 from forcectl.plant.sensors.force_sensor import SensorElectronics
 from forcectl.plant.sensors.wrist_sensor import WristSensor
@@ -50,7 +51,7 @@ CASES = [
 STATIONS = (LightStation, MultibodyStation)
 
 
-BASES = {ForceLaw, BatchBlock, SampledBatch, SampledBlock, SensorElectronics}
+BASES = {ForceLaw, BatchBlock, PairContact, SampledBatch, SampledBlock, SensorElectronics}
 BLOCKS = {kind.__name__: kind for kind in EXAMPLES}
 EVERY_BLOCK = pytest.mark.parametrize(
     "kind", sorted(EXAMPLES, key=lambda kind: kind.__name__), ids=lambda kind: kind.__name__
