@@ -62,7 +62,7 @@ def scenario(contact: str, step: float = 0.001, estimator: bool = True, controll
     from forcectl.diagrams.station import StationConfig
     from forcectl.estimation.force_estimator import KalmanForceEstimatorConfig
     from forcectl.motion.joint_path import JointMovesConfig
-    from forcectl.plant.contact.pairs.peg_in_bore import InsertionConfig
+    from forcectl.plant.contact.pairs.peg_contact import InsertionConfig
     from forcectl.plant.contact.part import PartConfig
     from forcectl.plant.contact.parts import EnvironmentPartsConfig
     from forcectl.scenario.scenario import Scenario

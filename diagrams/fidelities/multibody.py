@@ -288,7 +288,7 @@ def _add_loads(assembly: Assembly, site: Site, own: OutputPort | None) -> Output
     in_plant = [plant.GetFrameByName(name, parts.instance) for name in frames]
     load = builder.AddNamedSystem("load", TipLoad(parts, in_plant))
     arms = list(parts.arms)
-    held = [HeldPart(arms.index(part.config.arm), part.bodies) for part in site.placed if part.grasp is not None]
+    held = [HeldPart(arms.index(part.config.arm), part.bodies) for part in site.held]
     pairs = len(site.pairs)
     block = LoadTruth(workcell.robot, plant, parts, list(frames.values()), held, pairs)
     truth = builder.AddNamedSystem("truth", block)

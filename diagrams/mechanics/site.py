@@ -67,6 +67,11 @@ class Site:
         """Control tick [s]."""
         return self.workcell.period
 
+    @property
+    def held(self) -> list[PlacedPart]:
+        """The parts that arms can hold."""
+        return [part for part in self.placed if part.grasp is not None]
+
     def with_seed(self, index: int) -> Site:
         """The site of a further part, whose random numbers are its own.
 

@@ -15,8 +15,7 @@ from forcectl.plant.contact.part_pose import PartPose
 
 def add_parts(assembly: Assembly, site: Site) -> None:
     """Grasps of parts, and where the parts are."""
-    builder, plant, arms = assembly.builder, site.plant, list(site.parts.arms)
-    held = [part for part in site.placed if part.grasp is not None]
+    builder, plant, arms, held = assembly.builder, site.plant, list(site.parts.arms), site.held
     if held:
         grasps = [Grasp(arms.index(part.config.arm), part.config.grasp, not part.config.lies_at) for part in held]
         opening = GripperOpening(grasps, len(arms), period=site.period)
@@ -37,13 +36,12 @@ def add_parts(assembly: Assembly, site: Site) -> None:
 
 def add_pairs(assembly: Assembly, site: Site) -> list[OutputPort]:
     """Contacts of parts without meshes; returns their forces on the plant."""
-    builder, plant, forces = assembly.builder, site.plant, []
+    builder, plant, held, forces = assembly.builder, site.plant, site.held, []
     for i, each in enumerate(site.pairs):
         contact = each.config.contact(plant, each.tip, each.mouth, site.workcell.config.time_step)
         block = builder.AddNamedSystem(f"{each.name}_contact", contact)
         builder.Connect(assembly.signals["body_poses"], block.GetInputPort("body_poses"))
         builder.Connect(plant.get_body_spatial_velocities_output_port(), block.GetInputPort("body_velocities"))
-        held = [part for part in site.placed if part.grasp is not None]
         if held:
             gain = np.array([[float(part is end) for part in held] for end in each.ends])
             rows = through(builder, f"{each.name}_released", MatrixGain(gain), assembly.signals["part_released"])

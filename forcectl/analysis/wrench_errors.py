@@ -8,7 +8,7 @@ are the same of the wrench between them, at the TCP of the second one, see `forc
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import TYPE_CHECKING, Any
+from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
@@ -29,6 +29,14 @@ _FELT = {"felt_after_52_ms_pct": (0.052, 1 / 2), "felt_after_200_ms_pct": (0.2, 
 _DIRECTIONS = {"z": (5,), "xy": (3, 4)}
 
 
+class _Compared(NamedTuple):
+    """Estimated and true wrenches of all arms in the same axes, (k, 6a) each: those of the tools if `local`."""
+
+    estimated: Array
+    true: Array
+    local: bool
+
+
 @dataclass(kw_only=True)
 class WrenchErrorAnalysis(Config):
     """Scenario part `!WrenchErrors`: needs a force estimator in the loop."""
@@ -41,19 +49,20 @@ class WrenchErrorAnalysis(Config):
         found = self._error(log, setting.truth)
         if found is None:
             return {}
-        estimated, true = found
         robot, late = setting.truth.known_robot(), log["time"].values >= self.begin - 1e-9
+        estimated, true = found.estimated[late], found.true[late]
         each = {}
         for i, name in enumerate(robot.parts.arms):
             columns = slice(6 * i, 6 * i + 6)
-            each[name] = self._arm(log["time"].values[late], estimated[late, columns], true[late, columns])
+            each[name] = self._arm(log["time"].values[late], estimated[:, columns], true[:, columns])
         metrics: dict[str, float | None] = {}
         for metric in next(iter(each.values())):
             known = [value for one in each.values() if (value := one[metric]) is not None]
             metrics[metric] = min(known, default=None) if metric.startswith("felt_") else max(known, default=None)
         if len(each) == 2:
-            between = self._between(log, setting.truth, estimated, true)
-            each["between"] = self._arm(log["time"].values[late], *(wrenches[late] for wrenches in between))
+            posture = log["link_position"].values[late]
+            between = self._between(posture, setting.truth, found.local, estimated, true)
+            each["between"] = self._arm(log["time"].values[late], *between)
         if len(each) > 1:
             metrics |= {f"{name}.{metric}": value for name, one in each.items() for metric, value in one.items()}
         return metrics | self._assumed(setting)
@@ -67,7 +76,7 @@ class WrenchErrorAnalysis(Config):
             found = self._error(run, setting.truth)
             if found is not None:
                 late = run["time"].values >= self.begin - 1e-9
-                sizes = (found[0] - found[1])[late].reshape(-1, 6)
+                sizes = (found.estimated - found.true)[late].reshape(-1, 6)
                 errors[name] = {
                     "error of the force along z [N]": np.abs(sizes[:, 5]),
                     "across z [N]": np.linalg.norm(sizes[:, 3:5], axis=1),
@@ -75,12 +84,13 @@ class WrenchErrorAnalysis(Config):
                 }
         return {"wrench_errors": error_figure(errors, title)} if errors else {}
 
-    def _error(self, log: Any, truth: PlantModel) -> tuple[Array, Array] | None:
-        """Estimated and true wrenches in the same axes (k, 6a); None without an estimate."""
+    def _error(self, log: Any, truth: PlantModel) -> _Compared | None:
+        """None without an estimate."""
         for name in ("estimated_local_wrench", "estimated_wrench"):
             if name in log and not np.isnan(log[name].values).all():
-                true = self._in_tools(log, truth) if "local" in name else log["tip_wrench"].values
-                return log[name].values, true
+                local = "local" in name
+                true = self._in_tools(log, truth) if local else log["tip_wrench"].values
+                return _Compared(log[name].values, true, local)
         return None
 
     def _arm(self, time: Array, estimated: Array, true: Array) -> dict[str, float | None]:
@@ -118,14 +128,14 @@ class WrenchErrorAnalysis(Config):
             "loads_missed": float(len(delays) - len(found)) if loads else None,
         }
 
-    def _between(self, log: Any, truth: PlantModel, *both: Array) -> list[Array]:
+    @staticmethod
+    def _between(posture: Array, truth: PlantModel, local: bool, *both: Array) -> list[Array]:
         """Of wrenches (k, 12) of two arms those of the first on the second (k, 6), in the axes that they are in."""
         robot = truth.known_robot()
         context, plant = robot.create_context(), robot.plant
         tips = [arm.tcp_frame for arm in robot.parts.arms.values()]
-        local = "estimated_local_wrench" in log
         found = [np.empty((len(wrenches), 6)) for wrenches in both]
-        for k, q in enumerate(log["link_position"].values):
+        for k, q in enumerate(posture):
             robot.set_positions(context, q)
             first, second = tips if local else [plant.world_frame()] * 2
             R = plant.CalcRelativeRotationMatrix(context, second, first).matrix()

@@ -17,8 +17,8 @@ from forcectl.plant.contact.gripper_opening import GripperOpening as GripperOpen
 from forcectl.plant.contact.obstacle import ObstacleConfig as ObstacleConfig
 from forcectl.plant.contact.pairs.cap_contact import CapContact as CapContact
 from forcectl.plant.contact.pairs.cap_contact import CapOnMountConfig as CapOnMountConfig
+from forcectl.plant.contact.pairs.peg_contact import InsertionConfig as InsertionConfig
 from forcectl.plant.contact.pairs.peg_contact import PegContact as PegContact
-from forcectl.plant.contact.pairs.peg_in_bore import InsertionConfig as InsertionConfig
 from forcectl.plant.contact.pairs.peg_in_bore import PegInBoreConfig as PegInBoreConfig
 from forcectl.plant.contact.part import GraspConfig as GraspConfig
 from forcectl.plant.contact.part import MisplacementConfig as MisplacementConfig

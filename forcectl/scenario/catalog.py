@@ -98,7 +98,7 @@ SLOTS: dict[str, dict[str, str]] = {
         "Box": "forcectl.plant.contact.obstacle:ObstacleConfig",
         "Parts": "forcectl.plant.contact.parts:EnvironmentPartsConfig",
         "Part": "forcectl.plant.contact.part:PartConfig",
-        "PegInBore": "forcectl.plant.contact.pairs.peg_in_bore:InsertionConfig",
+        "PegInBore": "forcectl.plant.contact.pairs.peg_contact:InsertionConfig",
         "CapOnMount": "forcectl.plant.contact.pairs.cap_contact:CapOnMountConfig",
     },
     "surface": {

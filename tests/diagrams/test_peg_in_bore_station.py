@@ -12,7 +12,7 @@ from forcectl.diagrams import describe
 from forcectl.diagrams.fidelities.multibody import MultibodyStation
 from forcectl.diagrams.workcell import Workcell
 from forcectl.errors import BadInputError
-from forcectl.plant.contact.pairs.peg_in_bore import InsertionConfig
+from forcectl.plant.contact.pairs.peg_contact import InsertionConfig
 from forcectl.plant.contact.parts import EnvironmentPartsConfig
 from tests.examples.held_parts import ARMS, Held, beside_the_bore, facing_hands
 

@@ -6,31 +6,24 @@ from functools import cache
 
 import numpy as np
 from pydrake.math import RollPitchYaw
-from pydrake.multibody.parsing import Parser
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.systems.framework import System
 
 from forcectl.diagrams.station import build_station
 from forcectl.diagrams.workcell import Workcell, describe
-from forcectl.models import add_packages
 from forcectl.plant.contact.pairs.cap_contact import CapContact, CapOnMountConfig
 from forcectl.plant.contact.part import PartConfig
 from forcectl.plant.contact.parts import EnvironmentPartsConfig
 from forcectl.robot.model import RobotModel
 from tests.examples.block_example import Example, each
-from tests.examples.block_examples_stations import ARM, moved
+from tests.examples.block_examples_stations import ARM, moved, plant_of_parts
 from tests.examples.stations import free
 
 CAP_ON_MOUNT = CapOnMountConfig(mount="mount", cap="cap", lock_deg=30.0)
 
 
 def cap_contact_in_a_plant(config: CapOnMountConfig) -> tuple[CapContact, MultibodyPlant]:
-    plant = MultibodyPlant(0.001)
-    parser = Parser(plant)
-    add_packages(parser.package_map())
-    for name in ("bayonet_cap", "bayonet_mount"):
-        parser.AddModelsFromUrl(f"package://parts/{name}.urdf")
-    plant.Finalize()
+    plant = plant_of_parts("bayonet_cap", "bayonet_mount")
     return CapContact(plant.GetFrameByName("tip"), plant.GetFrameByName("mouth"), config), plant
 
 

@@ -201,13 +201,19 @@ def part_pose() -> PartPose:
     return PartPose([part.frame for part in in_plant(holding_workcell()).placed])
 
 
-def peg_contact_in_a_plant(config: PegInBoreConfig) -> tuple[PegContact, MultibodyPlant]:
+def plant_of_parts(*names: str) -> MultibodyPlant:
+    """Shipped parts, free, with nothing else."""
     plant = MultibodyPlant(0.001)
     parser = Parser(plant)
     add_packages(parser.package_map())
-    for name in ("pipette_body", "pipette_plunger_0p5"):
+    for name in names:
         parser.AddModelsFromUrl(f"package://parts/{name}.urdf")
     plant.Finalize()
+    return plant
+
+
+def peg_contact_in_a_plant(config: PegInBoreConfig) -> tuple[PegContact, MultibodyPlant]:
+    plant = plant_of_parts("pipette_body", "pipette_plunger_0p5")
     tip, mouth = plant.GetFrameByName("tip"), plant.GetFrameByName("mouth")
     return PegContact(plant, tip, mouth, config, time_step=0.001), plant
 

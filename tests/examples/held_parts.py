@@ -15,7 +15,7 @@ from forcectl.diagrams import ContactTruthConfig, JointReadingsConfig, describe
 from forcectl.diagrams.fidelities.multibody import MultibodyStation
 from forcectl.diagrams.workcell import Workcell
 from forcectl.plant.contact.obstacle import ObstacleConfig
-from forcectl.plant.contact.pairs.peg_in_bore import InsertionConfig
+from forcectl.plant.contact.pairs.peg_contact import InsertionConfig
 from forcectl.plant.contact.part import GraspConfig, PartConfig
 from forcectl.plant.contact.parts import EnvironmentPartsConfig
 from forcectl.robot.model import RobotModel

@@ -24,10 +24,9 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
-from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 from forcectl.framework.kernels import cross_matrix
-from forcectl.plant.contact.pairs.pair_contact import EndMotion, PairContact
+from forcectl.plant.contact.pairs.pair_contact import EndMotion, PairContact, check_roles
 
 Array = NDArray[np.float64]
 _SLIP = 1e-3  # [m/s] below which friction is less than Coulomb's
@@ -58,8 +57,7 @@ class CapOnMountConfig(Config):
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.mount == self.cap:
-            raise invalid("cap", self.cap, "another part than that of mount")
+        check_roles(self)
 
     def check_models(self, tip: str, mouth: str) -> None:
         """Any models fit; see `PairContactPart`."""

@@ -14,6 +14,7 @@ from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlan
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
+from forcectl.errors import invalid
 from forcectl.framework.cache import BlockCache
 from forcectl.framework.kernels import cross_matrix
 from forcectl.plant.contact.contact_truth import BodyContact
@@ -42,6 +43,13 @@ class PairContactPart(Protocol):
 
     def contact(self, plant: MultibodyPlant, tip: Frame, mouth: Frame, time_step: float) -> PairContact:
         """The block, of the frames in a finalized plant of this step [s]."""
+
+
+def check_roles(part: PairContactPart) -> None:
+    """Raise BadInputError where the contact is that of a part with itself."""
+    first, second = part.roles
+    if getattr(part, first) == getattr(part, second):
+        raise invalid(second, getattr(part, second), f"another part than that of {first}")
 
 
 class EndMotion(NamedTuple):

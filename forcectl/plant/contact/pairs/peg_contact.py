@@ -1,6 +1,10 @@
-"""Contact of a tapered peg in a bore without meshes, in a diagram; the law is that of `peg_in_bore`."""
+"""Contact of a tapered peg in a bore without meshes, in a diagram and a scenario; the law is that of `peg_in_bore`."""
 
 from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import ClassVar
 
 import numpy as np
 from numpy.typing import NDArray
@@ -8,9 +12,12 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame, JacobianWrtVariable
 from pydrake.systems.framework import Context, DiscreteValues
 
+from forcectl.errors import invalid
 from forcectl.framework.batch import check
+from forcectl.framework.fields import key
 from forcectl.framework.kernels import cross_matrix
-from forcectl.plant.contact.pairs.pair_contact import EndMotion, PairContact
+from forcectl.models.make_parts import CLEARANCES
+from forcectl.plant.contact.pairs.pair_contact import EndMotion, PairContact, check_roles
 from forcectl.plant.contact.pairs.peg_in_bore import (
     PegInBoreConfig,
     PegProfile,
@@ -46,6 +53,32 @@ def mobility_of(plant: MultibodyPlant, frame: Frame, step: float) -> Array:
     J = plant.CalcJacobianSpatialVelocity(context, JacobianWrtVariable.kV, frame, np.zeros(3), world, frame)
     found: Array = J @ np.linalg.solve(mass, J.T)
     return found
+
+
+@dataclass(kw_only=True)
+class InsertionConfig(PegInBoreConfig):
+    """Scenario part `!PegInBore`: the contact of two `!Part`s by `PegContact`, in place of that of their shapes."""
+
+    peg: str = key(meaning="name of the part that goes in")
+    bore: str = key(meaning="name of the part with the bore")
+    tip: str = key("tip", "frame of the peg, in its front face, z backwards")
+    mouth: str = key("mouth", "frame of the other part, in the opening, z out of it")
+
+    roles: ClassVar[tuple[str, str]] = ("peg", "bore")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        check_roles(self)
+
+    def check_models(self, tip: str, mouth: str) -> None:
+        """Whether the clearance is that of the peg's model, if it is a shipped one; see `PairContactPart`."""
+        clearance = CLEARANCES.get(tip.removeprefix("pipette_plunger_"), self.clearance)
+        if not math.isclose(clearance, self.clearance):
+            raise invalid("clearance", self.clearance, f"{clearance:g}, that of {tip}")
+
+    def contact(self, plant: MultibodyPlant, tip: Frame, mouth: Frame, time_step: float) -> PairContact:
+        """See `PairContactPart`."""
+        return PegContact(plant, tip, mouth, self, time_step=time_step)
 
 
 class PegContact(PairContact):

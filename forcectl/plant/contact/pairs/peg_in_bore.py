@@ -25,18 +25,14 @@ from __future__ import annotations
 
 import math
 from dataclasses import dataclass
-from typing import ClassVar, NamedTuple
+from typing import NamedTuple
 
 import numpy as np
 from numpy.typing import NDArray
-from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame
 from scipy.linalg.lapack import dgesv
 
 from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
-from forcectl.models.make_parts import CLEARANCES
-from forcectl.plant.contact.pairs.pair_contact import PairContact
 
 Array = NDArray[np.float64]
 SLIP = 1e-3  # [m/s] below which friction is less than Coulomb's
@@ -69,35 +65,6 @@ class PegInBoreConfig(Config):
             raise invalid("taper_radius", self.taper_radius, f"below {self.bore_radius - self.clearance:g}, the peg's")
         if not self.bore_radius + self.chamfer < self.rim_radius:
             raise invalid("rim_radius", self.rim_radius, f"above {self.bore_radius + self.chamfer:g}, the mouth's")
-
-
-@dataclass(kw_only=True)
-class InsertionConfig(PegInBoreConfig):
-    """Scenario part `!PegInBore`: the contact of two `!Part`s by `PegContact`, in place of that of their shapes."""
-
-    peg: str = key(meaning="name of the part that goes in")
-    bore: str = key(meaning="name of the part with the bore")
-    tip: str = key("tip", "frame of the peg, in its front face, z backwards")
-    mouth: str = key("mouth", "frame of the other part, in the opening, z out of it")
-
-    roles: ClassVar[tuple[str, str]] = ("peg", "bore")
-
-    def __post_init__(self) -> None:
-        super().__post_init__()
-        if self.peg == self.bore:
-            raise invalid("bore", self.bore, "another part than that of peg")
-
-    def check_models(self, tip: str, mouth: str) -> None:
-        """Whether the clearance is that of the peg's model, if it is a shipped one; see `PairContactPart`."""
-        clearance = CLEARANCES.get(tip.removeprefix("pipette_plunger_"), self.clearance)
-        if not math.isclose(clearance, self.clearance):
-            raise invalid("clearance", self.clearance, f"{clearance:g}, that of {tip}")
-
-    def contact(self, plant: MultibodyPlant, tip: Frame, mouth: Frame, time_step: float) -> PairContact:
-        """See `PairContactPart`."""
-        from forcectl.plant.contact.pairs.peg_contact import PegContact  # which needs the law of this module
-
-        return PegContact(plant, tip, mouth, self, time_step=time_step)
 
 
 def _ring(radius: float, z: float) -> Array:
