@@ -74,7 +74,7 @@ def declared_findings(values: StartValues, hops: Hops) -> Iterator[Finding]:
 def _way_inside(hops: Hops, reader: PortAddress, output: PortAddress) -> list[Hop] | None:
     starts = list(hops.wiring.inner_inputs(reader))
     if starts == [reader]:  # a block, where only the one hop is meant
-        return next(([hop] for hop in hops.through(reader) if hop.output == output), None)
+        return next(([hop] for hop in hops.through(reader, output) if hop.output == output), None)
     end = hops.wiring.source(output)
     return None if end is None else hops.shortest(starts, end, inside=reader.system)
 

@@ -29,8 +29,8 @@ def _loops(wiring: Wiring) -> Iterator[list[tuple[PortAddress, PortAddress]]]:
     readers = wiring.readers()
 
     def following(reader: PortAddress) -> list[tuple[PortAddress, PortAddress]]:
-        outputs = [output for output in wiring.outputs(reader.system) if reader in wiring.passed(output)]
-        return [(output, other) for output in outputs for other in readers.get(output, ())]
+        read = [output for output in wiring.outputs(reader.system) if output in readers]
+        return [(output, other) for output in read if reader in wiring.passed(output) for other in readers[output]]
 
     done: set[PortAddress] = set()
     for start in wiring.leaf_inputs():

@@ -32,7 +32,7 @@ warning = partial(Finding, "warning")  # deserves a second look
 info = partial(Finding, "info")  # worth knowing
 
 
-@dataclass(frozen=True)
+@dataclass(frozen=True, repr=False)
 class Report:
     """All findings and tables of one examination.
 
@@ -79,9 +79,21 @@ class Report:
         """The report as dicts, lists, strings and numbers, ready for JSON."""
         return {"ok": self.ok, **asdict(self)}
 
+    @property
+    def counts(self) -> str:
+        """How many findings there are of each severity, in words."""
+        return ", ".join(f"{len(self.of_severity(s))} {s}" for s in SEVERITIES)
+
+    def __repr__(self) -> str:
+        return f"<report on {self.name or 'diagram'!r}: {self.counts}>"
+
+    def _repr_html_(self) -> str:
+        from forcectl.doctor.render import as_html
+
+        return as_html(self)
+
     def __str__(self) -> str:
-        count = ", ".join(f"{len(self.of_severity(s))} {s}" for s in SEVERITIES)
-        return "\n".join([f"{self.name or 'diagram'}: {count}", *(f"  {finding}" for finding in self.findings)])
+        return "\n".join([f"{self.name or 'diagram'}: {self.counts}", *(f"  {finding}" for finding in self.findings)])
 
 
 def sort_findings(findings: list[Finding]) -> tuple[Finding, ...]:

@@ -113,6 +113,7 @@ def graph(
     hide_unused: bool = True,
     loggers: bool = False,
     context: Context | None = None,
+    title: str = "",
 ) -> Graph: ...
 def graph(
     diagram: System | MachineChart,
@@ -121,6 +122,7 @@ def graph(
     hide_unused: bool = True,
     loggers: bool = False,
     context: Context | None = None,
+    title: str = "",
 ) -> Graph | MachineGraph:
     """The block diagram of a Drake diagram, to which it does not refer any more; or the picture of a state machine.
 
@@ -131,6 +133,7 @@ def graph(
         hide_unused: leave out ports that nothing is connected to.
         loggers: show blocks that only record a signal.
         context: of the diagram, for the values of parameters; the default context when None.
+        title: heading of the page; the name of the diagram when empty.
 
     Raises:
         BadInputError: when `diagram` is no Drake system or `depth` is negative.
@@ -142,7 +145,7 @@ def graph(
     if depth is not None and (isinstance(depth, bool) or not isinstance(depth, int) or depth < 0):
         raise invalid("depth", depth, "a whole number >= 0, or None for all levels")
     blocks = read_blocks(diagram, context or diagram.CreateDefaultContext(), hide_unused, loggers)
-    return Graph(blocks, depth)
+    return Graph(blocks, depth, title)
 
 
 def format_of(path: str | os.PathLike[str]) -> str:

@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import inspect
+import itertools
 import re
 from collections import defaultdict
 from dataclasses import replace
@@ -16,7 +18,7 @@ from forcectl.inspect.events import PeriodicEvent, read_timing
 from forcectl.inspect.names import is_automatic, type_name
 from forcectl.inspect.ports import unit, value_type
 from forcectl.inspect.start import StartValues, is_library_plant
-from forcectl.inspect.wiring import DiagramLevel, PortAddress, Wiring
+from forcectl.inspect.wiring import DiagramLevel, PortAddress, Wiring, is_python_block
 
 _MOST_MATRIX_ELEMENTS = 64
 
@@ -38,6 +40,7 @@ class _Reader:
         self._loggers = loggers
         self._context = context
         timing = read_timing(StartValues(wiring))
+        self._logged: set[PortAddress] = set()
         self._every_step = timing.every_step
         self._samples: dict[str, list[PeriodicEvent]] = defaultdict(list)
         for event in timing.events:
@@ -49,6 +52,8 @@ class _Reader:
             [port for port in ports if port in used or not self._hide_unused]
             for ports in (self._wiring.inputs(path), self._wiring.outputs(path))
         )
+        if not outputs and not isinstance(system, Diagram):  # what nobody uses has its ports, and does not look cut off
+            outputs = self._wiring.outputs(path)
         blocks: tuple[Block, ...] = ()
         edges: tuple[Edge, ...] = ()
         if isinstance(system, Diagram):
@@ -61,12 +66,14 @@ class _Reader:
             kind="diagram" if isinstance(system, Diagram) else "leaf",
             category=_category(system, bool(samples)),
             inputs=tuple(self._port(port, used) for port in inputs),
-            outputs=tuple(self._port(port, used) for port in outputs),
+            outputs=tuple(replace(self._port(port, used), logged=port in self._logged) for port in outputs),
             automatic_name=is_automatic(system.get_name()),
             samples=samples,
             every_step=path in self._every_step,
             states=_states(system),
             parameters=_parameters(system, self._context),
+            about=_about(system),
+            beside=getattr(type(system), "REFRESHED", ""),
             blocks=blocks,
             edges=edges,
         )
@@ -87,6 +94,10 @@ class _Reader:
         used = {port for wire in shown for port in wire}
         # A signal that is only recorded keeps its port.
         used |= {source for source, reader in wires if reader.system in hidden and source.system not in hidden}
+        wired = {source for source, _ in shown}
+        self._logged |= {source for source in used if source.side == "output" and source not in wired} - {
+            port for port in used if port.system == path
+        }
         blocks = tuple(self.read(child, used) for child in level.children if child not in hidden)
         return blocks, self._edges(shown)
 
@@ -119,6 +130,26 @@ def _recorders(wiring: Wiring, level: DiagramLevel) -> set[str]:
         fed[source.system].add(reader.system)
     multiplexers = (child for child in level.children if isinstance(wiring.systems[child], Multiplexer))
     return found | {child for child in multiplexers if fed[child] and fed[child] <= found}
+
+
+def _about(system: System) -> tuple[str, ...]:
+    """First sentence of a Python block's documentation, and its equation."""
+    if not is_python_block(system):
+        return ()
+    kind = type(system)
+    documentation = inspect.getdoc(kind) or ""
+    first = " ".join(itertools.takewhile(str.strip, documentation.splitlines()))
+    sentence = re.split(r"(?<=[.:])\s", first, maxsplit=1)[0].rstrip(":").strip()
+    equation = _equation(documentation) or _equation(inspect.getdoc(inspect.getmodule(kind)) or "")
+    return tuple(text for text in (sentence, *equation) if text)
+
+
+def _equation(documentation: str) -> list[str]:
+    """The indented lines behind the first `::`, four at most."""
+    lines = documentation.splitlines()
+    start = next((number for number, line in enumerate(lines, start=1) if line.endswith("::")), len(lines))
+    behind = itertools.dropwhile(lambda line: not line.strip(), lines[start:])
+    return [line.strip() for line in itertools.takewhile(lambda line: line.startswith(" "), behind)][:4]
 
 
 def _states(system: System) -> tuple[int, int, int]:

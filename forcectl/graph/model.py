@@ -36,6 +36,7 @@ class Port:
         abstract: type of the value of an abstract port, "" for a vector.
         connected: whether the picture's wiring uses it.
         feedthrough: inputs that reach this output without a state in between (outputs of leaf systems only).
+        logged: whether it leads to a logger only, which the picture leaves out.
     """
 
     name: str
@@ -44,6 +45,12 @@ class Port:
     abstract: str = ""
     connected: bool = True
     feedthrough: tuple[str, ...] = ()
+    logged: bool = False
+
+    @property
+    def label(self) -> str:
+        """Name as written in the picture: with where it leads to, if that is left out."""
+        return f"{self.name} → log" if self.logged else self.name
 
     @property
     def signal(self) -> str:
@@ -90,6 +97,8 @@ class Block:
         every_step: True when it acts at every simulator step.
         states: numbers of continuous, discrete and abstract states.
         parameters: numeric parameters with their values.
+        beside: what its periodic events refresh while its outputs follow its inputs at once, such as "posture".
+        about: first sentence of the documentation and its equation, for the blocks of Python.
         blocks, edges: contents of a diagram; edges name the diagram itself for its own terminals.
     """
 
@@ -105,6 +114,8 @@ class Block:
     every_step: bool = False
     states: tuple[int, int, int] = (0, 0, 0)
     parameters: tuple[Parameter, ...] = ()
+    about: tuple[str, ...] = ()
+    beside: str = ""
     blocks: tuple[Block, ...] = ()
     edges: tuple[Edge, ...] = ()
 
@@ -121,8 +132,13 @@ class Block:
         return 1 + max((block.height for block in self.blocks), default=0) if self.kind == "diagram" else 0
 
     @property
+    def mark(self) -> str:
+        """Sample times as written on the block; nothing where the outputs do not wait for them."""
+        return "" if self.beside else self.period_text
+
+    @property
     def period_text(self) -> str:
-        """Sample times as written on the block, such as `2 ms`."""
+        """All its sample times, such as `2 ms`."""
         periods = sorted({sample.period for sample in self.samples})
         return ", ".join([format_time(period) for period in periods] + (["every step"] if self.every_step else []))
 
@@ -134,10 +150,17 @@ class BlockGraph:
     Attributes:
         root: the top-level diagram (or a single leaf).
         depth: levels that are unfolded; None means all.
+        title: heading of the page, such as the name of the scenario; the name of the diagram when empty.
     """
 
     root: Block
     depth: int | None = 1
+    title: str = ""
+
+    @property
+    def heading(self) -> str:
+        """What a page calls the picture."""
+        return self.title or self.root.name
 
     @cached_property
     def by_path(self) -> dict[str, Block]:

@@ -171,11 +171,11 @@ def _passed_at(hops: Hops, way: list[Hop]) -> list[PeriodicEvent]:
 def _rhythm_of(hops: Hops, output: PortAddress) -> PeriodicEvent | None:
     """The event that changes the value on an output: of the block itself or of one it passes on."""
     update = hops.updates.get(output.system)
-    feeding = [i for i, o in hops.wiring.feedthrough(output.system) if o == output.index]
+    feeding = hops.wiring.passed(output)
     if update is not None and not feeding:
         return update
-    for i in feeding:
-        source = hops.wiring.source(PortAddress("input", output.system, i))
+    for reader in feeding:
+        source = hops.wiring.source(reader)
         if source is not None and source.system and (found := _rhythm_of(hops, source)) is not None:
             return found
     return None

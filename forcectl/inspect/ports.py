@@ -24,6 +24,11 @@ def find_outputs(wiring: Wiring, name: PortName) -> list[PortAddress]:
     return list(dict.fromkeys(port for port in sources if port is not None and port.side == "output"))
 
 
+def named_outputs(wiring: Wiring, name: PortName) -> list[PortAddress]:
+    """The output ports, of blocks and of diagrams, that a name stands for: those that are nested least."""
+    return _nested_least(wiring, "output", name)
+
+
 def find_inputs(wiring: Wiring, name: PortName) -> list[PortAddress]:
     """The input ports, of blocks and of diagrams, that a name stands for: those that are nested least."""
     return _nested_least(wiring, "input", name)
@@ -41,7 +46,7 @@ def one_output(wiring: Wiring, name: PortName) -> PortAddress:
     if found:
         options = ", ".join(map(wiring.name, found))
         raise BadInputError(f"port {_text(name)!r} is ambiguous: give the block as well, one of {options}")
-    raise _unknown(wiring, name)
+    raise unknown_port(wiring, name)
 
 
 def start_of_way(wiring: Wiring, name: PortName) -> tuple[str, list[PortAddress], PortAddress | None]:
@@ -55,7 +60,7 @@ def start_of_way(wiring: Wiring, name: PortName) -> tuple[str, list[PortAddress]
         return wiring.shown_name(output), [], output
     inputs = find_inputs(wiring, name)
     if not inputs:
-        raise _unknown(wiring, name)
+        raise unknown_port(wiring, name)
     inner = dict.fromkeys(reader for port in inputs for reader in wiring.inner_inputs(port))
     return wiring.name(inputs[0]), list(inner), None
 
@@ -105,8 +110,8 @@ def _text(name: PortName) -> str:
     return ".".join(part for part in name if part) if isinstance(name, tuple) else name
 
 
-def _unknown(wiring: Wiring, name: PortName) -> BadInputError:
-    """A plant alone has hundreds of ports: only the nearest names are listed."""
+def unknown_port(wiring: Wiring, name: PortName) -> BadInputError:
+    """The error for a name that no port has. A plant alone has hundreds of ports: only the nearest are listed."""
     known = [_text(own) for own in (*_all_ports(wiring, "input").values(), *_all_ports(wiring, "output").values())]
     bare = {full.rpartition(".")[2]: full for full in reversed(known)}
     wanted = _text(name)

@@ -43,13 +43,17 @@ class Hops:
             if event.kind != "publish" and (known is None or event.period < known.period):
                 self.updates[event.block] = event
 
-    def through(self, reader: PortAddress) -> list[Hop]:
-        """Every way from an input of a block to its outputs. An input of a block with state may reach all of them."""
-        pairs = self.wiring.feedthrough(reader.system)
+    def through(self, reader: PortAddress, target: PortAddress | None = None) -> list[Hop]:
+        """Every way from an input of a block to outputs of it that are read, or are the target.
+
+        An input of a block with state may reach all of them.
+        """
         update = self.updates.get(reader.system)
         hops = []
         for output in self.wiring.outputs(reader.system):
-            if (reader.index, output.index) in pairs:
+            if output not in self.readers and output != target:
+                continue
+            if reader in self.wiring.passed(output):
                 hops.append(Hop(reader, output, "feedthrough"))
             elif update is not None:
                 hops.append(Hop(reader, output, update.kind, update))
@@ -76,7 +80,7 @@ class Hops:
             for reader in readers:
                 if inside and inside not in self.wiring.parents(reader.system):
                     continue
-                for hop in self.through(reader):
+                for hop in self.through(reader, target):
                     heapq.heappush(heap, (delay + self._cost(hop), len(trail) + 1, next(order), [*trail, hop]))
 
         push(starts, 0.0, [])

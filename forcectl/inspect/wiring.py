@@ -83,7 +83,7 @@ class Wiring:
         for reader, source in self.sources.items():
             self._fed[source].append(reader)
         self._parent = {child: path for path, level in self.levels.items() for child in level.children}
-        self._feedthrough: dict[str, frozenset[tuple[int, int]]] = {}
+        self._passed: dict[PortAddress, list[PortAddress]] = {}
 
     def _children(self, path: str, systems: list[System]) -> dict[str, str]:
         """Register the systems of one level; returns path by Drake's own name, which is unique within a level."""
@@ -190,6 +190,11 @@ class Wiring:
             for inner in self._fed.get(reader, ()):
                 yield from self.inner_inputs(inner)
 
+    def fed_inputs(self, output: PortAddress) -> Iterator[PortAddress]:
+        """The leaf inputs that get their value by way of an output port, of a block or of a diagram."""
+        for reader in self._fed.get(output, ()):
+            yield from self.fed_inputs(reader) if reader.side == "output" else self.inner_inputs(reader)
+
     def leaf_inputs(self) -> Iterator[PortAddress]:
         """Every input port of every leaf block."""
         for path, _ in self.leaves():
@@ -205,21 +210,18 @@ class Wiring:
 
     def feedthrough(self, path: str) -> frozenset[tuple[int, int]]:
         """Pairs (input, output) of one block that pass through within the same instant, by index."""
-        if path not in self._feedthrough:
-            system = self.systems[path]
-            self._feedthrough[path] = frozenset(
-                (i, o)
-                for o in range(system.num_output_ports())
-                if system.HasDirectFeedthrough(o)
-                for i in range(system.num_input_ports())
-                if system.HasDirectFeedthrough(i, o)
-            )
-        return self._feedthrough[path]
+        return frozenset((port.index, output.index) for output in self.outputs(path) for port in self.passed(output))
 
     def passed(self, output: PortAddress) -> list[PortAddress]:
         """The inputs of its block that an output passes on within the same instant."""
-        pairs = self.feedthrough(output.system)
-        return [port for port in self.inputs(output.system) if (port.index, output.index) in pairs]
+        if output not in self._passed:  # for each answer Drake looks at all ports of a block, in a context of its own
+            system, inputs = self.systems[output.system], self.inputs(output.system)
+            if not inputs or not system.HasDirectFeedthrough(output.index):
+                inputs = []
+            elif len(inputs) > 1:
+                inputs = [port for port in inputs if system.HasDirectFeedthrough(port.index, output.index)]
+            self._passed[output] = inputs
+        return self._passed[output]
 
 
 def is_vector(port: InputPort | OutputPort) -> bool:

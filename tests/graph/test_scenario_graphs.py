@@ -16,6 +16,7 @@ from pydrake.systems.framework import Diagram
 
 from forcectl.diagrams.station import SHIPPED_FIDELITIES
 from forcectl.graph.export import FORMATS, Graph, graph
+from forcectl.graph.formats.picture import Layouter
 from forcectl.scenario.catalog import find_scenario, list_experiments
 from forcectl.scenario.scenario import as_file, build, resolve, select_variants
 from tests.examples.experiment_runs import fidelities_of
@@ -158,7 +159,7 @@ VALID = {
 @pytest.mark.parametrize("format_", FORMATS)
 @pytest.mark.parametrize("experiment", list_experiments())
 def test_every_experiment_draws_in_every_format(experiment: str, format_: str, tmp_path: Path) -> None:
-    fidelity = "OneDimensional" if experiment in EXPERIMENTS else "Multibody"
+    fidelity = fidelities_of(experiment)[-1] if experiment in EXPERIMENTS else "Multibody"
     drawn = graph_of(experiment, fidelity)
     content = content_of(drawn, format_, tmp_path)
     assert len(content) > 300
@@ -205,7 +206,7 @@ def test_unfolded_loop_shows_the_blocks_inside(experiment: str, fidelity: str) -
     own = {"OneDimensional": "contact", "Kinematic": "tip_displacement", "Multibody": "plant"}[fidelity]
     sensor = "wrist_sensor" if fidelity == "Multibody" else "force_sensor"
     folded, unfolded = names_at(experiment, fidelity, 1), names_at(experiment, fidelity, None)
-    inside = {"force_law", "drive", sensor, own}
+    inside = {"guard", "drive", sensor, own}
     assert inside <= unfolded
     assert not inside & folded
 
@@ -221,3 +222,36 @@ def test_interactive_page_holds_the_whole_diagram(tmp_path: Path) -> None:
     page = content_of(graph_of("fig_2_7", "Multibody"), "html", tmp_path).decode()
     for block in ("force_law", "position_loop", "plant", "wrist_sensor"):
         assert block in page
+
+
+@pytest.mark.parametrize("experiment", list_experiments())
+def test_no_picture_of_a_shipped_experiment_is_wide(experiment: str) -> None:
+    """It is broken into rows: at depth 2 at most 2.5 : 1, so that it can be read in a window and on a page."""
+    for fidelity in ["Multibody"] if experiment not in EXPERIMENTS else fidelities_of(experiment):
+        picture = Layouter(graph_of(experiment, fidelity, 2)).picture()
+        assert picture.width <= 2.5 * picture.height
+
+
+def test_the_mark_is_the_sample_time_of_what_comes_out() -> None:
+    """The posture of a wrist sensor is renewed every 40 ms, its readings are not; a force law acts every 2 ms."""
+    blocks = {block.name: block for block in graph_of("fig_2_7", "Multibody", None).nodes}
+    for name in ("wrist_sensor", "kinematic_inversion"):
+        assert (blocks[name].period_text, blocks[name].mark) == ("40 ms", "")
+    assert blocks["force_law"].mark == "2 ms"
+
+
+def test_what_is_only_logged_or_not_used_does_not_look_cut_off() -> None:
+    blocks = {block.path: block for block in graph_of("fig_2_7", "Multibody", None).nodes}
+    assert [port.label for port in blocks["controller"].outputs if port.logged] == [
+        "displacement_command → log",
+        "status → log",
+    ]
+    assert [port.name for port in blocks["station/tip_displacement"].outputs] == ["displacement"]
+    assert "displacement_command → log" in svg_of(graph_of("fig_2_7", "Multibody"), 1)
+
+
+def test_blocks_say_what_they_are() -> None:
+    blocks = {block.name: block for block in graph_of("fig_2_7", "Multibody", None).nodes}
+    sentence, equation = blocks["force_law"].about
+    assert sentence == "Integral force controller for n independent force loops."
+    assert equation.startswith("dx_bar[k] = dx_bar[k-1] - C_T_hat K_I Ts")

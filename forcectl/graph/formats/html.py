@@ -15,12 +15,13 @@ from typing import Any
 from jinja2 import Environment, PackageLoader, select_autoescape
 
 from forcectl.graph.formats.paint import PALETTE
-from forcectl.graph.formats.picture import Layouter, Picture, PlacedBox
+from forcectl.graph.formats.picture import Layouter
 from forcectl.graph.formats.svg import draw, elements, net_key, style
 from forcectl.graph.layout.marks import groups
+from forcectl.graph.layout.placed import Picture, PlacedBox
 from forcectl.graph.model import CATEGORY_TEXT, Block, BlockGraph, format_values
 
-_WORK = 6000  # fold states times blocks that are laid out at most
+_WORK = 4000  # fold states times blocks that are laid out at most
 _MOST_STATES = 128
 
 
@@ -33,7 +34,8 @@ def to_html(graph: BlockGraph) -> str:
     around = _around(graph)
     states = [_state(graph, layouter.picture(opened), opened, paths, fragments) for opened in fold_states(graph)]
     data = {
-        "title": graph.root.name,
+        "title": graph.heading,
+        "style": style(),
         "blocks": [_details(b, paths[around[b.path][0]] if around[b.path] else -1) for b in graph.root.walk()],
         "states": states,
         "signals": _signals(graph),
@@ -45,7 +47,7 @@ def to_html(graph: BlockGraph) -> str:
         loader=PackageLoader("forcectl.graph.formats"), autoescape=select_autoescape(["html.j2"]), trim_blocks=True
     ).get_template("graph.html.j2")
     return template.render(
-        title=graph.root.name,
+        title=graph.heading,
         style=style(),
         width=f"{start.width:.2f}",
         height=f"{start.height:.2f}",
@@ -126,7 +128,8 @@ def _details(block: Block, parent: int) -> dict[str, Any]:
         "kind": CATEGORY_TEXT[block.category],
         "nested": block.kind == "diagram",
         "parent": parent,
-        "sample": block.period_text,
+        "about": list(block.about),
+        "sample": f"{block.period_text} (of the {block.beside} only)" if block.beside else block.period_text,
         "states": [continuous, discrete, abstract],
         "parameters": [[p.name, format_values(p.values)] for p in block.parameters],
         "inputs": [[port.name, port.signal, ""] for port in block.inputs],

@@ -21,8 +21,9 @@ from matplotlib.text import Text
 from matplotlib.transforms import Affine2D, Transform
 
 from forcectl.graph.formats.paint import DASHES, LETTERS, PAPER, paint_of
-from forcectl.graph.formats.picture import Layouter, PlacedBox
+from forcectl.graph.formats.picture import Layouter
 from forcectl.graph.layout.marks import Disc, Group, Label, Rectangle, Stroke, groups
+from forcectl.graph.layout.placed import PlacedBox
 from forcectl.graph.layout.rows import Point
 from forcectl.graph.model import BlockGraph
 

@@ -6,8 +6,9 @@ from collections.abc import Iterable
 from html import escape
 
 from forcectl.graph.formats.paint import BODIES, DASHES, INKS, LETTERS, PAPER, SHAPES, Letters, Paint
-from forcectl.graph.formats.picture import Layouter, PlacedBox
+from forcectl.graph.formats.picture import Layouter
 from forcectl.graph.layout.marks import Disc, Group, Label, Mark, Rectangle, Stroke, groups
+from forcectl.graph.layout.placed import PlacedBox
 from forcectl.graph.model import BlockGraph, Endpoint
 
 FONTS = "Helvetica, Arial, 'Liberation Sans', 'DejaVu Sans', sans-serif"

@@ -8,10 +8,11 @@ from __future__ import annotations
 from collections.abc import Iterator, Sequence
 from dataclasses import dataclass
 
-from forcectl.graph.formats.picture import Picture, PlacedBox, PlacedNet
+from forcectl.graph.layout.placed import Picture, PlacedBox, PlacedNet
 from forcectl.graph.layout.rows import Point
 from forcectl.graph.layout.shapes import (
     CAPTION,
+    FRAME_NAME,
     FRAME_TITLE,
     TITLE_SIZE,
     TYPE_SIZE,
@@ -154,7 +155,7 @@ def arrow(x: float, y: float, back: float = 8.0, half: float = 3.6) -> Steps:
 
 
 def _frame(block: Block, box: PlacedBox) -> list[Mark]:
-    after = 12.0 + text_width(block.name, TITLE_SIZE, bold=True) + 8.0
+    after = 12.0 + FRAME_NAME * text_width(block.name, TITLE_SIZE, bold=True) + 8.0
     marks: list[Mark] = [
         Rectangle("body", 0.0, 0.0, box.width, box.height, 4.0),
         Rectangle("title", 0.0, 0.0, box.width, FRAME_TITLE),
@@ -162,12 +163,13 @@ def _frame(block: Block, box: PlacedBox) -> list[Mark]:
         Label("type", after, 18.0, subtitle(block)),
     ]
     wired = {port.name for port in (*block.inputs, *block.outputs) if port.connected}
+    labels = {port.name: port.label for port in block.outputs}
     for name, (_, y) in box.inputs:
         marks.append(Label("port", 7.0, y - box.y - 4.0, name))
         if name not in wired:
             marks.append(Stroke("pin", arrow(4.5, y - box.y, back=8.0, half=4.0)))
     for name, (_, y) in box.outputs:
-        marks.append(Label("port", box.width - 9.0, y - box.y - 4.0, name, "end"))
+        marks.append(Label("port", box.width - 9.0, y - box.y - 4.0, labels[name], "end"))
     return marks
 
 
@@ -176,7 +178,7 @@ def _box(block: Block, box: PlacedBox, shape: Shape) -> list[Mark]:
     marks: list[Mark] = [Rectangle("body", 0.0, 0.0, width, height, 3.0)]
     if block.kind == "diagram":  # a second outline tells that there is more inside
         marks.append(Rectangle("more", 3.0, 3.0, width - 6.0, height - 6.0, 2.0))
-    lower, period = subtitle(block), block.period_text
+    lower, period = subtitle(block), block.mark
     lower_width = text_width(lower, TYPE_SIZE) if lower else 0.0
     pill_width = text_width(period, TYPE_SIZE) + 9.0 if period else 0.0
     gap = 6.0 if lower and period else 0.0

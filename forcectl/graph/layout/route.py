@@ -188,10 +188,10 @@ def wire_points(net: Net, number: int, target: End, channels: list[Tracks]) -> l
         passed = [start[1], *(net.bends[rank].y for rank in range(source.rank + 1, item.rank)), end[1]]
         tracks = [channels[channel][number].x for channel in range(source.rank, item.rank)]
         corners = [(x, y) for x, pair in zip(tracks, itertools.pairwise(passed), strict=True) for y in pair]
-    return _without_repeats([start, *corners, end])
+    return without_repeats([start, *corners, end])
 
 
-def _without_repeats(points: list[Point]) -> list[Point]:
+def without_repeats(points: list[Point]) -> list[Point]:
     """Drop corners that are no corners."""
     kept: list[Point] = []
     for point in points:

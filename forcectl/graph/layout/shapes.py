@@ -12,6 +12,7 @@ TITLE_SIZE, TYPE_SIZE, PORT_SIZE, SIGNAL_SIZE, SYMBOL_SIZE = 12.0, 9.5, 10.0, 9.
 PORT_PITCH = 17.0
 HEADER = 36.0  # name and type above the ports of a box
 FRAME_TITLE = 28.0  # title strip of an unfolded diagram
+FRAME_NAME = 1.18  # room for a bold name beside its type, times its width: as in DejaVu Sans
 SYMBOL = 38.0
 CAPTION = 12.0  # one line of text below a symbol
 
@@ -76,13 +77,13 @@ def subtitle(block: Block) -> str:
 def port_label(port: Port, alone: bool) -> str:
     """Name of a port as written in a box; Drake's stand-in names say nothing when there is only one port."""
     stand_in = len(port.name) <= 3 and port.name[:1] in "uy" and port.name[1:].isdigit()
-    return "" if alone and stand_in else port.name
+    return "" if alone and stand_in and not port.logged else port.label
 
 
 def _box(block: Block) -> Shape:
     left = [text_width(port_label(p, len(block.inputs) == 1), PORT_SIZE) for p in block.inputs]
     right = [text_width(port_label(p, len(block.outputs) == 1), PORT_SIZE) for p in block.outputs]
-    pill = text_width(block.period_text, TYPE_SIZE) + 12.0 if block.period_text else 0.0
+    pill = text_width(block.mark, TYPE_SIZE) + 12.0 if block.mark else 0.0
     # The pill sits beside the type, below the name.
     header = max(text_width(block.name, TITLE_SIZE, bold=True), text_width(subtitle(block), TYPE_SIZE) + pill + 8.0)
     width = max(84.0, header + 24.0, max(left, default=0.0) + max(right, default=0.0) + 36.0)
@@ -104,7 +105,7 @@ def _row(index: int, count: int, rows: int) -> float:
 
 
 def _symbol(block: Block, form: Form, text: str) -> Shape:
-    captions = tuple(line for line in ("" if block.automatic_name else block.name, block.period_text) if line)
+    captions = tuple(line for line in ("" if block.automatic_name else block.name, block.mark) if line)
     many = max(len(block.inputs), len(block.outputs), 1)
     height = max(SYMBOL, many * PORT_PITCH)
     if form == "circle":

@@ -155,6 +155,31 @@ def test_folding_searching_hovering_and_depth_work_in_the_browser(tmp_path):
 
 
 @needs_chromium
+def test_a_parameter_is_found_the_address_keeps_the_state_and_the_picture_can_be_saved(tmp_path):
+    script = """
+    const width = () => Number(view.getAttribute("viewBox").split(" ")[2]);
+    const before = width();
+    $("search").value = "integral_gain"; $("search").dispatchEvent(new Event("input"));
+    say([...document.querySelectorAll(".hit")].map(g => g.dataset.path).join());
+    $("search").dispatchEvent(new KeyboardEvent("keydown", {key: "Enter"}));
+    say("closer " + (width() < before));
+    say(location.hash);
+    const saved = new DOMParser().parseFromString(picture(), "image/svg+xml");
+    say(saved.documentElement.nodeName + " " + saved.querySelectorAll("[data-path]").length);
+    location.hash = "#open="; recall();
+    say("folded " + scene.children.length + " " + document.title);
+    """
+    page = with_script(to_html(graph(force_loop(), depth=1, title="fig_2_7, slow")), script)
+    assert said(opened_in_browser(tmp_path, page, "--dump-dom")) == [
+        "force_law",
+        "closer true",
+        "#open=0&amp;search=integral_gain",
+        "svg 4",
+        "folded 1 fig_2_7, slow · block diagram",
+    ]
+
+
+@needs_chromium
 def test_odd_names_survive_in_the_browser(tmp_path):
     script = r"""
     const odd = 'block "A" <1> & </' + 'script>';

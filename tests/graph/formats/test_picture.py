@@ -7,7 +7,8 @@ import itertools
 import pytest
 
 from forcectl.graph.export import graph
-from forcectl.graph.formats.picture import Layouter, Picture
+from forcectl.graph.formats.picture import Layouter
+from forcectl.graph.layout.placed import Picture
 from tests.examples.graph_diagrams import ALL, force_loop, primitive_loop, random_diagram
 
 
@@ -121,8 +122,16 @@ def test_the_forward_path_is_one_straight_row_and_the_loop_returns_below():
     row = ["reference", "force_law", "position_loop", "contact_stiffness", "one_sided", "force_sensor"]
     for left, right in itertools.pairwise(row):
         assert box[left].x + box[left].width < box[right].x
-    station = [n for n in picture.nets if n.inside == "station" and len(n.wires[0]) == 2]
-    assert len({round(net.wires[0][0][1], 1) for net in station}) == 1  # one height through the whole station
+    ends = [*(f"station/{name}" for name in row[3:]), "station"]
+    forward = {
+        target.block: wire
+        for net in picture.nets
+        if net.inside == "station"
+        for target, wire in zip(net.targets, net.wires, strict=True)
+        if target.block in ends and target.port in ("u0", "measured_force")
+    }
+    assert set(forward) == set(ends)
+    assert len({round(y, 1) for wire in forward.values() for _, y in wire}) == 1  # one height through the whole station
     (back,) = [n for n in picture.nets if n.source.port == "measured_force" and n.inside == ""]
     assert max(y for _, y in back.wires[0]) > box["station"].y + box["station"].height
     assert back.wires[0][-1][0] < back.wires[0][0][0]

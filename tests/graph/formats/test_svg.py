@@ -1,13 +1,18 @@
 from __future__ import annotations
 
 import xml.etree.ElementTree as ET
+from pathlib import Path
 
+import matplotlib as mpl
 import pytest
+from matplotlib.font_manager import FontProperties
+from matplotlib.textpath import TextPath
+from pydrake.systems.framework import DiagramBuilder
 
 from forcectl.graph.export import graph
 from forcectl.graph.formats.svg import to_svg
 from forcectl.graph.layout.shapes import text_width
-from tests.examples.graph_diagrams import ALL, arm_with_controller, force_loop, odd_names, primitive_loop
+from tests.examples.graph_diagrams import ALL, Station, arm_with_controller, force_loop, odd_names, primitive_loop
 
 SVG = "{http://www.w3.org/2000/svg}"
 
@@ -94,3 +99,20 @@ def test_text_fits_its_box():
             left = {"middle": x - length / 2, "end": x - length}.get(text.get("text-anchor"), x)
             assert left >= 0
             assert left + length <= width
+
+
+def test_the_title_of_a_frame_ends_before_its_type_without_helvetica():
+    """DejaVu Sans is the widest of the fonts that stand in for it."""
+    builder = DiagramBuilder()
+    builder.AddNamedSystem("reactive_reaching_controller", Station())
+    (frame,) = [
+        group
+        for group in elements(builder.Build()).iter(f"{SVG}g")
+        if group.get("data-path", "").startswith("reactive") and group.get("class", "").startswith("frame")
+    ]
+    name, kind = (
+        next(text for text in frame.iter(f"{SVG}text") if text.get("class") == role) for role in ("name", "type")
+    )
+    bold = FontProperties(fname=Path(mpl.get_data_path(), "fonts", "ttf", "DejaVuSans-Bold.ttf"), size=12)
+    width = TextPath((0.0, 0.0), name.text, prop=bold).get_extents().width
+    assert float(name.get("x")) + width + 4.0 < float(kind.get("x"))

@@ -1,0 +1,117 @@
+"""The picture of an open diagram from the pictures of its blocks: in one row of columns, or in several when it is wide.
+
+Rows stand below one another. A wire to the next row leaves at the right, runs between the rows and enters at the left;
+one that leads back to an earlier row runs below all of them.
+"""
+
+from __future__ import annotations
+
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+from dataclasses import replace
+
+from forcectl.graph.layout.breaks import in_rows
+from forcectl.graph.layout.placed import Picture, PlacedBox, PlacedNet
+from forcectl.graph.layout.route import branch_points
+from forcectl.graph.layout.rows import Item, Point
+from forcectl.graph.layout.shapes import (
+    FRAME_NAME,
+    FRAME_TITLE,
+    SIGNAL_SIZE,
+    TITLE_SIZE,
+    TYPE_SIZE,
+    subtitle,
+    text_width,
+)
+from forcectl.graph.layout.strips import Strips
+from forcectl.graph.model import Block, Endpoint
+
+_PAD = 14.0  # inside a frame
+_WIDEST = {True: 2.3, False: 3.2}  # width by height of the whole, and of a diagram in it
+_NARROW = {True: 1500.0, False: 1600.0}  # [px] what is not broken into rows
+
+Wires = Mapping[Endpoint, Sequence[Endpoint]]
+
+
+def frame(
+    block: Block,
+    inner: Sequence[Picture],
+    column: Mapping[str, int],
+    hints: Mapping[tuple[str, str], float],
+    whole: bool,
+) -> Picture:
+    """Picture of an unfolded diagram.
+
+    Args:
+        block: the diagram.
+        inner: pictures of its blocks.
+        column: of each of them, from 1 on.
+        hints: where the wires of its ports come from and go to, by side and port.
+        whole: whether it is the whole picture, which shall not be wide.
+    """
+    wires: dict[Endpoint, list[Endpoint]] = defaultdict(list)
+    text: dict[Endpoint, str] = {}
+    for edge in block.edges:
+        wires[edge.source].append(edge.target)
+        # What enters a nested diagram is labelled outside already.
+        text[edge.source] = "" if edge.source.block == block.path != "" else edge.signal
+    labels = {source: text_width(words, SIGNAL_SIZE) for source, words in text.items()}
+    last = max(column.values(), default=0)
+
+    def laid_out(cuts: Sequence[int]) -> Strips:
+        items = {c.path: _item(c, column[c.path], own) for c, own in zip(block.blocks, inner, strict=True)}
+        return Strips(block, items, wires, labels, hints, cuts)
+
+    title = FRAME_NAME * text_width(block.name, TITLE_SIZE, bold=True) + text_width(subtitle(block), TYPE_SIZE) + 46.0
+    best = in_rows(laid_out, last, widest=_WIDEST[whole], narrow=_NARROW[whole], high=FRAME_TITLE + 2 * _PAD)
+    best.widen(title)
+    return _finished(block, inner, best, wires, text)
+
+
+def _finished(
+    block: Block, inner: Sequence[Picture], strips: Strips, wires: Wires, text: Mapping[Endpoint, str]
+) -> Picture:
+    down = FRAME_TITLE + _PAD
+    own = []
+    for source, targets in wires.items():
+        paths = strips.paths(source)
+        x, y = strips.text_at(source)
+        dots = tuple(branch_points(paths))
+        net = PlacedNet(
+            source, tuple(targets), tuple(map(tuple, paths)), dots, text[source], (x + 5.0, y - 4.0), block.path
+        )
+        own.append(net)
+    inside = [
+        _with_port_order(picture, item).moved(x, y + down)
+        for picture, item, (x, y) in zip(inner, strips.items.values(), map(strips.corner, strips.items), strict=True)
+    ]
+    inside.append(Picture(0.0, 0.0, (), tuple(own)).moved(0.0, down))
+    height = strips.height + down + _PAD
+
+    def lowered(places: Mapping[str, Point]) -> tuple[tuple[str, Point], ...]:
+        return tuple((name, (x, y + down)) for name, (x, y) in places.items())
+
+    outline = PlacedBox(
+        block.path, 0.0, 0.0, strips.width, height, None, lowered(strips.inputs()), lowered(strips.outputs())
+    )
+    boxes = [outline, *(box for picture in inside for box in picture.boxes)]
+    return Picture(strips.width, height, tuple(boxes), tuple(net for picture in inside for net in picture.nets))
+
+
+def _item(block: Block, rank: int, picture: Picture) -> Item:
+    box = picture.boxes[0]
+    sides = {"in": box.inputs, "out": box.outputs}
+    return Item(
+        rank,
+        picture.width,
+        picture.height,
+        ports={side: [name for name, _ in ports] for side, ports in sides.items()},
+        slots={side: [place for _, place in ports] for side, ports in sides.items()},
+        loose=box.shape is not None and block.type_name not in ("Multiplexer", "Demultiplexer"),
+    )
+
+
+def _with_port_order(picture: Picture, item: Item) -> Picture:
+    """The picture of a block after its ports were exchanged among their places."""
+    inputs, outputs = (tuple(zip(item.ports[side], item.slots[side], strict=True)) for side in ("in", "out"))
+    return replace(picture, boxes=(replace(picture.boxes[0], inputs=inputs, outputs=outputs), *picture.boxes[1:]))

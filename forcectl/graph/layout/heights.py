@@ -1,0 +1,150 @@
+"""How high everything stands: as many wires as possible are straight, those of the longest forward path first."""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+from collections.abc import Iterable
+
+from forcectl.graph.layout.rows import Columns, Crossing, Item
+
+_GAP_BOX, _GAP_WIRE, _GAP_MIXED, _GAP_TERMINAL = 26.0, 12.0, 16.0, 0.0
+_SWEEPS = 40
+
+
+def set_heights(columns: Columns, hops: Iterable[Crossing]) -> None:
+    """Set `y` of every item; the order in the columns stays."""
+    wires = _by_merit(list(hops))
+    heights = _Heights(columns)
+    chosen = [hop for hop in wires if heights.straighten(hop)]
+    run = _runs(columns, chosen)
+    _relax(columns, wires, run, heights.y)
+    top = min(heights.y.values(), default=0.0)
+    for item, y in heights.y.items():
+        item.y = round(y - top, 2)
+
+
+def gap(upper: Item, lower: Item) -> float:
+    """Least distance between neighbours in a column."""
+    if upper.wire or lower.wire:
+        return _GAP_WIRE if upper.wire and lower.wire else _GAP_MIXED
+    return _GAP_TERMINAL if upper.terminal and lower.terminal else _GAP_BOX
+
+
+class _Heights:
+    """Least heights that keep the distances, and the wires that are straight so far."""
+
+    def __init__(self, columns: Columns) -> None:
+        self.y: dict[Item, float] = {}
+        self._after: dict[Item, list[tuple[Item, float]]] = defaultdict(list)
+        for column in columns:
+            at = 0.0
+            for i, item in enumerate(column):
+                if i:
+                    need = column[i - 1].height + gap(column[i - 1], item)
+                    self._after[column[i - 1]].append((item, need))
+                    at += need
+                self.y[item] = at
+
+    def straighten(self, hop: Crossing) -> bool:
+        """Make a wire straight; returns False, with nothing changed, when others do not let it."""
+        a, b = hop.left, hop.right
+        shift = a.pin("out", hop.left_port)[1] - b.pin("in", hop.right_port)[1]  # b is so much lower than a
+        before = dict(self.y)
+        self._after[a].append((b, shift))
+        self._after[b].append((a, -shift))
+        if self._lower(a, b, shift) and self._lower(b, a, -shift):
+            return True
+        self.y = before
+        self._after[a].pop()
+        self._after[b].pop()
+        return False
+
+    def _lower(self, fixed: Item, item: Item, shift: float) -> bool:
+        """Move an item down to where it must be, and what is below it; False when that moves what it follows."""
+        if self.y[item] >= self.y[fixed] + shift - 1e-6:
+            return True
+        self.y[item] = self.y[fixed] + shift
+        waiting = [item]
+        while waiting:
+            upper = waiting.pop()
+            for lower, need in self._after[upper]:
+                if self.y[lower] < self.y[upper] + need - 1e-6:
+                    if lower is fixed:
+                        return False
+                    self.y[lower] = self.y[upper] + need
+                    waiting.append(lower)
+        return True
+
+
+def _by_merit(hops: list[Crossing]) -> list[Crossing]:
+    """The wires in the order in which they are made straight."""
+    length = _path_lengths(hops)
+    arriving: dict[Item, list[Crossing]] = defaultdict(list)
+    for hop in sorted(hops, key=lambda h: (h.right.fraction("in", h.right_port), h.left.row)):
+        arriving[hop.right].append(hop)
+
+    def merit(hop: Crossing) -> tuple[bool, int, float, int, int, int, int]:
+        """What ends at a block first, then what lies on a long path, then what arrives in the middle of a side."""
+        others = arriving[hop.right]
+        off_centre = abs(others.index(hop) - (len(others) - 1) / 2.0)
+        passing = hop.left.wire + hop.right.wire
+        return passing == 2, -length[hop], off_centre, passing, hop.channel, hop.left.row, hop.right.row
+
+    return sorted(hops, key=merit)
+
+
+def _path_lengths(hops: list[Crossing]) -> dict[Crossing, int]:
+    """For every hop the number of columns in the longest path through it."""
+    before: dict[Item, int] = defaultdict(int)
+    after: dict[Item, int] = defaultdict(int)
+    ordered = sorted(hops, key=lambda hop: hop.channel)
+    for hop in ordered:
+        before[hop.right] = max(before[hop.right], before[hop.left] + 1)
+    for hop in reversed(ordered):
+        after[hop.left] = max(after[hop.left], after[hop.right] + 1)
+    return {hop: before[hop.left] + after[hop.right] for hop in hops}
+
+
+def _runs(columns: Columns, chosen: list[Crossing]) -> dict[Item, list[Item]]:
+    """The items that straight wires join, for each of them."""
+    run = {item: [item] for column in columns for item in column}
+    for hop in chosen:
+        if run[hop.left] is not run[hop.right]:
+            joined = run[hop.left] + run[hop.right]
+            for item in joined:
+                run[item] = joined
+    return run
+
+
+def _relax(columns: Columns, hops: list[Crossing], run: dict[Item, list[Item]], y: dict[Item, float]) -> None:
+    """Move each run to the mean of what pulls it, as far as its neighbours let it."""
+    runs = list({id(items): items for items in run.values()}.values())
+    pulls: dict[int, list[tuple[Item, Item, float]]] = defaultdict(list)
+    for hop in hops:
+        a, b = hop.left, hop.right
+        if run[a] is not run[b]:
+            shift = a.pin("out", hop.left_port)[1] - b.pin("in", hop.right_port)[1]
+            pulls[id(run[a])].append((a, b, -shift))
+            pulls[id(run[b])].append((b, a, shift))
+    bounds: dict[int, list[tuple[Item, Item, float, bool]]] = defaultdict(list)
+    for column in columns:
+        for upper, lower in itertools.pairwise(column):
+            if run[upper] is not run[lower]:
+                need = upper.height + gap(upper, lower)
+                bounds[id(run[upper])].append((upper, lower, need, True))
+                bounds[id(run[lower])].append((lower, upper, need, False))
+    runs.sort(key=lambda items: min((y[item], item.rank) for item in items))
+    for sweep in range(_SWEEPS):
+        furthest = 0.0
+        for items in runs if sweep % 2 else reversed(runs):
+            if not (pulling := pulls[id(items)]):
+                continue
+            move = sum(y[other] + shift - y[item] for item, other, shift in pulling) / len(pulling)
+            for item, other, need, below in bounds[id(items)]:
+                move = min(move, y[other] - need - y[item]) if below else max(move, y[other] + need - y[item])
+            furthest = max(furthest, abs(move))
+            for item in items:
+                y[item] += move
+        if furthest < 0.05:
+            break

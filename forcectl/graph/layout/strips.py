@@ -1,0 +1,304 @@
+"""The rows of an open diagram: each a layered layout of its own, and the wires that lead from one to another."""
+
+from __future__ import annotations
+
+import itertools
+from collections import defaultdict
+from collections.abc import Mapping, Sequence
+
+from forcectl.graph.layout.place import place_rows
+from forcectl.graph.layout.route import (
+    LANE,
+    TRACK,
+    Net,
+    bend_points,
+    set_columns,
+    set_lanes,
+    wire_points,
+    without_repeats,
+)
+from forcectl.graph.layout.rows import Columns, End, Item, Point
+from forcectl.graph.layout.shapes import PORT_PITCH, PORT_SIZE, text_width
+from forcectl.graph.layout.sweeps import BOTTOM
+from forcectl.graph.model import Block, Endpoint
+
+_TERMINAL_LINE = 15.0  # from the top of a terminal's name to its wire
+_POINT = 12.0  # height of a place where a wire enters or leaves a row
+_BETWEEN = 22.0  # from a row to the next, beside the wires between them
+
+
+class Strip:
+    """One row: items, the signals among them, and its left and right ends.
+
+    Args:
+        items: with their columns, from 1 on; ends are at the first and behind the last.
+        nets: by source.
+        outside: where the wires at the ends come from or go to, as far as known.
+        count: number of columns, ends included.
+    """
+
+    def __init__(
+        self, items: Sequence[Item], nets: Mapping[Endpoint, Net], outside: Mapping[Item, float], count: int
+    ) -> None:
+        self.nets = nets
+        every = list(nets.values())
+        self._number = {source: number for number, source in enumerate(nets)}
+        hops = bend_points(every)
+        bends = [bend for net in every for bend in net.bends.values()]
+        self.columns: Columns = place_rows([*items, *bends], every, hops, count, outside)
+        self.height = set_lanes(every, self.columns, hops)
+        self.width, self._channels = set_columns(every, self.columns, hops)
+
+    def widen(self, width: float) -> None:
+        """Move what stands at the right end."""
+        for item in self.columns[-1]:
+            item.x += width - self.width
+        self.width = width
+
+    def path(self, source: Endpoint, target: End) -> list[Point]:
+        """Corners of a wire, counted from the corner of the strip."""
+        return wire_points(self.nets[source], self._number[source], target, self._channels)
+
+
+class Strips:
+    """All rows of a diagram.
+
+    Args:
+        block: the diagram.
+        items: for its blocks, with their columns.
+        wires: targets of each source.
+        labels: widths of the texts at the sources.
+        hints: where the wires of its ports come from and go to, by side and port.
+        cuts: columns behind which a row ends.
+    """
+
+    def __init__(
+        self,
+        block: Block,
+        items: Mapping[str, Item],
+        wires: Mapping[Endpoint, Sequence[Endpoint]],
+        labels: Mapping[Endpoint, float],
+        hints: Mapping[tuple[str, str], float],
+        cuts: Sequence[int],
+    ) -> None:
+        self._block, self.items, self._wires, self._labels, self._hints = block, items, wires, labels, hints
+        self._several = bool(cuts)
+        self._label = {port.name: port.label for port in block.outputs}
+        first = [1, *(cut + 1 for cut in cuts)]
+        last = max((item.rank for item in items.values()), default=0)
+        self._ends = [*cuts, last]
+        self._row = {path: sum(item.rank > cut for cut in cuts) for path, item in items.items()}
+        for path, item in items.items():
+            item.rank -= first[self._row[path]] - 1
+        self._counts = [end - start + 3 for start, end in zip(first, self._ends, strict=True)]
+        # The ends of wires at a row: terminals of the diagram, and where a wire leads to or comes from another row.
+        self._entries: dict[tuple[int, Endpoint], Item] = {}
+        self._exits: dict[tuple[int, Endpoint], Item] = {}
+        self._terminals: dict[tuple[str, str], tuple[int, Item]] = {}
+        self._strips = [self._strip(row) for row in range(len(self._counts))]
+        self._join_rows()
+
+    def _strip(self, row: int) -> Strip:
+        block, last = self._block, self._counts[row] - 1
+        nets: dict[Endpoint, Net] = {}
+        outside: dict[Item, float] = {}
+        for port in block.inputs if row == 0 else ():
+            source = Endpoint(block.path, port.name)
+            if not self._wires.get(source):
+                self._terminals["in", port.name] = 0, self._terminal(0, port.name, "out")
+        for port in block.outputs if row == 0 else ():
+            if not any(Endpoint(block.path, port.name) in targets for targets in self._wires.values()):
+                self._terminals["out", port.name] = 0, self._terminal(last, port.name, "in")
+        for source, targets in self._wires.items():
+            of_block = source.block == block.path
+            rows = {self._row[target.block] for target in targets if target.block != block.path}
+            home = min(rows, default=0) if of_block else self._row[source.block]
+            here: list[End] = []
+            if row == home:
+                for target in targets:
+                    if target.block == block.path:
+                        item = self._terminal(last, target.port, "in")
+                        self._terminals["out", target.port] = row, item
+                        self._set_hint(outside, item, "out", target.port)
+                        here.append((item, target.port))
+            here += [
+                (self.items[t.block], t.port) for t in targets if t.block != block.path and self._row[t.block] == row
+            ]
+            if of_block:
+                if row == home:
+                    start: End = self._terminal(0, source.port, "out"), source.port
+                    self._terminals["in", source.port] = row, start[0]
+                    self._set_hint(outside, start[0], "in", source.port)
+                elif row in rows:
+                    start = self._point(0, "out", source.port), source.port
+                    self._entries[row, source] = start[0]
+                else:
+                    continue
+            elif row == home:
+                start = self.items[source.block], source.port
+                if rows - {row}:
+                    leaving = self._point(last, "in", source.port)
+                    self._exits[row, source] = leaving
+                    outside[leaving] = BOTTOM
+                    here.append((leaving, source.port))
+            elif row in rows:
+                start = self._point(0, "out", source.port), source.port
+                self._entries[row, source] = start[0]
+                came = self._exits.get((home, source))
+                # What comes from above keeps its order; what leads back enters below it.
+                outside[start[0]] = BOTTOM if came is None else came.y
+            else:
+                continue
+            nets[source] = Net(start, here, self._labels[source] if row == home else 0.0)
+        ends = [item for at, item in self._terminals.values() if at == row]
+        ends += [item for (at, _), item in (*self._entries.items(), *self._exits.items()) if at == row]
+        own = [item for path, item in self.items.items() if self._row[path] == row]
+        return Strip([*ends, *own], nets, outside, last + 1)
+
+    def _set_hint(self, outside: dict[Item, float], item: Item, side: str, port: str) -> None:
+        if (hint := self._hints.get((side, port))) is not None:
+            outside[item] = hint
+
+    def _terminal(self, rank: int, port: str, side: str) -> Item:
+        """A port of the diagram itself; its wire starts or ends at the border, below the name."""
+        width = 0.0 if self._several else text_width(port if side == "out" else self._label[port], PORT_SIZE) + 14.0
+        at = (0.0 if side == "out" else width, _TERMINAL_LINE)
+        return Item(rank, width, PORT_PITCH, {side: [port]}, {side: [at]}, terminal=True)
+
+    def _point(self, rank: int, side: str, port: str) -> Item:
+        return Item(rank, 0.0, _POINT, {side: [port]}, {side: [(0.0, _POINT / 2.0)]}, terminal=True)
+
+    def _join_rows(self) -> None:
+        """Stack the rows and lead the wires from one to another."""
+        width = max(strip.width for strip in self._strips)
+        for strip in self._strips:
+            strip.widen(width)
+        between: dict[int, list[Endpoint]] = defaultdict(list)  # by the row that a wire runs below
+        bottom = len(self._strips) - 1
+        for (row, source), _ in sorted(self._exits.items(), key=lambda one: -one[1].y):
+            back = any(at < row for at, entering in self._entries if entering == source)
+            between[bottom if back else row].append(source)
+        home = {source: row for row, source in self._exits}
+        down = [s for row in range(bottom) for s in between[row] if home[s] == row]
+        around = sorted(between[bottom], key=lambda source: home[source] != bottom)
+        from_border = [s for s in self._wires if s.block == self._block.path and any(e == s for _, e in self._entries)]
+        self._left: dict[Endpoint, float] = {}
+        self._right: dict[Endpoint, float] = {}
+        self._lane: dict[Endpoint, float] = {}
+        names = {side: self._names(side) for side in ("in", "out")}
+        # From the outside: what comes back, the border, and the wires to the next row, the upper lane further out.
+        order = [*around[::-1], *from_border, *down]
+        if self._several:
+            for number, source in enumerate(order):
+                self._left[source] = names["in"] + 8.0 + TRACK * number
+        self._begin = names["in"] + (TRACK * len(order) + 14.0 if order else 0.0)
+        inner = 0
+        for row in range(bottom):
+            for number, source in enumerate(between[row]):
+                self._right[source] = self._begin + width + 6.0 + TRACK * number
+            inner = max(inner, len(between[row]))
+        for number, source in enumerate(around):
+            inner_here = inner if home[source] != bottom else 0
+            self._right[source] = self._begin + width + 6.0 + TRACK * (inner_here + number)
+            inner = max(inner, inner_here + number + 1) if home[source] != bottom else inner
+        tracks = max(inner, len(around))
+        y = 0.0
+        self._tops = []
+        for row, strip in enumerate(self._strips):
+            self._tops.append(y)
+            y += strip.height
+            lanes = between[row]
+            for number, source in enumerate(lanes):
+                self._lane[source] = y + 16.0 + LANE * number
+            if row < bottom:
+                y += _BETWEEN + (16.0 + LANE * (len(lanes) - 1) if lanes else 0.0)
+            elif lanes:
+                y += 16.0 + LANE * (len(lanes) - 1)
+        self.height = y
+        self.width = self._begin + width + (TRACK * tracks + 8.0 if tracks else 0.0) + names["out"]
+
+    def _names(self, side: str) -> float:
+        """Width of the column of names of the diagram's ports at one side."""
+        names = [name for at, name in self._terminals if at == side]
+        return (
+            max(
+                (text_width(name if side == "in" else self._label[name], PORT_SIZE) + 16.0 for name in names),
+                default=0.0,
+            )
+            if self._several
+            else 0.0
+        )
+
+    def widen(self, width: float) -> None:
+        """Make the diagram so wide at least."""
+        if (more := width - self.width) > 0.0:
+            self.width = width
+            for strip in self._strips:
+                strip.widen(strip.width + more)
+            self._right = {source: x + more for source, x in self._right.items()}
+
+    def inputs(self) -> dict[str, Point]:
+        """Places of the diagram's inputs."""
+        return {port.name: self._at_border("in", port.name) for port in self._block.inputs}
+
+    def outputs(self) -> dict[str, Point]:
+        """Places of its outputs."""
+        return {port.name: self._at_border("out", port.name) for port in self._block.outputs}
+
+    def _at_border(self, side: str, port: str) -> Point:
+        row, item = self._terminals[side, port]
+        return 0.0 if side == "in" else self.width, item.y + _TERMINAL_LINE + self._tops[row]
+
+    def text_at(self, source: Endpoint) -> Point:
+        """Where the text of a signal starts."""
+        if source.block == self._block.path:
+            x, y = self._at_border("in", source.port)
+            return x + text_width(source.port, PORT_SIZE) + 14.0, y
+        return self._moved_point(self._row[source.block], self.items[source.block].place("out", source.port))
+
+    def paths(self, source: Endpoint) -> list[list[Point]]:
+        """The wires of a signal, in the order of its targets."""
+        block = self._block.path
+        of_block = source.block == block
+        home = self._terminals["in", source.port][0] if of_block else self._row[source.block]
+        found = []
+        for target in self._wires[source]:
+            row = home if target.block == block else self._row[target.block]
+            end = (
+                (self._terminals["out", target.port][1] if target.block == block else self.items[target.block]),
+                target.port,
+            )
+            points = self._moved(row, source, end)
+            if row != home:
+                y = points[0][1]
+                left = self._left[source]
+                if of_block:
+                    start = self._at_border("in", source.port)
+                    points = [start, (left, start[1]), (left, y), *points]
+                else:
+                    lane, right = self._lane[source], self._right[source]
+                    before = self._moved(home, source, (self._exits[home, source], source.port))
+                    points = [*before, (right, before[-1][1]), (right, lane), (left, lane), (left, y), *points]
+            elif of_block:
+                points = [self._at_border("in", source.port), *points]
+            if target.block == block:
+                points.append(self._at_border("out", target.port))
+            found.append(without_repeats(points))
+        return found
+
+    def _moved(self, row: int, source: Endpoint, end: End) -> list[Point]:
+        return [self._moved_point(row, point) for point in self._strips[row].path(source, end)]
+
+    def _moved_point(self, row: int, point: Point) -> Point:
+        return point[0] + self._begin, point[1] + self._tops[row]
+
+    def corner(self, path: str) -> Point:
+        """Upper left corner of a block."""
+        item = self.items[path]
+        return self._moved_point(self._row[path], (item.x, item.y))
+
+    def spans(self) -> list[float]:
+        """How wide each column of blocks in the only row is, with the channel to its right."""
+        (strip,) = self._strips
+        starts = [min(item.x for item in column if not item.wire) for column in strip.columns[1:-1]]
+        return [after - before for before, after in itertools.pairwise([*starts, strip.width])]
