@@ -9,6 +9,7 @@ The name or path of a robot with several arms means all of them; "yumi/left" mea
 
 from __future__ import annotations
 
+import os
 from functools import cache
 from pathlib import Path
 from typing import TYPE_CHECKING
@@ -60,7 +61,7 @@ def robot_and_arm(name_or_path: str | Path) -> tuple[Path, str | None]:
 
 
 def _is_robot(name: str) -> bool:
-    return name in list_robots() or (name != "" and Path(name).expanduser().is_dir())
+    return name in list_robots() or (name != "" and os.path.isdir(Path(os.path.expanduser(name))))
 
 
 def tool_folder(name_or_path: str | Path) -> Path:
@@ -106,7 +107,7 @@ def _folder(kind: str, name_or_path: str | Path, shipped: list[str]) -> Path:
     if str(name_or_path) in shipped:
         return models_folder() / name_or_path
     # An empty string would otherwise mean the current directory.
-    path = Path(name_or_path).expanduser()
-    if str(name_or_path) and path.is_dir():
+    path = Path(os.path.expanduser(name_or_path))
+    if str(name_or_path) and os.path.isdir(path):
         return path
     raise unknown(f"{kind} (neither shipped nor a folder)", str(name_or_path), shipped)

@@ -14,7 +14,7 @@ from __future__ import annotations
 
 import itertools
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 from typing import NamedTuple
@@ -39,7 +39,7 @@ from pydrake.systems.framework import DiagramBuilder
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.robot.joint_tree import JointTree
 from forcectl.robot.meshes import Enclosure, enclosure
-from forcectl.robot.parts import RobotParts, add_robot
+from forcectl.robot.parts import RobotParts, Tool, add_robot
 
 Array = NDArray[np.float64]
 
@@ -145,7 +145,7 @@ class RobotShapes:
         self.solids, self.pairs = tuple(solids), tuple(pairs)
 
     @classmethod
-    def load(cls, robot: str | Path, tool: str | Path | None) -> RobotShapes:
+    def load(cls, robot: str | Path, tool: Tool | Mapping[str, Tool]) -> RobotShapes:
         """The shapes of what `forcectl.robot.model.add_robot` puts into a plant; joints in the order of `RobotModel`.
 
         Raises:

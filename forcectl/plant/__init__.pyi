@@ -25,6 +25,7 @@ from forcectl.plant.contact.part import MisplacementConfig as MisplacementConfig
 from forcectl.plant.contact.part import PartConfig as PartConfig
 from forcectl.plant.contact.part_pose import PartPose as PartPose
 from forcectl.plant.contact.parts import EnvironmentPartsConfig as EnvironmentPartsConfig
+from forcectl.plant.contact.patch import PatchConfig as PatchConfig
 from forcectl.plant.contact.surface import GrooveConfig as GrooveConfig
 from forcectl.plant.contact.surface import ProfileFileConfig as ProfileFileConfig
 from forcectl.plant.contact.surface import RoughnessConfig as RoughnessConfig
@@ -38,6 +39,7 @@ from forcectl.plant.contact.surface_materials import MaterialPath as MaterialPat
 from forcectl.plant.contact.surface_materials import MaterialsConfig as MaterialsConfig
 from forcectl.plant.contact.surface_materials import SegmentConfig as SegmentConfig
 from forcectl.plant.contact.surface_materials import SurfaceMaterial as SurfaceMaterial
+from forcectl.plant.contact.surface_moves import SurfaceMoveConfig as SurfaceMoveConfig
 from forcectl.plant.contact.surface_spring import SurfaceSpring as SurfaceSpring
 from forcectl.plant.contact.tip_contact import TipContact as TipContact
 from forcectl.plant.drives.commanded import CommandedMotion as CommandedMotion
@@ -60,6 +62,8 @@ from forcectl.plant.drives.servo import ServoGains as ServoGains
 from forcectl.plant.drives.servo import servo_gains as servo_gains
 from forcectl.plant.drives.torque_drive import TorqueDrive as TorqueDrive
 from forcectl.plant.plant_model import PlantModel as PlantModel
+from forcectl.plant.sensors.force_fault import FaultyForce as FaultyForce
+from forcectl.plant.sensors.force_fault import ForceFaultConfig as ForceFaultConfig
 from forcectl.plant.sensors.force_sensor import ForceDigitiser as ForceDigitiser
 from forcectl.plant.sensors.force_sensor import ForceSensor as ForceSensor
 from forcectl.plant.sensors.force_sensor import ForceSensorConfig as ForceSensorConfig

@@ -36,6 +36,9 @@ class PlantModel:
         sensor_bandwidth: of the lag of the measured force [rad/s].
         sensor_damping_ratio: of that lag [1].
         sensor_delay: before that lag [s].
+        sensor_range: largest force that can be measured [N]; infinite where it is not known.
+        sensor_noise: readings are noisy: those of a live sensor do not repeat themselves.
+        pulls: surfaces may pull, so that forces below zero are true ones.
         drive_compliance: part of C_R between command and motors, shape (k,) or a number [m/N]; the positions of the
             motors show it.
         robot: kinematics, dynamics and limits; its TCP is that of the first loop's arm. None without a robot.
@@ -59,6 +62,9 @@ class PlantModel:
     sensor_bandwidth: float
     sensor_damping_ratio: float
     sensor_delay: float
+    sensor_range: float = np.inf
+    sensor_noise: bool = False
+    pulls: bool = True
     drive_compliance: Array | float = 0.0
     robot: RobotModel | None = None
     start: Array = field(default_factory=lambda: np.zeros(0))
@@ -77,6 +83,11 @@ class PlantModel:
     def total_compliance(self) -> Array:
         """C_T = C_R + C_E, shape (k,) [m/N]. (2.7)"""
         return self.robot_compliance + self.environment_compliance
+
+    @property
+    def sensor_lag(self) -> float:
+        """Lag of the measured force behind a steady ramp of the true one, filter and delay [s]."""
+        return 2 * self.sensor_damping_ratio / self.sensor_bandwidth + self.sensor_delay
 
     @property
     def n(self) -> Array:

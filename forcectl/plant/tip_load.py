@@ -118,7 +118,8 @@ class TipLoad(LeafSystem):
 
     def _apply(self, context: Context, output: AbstractValue) -> None:
         forces = []
-        for (body, point), wrench in zip(self._at, np.vstack(self._wrenches.read(context)), strict=True):
+        at_tips, on_bodies = self._wrenches.read(context)
+        for (body, point), wrench in zip(self._at, [*at_tips, *on_bodies], strict=True):
             if wrench.any():
                 one = ExternallyAppliedSpatialForce()
                 one.body_index, one.p_BoBq_B = body, point
@@ -248,7 +249,8 @@ class LoadTruth(LeafSystem):
     def _show_torque(self, context: Context, output: BasicVector) -> None:
         torque = np.zeros(self._robot.num_joints)
         places = [*(arm.tcp_frame for arm in self._arms), *self._frames]
-        for frame, wrench in zip(places, np.vstack(self._wrenches.read(context)), strict=True):
+        at_tips, on_bodies = self._wrenches.read(context)
+        for frame, wrench in zip(places, [*at_tips, *on_bodies], strict=True):
             if wrench.any():
                 torque += self._robot.jacobian_of(self._posture.Eval(context), frame).T @ wrench
         if self._contact_torque.HasValue(context):

@@ -10,13 +10,13 @@ from __future__ import annotations
 
 import copy
 import threading
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
-from pydrake.common.value import AbstractValue
+from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import (
@@ -34,7 +34,7 @@ from pydrake.systems.framework import Context, InputPort, LeafSystem
 from forcectl.errors import invalid, unknown
 from forcectl.framework.cache import BlockCache
 from forcectl.robot.parameters import ControlParameters
-from forcectl.robot.parts import RobotParts, add_robot, frame_named
+from forcectl.robot.parts import RobotParts, Tool, add_robot, frame_named
 
 Array = NDArray[np.float64]
 _ORIGIN = np.zeros(3)
@@ -152,7 +152,7 @@ class RobotModel(PlantJoints):
     others of the model (a gripper's, say) stay at their defaults. Spatial vectors are [rotation; translation], in W.
 
     Attributes:
-        parameters, tool_parameters: what the YAML files say; `tool_parameters` is None without a tool.
+        parameters: what its YAML file says; that of a tool is `arm.tool`.
         plant: robot and tool, fixed to the world, continuous, without geometry, finalized.
         parts: joints, actuators and frames in `plant`.
         arm: the first one, or that of `for_arm`.
@@ -164,14 +164,13 @@ class RobotModel(PlantJoints):
         source: what `load` was given as robot and tool.
     """
 
-    source: tuple[str | Path, str | Path | None] = ("", None)
+    source: tuple[str | Path, Tool | Mapping[str, Tool]] = ("", None)
     _inertias: tuple[tuple[RigidBody, SpatialInertia], ...] = ()
 
     def __init__(self, plant: MultibodyPlant, parts: RobotParts, stiffness_set: str | None = None):
         """Use `load`."""
         super().__init__(plant, parts.joints)
         self.parameters = parameters = parts.parameters
-        self.tool_parameters = parts.tool_parameters
         self.parts, self.arm = parts, parts.first_arm
         self.tcp_frame = self.arm.tcp_frame
         self.limits = _limits(parts)
@@ -187,14 +186,14 @@ class RobotModel(PlantJoints):
     def load(
         cls,
         robot: str | Path = "comau_smart_six",
-        tool: str | Path | None = "force_probe",
+        tool: Tool | Mapping[str, Tool] = "force_probe",
         stiffness_set: str | None = None,
     ) -> RobotModel:
         """A robot with its tool, by shipped name or folder path.
 
         Args:
             robot: shipped robot or robot folder; "yumi/left" is one arm of a robot that has several.
-            tool: shipped tool, tool folder, or None for the bare flange; every arm has one.
+            tool: shipped tool, tool folder, or None for the bare flange, of every arm; or of each by its name.
             stiffness_set: which joint stiffness to use; the parameters' default when None.
 
         Raises:
@@ -318,11 +317,11 @@ def posture_cache(block: LeafSystem, robot: RobotModel, position: InputPort) -> 
     index = position.get_index()  # the port itself would keep the block
 
     def calc(block: LeafSystem, context: Context, value: AbstractValue) -> None:
-        robot.set_positions(value.get_mutable_value(), block.EvalVectorInput(context, index).value())
+        if value.get_value() == ():  # made at the first use, see `scratch`
+            value.set_value(robot.create_context())
+        robot.set_positions(value.get_value(), block.EvalVectorInput(context, index).value())
 
-    return BlockCache(
-        block, "robot posture", lambda: AbstractValue.Make(robot.create_context()), calc, {position.ticket()}
-    )
+    return BlockCache(block, "robot posture", lambda: Value[object](()), calc, {position.ticket()})
 
 
 _STILL = 1e-4  # [rad]

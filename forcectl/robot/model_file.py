@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import json
 import logging
+import os
 import re
 from collections.abc import Iterable, Iterator
 from contextlib import contextmanager
@@ -46,7 +47,7 @@ class ModelFile:
         Raises:
             BadInputError: it cannot be used.
         """
-        if not path.is_file():
+        if not os.path.isfile(path):
             raise BadInputError(f"model = {path.name!r}: there is no such file in folder {str(path.parent)!r}")
         urdf = read_urdf(path) if path.suffix.lower() == ".urdf" else Urdf()
         if urdf.problems:
@@ -118,8 +119,12 @@ def parse_models(
             for own, other, members in zip(names, reversed(names), sides, strict=True):
                 entry = {"name": own, "members": members, "ignored_collision_filter_groups": [other]}
                 directives += [{"add_collision_filter_group": entry}] if all(sides) else []
-        with _readable(" or ".join(dict.fromkeys(model.path.name for model in models.values()))):
+        files = " or ".join(dict.fromkeys(model.path.name for model in models.values()))
+        with _readable(files) as remarks:
             parser.AddModelsFromString(json.dumps({"directives": directives}), "dmd.yaml")
+    # The parser of SDF only warns, and goes on with other numbers than those of the file.
+    if wrong := next((text for text in remarks if "invalid inertia" in text), None):
+        raise BadInputError(f"{files}: {wrong.removeprefix('warning: ')}")
     return {name: plant.GetModelInstanceByName(name) for name in models}
 
 

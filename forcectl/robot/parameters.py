@@ -8,6 +8,7 @@ parameters as constants; their arrays are read-only.
 from __future__ import annotations
 
 import dataclasses
+import os
 from collections.abc import Iterator, Mapping
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -246,7 +247,7 @@ def _load(kind: type[T], file: Path) -> T:
     except BadInputError as error:
         if kind is ControlParameters and isinstance(model, str) and " is missing: " in str(error):
             error.text += "".join(f"; {text}" for text in missing_limits(tree, file.parent / model))
-        if isinstance(model, str) and not (file.parent / model).is_file():
+        if isinstance(model, str) and not os.path.isfile(file.parent / model):
             error.text += f"; model = {model!r}: there is no such file in folder {str(file.parent)!r}"
         raise
     return parameters

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Iterable, Mapping
 from dataclasses import dataclass, replace
 from pathlib import Path
 
@@ -32,6 +33,8 @@ from forcectl.robot.parameters import (
 )
 from forcectl.robot.urdf import Urdf, UrdfJoint
 
+Tool = str | Path | None  # shipped name, tool folder, or the bare flange
+
 
 @dataclass(frozen=True)
 class ArmParts:
@@ -41,6 +44,7 @@ class ArmParts:
     joints: slice  # its joints among the robot's
     flange_frame: Frame
     tcp_frame: Frame  # the flange when there is no tool
+    tool: ToolParameters | None = None
     tool_instance: ModelInstanceIndex | None = None
     contact_ball_frame: Frame | None = None
     sensor_frame: Frame | None = None
@@ -56,7 +60,6 @@ class RobotParts:
     """
 
     parameters: ControlParameters
-    tool_parameters: ToolParameters | None
     instance: ModelInstanceIndex
     joints: tuple[Joint, ...]
     actuators: tuple[JointActuator, ...]
@@ -79,7 +82,7 @@ class RobotParts:
 
 
 def add_robot(
-    plant: MultibodyPlant, robot: str | Path, tool: str | Path | None, X_WB: RigidTransform | None = None
+    plant: MultibodyPlant, robot: str | Path, tool: Tool | Mapping[str, Tool], X_WB: RigidTransform | None = None
 ) -> RobotParts:
     """Parse a robot into `plant`, weld its base to the world and a tool to each flange, and set the default posture.
 
@@ -88,7 +91,8 @@ def add_robot(
     Args:
         plant: not yet finalized; gets the geometry too when it is registered with a scene graph.
         robot: name of a shipped robot or path of a robot folder; "yumi/left" is one arm of a robot that has several.
-        tool: name of a shipped tool, path of a tool folder, or None for the bare flange.
+        tool: of every arm: name of a shipped tool, path of a tool folder, or None for the bare flange; or that of each
+            arm by its name, where an arm that is not named has none.
         X_WB: pose of the robot's base frame in the world; identity when None.
 
     Raises:
@@ -103,24 +107,23 @@ def add_robot_with(
     plant: MultibodyPlant,
     folder: Path,
     parameters: ControlParameters,
-    tool: str | Path | None,
+    tool: Tool | Mapping[str, Tool],
     X_WB: RigidTransform | None = None,
 ) -> RobotParts:
     """As `add_robot`, with control parameters that are not read from the robot's folder."""
     arms = parameters.arms or {"arm": _only_arm(parameters)}
     whole = ModelFile.look(folder / parameters.model)
     models, filters = {whole.name: whole}, []
-    tool_parameters, tools = None, {}  # the latter: what each arm's tool is called in the plant
-    if tool is not None:
-        tool_at = tool_folder(tool)
+    tools = {}  # of each arm that has one: its parameters, and what it is called in the plant
+    for arm, folder_or_name in _tool_of_each(tool, arms).items():
+        tool_at = tool_folder(folder_or_name)
         tool_parameters = load_tool_parameters(tool_at)
         tool_file = ModelFile.look(tool_at / tool_parameters.model)
-        tools = {name: tool_file.name if len(arms) == 1 else f"{name}_{tool_file.name}" for name in arms}
-        models |= dict.fromkeys(tools.values(), tool_file)
-        filters = [
-            (all_bodies(name, tool_file), some_bodies(whole, arms[arm].tool_neighbours, "tool_neighbours"))
-            for arm, name in tools.items()
-        ]
+        called = tool_file.name if len(arms) == 1 else f"{arm}_{tool_file.name}"
+        tools[arm] = tool_parameters, called
+        models[called] = tool_file
+        neighbours = some_bodies(whole, arms[arm].tool_neighbours, "tool_neighbours")
+        filters.append((all_bodies(called, tool_file), neighbours))
     for a, b in parameters.ignored_collisions:
         filters.append((some_bodies(whole, [a], "ignored_collisions"), some_bodies(whole, [b], "ignored_collisions")))
     instances = parse_models(plant, models, filters)
@@ -141,11 +144,23 @@ def add_robot_with(
     for name, one in arms.items():
         mine, flange = slice(first, first + len(one.joints)), _flange(plant, one, name, instance)
         parts[name] = ArmParts(name, mine, flange, tcp_frame=flange)
-        if tool_parameters is not None:
-            parts[name] = _with_tool(plant, parts[name], instances[tools[name]], tool_parameters)
+        if name in tools:
+            tool_parameters, called = tools[name]
+            parts[name] = _with_tool(plant, parts[name], instances[called], tool_parameters)
         first = mine.stop
     missing_shapes = tuple(text for model in models.values() for text in model.urdf.missing_shapes)
-    return RobotParts(parameters, tool_parameters, instance, joints, actuators, parts, missing_shapes)
+    return RobotParts(parameters, instance, joints, actuators, parts, missing_shapes)
+
+
+def _tool_of_each(tool: Tool | Mapping[str, Tool], arms: Iterable[str]) -> dict[str, str | Path]:
+    """The tools of the arms that have one."""
+    each = tool if isinstance(tool, Mapping) else dict.fromkeys(arms, tool)
+    for name, one in each.items():
+        if name not in arms:
+            raise unknown("arm", name, arms).at("tool")
+        if not isinstance(one, Tool):
+            raise invalid("tool", one, "the name of a shipped tool, a tool folder, or null; or these by arm")
+    return {name: one for name, one in each.items() if one is not None}
 
 
 def _only_arm(parameters: ControlParameters) -> ArmParameters:
@@ -255,6 +270,7 @@ def _with_tool(plant: MultibodyPlant, arm: ArmParts, tool: ModelInstanceIndex, p
     ball, sensor, weld = parameters.contact_ball_frame, parameters.sensor_frame, parameters.sensor_weld
     return replace(
         arm,
+        tool=parameters,
         tcp_frame=frame_named(plant, parameters.tcp_frame, tool),
         tool_instance=tool,
         contact_ball_frame=frame_named(plant, ball, tool) if ball else None,

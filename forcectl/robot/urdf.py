@@ -9,13 +9,15 @@ is replaced in a copy of the text:
 - `<dynamics>` by nothing: damping and friction of a joint are those of its drive, see `forcectl.robot.assumptions`;
 - transmissions of joints without a torque limit, and gear ratios, by nothing: see `forcectl.robot.parts` for both;
 - a material's name that stands for two colours by one for each;
-- masses of zero by no inertia at all, and an inertia that no body has by one that a body may have;
+- masses of zero by no inertia at all (refused in a link that moves);
+- an inertia that no body quite has by one that a body may have (one that is far from it is refused);
 - addresses of packages by the files they name, see `package_folders`.
 """
 
 from __future__ import annotations
 
 import math
+import os
 from dataclasses import dataclass, field, replace
 from functools import lru_cache
 from pathlib import Path
@@ -33,6 +35,8 @@ Element = ElementTree.Element
 
 _BY_DRAKE = (".obj", ".vtk", ".gltf")
 _ENTRIES = ([0, 1, 2, 0, 0, 1], [0, 1, 2, 1, 2, 2])  # of an inertia, in the order below
+_LIGHTEST, _HEAVIEST = 1e-9, 1e6  # [kg] of a link that moves
+_FAR = 0.5  # of the largest moment of inertia that the others may be short of a body's: a slip, and no estimate
 _MOVING = ("revolute", "continuous", "prismatic")
 
 
@@ -111,6 +115,8 @@ class _Rewriting:
 
     def run(self) -> None:
         self._check_tree()
+        moving = [joint for joint in self._root.findall("joint") if joint.get("type") in _MOVING]
+        self._moved = {child.get("link") for joint in moving for child in joint.findall("child")}
         for link in self._root.findall("link"):
             self._inertia(link)
             for kind in ("visual", "collision"):
@@ -171,15 +177,25 @@ class _Rewriting:
             read = {name: float(inertia.get(name, "0")) for name in NUMBERS["inertia"]} if inertia is not None else {}
             inertias = _matrix(read) if read else np.zeros((3, 3))
             moments, name = np.linalg.eigvalsh(inertias), link.get("name")
+            moved, shown = name in self._moved, ", ".join(f"{each:.3g}" for each in moments)
+            far = moments[2] - moments[0] - moments[1] > _FAR * moments[2] or moments[0] < -_FAR * moments[2]
             if mass < 0:
                 self._problem(link, f"link {name!r}: mass = {mass:g} kg: must not be negative")
+            elif moved and mass_element is not None and not _LIGHTEST <= mass <= _HEAVIEST:
+                allowed = f"from {_LIGHTEST:g} to {_HEAVIEST:g} kg in a link that moves"
+                self._problem(link, f"link {name!r}: mass = {mass:g} kg: must be {allowed}")
             elif (np.diag(inertias) < -1e-12).any():
-                shown = ", ".join(f"{each:.3g}" for each in np.diag(inertias))
-                self._problem(link, f"link {name!r}: inertia {shown} kg m2: must not be negative")
+                diagonal = ", ".join(f"{each:.3g}" for each in np.diag(inertias))
+                self._problem(link, f"link {name!r}: inertia {diagonal} kg m2: must not be negative")
             elif mass == 0:
                 self._remove(link, inertial)
                 if moments.any():
                     self._found.notes.append(f"link {name}: inertia without a mass, left out")
+            elif moved and read and not moments.any():
+                self._problem(link, f"link {name!r}: inertia is zero: must be above zero in a link that moves")
+            elif far:
+                allowed = "not negative, and the largest at most the sum of the others"
+                self._problem(link, f"link {name!r}: principal moments of inertia {shown} kg m2: must be {allowed}")
             elif moments[0] < 0 or moments[2] > (1 + 1e-6) * (moments[0] + moments[1]) + 1e-12:
                 self._raise_moments(inertia, inertias)
                 self._found.notes.append(f"link {name}: no body has such an inertia; its smaller moments are raised")
@@ -236,10 +252,10 @@ class _Rewriting:
             file = self._path.parent / address
             return file if file.is_file() else None
         if scheme == "file":
-            return Path(rest) if Path(rest).is_file() else None
+            return Path(rest) if os.path.isfile(Path(rest)) else None
         package, _, inside = rest.lstrip("/").partition("/")
         for root in package_folders(self._path.parent, package):
-            if (root / inside).is_file():
+            if os.path.isfile(root / inside):
                 return root / inside
         return None
 
@@ -254,6 +270,8 @@ class _Rewriting:
         if kind not in _MOVING:
             return
         axis, limit = joint.find("axis"), joint.find("limit")
+        if limit is None and kind != "continuous" and mimic is None:
+            self._problem(joint, f"joint {name!r} has no <limit>: must have one, or be of type continuous")
         if axis is not None and not any(numbers_in(axis.get("xyz", "1 0 0")) or [1.0]):
             self._problem(joint, f"joint {name!r}: axis is zero")
         values = {each: float(limit.get(each, "0")) for each in NUMBERS["limit"]} if limit is not None else {}

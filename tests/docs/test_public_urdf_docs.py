@@ -45,6 +45,7 @@ def test_it_presses():
     assert abs(float(log["contact_force"][-200:].mean()) - 10.0) < 1.0
 
 
+@pytest.mark.slow
 def test_it_reaches():
     metrics = fc.run(parse(REACH, "reach.yaml")).metrics["default"]
     assert metrics["reach_offset_mm"] < 2.0

@@ -85,7 +85,7 @@ def test_contexts_are_independent(robot):
 def test_load_without_tool_ends_at_the_flange():
     robot = RobotModel.load(tool=None)
     assert robot.tcp_frame.name() == "flange"
-    assert robot.tool_parameters is None
+    assert robot.arm.tool is None
     assert robot.arm.sensor_weld is None
 
 
@@ -105,7 +105,7 @@ def test_parts_of_the_probe(robot):
         "ball": 0.1733,
         "tcp": 0.1833,
     }
-    assert robot.tool_parameters.contact_ball_radius == 0.01
+    assert robot.arm.tool.contact_ball_radius == 0.01
 
 
 def test_stiffness_sets():
@@ -209,6 +209,9 @@ def test_a_model_that_is_no_model_is_refused(planar):
         ({"robot": "comau_smart_sx"}, "did you mean 'comau_smart_six'?"),
         ({"robot": ""}, "unknown robot"),
         ({"tool": "force_prob"}, "did you mean 'force_probe'?"),
+        ({"tool": 5}, "tool = 5: must be the name of a shipped tool, a tool folder, or null; or these by arm"),
+        ({"robot": "yumi", "tool": {"lift": None}}, "'lift': did you mean 'left'?"),
+        ({"robot": "yumi", "tool": {"left": "yumi_griper"}}, "did you mean 'yumi_gripper'?"),
         ({"stiffness_set": "calibratd"}, "did you mean 'calibrated'?"),
     ],
 )

@@ -122,6 +122,45 @@ def test_a_tools_held_joints_are_checked(tmp_path):
         load_tool_parameters(tmp_path)
 
 
+HOOK = """<sdf version="1.7"><model name="hook"><link name="hook"><inertial><mass>{mass}</mass><inertia>
+<ixx>{moment}</ixx><iyy>0.1</iyy><izz>0.1</izz><ixy>0</ixy><ixz>0</ixz><iyz>0</iyz></inertia></inertial></link>
+</model></sdf>"""
+
+
+def write_hook(folder, mass, moment):
+    (folder / "hook.sdf").write_text(HOOK.format(mass=mass, moment=moment))
+    (folder / "hook.tool.yaml").write_text("model: hook.sdf\nmount_frame: hook\ntcp_frame: hook\n")
+
+
+def test_a_tool_in_sdf_has_its_mass(planar, tmp_path):
+    write_hook(tmp_path, 2.0, 0.1)
+    robot = RobotModel.load(planar, tmp_path)
+    assert robot.arm.tcp_frame.body().default_mass() == pytest.approx(2.0)
+
+
+@pytest.mark.parametrize(("mass", "moment"), [(-2.0, 0.1), (2.0, -0.1), (2.0, 5.0)])
+def test_a_tool_in_sdf_that_no_body_can_be_is_refused(planar, tmp_path, mass, moment):
+    write_hook(tmp_path, mass, moment)
+    with pytest.raises(BadInputError, match=r"hook\.sdf: A link named hook has invalid inertia"):
+        RobotModel.load(planar, tmp_path)
+
+
+def test_each_arm_has_a_tool_of_its_own_or_none():
+    """Poses and weights are those of robots whose arms all have the same."""
+    mixed = RobotModel.load("yumi", tool={"left": "force_probe"})
+    bare, probes = RobotModel.load("yumi", tool=None), RobotModel.load("yumi", tool="force_probe")
+    for arm, same in (("left", probes), ("right", bare)):
+        robot, other = mixed.for_arm(arm), same.for_arm(arm)
+        assert robot.arm.tool == other.arm.tool
+        np.testing.assert_allclose(
+            robot.pose(robot.create_context()).GetAsMatrix4(), other.pose(other.create_context()).GetAsMatrix4()
+        )
+        mine = robot.arm.joints
+        torques = [each.gravity_torque(each.create_context())[mine] for each in (robot, other)]
+        np.testing.assert_allclose(*torques, atol=1e-12)
+    assert mixed.plant.num_bodies() == (bare.plant.num_bodies() + probes.plant.num_bodies()) / 2
+
+
 def test_friction_that_is_left_out(tmp_path):
     parameters = load_control_parameters(
         write_planar_robot(

@@ -136,7 +136,7 @@ def test_a_missing_mesh_is_told_and_only_refused_where_it_matters(arm):
 
 def test_an_inertia_that_no_body_has_is_raised(tmp_path):
     text = (write_planar_robot(tmp_path) / "planar.urdf").read_text()
-    (tmp_path / "planar.urdf").write_text(text.replace('ixx="0.001" iyy="0.03"', 'ixx="0.001" iyy="0.001"'))
+    (tmp_path / "planar.urdf").write_text(text.replace('ixx="0.001" iyy="0.03"', 'ixx="0.01" iyy="0.01"'))
     (note, *_) = read_urdf(tmp_path / "planar.urdf").notes
     assert note == "link base: no body has such an inertia; its smaller moments are raised"
     inertia = RobotModel.load(tmp_path, None).plant.GetBodyByName("hand").default_spatial_inertia()
@@ -151,6 +151,14 @@ PROBLEMS = [
     ('<mass value="2"/>', '<mass value="-2"/>', "link 'base': mass = -2 kg: must not be negative"),
     ('<mass value="2"/>', '<mass value="nan"/>', "mass value = 'nan': must be a number up to 1e+09"),
     ('<mass value="2"/>', '<mass value="1e308"/>', "mass value = '1e308': must be a number up to 1e+09"),
+    ('<mass value="2"/>', '<mass value="0"/>', "link 'upper_arm': mass = 0 kg: must be from 1e-09 to 1e+06 kg"),
+    ('ixx="0.001" iyy="0.03" izz="0.03"', 'ixx="0"', "inertia is zero: must be above zero in a link that moves"),
+    (
+        'ixx="0.001"',
+        'ixx="1"',
+        "principal moments of inertia 0.03, 0.03, 1 kg m2: must be not negative, and the largest",
+    ),
+    ('ixy="0"', 'ixy="0.3"', "must be not negative, and the largest at most the sum of the others"),
     ('ixx="0.001"', 'ixx="-0.001"', "inertia -0.001, 0.03, 0.03 kg m2: must not be negative"),
     ('lower="-3" upper="3"', 'lower="3" upper="-3"', "limit from 3 to -3: lower must not be above upper"),
     ('effort="50"', 'effort="-50"', "effort = -50: must not be negative"),

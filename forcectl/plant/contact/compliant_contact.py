@@ -9,6 +9,13 @@ compliance n'(C_J + C_L)n of the robot. The damper makes z a state; a backward E
 
 which is exact for D_E = 0 and needs no special case for C_R = 0. When F would pull, the contact is lost: F = 0 and the
 environment relaxes by itself.
+
+In place of the damper the environment may have the dissipation of Hunt and Crossley, "Coefficient of restitution
+interpreted as damping in vibroimpact", J. Applied Mechanics 42 (1975), with the exponent 1::
+
+    F = K_E z (1 + d_E z')
+
+Its force neither jumps at the first touch nor pulls when the contact ends. The same step solves a quadratic equation.
 """
 
 from __future__ import annotations
@@ -26,6 +33,8 @@ from forcectl.errors import invalid
 from forcectl.framework.batch import BatchBlock, BatchParameter, BatchValue, batch_values, check
 from forcectl.framework.fields import Config, key
 from forcectl.plant.contact.surface import SurfaceConfig
+
+_TINY = 1e-300  # in place of a zero below a fraction that is not used
 
 
 def elastic_force(dx: BatchValue, stiffness: BatchValue, m: Any = np) -> BatchValue:
@@ -60,6 +69,38 @@ def damped_contact(
     return m.where(lost, 0.0, force), m.where(lost, free, touching)
 
 
+def dissipative_contact(
+    dx: BatchValue,
+    z: BatchValue,
+    stiffness: BatchValue,
+    rate: BatchValue,
+    robot_compliance: BatchValue,
+    m: Any = np,
+) -> tuple[BatchValue, BatchValue]:
+    """One step of the contact with dissipation.
+
+    Args:
+        dx: motor-side displacement at the end of the step [m].
+        z: deformation of the environment before it [m].
+        stiffness: K_E [N/m].
+        rate: d_E/h [1/m].
+        robot_compliance: C_R [m/N].
+
+    Returns:
+        force F [N] and deformation z [m] at the end of the step.
+    """
+    # C_R K_E r z+^2 + (1 + C_R K_E (1 - r z)) z+ + dx = 0 with r = d_E/h; for each sign of the middle term that form of
+    # the solution in which nothing cancels.
+    soft = robot_compliance * stiffness
+    half = 0.5 * (1 + soft * (1 - rate * z))
+    pressed = m.maximum(-dx, 0.0)
+    root = m.sqrt(half * half + soft * rate * pressed)
+    touching = m.where(half > 0, pressed / m.maximum(half + root, _TINY), (root - half) / m.maximum(soft * rate, _TINY))
+    force = stiffness * touching * (1 + rate * (touching - z))
+    lost = force <= 0
+    return m.where(lost, 0.0, force), m.where(lost, m.maximum(z - 1 / rate, 0.0), touching)
+
+
 def contact_response(stiffness: float, damping: float, robot_compliance: float, period: float) -> StateSpace:
     """The damped contact while it lasts, from [dx, dx'] to F at the same tick; it takes dx' from dx.
 
@@ -84,7 +125,7 @@ class CompliantContact(BatchBlock):
     name: CompliantContact
     input_ports: [displacement, surface_stiffness (optional), surface_damping (optional)]
     output_ports: [contact_force]
-    parameters: [stiffness (optional), damping (optional), robot_compliance (optional)]
+    parameters: [stiffness (optional), damping (optional), dissipation (optional), robot_compliance (optional)]
     ```
 
     displacement: shape (n,), dx along n from the undeformed surface, motor side [m]; pressing is negative.
@@ -92,11 +133,14 @@ class CompliantContact(BatchBlock):
     when `stiffness` or `damping` is None.
     contact_force: shape (n,), >= 0 [N]. Feedthrough of all inputs.
 
-    Parameters (Context, shape (n,)): stiffness K_E [N/m] > 0, damping D_E [N s/m] >= 0, robot_compliance C_R [m/N] >=
-    0.
+    Parameters (Context, shape (n,)): stiffness K_E [N/m] > 0, damping D_E [N s/m] >= 0, dissipation d_E [s/m] > 0,
+    robot_compliance C_R [m/N] >= 0.
 
-    Sampling: with any damping the deformation of the environment is a discrete state, updated every `period` [s];
-    without, the block has no state and no events (then damping cannot be changed later).
+    Sampling: with any damping or dissipation the deformation of the environment is a discrete state, updated every
+    `period` [s]; without, the block has no state and no events (then neither can be changed later).
+
+    Args:
+        dissipation: d_E in place of any damping; 0: none [s/m].
     """
 
     _compliance_is_parameter = True  # else `_situation` has it
@@ -107,16 +151,22 @@ class CompliantContact(BatchBlock):
         *,
         stiffness: ArrayLike | None,
         damping: ArrayLike | None = 0.0,
+        dissipation: float = 0.0,
         robot_compliance: ArrayLike = 0.0,
         period: float = 0.002,
     ):
         self._period = check("period", period, "positive")
         self._damped = damping is None or bool(np.any(batch_values("damping", damping, size, "not negative") > 0))
+        self._dissipates = check("dissipation", dissipation, "not negative") > 0
+        if self._dissipates and self._damped:
+            raise invalid("dissipation", dissipation, "0 with damping")
         parameters = {}
         if stiffness is not None:
             parameters["stiffness"] = BatchParameter(stiffness, "positive and finite", "N/m")
         if self._damped and damping is not None:
             parameters["damping"] = BatchParameter(damping, "not negative", "N s/m")
+        if self._dissipates:
+            parameters["dissipation"] = BatchParameter(dissipation, "positive and finite", "s/m")
         if self._compliance_is_parameter:
             parameters["robot_compliance"] = BatchParameter(robot_compliance, "not negative", "m/N")
         super().__init__(size, parameters)
@@ -124,7 +174,7 @@ class CompliantContact(BatchBlock):
         given = {"surface_stiffness": stiffness, "surface_damping": damping}
         self._surface = [self.DeclareVectorInputPort(name, size) if v is None else None for name, v in given.items()]
         reads |= {port.ticket() for port in self._surface if port is not None}
-        if self._damped:
+        if self._damped or self._dissipates:
             self._z = self.DeclareDiscreteState(size)
             reads.add(self.discrete_state_ticket(self._z))
             self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._update)
@@ -140,9 +190,9 @@ class CompliantContact(BatchBlock):
         return self.batch_value(self._displacement.Eval(context)), None
 
     def derive(self, values: tuple[BatchValue, ...]) -> tuple[BatchValue, ...]:
-        """(K_E, D_E/h, C_R, 1/C_T); None where it is no parameter."""
+        """(K_E, D_E/h or d_E/h, C_R, 1/C_T); None where it is no parameter."""
         named = dict(zip(self.parameter_names, values, strict=True))
-        rate = named["damping"] / self._period if "damping" in named else 0.0
+        rate = named.get("damping", named.get("dissipation", 0.0)) / self._period
         stiffness, compliance, total = named.get("stiffness"), named.get("robot_compliance"), None
         if stiffness is not None and compliance is not None:
             total = stiffness / (1 + compliance * stiffness)
@@ -160,9 +210,11 @@ class CompliantContact(BatchBlock):
             if damping is not None:
                 rate = self.batch_value(damping.Eval(context)) / self._period
             total = stiffness / (1 + compliance * stiffness)
-        if not self._damped:
+        if not (self._damped or self._dissipates):
             return elastic_force(dx, total, self.math), None
         z = self.batch_value(context.get_discrete_state(self._z).value())
+        if self._dissipates:
+            return dissipative_contact(dx, z, stiffness, rate, compliance, self.math)
         return damped_contact(dx, z, stiffness, rate, compliance, self.math)
 
     def _force(self, context: Context, output: BasicVector) -> None:
@@ -214,7 +266,7 @@ class LinearContact(Diagram):
 
 @dataclass(kw_only=True)
 class EnvironmentConfig(Config, in_batches=True):
-    """Scenario part `environment: !Surface`: what the tool of an arm presses on, touching it at the start."""
+    """Scenario part `environment: !Surface`: what the tool of an arm presses on, touching it at the start or not."""
 
     arm: str = key("", "which arm presses; empty: the first")
     normal: list[float] = key([], "outward normal in W; empty: the station's", bounds="not all zero", size=3)
@@ -222,13 +274,27 @@ class EnvironmentConfig(Config, in_batches=True):
         5.9e3, "K_E where surface.materials does not say otherwise", unit="N/m", bounds="positive", each=True
     )
     damping: float = key(0.0, "D_E where surface.materials does not say otherwise", unit="N s/m", bounds="not negative")
+    dissipation: float = key(
+        0.0, "d_E of Hunt and Crossley, F = K_E z (1 + d_E z'), in place of damping", unit="s/m", bounds="not negative"
+    )
+    friction: float = key(
+        0.0, "Coulomb's, against the tool (Multibody only)", unit="1", bounds="not negative and at most 2"
+    )
     one_sided: bool = key(True, "false: the linear two-sided spring (OneDimensional only)")
     surface: SurfaceConfig = key(SurfaceConfig, "its shape and materials; flat by default")
 
     def __post_init__(self) -> None:
         super().__post_init__()
+        if self.dissipation:
+            for name, other in (("damping", self.damping), ("surface.materials", self.surface.materials)):
+                if other:
+                    raise invalid("dissipation", self.dissipation, f"0 with {name}")
+            if not self.one_sided:
+                raise invalid("dissipation", self.dissipation, "0 with one_sided = false")
         if not self.one_sided and self.damping and not self.surface.uniform:
             raise invalid("damping", self.damping, "0 with one_sided = false and heights")
+        if not self.one_sided and self.surface.gap:
+            raise invalid("one_sided", False, "true with surface.gap")
         if not self.one_sided and self.surface.materials is not None:
             raise invalid("one_sided", False, "true with surface.materials")
 
@@ -283,6 +349,11 @@ class EnvironmentConfig(Config, in_batches=True):
             return builder.AddNamedSystem("contact", linear)
         stiffness, damping = self.contact_values
         block = CompliantContact(
-            size, stiffness=stiffness, damping=damping, robot_compliance=robot_compliance, period=period
+            size,
+            stiffness=stiffness,
+            damping=damping,
+            dissipation=self.dissipation,
+            robot_compliance=robot_compliance,
+            period=period,
         )
         return builder.AddNamedSystem("contact", block)

@@ -18,6 +18,7 @@ from pydrake.multibody.tree import BodyIndex, Frame, FrameIndex, ModelInstanceIn
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
 
 from forcectl.errors import BadInputError, unknown
+from forcectl.framework.kernels import cross
 
 Array = NDArray[np.float64]
 
@@ -61,8 +62,7 @@ class ContactReader:
             yield BodyContact(int(pair.bodyA_index()), int(pair.bodyB_index()), pair.contact_point(), wrench)
         for i in range(results.num_hydroelastic_contacts()):
             touch = results.hydroelastic_contact_info(i)
-            surface, on_a = touch.contact_surface(), touch.F_Ac_W()
-            wrench = -np.concatenate([on_a.rotational(), on_a.translational()])
+            surface, wrench = touch.contact_surface(), -touch.F_Ac_W().get_coeffs()
             yield BodyContact(self._body_of[surface.id_M()], self._body_of[surface.id_N()], surface.centroid(), wrench)
 
 
@@ -102,7 +102,7 @@ def wrench_between(
     for contact in contacts:
         for body, other, sign in ((contact.body_b, contact.body_a, 1.0), (contact.body_a, contact.body_b, -1.0)):
             if body in on and (other not in on if by is None else other in by):
-                total[:3] += sign * (contact.wrench[:3] + np.cross(contact.point - point, contact.wrench[3:]))
+                total[:3] += sign * (contact.wrench[:3] + cross(contact.point - point, contact.wrench[3:]))
                 total[3:] += sign * contact.wrench[3:]
     return total
 

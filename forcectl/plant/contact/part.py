@@ -6,6 +6,7 @@ give way. While the gripper of the arm is open the part is free; how it is taken
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
@@ -116,9 +117,9 @@ class PartConfig(Config):
         shipped = {file.stem: file for file in sorted((models_folder() / "parts").glob("*.urdf"))}
         if self.model in shipped:
             return shipped[self.model]
-        path = Path(self.model).expanduser()
+        path = Path(os.path.expanduser(self.model))
         if path.suffix.lower() not in _FILES:
             raise unknown("part (neither shipped nor a URDF or SDF file)", self.model, shipped).at("model")
-        if not path.is_file():
+        if not os.path.isfile(path):
             raise BadInputError(f" = {self.model!r}: there is no such file", key="model")
         return path

@@ -5,10 +5,12 @@ from __future__ import annotations
 from collections.abc import Sequence
 
 import numpy as np
-from pydrake.common.value import AbstractValue
+from pydrake.common.value import AbstractValue, Value
 from pydrake.math import RigidTransform
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from forcectl.framework.cache import BlockCache
 
 
 class PartPose(LeafSystem):
@@ -37,14 +39,25 @@ class PartPose(LeafSystem):
         super().__init__()
         self._at = [(int(frame.body().index()), frame.GetFixedPoseInBodyFrame()) for frame in frames]
         self._poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
+        # Poses of all bodies come as a list, which takes longer than the rest: once for both ports.
+        self._here = BlockCache(
+            self,
+            "poses of the frames",
+            lambda: Value[object](()),
+            lambda block, context, value: value.set_value(block._frames(context)),
+            {self._poses.ticket()},
+        )
+        made = {self._here.ticket()}
         for name, size, show in (("part_position", 3, self._position), ("part_orientation", 4, self._orientation)):
-            self.DeclareVectorOutputPort(name, size * len(frames), show, prerequisites_of_calc={self._poses.ticket()})
+            self.DeclareVectorOutputPort(name, size * len(frames), show, prerequisites_of_calc=made)
+
+    def _frames(self, context: Context) -> list[RigidTransform]:
+        poses = self._poses.Eval(context)
+        return [poses[body] @ X_BF for body, X_BF in self._at]
 
     def _position(self, context: Context, output: BasicVector) -> None:
-        poses = self._poses.Eval(context)
-        output.SetFromVector(np.concatenate([poses[body] @ X_BF.translation() for body, X_BF in self._at]))
+        output.SetFromVector(np.concatenate([pose.translation() for pose in self._here.Eval(context)]))
 
     def _orientation(self, context: Context, output: BasicVector) -> None:
-        poses = self._poses.Eval(context)
-        turns = [poses[body].rotation() @ X_BF.rotation() for body, X_BF in self._at]
-        output.SetFromVector(np.concatenate([turn.ToQuaternion().wxyz() for turn in turns]))
+        turns = [pose.rotation().ToQuaternion().wxyz() for pose in self._here.Eval(context)]
+        output.SetFromVector(np.concatenate(turns))

@@ -11,6 +11,7 @@ when the station is built. The contact normal stays n; lateral forces of flanks 
 from __future__ import annotations
 
 import math
+from collections.abc import Sequence
 from dataclasses import dataclass
 from itertools import pairwise
 from typing import Any, Protocol
@@ -23,6 +24,7 @@ from forcectl.errors import BadInputError, invalid, one_line
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.series_file import read_series
 from forcectl.plant.contact.surface_materials import MaterialsConfig
+from forcectl.plant.contact.surface_moves import SurfaceMoveConfig
 
 Array = NDArray[np.float64]
 GRID = 2e-5  # distance of the points of a profile [m]
@@ -91,7 +93,8 @@ def ball_envelope(profile: Array, step: float, radius: float) -> Array:
 class SurfaceProfile:
     """Height of the surface under the tool, over the path coordinate.
 
-    h(s) = slope s + a table joined by straight lines, which keeps its last value beyond its ends; h(0) = 0.
+    h(s) = slope s + a table joined by straight lines, which keeps its last value beyond its ends; h(0) = 0, or
+    minus the gap.
 
     Attributes:
         start: of the table [m].
@@ -122,21 +125,27 @@ class SurfaceHeight(LeafSystem):
     output_ports: [surface_height]
     ```
 
-    path_position: shape (1,), s [m]. surface_height: shape (1,), h(s) [m]. Feedthrough.
+    path_position: shape (1,), s [m]. surface_height: shape (1,), h(s, t) [m]. Feedthrough.
 
     Sampling: none; a linear look-up when read.
+
+    Args:
+        profile: h(s).
+        moves: of the whole surface over time, see `SurfaceMoveConfig`.
     """
 
     port_units = {"path_position": "m", "surface_height": "m"}
 
-    def __init__(self, profile: SurfaceProfile):
+    def __init__(self, profile: SurfaceProfile, moves: Sequence[SurfaceMoveConfig] = ()):
         super().__init__()
         # Lists of floats: numpy is slow on single numbers.
         self._heights = profile.heights.tolist()
         self._rises = np.diff(profile.heights).tolist()
         self._start, self._scale, self._slope = profile.start, 1 / profile.step, profile.slope
+        self._moves = tuple(moves)
         self._position = self.DeclareVectorInputPort("path_position", 1)
-        self.DeclareVectorOutputPort("surface_height", 1, self._height, prerequisites_of_calc={self._position.ticket()})
+        reads = {self._position.ticket()} | ({self.time_ticket()} if self._moves else set())
+        self.DeclareVectorOutputPort("surface_height", 1, self._height, prerequisites_of_calc=reads)
 
     def _height(self, context: Context, output: BasicVector) -> None:
         s = self._position.Eval(context).item()
@@ -146,6 +155,8 @@ class SurfaceHeight(LeafSystem):
             height = self._heights[i] + (at - i) * self._rises[i]
         else:
             height = self._heights[-1 if at > 0 else 0]
+        if self._moves:
+            height += sum(move.height(context.get_time()) for move in self._moves)
         output.SetAtIndex(0, self._slope * s + height)
 
 
@@ -267,6 +278,10 @@ class SurfaceConfig(Config, in_batches=True):
         unit="1",
         bounds=f"from {-_STEEPEST:g} to {_STEEPEST:g}",
     )
+    gap: float = key(
+        0.0, "distance of the tool from the surface at the start", unit="m", bounds=f"from 0 to {_HIGHEST:g}"
+    )
+    moves: list[SurfaceMoveConfig] = key([], "of the whole surface along its normal, over time")
     heights: dict[str, Any] = slot("surface", dict, meaning="by name")
     materials: MaterialsConfig | None = key(None, "instead of one stiffness and damping everywhere; null: one material")
 
@@ -277,9 +292,9 @@ class SurfaceConfig(Config, in_batches=True):
 
     @property
     def flat(self) -> bool:
-        """Whether the surface is the plane through the start, perpendicular to n."""
-        smooth = self.materials is None or self.materials.flat
-        return smooth and self.slope == 0 and not self.heights
+        """Whether the surface is the plane through the start, perpendicular to n: touched, even, at rest."""
+        smooth = (self.materials is None or self.materials.flat) and not self.moves
+        return smooth and self.slope == 0 and self.gap == 0 and not self.heights
 
     @property
     def uniform(self) -> bool:
@@ -309,7 +324,7 @@ class SurfaceConfig(Config, in_batches=True):
             materials = self.materials.path()
             z += materials.along(materials.height, s)
         h = ball_envelope(z, GRID, ball_radius)
-        return SurfaceProfile(float(s[0]), GRID, h - h[len(s) // 2], self.slope)
+        return SurfaceProfile(float(s[0]), GRID, h - h[len(s) // 2] - self.gap, self.slope)
 
     def _grid(self) -> Array:
         half = round(self.length / GRID)

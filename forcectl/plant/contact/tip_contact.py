@@ -28,17 +28,17 @@ class TipContact(CompliantContact):
     name: TipContact
     input_ports: [motor_position, surface_height (optional), surface_stiffness (optional), surface_damping (optional)]
     output_ports: [contact_force]
-    parameters: [stiffness (optional), damping (optional)]
+    parameters: [stiffness (optional), damping (optional), dissipation (optional)]
     ```
 
     motor_position: shape (n_q,) [rad]. surface_height: shape (1,), h along n [m]; with `uneven` only.
     surface_stiffness, surface_damping: shape (1,), see `CompliantContact`.
     contact_force: shape (1,), >= 0 [N]. Feedthrough of all inputs.
 
-    Parameters (Context, shape (1,)): stiffness K_E [N/m] > 0, damping D_E [N s/m] >= 0.
+    Parameters (Context, shape (1,)): stiffness K_E [N/m] > 0, damping D_E [N s/m] >= 0, dissipation d_E [s/m] > 0.
 
     Sampling: every `posture_period` [s] tangent of the path and compliance of the robot, if the posture has changed;
-    every `period` [s] the deformation of a damped environment.
+    every `period` [s] the deformation of an environment with damping or dissipation.
 
     Args:
         robot: kinematics.
@@ -46,6 +46,7 @@ class TipContact(CompliantContact):
         start: q_0, shape (n_q,) [rad].
         joint_stiffness: shape (n_q,) [Nm/rad]; infinite for rigid joints, which then have rigid links too.
         stiffness, damping: of the environment; None: from the ports.
+        dissipation: of the environment, in place of any damping; 0: none [s/m].
     """
 
     _compliance_is_parameter = False
@@ -59,6 +60,7 @@ class TipContact(CompliantContact):
         *,
         stiffness: ArrayLike | None,
         damping: ArrayLike | None = 0.0,
+        dissipation: float = 0.0,
         uneven: bool = False,
         period: float = 0.002,
         posture_period: float = 0.04,
@@ -68,7 +70,7 @@ class TipContact(CompliantContact):
         self._rigid = not np.isfinite(self._joint_stiffness).any()
         self._start, self._uneven = batch_values("start", start, robot.num_joints), uneven
         self._posture_period = check("posture_period", posture_period, "positive")
-        super().__init__(1, stiffness=stiffness, damping=damping, period=period)
+        super().__init__(1, stiffness=stiffness, damping=damping, dissipation=dissipation, period=period)
 
     def _declare_inputs(self) -> set[object]:
         self._position = self.DeclareVectorInputPort("motor_position", self._robot.num_joints)

@@ -1,6 +1,6 @@
-"""Force sensor: bias, noise, range, quantisation, taring, transport delay and second-order filter, in this order.
+"""Force sensor: bias, drift, noise, range, quantisation, taring, delay and second-order filter, in this order.
 
-    y = filter( delay( quantise( saturate( F + bias + noise ) ) - tare ) )
+    y = filter( delay( quantise( saturate( F + bias + drift t + noise ) ) - tare ) )
 
 The noise is white per control tick and a pure function of (seed, element, tick), so a run gives the same bits in any
 process, after a reset, and for one element of a batch. The filter is discretised with a first-order hold, which is
@@ -62,28 +62,32 @@ class Converter(NamedTuple):
     lower: BatchValue  # its other end [N]
     quantum: BatchValue  # [N]; 1 where there is none
     quantised: Any  # whether there is one; None when there is one in every batch element
+    drift: Any  # of the zero [N/s]; None without
 
 
-def converter(bias: BatchValue, noise_std: BatchValue, quantum: BatchValue, limit: BatchValue) -> Converter:
+def converter(
+    bias: BatchValue, noise_std: BatchValue, quantum: BatchValue, limit: BatchValue, drift: BatchValue = 0.0
+) -> Converter:
     """The numbers `digitise` needs; quantum = 0 [N]: not quantised."""
     exists = quantum > 0
-    return Converter(bias, noise_std, limit, -limit, quantum + (1 - exists), None if np.all(exists) else exists)
+    whole, drifts = None if np.all(exists) else exists, drift if np.any(drift) else None
+    return Converter(bias, noise_std, limit, -limit, quantum + (1 - exists), whole, drifts)
 
 
 def digitise(force: BatchValue, noise: BatchValue, channel: Converter, m: Any = np) -> BatchValue:
     """The raw reading of a true force [N]: bias and noise (unit white, times its deviation), range, whole quanta."""
-    bias, noise_std, upper, lower, quantum, quantised = channel
+    bias, noise_std, upper, lower, quantum, quantised, _ = channel
     seen = m.maximum(m.minimum(force + (bias + noise_std * noise), upper), lower)
     rounded = quantum * m.floor(seen / quantum + 0.5)
     return rounded if quantised is None else m.where(quantised, rounded, seen)
 
 
 class SensorElectronics(BatchBlock):
-    """Base of the blocks that digitise: bias, noise, range, quantisation and taring of n channels.
+    """Base of the blocks that digitise: bias, drift, noise, range, quantisation and taring of n channels.
 
     Parameters (Context, shape (n,)): bias, noise_std >= 0 (standard deviation per tick), quantum >= 0, range > 0, all
-    in the unit of the channel. Taring: with `tare` the first reading without noise becomes the zero (state, set by an
-    initialisation event).
+    in the unit of the channel, and drift in that per second. Taring: with `tare` the first reading without noise
+    becomes the zero (state, set by an initialisation event).
 
     A subclass declares its ports in `declare_ports`, says what the channels feel in `feels`, and reads with `read`.
 
@@ -100,6 +104,7 @@ class SensorElectronics(BatchBlock):
         noise_std: ArrayLike = 0.0,
         quantum: ArrayLike = 0.0,
         range: ArrayLike = np.inf,
+        drift: ArrayLike = 0.0,
         tare: bool = True,
         seed: int | list[int] = 0,
         unit: str = "N",
@@ -112,6 +117,7 @@ class SensorElectronics(BatchBlock):
                 "noise_std": BatchParameter(noise_std, "not negative", unit),
                 "quantum": BatchParameter(quantum, "not negative", unit),
                 "range": BatchParameter(range, "positive", unit),
+                "drift": BatchParameter(drift, "finite", ",".join(f"{each}/s" for each in unit.split(","))),
             },
         )
         self._period = check("period", period, "positive")
@@ -144,7 +150,10 @@ class SensorElectronics(BatchBlock):
         next_state.set_value(self._tare, self.stack(quiet))
 
     def _raw(self, context: Context, felt: NDArray[np.float64], noise: NDArray[np.float64]) -> BatchValue:
-        return digitise(self.batch_value(felt), self.batch_value(noise), self.values(context), self.math)
+        channel, force = self.values(context), self.batch_value(felt)
+        if channel.drift is not None:
+            force = force + channel.drift * context.get_time()
+        return digitise(force, self.batch_value(noise), channel, self.math)
 
     def read(self, context: Context, felt: NDArray[np.float64]) -> BatchValue:
         """The reading of the channels that feel `felt`, shape (n,)."""
@@ -162,7 +171,7 @@ class ForceDigitiser(SensorElectronics):
     name: ForceDigitiser
     input_ports: [force]
     output_ports: [reading]
-    parameters: [bias, noise_std, quantum, range]
+    parameters: [bias, noise_std, quantum, range, drift]
     ```
 
     force: shape (n,), true force or wrench component [N or Nm].
@@ -225,7 +234,7 @@ def sensor_filter(
 class ForceSensor(Diagram):
     """A force sensor of n channels: `ForceDigitiser`, then `sensor_filter`.
 
-    The digitiser, and taring with it, is left out when there is neither bias, noise, quantum nor range.
+    The digitiser, and taring with it, is left out when there is neither bias, drift, noise, quantum nor range.
 
     ```
     name: ForceSensor
@@ -248,6 +257,7 @@ class ForceSensor(Diagram):
         quantum: ArrayLike = 0.0,
         bias: ArrayLike = 0.0,
         range: ArrayLike = np.inf,
+        drift: ArrayLike = 0.0,
         delay: float = 0.0,
         tare: bool = True,
         seed: int | list[int] = 0,
@@ -261,7 +271,7 @@ class ForceSensor(Diagram):
         self.port_units = {"force": unit, "measured_force": unit}
         builder = DiagramBuilder()
         filter_ = builder.AddNamedSystem("filter", sensor_filter(size, bandwidth, damping_ratio, period, ticks))
-        if np.any(noise_std) or np.any(quantum) or np.any(bias) or np.any(np.isfinite(range)):
+        if any(map(np.any, (noise_std, quantum, bias, drift, np.isfinite(range)))):
             digitiser = ForceDigitiser(
                 size,
                 unit=unit,
@@ -269,6 +279,7 @@ class ForceSensor(Diagram):
                 noise_std=noise_std,
                 quantum=quantum,
                 range=range,
+                drift=drift,
                 tare=tare,
                 seed=seed,
                 period=period,
@@ -293,6 +304,7 @@ class ForceSensorConfig(Config, in_batches=True):
     )
     quantum: float = key(0.05, "step of the readings; 0: none", unit="N", bounds="not negative", each=True)
     bias: float = key(0.0, "offset of the readings", unit="N", each=True)
+    drift: float = key(0.0, "rate of the zero, of a sensor that warms up", unit="N/s", each=True)
     tare: bool = key(True, "true: the first reading becomes zero")
     delay: float = key(
         0.0, "transport delay, whole control ticks", unit="s", bounds=f"not negative, at most {LONGEST_DELAY:g}"
@@ -324,6 +336,7 @@ class ForceSensorConfig(Config, in_batches=True):
             noise_std=self.noise_std,
             quantum=self.quantum,
             bias=self.bias,
+            drift=self.drift,
             range=self.range,
             delay=self.delay,
             # Without bias the first reading is zero already.

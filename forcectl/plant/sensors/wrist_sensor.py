@@ -9,6 +9,7 @@ tared in the start posture has that posture's weight in its zero already.
 
 from __future__ import annotations
 
+from collections.abc import Sequence
 from typing import TypedDict
 
 import numpy as np
@@ -31,6 +32,7 @@ class Electronics(TypedDict):
     """Arguments of `SensorElectronics` for the six channels [torque; force], in [Nm, N]."""
 
     bias: ArrayLike
+    drift: ArrayLike
     noise_std: ArrayLike
     quantum: ArrayLike
     range: ArrayLike
@@ -57,7 +59,7 @@ class WristSensor(SensorElectronics):
     name: WristSensor
     input_ports: [reaction_forces, motor_position]
     output_ports: [readings]
-    parameters: [bias, noise_std, quantum, range]
+    parameters: [bias, noise_std, quantum, range, drift]
     ```
 
     reaction_forces: abstract, list of SpatialForce of the plant.
@@ -79,9 +81,13 @@ class WristSensor(SensorElectronics):
         robot: kinematics and tool.
         n: unit normal in W, shape (3,).
         start: q_0, shape (n_q,) [rad].
-        electronics: bias, noise_std, quantum, range, tare, seed and period of `SensorElectronics`; with `tare` the
-            sensor was made zero in the start posture, weight of the tool included.
+        cross_talk: what the channels show of each other, shape (6, 6), identity without, see `random_cross_talk`; None:
+            nothing.
+        electronics: bias, drift, noise_std, quantum, range, tare, seed and period of `SensorElectronics`; with `tare`
+            the sensor was made zero in the start posture, weight of the tool included.
     """
+
+    REFRESHED = "posture"  # by its events, for block diagrams: the readings do not wait for them
 
     def __init__(
         self,
@@ -93,6 +99,7 @@ class WristSensor(SensorElectronics):
         start: Vector,
         *,
         posture_period: float = 0.01,
+        cross_talk: Vector | None = None,
         electronics: Electronics,
     ):
         joints = list(plant.GetJointIndices())
@@ -102,6 +109,7 @@ class WristSensor(SensorElectronics):
         self._start = batch_values("start", start, robot.num_joints)
         self._posture_period = check("posture_period", posture_period, "positive")
         self._zeroed = electronics["tare"]
+        self._cross_talk = cross_talk
         super().__init__(6, unit="Nm,N", **electronics)
 
     def declare_ports(self, unit: str) -> None:
@@ -136,19 +144,36 @@ class WristSensor(SensorElectronics):
             next_state.set_value(self._taken_at, q)
 
     def feels(self, context: Context) -> Vector:
-        """What the weld carries: environment and weight of everything beyond the sensor, at S in S."""
-        return -self._reactions.Eval(context)[self._rows[0]].get_coeffs()
+        """What the weld carries: environment and weight of everything beyond the sensor, at S in S; with cross-talk."""
+        return self._seen(self._reactions.Eval(context))
+
+    def _seen(self, reactions: Sequence[SpatialForce]) -> Vector:
+        carried: Vector = -reactions[self._rows[0]].get_coeffs()
+        return carried if self._cross_talk is None else self._cross_talk @ carried
 
     def _readings(self, context: Context, output: BasicVector) -> None:
         reactions = self._reactions.Eval(context)
-        wrist, mounting = self._rows
         orientation = context.get_discrete_state(self._orientation).value()
         readings = np.empty(8)
-        readings[:6] = self.read(context, -reactions[wrist].get_coeffs())
+        readings[:6] = self.read(context, self._seen(reactions))
         readings[:6] -= orientation[3:]
         readings[6] = orientation[:3] @ readings[3:6]
-        readings[7] = reactions[mounting].translational()[2]
+        readings[7] = reactions[self._rows[1]].translational()[2]
         output.SetFromVector(readings)
+
+
+def random_cross_talk(largest: float, scale: Vector, seed: int) -> Vector:
+    """What the channels of a sensor show of each other, shape (n, n), the same for the same seed.
+
+    Args:
+        largest: share of its range that a channel shows of another one that is at the end of its own [1].
+        scale: ranges of the channels relative to each other, shape (n,).
+        seed: of the shares, which are uniform in +-largest.
+    """
+    n = len(scale)
+    shares = np.random.default_rng((seed, n)).uniform(-largest, largest, (n, n)) * np.outer(scale, 1 / scale)
+    np.fill_diagonal(shares, 1.0)
+    return shares
 
 
 def sensor_frame(robot: RobotModel) -> Frame:

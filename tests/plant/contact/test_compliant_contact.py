@@ -17,6 +17,7 @@ from forcectl.plant.contact.compliant_contact import (
     EnvironmentConfig,
     LinearContact,
     damped_contact,
+    dissipative_contact,
     elastic_force,
 )
 from forcectl.plant.contact.surface import SurfaceConfig
@@ -260,3 +261,74 @@ def test_config_adds_the_block(one_sided, kind):
     assert isinstance(block, kind)
     np.testing.assert_allclose(force_at(block, [-1e-3, -2e-3]), [10.0, 20.0])
     np.testing.assert_allclose(force_at(block, [1e-3, 0.0]), [0.0 if one_sided else -10.0, 0.0])
+
+
+def test_a_two_sided_spring_cannot_start_away_from_the_tool():
+    with pytest.raises(BadInputError, match=r"one_sided = False: must be true with surface.gap"):
+        EnvironmentConfig(one_sided=False, surface=SurfaceConfig(gap=0.01))
+
+
+@given(displacements, st.floats(0.0, 1e-2), stiffnesses, st.floats(0.1, 1e3), compliances)
+@settings(max_examples=50)
+def test_a_step_with_dissipation_fulfils_its_own_equations(dx, z, k, rate, c_r):
+    """-dx = C_R F + z+ while touching and F = K z+ (1 + d/h (z+ - z)); never pulling; free relaxation when lost."""
+    force, after = dissipative_contact(dx, z, k, rate, c_r)
+    assert force >= 0.0
+    if force > 0.0:
+        assert -dx == pytest.approx(c_r * force + after, abs=1e-11)
+        assert force == pytest.approx(k * after * (1 + rate * (after - z)), rel=1e-9, abs=1e-9)
+    else:
+        assert after == pytest.approx(max(z - 1 / rate, 0.0))
+        assert after >= -dx - 1e-12, "the surface has not passed through the tool"
+
+
+@pytest.mark.parametrize("c_r", [0.0, 3.2e-5])
+def test_dissipation_agrees_with_the_law_of_hunt_and_crossley(c_r):
+    """Pressed by a known force law: z(t) given, dx = -(C_R F + z), F = K z (1 + d z')."""
+    k, d, period = 5900.0, 20.0, 1e-4
+
+    def z(t: float) -> float:
+        return 1e-3 * (1 - math.cos(20 * t))
+
+    def truth(t: float) -> float:
+        return k * z(t) * (1 + d * 20e-3 * math.sin(20 * t))
+
+    block = CompliantContact(1, stiffness=k, dissipation=d, robot_compliance=c_r, period=period)
+    log = run_diagram(block, 0.3, period=period, inputs={"displacement": lambda t: -(c_r * truth(t) + z(t))})
+    expected = np.array([truth(t) for t in log.time])
+    assert expected.max() > 1.1 * 2e-3 * k  # beside the spring alone
+    np.testing.assert_allclose(log["contact_force"][:, 0], expected, atol=0.005 * expected.max())
+
+
+def test_a_surface_with_dissipation_takes_energy_begins_at_zero_and_never_pulls():
+    speed, k, d, period = 0.1, 1e4, 5.0, 1e-4
+
+    def dx(t: float) -> float:
+        return 1e-3 * math.cos(speed / 1e-3 * t)  # in and out of the surface, 0.1 m/s at the touch
+
+    block = CompliantContact(1, stiffness=k, dissipation=d, period=period)
+    log = run_diagram(block, 0.06, period=period, inputs={"displacement": dx})
+    force = log["contact_force"][:, 0]
+    assert force.min() == 0.0
+    assert np.diff(force).max() < 2 * k * speed * period * (1 + d * speed)
+    depth = np.array([-dx(t) for t in log.time])
+    taken = np.sum(0.5 * (force[1:] + force[:-1]) * np.diff(depth))
+    # Over one cycle of a sine: the integral of K d z z'^2.
+    assert taken == pytest.approx(k * d * 1e-3**3 * (speed / 1e-3) * 2 / 3, rel=0.02)
+
+
+@pytest.mark.parametrize(
+    ("changes", "refused"),
+    [
+        ({"damping": 10.0}, "dissipation = 2.0: must be 0 with damping"),
+        ({"one_sided": False}, "dissipation = 2.0: must be 0 with one_sided = false"),
+    ],
+)
+def test_dissipation_stands_in_place_of_other_laws(changes, refused):
+    with pytest.raises(BadInputError, match=refused):
+        EnvironmentConfig(dissipation=2.0, **changes)
+
+
+def test_a_block_has_damping_or_dissipation():
+    with pytest.raises(BadInputError, match=r"dissipation = 2.0: must be 0 with damping"):
+        CompliantContact(1, stiffness=5900.0, damping=10.0, dissipation=2.0)

@@ -294,3 +294,11 @@ def test_flat_is_what_has_nothing_on_it() -> None:
     assert SurfaceConfig(length=0.5, direction=[0.0, 1.0, 0.0]).flat
     for changes in ({"slope": 1e-6}, {"heights": {"a": GrooveConfig()}}, {"heights": {"b": RoughnessConfig()}}):
         assert not SurfaceConfig(**changes).flat
+
+
+def test_a_gap_is_below_the_start_and_not_flat() -> None:
+    surface = SurfaceConfig(gap=0.01, slope=0.1)
+    np.testing.assert_allclose(surface.profile(0.0).height([0.0, 0.05]), [-0.01, -0.005], atol=1e-15)
+    assert not SurfaceConfig(gap=0.01).flat
+    with pytest.raises(BadInputError, match=r"gap = -0\.01: must be from 0 to 0\.05"):
+        SurfaceConfig(gap=-0.01)

@@ -168,6 +168,15 @@ def test_the_reading_goes_through_bias_range_and_quanta_in_this_order():
     assert read(block, [-100.0, -18.0, -3.0], 1)[0].tolist() == [-20.0, -13.0, -2.75]
 
 
+def test_the_zero_drifts_from_the_start_on_and_taring_does_not_take_it_away():
+    block = ForceDigitiser(2, bias=1.0, drift=[0.5, 0.0], range=20.0)
+    samples = read(block, [3.0, 3.0], 1000) - read(ForceDigitiser(2, bias=1.0, range=20.0), [3.0, 3.0], 1000)
+    np.testing.assert_allclose(samples[:, 0], 0.5 * PERIOD * np.arange(1001), atol=1e-12)
+    assert not samples[:, 1].any()
+    sensor = ForceSensorConfig(noise_std=0.0, quantum=0.0, drift=-2.0).add_channels(DiagramBuilder(), PERIOD)
+    assert measure(sensor, np.full((1001, 1), 8.0))[-1].item() == pytest.approx(8.0 - 2.0 * (2.0 - 2 / 12.6), abs=1e-3)
+
+
 def test_noise_cannot_leave_the_range():
     samples = read(ForceDigitiser(1, noise_std=1.0, range=20.0, tare=False), 20.0, 500)
     assert np.max(samples) == 20.0

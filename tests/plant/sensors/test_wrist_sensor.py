@@ -13,11 +13,23 @@ from pydrake.multibody.tree import JacobianWrtVariable
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 
+from forcectl.diagrams.sensors import WristForceConfig
+from forcectl.diagrams.station import build_station
+from forcectl.diagrams.workcell import describe
 from forcectl.errors import BadInputError
-from forcectl.plant.sensors.wrist_sensor import Electronics, WristSensor, sensor_frame, tool_load, weight_matrix
+from forcectl.plant.sensors.wrist_sensor import (
+    Electronics,
+    WristSensor,
+    random_cross_talk,
+    sensor_frame,
+    tool_load,
+    weight_matrix,
+)
 from forcectl.robot.model import RobotModel
 from forcectl.robot.parts import add_robot
-from forcectl.testing import assert_ports
+from forcectl.testing import assert_ports, run_diagram
+from tests.examples.station_runs import multibody
+from tests.examples.stations import pressing
 
 START = np.deg2rad([0.0, 0.0, -90.0, 0.0, 90.0, 0.0])
 POSTURES = [
@@ -65,6 +77,7 @@ def tool_weight(robot: RobotModel, q: np.ndarray) -> np.ndarray:
 def electronics(**changes: object) -> Electronics:
     ideal = {
         "bias": 0.0,
+        "drift": 0.0,
         "noise_std": 0.0,
         "quantum": 0.0,
         "range": math.inf,
@@ -78,7 +91,15 @@ def electronics(**changes: object) -> Electronics:
 class Bench:
     """A sensor whose reactions are given by hand instead of by a plant."""
 
-    def __init__(self, robot: RobotModel, n: np.ndarray, *, posture_period: float = 0.01, **changes: object):
+    def __init__(
+        self,
+        robot: RobotModel,
+        n: np.ndarray,
+        *,
+        posture_period: float = 0.01,
+        cross_talk: np.ndarray | None = None,
+        **changes: object,
+    ):
         plant = MultibodyPlant(0.0)
         parts = add_robot(plant, "comau_smart_six", "force_probe")
         environment = plant.AddRigidBody("environment", parts.first_arm.tool_instance)
@@ -95,6 +116,7 @@ class Bench:
             n,
             START,
             posture_period=posture_period,
+            cross_talk=cross_talk,
             electronics=made,
         )
         self.sensor = sensor
@@ -282,3 +304,27 @@ def test_a_bad_period_is_refused(robot, period):
 def test_a_direction_that_is_none_is_refused(robot, n):
     with pytest.raises(BadInputError, match=r"normal|unit"):
         Bench(robot, n)
+
+
+def test_channels_show_a_share_of_each_other(robot):
+    scale = np.repeat([0.05, 1.0], 3)
+    shares = random_cross_talk(0.02, scale, seed=3)
+    np.testing.assert_array_equal(shares, random_cross_talk(0.02, scale, seed=3))
+    apart = shares / np.outer(scale, 1 / scale) - np.eye(6)
+    assert 0.005 < np.abs(apart).max() <= 0.02
+    assert not np.diag(apart).any()
+    load = wrench_at_sensor(robot, START, LOADS[2])
+    raw = load + tool_weight(robot, START)
+    seen = Bench(robot, NORMALS[2], cross_talk=shares).read(START, raw)[:6]
+    np.testing.assert_allclose(seen - load, (shares - np.eye(6)) @ raw, atol=1e-12)
+
+
+def test_cross_talk_of_a_station_is_that_of_its_seed_and_needs_six_channels():
+    sensor = {"noise_std": 0.0, "quantum": 0.0, "cross_talk": 0.02}
+    workcell = describe(multibody(force_sensor=WristForceConfig(**sensor)))
+    command = {"joint_position_command": workcell.motor_start + 0.005}
+    readings = [run_diagram(build_station(workcell, seed), 0.2, period=0.002, inputs=command) for seed in (1, 1, 2)]
+    wrenches = [log["measured_wrench"][-1].tolist() for log in readings]
+    assert wrenches[0] == wrenches[1] != wrenches[2]
+    with pytest.raises(BadInputError, match=r"cross_talk = 0.02: must be 0, or have a fidelity with dynamics"):
+        build_station(describe(pressing(fidelity="Kinematic", force_sensor=WristForceConfig(**sensor))))

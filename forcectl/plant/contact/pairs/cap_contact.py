@@ -1,15 +1,19 @@
-"""Contact of a cap that is turned on a mount, without meshes: three feet on a wavy face, and a stop that is the lock.
+"""Contact of a cap that is turned on a mount, without meshes: feet on a wavy face, and a stop that is the lock.
 
-The mount has three feet at a radius r in its face, 120 degrees apart; the cap's face is in its mouth, with waves of the
-height h = A sin(N angle) around its axis. Each foot i is a spring and a damper along the mouth's axis, with a third of
-K and D, and has Coulomb's friction, smooth below 1 mm/s::
+The mount has n feet at a radius r in its face, evenly around it; the cap's face is in its mouth, with waves of the
+height h = A sin(N angle) around its axis. The feet are firm, with k each, on a seat that is soft along the mouth's axis
+only: it gives way by s against K_s. Each foot has its share of the damping D, and Coulomb's friction, smooth below 1
+mm/s::
 
-    f_i = max(0, K (h_i - z_i)/3 + D (h_i' - z_i')/3)
+    f_i = max(0, k (h_i - z_i - s) + D (h_i' - z_i')/n),    K_s s = sum of max(0, k (h_i - z_i - s)),
+    1/K = 1/K_s + 1/(n k)
 
-so that K is the stiffness of the aligned contact, and K r^2/2 that against tilting. The slope of the waves is left
-out: N A/r, 0.04 with the defaults. While a foot touches, the lock is a torsional spring beyond its angle. Contact ends
-where the mount is r/2 beyond the face or r beside its axis, and where a gripper lets one of the parts go: what the
-locked parts do then is not modelled.
+so that K is the stiffness of the aligned contact. Against tilting it is n k r^2/2 while all feet touch; else what
+presses is at one foot or between two, r cos(pi/n) from the axis or more. The slope of the waves is left out: N A/r,
+0.04 with the defaults. While a foot touches, the lock is a torsional spring beyond its angle. Contact ends where the
+mount is r/2 beyond the face or r beside its axis, and where a gripper lets one of the parts go. Parts that are locked
+then, turned beyond the angle of the lock with a foot that touches, hold each other from there on, with the stiffness K
+along and that of the lock about all axes, see `locked_parts`.
 """
 
 from __future__ import annotations
@@ -24,13 +28,16 @@ from pydrake.multibody.plant import MultibodyPlant
 from pydrake.multibody.tree import Frame
 from pydrake.systems.framework import Context
 
+from forcectl.errors import invalid
 from forcectl.framework.fields import Config, key
 from forcectl.framework.kernels import cross_matrix
+from forcectl.plant.contact.pairs.locked_parts import displacement, holding_wrench
 from forcectl.plant.contact.pairs.pair_contact import EndMotion, PairContact, check_roles
+from forcectl.plant.contact.pairs.step_ahead import REMEMBERED, StepAhead
+from forcectl.robot.joint_tree import cross
 
 Array = NDArray[np.float64]
 _SLIP = 1e-3  # [m/s] below which friction is less than Coulomb's
-_FEET = np.array([[math.cos(angle), math.sin(angle), 0.0] for angle in 2 * np.pi * np.arange(3) / 3])
 
 
 @dataclass(kw_only=True)
@@ -42,10 +49,12 @@ class CapOnMountConfig(Config):
     tip: str = key("tip", "frame of the mount, in the middle of its feet, z backwards")
     mouth: str = key("mouth", "frame of the cap, in the middle of its face, z out of it")
     radius: float = key(12e-3, "r of the feet from the axis", unit="m", bounds="positive")
-    stiffness: float = key(1450.0, "K", unit="N/m", bounds="positive")
+    stiffness: float = key(1450.0, "K, along the axis, of all that is between the arms", unit="N/m", bounds="positive")
+    feet: int = key(3, "n", bounds="from 3 to 24")
+    foot_stiffness: float = key(2e4, "k, of each foot on the face; above K/n", unit="N/m", bounds="positive")
     damping: float = key(0.0, "D", unit="N s/m", bounds="not negative")
     friction: float = key(0.15, "Coulomb's", bounds="not negative")
-    waves: int = key(9, "N, waves of the face in a turn; a multiple of 3 lifts all feet alike", bounds="not negative")
+    waves: int = key(9, "N, waves of the face in a turn; a multiple of n lifts all feet alike", bounds="from 0 to 1000")
     waviness: float = key(0.05e-3, "A, height of the waves", unit="m", bounds="not negative")
     lock_deg: float = key(
         45.0, "angle of the mount in the cap from which on the lock turns back", unit="deg", bounds="from -170 to 170"
@@ -58,13 +67,16 @@ class CapOnMountConfig(Config):
     def __post_init__(self) -> None:
         super().__post_init__()
         check_roles(self)
+        if not self.feet * self.foot_stiffness > self.stiffness:
+            allowed = f"above {self.stiffness / self.feet:g}, the stiffness over the number of feet"
+            raise invalid("foot_stiffness", self.foot_stiffness, allowed)
 
     def check_models(self, tip: str, mouth: str) -> None:
         """Any models fit; see `PairContactPart`."""
 
     def contact(self, plant: MultibodyPlant, tip: Frame, mouth: Frame, time_step: float) -> PairContact:
         """See `PairContactPart`."""
-        return CapContact(tip, mouth, self)
+        return CapContact(plant, tip, mouth, self, time_step=time_step)
 
 
 class CapContact(PairContact):
@@ -83,32 +95,63 @@ class CapContact(PairContact):
     Feedthrough.
     contact_pair: abstract, tuple of no or one `BodyContact`, between the bodies of cap and mount. Feedthrough.
 
-    Sampling: none; evaluated when read. A discrete plant holds the force over its step h: parts that are held softly
-    need K h^2 well below their mass.
+    Sampling: every `time_step` [s] what the next step needs of this one, and whether and where the parts are locked;
+    the outputs are evaluated when read. A discrete plant holds the force of the feet over its step h: parts that are
+    held softly need K h^2 well below their mass. Locked parts need not.
 
     Args:
+        plant: finalized, see `StepAhead`.
         tip: frame of the mount.
         mouth: frame of the cap.
         config: sizes and coefficients.
+        time_step: h of the plant [s].
     """
 
-    def __init__(self, tip: Frame, mouth: Frame, config: CapOnMountConfig):
-        super().__init__(tip, mouth)
-        self._config, self._feet = config, config.radius * _FEET
+    def __init__(self, plant: MultibodyPlant, tip: Frame, mouth: Frame, config: CapOnMountConfig, *, time_step: float):
+        # Beside what the step needs: whether the parts are locked, orientation and place of the tip there.
+        super().__init__(tip, mouth, REMEMBERED + 13, time_step)
+        angles = 2.0 * np.pi * np.arange(config.feet) / config.feet
+        feet = np.column_stack([np.cos(angles), np.sin(angles), np.zeros(config.feet)])
+        self._config, self._feet = config, config.radius * feet
+        self._ahead = StepAhead(plant, tip, mouth, self._step)
+        self._holding = np.repeat([config.lock_stiffness, config.stiffness], 3)
 
     def wrench(self, context: Context, tip: EndMotion, mouth: EndMotion) -> tuple[Array, Array]:
         """See `PairContact`."""
-        nothing = np.zeros(6), np.zeros(0)
         R, p = mouth.R.T @ tip.R, mouth.R.T @ (tip.p - mouth.p)
-        r = self._config.radius
-        near = -0.5 * r < p[2] < r + self._config.waviness and math.hypot(p[0], p[1]) < r
-        if not near or any(self.released(context)):
-            return nothing
+        own, before = self._ahead.own_velocities(tip, mouth), context.get_discrete_state(self.memory).value()
+        released, lock = self.released(context), before[REMEMBERED:]
+        if any(released):
+            wrench = np.zeros(6)
+            if lock[0]:
+                mobility, free = self._ahead.free(R, p, own, before[:REMEMBERED], released)
+                displaced = displacement(R, p, lock[1:10].reshape(3, 3), lock[10:])
+                wrench = holding_wrench(self._holding, displaced, mobility, free, self._step)
+            return wrench, np.concatenate([self._ahead.remembered(own, wrench, released), lock])
         turning = mouth.R.T @ (tip.w - mouth.w)
         # Of the mount's point in the mouth, seen from the cap.
         moving = mouth.R.T @ (tip.v - mouth.v - cross_matrix(tip.w) @ (tip.p - mouth.p))
-        found = cap_wrench(self._config, self._feet @ R.T + p, R, turning, moving)
-        return (found, np.zeros(0)) if found.any() else nothing
+        wrench, lock = np.zeros(6), np.zeros(13)
+        if self._near(p):
+            wrench = cap_wrench(self._config, self._feet @ R.T + p, R, turning, moving)
+        if wrench.any() and beyond_lock(self._config, R) > 0:
+            lock = np.concatenate([[1.0], R.ravel(), p])
+        return wrench, np.concatenate([self._ahead.remembered(own, wrench, released), lock])
+
+    def _near(self, p: Array) -> bool:
+        r = self._config.radius
+        return bool(-0.5 * r < p[2] < r + self._config.waviness and math.hypot(p[0], p[1]) < r)
+
+
+def beyond_lock(config: CapOnMountConfig, rotation: Array) -> float:
+    """How far the mount is turned beyond the angle of the lock, at least 0 [rad].
+
+    Args:
+        config: sizes and coefficients.
+        rotation: of the mount in the cap, shape (3, 3).
+    """
+    psi, way = math.atan2(rotation[1, 0], rotation[0, 0]), math.copysign(1.0, config.lock_deg)
+    return max(way * psi - abs(math.radians(config.lock_deg)), 0.0)
 
 
 def cap_wrench(config: CapOnMountConfig, feet: Array, rotation: Array, turning: Array, moving: Array) -> Array:
@@ -116,7 +159,7 @@ def cap_wrench(config: CapOnMountConfig, feet: Array, rotation: Array, turning: 
 
     Args:
         config: sizes and coefficients.
-        feet: where they are, shape (3, 3) [m].
+        feet: where they are, shape (n, 3) [m].
         rotation: of the mount in the cap, shape (3, 3).
         turning: angular velocity of the mount in the cap [rad/s].
         moving: velocity of its point in the mouth [m/s].
@@ -126,16 +169,19 @@ def cap_wrench(config: CapOnMountConfig, feet: Array, rotation: Array, turning: 
     height = config.waviness * np.sin(angle)
     around = (feet[:, 0] * speed[:, 1] - feet[:, 1] * speed[:, 0]) / np.maximum(feet[:, 0] ** 2 + feet[:, 1] ** 2, 1e-9)
     rising = config.waviness * config.waves * np.cos(angle) * around
-    pressing = config.stiffness * (height - feet[:, 2]) + config.damping * (rising - speed[:, 2])
-    forces = np.zeros((3, 3))
-    forces[:, 2] = np.where(height > feet[:, 2], np.maximum(pressing, 0.0), 0.0) / 3.0
+    firm, overlap, n = config.foot_stiffness, height - feet[:, 2], len(feet)
+    seat = 1.0 / (1.0 / config.stiffness - 1.0 / (n * firm))
+    # Of all numbers of feet that may touch, that is right with which the seat gives way the most.
+    gives_way = max(0.0, float((np.cumsum(-np.sort(-overlap)) / (seat / firm + np.arange(1, n + 1))).max()))
+    pressing = firm * (overlap - gives_way) + config.damping * (rising - speed[:, 2]) / n
+    forces = np.zeros((n, 3))
+    forces[:, 2] = np.where(overlap > gives_way, np.maximum(pressing, 0.0), 0.0)
     if not forces.any():
         return np.zeros(6)
     slip = speed[:, :2]
     smooth = np.sqrt((slip**2).sum(axis=1) + _SLIP**2)
     forces[:, :2] = -(config.friction * forces[:, 2] / smooth)[:, None] * slip
-    torque = np.cross(feet, forces).sum(axis=0)
-    psi, way = math.atan2(rotation[1, 0], rotation[0, 0]), math.copysign(1.0, config.lock_deg)
-    beyond = max(way * psi - abs(math.radians(config.lock_deg)), 0.0)
-    torque[2] -= way * min(config.lock_stiffness * beyond, config.lock_torque)
+    torque = cross(feet, forces).sum(axis=0)
+    back = min(config.lock_stiffness * beyond_lock(config, rotation), config.lock_torque)
+    torque[2] -= math.copysign(back, config.lock_deg)
     return np.concatenate([torque, forces.sum(axis=0)])

@@ -12,12 +12,14 @@ from pydrake.math import RigidTransform
 from pydrake.multibody.math import SpatialForce, SpatialVelocity
 from pydrake.multibody.plant import ExternallyAppliedSpatialForce, MultibodyPlant
 from pydrake.multibody.tree import Frame
-from pydrake.systems.framework import BasicVector, Context, LeafSystem
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
 
 from forcectl.errors import invalid
-from forcectl.framework.cache import BlockCache
+from forcectl.framework.batch import check
+from forcectl.framework.cache import values_of_tick
 from forcectl.framework.kernels import cross_matrix
 from forcectl.plant.contact.contact_truth import BodyContact
+from forcectl.robot.robot_motion import pose_parts
 
 Array = NDArray[np.float64]
 
@@ -66,40 +68,52 @@ class EndMotion(NamedTuple):
     v: Array
 
 
+class _Contact(NamedTuple):
+    """The wrench on the body with the tip at the mouth.
+
+    Attributes:
+        wrench: in the axes of the mouth, shape (6,) [Nm, N].
+        in_world: torque and force in the world, shapes (3,) [Nm, N].
+        apart: from the mouth to the tip, shape (3,) [m].
+        place: of the mouth, shape (3,) [m].
+        remembered: for the next step.
+    """
+
+    wrench: Array
+    in_world: tuple[Array, Array]
+    apart: Array
+    place: Array
+    remembered: Array
+
+
 class PairContact(LeafSystem):
     """Contact between two frames of a plant, each fixed to a body: `tip` of the one, `mouth` of the other.
 
-    A subclass gives the wrench on the body with the tip, and what it remembers of it.
+    A subclass gives the wrench on the body with the tip, and what it remembers of it for the next step.
 
     Args:
         tip, mouth: frames of the plant.
         memory: size of the discrete state that `wrench` reads.
+        time_step: of the plant [s].
     """
 
     port_units = {"body_contact_wrench": "Nm,N", "released": "1"}
     optional_inputs = ("released",)
 
-    def __init__(self, tip: Frame, mouth: Frame, memory: int = 0):
+    def __init__(self, tip: Frame, mouth: Frame, memory: int, time_step: float):
         super().__init__()
-        self._ends = [(frame.body().index(), frame.GetFixedPoseInBodyFrame()) for frame in (tip, mouth)]
+        self._step = check("time_step", time_step, "positive")
+        self._ends = [(frame.body().index(), pose_parts(frame.GetFixedPoseInBodyFrame())) for frame in (tip, mouth)]
         self._poses = self.DeclareAbstractInputPort("body_poses", AbstractValue.Make([RigidTransform()]))
         self._velocities = self.DeclareAbstractInputPort(
             "body_velocities", AbstractValue.Make([SpatialVelocity.Zero()])
         )
         self._released = self.DeclareVectorInputPort("released", 2)
-        reads = {self._poses.ticket(), self._velocities.ticket(), self._released.ticket()}
-        if memory:
-            self.memory = self.DeclareDiscreteState(memory)  # the subclass declares its update
-            reads.add(self.discrete_state_ticket(self.memory))
+        self.memory = self.DeclareDiscreteState(memory)
+        inputs = {self._poses.ticket(), self._velocities.ticket(), self._released.ticket()}
         block: Any = ref(self)  # Drake keeps a block whose method it is given here
-        self._values = BlockCache(
-            self,
-            "wrench; torque and force in the world, tip from mouth, mouth; what is remembered",
-            lambda: AbstractValue.Make(BasicVector(18 + memory)),
-            lambda owner, context, value: value.get_mutable_value().SetFromVector(owner._compute(context)),
-            reads,
-        )
-        made = {self._values.ticket()}
+        self._contact = values_of_tick(self, inputs | {self.discrete_state_ticket(self.memory)})
+        made = {self._contact.ticket()}
         self.DeclareAbstractOutputPort(
             "spatial_forces",
             lambda: AbstractValue.Make([ExternallyAppliedSpatialForce()]),
@@ -113,6 +127,7 @@ class PairContact(LeafSystem):
             lambda context, output: block()._pair(context, output),
             prerequisites_of_calc=made,
         )
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=self._step, offset_sec=0.0, update=self._remember)
 
     def wrench(self, context: Context, tip: EndMotion, mouth: EndMotion) -> tuple[Array, Array]:
         """Wrench on the body with the tip at the mouth in its axes, shape (6,) [Nm, N]; what is to be remembered."""
@@ -127,42 +142,44 @@ class PairContact(LeafSystem):
 
     def remembered(self, context: Context) -> Array:
         """What `wrench` gives to be remembered at this time."""
-        found: Array = self._values.Eval(context).value()[18:]
-        return found
+        found: _Contact = self._contact.Eval(context)
+        return found.remembered
+
+    def _remember(self, context: Context, next_state: DiscreteValues) -> None:
+        next_state.set_value(self.memory, self.remembered(context))
 
     def _motion(self, poses: Any, velocities: Any, end: int) -> EndMotion:
-        body, X_BF = self._ends[end]
-        X_WB, V_WB = poses[int(body)], velocities[int(body)]
-        R_WB = X_WB.rotation().matrix()
-        arm, angular = R_WB @ X_BF.translation(), V_WB.rotational()
-        linear = V_WB.translational() + cross_matrix(angular) @ arm
-        return EndMotion(R_WB @ X_BF.rotation().matrix(), X_WB.translation() + arm, angular, linear)
+        body, (p_BF, R_BF) = self._ends[end]
+        (p_WB, R_WB), V_WB = pose_parts(poses[int(body)]), velocities[int(body)].get_coeffs()
+        arm, angular = R_WB @ p_BF, V_WB[:3]
+        return EndMotion(R_WB @ R_BF, p_WB + arm, angular, V_WB[3:] + cross_matrix(angular) @ arm)
 
-    def _compute(self, context: Context) -> Array:
+    def _compute(self, context: Context) -> _Contact:
         bodies = self._poses.Eval(context), self._velocities.Eval(context)
         tip, mouth = (self._motion(*bodies, end) for end in (0, 1))
         wrench, remembered = self.wrench(context, tip, mouth)
         in_world = (mouth.R @ wrench[:3], mouth.R @ wrench[3:])
-        return np.concatenate([wrench, *in_world, tip.p - mouth.p, mouth.p, remembered])
+        return _Contact(wrench, in_world, tip.p - mouth.p, mouth.p, remembered)
 
     def _apply(self, context: Context, output: AbstractValue) -> None:
-        torque, force, apart = self._values.Eval(context).value()[6:15].reshape(3, 3)
+        found = self._contact.Eval(context)
+        torque, force = found.in_world
         forces = []
         if force.any():
             # Each at the origin of its own frame.
-            both = ((torque - cross_matrix(apart) @ force, force), (-torque, -force))
-            for (body, X_BF), (moment, push) in zip(self._ends, both, strict=True):
+            both = ((torque - cross_matrix(found.apart) @ force, force), (-torque, -force))
+            for (body, (place, _)), (moment, push) in zip(self._ends, both, strict=True):
                 one = ExternallyAppliedSpatialForce()
-                one.body_index, one.p_BoBq_B = body, X_BF.translation()
+                one.body_index, one.p_BoBq_B = body, place
                 one.F_Bq_W = SpatialForce(moment, push)
                 forces.append(one)
         output.set_value(forces)
 
     def _pair(self, context: Context, output: AbstractValue) -> None:
-        values = self._values.Eval(context).value()
-        wrench, mouth = values[6:12].copy(), values[15:18].copy()
+        found = self._contact.Eval(context)
         (one, _), (other, _) = self._ends
-        output.set_value((BodyContact(int(other), int(one), mouth, wrench),) if wrench[3:].any() else ())
+        wrench = np.concatenate(found.in_world)
+        output.set_value((BodyContact(int(other), int(one), found.place, wrench),) if wrench[3:].any() else ())
 
     def _show(self, context: Context, output: BasicVector) -> None:
-        output.SetFromVector(self._values.Eval(context).value()[:6])
+        output.SetFromVector(self._contact.Eval(context).wrench)

@@ -9,11 +9,10 @@ from typing import ClassVar
 import numpy as np
 from numpy.typing import NDArray
 from pydrake.multibody.plant import MultibodyPlant
-from pydrake.multibody.tree import Frame, JacobianWrtVariable
-from pydrake.systems.framework import Context, DiscreteValues
+from pydrake.multibody.tree import Frame
+from pydrake.systems.framework import Context
 
 from forcectl.errors import invalid
-from forcectl.framework.batch import check
 from forcectl.framework.fields import key
 from forcectl.framework.kernels import cross_matrix
 from forcectl.models.make_parts import CLEARANCES
@@ -24,35 +23,10 @@ from forcectl.plant.contact.pairs.peg_in_bore import (
     contact_wrench,
     touching,
 )
+from forcectl.plant.contact.pairs.step_ahead import REMEMBERED, StepAhead
 
 Array = NDArray[np.float64]
 _NEAR = 0.02  # [m] of the tip above the mouth, below which contact is looked for
-
-
-def mobility_of(plant: MultibodyPlant, frame: Frame, step: float) -> Array:
-    """Velocity that an impulse at a frame gives it, in the default posture.
-
-    Springs and dampers of actuators count with what an implicit step makes of them.
-
-    Args:
-        plant: finalized.
-        frame: that moves; reference point and axes.
-        step: of the plant [s]; 0: without springs and dampers.
-
-    Returns:
-        W = J M^-1 J', shape (6, 6).
-    """
-    context = plant.CreateDefaultContext()
-    mass = plant.CalcMassMatrix(context)
-    for index in plant.GetJointActuatorIndices():
-        actuator = plant.get_joint_actuator(index)
-        if actuator.has_controller():
-            gains, row = actuator.get_controller_gains(), actuator.joint().velocity_start()
-            mass[row, row] += step * gains.d + step**2 * gains.p
-    world = plant.world_frame()
-    J = plant.CalcJacobianSpatialVelocity(context, JacobianWrtVariable.kV, frame, np.zeros(3), world, frame)
-    found: Array = J @ np.linalg.solve(mass, J.T)
-    return found
 
 
 @dataclass(kw_only=True)
@@ -107,45 +81,19 @@ class PegContact(PairContact):
     """
 
     def __init__(self, plant: MultibodyPlant, tip: Frame, mouth: Frame, config: PegInBoreConfig, *, time_step: float):
-        super().__init__(tip, mouth, 18)  # velocities of tip and mouth, wrench of the contact
+        super().__init__(tip, mouth, REMEMBERED, time_step)
         self._config, self._profile = config, PegProfile(config)
-        self._step = check("time_step", time_step, "positive")
-        frames = (tip, mouth)
-        held = [mobility_of(plant, frame, time_step) for frame in frames]
-        bare = [mobility_of(plant, frame, 0.0) for frame in frames]
-        # Of each end, held and free: W and W W0^-1.
-        self._ends_held = [(W, W @ np.linalg.pinv(W_0, 1e-9)) for W, W_0 in zip(held, bare, strict=True)]
-        self._ends_free = [(W_0, np.eye(6)) for W_0 in bare]
-        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=time_step, offset_sec=0.0, update=self._remember)
+        self._ahead = StepAhead(plant, tip, mouth, self._step)
 
     def wrench(self, context: Context, tip: EndMotion, mouth: EndMotion) -> tuple[Array, Array]:
         """See `PairContact`."""
         R, p = mouth.R.T @ tip.R, mouth.R.T @ (tip.p - mouth.p)
-        # Of each end in its own axes.
-        own = np.concatenate([tip.R.T @ tip.w, tip.R.T @ tip.v, mouth.R.T @ mouth.w, mouth.R.T @ mouth.v]).reshape(2, 6)
-        if p[2] > _NEAR or p @ p > self._profile.reach**2:
-            return np.zeros(6), np.concatenate([own.ravel(), np.zeros(6)])
-        state = context.get_discrete_state(self.memory).value()
-        before, wrench_before = state[:12].reshape(2, 6), state[12:]
-        # Of a velocity at the tip in its axes to that of the peg's point in the mouth.
-        move = np.zeros((6, 6))
-        move[:3, :3] = move[3:, 3:] = R
-        move[3:, :3] = cross_matrix(p) @ R
-        both = zip(self._ends_held, self._ends_free, self.released(context), strict=True)
-        kinds = [loose if yes else held for held, loose, yes in both]
-        wrenches = (move.T @ wrench_before, -wrench_before)
-        ends = [
-            now + recovery @ (now - then) - self._step * (mobility @ wrench)
-            for (mobility, recovery), now, then, wrench in zip(kinds, own, before, wrenches, strict=True)
-        ]
-        free = move @ ends[0] - ends[1]
-        mobility = move @ kinds[0][0] @ move.T + kinds[1][0]
-        turn = self._step * cross_matrix(free[:3])
-        touch = touching(self._profile, R + turn @ R, p + turn @ p + self._step * free[3:])
-        if touch is None:
-            return np.zeros(6), np.concatenate([own.ravel(), np.zeros(6)])
-        wrench = contact_wrench(touch, self._config, mobility, free, self._step)
-        return wrench, np.concatenate([own.ravel(), wrench])
-
-    def _remember(self, context: Context, next_state: DiscreteValues) -> None:
-        next_state.set_value(self.memory, self.remembered(context))
+        own, released, wrench = self._ahead.own_velocities(tip, mouth), self.released(context), np.zeros(6)
+        if p[2] < _NEAR and p @ p < self._profile.reach**2:
+            before = context.get_discrete_state(self.memory).value()
+            mobility, free = self._ahead.free(R, p, own, before, released)
+            turn = self._step * cross_matrix(free[:3])
+            touch = touching(self._profile, R + turn @ R, p + turn @ p + self._step * free[3:])
+            if touch is not None:
+                wrench = contact_wrench(touch, self._config, mobility, free, self._step)
+        return wrench, self._ahead.remembered(own, wrench, released)

@@ -9,16 +9,8 @@ edge of the bore and that of its mouth on the peg. An edge is a ring of points. 
 
 so that its stiffness K does not depend on the number of points, and Coulomb's along the face, smooth below 1 mm/s.
 
-A force that a discrete plant holds over a step h makes stiff contact unstable. So d and v are those that the peg will
-have at the end of the step, when it has the velocity V+ relative to the bore. That follows from the mobility W of the
-two parts, each with what holds it, and from V*, what V+ would be without contact:
-
-    V+ = V* + h W F(V+),    V* = V + W W0^-1 (V - V-) - h W F-
-
-with F linear in V+ (stiffness, damping and friction of the points that would touch at the end of the step with V*).
-The part of V* beside V is what all but the contact did over the last step; W0 is the mobility without springs and
-dampers, which answer to a change of the velocity. At rest the force is K d whatever W is; W decides over stability
-only: parts that move more easily than it says ring, those that move less easily lag.
+The forces are those at the end of a step, see `step_ahead`: linear in V+ there (stiffness, damping and friction of the
+points that would touch at the end of the step with V*).
 """
 
 from __future__ import annotations
@@ -38,8 +30,20 @@ Array = NDArray[np.float64]
 SLIP = 1e-3  # [m/s] below which friction is less than Coulomb's
 _PASSES = 3  # to find the points that push, and their friction
 _IDENTITY = np.eye(6)
+_STRAIGHT = _IDENTITY[3:].ravel()
 _COUNT = 24  # points of a ring
 _ANGLES = 2 * np.pi * (np.arange(_COUNT) + 0.5) / _COUNT
+
+
+def _levers() -> Array:
+    levers = np.zeros((3, 3, 6))
+    for row, column, axis in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
+        levers[axis, row, column], levers[axis, column, row] = 1.0, -1.0
+    return levers.reshape(3, 18)
+
+
+# The Jacobian (3, 6) of a point x of a body, row by row, is x _LEVERS + _STRAIGHT.
+_LEVERS = _levers()
 
 
 @dataclass(kw_only=True)
@@ -157,27 +161,24 @@ def contact_wrench(touch: Touch, config: PegInBoreConfig, mobility: Array, free:
         free: velocity V* of the peg there at the end of the step without contact [rad/s, m/s].
         step: h [s].
     """
-    x, n, c = touch.points, touch.normals, config
-    points = np.zeros((len(x), 3, 6))  # Jacobians of the points
-    points[:, :, 3:] = _IDENTITY[:3, :3]
-    for row, column, axis in ((0, 1, 2), (1, 2, 0), (2, 0, 1)):
-        points[:, row, column] = x[:, axis]
-        points[:, column, row] = -x[:, axis]
-    rows = np.einsum("ij,ijk->ik", n, points)
-    every, stiff, response = points.reshape(-1, 6), c.stiffness * step, step * mobility
-    elastic = c.stiffness * touch.depths + stiff * (rows @ free)  # depths are of the end of the step
-    spring, along = elastic - (c.damping + stiff) * (rows @ free), np.zeros(len(x))
+    n, c = touch.normals, config
+    points = (touch.points @ _LEVERS + _STRAIGHT).reshape(-1, 3, 6)  # Jacobians of the points
+    rows, every = np.einsum("ij,ijk->ik", n, points), points.reshape(-1, 6)
+    stiff, response, along = c.stiffness * step, step * mobility, np.zeros(len(n))
+    firm, apart = c.damping + stiff, rows @ free
+    elastic = c.stiffness * touch.depths + stiff * apart  # depths are of the end of the step
+    spring = elastic - firm * apart
     for _ in range(_PASSES):
         pushing = touch.shares * (spring > 0.0)
         # Along the normals springs and dampers, in all other directions friction as a damper.
-        normal = (c.damping + stiff) * pushing - along
-        damper = (rows.T * normal) @ rows + (every.T * np.repeat(along, 3)) @ every
+        damper = (rows.T * (firm * pushing - along)) @ rows
+        damper += (points * along[:, None, None]).reshape(-1, 6).T @ every
         then = dgesv(_IDENTITY + response @ damper, free + response @ ((pushing * elastic) @ rows))[2]
         apart = rows @ then
-        spring = elastic - (c.damping + stiff) * apart
+        spring = elastic - firm * apart
+        pressed = np.maximum(spring, 0.0)
         slip = (every @ then).reshape(-1, 3) - apart[:, None] * n
-        speed = np.sqrt(np.einsum("ij,ij->i", slip, slip) + SLIP**2)
-        along = c.friction * np.maximum(spring, 0.0) * touch.shares / speed
-    force = (np.maximum(spring, 0.0) * touch.shares)[:, None] * n - along[:, None] * slip
+        along = c.friction * pressed * touch.shares / np.sqrt(np.einsum("ij,ij->i", slip, slip) + SLIP**2)
+    force = (pressed * touch.shares)[:, None] * n - along[:, None] * slip
     wrench: Array = force.ravel() @ every
     return wrench

@@ -1,0 +1,43 @@
+"""Springs and dampers that hold two locked parts together when a hand lets one of them go.
+
+    F = -(K x+ + D V+),    x+ = x + h V+
+
+with the displacement x of the tip from where it was locked in the mouth, a rotation vector and a displacement at the
+mouth, and its rate V; the law is taken at the end of a step h, see `step_ahead`. There is no largest force or torque.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.spatial.transform import Rotation
+
+Array = NDArray[np.float64]
+SETTLING = 5e-3  # [s] damping / stiffness
+
+
+def displacement(R: Array, p: Array, R_locked: Array, p_locked: Array) -> Array:
+    """Of the tip in the mouth from where it was locked, shape (6,) [rad, m].
+
+    Args:
+        R, p: orientation and place of the tip in the mouth's frame, shapes (3, 3) and (3,) [m].
+        R_locked, p_locked: those where it was locked.
+    """
+    turned = R @ R_locked.T
+    return np.concatenate([Rotation.from_matrix(turned).as_rotvec(), p - turned @ p_locked])
+
+
+def holding_wrench(stiffness: Array, displaced: Array, mobility: Array, free: Array, step: float) -> Array:
+    """[torque; force] on the part with the tip at the mouth over a step, shape (6,) [Nm, N].
+
+    Args:
+        stiffness: K about and along the axes, shape (6,) [Nm/rad, N/m].
+        displaced: x at its beginning, see `displacement`.
+        mobility: W at the mouth, shape (6, 6).
+        free: velocity V* of the tip there at its end without this wrench [rad/s, m/s].
+        step: h [s].
+    """
+    damper = (SETTLING + step) * stiffness
+    then = np.linalg.solve(np.eye(6) + step * mobility * damper, free - step * mobility @ (stiffness * displaced))
+    found: Array = -stiffness * displaced - damper * then
+    return found

@@ -1,0 +1,116 @@
+"""What the contact of two parts would find at the end of a step if it did nothing, for laws that are solved there.
+
+A force that a discrete plant holds over a step h makes stiff contact unstable. So its law is taken at the end of the
+step, with the relative velocity V+ there. That follows from the mobility W of the two parts, each with what holds it,
+and from V*, what V+ would be without contact:
+
+    V+ = V* + h W F(V+),    V* = V + W W0^-1 (V - V-) - h W F-
+
+The part of V* beside V is what all but the contact did over the last step; W0 is the mobility without springs and
+dampers, which answer to a change of the velocity. At rest the force is that of the law whatever W is; W decides over
+stability only: parts that move more easily than it says ring, those that move less easily lag. In the first step after
+a hand let a part go V* is V: what the hand bore in the step before ended with it.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.multibody.plant import MultibodyPlant
+from pydrake.multibody.tree import Frame, JacobianWrtVariable
+
+from forcectl.framework.kernels import cross_matrix
+from forcectl.plant.contact.pairs.pair_contact import EndMotion
+
+Array = NDArray[np.float64]
+REMEMBERED = 20  # velocities of tip and mouth, wrench of the contact, whether each was let go
+
+
+def mobility_of(plant: MultibodyPlant, frame: Frame, step: float) -> Array:
+    """Velocity that an impulse at a frame gives it, in the default posture.
+
+    Springs and dampers of actuators count with what an implicit step makes of them.
+
+    Args:
+        plant: finalized.
+        frame: that moves; reference point and axes.
+        step: of the plant [s]; 0: without springs and dampers.
+
+    Returns:
+        W = J M^-1 J', shape (6, 6).
+    """
+    context = plant.CreateDefaultContext()
+    mass = plant.CalcMassMatrix(context)
+    for index in plant.GetJointActuatorIndices():
+        actuator = plant.get_joint_actuator(index)
+        if actuator.has_controller():
+            gains, row = actuator.get_controller_gains(), actuator.joint().velocity_start()
+            mass[row, row] += step * gains.d + step**2 * gains.p
+    world = plant.world_frame()
+    J = plant.CalcJacobianSpatialVelocity(context, JacobianWrtVariable.kV, frame, np.zeros(3), world, frame)
+    found: Array = J @ np.linalg.solve(mass, J.T)
+    return found
+
+
+class StepAhead:
+    """W and V* above, of the tip at the mouth relative to it, in the axes of the mouth.
+
+    Args:
+        plant: finalized; in its default posture the parts are about as easily moved as where they touch.
+        tip, mouth: frames of the plant, each fixed to a part.
+        step: h of the plant [s].
+    """
+
+    def __init__(self, plant: MultibodyPlant, tip: Frame, mouth: Frame, step: float):
+        frames = (tip, mouth)
+        self._step = step
+        held = [mobility_of(plant, frame, step) for frame in frames]
+        bare = [mobility_of(plant, frame, 0.0) for frame in frames]
+        # Of each end, held and free: W and W W0^-1.
+        self._ends_held = [(W, W @ np.linalg.pinv(W_0, 1e-9)) for W, W_0 in zip(held, bare, strict=True)]
+        self._ends_free = [(W_0, np.eye(6)) for W_0 in bare]
+
+    @staticmethod
+    def own_velocities(tip: EndMotion, mouth: EndMotion) -> Array:
+        """Of each end in its own axes, to be remembered, shape (2, 6) [rad/s, m/s]."""
+        parts = [tip.R.T @ tip.w, tip.R.T @ tip.v, mouth.R.T @ mouth.w, mouth.R.T @ mouth.v]
+        return np.concatenate(parts).reshape(2, 6)
+
+    @staticmethod
+    def remembered(own: Array, wrench: Array, released: Sequence[bool]) -> Array:
+        """What the next step needs of this one, shape (20,).
+
+        Args:
+            own: see `own_velocities`.
+            wrench: of the contact on the tip at the mouth, shape (6,) [Nm, N].
+            released: see `free`.
+        """
+        return np.concatenate([own.ravel(), wrench, np.array(released, dtype=float)])
+
+    def free(self, R: Array, p: Array, own: Array, remembered: Array, released: Sequence[bool]) -> tuple[Array, Array]:
+        """W, shape (6, 6), and V*, shape (6,) [rad/s, m/s].
+
+        Args:
+            R, p: orientation and place of the tip in the mouth's frame, shapes (3, 3) and (3,) [m].
+            own: see `own_velocities`.
+            remembered: of the step before, see `remembered`, shape (20,).
+            released: whether what holds the tip, the mouth lets it go.
+        """
+        before, wrench_before = remembered[:12].reshape(2, 6), remembered[12:18]
+        if any(now and not then for now, then in zip(released, remembered[18:], strict=True)):
+            before, wrench_before = own, np.zeros(6)
+        # Of a velocity at the tip in its axes to that of the tip's point in the mouth.
+        move = np.zeros((6, 6))
+        move[:3, :3] = move[3:, 3:] = R
+        move[3:, :3] = cross_matrix(p) @ R
+        both = zip(self._ends_held, self._ends_free, released, strict=True)
+        kinds = [loose if yes else held for held, loose, yes in both]
+        wrenches = (move.T @ wrench_before, -wrench_before)
+        ends = [
+            now + recovery @ (now - then) - self._step * (mobility @ wrench)
+            for (mobility, recovery), now, then, wrench in zip(kinds, own, before, wrenches, strict=True)
+        ]
+        mobility: Array = move @ kinds[0][0] @ move.T + kinds[1][0]
+        return mobility, move @ ends[0] - ends[1]

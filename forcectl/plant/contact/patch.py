@@ -1,0 +1,88 @@
+"""A flat tool on a plane: contact in points, each a spring and damper of Kelvin and Voigt, so that it has a torque.
+
+    F = sum f_i,    tau = sum r_i x f_i,    f_i = max(0, (K_E z_i + D_E z_i')/N) n                  at the TCP
+
+with the depths z_i of N = m m points at equal distances on a square of width w around the TCP, perpendicular to the
+tool's axis. While all of them touch, force and torque about any axis in the plane are those of independent springs::
+
+    F = K_E z,    tau = K_t theta,    K_t = K_E w^2/12 (m + 1)/(m - 1)
+
+For many points K_t is that of a continuous square. Every point has the dissipation and friction of a `!Surface`, too.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.common.eigen_geometry import AngleAxis
+from pydrake.math import RotationMatrix
+
+from forcectl.errors import invalid
+from forcectl.framework.fields import Config, key
+from forcectl.plant.contact.surface import SurfaceConfig
+from forcectl.robot.model import unit_normal
+
+Array = NDArray[np.float64]
+
+
+def patch_points(width: float, count: int) -> Array:
+    """The points of a patch in the TCP frame, shape (count^2, 3) [m].
+
+    Args:
+        width: w, of the square [m].
+        count: m, of points along each edge.
+    """
+    along = width * np.linspace(-0.5, 0.5, count)
+    return np.array([(x, y, 0.0) for x in along for y in along])
+
+
+@dataclass(kw_only=True)
+class PatchConfig(Config):
+    """Scenario part `environment: !Patch`: a plate that the flat end of the tool touches, tilted or not.
+
+    For Multibody. The tool touches with its lowest point at the start. The points are around the TCP of any tool.
+    """
+
+    arm: str = key("", "which arm presses; empty: the first")
+    facing: list[float] = key([0.0, 0.0, 1.0], "outward normal in W before the tilt", bounds="not all zero", size=3)
+    tilt_deg: float = key(0.0, "angle that the plate is turned by", unit="deg", bounds="from -45 to 45")
+    tilt_axis: list[float] = key([1.0, 1.0, 0.0], "about which it is, in W", bounds="not all zero", size=3)
+    stiffness: float = key(5.9e3, "K_E of all points together", unit="N/m", bounds="positive")
+    damping: float = key(0.0, "D_E of all points together", unit="N s/m", bounds="not negative")
+    dissipation: float = key(0.0, "d_E of Hunt and Crossley, in place of damping", unit="s/m", bounds="not negative")
+    friction: float = key(0.0, "Coulomb's, against the tool", unit="1", bounds="not negative and at most 2")
+    width: float = key(0.06, "w, of the square", unit="m", bounds="positive and at most 1")
+    points: int = key(2, "m, along each edge", bounds="from 2 to 10")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.dissipation and self.damping:
+            raise invalid("dissipation", self.dissipation, "0 with damping")
+
+    @property
+    def normal(self) -> list[float]:
+        """Outward normal of the plate in W."""
+        turned = RotationMatrix(AngleAxis(np.radians(self.tilt_deg), unit_normal(self.tilt_axis)))
+        normal: list[float] = (turned @ unit_normal(self.facing)).tolist()
+        return normal
+
+    @property
+    def surface(self) -> SurfaceConfig:
+        """Flat, of one material."""
+        return SurfaceConfig()
+
+    @property
+    def first_stiffness(self) -> float:
+        """K_E [N/m]."""
+        return self.stiffness
+
+    @property
+    def tilt_stiffness(self) -> float:
+        """K_t about any axis in the plane, while all points touch [Nm/rad]."""
+        return self.stiffness * self.width**2 / 12 * (self.points + 1) / (self.points - 1)
+
+    def touching_points(self) -> Array:
+        """The points of the tool in the TCP frame, shape (N, 3) [m]."""
+        return patch_points(self.width, self.points)

@@ -1,0 +1,29 @@
+"""A surface that moves along its normal at a given time, for tests of what presses on it::
+
+    h(s, t) = h(s) + sum_i d_i clip((t - t_i)/T_i, 0, 1)
+
+h(s) is the height of the surface at rest, d_i, t_i and T_i are distance, start and duration of each move.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from forcectl.framework.fields import Config, key
+
+_FURTHEST = 0.05  # [m]
+
+
+@dataclass(kw_only=True)
+class SurfaceMoveConfig(Config):
+    """One entry of the surface's key `moves`: it goes a way at a constant speed, and stays there."""
+
+    start: float = key(0.0, "of the move", unit="s", bounds="not negative")
+    distance: float = key(
+        0.0, "along n; positive: towards the robot", unit="m", bounds=f"from {-_FURTHEST:g} to {_FURTHEST:g}"
+    )
+    duration: float = key(0.1, "of the move", unit="s", bounds="positive")
+
+    def height(self, time: float) -> float:
+        """What it adds to the height [m] at a time [s]."""
+        return self.distance * min(max((time - self.start) / self.duration, 0.0), 1.0)

@@ -1,0 +1,126 @@
+"""Faults of the force that a sensor reports, for tests of what lives on it."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import Context
+
+from forcectl.errors import invalid
+from forcectl.framework.fields import Config, key
+from forcectl.framework.sampled_block import Memory, SampledBlock
+from forcectl.plant.sensors.force_sensor import white_noise
+
+Array = NDArray[np.float64]
+KINDS = ("nan", "inf", "value", "frozen", "lost", "jitter", "scale", "noise")
+_ROUNDING = 1e-9  # [s] of the times of ticks
+_LONGEST = 0.1  # [s] delay of a reading
+
+
+@dataclass(kw_only=True)
+class ForceFaultConfig(Config):
+    """A fault of a force sensor; it acts on `measured_force`, behind the filter."""
+
+    kind: str = key("frozen", "what happens to the readings", choices=KINDS)
+    value: float = key(
+        0.0,
+        "reading (value) [N], factor (scale) [1], deviation per tick (noise) [N], or largest delay (jitter) [s]",
+        bounds="finite",
+    )
+    start: float = key(0.0, "of the fault", unit="s", bounds="not negative")
+    duration: float = key(math.inf, "of the fault", unit="s", bounds="positive or infinite")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.kind == "jitter" and not 0 <= self.value <= _LONGEST:
+            raise invalid("value", self.value, f"from 0 to {_LONGEST:g} s for jitter")
+
+    def acts(self, time: float) -> bool:
+        """Whether it does at the tick of this time [s]."""
+        return self.start <= time + _ROUNDING < self.start + self.duration
+
+    def ticks(self, period: float) -> int:
+        """How many ticks a reading may be late."""
+        return round(self.value / period) if self.kind == "jitter" else 0
+
+    def faulty(
+        self, reading: Array, last: Array, earlier: Array, tick: int, sources: tuple[tuple[int, int], ...]
+    ) -> Array:
+        """The reading with the fault, shape (n,) [N].
+
+        Args:
+            reading: without it [N].
+            last: reported at the tick before [N].
+            earlier: readings of the sensor up to this tick, the newest first, shape (ticks, n) [N].
+            tick: its number.
+            sources: of the noise, see `white_noise`.
+        """
+        if self.kind == "nan":
+            return np.full(len(reading), math.nan)
+        if self.kind == "inf":
+            return np.full(len(reading), math.inf)
+        if self.kind == "value":
+            return np.full(len(reading), self.value)
+        if self.kind == "frozen" or (self.kind == "lost" and tick % 2):
+            return last
+        if self.kind == "jitter":
+            evenly = 0.5 * math.erfc(white_noise(sources, tick).item(0) / math.sqrt(2.0))
+            late: Array = earlier[min(int(len(earlier) * evenly), len(earlier) - 1)]
+            return late
+        if self.kind == "scale":
+            return self.value * reading
+        if self.kind == "noise":
+            return reading + self.value * white_noise(sources, tick)
+        return reading
+
+
+class FaultyForce(SampledBlock):
+    """A force sensor's reading with faults.
+
+    ```
+    name: FaultyForce
+    input_ports: [reading]
+    output_ports: [measured_force]
+    ```
+
+    reading: shape (n,) [N]. measured_force: shape (n,) [N]. Feedthrough of reading at the tick.
+
+    nan, inf, value: that is reported. frozen: the reading before the fault. lost: every other tick repeats the one
+    before. jitter: each tick a reading that is some ticks old, at random. scale: times a factor; noise: white noise is
+    added.
+
+    Sampling: every `period` [s]; no delay.
+
+    Args:
+        size: n.
+        faults: that act one after the other.
+        period: tick [s].
+        seed: of the noise.
+    """
+
+    port_units = {"reading": "N"}
+
+    def __init__(self, size: int, faults: list[ForceFaultConfig], *, period: float = 0.002, seed: int = 0):
+        super().__init__()
+        self._faults = list(faults)
+        self._sources = tuple((seed, size + i) for i in range(size))
+        reading = self.DeclareVectorInputPort("reading", size)
+        self._late = 1 + max((fault.ticks(period) for fault in self._faults), default=0)
+        memory = {"measured_force": np.zeros(size), "earlier": np.zeros(self._late * size)}
+        self.declare_memory(memory, [reading], period)
+        self.show("measured_force")
+
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Array]:
+        """One reading."""
+        time, reading = context.get_time(), inputs["reading"]
+        tick = round(time / self._period)
+        earlier = np.concatenate([reading, memory["earlier"][: -len(reading)]])
+        readings = earlier.reshape(self._late, -1)
+        for fault in self._faults:
+            if fault.acts(time):
+                known = readings[: 1 + min(fault.ticks(self._period), tick)]
+                reading = fault.faulty(reading, memory["measured_force"], known, tick, self._sources)
+        return {"measured_force": reading, "earlier": earlier}

@@ -1,0 +1,69 @@
+"""Faults of a force sensor's reading."""
+
+from __future__ import annotations
+
+import math
+
+import numpy as np
+import pytest
+from pydrake.systems.analysis import Simulator
+
+from forcectl.errors import BadInputError
+from forcectl.plant.sensors.force_fault import FaultyForce, ForceFaultConfig
+from forcectl.testing.runs import fix_inputs
+
+TICKS = 6
+
+
+def readings(**fault) -> list[float]:
+    """Of a force of 1, 2, 3, ... N at the ticks, with a fault from tick 2 to 4."""
+    block = FaultyForce(1, [ForceFaultConfig(start=0.004, duration=0.006, **fault)], seed=3)
+    simulator = Simulator(block)
+    context = simulator.get_mutable_context()
+    found = []
+    for k in range(TICKS):
+        fix_inputs(block, context, {"reading": 1.0 + k})
+        simulator.AdvanceTo(0.002 * k + 0.001)
+        found.append(block.GetOutputPort("measured_force").Eval(context).item())
+    return found
+
+
+@pytest.mark.parametrize(
+    ("fault", "expected"),
+    [
+        ({"kind": "nan"}, [1, 2, math.nan, math.nan, math.nan, 6]),
+        ({"kind": "inf"}, [1, 2, math.inf, math.inf, math.inf, 6]),
+        ({"kind": "value", "value": -7.0}, [1, 2, -7, -7, -7, 6]),
+        ({"kind": "frozen"}, [1, 2, 2, 2, 2, 6]),
+        ({"kind": "lost"}, [1, 2, 3, 3, 5, 6]),
+        ({"kind": "scale", "value": -0.5}, [1, 2, -1.5, -2, -2.5, 6]),
+    ],
+)
+def test_what_is_reported(fault, expected):
+    np.testing.assert_array_equal(readings(**fault), expected)
+
+
+def test_noise_is_the_same_for_the_same_seed():
+    noisy = readings(kind="noise", value=2.0)
+    assert noisy == readings(kind="noise", value=2.0)
+    assert noisy[:2] == [1, 2]
+    assert np.abs(np.subtract(noisy[2:5], [3, 4, 5])).min() > 0
+
+
+def test_an_unknown_kind_is_refused():
+    with pytest.raises(BadInputError, match="unknown kind"):
+        ForceFaultConfig(kind="melted")
+
+
+def test_jitter_reports_readings_of_the_last_ticks():
+    late = readings(kind="jitter", value=0.004)
+    assert late == readings(kind="jitter", value=0.004)
+    assert late[:2] == [1, 2]
+    assert late[5] == 6
+    assert all(k - 2 <= value <= k for k, value in zip((3, 4, 5), late[2:5], strict=True))
+    assert late[2:5] != [3, 4, 5]
+
+
+def test_a_delay_of_seconds_is_refused():
+    with pytest.raises(BadInputError, match=r"value = 3\.0: must be from 0 to 0\.1 s for jitter"):
+        ForceFaultConfig(kind="jitter", value=3.0)
