@@ -10,11 +10,15 @@ from numpy.typing import NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from pydrake.systems.primitives import Demultiplexer, MatrixGain, PassThrough
 
-from forcectl.errors import BadInputError
+from forcectl.diagrams.guarded import FORCES, guarded
+from forcectl.errors import BadInputError, invalid
+from forcectl.estimation.surface_offset import Sliding
+from forcectl.force.guard.config import GuardConfig
 from forcectl.force.kinematic_inversion import ConstantKinematicInversion, KinematicInversion, joint_direction
-from forcectl.framework.wiring import Enclosed, add_part, affine, export_all_outputs, input_names, output_names, stacked
+from forcectl.framework.wiring import Enclosed, add_part, affine, export_outputs, input_names, output_names, stacked
 from forcectl.plant.plant_model import PlantModel
 
+_JOINT_COMMANDS = ("joint_position_command", "joint_velocity_command")
 _NO_SURFACE = " has no surface: must have one for a force law to press on"
 
 
@@ -44,18 +48,22 @@ class ForceController(Diagram):
         builder: holds the law; it is built into this diagram.
         law: with the ports of a ForceLaw.
         model: of the plant.
+        guard: around the law; None: there is none.
     """
 
-    def __init__(self, builder: DiagramBuilder, law: System, model: PlantModel):
+    def __init__(self, builder: DiagramBuilder, law: System, model: PlantModel, guard: GuardConfig | None = None):
         super().__init__()
         n_q, q_0 = model.num_joints, model.start
         add, connect, export = builder.AddNamedSystem, builder.Connect, builder.ExportInput
         if model.size < 1:
             raise BadInputError(_NO_SURFACE, key="station.environment")
         _require(law, ("desired_force", "measured_force"), ("displacement_command",))
-        export(law.GetInputPort("desired_force"), "desired_force")
-        export(law.GetInputPort("measured_force"), "measured_force")
-        command = law.GetOutputPort("displacement_command")
+        rate = "displacement_velocity_command"
+        block = None if guard is None else guard.of_law(model, rate in output_names(law))
+        ports = guarded(builder, law, "displacement_command", rate, block)
+        export(ports.inputs["desired_force"], "desired_force")
+        export(ports.inputs["measured_force"], "measured_force")
+        command = ports.outputs["displacement_command"]
         inversions = [
             add(f"kinematic_inversion{suffix}", _inversion(model.loop(i))) for i, suffix in enumerate(_suffixes(model))
         ]
@@ -88,12 +96,16 @@ class ForceController(Diagram):
             builder.ConnectInput(unconstrained, asked.get_input_port())
             wanted = asked.get_output_port()
             self._displace(builder, "path_displacement", law, model, lambda port: connect(wanted, port))
+        if "sliding" in input_names(law):
+            slides = add("sliding", Sliding(n_q, model.size, period=model.period))
+            builder.ConnectInput(unconstrained, slides.get_input_port())
+            connect(slides.get_output_port(), law.GetInputPort("sliding"))
         builder.ExportOutput(inversions[-1].GetOutputPort("joint_position_command"), "joint_position_command")
-        if model.constant_jacobian and "displacement_velocity_command" in output_names(law):
+        if model.constant_jacobian and rate in ports.outputs:
             speeds = add("joint_speeds", MatrixGain(_direction(model).reshape(-1, 1)))
-            connect(law.GetOutputPort("displacement_velocity_command"), speeds.get_input_port())
+            connect(ports.outputs[rate], speeds.get_input_port())
             builder.ExportOutput(speeds.get_output_port(), "joint_velocity_command")
-        export_all_outputs(builder, law)
+        export_outputs(builder, ports.outputs)
         builder.BuildInto(self)
 
     @staticmethod
@@ -105,6 +117,46 @@ class ForceController(Diagram):
             feed(blocks[-1].get_input_port())
         every = stacked(builder, f"{name}s", [block.get_output_port() for block in blocks])
         builder.Connect(every, law.GetInputPort(name))
+
+
+class GuardedController(Diagram):
+    """A controller of joints behind its guard.
+
+    ```
+    name: GuardedController
+    input_ports: [(further inputs of the controller)]
+    output_ports: [(further outputs of the controller)]
+    ```
+
+    The ports are those of the controller, and `status` of the guard. All outputs are feedthrough of all inputs when
+    those of the controller are.
+
+    Sampling: every `period` [s] the controller and its guard.
+
+    Args:
+        builder: holds the controller and whatever blocks belong to it; it is built into this diagram.
+        controller: with the output joint_position_command.
+        model: of the plant.
+        guard: around it.
+
+    Raises:
+        BadInputError: a largest force of a controller that reads no forces.
+    """
+
+    def __init__(self, builder: DiagramBuilder, controller: System, model: PlantModel, guard: GuardConfig):
+        super().__init__()
+        self.optional_inputs = tuple(getattr(controller, "optional_inputs", ()))
+        loops = model.size if set(FORCES) <= set(input_names(controller)) else 0
+        if loops == 0 and guard.maximum_force is not None:
+            needed = f"null: this controller does not read {' and '.join(FORCES)}, which the guard watches"
+            raise invalid("guard.maximum_force", guard.maximum_force, needed)
+        rate = "joint_velocity_command"
+        block = guard.of_joints(model, loops, rate in output_names(controller))
+        ports = guarded(builder, controller, "joint_position_command", rate, block)
+        for name, port in ports.inputs.items():
+            builder.ExportInput(port, name)
+        export_outputs(builder, ports.outputs)
+        builder.BuildInto(self)
 
 
 def _suffixes(model: PlantModel) -> list[str]:
@@ -126,11 +178,18 @@ def _inversion(model: PlantModel) -> System:
     return KinematicInversion(robot, model.n, model.start, period=model.posture_period, limit=model.singularity_limit)
 
 
-def build_controller(config: Any, model: PlantModel) -> ForceController | Enclosed:
+def build_controller(
+    config: Any, model: PlantModel, guard: GuardConfig | None = None
+) -> ForceController | GuardedController | Enclosed:
     """The controller of a configuration with `add_to(builder, model)`.
 
     A system with the output `joint_position_command` is used as it is; a force law, with the output
     `displacement_command`, gets the kinematic inversion.
+
+    Args:
+        config: of the controller.
+        model: of the plant.
+        guard: around it; None: there is none.
 
     Raises:
         BadInputError: the system has neither output, or lacks an input of a force law.
@@ -143,8 +202,12 @@ def build_controller(config: Any, model: PlantModel) -> ForceController | Enclos
             raise BadInputError(_NO_SURFACE, key="station.environment") from None
         raise
     if "joint_position_command" in output_names(made):
-        return Enclosed(builder, made)
-    return ForceController(builder, made, model)
+        commands = [made.GetOutputPort(name) for name in output_names(made) if name in _JOINT_COMMANDS]
+        # One of another size is refused where it is connected.
+        if guard is None or any(port.size() != model.num_joints for port in commands):
+            return Enclosed(builder, made)
+        return GuardedController(builder, made, model, guard)
+    return ForceController(builder, made, model, guard)
 
 
 def _require(system: System, inputs: tuple[str, ...], outputs: tuple[str, ...]) -> None:

@@ -1,0 +1,73 @@
+"""The guard around a controller: in front of it the forces that it reads, behind it the command that it gives."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, field
+
+import numpy as np
+from pydrake.systems.framework import DiagramBuilder, InputPort, OutputPort, System
+from pydrake.systems.primitives import Adder, Demultiplexer, MatrixGain
+
+from forcectl.force.guard.guard import ControllerGuard
+from forcectl.framework.wiring import input_names, output_names
+
+FORCES = ("desired_force", "measured_force")
+
+
+@dataclass(frozen=True)
+class Guarded:
+    """The ports of a controller, with its guard if it has one.
+
+    Attributes:
+        inputs: by name, in their order.
+        outputs: by name, in their order.
+    """
+
+    inputs: Mapping[str, InputPort] = field(default_factory=dict)
+    outputs: Mapping[str, OutputPort] = field(default_factory=dict)
+
+
+def guarded(
+    builder: DiagramBuilder, controller: System, command: str, rate: str, guard: ControllerGuard | None
+) -> Guarded:
+    """Put a guard around a controller.
+
+    Args:
+        builder: holds the controller, and gets the guard.
+        controller: that is guarded.
+        command: name of its output that the plant takes.
+        rate: name of the output with its speed, if there is one.
+        guard: None: there is none.
+    """
+    inputs = {name: controller.GetInputPort(name) for name in input_names(controller)}
+    outputs = {name: controller.GetOutputPort(name) for name in output_names(controller)}
+    if guard is None:
+        return Guarded(inputs, outputs)
+    builder.AddNamedSystem("guard", guard)
+    parts_of_forces, parts_of_command = guard.sizes()
+    if guard.HasInputPort(FORCES[0]):
+        forces = builder.AddNamedSystem("guarded_forces", Demultiplexer(parts_of_forces))
+        builder.Connect(guard.GetOutputPort("forces"), forces.get_input_port())
+        for i, name in enumerate(FORCES):
+            builder.Connect(forces.get_output_port(i), inputs[name])
+            inputs[name] = guard.GetInputPort(name)
+    taken = builder.AddNamedSystem("guarded_command", Demultiplexer(parts_of_command))
+    builder.Connect(outputs[command], guard.GetInputPort("command"))
+    if guard.HasInputPort("command_rate"):
+        builder.Connect(outputs[rate], guard.GetInputPort("command_rate"))
+        outputs[rate] = taken.get_output_port(3)
+    builder.Connect(guard.GetOutputPort("guarded"), taken.get_input_port())
+    outputs[command], status = taken.get_output_port(0), taken.get_output_port(1)
+    if "status" in outputs:
+        own = outputs["status"]
+        if own.size() > 1:
+            spread = builder.AddNamedSystem("guard_status", MatrixGain(np.ones((own.size(), 1))))
+            builder.Connect(status, spread.get_input_port())
+            status = spread.get_output_port()
+        total = builder.AddNamedSystem("status", Adder(2, own.size()))
+        builder.Connect(own, total.get_input_port(0))
+        builder.Connect(status, total.get_input_port(1))
+        status = total.get_output_port()
+    outputs["status"] = status
+    return Guarded(inputs, outputs)

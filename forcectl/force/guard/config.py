@@ -1,0 +1,120 @@
+"""Scenario part `guard`: what stands between every controller and the robot."""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Callable
+from dataclasses import dataclass
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.force.guard.guard import ControllerGuard
+from forcectl.force.guard.kernel import GuardLimits, estimate_of, largest_jump
+from forcectl.force.guard.passes import passes
+from forcectl.force.guard.steps import DisplacementSteps, JointSteps
+from forcectl.force.kinematic_inversion import joint_direction
+from forcectl.framework.fields import Config, key
+from forcectl.plant.plant_model import PlantModel
+
+Array = NDArray[np.float64]
+
+_LARGEST = 1e4  # [N] that a force can be where the range of a sensor is not known
+_MEASURED = 0.9  # of the range, up to which a force is still measured
+_PULL = 0.02  # of the range, below which the reading of a surface that cannot pull is implausible
+_DEEPER = 0.05  # of the range: what a live sensor shows of the way for it
+
+
+@dataclass(kw_only=True)
+class GuardConfig(Config):
+    """Scenario part `guard`; `guard: null` leaves it out."""
+
+    maximum_force: float | None = key(
+        None, "true force, with the sensor's lag; null: 0.9 of the sensor's range", unit="N", bounds="positive"
+    )
+    reaction_time: float = key(
+        0.08, "by which a force that rises to maximum_force is looked at ahead", unit="s", bounds="not negative"
+    )
+    maximum_speed: float = key(
+        25.0, "of the displacement command of a force law, derivative kicks and all", unit="m/s", bounds="positive"
+    )
+    joint_speed: float = key(5.0, "of joint commands, in limits of the joints", bounds="positive")
+    slow_speed: float = key(
+        0.02, "into the surface, at which a command is caught up with", unit="m/s", bounds="positive"
+    )
+    frozen_time: float = key(0.1, "for which a sensor with noise may repeat itself", unit="s", bounds="positive")
+    search_distance: float = key(0.01, "way beyond the last contact, to find it again", unit="m", bounds="positive")
+    patience: float = key(0.3, "for which a command is held before the retreat", unit="s", bounds="not negative")
+    retreat_distance: float = key(0.01, "along the normals", unit="m", bounds="positive")
+    retreat_speed: float = key(0.05, "of it", unit="m/s", bounds="positive")
+    retreats: int = key(3, "from the largest force, before the stop", bounds="not negative")
+
+    def limits(self, model: PlantModel) -> GuardLimits:
+        """What the guard of a loop goes by."""
+        period, range_ = model.period, min(model.sensor_range, _LARGEST)
+        lag, square, share = estimate_of(model.sensor_bandwidth, model.sensor_damping_ratio, period)
+        compliance = float(np.min(model.total_compliance)) if model.size else math.inf
+        return GuardLimits(
+            period=period,
+            highest=range_ * 1.001,
+            lowest=-range_ * (1.001 if model.pulls else _PULL),
+            jump=largest_jump(model.sensor_bandwidth, period, range_),
+            desired=range_,
+            force=_MEASURED * model.sensor_range if self.maximum_force is None else self.maximum_force,
+            lag=lag,
+            square=square,
+            share=share,
+            ahead=0.0 if self.maximum_force is None else self.reaction_time + model.sensor_delay,
+            same=self.frozen_time / period if model.sensor_noise else math.inf,
+            deeper=compliance * range_ * _DEEPER,
+            search=self.search_distance,
+            patience=max(self.patience / period, 1.0),
+            retreats=self.retreats,
+            retreat=self.retreat_distance,
+            back=self.retreat_speed * period,
+        )
+
+    def of_law(self, model: PlantModel, rates: bool = False) -> ControllerGuard:
+        """The guard of a force law; `rates`: one that gives the speed of its command, too."""
+        period = model.period
+        steps = DisplacementSteps(self.maximum_speed * period, self.slow_speed * period)
+        return ControllerGuard(model.size, self.limits(model), steps, np.zeros(model.size), rates=rates)
+
+    def passes(self, model: PlantModel, desired: Array, measured: Array, command: Array) -> bool:
+        """Whether the guard of a force law would have passed on a run that had none; see `passes`."""
+        return passes(self.limits(model), self.maximum_speed * model.period, desired, measured, command)
+
+    def of_joints(self, model: PlantModel, loops: int, rates: bool = False) -> ControllerGuard:
+        """The guard of a controller of joints.
+
+        Args:
+            model: of the plant.
+            loops: force loops whose forces the controller reads.
+            rates: whether it gives the speed of its command, too.
+        """
+        robot, start, period = model.known_robot(), model.start, model.period
+        largest = self.joint_speed * robot.limits.velocity * period
+        rows, direction = _along_normals(model, loops)
+        slow = np.full(model.num_joints, self.slow_speed * period)
+        return ControllerGuard(
+            loops, self.limits(model), JointSteps(largest, slow, start, rows, direction), start, rates=rates
+        )
+
+
+def _along_normals(model: PlantModel, loops: int) -> tuple[Array, Callable[[Array], Array]]:
+    """Displacement per joint motion at the start (k, n) [m/rad], and what gives the joint motion along the normals."""
+
+    def each(position: Array) -> list[tuple[Array, Array]]:
+        found = []
+        for i in range(loops):
+            one = model.loop(i)
+            robot = one.known_robot()
+            found.append((robot.jacobian(robot.context_at(position)), one.n))
+        return found
+
+    def direction(position: Array) -> Array:
+        total: Array = sum((joint_direction(jacobian, n) for jacobian, n in each(position)), np.zeros(len(position)))
+        return total
+
+    rows = np.array([n @ jacobian[3:] for jacobian, n in each(model.start)]).reshape(loops, model.num_joints)
+    return rows, direction

@@ -1,0 +1,170 @@
+"""The guard of a controller: a block between readings, controller and plant, see `forcectl.force.guard.kernel`."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+from typing import Any
+from weakref import ref
+
+import numpy as np
+from numpy.typing import ArrayLike, NDArray
+from pydrake.systems.framework import BasicVector, Context, DiscreteValues, LeafSystem
+
+from forcectl.force.guard.kernel import (
+    BLOCK,
+    DESIRED,
+    FAULT,
+    LOOP,
+    NEW_LOOP,
+    READING,
+    RELEASED,
+    GuardLimits,
+    Numbers,
+    Steps,
+    decide,
+    read,
+)
+from forcectl.framework.batch import check
+from forcectl.framework.kernels import all_finite
+
+Array = NDArray[np.float64]
+
+
+class ControllerGuard(LeafSystem):
+    """Guards k force loops: forces that a controller reads, and the command of m numbers that it gives.
+
+    ```
+    name: ControllerGuard
+    input_ports: [desired_force (optional), measured_force (optional), command, command_rate (optional)]
+    output_ports: [forces (optional), guarded]
+    ```
+
+    desired_force, measured_force: shape (k,) [N]; left out for k = 0.
+    command: shape (m,), of the controller [m or rad]. command_rate: shape (m,), its speed [m/s or rad/s], where it
+    gives one.
+    forces: shape (21k,), guarded desired forces (k,), guarded readings (k,), what the tick makes of the readings [N].
+    Feedthrough of desired_force and measured_force.
+    guarded: shape (2m + 7,), guarded command (m,), status, what the block remembers of the tick [m or rad]; with a
+    command_rate the guarded one (m,) is behind it. Feedthrough of all inputs.
+
+    The status is 0 while the command is passed on, bit for bit, else 100 times the `Reaction` and 10 times the `Cause`.
+
+    Sampling: every `period` [s]; no delay. Between ticks outputs are held, but for a command that is passed on.
+
+    Args:
+        loops: k.
+        limits: what it goes by.
+        steps: of the command.
+        start: command before the first tick, shape (m,) [m or rad].
+        rates: whether there is a command_rate.
+    """
+
+    port_units = {"forces": "N"}
+
+    def __init__(self, loops: int, limits: GuardLimits, steps: Steps, start: ArrayLike, *, rates: bool = False):
+        super().__init__()
+        period = check("period", limits.period, "positive")
+        command: Numbers = np.asarray(start, dtype=float).tolist()
+        self._loops, self._limits, self._steps, self._m = loops, limits, steps, len(command)
+        self._soonest = 0.999 * period
+        first = [*command, 0.0, -period, *[0.0] * (BLOCK - 1), *[0.0] * self._m]
+        block_state = self.DeclareDiscreteState(first)
+        self._block = int(block_state)
+        reads: set[Any] = {self.time_ticket(), self.discrete_state_ticket(block_state)}
+        block: Any = ref(self)
+        if loops:
+            loops_state = self.DeclareDiscreteState(NEW_LOOP * loops)
+            self._memory = int(loops_state)
+            self._desired = self.DeclareVectorInputPort("desired_force", loops)
+            self._measured = self.DeclareVectorInputPort("measured_force", loops)
+            reads |= {self._desired.ticket(), self._measured.ticket(), self.discrete_state_ticket(loops_state)}
+            self._forces = self.DeclareVectorOutputPort(
+                "forces",
+                (2 + LOOP) * loops,
+                lambda context, output: block().put_forces(context, output),
+                prerequisites_of_calc=reads,
+            )
+        self._command = self.DeclareVectorInputPort("command", self._m)
+        reads.add(self._command.ticket())
+        self._rate = self.DeclareVectorInputPort("command_rate", self._m) if rates else None
+        if self._rate:
+            reads.add(self._rate.ticket())
+        self._size = len(first)
+        self._guarded = self.DeclareVectorOutputPort(
+            "guarded",
+            self._size + self._m * rates,
+            lambda context, output: output.SetFromVector(block().guarded(context)),
+            prerequisites_of_calc=reads,
+        )
+        self.DeclarePeriodicDiscreteUpdateEvent(period_sec=period, offset_sec=0.0, update=self._hold)
+
+    def put_forces(self, context: Context, output: BasicVector) -> None:
+        """Guarded forces, and the memory of the loops after the readings of the tick."""
+        k, limits = self._loops, self._limits
+        memory: Numbers = context.get_discrete_state(self._memory).value().tolist()
+        block: Numbers = context.get_discrete_state(self._block).value().tolist()
+        last = block[self._m + 1]
+        if context.get_time() - last >= self._soonest:
+            desired, measured = self._desired.Eval(context), self._measured.Eval(context)
+            first = last < 0.0
+            if k == 1:
+                depth = self._steps.depths(block[: self._m])[0]
+                memory = read(limits, first, memory, desired.item(), measured.item(), depth)
+                output.SetFromVector(np.array([memory[DESIRED], memory[READING], *memory]))
+                return
+            depths = self._steps.depths(block[: self._m])
+            rows = [memory[i : i + LOOP] for i in range(0, k * LOOP, LOOP)]
+            every = zip(rows, desired.tolist(), measured.tolist(), depths, strict=True)
+            memory = [number for each in every for number in read(limits, first, *each)]
+        output.SetFromVector(np.array(memory[DESIRED::LOOP] + memory[READING::LOOP] + memory))
+
+    def guarded(self, context: Context) -> Array:
+        """Guarded command, status, the memory after the tick, and the rate of the command."""
+        state: Numbers = context.get_discrete_state(self._block).value().tolist()
+        after = np.array(self._tick(context, state))
+        if not self._rate:
+            return after
+        rate = self._rate.Eval(context)
+        if after[self._m] or not all_finite(rate):
+            rate = (after[: self._m] - state[: self._m]) / self._limits.period
+        return np.concatenate([after, rate])
+
+    def _tick(self, context: Context, state: Numbers) -> Numbers:
+        """The state after the tick; between ticks, that of the last one."""
+        m, raw = self._m, self._command.Eval(context).tolist()
+        now = context.get_time()
+        command, shift = state[:m], state[-m:]
+        _, last, reaction, _, _, retreats, held = state[m:-m]
+        if now - last < self._soonest:
+            # What a controller of its own rhythm gives between ticks.
+            if reaction == 0.0 and not any(shift) and self._steps.within(raw, command):
+                state[:m] = raw
+            return state
+        fault, released = self._found(context)
+        if not (fault or reaction or held or any(shift)) and self._steps.within(raw, command):
+            # What `decide` does, in a fifth of the time.
+            return [*raw, 0.0, now, 0.0, 0.0, 0.0, retreats, 0.0, *shift]
+        block = [now, *state[m + 2 : -m]]
+        block, command, shift = decide(self._limits, block, fault, released, command, raw, shift, self._steps)
+        return [*command, 100.0 * block[1] + 10.0 * block[2], *block, *shift]
+
+    def _found(self, context: Context) -> tuple[float, float]:
+        """The worst fault of the loops, and the least of what they say of the end of a retreat."""
+        k = self._loops
+        if k == 0:
+            return 0.0, 1.0
+        forces = self._forces.Eval(context)
+        if k == 1:
+            return forces.item(2 + FAULT), forces.item(2 + RELEASED)
+        memory = forces[2 * k :]
+        return memory[FAULT::LOOP].max().item(), memory[RELEASED::LOOP].min().item()
+
+    def _hold(self, context: Context, next_state: DiscreteValues) -> None:
+        next_state.set_value(self._block, self._guarded.Eval(context)[: self._size])
+        if self._loops:
+            next_state.set_value(self._memory, self._forces.Eval(context)[2 * self._loops :])
+
+    def sizes(self) -> tuple[Sequence[int], Sequence[int]]:
+        """How `forces` and `guarded` are taken apart: (k, k, rest) and (m, 1, rest), with rates (m, 1, rest, m)."""
+        parts = [self._m, 1, BLOCK + self._m]
+        return (self._loops, self._loops, LOOP * self._loops), parts + [self._m] * bool(self._rate)

@@ -1,0 +1,290 @@
+"""The tick of the guard, in plain numbers: what it makes of readings and command, and of its memory.
+
+A reading y is plausible within the range R of the sensor, and when the filter of the sensor can show it::
+
+    |y| <= R,    |y[k] - 2 y[k-1] + y[k-2]| <= 4 R (w Ts)^2
+
+The true force is estimated ahead of the sensor's lag by its inverse up to a bandwidth a, and looked at T_r ahead::
+
+    F = (s^2/w^2 + 2 z s/w + 1)/(s/a + 1)^2 y,    F_ahead = F + T_r max(F', 0)
+"""
+
+from __future__ import annotations
+
+import math
+from collections.abc import Sequence
+from enum import IntEnum
+from typing import NamedTuple, Protocol
+
+Numbers = list[float]
+
+# Memory of a loop: what is wrong with it, whether a retreat from it may end, reading, reading before, ticks missed, raw
+# reading, raw reading before, ticks of raw readings that go together, ticks of equal ones, depth of the command where
+# those begin, desired force, ticks without one, two states of the estimate, the estimate, its rate, depth of the
+# command at the last contact, whether it is in contact, losses of it.
+_NEVER = -1e6  # [m] depth of a contact that there was not
+NEW_LOOP: Numbers = [*[0.0] * 16, _NEVER, 0.0, 0.0]
+LOOP = len(NEW_LOOP)
+FAULT, RELEASED, READING, DESIRED = 0, 1, 2, 10  # places in it
+APART = 2.0  # in place of RELEASED: the surface is not felt
+# Memory of the block: time, reaction, cause, ticks in the reaction, retreats, ticks held.
+BLOCK = 6
+
+_AHEAD = 8.0  # bandwidth of the estimate, in bandwidths of the sensor
+TOGETHER = 10  # ticks after which readings that go together count again
+_NEAR = 3  # ticks missed after which a reading that goes on as before counts at once
+_TINY = 1e-9  # [m] of a distance
+FELT = 0.05  # of the desired force, below which a surface is not felt
+_MADE = 0.25  # of the desired force, above which a contact is made that can be lost
+LOSSES = 8  # of contact that are no hopping
+_RECOVERY = 0.1  # of a tick held, that a sound tick makes up for
+_RELEASED = 0.8  # of the largest force, at which a retreat may end
+_CREEP = 0.1  # of the retreat's speed, at which a surface is looked for after it
+_GAIN = 0.25  # [s] in which the speed doubles at which a command is caught up with
+
+
+class Reaction(IntEnum):
+    """What the guard does; the hundreds of its status."""
+
+    PASS = 0
+    HOLD = 1
+    SLOW = 2
+    RETREAT = 3
+    STOP = 4
+
+
+class Cause(IntEnum):
+    """Why; the tens of its status."""
+
+    NONE = 0
+    READING = 1
+    FROZEN = 2
+    REFERENCE = 3
+    CONTACT = 4
+    FORCE = 5
+    COMMAND = 6
+
+
+class GuardLimits(NamedTuple):
+    """What the guard goes by.
+
+    Attributes:
+        period: tick [s].
+        highest, lowest: plausible readings [N].
+        jump: largest second difference of readings [N]; infinite without a filter.
+        desired: largest plausible desired force [N].
+        force: largest true force [N].
+        lag, square: 2 z a/w and a^2/w^2 of the estimate [1].
+        share: of a tick in the estimate's filters [1]; 1 where the sensor has no lag.
+        ahead: T_r [s].
+        same: ticks of equal readings of a frozen sensor; infinite for one without noise.
+        deeper: way into the surface on which a live sensor shows something else [m].
+        search: way beyond the last contact on which a surface is looked for [m].
+        patience: ticks that are held before a retreat.
+        retreats: that are made before it stops.
+        retreat: distance [m].
+        back: step of a retreat [m].
+    """
+
+    period: float
+    highest: float
+    lowest: float
+    jump: float
+    desired: float
+    force: float
+    lag: float
+    square: float
+    share: float
+    ahead: float
+    same: float
+    deeper: float
+    search: float
+    patience: float
+    retreats: int
+    retreat: float
+    back: float
+
+
+class Steps(Protocol):
+    """What is known of the command, of m numbers."""
+
+    def depths(self, command: Numbers) -> Numbers:
+        """Displacement along the normal of each loop, pressing is negative [m]."""
+
+    def within(self, wanted: Sequence[float], command: Sequence[float]) -> bool:
+        """Whether a step from `command` is no larger than one of a sound controller; no if it is not finite."""
+
+    def approach(self, wanted: Numbers, command: Numbers, factor: float) -> tuple[Numbers, bool]:
+        """One slow step, times `factor`, from `command`; and whether it arrives."""
+
+    def back(self, command: Numbers, distance: float) -> Numbers:
+        """`command` moved by `distance` [m] along the normals."""
+
+
+def estimate_of(bandwidth: float, damping_ratio: float, period: float) -> tuple[float, float, float]:
+    """(lag, square, share) of `GuardLimits` for a sensor.
+
+    Args:
+        bandwidth: w [rad/s].
+        damping_ratio: z [1].
+        period: Ts [s].
+    """
+    ahead = _AHEAD * bandwidth
+    if ahead * period > 1.0:
+        return 0.0, 0.0, 1.0
+    return 2 * damping_ratio * _AHEAD, _AHEAD**2, 1.0 - math.exp(-ahead * period)
+
+
+def largest_jump(bandwidth: float, period: float, force: float) -> float:
+    """Largest second difference of readings [N] that the filter of a sensor can show.
+
+    Args:
+        bandwidth: w [rad/s].
+        period: Ts [s].
+        force: R [N].
+    """
+    return 4.0 * force * (bandwidth * period) ** 2 if bandwidth * period < 0.5 else math.inf
+
+
+def read(limits: GuardLimits, first: bool, loop: Numbers, desired: float, measured: float, depth: float) -> Numbers:
+    """The memory of a loop after its readings at a tick.
+
+    Args:
+        limits: what the guard goes by.
+        first: whether it is the first tick.
+        loop: memory of the tick before.
+        desired: force [N].
+        measured: force [N].
+        depth: displacement of the command of the tick before, pressing is negative [m].
+    """
+    _, _, good, before, missed, raw, raw_before, together, same, anchor, asked, unasked = loop[:12]
+    one, two, estimate, rate, felt, touches, losses = loop[12:]
+    if -limits.desired <= desired <= limits.desired:
+        asked, unasked = desired, 0.0
+    else:
+        unasked += 1.0
+    plausible = limits.lowest <= measured <= limits.highest
+    if measured == raw and not first:
+        same += 1.0
+    else:
+        same, anchor = 0.0, depth
+    n = missed + 1.0
+    if first:
+        fits = plausible
+        if fits:
+            before = one = two = estimate = measured
+    elif plausible and not missed and abs(measured - 2 * good + before) <= limits.jump:
+        fits, before = True, good
+    elif plausible and same == 0.0 and n <= _NEAR and abs(measured - good - n * (good - before)) <= n * n * limits.jump:
+        fits, before, together = True, measured - (measured - good) / n, 0.0
+    elif plausible and same == 0.0 and abs(measured - 2 * raw + raw_before) <= limits.jump:
+        together += 1.0
+        fits = together >= TOGETHER
+        if fits:
+            before, together = raw, 0.0
+    else:
+        together, fits = 0.0, False
+    if fits:
+        good, missed = measured, 0.0
+        last = estimate
+        if limits.share < 1.0:
+            one += limits.share * (good - one)
+            two += limits.share * (one - two)
+            estimate = two + limits.lag * (one - two) + limits.square * (good - 2 * one + two)
+            rate += limits.share * ((estimate - last) / limits.period - rate)
+        else:
+            estimate = good
+            rate += 0.1 * ((estimate - last) / limits.period - rate)
+        if asked > 0.0:
+            if good > FELT * asked:
+                felt = depth
+                if good > _MADE * asked:
+                    touches = 1.0
+            elif touches:
+                touches, losses = 0.0, losses + 1.0
+    else:
+        missed = n
+    fault = Cause.NONE
+    if estimate + limits.ahead * max(rate, 0.0) > limits.force:
+        fault = Cause.FORCE
+    elif losses > LOSSES or (good < FELT * asked and felt - depth > limits.search):
+        fault = Cause.CONTACT
+    elif same > TOGETHER and (same >= limits.same or (good > 0.0 and anchor - depth > limits.deeper)):
+        fault = Cause.FROZEN
+    elif missed:
+        fault = Cause.READING
+    elif unasked:
+        fault = Cause.REFERENCE
+    released = float(estimate <= min(asked, _RELEASED * limits.force) and rate <= 0.0)
+    if estimate < FELT * asked:
+        released = APART
+    new = [fault, released, good, before, missed, measured, raw, together, same, anchor, asked, unasked]
+    return [*new, one, two, estimate, rate, felt, touches, losses]
+
+
+def decide(
+    limits: GuardLimits,
+    block: Numbers,
+    fault: float,
+    released: float,
+    command: Numbers,
+    raw: Numbers,
+    shift: Numbers,
+    steps: Steps,
+) -> tuple[Numbers, Numbers, Numbers]:
+    """Memory of the block, guarded command, and its shift against the controller's, after a tick.
+
+    Args:
+        limits: what the guard goes by.
+        block: memory of the tick before.
+        fault: `Cause` of the worst of the loops; 0 for none.
+        released: the least of the loops: whether a retreat may end, or `APART`.
+        command: guarded command of the tick before, m numbers [m or rad].
+        raw: command of the controller, m numbers.
+        shift: of the tick before, m numbers.
+        steps: of the command.
+    """
+    time, reaction, cause, since, retreats, held = block
+    shifted = any(shift)
+    wanted = [r + s for r, s in zip(raw, shift, strict=True)] if shifted else raw
+    creeps = shifted and released == APART
+    if reaction == Reaction.PASS and not fault and not creeps and steps.within(wanted, command):
+        return [time, 0.0, 0.0, 0.0, retreats, max(held - _RECOVERY, 0.0)], wanted, shift
+    finite = all(abs(value) < math.inf for value in wanted)
+    if reaction in (Reaction.PASS, Reaction.HOLD, Reaction.SLOW):
+        before = reaction
+        reaction, cause = _react(fault, finite, reaction, cause, creeps)
+        since = since + 1.0 if reaction == before else 0.0
+        held = held + 1.0 if reaction == Reaction.HOLD else max(held - _RECOVERY, 0.0)
+        retreats += float(fault == Cause.FORCE)
+        if held >= limits.patience and reaction == Reaction.HOLD:
+            reaction, since = Reaction.RETREAT, 0.0
+    else:
+        since += 1.0
+    if reaction == Reaction.SLOW:
+        command, arrived = steps.approach(wanted, command, 1.0 + since * limits.period / _GAIN)
+        if creeps:
+            left = max(1.0 - _CREEP * limits.back / max(abs(s) for s in shift), 0.0)
+            shift = [left * s for s in shift]
+        elif arrived:
+            reaction = cause = since = 0.0
+    elif reaction == Reaction.RETREAT:
+        again = finite and cause == Cause.FORCE and retreats <= limits.retreats
+        far = since * limits.back >= limits.retreat - _TINY
+        if again and (far or released):
+            shift = [c - r for c, r in zip(command, raw, strict=True)]
+            reaction = cause = since = 0.0
+        elif far:
+            reaction = Reaction.STOP
+        else:
+            command = steps.back(command, limits.back)
+    return [time, reaction, cause, since, retreats, held], command, shift
+
+
+def _react(fault: float, finite: bool, reaction: float, cause: float, creeps: bool) -> tuple[float, float]:
+    """Reaction and cause from those of the tick before, while the guard passes, holds or slows down."""
+    if fault in (Cause.FORCE, Cause.CONTACT):
+        return Reaction.RETREAT, fault
+    if fault or not finite:
+        return Reaction.HOLD, cause if reaction == Reaction.HOLD else fault or Cause.COMMAND
+    return Reaction.SLOW, cause if reaction != Reaction.PASS else Cause.FORCE if creeps else Cause.COMMAND

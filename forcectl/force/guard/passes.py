@@ -1,0 +1,76 @@
+"""Whether a guard would have passed on all of a run without one: `kernel.read` for every tick of a log at once."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from scipy.signal import lfilter
+
+from forcectl.force.guard.kernel import FELT, LOSSES, TOGETHER, GuardLimits
+
+Array = NDArray[np.float64]
+
+_ROUNDING = 1e-9  # of a limit, within which this gives no answer of its own
+
+
+def passes(limits: GuardLimits, largest_step: float, desired: Array, measured: Array, command: Array) -> bool:
+    """Whether the guard of a force law passes at every tick; "no" also where that is not certain.
+
+    Args:
+        limits: what the guard goes by.
+        largest_step: of a sound command in a tick [m].
+        desired: force (k,) [N].
+        measured: force (k,) [N].
+        command: displacement, pressing is negative (k,) [m].
+    """
+    sure = 1.0 - _ROUNDING
+    if not (np.isfinite(desired).all() and np.isfinite(measured).all() and np.isfinite(command).all()):
+        return False
+    steps = np.abs(np.diff(command, prepend=0.0)).max(initial=0.0)
+    bends = np.abs(np.diff(measured, 2, prepend=[measured[0]] * 2)).max()
+    return bool(
+        steps <= sure * largest_step
+        and bends <= sure * limits.jump
+        and np.abs(desired).max() <= limits.desired
+        and limits.lowest <= measured.min()
+        and measured.max() <= limits.highest
+        and _forces(limits, measured).max() <= sure * limits.force
+        and not _frozen(limits, measured, command)
+        and not _lost(limits, desired, measured, command)
+    )
+
+
+def _forces(limits: GuardLimits, measured: Array) -> Array:
+    """The estimated true forces, looked at ahead."""
+    share, first = limits.share, measured[0]
+    if share < 1.0:
+        one, _ = lfilter([share], [1.0, share - 1.0], measured, zi=[(1.0 - share) * first])
+        two, _ = lfilter([share], [1.0, share - 1.0], one, zi=[(1.0 - share) * first])
+        estimate = two + limits.lag * (one - two) + limits.square * (measured - 2 * one + two)
+        weight = share
+    else:
+        estimate, weight = measured, 0.1
+    rates = lfilter([weight], [1.0, weight - 1.0], np.diff(estimate, prepend=first) / limits.period)
+    found: Array = estimate + limits.ahead * np.maximum(rates, 0.0)
+    return found
+
+
+def _frozen(limits: GuardLimits, measured: Array, command: Array) -> bool:
+    """Whether readings repeat themselves for too long, or while the command goes deeper."""
+    tick = np.arange(len(measured))
+    before = np.concatenate([[0.0], command[:-1]])
+    start = np.maximum.accumulate(np.where(np.diff(measured, prepend=np.nan) != 0.0, tick, 0))
+    same = tick - start
+    deeper = (measured > 0.0) & (before[start] - before > limits.deeper)
+    return bool(((same > TOGETHER) & ((same >= limits.same) | deeper)).any())
+
+
+def _lost(limits: GuardLimits, desired: Array, measured: Array, command: Array) -> bool:
+    """Whether contact is lost too often, or looked for too far."""
+    tick = np.arange(len(measured))
+    before = np.concatenate([[0.0], command[:-1]])
+    asks, feels = desired > 0.0, measured > FELT * desired
+    losses = np.count_nonzero(feels[asks][:-1] & ~feels[asks][1:])
+    last = np.maximum.accumulate(np.where(feels & asks, tick, -1))
+    too_far = (last >= 0) & ~feels & (before[last] - before > limits.search * (1.0 - _ROUNDING))
+    return bool(losses > LOSSES or too_far.any())

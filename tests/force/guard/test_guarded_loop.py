@@ -1,0 +1,186 @@
+"""Controllers behind their guard, in the loop of one dimension: what a fault of the sensor or of the model comes to."""
+
+from __future__ import annotations
+
+import math
+from dataclasses import dataclass
+from typing import Any
+
+import numpy as np
+import pytest
+from pydrake.systems.framework import Context, DiagramBuilder, System
+
+import forcectl as fc
+from forcectl.diagrams.sensors import WristForceConfig
+from forcectl.errors import BadInputError
+from forcectl.force.guard.config import GuardConfig
+from forcectl.framework.sampled_block import Memory, SampledBlock
+from forcectl.plant.plant_model import PlantModel
+from forcectl.plant.sensors.force_fault import ForceFaultConfig
+from forcectl.runs.simulate import VariantOutcome, simulate
+from forcectl.scenario.scenario import build, load_scenario
+
+VRFT = {"proportional_gain": -1.446e-05, "integral_gain": -2.951e-05, "derivative_gain": 1.388e-08}
+INTEGRAL, ADAPTIVE = fc.force.IntegralConfig(), fc.force.AdaptiveIntegralConfig()
+INVARIANCE = fc.force.InvarianceConfig()
+HOLD, RETREAT, STOP = 100, 300, 400
+
+
+def outcome(controller: Any, duration: float, faults: Any = (), **changed: Any) -> VariantOutcome:
+    """15 N on 5e4 N/m."""
+    sensor = WristForceConfig(faults=[ForceFaultConfig(**fault) for fault in faults])
+    station = {"fidelity": "OneDimensional", "environment": {"stiffness": 5e4}, "sensors": {"force": sensor}}
+    scenario = load_scenario(
+        {"station": station, "controller": controller, "reference": {"force": 15.0}, "duration": duration} | changed
+    )
+    return simulate(scenario, build(scenario), "default")
+
+
+def signal(run: VariantOutcome, name: str) -> np.ndarray:
+    found: np.ndarray = run.log[name].values.reshape(run.log.sizes["time"], -1)[:, 0]
+    return found
+
+
+def kinds(run: VariantOutcome) -> set[str]:
+    return {finding.kind for finding in run.findings}
+
+
+class Law(SampledBlock):
+    """Goes into the surface at a speed; from 0.2 s on its command is what `spoil` makes of it."""
+
+    def __init__(self, speed: float, spoil: float, period: float):
+        super().__init__()
+        self._speed, self._spoil = speed, spoil
+        forces = [self.DeclareVectorInputPort(name, 1) for name in ("desired_force", "measured_force")]
+        self.declare_memory({"displacement_command": 0.0}, forces, period)
+        self.show("displacement_command")
+
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, float]:
+        time = context.get_time()
+        return {"displacement_command": -self._speed * time + (self._spoil if time > 0.2 else 0.0)}
+
+
+@dataclass
+class LawConfig:
+    """A law of a user's own."""
+
+    speed: float = 0.0
+    spoil: float = 0.0
+
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
+        return builder.AddNamedSystem("law", Law(self.speed, self.spoil, model.period))
+
+
+@pytest.mark.parametrize("controller", [INTEGRAL, INVARIANCE, fc.force.GovernedConfig()])
+def test_a_sound_run_is_the_same_bit_for_bit_without_the_guard(controller):
+    with_guard, without = outcome(controller, 0.5), outcome(controller, 0.5, guard=None)
+    for name in without.log:
+        assert with_guard.log[name].values.tobytes() == without.log[name].values.tobytes(), name
+    assert not signal(with_guard, "status").any()
+    assert not {"guarded", "guard_stopped"} & kinds(with_guard)
+
+
+@pytest.mark.parametrize("controller", [ADAPTIVE, fc.force.GovernedConfig()])
+@pytest.mark.parametrize(("kind", "value"), [("inf", 0.0), ("value", -3e5), ("value", 250.0), ("nan", 0.0)])
+def test_one_bad_reading_is_passed_over(controller, kind, value):
+    fault = {"kind": kind, "value": value, "start": 0.2, "duration": 0.002}
+    run, sound = outcome(controller, 0.4, [fault]), outcome(controller, 0.4)
+    assert run.failure is None
+    assert np.abs(np.diff(signal(run, "displacement_command"))).max() < 1e-4
+    assert abs(signal(run, "contact_force") - signal(sound, "contact_force")).max() < 0.2
+    assert set(signal(run, "status")) == {0.0, HOLD + 10.0}
+    assert "guarded" in kinds(run)
+
+
+@pytest.mark.parametrize("controller", [ADAPTIVE, fc.force.VrftConfig(**VRFT), INVARIANCE])
+@pytest.mark.parametrize(
+    ("kind", "value", "causes"), [("frozen", 0.0, {20}), ("value", 0.0, {10, 20}), ("nan", 0.0, {10})]
+)
+def test_a_dead_sensor_ends_in_a_stop_away_from_the_surface(controller, kind, value, causes):
+    run = outcome(controller, 1.3, [{"kind": kind, "value": value, "start": 0.25}])
+    assert signal(run, "contact_force").max() < 20
+    assert signal(run, "contact_force")[-1] == 0
+    assert signal(run, "status")[-1] in {STOP + each for each in causes}
+    assert signal(run, "displacement_command")[-1] > 0
+    stopped = run.log["time"].values[np.argmax(signal(run, "status") >= STOP)]
+    assert stopped < 0.25 + 1.0
+    assert "guard_stopped" in kinds(run)
+
+
+def test_a_sensor_without_noise_that_stands_still_is_found_by_the_motion():
+    quiet = WristForceConfig(noise_std=0.0, quantum=0.0, faults=[ForceFaultConfig(kind="frozen", start=0.25)])
+    station = {"fidelity": "OneDimensional", "environment": {"stiffness": 5e4}, "sensors": {"force": quiet}}
+    run = outcome(fc.force.IntegralConfig(integral_gain=4.0), 2.0, station=station)
+    assert signal(run, "contact_force").max() < 40
+    assert signal(run, "status")[-1] == STOP + 20
+
+
+def test_a_wrong_sign_ends_in_a_stop():
+    run = outcome(fc.force.IntegralConfig(integral_gain=3.0), 1.5, [{"kind": "scale", "value": -1.0, "start": 0.1}])
+    assert signal(run, "contact_force").max() < 30
+    assert signal(run, "status")[-1] == STOP + 10
+
+
+@pytest.mark.parametrize("stiffness", [5e4, 3e5])
+@pytest.mark.parametrize("maximum", [25.0, 40.0])
+def test_the_true_force_stays_below_its_maximum(stiffness, maximum):
+    """A law that goes on at 20 mm/s, on a surface ten times as stiff as the model's."""
+    changes = {
+        "station.environment.stiffness": stiffness,
+        "model.environment_compliance": 10.0,
+        "guard.maximum_force": maximum,
+    }
+    base = {"station": {"fidelity": "OneDimensional"}, "controller": LawConfig(0.02), "duration": 1.5}
+    scenario = load_scenario(base, overrides=changes)
+    run = simulate(scenario, build(scenario), "default")
+    assert signal(run, "contact_force").max() < 1.2 * maximum
+    assert signal(run, "status")[-1] == STOP + 50
+    assert (np.diff(signal(run, "status") // 100 == 3) > 0).sum() <= 8  # begins and ends of four retreats
+
+
+def test_a_law_that_only_knows_the_compliance_rests_below_the_maximum():
+    """It would press with 36 N for ever."""
+    run = outcome(
+        INVARIANCE,
+        1.2,
+        model={"environment_compliance": 5.0},
+        guard=GuardConfig(maximum_force=20.0),
+    )
+    assert 0 < signal(run, "contact_force")[-1] < 20
+    assert signal(run, "contact_force").max() < 24
+    assert signal(run, "status")[-1] == 0
+
+
+@pytest.mark.parametrize("spoil", [-0.07, 0.03])
+def test_a_command_that_jumps_is_followed_slowly_into_the_surface(spoil):
+    run = outcome(LawConfig(spoil=spoil), 0.3, guard={"maximum_speed": 2.5})
+    steps = np.diff(signal(run, "displacement_command"))
+    assert steps.min() > -1e-4
+    assert steps.max() <= 5.001e-3
+    assert 260 in signal(run, "status")
+
+
+def test_the_derivative_kick_of_a_step_is_no_jump():
+    law = fc.force.VrftConfig(**VRFT | {"derivative_gain": -3.6e-6})
+    run = outcome(law, 0.1)
+    assert signal(run, "displacement_command")[0] < -0.005  # more than 2.5 m/s from rest
+    assert not signal(run, "status").any()
+
+
+def test_a_command_that_is_no_number_is_held():
+    run = outcome(LawConfig(speed=1e-3, spoil=math.nan), 0.9)
+    assert np.isfinite(signal(run, "displacement_command")).all()
+    assert run.failure is None
+    assert signal(run, "status")[-1] == STOP + 60
+
+
+def test_joint_commands_are_guarded():
+    """The robot's own controller has no force law: dead sensor, then what it costs."""
+    run = outcome(fc.force.InvarianceRobotConfig(), 1.0, [{"kind": "value", "value": 0.0, "start": 0.3}])
+    assert signal(run, "contact_force")[-1] == 0
+    assert signal(run, "status")[-1] == STOP + 10
+
+
+def test_a_largest_force_needs_a_controller_that_reads_forces():
+    with pytest.raises(BadInputError, match=r"guard.maximum_force = 30.0: must be null: this controller does not read"):
+        fc.build("fig_5_3", overrides={"guard.maximum_force": 30.0})
