@@ -6,6 +6,8 @@ from forcectl.estimation.force_estimator import ForceEstimatorConfig as ForceEst
 from forcectl.estimation.force_estimator import KalmanForceEstimatorConfig as KalmanForceEstimatorConfig
 from forcectl.estimation.momentum_observer import MomentumObserver as MomentumObserver
 from forcectl.estimation.recursive_vrft import RecursiveVrft as RecursiveVrft
+from forcectl.estimation.surface_offset import Sliding as Sliding
+from forcectl.estimation.surface_offset import SurfaceOffset as SurfaceOffset
 from forcectl.estimation.wrench import WrenchEstimator as WrenchEstimator
 from forcectl.estimation.wrench import wrench_from_torques as wrench_from_torques
 from forcectl.estimation.wrench_between import WrenchBetween as WrenchBetween

@@ -20,6 +20,9 @@ from pydrake.systems.framework import BasicVector, Context
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values, check_order
 from forcectl.framework.sampled_block import Memory, SampledBatch
 
+# C_E_hat stays within [m/N]: contacts of 10 N/m to 1e8 N/m.
+COMPLIANCE_BOUNDS = (1e-8, 1e-1)
+
 
 def ewrls_step(
     estimate: BatchValue, covariance: BatchValue, target: BatchValue, regressor: BatchValue, forgetting: BatchValue
@@ -79,8 +82,8 @@ class EnvironmentComplianceEstimator(SampledBatch):
         robot_compliance: ArrayLike = 0.0,
         drive_compliance: ArrayLike = 0.0,
         minimum_force: ArrayLike = 0.2,
-        lower_bound: ArrayLike = 1e-8,
-        upper_bound: ArrayLike = 1e-1,
+        lower_bound: ArrayLike = COMPLIANCE_BOUNDS[0],
+        upper_bound: ArrayLike = COMPLIANCE_BOUNDS[1],
         period: float = 0.002,
     ):
         super().__init__(

@@ -39,7 +39,7 @@ class ForceEstimator(Diagram):
     input_ports: [joint_position, joint_velocity, motor_torque, tare (optional)]
     output_ports: [estimated_torque, estimated_wrench (optional), estimated_local_wrench (optional), near_singular
     (optional), wrench_deviation (optional), joint_bias (optional), moving (optional), torque_elsewhere (optional),
-    residual, torque_balance, reading_ok]
+    wrench_covariance (optional), residual, torque_balance, reading_ok]
     ```
 
     joint_position, joint_velocity, motor_torque: shape (n,), readings of the tick [rad, rad/s, Nm].
@@ -53,6 +53,7 @@ class ForceEstimator(Diagram):
     near_singular: shape (a,), 1 where a direction is damped [1]; of a `WrenchEstimator`.
     wrench_deviation: shape (6a,), in the axes of each TCP [Nm, N]; joint_bias: shape (n,) [Nm]; moving: shape (n,) [1];
     torque_elsewhere: shape (a,) [Nm]; of a `WrenchFilter`, joints arm by arm.
+    wrench_covariance: shape (36a,), arm by arm, in the axes of each TCP, products of [Nm, N]; of a `WrenchFilter`.
     All outputs are feedthrough of all inputs at the tick.
 
     Sampling: every `period` [s]; no delay. Speeds that are filtered make the estimate as late as they are.

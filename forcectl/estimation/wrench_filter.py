@@ -16,8 +16,10 @@ tells the two apart, as far as the force has a part along that motion.
 
 from __future__ import annotations
 
+import math
 from collections.abc import Sequence
 from typing import Any, NamedTuple
+from weakref import ref
 
 import numpy as np
 from numpy.typing import NDArray
@@ -28,6 +30,7 @@ from scipy.linalg.lapack import dposv
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check
 from forcectl.framework.cache import scratch
+from forcectl.framework.kernels import all_finite, left_free
 from forcectl.framework.sampled_block import Memory, SampledBlock
 from forcectl.plant.drives.joint_friction import JointFriction, sliding_friction_torque
 from forcectl.robot.momentum_model import MomentumModel
@@ -66,7 +69,7 @@ class WrenchFilter(SampledBlock):
     ```
     name: WrenchFilter
     input_ports: [torque_balance, joint_position, joint_velocity, reading_ok, tare]
-    output_ports: [wrench, wrench_deviation, joint_bias, moving, torque_elsewhere]
+    output_ports: [wrench, wrench_deviation, joint_bias, moving, torque_elsewhere, wrench_covariance]
     ```
 
     torque_balance: shape (n,), from a `MomentumObserver` [Nm]. joint_position, joint_velocity: shape (n,) [rad, rad/s].
@@ -84,6 +87,8 @@ class WrenchFilter(SampledBlock):
     torque_elsewhere: shape (1,), size of the torque along motions that leave the frame where it is, which no wrench
     at the frame has, beyond what b and c have explained for a second; behind a lag of 20 ms, and held while joints that
     it needs are not believed [Nm].
+    wrench_covariance: shape (36,), of the wrench in the axes of the frame, row by row, as this filter sees it: its
+    diagonal is the square of wrench_deviation; without a moment the rows of the torque are zero; products of [Nm, N].
     All outputs are feedthrough of all inputs at the tick, and held.
 
     Numbers that are not finite hold the estimate of the last tick.
@@ -163,6 +168,10 @@ class WrenchFilter(SampledBlock):
         walk = np.concatenate([walks[self._first :], slowly, 0.25 * slowly])
         self._walk = Ts * walk**2
         self._size = m = len(walk)
+        wrench = 6 - self._first
+        self._pick = np.eye(self._k)[:, wrench:]
+        # d per wrench, b and c; of the wrench and c to be filled in.
+        self._features = np.hstack([np.zeros((self._k, wrench)), np.eye(self._k), np.zeros((self._k, self._k))])
         self.port_units = {
             "torque_balance": "Nm",
             "joint_position": "rad",
@@ -174,6 +183,7 @@ class WrenchFilter(SampledBlock):
             "joint_bias": "Nm",
             "moving": "1",
             "torque_elsewhere": "Nm",
+            "wrench_covariance": "",
         }
         sizes = {"torque_balance": n, "joint_position": n, "joint_velocity": n, "reading_ok": n, "tare": 1}
         inputs = [self.DeclareVectorInputPort(name, size) for name, size in sizes.items()]
@@ -198,13 +208,20 @@ class WrenchFilter(SampledBlock):
         }
         self.declare_memory(memory, inputs, Ts)
         self.show("wrench", "wrench_deviation", "joint_bias", "moving", "torque_elsewhere")
+        block: Any = ref(self)
+        self.DeclareVectorOutputPort(
+            "wrench_covariance",
+            36,
+            lambda context, output: output.SetFromVector(block()._covariance(context)),
+            prerequisites_of_calc=self._reads,
+        )
 
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, Any]:
         """One tick of the filter."""
         mine, k = self._joints, self._k
         balance, q, v = inputs["torque_balance"], inputs["joint_position"], inputs["joint_velocity"]
         level = inputs["tare"].item() if "tare" in inputs else 0.0
-        if not (np.isfinite(balance).all() and np.isfinite(q).all() and np.isfinite(v).all()):
+        if not all_finite(balance, q, v):
             return dict(memory)
         speed = v[mine]
         slow, direction = np.abs(speed) < self._slow, memory["direction"]
@@ -218,12 +235,16 @@ class WrenchFilter(SampledBlock):
 
         plant = self._scratch.Eval(context)
         jacobian = self._model.jacobian(plant, q, self._frame, self._frame)[self._first :, mine]
+        m = self._size - 2 * k
         x, P = memory["state"], memory["covariance"].reshape(self._size, self._size).copy()
-        P[np.diag_indices_from(P)] += self._walk
+        P.flat[:: self._size + 1] += self._walk
         # Corrected.
-        H = np.hstack([jacobian.T, np.eye(k), np.diag(np.sign(speed))])
+        H = self._features.copy()
+        H[:, :m] = jacobian.T
+        H.flat[m + k :: self._size + 1] = np.sign(speed)
         gained = H @ P
-        S = gained @ H.T + np.diag(self._noise + doubt**2 * self._unknown)
+        S = gained @ H.T
+        S.flat[:: k + 1] += self._noise + doubt**2 * self._unknown
         _, solved, failed = dposv(S, gained)
         felt = balance[mine] + sliding_friction_torque(v, self._friction)[mine]
         if not failed:
@@ -231,11 +252,9 @@ class WrenchFilter(SampledBlock):
             P = P - solved.T @ gained
             P = 0.5 * (P + P.T)
 
-        m = self._size - 2 * k
         settled = memory["settled"] + self._period / (self._period + _SETTLED) * (x[m:] - memory["settled"])
-        free, elsewhere = np.linalg.qr(jacobian.T, mode="complete")[0][:, m:], memory["elsewhere"]
-        needed = (np.abs(free) > _NEEDED).any(axis=1)
-        if not (doubt[needed] > _DOUBT).any():
+        free, elsewhere = left_free(jacobian, self._pick) if self._pick.size else None, memory["elsewhere"]
+        if free is not None and not ((np.abs(free) > _NEEDED).any(axis=1) & (doubt > _DOUBT)).any():
             left = free @ (free.T @ (felt - H[:, m:] @ settled))
             elsewhere = elsewhere + self._period / (self._period + _LAG) * (left - elsewhere)
 
@@ -250,7 +269,7 @@ class WrenchFilter(SampledBlock):
             "wrench_deviation": deviation,
             "joint_bias": x[m : m + k],
             "moving": (doubt < _DOUBT).astype(float),
-            "torque_elsewhere": np.linalg.norm(elsewhere),
+            "torque_elsewhere": math.sqrt(elsewhere @ elsewhere),
             "state": x,
             "covariance": P.ravel(),
             "direction": direction,
@@ -260,6 +279,12 @@ class WrenchFilter(SampledBlock):
             "elsewhere": elsewhere,
             **tare._asdict(),
         }
+
+    def _covariance(self, context: Context) -> Array:
+        found = np.zeros((6, 6))
+        every = self.memory(context)["covariance"].reshape(self._size, self._size)
+        found[self._first :, self._first :] = every[: 6 - self._first, : 6 - self._first]
+        return found.ravel()
 
     def _tare(self, tare: Tare, found: Array, level: float) -> tuple[Array, Tare]:
         """The wrench after taring, shape (6,) [Nm, N], and what is known for the next tick."""

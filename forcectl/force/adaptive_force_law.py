@@ -1,13 +1,19 @@
-"""Adaptive force control: any law with a `compliance` input, fed by the EWRLS estimate of the contact."""
+"""Adaptive force control: any law with a `compliance` input, fed by the EWRLS estimate of the contact.
+
+A law that plans its command from the compliance alone also needs the height of a surface that it slides over, see
+`forcectl.estimation.surface_offset`.
+"""
 
 from __future__ import annotations
 
 from dataclasses import dataclass
 
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
+from pydrake.systems.primitives import Adder
 
 from forcectl.errors import BadInputError
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
+from forcectl.estimation.surface_offset import SurfaceOffset
 from forcectl.force.law import ForceLaw, LawConfig
 from forcectl.force.sensor_lag import sensor_model
 from forcectl.framework.fields import Config, key
@@ -20,15 +26,21 @@ class AdaptiveForceLaw(Diagram):
 
     ```
     name: AdaptiveForceLaw
-    input_ports: [desired_force, measured_force, motor_displacement]
-    output_ports: [displacement_command, invariance_function (optional), status (optional), environment_compliance]
+    input_ports: [desired_force, measured_force, motor_displacement, path_displacement (optional), sliding (optional)]
+    output_ports: [displacement_command, invariance_function (optional), status (optional), surface_offset (optional),
+    environment_compliance]
     ```
 
     desired_force, measured_force: shape (n,) [N].
     motor_displacement: shape (n,), actual motor-side dx along n [m], unfiltered: the block filters it like the force.
-    displacement_command: shape (n,) [m]. invariance_function, status: shape (n,) [m, 1]; of laws that have them.
+    path_displacement, sliding: shape (n,), see `SurfaceOffset`, unfiltered [m, 1]; both exist with an `offset`.
+    displacement_command: shape (n,) [m]. Feedthrough of desired_force and measured_force at the tick. Feedthrough of
+    sliding, motor_displacement and path_displacement when there is an `offset`.
+    invariance_function, status: shape (n,) [m, 1]; of laws that have them. Feedthrough of desired_force and
+    measured_force at the tick.
+    surface_offset: shape (n,), s [m]; with an `offset`. Feedthrough of measured_force and sliding at the tick.
+    Feedthrough of motor_displacement and path_displacement when the sensor has no delay.
     environment_compliance: shape (n,), C_E_hat [m/N]. State.
-    All outputs are feedthrough of desired_force and measured_force at the tick.
 
     Sampling: every `period` [s]; no delay beyond that of the law, whose compliance is one tick old.
 
@@ -36,12 +48,19 @@ class AdaptiveForceLaw(Diagram):
         law: a `ForceLaw` or diagram of one, with the ports of the force law's slot and the input `compliance`.
         estimator: of the compliance.
         displacement_filter: of the displacement, that of the force.
+        offset: of the surface, with a filter for the displacement of the path; None: it does not change.
 
     Raises:
         BadInputError: the law has no such input.
     """
 
-    def __init__(self, law: ForceLaw | Diagram, estimator: EnvironmentComplianceEstimator, displacement_filter: System):
+    def __init__(
+        self,
+        law: ForceLaw | Diagram,
+        estimator: EnvironmentComplianceEstimator,
+        displacement_filter: System,
+        offset: tuple[SurfaceOffset, System] | None = None,
+    ):
         super().__init__()
         if not law.HasInputPort("compliance"):
             raise BadInputError(f"{type(law).__name__} has no input port 'compliance': an adaptive law must have one")
@@ -54,9 +73,28 @@ class AdaptiveForceLaw(Diagram):
         measured = builder.ExportInput(law.GetInputPort("measured_force"), "measured_force")
         builder.ConnectInput(measured, estimator.GetInputPort("measured_force"))
         builder.ExportInput(displacement_filter.get_input_port(), "motor_displacement")
-        builder.Connect(displacement_filter.get_output_port(), estimator.GetInputPort("displacement"))
         builder.Connect(estimator.GetOutputPort("compliance"), law.GetInputPort("compliance"))
-        export_all_outputs(builder, law)
+        if offset is None:
+            builder.Connect(displacement_filter.get_output_port(), estimator.GetInputPort("displacement"))
+            export_all_outputs(builder, law)
+        else:
+            surface, path_filter = offset
+            builder.AddNamedSystem("surface_offset", surface)
+            builder.AddNamedSystem("path_filter", path_filter)
+            command = builder.AddNamedSystem("command", Adder(2, surface.size))
+            builder.ConnectInput(measured, surface.GetInputPort("measured_force"))
+            builder.ExportInput(path_filter.get_input_port(), "path_displacement")
+            builder.ExportInput(surface.GetInputPort("sliding"), "sliding")
+            builder.Connect(displacement_filter.get_output_port(), surface.GetInputPort("displacement"))
+            builder.Connect(path_filter.get_output_port(), surface.GetInputPort("path_displacement"))
+            builder.Connect(estimator.GetOutputPort("compliance"), surface.GetInputPort("compliance"))
+            explained = surface.GetOutputPort("explained_displacement")
+            builder.Connect(explained, estimator.GetInputPort("displacement"))
+            builder.Connect(law.GetOutputPort("displacement_command"), command.get_input_port(0))
+            builder.Connect(surface.GetOutputPort("surface_offset"), command.get_input_port(1))
+            builder.ExportOutput(command.get_output_port(), "displacement_command")
+            export_all_outputs(builder, law, but=["displacement_command"])
+            builder.ExportOutput(surface.GetOutputPort("surface_offset"), "surface_offset")
         builder.ExportOutput(estimator.GetOutputPort("environment_compliance"), "environment_compliance")
         builder.BuildInto(self)
 
@@ -90,7 +128,31 @@ class Adaptation(Config):
 class AdaptiveLawConfig(Adaptation, LawConfig):
     """Base of the configurations of adaptive laws."""
 
+    def offset(self, model: PlantModel) -> tuple[SurfaceOffset, System] | None:
+        """What `AdaptiveForceLaw` takes for the surface; None: its law needs none."""
+        return None
+
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> AdaptiveForceLaw:
         """Add the law with its estimator."""
-        law = AdaptiveForceLaw(self.law(model, None), self.estimator(model), sensor_model(model, model.size))
+        filter_ = sensor_model(model, model.size)
+        law = AdaptiveForceLaw(self.law(model, None), self.estimator(model), filter_, self.offset(model))
         return builder.AddNamedSystem("force_law", law)
+
+
+@dataclass(kw_only=True)
+class AdaptivePlanConfig(AdaptiveLawConfig):
+    """Base of the configurations of adaptive laws that plan their command from the compliance."""
+
+    surface: str = key(
+        "height",
+        "what changes while the tool slides: the height of the surface, or its compliance alone as in (3.56)",
+        choices=("height", "compliance"),
+    )
+
+    def offset(self, model: PlantModel) -> tuple[SurfaceOffset, System] | None:
+        """The offset, unless all is taken for compliance."""
+        if self.surface == "compliance":
+            return None
+        lag = 2 * model.sensor_damping_ratio / model.sensor_bandwidth + model.sensor_delay
+        block = SurfaceOffset(model.size, drive_compliance=model.drive_compliance, lag=lag, period=model.period)
+        return block, sensor_model(model, model.size)

@@ -112,6 +112,8 @@ class KinematicInversion(LeafSystem):
         damping: lambda_max [m].
     """
 
+    REFRESHED = "posture"  # by its events, for block diagrams: the command does not wait for them
+
     def __init__(
         self,
         robot: RobotModel,

@@ -3,15 +3,45 @@
 from __future__ import annotations
 
 from abc import abstractmethod
-from collections.abc import Mapping, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
-from forcectl.framework.batch import BatchParameter, check_order
+from forcectl.errors import BadInputError
+from forcectl.framework.batch import BatchParameter, BatchValue, check_order
 from forcectl.framework.sampled_block import SampledBatch
+from forcectl.framework.wiring import input_names, output_names
 from forcectl.plant.plant_model import PlantModel
+
+
+def require_force_law(law: System, inputs: Iterable[str]) -> None:
+    """Refuse what is no force law.
+
+    Args:
+        law: any system.
+        inputs: ports that it must have beside the output displacement_command.
+
+    Raises:
+        BadInputError: it lacks one.
+    """
+    inputs = list(inputs)
+    if "displacement_command" not in output_names(law) or not set(inputs) <= set(input_names(law)):
+        wanted = ", ".join([*inputs, "displacement_command"])
+        raise BadInputError(f"{type(law).__name__} is no force law: must have {wanted}")
+
+
+def low_pass(last: BatchValue, value: BatchValue, filter_time: BatchValue, period: float) -> BatchValue:
+    """One tick of the first-order lag 1/(1 + s T): y[k] = y[k-1] + (u[k] - y[k-1]) Ts/(T + Ts), backward differences.
+
+    Args:
+        last: y[k-1].
+        value: u[k].
+        filter_time: T [s], >= 0; without, y = u.
+        period: Ts [s].
+    """
+    return last + (value - last) * (period / (filter_time + period))
 
 
 class ForceLaw(SampledBatch):

@@ -7,6 +7,8 @@
 With T_D = 0 this is the discrete PID of (4.20), whose gains are K_I Ts and K_D/Ts; T_D > 0 is the derivative
 s/(1 + s T_D) of Sec. 4.3. The plant gain from dx to F is negative, and so are the gains. The compliance of the robot is
 fed back positively: what is left of the plant is the environment, whatever the posture.
+
+Not in the thesis and off by default: a feed-forward -C_F F_bar of the desired force behind a first-order lag T_F.
 """
 
 from __future__ import annotations
@@ -19,7 +21,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, DiagramBuilder, System
 
 from forcectl.errors import BadInputError, invalid
-from forcectl.force.law import ForceLaw
+from forcectl.force.law import ForceLaw, low_pass
 from forcectl.framework.batch import BatchParameter, BatchValue
 from forcectl.framework.fields import Config, key
 from forcectl.framework.sampled_block import Memory
@@ -38,8 +40,9 @@ class LinearForceLaw(ForceLaw):
     input_ports: [desired_force, measured_force, proportional_gain (optional), integral_gain (optional),
     derivative_gain (optional), excitation (optional), mode (optional)]
     output_ports: [displacement_command, controller_output]
-    parameters: [robot_compliance, derivative_filter, proportional_gain (optional), integral_gain (optional),
-    derivative_gain (optional), fir_0 (optional), fir_1 (optional), fir_2 (optional), lower_limit, upper_limit]
+    parameters: [robot_compliance, derivative_filter, feed_forward, feed_forward_filter, proportional_gain (optional),
+    integral_gain (optional), derivative_gain (optional), fir_0 (optional), fir_1 (optional), fir_2 (optional),
+    lower_limit, upper_limit]
     ```
 
     desired_force, measured_force: shape (n,) [N].
@@ -52,12 +55,13 @@ class LinearForceLaw(ForceLaw):
     controller_output: shape (n,), u_hat = dx_bar + C_R_hat F [m] as commanded, after the limits.
     All outputs are feedthrough of all inputs at the tick.
 
-    Parameters (Context, shape (n,)): robot_compliance C_R_hat [m/N] >= 0, derivative_filter T_D [s] >= 0, the three
-    gains, and fir_0, fir_1, ... [m/N], as many as are given, lower_limit and upper_limit of dx_bar [m].
+    Parameters (Context, shape (n,)): robot_compliance C_R_hat [m/N] >= 0, derivative_filter T_D [s] >= 0, feed_forward
+    C_F [m/N] >= 0, feed_forward_filter T_F [s] >= 0, the three gains, and fir_0, fir_1, ... [m/N], as many as are
+    given, lower_limit and upper_limit of dx_bar [m].
 
-    It starts at dx_bar = 0 under the force it finds. At a limit the integral stands still unless it leads away from it.
-    A force, gain or excitation that is not a number holds the last command and everything remembered. Lost contact
-    reads as F = 0: the command goes after the surface, down to its lower limit.
+    It starts at dx_bar = 0 under the force it finds, but for the feed-forward. At a limit the integral stands still
+    unless it leads away from it. A force, gain or excitation that is not a number holds the last command and everything
+    remembered. Lost contact reads as F = 0: the command goes after the surface, down to its lower limit.
 
     Sampling: every `period` [s]; no delay from measured_force to displacement_command, see `SampledBlock`.
 
@@ -80,6 +84,8 @@ class LinearForceLaw(ForceLaw):
         fir: Sequence[ArrayLike] = (),
         robot_compliance: ArrayLike = 0.0,
         derivative_filter: ArrayLike = 0.0,
+        feed_forward: ArrayLike = 0.0,
+        feed_forward_filter: ArrayLike = 0.0,
         lower_limit: ArrayLike = -np.inf,
         upper_limit: ArrayLike = np.inf,
         open_loop: bool = False,
@@ -88,6 +94,8 @@ class LinearForceLaw(ForceLaw):
         parameters = {
             "robot_compliance": BatchParameter(robot_compliance, "not negative", "m/N"),
             "derivative_filter": BatchParameter(derivative_filter, "not negative", "s"),
+            "feed_forward": BatchParameter(feed_forward, "not negative", "m/N"),
+            "feed_forward_filter": BatchParameter(feed_forward_filter, "not negative", "s"),
         }
         if gains is not None:
             if len(gains) != len(GAINS):
@@ -95,7 +103,7 @@ class LinearForceLaw(ForceLaw):
             parameters |= {n: BatchParameter(v, "finite", GAIN_UNITS[n]) for n, v in zip(GAINS, gains, strict=True)}
         parameters |= {f"fir_{i}": BatchParameter(value, "finite", "m/N") for i, value in enumerate(fir)}
         self._own_gains, self._open_loop = gains is not None, open_loop
-        own = ("controller_output", "started", "integral", "proportional", "derivative")
+        own = ("controller_output", "started", "integral", "proportional", "derivative", "expected_force")
         super().__init__(
             size,
             parameters,
@@ -110,7 +118,7 @@ class LinearForceLaw(ForceLaw):
     def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
         """One tick of the law."""
         m, period = self.math, self._period
-        robot, filter_time, *coefficients, lower, upper = self.values(context)
+        robot, filter_time, forward, forward_time, *coefficients, lower, upper = self.values(context)
         force = inputs["measured_force"]
         error = inputs["desired_force"] - force
         gains, fir = coefficients[:3], coefficients[3:]
@@ -136,7 +144,9 @@ class LinearForceLaw(ForceLaw):
         moving: BatchValue = 0.0
         for coefficient, e in zip(fir, (error, *past), strict=False):
             moving = moving + coefficient * e
-        others = proportional + derivative + moving - feedback
+        desired = m.where(good, inputs["desired_force"], 0.0)
+        expected = low_pass(memory["expected_force"], desired, forward_time, period)
+        others = proportional + derivative + moving - feedback - forward * expected
         after = integral + ki * period * error
         free = after + others
         # At a limit the integral goes as far as the limit, and never back to get there.
@@ -153,6 +163,7 @@ class LinearForceLaw(ForceLaw):
             "integral": integral,
             "proportional": proportional,
             "derivative": derivative,
+            "expected_force": expected,
             "last_errors": [error, *past[:-1]],
         }
         good = good & (abs(free) < np.inf)
@@ -161,8 +172,16 @@ class LinearForceLaw(ForceLaw):
 
 @dataclass(kw_only=True)
 class VrftConfig(Config, in_batches=True):
-    """Scenario part `!Vrft`: a controller that VRFT has tuned; the default is that of Sec. 4.3.4."""
+    """Scenario part `!Vrft`: a controller that VRFT has tuned; the default is that of Sec. 4.3.4.
 
+    With `gains_from` the three gains are found before the run, see `forcectl.scenario.gains`, and those written are not
+    used.
+    """
+
+    gains_from: str | None = key(
+        None, "experiment that finds the three gains, on the station and seed of the run; null: as written"
+    )
+    gains_variant: str | None = key(None, "of that experiment; null: the first")
     proportional_gain: float = key(-5.37e-5, "gain K_P", unit="m/N", each=True)
     integral_gain: float = key(
         -2.53e-4, "gain K_I; pressing is negative", unit="m/(N s)", bounds="at most 0", each=True

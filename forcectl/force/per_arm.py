@@ -13,7 +13,7 @@ from forcectl.framework.fields import Config, slot
 from forcectl.framework.wiring import Enclosed, stacked
 from forcectl.plant.plant_model import PlantModel
 
-_INPUTS = ("desired_force", "measured_force", "motor_displacement", "path_displacement")
+_INPUTS = ("desired_force", "measured_force", "motor_displacement", "path_displacement", "sliding")
 
 
 @dataclass(kw_only=True)
@@ -42,12 +42,13 @@ class PerArm(Diagram):
 
     ```
     name: PerArm
-    input_ports: [desired_force, measured_force, motor_displacement (optional), path_displacement (optional)]
+    input_ports: [desired_force, measured_force, motor_displacement (optional), path_displacement (optional),
+    sliding (optional)]
     output_ports: [displacement_command]
     ```
 
-    desired_force, measured_force: shape (k,) [N]. motor_displacement, path_displacement: shape (k,) [m]; where a law
-    has them.
+    desired_force, measured_force: shape (k,) [N]. motor_displacement, path_displacement, sliding: shape (k,) [m, m, 1];
+    where a law has them.
     displacement_command: shape (k,) [m]. Feedthrough of desired_force and measured_force at the tick. Feedthrough of
     motor_displacement when a law predicts.
 

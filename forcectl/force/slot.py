@@ -4,6 +4,7 @@ ForceLaw (for k force loops at once)::
 
     in   desired_force, measured_force: shape (k,) [N]
          motor_displacement, path_displacement: shape (k,) [m], optional
+         sliding: shape (k,), 1 while the tool moves along its path [1], optional
     out  displacement_command: shape (k,) [m]; any further outputs are diagnostics
          displacement_velocity_command: shape (k,) [m/s], its speed, optional
 

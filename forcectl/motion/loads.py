@@ -34,7 +34,7 @@ class LoadConfig(Config):
     pause: float = key(0.0, "time after each wrench", unit="s", bounds="not negative")
     ramp: float = key(0.0, "time of each ramp, at most half of `hold`", unit="s", bounds="not negative")
     wrenches: list[list[float]] = key([], "each [torque; force] in the world", unit="Nm, N", size=6)
-    repeats: int = key(1, "how often the wrenches follow each other", bounds="at least 1")
+    repeats: int = key(1, "how often the wrenches follow each other", bounds="from 1 to 100000")
     every: float = key(0.0, "from the start of one repeat to the next", unit="s", bounds="not negative")
 
     def __post_init__(self) -> None:

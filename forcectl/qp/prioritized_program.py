@@ -18,11 +18,11 @@ from typing import NamedTuple
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
 from pydrake.solvers import MathematicalProgram
-from scipy.linalg.lapack import dgeqrf, dormqr, dposv
+from scipy.linalg.lapack import dposv
 
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.batch import check_count
-from forcectl.framework.kernels import all_finite, free_optimum, keeps, largest
+from forcectl.framework.kernels import all_finite, free_optimum, keeps, largest, left_free
 from forcectl.qp.named_program import Coefficients, NamedProgram
 from forcectl.qp.quadratic_program import QuadraticProgram, Status
 from forcectl.qp.solvers import DEFAULT_SOLVER, Solver, make_solver
@@ -287,11 +287,5 @@ def _free_of(task: Array | None, basis: Array | None, pick: Array) -> Array | No
     rows = task if basis is None else task @ basis
     if not all_finite(rows):
         return None
-    # The last columns of the orthogonal factor of the transposed rows: Householder, so exact at any rank.
-    factor, tau, _, info = dgeqrf(rows.T)
-    if info != 0:
-        return None
-    columns, _, info = dormqr("L", "N", factor, tau, pick, 64 * pick.shape[1])
-    if info != 0:
-        return None
-    return columns if basis is None else basis @ columns
+    columns = left_free(rows, pick)
+    return columns if columns is None or basis is None else basis @ columns

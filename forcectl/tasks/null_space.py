@@ -26,6 +26,8 @@ from forcectl.tasks.constraints.base import Constraint
 
 Vector = NDArray[np.float64]
 _STOPPED = 0.15  # [s] after which a self-motion turns round
+_OTHERS = np.array([[j for j in range(7) if j != i] for i in range(7)])  # columns of a minor of J (6, 7)
+_SIGNS = (-1.0) ** np.arange(7)
 
 
 class QuadraticCost(NamedTuple):
@@ -294,8 +296,7 @@ def stepped(
 
 def _null_vector(jacobian: Vector) -> Vector:
     """The unit vector n with J n = 0 of J (6, 7), as smooth as J: its elements are minors, whose signs alternate."""
-    columns = np.arange(7)
-    minors = np.linalg.det([jacobian[:, columns != i] for i in columns]) * (-1.0) ** columns
+    minors = np.linalg.det(jacobian[:, _OTHERS].swapaxes(0, 1)) * _SIGNS
     length = np.linalg.norm(minors)
     return minors / length if length > 0.0 else np.zeros(7)
 

@@ -54,7 +54,7 @@ def made_task(part: TaskPart, start: ArmsMotion, key: str) -> ArmTask:
 class _TaskConfig(Config):
     coordinates: list[str] = key(lambda: list(COORDINATES), "some of them, in this order", choices=COORDINATES)
     orientation: str = key("rotation_vector", "how the orientation is written", choices=ORIENTATIONS)
-    priority: int = key(1, "1 comes first", bounds="at least 1")
+    priority: int = key(1, "1 comes first", bounds="from 1 to 1000")
     targets: list[TaskTargetConfig] = key([], "over time; until the first one the coordinates stay")
 
     def _orientation(self, rotation: NDArray[np.float64]) -> Orientation:

@@ -68,6 +68,26 @@ def test_joints_that_move_feel_the_wrench():
     assert apart(times, found, WRENCH, 1.0)[0] < 0.5
 
 
+@pytest.mark.parametrize("moment", [True, False])
+def test_the_covariance_belongs_to_the_deviations(moment):
+    block = WrenchFilter(MODEL, FRICTION, TIP, moment=moment)
+    context = block.CreateDefaultContext()
+    for name, value in (("joint_position", MIDDLE), ("torque_balance", COULOMB)):
+        block.GetInputPort(name).FixValue(context, value)
+    for name in ("joint_velocity", "reading_ok"):
+        block.GetInputPort(name).FixValue(context, np.ones(7))
+    for _ in range(30):
+        context.SetDiscreteState(block.EvalUniquePeriodicDiscreteUpdate(context))
+        context.SetTime(context.get_time() + PERIOD)
+    covariance = block.GetOutputPort("wrench_covariance").Eval(context).reshape(6, 6)
+    deviation = block.GetOutputPort("wrench_deviation").Eval(context)
+    np.testing.assert_allclose(np.sqrt(np.diag(covariance)), deviation, atol=1e-15)
+    np.testing.assert_array_equal(covariance, covariance.T)
+    assert (np.linalg.eigvalsh(covariance)[0 if moment else 3 :] > 0).all()
+    assert (deviation[3:] > 0).all()
+    assert covariance[:3].any() == moment
+
+
 def test_friction_of_joints_that_stand_is_no_force():
     """Two joints keep 0.8 of their Coulomb friction: least squares feel it as newtons."""
     stands = (1, 4)
@@ -88,6 +108,7 @@ def test_what_no_joint_feels_is_said_to_be_unknown():
     assert (missed < 3.0 * standing["wrench_deviation"][-1][3:]).all()
 
 
+@pytest.mark.slow
 def test_friction_that_is_off_is_learnt_by_reversals():
     """Coulomb's friction 8 % larger than believed is a force in the first strokes, and much less later."""
     options = {"wrench": np.zeros(6), "friction": 1.08 * COULOMB, "speed": 3.0, "noise": 1e-3}
@@ -200,6 +221,7 @@ def test_on_the_station_10_n_on_the_elbow_are_told_apart_from_10_n_on_the_tool()
     assert largest({"body": "left_link_3"}) > 2.0 * largest({"arm": "left"})
 
 
+@pytest.mark.slow
 def test_a_window_of_the_past_is_tared_but_not_a_contact_that_begins_slowly():
     """1 N is there for 4 s, then 1 N/s more; of it the window of 0.5 to 1.5 s ago takes nothing."""
 

@@ -132,6 +132,7 @@ def settles(chains: list[Numbers], stiffness: np.ndarray) -> np.ndarray:
     return last < third
 
 
+@pytest.mark.slow
 def test_no_unstable_chain_passes_and_none_with_a_fifth_of_margin_is_refused():
     chains = [drawn(seed) for seed in range(100)]
     limits = np.array([c.chain.largest_stiffness(1e3 * c.damping / c.period) for c in chains])

@@ -55,6 +55,7 @@ from forcectl.tasks.constraints.base import Constraint, ConstraintSet, ForceLimi
 
 Vector = NDArray[np.float64]
 
+METRICS = ("task", "joint")
 _SLACK_WEIGHT = 1e6  # of regulated outputs: what slack costs beside the objective
 _FORCE_FIRST = 100.0  # times that for the force: it gives way after the others
 _CONTACT_FORCE = 0.5  # [N] contact is there above, and lost below half of it
@@ -127,6 +128,7 @@ class InvarianceController(SampledBlock):
         upper_acceleration: largest away from rest [m/s^2], > 0; None: -gamma.
         maximum_force: [N], > 0, of the true force, within the bounds of `ForceLimit`.
         nominal_gain: K_I [1/s] of the law to be corrected; None: that of (3.53).
+        metric: in which a correction of the nominal law is small, see `Objective`: "task" or "joint" accelerations.
         limits: of the joints; None: the robot's.
         constraints: further ones.
         constraint_gamma: of those without their own [m/s^2], < 0.
@@ -153,6 +155,7 @@ class InvarianceController(SampledBlock):
         upper_acceleration: float | None = None,
         maximum_force: float = math.inf,
         nominal_gain: float | None = None,
+        metric: str = "task",
         limits: JointLimits | None = None,
         constraints: Sequence[Constraint] = (),
         constraint_gamma: float = -1.0,
@@ -195,8 +198,10 @@ class InvarianceController(SampledBlock):
         for output in outputs:
             check_gamma("outputs.gamma", output.gamma)
         tracking = Tracking(tracking_bandwidth, tracking_acceleration, robot.parameters.characteristic_length)
-        nominal = self._nominal_gain is not None
-        self._objective = Objective(self._axes, tracking, model.singularity_limit, self._n, nominal)
+        if metric not in METRICS:
+            raise invalid("metric", metric, f"one of {', '.join(METRICS)}")
+        joint_metric = nominal_gain is not None and metric == "joint"
+        self._objective = Objective(self._axes, tracking, model.singularity_limit, self._n, joint_metric)
 
         further = {"force": _SLACK_WEIGHT * _FORCE_FIRST}
         further |= {f"regulated output {i + 1}": _SLACK_WEIGHT for i in range(len(outputs))}

@@ -20,7 +20,7 @@ from numpy.typing import ArrayLike
 from pydrake.systems.framework import Diagram, DiagramBuilder, System
 
 from forcectl.errors import about
-from forcectl.force.adaptive_force_law import AdaptiveLawConfig
+from forcectl.force.adaptive_force_law import AdaptivePlanConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.force.invariance.force_law import InvarianceForceLaw, InvarianceLimits, one_step_acceleration
 from forcectl.framework.batch import BatchValue
@@ -136,7 +136,7 @@ class InvarianceControlConfig(InvarianceLimits):
 
 
 @dataclass(kw_only=True)
-class AdaptiveInvarianceControlConfig(AdaptiveLawConfig, InvarianceControlConfig):
+class AdaptiveInvarianceControlConfig(AdaptivePlanConfig, InvarianceControlConfig):
     """Scenario part `!AdaptiveInvarianceControl`: constraint and integral law with the estimated compliance. (3.56)"""
 
     compliance_error: float = key(0.8, "initial C_E_hat / C_E; 1/1.2 = stiffness 20 % too high", bounds="positive")

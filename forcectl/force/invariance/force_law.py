@@ -19,7 +19,7 @@ import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context
 
-from forcectl.force.adaptive_force_law import AdaptiveLawConfig
+from forcectl.force.adaptive_force_law import AdaptivePlanConfig
 from forcectl.force.law import ForceLaw, LawConfig
 from forcectl.framework.batch import BatchParameter, BatchValue, batch_values
 from forcectl.framework.fields import Config, key
@@ -268,7 +268,7 @@ class InvarianceConfig(InvarianceLimits, in_batches=True):
 
 
 @dataclass(kw_only=True)
-class AdaptiveInvarianceConfig(AdaptiveLawConfig, InvarianceConfig, in_batches=True):
+class AdaptiveInvarianceConfig(AdaptivePlanConfig, InvarianceConfig, in_batches=True):
     """Scenario part `!AdaptiveInvariance`: the constraint with the compliance estimated on line. (3.56)"""
 
     compliance_error: float = key(

@@ -254,6 +254,7 @@ class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
         None, "largest y^(4) of the force; null: -gamma", unit="N/s^4", bounds="positive", each=True
     )
     alpha: float = key(3.0, "factor of the virtual state", bounds="not negative", each=True)
+    compliance_ratio: float = key(1.0, "C_T,max/C_T,min (3.82), how uncertain C_T is", bounds="at least 1")
     bandwidth: float | None = key(
         None,
         "w of the lag from command to force; null: that of the force sensor",
@@ -277,6 +278,11 @@ class FourthDegreeInvarianceConfig(Config, LawConfig, in_batches=True):
     rest_region: float = key(0.3, "force error within which the law rests", unit="N", bounds="not negative", each=True)
     lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero", each=True)
     upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero", each=True)
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        if self.compliance_ratio > 1 and not self.alpha > (least := self.compliance_ratio - 1):
+            raise invalid("alpha", self.alpha, f"above {least:g}, compliance_ratio - 1 (3.84)*: else contact bounces")
 
     def law(self, model: PlantModel, compliance: ArrayLike | None) -> FourthDegreeForceLaw:
         """The block whose model has this total compliance [m/N], or a port for it (None)."""

@@ -59,6 +59,29 @@ def invariance_function(state: ArrayLike, gamma: ArrayLike) -> Array:
     return phi
 
 
+def set_distance(y: ArrayLike, rate: ArrayLike, gamma: float) -> Array:
+    """V = Phi(-xi) of relative degree 2: what y still falls below zero; above zero inside the invariant set (3.23).
+
+    Args:
+        y: output, any shape.
+        rate: y', of the same shape.
+        gamma: bound of y'' [unit of y per s^2], < 0.
+    """
+    return invariance_function(-np.stack([np.asarray(y, dtype=float), np.asarray(rate, dtype=float)], axis=-1), gamma)
+
+
+def set_distance_rate(rate: ArrayLike, acceleration: ArrayLike, gamma: float) -> Array:
+    """V' = -(y''/gamma + 1) y' for y' < 0, otherwise -y' (3.24)*. The law makes it negative outside of y = y' = 0.
+
+    Args:
+        rate: y', any shape.
+        acceleration: y'', of the same shape.
+        gamma: as for V.
+    """
+    speed, bent = np.asarray(rate, dtype=float), np.asarray(acceleration, dtype=float)
+    return np.asarray(np.where(speed < 0, -(bent / gamma + 1.0) * speed, -speed))
+
+
 def _roots_of_rate(xi: Array, gamma: Array) -> Array:
     """Roots of p', those below zero moved there, shape (..., r - 1): eigenvalues of a companion matrix."""
     degree = xi.shape[-1]

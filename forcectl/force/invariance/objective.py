@@ -2,7 +2,14 @@
 
     min |y'' - ybar''|^2 + |J_uc u + J_uc' q' - (xbar_uc'' + K_D e' + K_P e)|^2    s.t.   y'' <= ybar''
 
-With a nominal law, instead, min `|u - u_nom|^2` is corrected by the same rows (3.18).
+With a nominal law ybar'' is its acceleration, and the same rows correct it. The correction u - u_nom is measured in the
+accelerations of the task, W = J'J, or in those of the joints, W = I, as (3.18) is printed::
+
+    u_nom = argmin of the above without rows,    min (u - u_nom)' W (u - u_nom)    s.t.   y'' <= y''_max        (3.18)
+
+In the task's metric a correction acts along the regulated outputs alone. In that of the joints it is along J'n, which
+moves the tool across n, too. Near a singularity, and where joints are redundant, lambda^2 I is added to J'J, of the
+size of its small eigenvalues, so that the program is strictly convex with either.
 """
 
 from __future__ import annotations
@@ -48,11 +55,11 @@ class Objective:
         tracking: of the unconstrained directions.
         singularity_limit: smallest singular value of J that is not damped, inverted [1/m].
         num_joints: n.
-        nominal: whether a nominal law proposes u_nom.
+        joint_metric: whether u - u_nom is measured in joint accelerations.
     """
 
-    def __init__(self, axes: Vector, tracking: Tracking, singularity_limit: float, num_joints: int, nominal: bool):
-        self._axes, self._tracking, self._nominal = axes, tracking, nominal
+    def __init__(self, axes: Vector, tracking: Tracking, singularity_limit: float, num_joints: int, joint_metric: bool):
+        self._axes, self._tracking, self._joint_metric = axes, tracking, joint_metric
         self._across = np.eye(3) - axes.T @ axes
         # y'' of the force is -x'' along n, that of a coordinate is x'' along its axis.
         self._signs = np.array([-1.0] + [1.0] * (len(axes) - 1))
@@ -95,7 +102,7 @@ class Objective:
         # The regulated outputs come first: beside limits that leave too little for all, the rest gives way.
         hessian += _PRIORITY * (along.rows.T @ along.rows)
         gradient += _PRIORITY * ((along.bias - self._axes @ wanted[3:]) @ along.rows)
-        if self._nominal:
+        if self._joint_metric:  # the gradient is -u_nom then
             gradient = dposv(hessian, gradient)[1]
             hessian = self._eye
         return Level(hessian, gradient), damping > _REDUNDANT

@@ -6,12 +6,15 @@ friction leaves in the drive, each through the filters of the loop's model::
     x    = dx_m - h dx_uc              displacement of the motor side minus that of the motion along the path
     s_f  = C_T_hat F_m + S x           height of the surface above that path, through the force sensor
     s    = s_a + T s_b                 s_a, s_b: observer of s_f and of its rate;  T = T_S + T_h
-    e'   = w_e (x - h (u + s))         what friction has kept the drive from
+    e'   = w_e d(x - h (u + s))        what friction has kept the drive from
     dx_bar = u + s - e
 
 h is the joint-reference filter with the command delay, S the filter of the force sensor with its delay, T_S and T_h
 their lags on a ramp, 2 z/w + delay: a surface that rises steadily is met without error. The observer has two equal
 poles exp(-w_s Ts).
+
+d is a dead zone of C_T_hat F_d while dx_uc rests, for an integral of the error of a drive that sticks never comes to
+rest; on the way it is none.
 
 With the right compliance s does not depend on the command. With a wrong one, r = C_T_hat/C_T, the part 1 - r of the
 command is taken for surface; the force still ends at F_bar, because x ends at u + s:  C_T_hat F = s - x = -u.
@@ -37,6 +40,8 @@ from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.drives.position_loop import LONGEST_DELAY, PositionLoop
 from forcectl.plant.plant_model import PlantModel
 
+_RESTS = 1e-12  # [m] that what a path asks for along n changes by in a tick in which it rests
+
 
 class PredictiveCorrection(SampledBatch):
     """Surface height and drive error of n independent force loops, added to a law's command.
@@ -47,7 +52,7 @@ class PredictiveCorrection(SampledBatch):
     felt_displacements]
     output_ports: [displacement_command, planned_command, surface_offset, drive_offset]
     parameters: [compliance, surface_bandwidth, drive_bandwidth, search_speed, lead, minimum_force, offset_limit,
-    lower_limit, upper_limit, drive_compliance]
+    lower_limit, upper_limit, drive_compliance, drive_dead_zone]
     ```
 
     measured_force: shape (n,), F_m [N]. motor_displacement, path_displacement: shape (n,), dx_m and h dx_uc [m].
@@ -59,7 +64,8 @@ class PredictiveCorrection(SampledBatch):
 
     Parameters (Context, shape (n,)): compliance C_T_hat [m/N] > 0; surface_bandwidth w_s and drive_bandwidth w_e [1/s]
     >= 0; search_speed [m/s] >= 0; lead T [s] >= 0; minimum_force [N] >= 0 from which there is contact; offset_limit [m]
-    >= 0 of s and e each; lower_limit and upper_limit [m] of the command.
+    >= 0 of s and e each; lower_limit and upper_limit [m] of the command; drive_dead_zone F_d [N] >= 0, in which the
+    drive is left alone while path_displacement does not change.
 
     Without contact the surface can only be below the tool: s sinks with the rate learnt, if that is downwards, and at
     most search_speed faster, until there is contact.
@@ -86,6 +92,7 @@ class PredictiveCorrection(SampledBatch):
         lower_limit: ArrayLike = -np.inf,
         upper_limit: ArrayLike = np.inf,
         drive_compliance: ArrayLike = 0.0,
+        drive_dead_zone: ArrayLike = 0.0,
         period: float = 0.002,
     ):
         parameters = {
@@ -99,6 +106,7 @@ class PredictiveCorrection(SampledBatch):
             "lower_limit": BatchParameter(lower_limit, "a number", "m"),
             "upper_limit": BatchParameter(upper_limit, "a number", "m"),
             "drive_compliance": BatchParameter(drive_compliance, "not negative", "m/N"),
+            "drive_dead_zone": BatchParameter(drive_dead_zone, "not negative", "N"),
         }
         super().__init__(size, parameters)
         self.sample_delay = {("nominal_command", "displacement_command"): 0.0}
@@ -106,7 +114,7 @@ class PredictiveCorrection(SampledBatch):
         inputs = [self.DeclareVectorInputPort(name, size) for name in names]
         inputs.append(self.DeclareVectorInputPort("felt_displacements", 2 * size))
         shown = ("displacement_command", "planned_command", "surface_offset", "drive_offset")
-        self.declare_memory(dict.fromkeys((*shown, "height", "rate", "nominal"), 0.0), inputs, period)
+        self.declare_memory(dict.fromkeys((*shown, "height", "rate", "nominal", "path"), 0.0), inputs, period)
         self.show(*shown)
 
     def check_together(self, values: Mapping[str, NDArray[np.float64]]) -> None:
@@ -124,7 +132,8 @@ class PredictiveCorrection(SampledBatch):
         """One tick of the correction."""
         maximum, minimum, where = self.math.maximum, self.math.minimum, self.math.where
         values = self.values(context)
-        compliance, gain, rate_gain, drive_gain, search, lead, contact, most, lower, upper, drive = values
+        compliance, gain, rate_gain, drive_gain, search, lead, contact, most, *limits = values
+        lower, upper, drive, zone = limits
         rate, force, nominal = memory["rate"], inputs["measured_force"], inputs["nominal_command"]
         motor, path = inputs["motor_displacement"], inputs["path_displacement"]
         felt_motor, felt_path = inputs["felt_displacements"]
@@ -143,7 +152,9 @@ class PredictiveCorrection(SampledBatch):
         rate = where(good, where(abs(after) < most, learnt, 0.0), rate)
         height = where(good, after, memory["height"])
         surface = where(good, minimum(maximum(height + lead * rate, -most), most), memory["surface_offset"])
-        owed = minimum(maximum(memory["drive_offset"] + drive_gain * drive_error, -most), most)
+        zone = where(abs(path - memory["path"]) > _RESTS, 0.0, zone * compliance)
+        left_alone = minimum(maximum(drive_error, -zone), zone)
+        owed = minimum(maximum(memory["drive_offset"] + drive_gain * (drive_error - left_alone), -most), most)
         nominal = where(abs(nominal) < inf, nominal, memory["nominal"])
         plan = nominal + surface
         return {
@@ -154,6 +165,7 @@ class PredictiveCorrection(SampledBatch):
             "height": height,
             "rate": rate,
             "nominal": nominal,
+            "path": where(abs(path) < inf, path, memory["path"]),
         }
 
 
@@ -224,6 +236,9 @@ class PredictiveInvarianceConfig(InvarianceConfig):
 
     surface_bandwidth: float = key(4.0, "w_s of the observer of the surface", unit="1/s", bounds="not negative")
     drive_bandwidth: float = key(1.0, "w_e of the correction for friction", unit="1/s", bounds="not negative")
+    drive_dead_zone: float = key(
+        0.3, "F_d, error of the drive that is left alone at rest", unit="N", bounds="not negative"
+    )
     search_speed: float = key(0.005, "at which the surface is looked for", unit="m/s", bounds="not negative")
     offset_limit: float = key(0.01, "largest value of either correction", unit="m", bounds="not negative")
     minimum_force: float = key(0.2, "force from which there is contact", unit="N", bounds="not negative")
@@ -264,6 +279,7 @@ class PredictiveInvarianceConfig(InvarianceConfig):
             lower_limit=self.lower_limit,
             upper_limit=self.upper_limit,
             drive_compliance=model.drive_compliance,
+            drive_dead_zone=self.drive_dead_zone,
             period=model.period,
         )
         filters = self.position_loop(model), self.position_loop(model), sensor_model(model, 2 * model.size)

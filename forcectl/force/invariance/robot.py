@@ -13,7 +13,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from forcectl.errors import BadInputError
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.force.adaptive_force_law import Adaptation
-from forcectl.force.invariance.controller import InvarianceController
+from forcectl.force.invariance.controller import METRICS, InvarianceController
 from forcectl.force.invariance.regulated_output import RegulatedCoordinate
 from forcectl.force.sensor_lag import SensorLag, sensor_model
 from forcectl.framework.fields import Config, key, slot
@@ -107,6 +107,7 @@ class InvarianceRobotConfig(Config):
     compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="positive")
     adaptation: Adaptation | None = key(None, "of the environment's compliance; null: it is known")
     nominal_gain: float | None = key(None, "K_I of a law to be corrected; null: none", unit="1/s", bounds="positive")
+    metric: str = key("task", "accelerations in which the correction of that law is small", choices=METRICS)
     maximum_force: float = key(inf, "largest force", unit="N", bounds="above zero")
     tracking_bandwidth: float = key(30.0, "w of the unconstrained directions", unit="1/s", bounds="positive")
     tracking_acceleration: float = key(2.0, "largest, in the unconstrained directions", unit="m/s^2", bounds="positive")
@@ -127,6 +128,7 @@ class InvarianceRobotConfig(Config):
             upper_acceleration=self.upper_acceleration,
             maximum_force=self.maximum_force,
             nominal_gain=self.nominal_gain,
+            metric=self.metric,
             limits=self.limits.limits(model.known_robot().limits),
             constraints=constraints_of(self.constraints, model),
             outputs=[RegulatedCoordinate(unit_normal(o.axis), o.displacement, o.gamma) for o in self.outputs],

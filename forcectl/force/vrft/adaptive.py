@@ -12,19 +12,36 @@ from pydrake.systems.framework import Diagram, DiagramBuilder
 
 from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 from forcectl.force.linear_law import LinearForceLaw, VrftConfig
+from forcectl.force.vrft.motor_side import MotorSideRecord
 from forcectl.framework.fields import key
 from forcectl.framework.wiring import export_all_outputs
 from forcectl.plant.plant_model import PlantModel
 
 
-def add_tuned_law(builder: DiagramBuilder, law: LinearForceLaw, tuner: RecursiveVrft) -> None:
-    """Add a law as `law` and what tunes its gains as `tuner`, connected, with the ports of the slot and the gains."""
+def add_tuned_law(
+    builder: DiagramBuilder, law: LinearForceLaw, tuner: RecursiveVrft, motor_side: MotorSideRecord | None = None
+) -> None:
+    """Add a law as `law` and what tunes its gains as `tuner`, connected, with the ports of the slot and the gains.
+
+    Args:
+        builder: to add to.
+        law: with gains from ports.
+        tuner: of these.
+        motor_side: what it learns from; None: the command of the law and the force.
+    """
     builder.AddNamedSystem("law", law)
     builder.AddNamedSystem("tuner", tuner)
-    builder.Connect(law.GetOutputPort("controller_output"), tuner.GetInputPort("controller_output"))
     builder.ExportInput(law.GetInputPort("desired_force"), "desired_force")
     measured = builder.ExportInput(law.GetInputPort("measured_force"), "measured_force")
-    builder.ConnectInput(measured, tuner.GetInputPort("measured_force"))
+    if motor_side is None:
+        builder.Connect(law.GetOutputPort("controller_output"), tuner.GetInputPort("controller_output"))
+        builder.ConnectInput(measured, tuner.GetInputPort("measured_force"))
+    else:
+        builder.AddNamedSystem("motor_side", motor_side)
+        builder.ConnectInput(measured, motor_side.GetInputPort("measured_force"))
+        builder.ExportInput(motor_side.GetInputPort("motor_displacement"), "motor_displacement")
+        builder.Connect(motor_side.GetOutputPort("input"), tuner.GetInputPort("controller_output"))
+        builder.Connect(motor_side.GetOutputPort("output"), tuner.GetInputPort("measured_force"))
     for name in GAINS:
         builder.Connect(tuner.GetOutputPort(name), law.GetInputPort(name))
     for block in (law, tuner):

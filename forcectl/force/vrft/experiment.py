@@ -2,27 +2,31 @@
 
 Step 1, `EXCITE`     dx_bar = u_hat - C_R_hat F, u_hat an excitation; the gains are tuned meanwhile   (4.12), (4.19)
 Step 2, `REGULATE`   u_hat = C_rho (F_bar - F) with the gains found, without a jump of the command         (4.13)
+
+The gains are learnt from the command, or from what the motors made of it, see `forcectl.tuning.motor_positions`.
 """
 
 from __future__ import annotations
 
 from dataclasses import dataclass
-from typing import Any
+from typing import Any, ClassVar
 
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder
 
-from forcectl.errors import about
+from forcectl.errors import about, invalid
 from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 from forcectl.force.linear_law import REGULATE, LinearForceLaw
 from forcectl.force.vrft.adaptive import add_tuned_law
+from forcectl.force.vrft.motor_side import MotorSideRecord
 from forcectl.framework.batch import BatchParameter, BatchValue, check
 from forcectl.framework.fields import Config, key, slot
 from forcectl.framework.sampled_block import Memory, SampledBatch
 from forcectl.framework.wiring import add_part
 from forcectl.motion.excitation import ExcitationConfig, TrapezoidalMovesConfig
 from forcectl.plant.plant_model import PlantModel
+from forcectl.tuning.motor_positions import INPUTS, DriveFilter
 
 _MEMORY = ("mode", "excitation", "since", *(f"{name}_then" for name in GAINS[:2]))
 
@@ -94,21 +98,24 @@ class VrftExperiment(Diagram):
 
     ```
     name: VrftExperiment
-    input_ports: [desired_force, measured_force]
+    input_ports: [desired_force, measured_force, motor_displacement (optional)]
     output_ports: [displacement_command, controller_output, proportional_gain, integral_gain, derivative_gain, mode]
     ```
 
-    desired_force, measured_force: shape (n,) [N]. displacement_command: shape (n,) [m].
+    desired_force, measured_force: shape (n,) [N].
+    motor_displacement: shape (n,), actual motor-side dx along n [m]; of one that learns from the motors.
+    displacement_command: shape (n,) [m].
     controller_output: shape (n,), u_hat [m].
     proportional_gain, integral_gain, derivative_gain: shape (n,), as tuned so far [m/N, m/(N s), m s/N]. State.
     mode: shape (n,), `EXCITE` (0) or `REGULATE` (1) [1]. State.
-    All outputs are feedthrough of all inputs at the tick.
+    All outputs are feedthrough of desired_force and measured_force at the tick.
 
     Sampling: every `period` [s]; no delay from measured_force to displacement_command.
 
     Args:
         compliance: C_E [m/N], shape (n,), that the excitation is scaled by.
         law: with `open_loop` and gains from ports.
+        motor_side: what the tuner learns from instead of the command; None: the command.
     """
 
     def __init__(
@@ -118,12 +125,13 @@ class VrftExperiment(Diagram):
         law: LinearForceLaw,
         tuner: RecursiveVrft,
         sequencer: ExperimentSequencer,
+        motor_side: MotorSideRecord | None = None,
     ):
         super().__init__()
         self.sample_delay = dict(law.sample_delay)
         builder = DiagramBuilder()
         source = add_part(excitation, "excitation", builder, compliance).GetOutputPort("excitation")
-        add_tuned_law(builder, law, tuner)
+        add_tuned_law(builder, law, tuner, motor_side)
         builder.AddNamedSystem("sequencer", sequencer)
         mode = sequencer.GetOutputPort("mode")
         for port in (law.GetInputPort("excitation"), sequencer.GetInputPort("excitation")):
@@ -145,6 +153,8 @@ class RecursiveVrftConfig(Config):
     """
 
     excitation: Any = slot("excitation", TrapezoidalMovesConfig, meaning="open-loop displacement to learn from")
+    input: str = key("command", "what the gains are learnt from: motor positions are without friction", choices=INPUTS)
+    drive: DriveFilter = key(DriveFilter, "of the joint references as it is known, for `input: motor`")
     reference_bandwidth: float = key(1.5, "w_c of the reference model", unit="rad/s", bounds="positive")
     prefilter: bool = key(True, "false: as in Sec. 4.5")
     initial_covariance: float = key(100.0, "initial covariance P_0", bounds="positive")
@@ -160,9 +170,28 @@ class RecursiveVrftConfig(Config):
     lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero")
     upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero")
 
+    finds_gains: ClassVar[tuple[str, ...]] = GAINS
+
     def reference_model_bandwidth(self) -> float | None:
         """Bandwidth w_c [rad/s] of the reference model."""
         return self.reference_bandwidth
+
+    def gain_scale(self, bandwidth: float) -> float:
+        """What the gains are multiplied by for a reference model of another bandwidth.
+
+        Without a prefilter the virtual error (M^-1 - 1) y goes with 1/w_c, so the gains go with w_c, but for what P_0
+        holds back (1e-5 of them in a record of 19 s).
+
+        Args:
+            bandwidth: of that model [rad/s].
+
+        Raises:
+            BadInputError: another bandwidth, with a prefilter.
+        """
+        if self.prefilter and bandwidth != self.reference_bandwidth:
+            own = f"{self.reference_bandwidth:g}, the experiment's own, whose gains have a prefilter"
+            raise invalid("reference_bandwidth", bandwidth, own)
+        return bandwidth / self.reference_bandwidth
 
     def add_to(self, builder: DiagramBuilder, model: PlantModel) -> VrftExperiment:
         """Add the law; its model has `robot_compliance_error` times the true compliance of the robot."""
@@ -193,5 +222,9 @@ class RecursiveVrftConfig(Config):
             tolerance=self.convergence_tolerance,
             period=model.period,
         )
-        experiment = VrftExperiment(self.excitation, model.environment_compliance, law, tuner, sequencer)
+        motor_side = None
+        if self.input == "motor":
+            fed_back = self.robot_compliance_error * model.robot_compliance
+            motor_side = MotorSideRecord(model.size, fed_back, self.drive, model.period)
+        experiment = VrftExperiment(self.excitation, model.environment_compliance, law, tuner, sequencer, motor_side)
         return builder.AddNamedSystem("force_law", experiment)

@@ -35,6 +35,8 @@ class AdmittanceGainsConfig(Config):
     damping: float = key(30.0, "D of positions", unit="N s/m", bounds="positive")
     turn_inertia: float = key(0.01, "H of rotations", unit="kg m^2/rad", bounds="positive")
     turn_damping: float = key(0.2, "D of rotations", unit="Nms/rad", bounds="positive")
+    hysteresis: float = key(0.0, "h: forces are followed once they turned back by 2 h", unit="N", bounds="not negative")
+    turn_hysteresis: float = key(0.0, "the same of torques", unit="Nm", bounds="not negative")
 
 
 @dataclass(kw_only=True)
@@ -185,6 +187,7 @@ def mode_references(
         fastest=np.array([each.speed_limit[1] if each.speed_limit else np.inf for each in found]),
         inertia=inertia,
         damping=damping,
+        hysteresis=_of(angular, gains.turn_hysteresis, gains.hysteresis),
         tables=tables,
         swings=[
             Swing(row, swing.frequency, swing.amplitude, swing.growth, math.radians(swing.phase_deg))

@@ -6,8 +6,16 @@
 with the commanded motion x, the force F along the coordinate and a swing s. Of a coordinate that complies the generator
 goes on from its own state, the arrangement `consistent` of `forcectl.force.admittance`; of any other one from x - s.
 
+F is the given force F_m behind a play of half-width h, narrower near zero, so that no force stays none::
+
+    F[k] = min(max(F[k-1], F_m[k] - w), F_m[k] + w),    w = min(h, |F_m[k]|)
+
+Noise of F_m that is smaller than h does not turn the motion round. From a force that has come to rest F differs by up
+to h.
+
 At a switch of modes every coordinate goes on with the position, velocity and acceleration that it was commanded: dx and
-s become part of x_gen. What still complies keeps dv.
+s become part of x_gen. What still complies keeps dv; what begins to and has no target of its own takes as much of the
+velocity for dv as the force asks for in the steady state.
 
 The swing is a sine whose amplitude A + g t grows, with the envelope e that rises in the first period, so that it begins
 at rest::
@@ -98,6 +106,7 @@ class ModeReferences(NamedTuple):
         force: F_bar [N or Nm].
         slowest, fastest: limits of dv [m/s or rad/s].
         inertia, damping: H and D [kg or kg m^2/rad, N s/m or Nms/rad].
+        hysteresis: h [N or Nm].
         tables: of the damping.
         swings: of the coordinates that swing.
         limits: of the generator.
@@ -114,6 +123,7 @@ class ModeReferences(NamedTuple):
     fastest: Array
     inertia: Array
     damping: Array
+    hysteresis: Array
     tables: Sequence[DampingTable]
     swings: Sequence[Swing]
     limits: Limits
@@ -203,6 +213,7 @@ class CompliantReferences(SampledBlock):
             "ticks": 0.0,  # since the mode began
             "trajectory": begin(start)[:].ravel(),
             "swing": np.zeros(3 * k),
+            "force": none,  # that coordinates comply to: the measured one behind the hysteresis
             "goal": np.full(k, np.nan),  # where the generator goes to; NaN where it takes on a velocity
             **dict(zip(_REFERENCES, (start, none, none), strict=True)),
             "task_target": start,
@@ -226,25 +237,32 @@ class CompliantReferences(SampledBlock):
         commanded = np.array([inputs[name] for name in _START])
         state = TrajectoryState(memory["trajectory"].reshape(-1, self._size))
         own, swing = state[:3], memory["swing"].reshape(3, -1)
+        ok, force, pushed = np.ones(self._size, dtype=bool), np.zeros(self._size), np.zeros(self._size)
+        complies = largest(mode.comply)
+        if complies:
+            measured = inputs["task_force"]
+            ok = (np.abs(measured) < _LARGEST_FORCE) | ~mode.comply
+            width = np.minimum(mode.hysteresis, np.abs(measured))
+            followed = np.minimum(np.maximum(memory["force"], measured - width), measured + width)
+            force = np.where(mode.comply & ok, followed, 0.0)
+            pushed = np.where(mode.comply & ok, force - mode.force, 0.0)
         if number != before:
             ticks, goal = 0.0, np.where(np.isnan(mode.position), commanded[0] + mode.by, mode.position)
             start = commanded.copy()
-            if before >= 0:
-                still = mode.comply & self._modes[before].comply
-                start[1:, still] = (own + swing)[1:, still]
+            still = mode.comply & self._modes[before].comply & (before >= 0)
+            start[1:, still] = (own + swing)[1:, still]
+            asked = np.clip(pushed / mode.damping_at(commanded[0]), mode.slowest, mode.fastest)
+            taken = np.clip(commanded[1], np.minimum(asked, 0.0), np.maximum(asked, 0.0))
+            start[1] -= np.where(mode.stays & mode.comply & ~still, taken, 0.0)
             swing = np.zeros_like(swing)
         else:
             ticks, goal = memory["ticks"] + 1.0, memory["goal"]
             start = np.where(mode.comply, own, commanded - swing)
 
         dx, dv = (commanded - swing - start)[:2]
-        ok = np.ones(self._size, dtype=bool)
-        if largest(mode.comply):
-            force = inputs["task_force"]
-            ok = (np.abs(force) < _LARGEST_FORCE) | ~mode.comply
-            dx, after = self._filtered(mode, commanded[0], dx, dv, np.where(mode.comply & ok, force - mode.force, 0.0))
-        else:
-            after = dv
+        after = dv
+        if complies:
+            dx, after = self._filtered(mode, commanded[0], dx, dv, pushed)
 
         free, wanted = np.isnan(goal) | ~ok, np.where(ok, mode.velocity, 0.0)
         # Ruckig comes back to a velocity limit by way of standstill: that speed is taken on first.
@@ -277,6 +295,7 @@ class CompliantReferences(SampledBlock):
             "ticks": ticks,
             "trajectory": state[:].ravel(),
             "swing": swing.ravel(),
+            "force": force,
             "goal": goal,
             **dict(zip(_REFERENCES, reference, strict=True)),
             "task_target": np.where(fixed, goal, commanded[0]),

@@ -1,6 +1,6 @@
 """Scenario part `!ReactiveReaching`: both arms reach for poses that change while they move (Fig. 5.3).
 
-A MotionController (see `forcectl.tasks.slot`): targets over time, generator and reactive controller.
+A MotionController (see `forcectl.tasks.controllers.base`): targets over time, generator and reactive controller.
 """
 
 from __future__ import annotations
@@ -55,7 +55,7 @@ class ReachConfig(Config):
 class RandomMovesConfig(Config):
     """Moves of all arms at a time to random places about where they start, without a turn."""
 
-    count: int = key(0, "of the moves", bounds="at least 0")
+    count: int = key(0, "of the moves", bounds="from 0 to 100000")
     start: float = key(1.0, "of the first one", unit="s", bounds="not negative")
     every: float = key(1.6, "from one to the next", unit="s", bounds="positive")
     extent: list[float] = key([0.06, 0.06, 0.06], "to both sides along x, y and z", unit="m", size=3)

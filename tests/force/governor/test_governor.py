@@ -299,7 +299,7 @@ def test_a_law_that_does_not_tell_its_bandwidth_needs_one():
     assert isinstance(governed(law=law, inner_bandwidth=1.5), GovernedForceLaw)
 
 
-MOTION = ("JointMoves", "JointExcitation", "ReactiveReaching", "TaskMachine")  # no force laws
+MOTION = ("Hybrid", "JointMoves", "JointExcitation", "ReactiveReaching", "TaskMachine")  # no force laws
 
 
 @pytest.mark.parametrize("tag", sorted(SLOTS["controller"].keys() - {"Governed", "PerArm", *MOTION}))

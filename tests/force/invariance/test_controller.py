@@ -121,6 +121,21 @@ def test_an_integral_law_is_corrected_where_it_would_overshoot() -> None:
     assert max(forces) > 14.9
 
 
+@pytest.mark.parametrize(("metric", "least", "most"), [("task", 0.0, 1e-6), ("joint", 1e-4, 1e-3)])
+def test_a_correction_in_the_task_metric_moves_the_tool_along_the_normal_alone(
+    metric: str, least: float, most: float
+) -> None:
+    forces = [0.0]
+
+    def lagging(k: int, dx: float) -> float:
+        forces.append(forces[-1] + 0.02 * (-dx / COMPLIANCE - forces[-1]))
+        return forces[-1]
+
+    moved = tips(drive(make(nominal_gain=3.0, gamma=-0.01, metric=metric), 700, measured=lagging))
+    assert moved[-1, 2] == pytest.approx(-STEP, rel=1e-6)
+    assert least <= np.linalg.norm(moved[:, :2], axis=1).max() < most
+
+
 def test_a_second_regulated_output_reaches_its_set_point_without_overshoot_beside_the_force() -> None:
     log = drive(make(outputs=[RegulatedCoordinate(SIDE, 0.004, -0.05)]), 900)
     moved = tips(log)
@@ -357,6 +372,7 @@ def test_a_reference_that_jumps_is_reached_within_the_limits_with_the_force_kept
         ({"compliance": 0.0}, "compliance"),
         ({"maximum_force": 0.0}, "maximum_force"),
         ({"nominal_gain": -1.0}, "nominal_gain"),
+        ({"metric": "tasks"}, "metric = 'tasks': must be one of task, joint"),
         ({"constraint_gamma": 1.0}, "constraint_gamma"),
         ({"tracking_bandwidth": 0.0}, "tracking_bandwidth"),
         ({"tracking_acceleration": 0.0}, "tracking_acceleration"),

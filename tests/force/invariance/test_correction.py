@@ -157,8 +157,9 @@ def test_a_nominal_command_that_is_not_a_number_is_no_movement():
 @pytest.mark.parametrize("config", [AdaptiveInvarianceControlConfig(), AdaptiveInvarianceConfig()])
 def test_adaptive_laws_show_the_estimate_and_share_it(config):
     law = config.add_to(DiagramBuilder(), model(2))
-    names = ("displacement_command", "invariance_function", "status", "environment_compliance")
-    assert_ports(law, {"desired_force": 2, "measured_force": 2, "motor_displacement": 2}, dict.fromkeys(names, 2))
+    inputs = ["desired_force", "measured_force", "motor_displacement", "path_displacement", "sliding"]
+    outputs = ["displacement_command", "invariance_function", "status", "surface_offset", "environment_compliance"]
+    assert_ports(law, dict.fromkeys(inputs, 2), dict.fromkeys(outputs, 2))
     log = run_diagram(law, 0.01, period=PERIOD, inputs={"desired_force": 15.0, "measured_force": 0.0})
     assert log["environment_compliance"][0, 0] == pytest.approx(0.8 * C_E)
     assert log["invariance_function"][0, 0] == pytest.approx(-15.0 * (0.8 * C_E + C_R))

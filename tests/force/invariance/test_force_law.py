@@ -121,6 +121,7 @@ def force_of(block: InvarianceForceLaw, desired: Callable | float, duration: flo
     return -command["displacement_command"] / compliance
 
 
+@pytest.mark.slow
 def test_two_hundred_loops_with_steps_up_and_down_have_no_overshoot_and_take_minimum_time():
     rng = np.random.default_rng(3)
     n = 200

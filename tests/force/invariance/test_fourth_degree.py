@@ -330,6 +330,15 @@ def test_bad_values_are_refused(name: str, value: object) -> None:
             law(**{name: value})
 
 
+def test_a_stated_uncertainty_of_the_compliance_asks_for_a_virtual_state() -> None:
+    """(3.84)*: alpha above C_max/C_min - 1."""
+    for kind in (FourthDegreeInvarianceConfig, AdaptiveFourthDegreeInvarianceConfig):
+        assert kind(alpha=0.6, compliance_ratio=1.5).alpha == 0.6
+        with pytest.raises(BadInputError, match=r"alpha = 0\.5: must be above 0\.5, compliance_ratio - 1"):
+            kind(alpha=0.5, compliance_ratio=1.5)
+        assert kind(alpha=0.0).alpha == 0.0
+
+
 def test_limits_of_the_command_are_in_order() -> None:
     with pytest.raises(BadInputError, match="lower_limit"):
         law(lower_limit=0.1, upper_limit=-0.1)

@@ -186,3 +186,19 @@ def test_bad_states_and_bounds() -> None:
             iv.invariance_function(state, -1.0)
     with pytest.raises(BadInputError, match="gamma has shape"):
         iv.invariance_function(np.zeros((4, 2)), [-1.0, -1.0, -1.0])
+
+
+@given(finite, finite, finite, st.floats(-100.0, -0.01))
+@settings(max_examples=50)
+def test_distance_from_the_edge_of_the_set_and_its_rate(y, rate, acceleration, gamma):
+    distance = float(iv.set_distance(y, rate, gamma))
+    assert distance == pytest.approx(float(iv.invariance_function([-y, -rate], gamma)))
+    assert distance >= -y
+    # Its rate is the difference over a time in which the speed does not change its sign.
+    step = 1e-6 if rate == 0 else min(1e-6, 0.1 * abs(rate) / (abs(acceleration) + 1))
+    later = y + step * rate + 0.5 * step**2 * acceleration, rate + step * acceleration
+    if rate != 0:
+        slope = (float(iv.set_distance(*later, gamma)) - distance) / step
+        expected = float(iv.set_distance_rate(rate, acceleration, gamma))
+        scale = 1 + abs(y) + (abs(rate) + abs(acceleration) + acceleration**2) * (1 + 1 / abs(gamma))
+        assert slope == pytest.approx(expected, abs=2e-6 * scale + 1e-9 * scale / step)

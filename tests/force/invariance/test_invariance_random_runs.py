@@ -68,6 +68,7 @@ def random_run(seed: int, ticks: int = 250) -> float:
     return float(log["constraint_violation"].max()) / bound
 
 
+@pytest.mark.slow
 def test_no_constraint_is_violated_by_more_than_a_sample_leaves() -> None:
     assert max(random_run(seed) for seed in range(10)) <= 1.0
 

@@ -139,9 +139,14 @@ def test_what_the_drive_owes_is_asked_for():
     def slip(t):
         return 5e-5 if t > 1.0 else 0.0
 
-    log = run(PredictiveInvarianceConfig(drive_bandwidth=2.0), 5.0, slip=slip)
+    log = run(PredictiveInvarianceConfig(drive_bandwidth=2.0, drive_dead_zone=0.0), 5.0, slip=slip)
     assert log["drive_offset"][-1].item() == pytest.approx(5e-5, rel=1e-2)
     assert log["measured_force"][-1].item() == pytest.approx(FORCE, abs=0.02)
+    # Up to the dead zone of 0.1 N the drive is left alone.
+    zone = 0.1 * C_T
+    log = run(PredictiveInvarianceConfig(drive_bandwidth=2.0, drive_dead_zone=0.1), 5.0, slip=slip)
+    assert log["drive_offset"][-1].item() == pytest.approx(5e-5 - zone, rel=1e-2)
+    assert log["measured_force"][-1].item() == pytest.approx(FORCE - 0.1, abs=0.02)
     without = run(PredictiveInvarianceConfig(drive_bandwidth=0.0), 5.0, slip=slip)
     assert without["measured_force"][-1].item() == pytest.approx(FORCE - 5e-5 / C_T, abs=0.02)
 
@@ -232,6 +237,7 @@ def test_bad_values_are_named(values, told):
         PredictiveInvarianceConfig(**values)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("stiffness", [pytest.param(1e4, marks=pytest.mark.slow), 1e6])
 def test_sliding_at_20_mm_s_on_the_multibody_robot(stiffness):
     """At most 2 % of overshoot, measured and true, and settled in 0.65 s; the integral law takes 1.1 s or more."""

@@ -17,6 +17,7 @@ from forcectl.force.linear_law import EXCITE, REGULATE
 from forcectl.force.vrft.experiment import ExperimentSequencer, RecursiveVrftConfig
 from forcectl.motion.excitation import TrapezoidalMovesConfig
 from forcectl.motion.references import StepConfig
+from forcectl.plant.drives.servo import ServoConfig
 from forcectl.testing import run_diagram
 
 PERIOD = 0.002
@@ -88,6 +89,7 @@ def test_a_second_run_and_another_order_of_calls_give_the_same_numbers():
     np.testing.assert_array_equal(first, second)
 
 
+@pytest.mark.slow
 def test_without_contact_nothing_is_learnt_and_the_law_does_not_take_over():
     """The surface is out of reach: the force is noise, and whatever comes out of it must not run the robot away."""
     controller = RecursiveVrftConfig(excitation=TrapezoidalMovesConfig(depths=[0.0, -1e-3, -2e-3, 0.0], rest=0.2))
@@ -97,6 +99,7 @@ def test_without_contact_nothing_is_learnt_and_the_law_does_not_take_over():
     assert float(result.log["displacement_command"].values[-1].item()) == pytest.approx(0.0, abs=1e-9)
 
 
+@pytest.mark.slow
 def test_batch_elements_of_the_scalar_loop_are_experiments_of_their_own():
     """Two contacts of different stiffness in one bundle, each tuned and regulated like alone."""
     config = OneDimensionalLoopConfig(
@@ -151,3 +154,18 @@ def test_an_excitation_from_a_file_is_found_beside_the_scenario(tmp_path, monkey
     (metrics,) = forcectl.run(scenario).metrics.values()
     assert metrics["hand_over_time_s"] == pytest.approx(3.0, abs=2 * PERIOD)
     assert metrics["peak_force_N"] == pytest.approx(5.9, rel=0.05)
+
+
+def test_from_motor_positions_the_gains_are_those_of_drives_that_do_not_stick():
+    def gain(learn_from: str, friction: float) -> float:
+        config = RecursiveVrftConfig(excitation=SHORT, input=learn_from, hand_over_time=5.0)
+        servo = ServoConfig(coulomb_friction=friction)
+        loop = build_one_dimensional_loop(OneDimensionalLoopConfig(controller=config, servo=servo))
+        simulator = Simulator(loop.diagram)
+        simulator.AdvanceTo(SHORT.end_time())
+        log = loop.find_log(simulator.get_context()).data()
+        return float(log[loop.signals["proportional_gain"].rows][0, -1])
+
+    free = gain("command", 0.0)
+    assert gain("motor", 4.8) == pytest.approx(free, rel=0.03)
+    assert abs(gain("command", 4.8) / free - 1) > 0.05

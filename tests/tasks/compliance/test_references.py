@@ -33,17 +33,11 @@ Z, PHI = ROWS["peg", "z"], ROWS["peg", "phi"]
 NAMES = ("task_position_reference", "task_velocity_reference", "task_acceleration_reference")
 
 
-def mode(peg: Mapping[str, Any] | None = None, *, limits: MotionLimitsConfig | None = None, **further: Any) -> Any:
+def mode(peg: Mapping[str, Any] | None = None, **further: Any) -> Any:
     """What the coordinates of the peg do; the others stay."""
     said = {"peg": {name: ReferenceConfig(**each) for name, each in peg.items()}} if peg else {}
-    return mode_references(
-        said,
-        TASKS,
-        gains=AdmittanceGainsConfig(),
-        limits=limits or MotionLimitsConfig(),
-        period=PERIOD,
-        **further,
-    )
+    options = {"gains": AdmittanceGainsConfig(), "limits": MotionLimitsConfig(), "period": PERIOD}
+    return mode_references(said, TASKS, **(options | further))
 
 
 class Loop:
@@ -110,6 +104,21 @@ def test_one_coordinate_gives_way_as_the_equations_say():
     np.testing.assert_array_equal(others, np.broadcast_to(np.delete(START, Z), others.shape))
 
 
+def test_noise_within_the_hysteresis_does_not_turn_the_motion_round():
+    """A steady force with noise that rises, turns back and ends; along an angle a torque like it."""
+    h, noise = 0.2, 0.1
+    gains = AdmittanceGainsConfig(hysteresis=h, turn_hysteresis=h)
+    loop = Loop([mode({"z": {"comply": True}, "phi": {"comply": True}}, gains=gains)])
+    rng, ticks = np.random.default_rng(7), 800
+    for i, (level, way) in enumerate(((1.0, 1), (3.0, 1), (2.0, -1), (0.0, -1))):
+        for _ in range(ticks):
+            loop.tick(0, (along(Z, 1.0) + along(PHI, 1.0)) * (level + noise * rng.uniform(-1, 1) * (level > 0)))
+        accelerations = loop.log(NAMES[2])[i * ticks :, [Z, PHI]]
+        assert (way * accelerations > -1e-9).all()
+        followed = level - way * (h - noise) if level else 0.0
+        np.testing.assert_allclose(loop.motion[1][[Z, PHI]] * [30.0, 0.2], followed, atol=0.05 * noise)
+
+
 def wall(stiffness: float) -> Callable[[np.ndarray], np.ndarray]:
     """A spring below the start along z."""
     return lambda x: along(Z, stiffness * max(START[Z] - 0.005 - x[Z], 0.0))
@@ -151,6 +160,20 @@ def test_what_gives_way_too_fast_for_the_next_mode_slows_down_within_the_acceler
     loop.run(50, 1, lambda x: along(Z, 3.0 * sign))
     assert loop.motion[1][Z] == pytest.approx(0.02 * sign)
     assert np.abs(np.diff(loop.log(NAMES[1])[99:, Z])).max() == pytest.approx(2.0 * PERIOD)
+
+
+@pytest.mark.parametrize(("force", "after"), [(4.6, -0.03), (6.4, -0.01), (0.0, -0.03)])
+def test_a_push_that_begins_in_motion_only_slows_down(force, after):
+    """The push asks for a speed that the motion has more than enough of: it goes down to that within the jerk limit."""
+    limits = MotionLimitsConfig()
+    push = {"comply": True, "force": 7.0, "speed_limit": [-0.03, 0.02], "damping": 60.0}
+    loop = Loop([mode({"z": {"velocity": -0.075}}), mode({"z": push})])
+    loop.run(100)
+    loop.run(100, 1, lambda x: along(Z, force))
+    speeds, accelerations = loop.log(NAMES[1])[99:, Z], loop.log(NAMES[2])[99:, Z]
+    assert speeds[[0, -1]] == pytest.approx([-0.075, after], abs=1e-9)
+    assert (np.diff(speeds) > -1e-12).all()
+    assert np.abs(np.diff(accelerations)).max() <= limits.jerk * PERIOD + 1e-9
 
 
 @pytest.mark.parametrize(("z", "factor"), [(0.5, 1.0), (0.3, 1.0), (0.25, 3.0), (0.2, 5.0), (0.1, 5.0)])

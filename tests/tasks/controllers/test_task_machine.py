@@ -174,7 +174,9 @@ def test_a_run_goes_on_for_as_long_as_asked_after_the_machine_ended() -> None:
     scenario = STATION + "\n".join(lines) + "\nduration: 1.2\nafter_end: "
 
     def log(after_end: str) -> Any:
-        return fc.run(fc.load_scenario(parse(scenario + after_end + "\n", "machine.yaml"))).log
+        done = fc.run(fc.load_scenario(parse(scenario + after_end + "\n", "machine.yaml")))
+        assert not [one for one in done.findings["default"] if one.kind.startswith("machine")]
+        return done.log
 
     whole, cut = log("null"), log("0.1")
     ended = float(whole["time"][whole["machine_end"] > 0][0])
@@ -189,7 +191,9 @@ def test_in_a_loop_it_tares_the_estimator_and_asks_for_what_is_missing() -> None
     with pytest.raises(BadInputError, match=r"wants gripper_holds .*which nothing puts out"):
         fc.build(fc.load_scenario(parse(STATION + LOWER, "machine.yaml")))
     lines = [line for line in LOWER.splitlines() if "gripper_holds" not in line and " lost" not in line]
-    log = fc.run(fc.load_scenario(parse(STATION + "\n".join(lines) + "\nduration: 0.2\n", "machine.yaml"))).log
+    done = fc.run(fc.load_scenario(parse(STATION + "\n".join(lines) + "\nduration: 0.2\n", "machine.yaml")))
+    log = done.log
+    assert done.findings == {"default": []}
     assert log["mode"].attrs["flag_meanings"].split() == [name for name in MODES if name != "lost"]
     tared = np.r_[False, log["mode"].values[:-1] == 0]
     assert (log["estimated_wrench"].values[tared] == 0).all()

@@ -1,0 +1,265 @@
+"""Guarded move to a surface, hand-over to a force law, recovery of a contact that is lost, and leaving::
+
+    dx_bar = x_a + u,    x_a: displacement of the move, u: command of the force law
+
+    APPROACH  x_a' = -speed              until F > threshold: back by speed t_b, then TOUCH
+    TOUCH     x_a' = 0 until F < threshold/2, then -touch_speed until F > threshold: back by touch_speed t_b;
+              at rest for `patience`, in the beginning or in the end: CONTACT
+    CONTACT   x_a' = 0, the law gets F_bar and F; F < threshold/2 for `patience` with F_bar > threshold: TOUCH
+    LEAVE     from all modes with F_bar <= 0: x_a' = speed for the clearance, then rest; F_bar > 0: APPROACH
+    GAVE_UP   at rest, after `timeout` in APPROACH or TOUCH without a contact
+
+Outside of CONTACT the law gets zero for both forces, so that it rests where it is: the command does not jump when it
+takes over. Two touches, the second one slow, because a fast one overtravels by what sensor and drives lag behind.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from enum import IntEnum
+from typing import Any
+
+import numpy as np
+from numpy.typing import ArrayLike
+from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import Adder, Gain
+
+from forcectl.errors import about
+from forcectl.force.integral import IntegralConfig
+from forcectl.force.law import require_force_law
+from forcectl.framework.batch import BatchParameter, BatchValue
+from forcectl.framework.fields import Config, key, slot
+from forcectl.framework.sampled_block import Memory, SampledBatch
+from forcectl.framework.wiring import export_all_outputs, input_names
+from forcectl.plant.plant_model import PlantModel
+
+
+class ApproachMode(IntEnum):
+    """What a guarded move is at; the numbers are those of the port `approach_mode`."""
+
+    APPROACH = 0
+    TOUCH = 1
+    CONTACT = 2
+    LEAVE = 3
+    GAVE_UP = 4
+
+
+_APPROACH, _TOUCH, _CONTACT, _LEAVE, _GAVE_UP = map(float, ApproachMode)
+_AWAY, _SLOWLY, _THERE = 0.0, 1.0, 2.0  # stages of TOUCH
+
+
+class GuardedMove(SampledBatch):
+    """The mode of n guarded moves, their displacements, and the forces that the laws are given.
+
+    ```
+    name: GuardedMove
+    input_ports: [desired_force, measured_force]
+    output_ports: [approach_displacement, approach_mode, regulated_force, felt_force]
+    parameters: [speed, threshold, touch_speed, step_back, patience, timeout, clearance]
+    ```
+
+    desired_force, measured_force: shape (n,) [N].
+    approach_displacement: shape (n,), x_a [m], held over [t_k, t_k+1).
+    approach_mode: shape (n,), see `ApproachMode` [1].
+    regulated_force, felt_force: shape (n,), the desired and the measured force in CONTACT, else zeros [N].
+    All outputs are feedthrough of all inputs at the tick.
+
+    Parameters (Context, shape (n,)): speed and touch_speed [m/s], threshold [N], patience and timeout [s], clearance
+    [m], positive and finite; step_back t_b [s] >= 0.
+
+    A force that is not a number holds displacement and mode, and is handed on in CONTACT, for the law to hold.
+
+    Sampling: every `period` [s]; no delay, see `SampledBlock`.
+    """
+
+    port_units = {"approach_displacement": "m", "approach_mode": "1", "regulated_force": "N", "felt_force": "N"}
+    port_meanings = {"approach_mode": tuple(mode.name.lower() for mode in ApproachMode)}
+
+    def __init__(
+        self,
+        size: int,
+        *,
+        speed: ArrayLike,
+        threshold: ArrayLike,
+        touch_speed: ArrayLike,
+        step_back: ArrayLike,
+        patience: ArrayLike,
+        timeout: ArrayLike,
+        clearance: ArrayLike,
+        period: float = 0.002,
+    ):
+        positive = "positive and finite"
+        parameters = {
+            "speed": BatchParameter(speed, positive, "m/s"),
+            "threshold": BatchParameter(threshold, positive, "N"),
+            "touch_speed": BatchParameter(touch_speed, positive, "m/s"),
+            "step_back": BatchParameter(step_back, "not negative", "s"),
+            "patience": BatchParameter(patience, positive, "s"),
+            "timeout": BatchParameter(timeout, positive, "s"),
+            "clearance": BatchParameter(clearance, positive, "m"),
+        }
+        super().__init__(size, parameters)
+        inputs = [self.DeclareVectorInputPort(name, size) for name in ("desired_force", "measured_force")]
+        self.sample_delay = {("measured_force", "felt_force"): 0.0}
+        shown = ("approach_displacement", "approach_mode", "regulated_force", "felt_force")
+        # Times without contact and at rest or without force [s], stage of TOUCH, and what is left to leave [m].
+        own = ("searching", "waiting", "stage", "to_leave")
+        self.declare_memory(dict.fromkeys((*shown, *own), 0.0), inputs, period)
+        self.show(*shown)
+
+    def step(self, context: Context, memory: Memory, inputs: Memory) -> dict[str, BatchValue]:
+        """One tick of the move."""
+        m, period = self.math, self._period
+        speed, threshold, slow, back, patience, timeout, clearance = self.values(context)
+        desired, force = inputs["desired_force"], inputs["measured_force"]
+        good = (abs(desired) < np.inf) & (abs(force) < np.inf)
+        mode, x = memory["approach_mode"], memory["approach_displacement"]
+        wanted, felt, free = desired > 0.0, force > threshold, force < 0.5 * threshold
+
+        approach, touch, contact, leave = mode == _APPROACH, mode == _TOUCH, mode == _CONTACT, mode == _LEAVE
+        stage = memory["stage"]
+        stage = m.where(touch & free & (stage == _AWAY), _SLOWLY, stage)
+        stage = m.where(touch & felt & (stage == _SLOWLY), _THERE, stage)
+        slowly = stage == _SLOWLY
+        resting = (touch & (stage != _SLOWLY)) | (contact & free & (desired > threshold))
+        waiting = m.where(resting, memory["waiting"] + period, 0.0)
+        searching = m.where((approach | touch) & wanted, memory["searching"] + period, 0.0)
+
+        after = m.where(approach & felt, _TOUCH, mode)
+        after = m.where(waiting >= patience, m.where(touch, _CONTACT, _TOUCH), after)
+        after = m.where((searching > timeout) & (after != _CONTACT), _GAVE_UP, after)
+        after = m.where(wanted, m.where(leave, _APPROACH, after), _LEAVE)
+        began = after != mode
+
+        # Only a surface that was touched is left.
+        touched = touch | contact
+        to_leave = m.where(
+            (after == _LEAVE) & began & touched, clearance, m.where(after == _LEAVE, memory["to_leave"], 0.0)
+        )
+        away = m.minimum(to_leave, speed * period)
+        moved = m.where(approach & began & (after == _TOUCH), speed * back, 0.0)
+        moved = m.where((after == _APPROACH) & wanted, -speed * period, moved)
+        moved = m.where(touch & (after == _TOUCH) & slowly, -slow * period, moved)
+        moved = m.where(touch & (stage == _THERE) & (memory["stage"] == _SLOWLY), slow * back, moved)
+        new = {
+            "approach_displacement": x + moved + away,
+            "approach_mode": after,
+            "searching": searching,
+            # What begins with a stage, or a mode, waits anew; a contact that was lost is looked for at once.
+            "waiting": m.where(began | (stage != memory["stage"]), 0.0, waiting),
+            "stage": m.where(began, m.where(contact, _SLOWLY, _AWAY), stage),
+            "to_leave": to_leave - away,
+        }
+        new = self.choose(good, new, memory)
+        regulating = new["approach_mode"] == _CONTACT
+        new["regulated_force"] = m.where(regulating, desired, 0.0)
+        new["felt_force"] = m.where(regulating, force, 0.0)
+        return new
+
+
+class ApproachForceLaw(Diagram):
+    """A force law behind a guarded move.
+
+    ```
+    name: ApproachForceLaw
+    input_ports: [desired_force, measured_force, (further inputs of the law)]
+    output_ports: [displacement_command, approach_displacement, approach_mode, (further outputs of the law)]
+    ```
+
+    desired_force, measured_force: shape (n,) [N]. approach_displacement, approach_mode: see `GuardedMove`.
+    displacement_command: shape (n,), of the move and of the law [m].
+    A `motor_displacement` that the law reads is given to it without that of the move.
+    All outputs are feedthrough of all inputs at the tick.
+
+    Sampling: every `period` [s] of the two; no delay beyond that of the law.
+
+    Args:
+        builder: holds the law; it is built into this diagram.
+        law: with the ports of a ForceLaw.
+
+    Raises:
+        BadInputError: the law has no such ports.
+    """
+
+    def __init__(self, builder: DiagramBuilder, law: System, move: GuardedMove):
+        super().__init__()
+        n, forces = move.size, {"desired_force": "regulated_force", "measured_force": "felt_force"}
+        require_force_law(law, forces)
+        self.sample_delay = dict(getattr(law, "sample_delay", {}))
+        builder.AddNamedSystem("guarded_move", move)
+        moved = move.GetOutputPort("approach_displacement")
+        for name, given in forces.items():
+            builder.ExportInput(move.GetInputPort(name), name)
+            builder.Connect(move.GetOutputPort(given), law.GetInputPort(name))
+        for name in input_names(law):
+            if name == "motor_displacement":
+                back = builder.AddNamedSystem("move_back", Gain(-1.0, n))
+                builder.Connect(moved, back.get_input_port())
+                without = _sum(builder, "law_displacement", n, back.get_output_port())
+                builder.ExportInput(without.get_input_port(1), name)
+                builder.Connect(without.get_output_port(), law.GetInputPort(name))
+            elif name not in forces:
+                builder.ExportInput(law.GetInputPort(name), name)
+        both = _sum(builder, "command", n, moved)
+        builder.Connect(law.GetOutputPort("displacement_command"), both.get_input_port(1))
+        builder.ExportOutput(both.get_output_port(), "displacement_command")
+        for name in ("approach_displacement", "approach_mode"):
+            builder.ExportOutput(move.GetOutputPort(name), name)
+        export_all_outputs(builder, law, but=("displacement_command", "displacement_velocity_command"))
+        builder.BuildInto(self)
+
+
+def _sum(builder: DiagramBuilder, name: str, size: int, first: OutputPort) -> Adder:
+    """A sum whose first input is connected."""
+    total = builder.AddNamedSystem(name, Adder(2, size))
+    builder.Connect(first, total.get_input_port(0))
+    return total
+
+
+@dataclass(kw_only=True)
+class ApproachConfig(Config):
+    """Scenario part `!Approach`: a guarded move to the surface, then any force law; lost contacts are found again."""
+
+    law: Any = slot("controller", IntegralConfig, meaning="force law that takes over in contact")
+    speed: float = key(0.02, "of the approach, and of leaving", unit="m/s", bounds="positive")
+    threshold: float = key(
+        1.0, "measured force that is contact; below half of it there is none", unit="N", bounds="positive"
+    )
+    touch_speed: float = key(0.003, "of the second touch", unit="m/s", bounds="positive")
+    step_back: float = key(
+        0.1, "t_b: what `speed` makes in it is gone back after a touch", unit="s", bounds="not negative"
+    )
+    patience: float = key(
+        0.5,
+        "until a force that stays is a contact, and one that stays away a loss",
+        unit="s",
+        bounds="positive",
+    )
+    timeout: float = key(10.0, "without a contact it gives up", unit="s", bounds="positive")
+    clearance: float = key(0.01, "how far it leaves when the desired force is zero", unit="m", bounds="positive")
+
+    def reference_model_bandwidth(self) -> float | None:
+        """Bandwidth [rad/s] of the law; None if it does not tell."""
+        told: float | None = getattr(self.law, "reference_model_bandwidth", lambda: None)()
+        return told
+
+    def law_of(self, arm: str) -> Any:
+        """The law that takes over, whichever arm presses."""
+        return self.law
+
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> ApproachForceLaw:
+        """Add the guarded move and the law behind it."""
+        inner = DiagramBuilder()
+        move = GuardedMove(
+            model.size,
+            speed=self.speed,
+            threshold=self.threshold,
+            touch_speed=self.touch_speed,
+            step_back=self.step_back,
+            patience=self.patience,
+            timeout=self.timeout,
+            clearance=self.clearance,
+            period=model.period,
+        )
+        with about(self.law):
+            return builder.AddNamedSystem("force_law", ApproachForceLaw(inner, self.law.add_to(inner, model), move))

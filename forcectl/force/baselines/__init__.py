@@ -1,0 +1,1 @@
+"""Force laws of the field besides those of the thesis, in the same slot."""

@@ -1,0 +1,66 @@
+"""Explicit PI and PID force control with feed-forward, around a robot that takes positions::
+
+    dx_bar = -C_T_hat [ (K_P + K_I Ts/(1 - z^-1) + K_D (1 - z^-1)/(Ts + T_D - T_D z^-1)) e + K_F F_r ],    e = F_bar - F
+    F_r[k] = F_r[k-1] + (F_bar[k] - F_r[k-1]) Ts/(T_F + Ts)
+
+Sources: R. Volpe and P. Khosla, A theoretical and experimental investigation of explicit force control strategies for
+manipulators, IEEE Transactions on Automatic Control 38(11), 1993: the strategies P, PI, PID with feed-forward, and the
+need to filter the derivative. J. De Schutter and H. Van Brussel, Compliant robot motion II, International Journal of
+Robotics Research 7(4), 1988: the force loop around a position loop, scaled by the compliance of the contact.
+
+The integral goes as far as a limit of the command and no further (anti-windup by clamping), see `LinearForceLaw`,
+whose equations these are with other gains.
+
+Stability on the ideal plant F[k] = -dx_bar[k-1]/C_T, with r = C_T_hat/C_T and without derivative: z^2 + (r K_P - 1 +
+r K_I Ts) z - r K_P = 0 has its roots inside of the unit circle if and only if::
+
+    K_I > 0,    r K_P > -1,    r (2 K_P + K_I Ts) < 2
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from pydrake.systems.framework import DiagramBuilder, System
+
+from forcectl.force.linear_law import LinearForceLaw
+from forcectl.framework.fields import Config, key
+from forcectl.plant.plant_model import PlantModel
+
+
+@dataclass(kw_only=True)
+class PidConfig(Config, in_batches=True):
+    """Scenario part `!Pid`: explicit PI, with derivative gain PID control of the force, with feed-forward."""
+
+    proportional_gain: float = key(0.5, "gain K_P", unit="1", bounds="not negative", each=True)
+    integral_gain: float = key(2.25, "gain K_I", unit="1/s", bounds="not negative", each=True)
+    derivative_gain: float = key(0.0, "gain K_D", unit="s", bounds="not negative", each=True)
+    derivative_filter: float = key(0.02, "T_D", unit="s", bounds="not negative", each=True)
+    feed_forward: float = key(0.0, "K_F; 1: all of the depth", unit="1", bounds="not negative", each=True)
+    feed_forward_filter: float = key(0.0, "T_F", unit="s", bounds="not negative", each=True)
+    compliance_error: float = key(1.0, "C_T_hat / C_T", bounds="positive", each=True)
+    lower_limit: float = key(-0.1, "deepest command", unit="m", bounds="below zero", each=True)
+    upper_limit: float = key(0.1, "furthest retreat", unit="m", bounds="above zero", each=True)
+
+    def reference_model_bandwidth(self) -> float | None:
+        """Pole K_I/(1 + K_P) [rad/s] of the loop around F = -dx/C_T in continuous time, without derivative."""
+        return self.integral_gain / (1 + self.proportional_gain)
+
+    def law(self, model: PlantModel) -> LinearForceLaw:
+        """The block."""
+        compliance = self.compliance_error * model.total_compliance
+        gains = (self.proportional_gain, self.integral_gain, self.derivative_gain)
+        return LinearForceLaw(
+            model.size,
+            gains=[-compliance * gain for gain in gains],
+            derivative_filter=self.derivative_filter,
+            feed_forward=compliance * self.feed_forward,
+            feed_forward_filter=self.feed_forward_filter,
+            lower_limit=self.lower_limit,
+            upper_limit=self.upper_limit,
+            period=model.period,
+        )
+
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> System:
+        """Add the law."""
+        return builder.AddNamedSystem("force_law", self.law(model))

@@ -1,0 +1,233 @@
+"""Scenario part `!Hybrid`: forces and torques along and about axes of a task frame, motion in all other directions.
+
+    x_i selected:    dx_bar_i = law(w_bar_i, w_i),     other:    x_i by the reference in the unconstrained directions
+
+w is the measured wrench at the TCP in the task frame. Every selected direction has a scalar force law of its own, any
+that fills the slot of controllers; about an axis it reads torques [Nm] in the place of forces and commands angles [rad]
+in the place of displacements. Signs are those of forces along a normal: an axis that points out of the surface, and
+F = -dx/C; a torque on the tool is positive about its axis, and a tool that is turned too far feels tau = -theta/C.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Mapping
+from dataclasses import dataclass, replace
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.math import RollPitchYaw
+from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, System
+from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
+
+from forcectl.errors import BadInputError, about, invalid, unknown
+from forcectl.estimation.surface_offset import Sliding
+from forcectl.force.hybrid.motion import HybridMotion
+from forcectl.force.hybrid.task_axes import DIRECTIONS, TaskAxes, TaskWrench
+from forcectl.force.integral import IntegralConfig
+from forcectl.framework.fields import Config, key, slot
+from forcectl.framework.wiring import Enclosed, add_part, input_names, stacked
+from forcectl.plant.compliance import compliance_along, robot_compliance
+from forcectl.plant.plant_model import PlantModel
+
+Array = NDArray[np.float64]
+
+_ALONG_NORMAL = 0.7  # least cosine to the normal with which the model's C_E is that of a direction
+_OFFERED = ("desired_force", "measured_force", "motor_displacement", "path_displacement", "sliding")
+
+
+@dataclass(kw_only=True)
+class DirectionConfig(Config):
+    """A direction whose force or torque is controlled."""
+
+    law: Any = slot("controller", IntegralConfig, meaning="a force law; about an axis its forces are torques")
+    desired: float | None = key(
+        None, "force or torque; null: along an axis the loop's reference, about one zero", unit="N or Nm"
+    )
+    compliance: float | None = key(
+        None, "C_E in this direction; null: the model's, along the normal only", unit="m/N or rad/Nm", bounds="positive"
+    )
+
+
+@dataclass(kw_only=True)
+class HybridConfig(Config):
+    """Scenario part `!Hybrid`."""
+
+    directions: dict[str, DirectionConfig] = key(
+        meaning="x, y, z, rx, ry or rz, along and about the axes of the task frame; the others are moved"
+    )
+    rotation_deg: list[float] = key(
+        [180.0, 0.0, 0.0],
+        "roll, pitch, yaw of the task frame in the TCP frame; z out of the surface",
+        unit="deg",
+        size=3,
+    )
+    fixed_in: str = key(
+        "tool", "tool: the axes move with it; world: they stay as they are at the start", choices=("tool", "world")
+    )
+    smallest_singular_value: float = key(0.02, "of the Jacobian, below which it is damped", unit="1", bounds="positive")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        for name in self.directions:
+            if name not in DIRECTIONS:
+                raise unknown("direction", name, DIRECTIONS).at(f"directions.{name}")
+        if not 1 <= len(self.directions) < len(DIRECTIONS):
+            raise invalid("directions", sorted(self.directions), "from one to five directions: the others are moved")
+        referred = [name for name, each in self.directions.items() if _follows_reference(name, each)]
+        if len(referred) > 1:
+            raise BadInputError("must be given in all but one of x, y, z", key=f"directions.{referred[1]}.desired")
+
+    def add_to(self, builder: DiagramBuilder, model: PlantModel) -> Hybrid:
+        """Add the controller.
+
+        Raises:
+            BadInputError: a law that is none, or that wants what a direction does not have.
+        """
+        rotation = RollPitchYaw(np.radians(self.rotation_deg)).ToRotationMatrix().matrix()
+        world = self.fixed_in == "world"
+        axes = TaskAxes(model.known_robot(), model.start, rotation, fixed_in_world=world)
+        hybrid = Hybrid(self.directions, axes, model, smallest=self.smallest_singular_value)
+        return builder.AddNamedSystem("hybrid", hybrid)
+
+
+def _follows_reference(name: str, direction: DirectionConfig) -> bool:
+    return direction.desired is None and not name.startswith("r")
+
+
+def direction_model(model: PlantModel, axes: TaskAxes, name: str, compliance: float | None) -> PlantModel:
+    """The model of the plant along or about one axis at the start, for the law of that direction.
+
+    The robot's compliance is that of (2.7) in this direction, with the share of it that the model has along the normal.
+
+    Args:
+        model: with one force loop.
+        axes: of the task frame.
+        name: of the direction.
+        compliance: C_E in this direction [m/N, rad/Nm]; None: that of the model along the normal.
+
+    Raises:
+        BadInputError: C_E is not given, and the direction is not that of the normal.
+    """
+    robot, index = axes.robot, DIRECTIONS.index(name)
+    context = robot.context_at(model.start)
+    axis = axes.rotation(context)[:, index % 3]
+    turns = index < 3
+    environment = model.environment_compliance
+    if compliance is not None:
+        environment = np.array([compliance])
+    elif turns or abs(axis @ model.n) < _ALONG_NORMAL:
+        raise BadInputError("must be given: the model of the plant has one along the normal only", key="compliance")
+    matrix = robot_compliance(robot, context, robot.joint_stiffness)
+    block = matrix[:3, :3] if turns else matrix[3:, 3:]
+    share = float(axis @ block @ axis) / compliance_along(model.n, matrix)
+    return replace(
+        model,
+        robot_compliance=share * model.robot_compliance,
+        drive_compliance=share * np.broadcast_to(model.drive_compliance, 1),
+        environment_compliance=environment,
+        normals=axis.reshape(1, 3),
+        sensor_range=np.inf if turns else model.sensor_range,
+        pulls=turns or model.pulls,
+    )
+
+
+class Hybrid(Diagram):
+    """Force laws in selected directions of a task frame, motion in the others.
+
+    ```
+    name: Hybrid
+    input_ports: [measured_wrench, motor_position, unconstrained_reference, desired_force (optional)]
+    output_ports: [joint_position_command, task_wrench, task_displacement, near_singular]
+    ```
+
+    measured_wrench: shape (6,), of the environment on the tool, at S in S, [torque; force] [Nm, N].
+    motor_position, unconstrained_reference: shape (n,) [rad]; the last is the joint motion in the unconstrained
+    directions, from the start.
+    desired_force: shape (1,), of the direction that follows the reference [N]; the port exists where there is one.
+    joint_position_command: shape (n,) [rad]. Feedthrough of all inputs.
+    task_wrench: shape (6,), of the environment on the tool, at the TCP in the task frame [Nm, N]. Feedthrough of
+    measured_wrench and motor_position.
+    task_displacement: shape (m,), commanded in the selected directions, in the order rx, ry, rz, x, y, z [m, rad].
+    Feedthrough of measured_wrench, motor_position and desired_force.
+    near_singular: shape (1,), 1 while the inverse is damped, else 0 [1]. Feedthrough of all inputs.
+
+    Sampling: every `period` [s] of the model; no delay beyond that of the laws.
+
+    Args:
+        directions: by name.
+        axes: of the task frame.
+        model: of the plant, with one force loop.
+        smallest: singular value of the Jacobian below which it is damped [1].
+
+    Raises:
+        BadInputError: a law that is none, or that wants what a direction does not have.
+    """
+
+    port_units = {"task_displacement": "m,rad"}
+
+    def __init__(
+        self, directions: Mapping[str, DirectionConfig], axes: TaskAxes, model: PlantModel, *, smallest: float = 0.02
+    ):
+        super().__init__()
+        builder = DiagramBuilder()
+        add, connect = builder.AddNamedSystem, builder.Connect
+        names = [name for name in DIRECTIONS if name in directions]
+        selected = [DIRECTIONS.index(name) for name in names]
+        laws = {name: _add_law(builder, name, directions[name], axes, model) for name in names}
+        wrench = add("task_wrench", TaskWrench(axes))
+        forces = add("task_forces", Demultiplexer([1] * len(DIRECTIONS)))
+        connect(wrench.get_output_port(), forces.get_input_port())
+        motion = add("motion", HybridMotion(axes, selected, model.start, smallest=smallest, period=model.period))
+        displacements = add("motor_displacements", Demultiplexer([1] * len(names)))
+        connect(motion.GetOutputPort("motor_displacement"), displacements.get_input_port())
+        builder.ExportInput(wrench.GetInputPort("measured_wrench"), "measured_wrench")
+        position = builder.ExportInput(wrench.GetInputPort("motor_position"), "motor_position")
+        builder.ConnectInput(position, motion.GetInputPort("motor_position"))
+        reference = builder.ExportInput(motion.GetInputPort("unconstrained_reference"), "unconstrained_reference")
+        offered = {name: {"motor_displacement": displacements.get_output_port(i)} for i, name in enumerate(names)}
+        if any("path_displacement" in input_names(law) for law in laws.values()):
+            # The reference has nothing in a selected direction.
+            still = add("no_path", ConstantVectorSource(np.zeros(1))).get_output_port()
+            offered = {name: ports | {"path_displacement": still} for name, ports in offered.items()}
+        if any("sliding" in input_names(law) for law in laws.values()):
+            slides = add("sliding", Sliding(model.num_joints, period=model.period))
+            builder.ConnectInput(reference, slides.get_input_port())
+            offered = {name: ports | {"sliding": slides.get_output_port()} for name, ports in offered.items()}
+        for name, law in laws.items():
+            direction = directions[name]
+            connect(forces.get_output_port(DIRECTIONS.index(name)), law.GetInputPort("measured_force"))
+            if _follows_reference(name, direction):
+                builder.ExportInput(law.GetInputPort("desired_force"), "desired_force")
+            else:
+                wanted = add(f"desired_{name}", ConstantVectorSource([direction.desired or 0.0]))
+                connect(wanted.get_output_port(), law.GetInputPort("desired_force"))
+            for port, source in offered[name].items():
+                if port in input_names(law):
+                    connect(source, law.GetInputPort(port))
+        commands: list[OutputPort] = [law.GetOutputPort("displacement_command") for law in laws.values()]
+        displacement = stacked(builder, "task_displacement", commands)
+        connect(displacement, motion.GetInputPort("displacement_command"))
+        builder.ExportOutput(motion.GetOutputPort("joint_position_command"), "joint_position_command")
+        builder.ExportOutput(wrench.get_output_port(), "task_wrench")
+        builder.ExportOutput(displacement, "task_displacement")
+        builder.ExportOutput(motion.GetOutputPort("near_singular"), "near_singular")
+        builder.BuildInto(self)
+
+
+def _add_law(
+    builder: DiagramBuilder, name: str, direction: DirectionConfig, axes: TaskAxes, model: PlantModel
+) -> System:
+    """The law of a direction."""
+    with about(direction):
+        own = direction_model(model, axes, name, direction.compliance)
+    inner, tag = DiagramBuilder(), type(direction.law).__name__
+    law = add_part(direction.law, f"directions.{name}.law", inner, own)
+    inputs = input_names(law)
+    if not law.HasOutputPort("displacement_command") or not {"desired_force", "measured_force"} <= set(inputs):
+        raise BadInputError(f"{tag} is no force law: must be one of a scalar force", key=f"directions.{name}.law")
+    missing = [port for port in inputs if port not in (*_OFFERED, *getattr(law, "optional_inputs", ()))]
+    if missing:
+        wants = f"{tag} wants {', '.join(missing)}: must be a law of {', '.join(_OFFERED)}"
+        raise BadInputError(wants, key=f"directions.{name}.law")
+    return builder.AddNamedSystem(f"law_{name}", Enclosed(inner, law))

@@ -1,0 +1,83 @@
+"""The task frame K of hybrid control, and the wrench of a wrist sensor in it.
+
+    tau_K = R_KS (tau_S - p_ST x f_S),    f_K = R_KS f_S
+
+K has its origin at the TCP. Its axes are those of the TCP frame T turned by a constant rotation, R_WK = R_WT R_TK, and
+move with the tool; or they stay in the world as they are at the start. S is the frame of the sensor.
+"""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.framework import BasicVector, Context, LeafSystem
+
+from forcectl.framework.kernels import cross
+from forcectl.robot.model import RobotModel, posture_cache
+
+Array = NDArray[np.float64]
+
+DIRECTIONS = ("rx", "ry", "rz", "x", "y", "z")  # in the order of spatial vectors
+
+
+class TaskAxes:
+    """The axes of the task frame.
+
+    Args:
+        robot: kinematics, with the TCP.
+        start: joint positions at the start, shape (n,) [rad].
+        rotation: R_TK at the start, shape (3, 3).
+        fixed_in_world: whether they stay there; else they move with the tool.
+    """
+
+    def __init__(self, robot: RobotModel, start: Array, rotation: Array, *, fixed_in_world: bool = False):
+        self.robot, self.fixed_in_world = robot, fixed_in_world
+        self._in_tool = rotation
+        self._in_world = robot.pose(robot.context_at(start)).rotation().matrix() @ rotation
+
+    def rotation(self, plant_context: Context) -> Array:
+        """R_WK in the posture of a context of `robot.plant`, shape (3, 3)."""
+        if self.fixed_in_world:
+            return self._in_world
+        turned: Array = self.robot.pose(plant_context).rotation().matrix() @ self._in_tool
+        return turned
+
+
+class TaskWrench(LeafSystem):
+    """Wrench of the wrist sensor in the task frame.
+
+    ```
+    name: TaskWrench
+    input_ports: [measured_wrench, motor_position]
+    output_ports: [task_wrench]
+    ```
+
+    measured_wrench: shape (6,), of the environment on the tool, at S in S, [torque; force] [Nm, N].
+    motor_position: shape (n,), where the axes are taken [rad].
+    task_wrench: shape (6,), the same at the TCP in the task frame K [Nm, N]. Feedthrough of both inputs.
+
+    Sampling: none; evaluated when read.
+
+    Args:
+        axes: of the task frame.
+    """
+
+    port_units = {"task_wrench": "Nm,N"}
+
+    def __init__(self, axes: TaskAxes):
+        super().__init__()
+        self._axes, robot = axes, axes.robot
+        self._sensor = robot.arm.sensor_frame or robot.arm.flange_frame
+        self._wrench = self.DeclareVectorInputPort("measured_wrench", 6)
+        position = self.DeclareVectorInputPort("motor_position", robot.num_joints)
+        self._posture = posture_cache(self, robot, position)
+        reads = {self._wrench.ticket(), self._posture.ticket()}
+        self.DeclareVectorOutputPort("task_wrench", 6, self._show, prerequisites_of_calc=reads)
+
+    def _show(self, context: Context, output: BasicVector) -> None:
+        torque, force = self._wrench.Eval(context).reshape(2, 3)
+        plant_context = self._posture.Eval(context)
+        X_WS = self._sensor.CalcPoseInWorld(plant_context)
+        p_ST = X_WS.inverse().multiply(self._axes.robot.tip_position(plant_context))
+        R_SK = X_WS.rotation().matrix().T @ self._axes.rotation(plant_context)
+        output.SetFromVector(np.concatenate([(torque - cross(p_ST, force)) @ R_SK, force @ R_SK]))
