@@ -7,6 +7,8 @@ from forcectl.tuning.fit import VrftFit as VrftFit
 from forcectl.tuning.friction_identification import FrictionFit as FrictionFit
 from forcectl.tuning.friction_identification import friction_samples as friction_samples
 from forcectl.tuning.friction_identification import identify_friction as identify_friction
+from forcectl.tuning.motor_positions import DriveFilter as DriveFilter
+from forcectl.tuning.motor_positions import motor_record as motor_record
 from forcectl.tuning.plant_model import IdentifiedPlant as IdentifiedPlant
 from forcectl.tuning.plant_model import identify_plants as identify_plants
 from forcectl.tuning.reference_model import ReferenceModel as ReferenceModel

@@ -1,0 +1,189 @@
+"""Gains that an experiment finds before the run: the key `gains_from` of a force law.
+
+The experiment is run on the station of the scenario whose law asks, with its model, estimators, signals, guard and
+seed. Controller, reference, motion and duration are the experiment's own. Its controller says which gains it finds
+(`finds_gains`) and for which bandwidth they are (`gain_scale`); the law has a key for each.
+"""
+
+from __future__ import annotations
+
+import dataclasses
+from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
+from dataclasses import dataclass, replace
+from typing import TYPE_CHECKING, Any
+
+from forcectl.errors import BadInputError, show
+from forcectl.framework.fields import Config
+from forcectl.framework.reader import join
+from forcectl.framework.yaml_tree import Tagged, Tree, dump
+from forcectl.scenario.catalog import IMPORT
+from forcectl.scenario.trees import tree_of_fields
+
+if TYPE_CHECKING:
+    from forcectl.scenario.scenario import Scenario
+
+Experiment = Callable[[str, str | None], "Scenario"]  # name and variant -> the scenario
+_OF_THE_RUN = ("station", "model", "estimators", "signals", "guard", "seed")  # keys that the experiment takes over
+
+
+@dataclass(frozen=True)
+class Identification:
+    """An experiment that finds gains of a law before the run.
+
+    Attributes:
+        key: dotted key of the law.
+        experiment: name or path of the experiment, with its variant where one is named.
+        scenario: of the experiment, on the station of the run.
+        names: of the gains that it finds.
+        scale: what they are multiplied by, for the bandwidth of the law.
+    """
+
+    key: str
+    experiment: str
+    scenario: Scenario
+    names: tuple[str, ...]
+    scale: float
+
+
+@dataclass(frozen=True)
+class FoundGains:
+    """Gains that an experiment has found for a law.
+
+    Attributes:
+        key: dotted key of the law.
+        experiment: that found them, with its variant where one is named.
+        values: by name, in the units of the law's keys.
+    """
+
+    key: str
+    experiment: str
+    values: dict[str, float]
+
+    def as_row(self) -> dict[str, Any]:
+        """The record of `manifest.json`."""
+        return {"gains_from": self.experiment, **self.values}
+
+
+def identifications(scenario: Scenario, experiment: Experiment) -> list[Identification]:
+    """What finds the gains of a scenario's laws; nothing for one whose laws have theirs.
+
+    Args:
+        scenario: complete.
+        experiment: finds a scenario by name and variant.
+
+    Raises:
+        BadInputError: an unknown experiment, one that finds no gains, a ring of them, or gains that the law cannot use.
+    """
+    return [_identification(scenario, key, law, experiment) for key, law in _asking(scenario)]
+
+
+def with_gains(scenario: Scenario, gains: Iterable[FoundGains]) -> Scenario:
+    """A scenario whose laws have the gains found.
+
+    Raises:
+        BadInputError: a value that the law does not allow.
+    """
+    for found in gains:
+        try:
+            changes = {**found.values, "gains_from": None, "gains_variant": None}
+            scenario = _replaced(scenario, found.key.split("."), changes)
+        except BadInputError as error:
+            raise error.at(join(found.key, error.key), f"gains of {found.experiment}") from error
+    return scenario
+
+
+def text_of(scenario: Scenario) -> str:
+    """All that the log of a scenario depends on, as text; "" where an object from Python has none."""
+    tree = tree_of_fields(replace(scenario, variants={}, expect=[], fidelities=[], title="", source="", description=""))
+    return dump(tree) if _is_written(tree) else ""
+
+
+def gains_lines(scenario: Scenario) -> list[str]:
+    """Lines that say which gains an experiment finds before the run."""
+    return [
+        f"gains of {key}: {_label(law)} finds them on this station before each run" for key, law in _asking(scenario)
+    ]
+
+
+def found_lines(gains: Mapping[str, Iterable[FoundGains]]) -> list[str]:
+    """Lines that say which gains were found, by variant."""
+    return [
+        f"gains of {variant!r}: {one.key} from {one.experiment}: "
+        + ", ".join(f"{name} {value:.4g}" for name, value in one.values.items())
+        for variant, found in gains.items()
+        for one in found
+    ]
+
+
+def asks_for_gains(scenario: Scenario) -> bool:
+    """Whether gains have to be found before the scenario is simulated."""
+    return any(True for _ in _asking(scenario))
+
+
+def _asking(scenario: Scenario) -> Iterator[tuple[str, Any]]:
+    """The laws of a scenario that ask for gains, by dotted key."""
+    yield from _asking_in(scenario.controller, "controller")
+
+
+def _asking_in(part: Any, key: str) -> Iterator[tuple[str, Any]]:
+    if getattr(part, "gains_from", None) is not None:
+        yield key, part
+    inner: Mapping[Any, Any] = {}
+    if isinstance(part, Config):
+        inner = {field.name: getattr(part, field.name) for field in dataclasses.fields(part)}  # type: ignore[arg-type]
+    elif isinstance(part, Mapping):
+        inner = part
+    elif isinstance(part, list | tuple):
+        inner = dict(enumerate(part))
+    for name, each in inner.items():
+        yield from _asking_in(each, f"{key}.{name}")
+
+
+def _identification(scenario: Scenario, key: str, law: Any, experiment: Experiment) -> Identification:
+    """What finds the gains of one law, the one at a dotted key."""
+    found = _experiment_of(law, f"{key}.gains_from", experiment, [])
+    scale = float(found.controller.gain_scale(law.reference_model_bandwidth()))
+    own = replace(found, **{part: getattr(scenario, part) for part in _OF_THE_RUN})
+    return Identification(key, _label(law), own, tuple(found.controller.finds_gains), scale)
+
+
+def _experiment_of(law: Any, key: str, experiment: Experiment, chain: Sequence[str]) -> Scenario:
+    """The experiment that a law names; `chain` holds those that led there."""
+    name, chain = str(law.gains_from), [*chain, _label(law)]
+    if len({*chain}) < len(chain):
+        raise BadInputError(f" = {show(name)}: must not lead back to itself: {' -> '.join(chain)}", key=key)
+    try:
+        found = experiment(name, law.gains_variant)
+        for _, other in _asking(found):
+            _experiment_of(other, key, experiment, chain)
+        names = getattr(found.controller, "finds_gains", ())
+        if not names:
+            raise BadInputError("finds no gains: must be an experiment whose controller does, such as !RecursiveVrft")
+        if missing := [gain for gain in names if not hasattr(law, gain)]:
+            raise BadInputError(f"finds {', '.join(missing)}: the law has no key for it")
+        found.controller.gain_scale(law.reference_model_bandwidth())
+    except BadInputError as error:
+        raise error if error.key == key else BadInputError(f" = {show(name)}: {error}", key=key) from error
+    return found
+
+
+def _is_written(tree: Tree) -> bool:
+    if isinstance(tree, Tagged):
+        return not (tree.tag == IMPORT and "repr" in tree) and all(map(_is_written, tree.values()))
+    return all(map(_is_written, tree)) if isinstance(tree, list) else True
+
+
+def _label(law: Any) -> str:
+    return str(law.gains_from) if law.gains_variant is None else f"{law.gains_from} ({law.gains_variant})"
+
+
+def _replaced(part: Any, path: Sequence[str], changes: Mapping[str, Any]) -> Any:
+    """A copy of a part in which what is at a path has other values."""
+    if not path:
+        return replace(part, **changes)
+    name, rest = path[0], path[1:]
+    if isinstance(part, Mapping):
+        return {**part, name: _replaced(part[name], rest, changes)}
+    if isinstance(part, list | tuple):
+        return [_replaced(each, rest, changes) if str(i) == name else each for i, each in enumerate(part)]
+    return replace(part, **{name: _replaced(getattr(part, name), rest, changes)})
