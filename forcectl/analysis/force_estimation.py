@@ -19,7 +19,8 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.analysis.motion_metrics import FORCE_METRICS
+from forcectl.analysis.stretches import stretches
+from forcectl.analysis.tables.motion_tables import FORCE_METRICS
 from forcectl.diagrams.model import Setting
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
@@ -123,9 +124,3 @@ class ForceAnalysis(Config):
         """Whether it was so at any time in the last `settle`."""
         count = max(1, round(self.settle / float(time[1] - time[0])))
         return np.convolve(here, np.ones(count + 1), "full")[: len(here)] > 0.5
-
-
-def stretches(here: Mask) -> list[slice]:
-    """The stretches in which it is true."""
-    edges = np.flatnonzero(np.diff(np.concatenate([[False], here, [False]]).astype(int)))
-    return [slice(int(a), int(b)) for a, b in zip(edges[::2], edges[1::2], strict=True)]

@@ -2,7 +2,7 @@
 
 Signals are 1-D arrays over `time` [s], forces in [N]. A step metric looks at one `Step`: from the instant the desired
 force changes to the last sample before it changes again. Time counts from that instant. What the signals do not
-determine (a settling time when the force has not settled) is None::
+determine (a settling time when the force has not settled, an overshoot of a sine) is None::
 
     overshoot   max(F) - F_ref of the measured force (thesis: OS = max(F)/F_ref - 1); min for a step down; from
                 where the force first comes to F_ref: what it was beyond it before the step does not count
@@ -10,13 +10,14 @@ determine (a settling time when the force has not settled) is None::
     settling    last time outside a band of +-2 % or +-5 % of F_ref
     model error e = F - F_M, F_M the response of M(s) = w/(s + w) to the desired force
 
-A run with motion along the surface has further ones: of the force up to its beginning, and during it. Motion loops
-have metrics of their own, `forcectl.analysis.motion_metrics`.
+F is the measured force, behind the filter of its sensor, as the published numbers are. Metrics that begin with `true_`
+are the same of the true contact force. A reference that moves other than in steps has those of
+`forcectl.analysis.tracking_metrics`. A run with motion along the surface has further ones: of the force up to its
+beginning, and during it. Motion loops have metrics of their own, `forcectl.analysis.motion_metrics`.
 """
 
 from __future__ import annotations
 
-import re
 from collections.abc import Mapping
 from dataclasses import dataclass
 from typing import Any
@@ -24,77 +25,15 @@ from typing import Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.analysis import motion_metrics as of_motion_loops
+from forcectl.analysis.stretches import stretches
+from forcectl.analysis.tables.metric_tables import GAINS, MOTION_METRICS, STEP_METRICS, TUNING_METRICS
+from forcectl.analysis.tracking_metrics import tracking_metrics
 
 Signal = NDArray[np.float64]
 
-# Every metric with its unit and meaning. A run with several steps has those of the last one under these names, and
-# those of each one as `step_1.<name>`, `step_2.<name>` ...
-STEP_METRICS: dict[str, tuple[str, str]] = {
-    "overshoot_N": ("N", "measured force beyond the reference"),
-    "overshoot_pct": ("%", "the same, in percent of the reference"),
-    "rise_time_s": ("s", "10 % to 90 % of the step"),
-    "time_to_90pct_s": ("s", "from the step to 90 % of it"),
-    "settling_time_5pct_s": ("s", "last time outside 5 % of the reference"),
-    "settling_time_2pct_s": ("s", "last time outside 2 % of the reference"),
-    "steady_state_error_N": ("N", "mean of reference minus force over the last tenth of the step"),
-    "largest_drop_N": ("N", "furthest the force goes back after half of the step"),
-    "touches_2pct": ("1", "how many times the force comes to 2 % of the reference, bounces included"),
-    "max_abs_model_error_N": ("N", "largest distance from the reference model"),
-    "time_of_max_abs_model_error_s": ("s", "when that is"),
-    "max_positive_model_error_N": ("N", "furthest above the reference model"),
-    "time_of_max_positive_model_error_s": ("s", "when that is"),
-    "model_error_sd_N": ("N", "standard deviation from the reference model over the window"),
-    "model_error_window_s": ("s", "length of that window"),
-    "lag_behind_model_5pct_s": ("s", "how much later than the reference model the force has made 5 % of the step"),
-}
-# None in a run without motion.
-MOTION_METRICS: dict[str, tuple[str, str]] = {
-    "settling_time_2pct_before_motion_s": ("s", "the same as above, of the last step before the motion begins"),
-    "mean_force_in_motion_N": ("N", "mean of the measured force during the motion"),
-    "peak_in_motion_N": ("N", "furthest above the reference during the motion"),
-    "time_of_peak_in_motion_s": ("s", "when that is, from the beginning of the motion"),
-    "recovery_time_2pct_s": ("s", "from that peak until the force is back within 2 % of the reference"),
-    "dip_in_motion_N": ("N", "furthest below the reference during the motion"),
-    "longest_excursion_2pct_s": ("s", "longest time without being within 2 % of the reference during the motion"),
-}
-RUN_METRICS: dict[str, tuple[str, str]] = {
-    "peak_force_N": ("N", "largest true contact force of the run"),
-    "contact_loss_s": ("s", "time without contact after the first contact"),
-    "run_model_error_sd_N": ("N", "standard deviation from the reference model over the whole run"),
-    "run_max_abs_model_error_N": ("N", "largest distance from the reference model in the whole run"),
-    "control_effort_m": ("m", "path length of the displacement command"),
-    "constraint_violations": ("1", "ticks in which a constraint of the controller was violated, by however little"),
-    "largest_constraint_violation": ("SI", "the furthest of them, in the unit of its constraint (m, rad, rad/s, Nm)"),
-    "realtime_factor": ("1", "simulated time divided by computing time"),
-}
-# None in a run without tuning of a controller.
-TUNING_METRICS: dict[str, tuple[str, str]] = {
-    "proportional_gain": ("m/N", "as tuned, at the end of the run"),
-    "integral_gain": ("m/(N s)", "the same"),
-    "derivative_gain": ("m s/N", "the same"),
-    "hand_over_time_s": ("s", "when the controller takes over from the excitation"),
-    "hand_over_jump_m": ("m", "change of the displacement command in that tick"),
-}
-METRICS = STEP_METRICS | MOTION_METRICS | TUNING_METRICS | RUN_METRICS
-# Of two variants; only to be asked for in `expect`.
-PAIR_METRICS: dict[str, tuple[str, str]] = {
-    "force_distance_N": ("N", "largest distance of the measured force from that of another variant"),
-}
-GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
+_STEP_SAMPLES = 2  # in which a step of the reference is done
 _MOTION_BAND = 0.02  # of the reference
 _SETTLED_SHARE = 0.1  # of the step, over which the steady state is averaged
-
-
-def is_metric(name: str) -> bool:
-    """Whether `name` is a metric, also of one step out of several (`step_2.overshoot_N`)."""
-    one = re.fullmatch(r"step_[1-9]\d*\.(\w+)", name)
-    return one.group(1) in STEP_METRICS if one else name in METRICS or of_motion_loops.is_motion_metric(name)
-
-
-def metric_unit(name: str) -> str:
-    """Unit of a metric; "" of one of the user's."""
-    return (METRICS | of_motion_loops.MOTION_METRICS).get(name.rpartition(".")[2], ("", ""))[0]
 
 
 @dataclass(frozen=True)
@@ -114,20 +53,38 @@ class Step:
 
 
 def find_steps(time: Signal, desired: Signal, initial: float = 0.0) -> list[Step]:
-    """The steps in a desired force.
+    """The steps in a desired force: changes within one or two samples. A ramp or a sine is none.
 
-    A change that goes on for several samples (a ramp) is one step, counted from where it begins. A reference that is
-    constant from the first sample on is a step at that sample, if it differs from `initial`, the force before it [N].
+    A reference that is constant from the first sample on is a step at that sample, if it differs from `initial`, the
+    force before it [N].
     """
-    changed = np.flatnonzero(np.diff(desired, prepend=initial) != 0)
-    if changed.size == 0:
-        return []
-    begins = changed[np.flatnonzero(np.diff(changed, prepend=-2) > 1)]
-    ends = [*begins[1:].tolist(), len(desired)]
-    return [
-        Step(first, end, float(time[first]), float(desired[first - 1]) if first else initial, float(desired[end - 1]))
-        for first, end in zip(begins.tolist(), ends, strict=True)
+    changes = _changes(desired, initial)
+    ends = [part.start for part in [*changes[1:], slice(len(desired), None)]][: len(changes)]
+    steps = [
+        Step(
+            part.start,
+            end,
+            float(time[part.start]),
+            float(desired[part.start - 1]) if part.start else initial,
+            float(desired[end - 1]),
+        )
+        for part, end in zip(changes, ends, strict=True)
+        if part.stop - part.start <= _STEP_SAMPLES
     ]
+    return [step for step in steps if step.size != 0.0]  # a pulse is none
+
+
+def moves(desired: Signal, initial: float = 0.0) -> NDArray[np.bool_]:
+    """At which samples a desired force moves, other than in a step; arguments as those of `find_steps`."""
+    moving = np.zeros(len(desired), dtype=bool)
+    for part in _changes(desired, initial):
+        moving[part] = part.stop - part.start > _STEP_SAMPLES
+    return moving
+
+
+def _changes(desired: Signal, initial: float) -> list[slice]:
+    """Stretches of samples that each differ from the one before."""
+    return stretches(np.diff(desired, prepend=initial) != 0)
 
 
 def overshoot(force: Signal, step: Step) -> float:
@@ -138,7 +95,12 @@ def overshoot(force: Signal, step: Step) -> float:
     """
     beyond = (force[step.first : step.end] - step.target) * (1 if step.size >= 0 else -1)
     short = beyond <= 0.0
-    return max(0.0, float(beyond[int(np.argmax(short) if short.any() else np.argmin(beyond)) :].max()))
+    return _at_least_zero(beyond[int(np.argmax(short) if short.any() else np.argmin(beyond)) :].max())
+
+
+def _at_least_zero(value: float) -> float:
+    """The larger of a number and zero; NaN stays NaN."""
+    return max(float(value), 0.0) + 0.0  # no negative zero
 
 
 def time_to_share(time: Signal, force: Signal, step: Step, share: float) -> float | None:
@@ -203,38 +165,34 @@ def model_response(time: Signal, desired: Signal, bandwidth: float, initial: flo
     return response
 
 
-def model_error_sd(time: Signal, error: Signal, step: Step, window: float) -> tuple[float, float]:
-    """Standard deviation [N] of the model error over `window` T_w [s] from the step, and the window used.
+def model_error_sd(time: Signal, error: Signal, step: Step, window: float) -> float:
+    """Standard deviation [N] of the model error over `window` T_w [s] from the step.
 
     It falls with 1/sqrt(T_w), so numbers compare at equal windows only. A step shorter than T_w is used as a whole.
     """
     inside = time[step.first : step.end] <= step.time + window * (1 + 1e-9)
-    t = time[step.first : step.end][inside]
-    return float(np.std(error[step.first : step.end][inside])), float(t[-1] - step.time)
+    return float(np.std(error[step.first : step.end][inside]))
 
 
 def step_metrics(
-    time: Signal, force: Signal, step: Step, model: Signal | None, window: float
+    time: Signal, force: Signal, true: Signal, step: Step, model: Signal | None, window: float
 ) -> dict[str, float | None]:
     """`STEP_METRICS` of one step.
 
     Args:
         time: [s].
         force: measured [N].
+        true: contact force [N].
+        step: of the desired force.
         model: response of the reference model [N], or None.
         window: T_w [s].
     """
-    beyond = overshoot(force, step)
-    settled = slice(step.end - max(1, round(_SETTLED_SHARE * (step.end - step.first))), step.end)
     result: dict[str, float | None] = dict.fromkeys(STEP_METRICS)
+    result |= _of_force(time, force, step)
+    result |= {f"true_{name}": value for name, value in _of_force(time, true, step).items()}
     result |= {
-        "overshoot_N": beyond,
-        "overshoot_pct": 100 * beyond / (abs(step.target) or abs(step.size)),
         "rise_time_s": rise_time(time, force, step),
         "time_to_90pct_s": time_to_share(time, force, step, 0.9),
-        "settling_time_5pct_s": settling_time(time, force, step, 0.05),
-        "settling_time_2pct_s": settling_time(time, force, step, 0.02),
-        "steady_state_error_N": float(np.mean(step.target - force[settled])),
         "largest_drop_N": largest_drop(force, step),
         "touches_2pct": float(touches(force, step, 0.02)),
     }
@@ -242,18 +200,29 @@ def step_metrics(
         error = force - model
         part = error[step.first : step.end]
         furthest, highest = int(np.argmax(np.abs(part))), int(np.argmax(part))
-        sd, used = model_error_sd(time, error, step, window)
         result |= {
             "max_abs_model_error_N": float(abs(part[furthest])),
             "time_of_max_abs_model_error_s": float(time[step.first + furthest] - step.time),
-            "max_positive_model_error_N": max(0.0, float(part[highest])),
+            "max_positive_model_error_N": _at_least_zero(part[highest]),
             "time_of_max_positive_model_error_s": float(time[step.first + highest] - step.time),
-            "model_error_sd_N": sd,
-            "model_error_window_s": used,
+            "model_error_sd_N": model_error_sd(time, error, step, window),
         }
         ours, wanted = time_to_share(time, force, step, 0.05), time_to_share(time, model, step, 0.05)
         result["lag_behind_model_5pct_s"] = None if ours is None or wanted is None else ours - wanted
     return result
+
+
+def _of_force(time: Signal, force: Signal, step: Step) -> dict[str, float | None]:
+    """The metrics of a step that measured and true force have both."""
+    beyond = overshoot(force, step)
+    settled = slice(step.end - max(1, round(_SETTLED_SHARE * (step.end - step.first))), step.end)
+    return {
+        "overshoot_N": beyond,
+        "overshoot_pct": 100 * beyond / (abs(step.target) or abs(step.size)),
+        "settling_time_5pct_s": settling_time(time, force, step, 0.05),
+        "settling_time_2pct_s": settling_time(time, force, step, 0.02),
+        "steady_state_error_N": float(np.mean(step.target - force[settled])),
+    }
 
 
 def motion_metrics(
@@ -328,7 +297,6 @@ def metrics_of(
     signals: Mapping[str, Any],
     *,
     window: float = 4.1,
-    realtime_factor: float | None = None,
     motion: tuple[float, float] | None = None,
 ) -> dict[str, float | None]:
     """All metrics of one run.
@@ -337,7 +305,6 @@ def metrics_of(
         signals: arrays over time: `time`, `desired_force`, `measured_force`, `contact_force`, and where they exist
             `model_force`, `contact_state`, `displacement_command`, `constraint_violation`.
         window: T_w [s] of `model_error_sd_N`.
-        realtime_factor: measured by the caller.
         motion: begin and end of the motion along the surface [s].
 
     Returns:
@@ -345,25 +312,28 @@ def metrics_of(
     """
     found = {name: np.asarray(signals[name], dtype=float) for name in (*_ALWAYS, *_SOMETIMES) if name in signals}
     time, desired, force, contact = (found[n] for n in _ALWAYS)
+    force = np.where(np.isfinite(force), force, np.nan)  # what a broken sensor shows has no difference
     model, violation, command = map(found.get, ("model_force", "constraint_violation", "displacement_command"))
-    steps = [step_metrics(time, force, s, model, window) for s in find_steps(time, desired, float(contact[0]))]
+    initial = float(contact[0])
+    steps = [step_metrics(time, force, contact, s, model, window) for s in find_steps(time, desired, initial)]
     result: dict[str, float | None] = dict(steps[-1]) if steps else dict.fromkeys(STEP_METRICS)
     if len(steps) > 1:
         result |= {f"step_{i}.{name}": value for i, step in enumerate(steps, start=1) for name, value in step.items()}
+    result |= tracking_metrics(time, desired, force, contact, moves(desired, initial))
     result |= dict.fromkeys(MOTION_METRICS)
     if motion is not None:
-        result |= motion_metrics(time, desired, force, *motion, float(contact[0]))
+        result |= motion_metrics(time, desired, force, *motion, initial)
     in_contact = found["contact_state"] > 0.5 if "contact_state" in found else contact > 0
     result |= tuning_metrics(time, found)
     result |= {
         "peak_force_N": float(contact.max()),
+        "peak_measured_force_N": float(force.max()),
         "contact_loss_s": contact_loss(time, in_contact),
         "run_model_error_sd_N": float(np.std(force - model)) if model is not None else None,
         "run_max_abs_model_error_N": float(np.abs(force - model).max()) if model is not None else None,
         "control_effort_m": float(np.sum(np.abs(np.diff(command)))) if command is not None else None,
         "constraint_violations": float(np.count_nonzero(violation > 0)) if violation is not None else None,
         "largest_constraint_violation": float(violation.max()) if violation is not None else None,
-        "realtime_factor": realtime_factor,
     }
     return {name: value if value is None or np.isfinite(value) else None for name, value in result.items()}
 

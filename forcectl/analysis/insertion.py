@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections.abc import Collection, Sequence
 from dataclasses import dataclass
 from typing import TYPE_CHECKING, Any, NamedTuple
 
@@ -10,9 +11,9 @@ from numpy.typing import NDArray
 from scipy.spatial.transform import Rotation
 
 from forcectl.analysis.slot import variants_of
-from forcectl.analysis.transitions import stays
+from forcectl.analysis.transitions import Stay, stays
 from forcectl.diagrams.model import Setting
-from forcectl.errors import BadInputError, unknown
+from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.fields import Config, key
 
 if TYPE_CHECKING:
@@ -42,6 +43,38 @@ class Course(NamedTuple):
     force: Array
 
 
+def part_rows(log: Any, setting: Setting, part: str, field: str, signal: str) -> Array:
+    """The rows (T, k) of a part in `part_position` or `part_orientation`.
+
+    Raises:
+        BadInputError: there is no such part; names `field`.
+    """
+    parts = list(setting.workcell.parts)
+    if part not in parts:
+        raise unknown("part", part, parts).at(field)
+    values: Array = log[signal].values
+    return values.reshape(len(values), len(parts), -1)[:, parts.index(part)]
+
+
+def part_orientation(log: Any, setting: Setting, part: str, field: str) -> Rotation:
+    """Orientations (T) in the world of the frame of a part, by the truth; errors as of `part_rows`."""
+    turns = part_rows(log, setting, part, field, "part_orientation")
+    return Rotation.from_quat(np.roll(turns, -1, axis=1))  # scipy's [x, y, z, w]
+
+
+def decided_in_the_air(time: Array, force: Array, way: Sequence[Stay], on_contact: Collection[str]) -> float:
+    """How many modes began without contact that only a contact may begin.
+
+    Args:
+        time: (T,) [s].
+        force: true one, (T,) [N].
+        way: the modes.
+        on_contact: names of these.
+    """
+    begins = [stay.begin for stay in way if stay.mode in on_contact]
+    return float(sum(not (force[(time > at - _IN_THE_AIR) & (time <= at)] > _TOUCH).any() for at in begins))
+
+
 @dataclass(kw_only=True)
 class InsertionAnalysis(Config):
     """Scenario part `!Insertion`: of a station with a peg and a bore.
@@ -55,6 +88,8 @@ class InsertionAnalysis(Config):
     seat: float = key(0.096, "depth of a peg that is seated", unit="m", bounds="positive")
     within: float = key(0.002, "of that depth a peg is seated", unit="m", bounds="positive")
     on_contact: list[str] = key([], "modes that only a contact may begin")
+    task: int = key(1, "number of the task that inserts, whose estimated forces are drawn", bounds="positive")
+    coordinate: int = key(1, "number of its first coordinate, from which on speeds are drawn", bounds="positive")
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
         """Those of `INSERTION_METRICS`."""
@@ -83,13 +118,7 @@ class InsertionAnalysis(Config):
             "lateral_force_N": float(np.hypot(course.force[:, 0], course.force[:, 1]).max()),
             "axial_force_N": float(np.abs(course.force[:, 2]).max()),
             "inserted": float(done is not None and seated is not None),
-            "decided_in_the_air": float(
-                sum(
-                    not (size[(course.time > stay.begin - _IN_THE_AIR) & (course.time <= stay.begin)] > _TOUCH).any()
-                    for stay in way
-                    if stay.mode in self.on_contact
-                )
-            ),
+            "decided_in_the_air": decided_in_the_air(course.time, size, way, self.on_contact),
         }
 
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
@@ -97,9 +126,12 @@ class InsertionAnalysis(Config):
         from forcectl.figures.insertion import insertion_figure
 
         runs = variants_of(log)
+        if "task_wrench" in log and 6 * self.task > log["task_wrench"].shape[-1]:
+            raise invalid("task", self.task, f"at most {log['task_wrench'].shape[-1] // 6}, the number of tasks")
         return {
             f"insertion_{i}" if len(runs) > 1 else "insertion": insertion_figure(
-                self.course(run, setting), run, stays(run), f"{title}: {name}" if name else title
+                *(self.course(run, setting), run, stays(run), f"{title}: {name}" if name else title),
+                *(self.task, self.coordinate),
             )
             for i, (name, run) in enumerate(runs.items(), start=1)
         }
@@ -110,17 +142,12 @@ class InsertionAnalysis(Config):
         Raises:
             BadInputError: there is no such part, or no true force between the two.
         """
-        parts = list(setting.workcell.parts)
-        for field, name in (("peg", self.peg), ("bore", self.bore)):
-            if name not in parts:
-                raise unknown("part", name, parts).at(field)
+        pair = [(getattr(self, one), one) for one in ("peg", "bore")]
+        along, out = (part_orientation(log, setting, *part).apply([0.0, 0.0, 1.0]) for part in pair)
         if "body_contact_wrench" not in log:
             raise BadInputError("needs one !ContactTruth among the sensors, on the peg by the bore")
-        tip, mouth = parts.index(self.peg), parts.index(self.bore)
-        places = log["part_position"].values.reshape(-1, len(parts), 3)
-        turns = np.roll(log["part_orientation"].values.reshape(-1, len(parts), 4), -1, axis=2)  # scipy's [x, y, z, w]
-        along, out = (Rotation.from_quat(turns[:, i]).apply([0.0, 0.0, 1.0]) for i in (tip, mouth))
-        apart = places[:, tip] - places[:, mouth]
+        tip, mouth = (part_rows(log, setting, *part, "part_position") for part in pair)
+        apart = tip - mouth
         depth = -np.einsum("ij,ij->i", apart, out)
         turned = np.einsum("ij,ij->i", along, out)
         return Course(

@@ -8,8 +8,9 @@ from typing import TYPE_CHECKING, Any
 
 import numpy as np
 
-from forcectl.analysis.motion_metrics import KEPT_FORCE_METRICS
+from forcectl.analysis.insertion import decided_in_the_air, part_orientation
 from forcectl.analysis.slot import variants_of
+from forcectl.analysis.tables.task_tables import KEPT_FORCE_METRICS
 from forcectl.analysis.transitions import Stay, stays
 from forcectl.diagrams.model import Setting
 from forcectl.errors import invalid
@@ -32,7 +33,8 @@ class KeptForceAnalysis(Config):
     force: list[float] = key(meaning="smallest and largest of the band", unit="N", bounds="not negative", size=2)
     settling: float = key(0.2, "after the beginning of the mode that is left out", unit="s", bounds="not negative")
     turn: int = key(6, "number of the task coordinate that turns, from 1 on", bounds="positive")
-    tilts: list[int] = key([4, 5], "numbers of those that tilt", bounds="positive")
+    parts: list[str] = key(["cap", "mount"], "whose z axes are parallel when they are aligned", size=2)
+    on_contact: list[str] = key([], "modes that only a contact may begin")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -47,14 +49,14 @@ class KeptForceAnalysis(Config):
         if len(touched):
             found["contact_s"] = float(time[touched[0]])
         way = stays(log)
+        found["decided_in_the_air"] = decided_in_the_air(time, force, way, self.on_contact)
         turning = [stay for stay in way if stay.mode == self.mode]
         if not turning:
             return found
         stay = turning[0]
         begin, end = np.searchsorted(time, [stay.begin - 1e-9, stay.end - 1e-9])
-        tilt = log["task_position"].values[begin, [number - 1 for number in self.tilts]]
         found["force_at_switch_N"] = float(force[begin])
-        found["tilt_at_switch_deg"] = float(np.degrees(np.abs(tilt)).max(initial=0.0))
+        found["tilt_at_switch_deg"] = self._tilt(log, setting, begin)
         kept = slice(begin + int(np.searchsorted(time[begin:], stay.begin + self.settling - 1e-9)), end)
         if kept.start < end:
             inside, turned = force[kept], speed[kept]
@@ -70,7 +72,8 @@ class KeptForceAnalysis(Config):
             found["turned_after_decision_rad"] = float(np.abs(angle[end:] - angle[end]).max())
             found["torque_max_Nm"] = float(np.abs(torque[begin:]).max())
             free = np.flatnonzero(np.abs(torque[begin : end + 1]) < _LOCKS)
-            found["turned_past_lock_rad"] = float(np.abs(angle[end:] - angle[begin + free[-1]]).max())
+            since = begin + (int(free[-1]) if free.size else 0)
+            found["turned_past_lock_rad"] = float(np.abs(angle[end:] - angle[since]).max())
         return found
 
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
@@ -82,6 +85,12 @@ class KeptForceAnalysis(Config):
             time, force, torque, angle, _ = self._signals(run)
             runs[name] = (time - _begin(stays(run), self.mode, time), force, torque, angle)
         return {"kept_force": kept_force_figure(runs, (self.force[0], self.force[1]), title)}
+
+    def _tilt(self, log: Any, setting: Setting, tick: int) -> float:
+        """Between the z axes of the parts [deg]."""
+        turns = (part_orientation(log, setting, name, "parts")[tick] for name in self.parts)
+        one, other = (turn.apply([0.0, 0.0, 1.0]) for turn in turns)
+        return float(np.degrees(np.arccos(np.clip(one @ other, -1.0, 1.0))))
 
     def _signals(self, log: Any) -> tuple[Any, ...]:
         """Time [s], force [N], torque [Nm], angle [rad] and speed [rad/s], shapes (n,)."""

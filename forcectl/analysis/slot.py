@@ -6,7 +6,8 @@ own. It is a dataclass with two methods::
     metrics(log, setting) -> {name: value or None}        log of one variant
     figures(log, setting, title) -> {file name: Figure}   log of one variant, or of several along `variant`
 
-and may have a third, `files(log, setting) -> {file name: text}`, for what is to stand in the run directory.
+and may have two more: `findings(log, setting) -> [RunFinding]`, added to those of every run, see
+`forcectl.analysis.findings`, and `files(log, setting) -> {file name: text}`, for what is to stand in the run directory.
 """
 
 from __future__ import annotations
@@ -18,7 +19,11 @@ from forcectl.analysis.motion_metrics import joint_metrics
 from forcectl.diagrams.model import Setting
 
 if TYPE_CHECKING:
+    from collections.abc import Mapping, Sequence
+
     from matplotlib.figure import Figure
+
+    from forcectl.analysis.findings.finding import RunFinding
 
 SURFACE = "surface"  # dimension of signals with one element for each surface that is pressed on
 
@@ -29,7 +34,6 @@ def run_metrics(
     *,
     window: float,
     motion: tuple[float, float] | None,
-    realtime_factor: float | None,
 ) -> dict[str, float | None]:
     """The metrics of any run, as far as it has the signals.
 
@@ -40,17 +44,16 @@ def run_metrics(
         setting: of the run.
         window: of the standard deviation from the reference model [s].
         motion: begin and end of the motion along the surface [s]; None without one.
-        realtime_factor: simulated time divided by computing time [1].
     """
     found: dict[str, float | None] = {}
     if "desired_force" in log:
         for label, one in surfaces(log):
             signals = {str(name): one[name].values for name in one.variables}
-            own = metrics_of(signals, window=window, realtime_factor=realtime_factor, motion=motion)
+            own = metrics_of(signals, window=window, motion=motion)
             found |= {f"{label}{name}": value for name, value in own.items()}
     if "motor_torque" in log:
         found |= joint_metrics(log, setting.truth)
-    return found | {"realtime_factor": realtime_factor}
+    return found
 
 
 def surfaces(log: Any) -> list[tuple[str, Any]]:
@@ -67,12 +70,13 @@ def variants_of(log: Any) -> dict[str, Any]:
     return {str(name): log.sel(variant=name).dropna("time", how="all") for name in log["variant"].values}
 
 
-def run_figures(log: Any, title: str) -> dict[str, Figure]:
+def run_figures(log: Any, title: str, findings: Mapping[str, Sequence[RunFinding]]) -> dict[str, Figure]:
     """The figures of any run by file name, as far as it has the signals.
 
     Args:
         log: over time, or over (variant, time).
         title: heading.
+        findings: of every variant, marked where a time belongs to them.
     """
     from forcectl.figures.force import run_figures as force_figures
     from forcectl.figures.motion import motion_figures
@@ -81,7 +85,10 @@ def run_figures(log: Any, title: str) -> dict[str, Figure]:
     if "desired_force" in log:
         for label, one in surfaces(log):
             shown = f"{title}: {label[:-1]}" if label else title
-            found |= {f"{label}{name}".replace(".", "_"): each for name, each in force_figures(one, shown).items()}
+            begin = f"{label[:-1]}:" if label else ""
+            of_this = {name: [f for f in every if f.text.startswith(begin)] for name, every in findings.items()}
+            figures = force_figures(one, shown, of_this)
+            found |= {f"{label}{name}".replace(".", "_"): figure for name, figure in figures.items()}
     if "motor_torque" in log:
-        found |= motion_figures(log, title)
+        found |= motion_figures(log, title, findings)
     return found

@@ -7,12 +7,15 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 
 import numpy as np
 
+from forcectl.analysis.motion_metrics import smoothness
 from forcectl.analysis.slot import variants_of
 from forcectl.diagrams.model import Setting
 from forcectl.framework.fields import Config
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
+
+_AFTER = 0.1  # [s] from a transition on
 
 
 class Stay(NamedTuple):
@@ -37,14 +40,27 @@ class TransitionAnalysis(Config):
     """Scenario part `!Transitions`: of a run with a state machine. Of another run there is nothing."""
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
-        """Those of `TRANSITION_METRICS`; `begins_s` and `last_begins_s` of every mode, None of one that never began."""
+        """Those of `TRANSITION_METRICS`; `begins_s` and `last_begins_s` of every mode, None of one that never began.
+
+        Of joint references also jerk and reversals in every mode that began, and in the 0.1 s from each transition on
+        (`transitions.jerk_share_1_s`).
+        """
         found = stays(log)
         if not found:
             return {}
         first, last = ({stay.mode: stay.begin for stay in order} for order in (found[::-1], found))
         begins = {f"{name}.begins_s": first.get(name) for name in mode_names(log)}
         ends = {f"{name}.last_begins_s": last.get(name) for name in mode_names(log)}
-        return {**begins, **ends, "transitions": float(log["transition"].values[-1]), "ended": float(found[-1].kind)}
+        metrics = {**begins, **ends, "transitions": float(log["transition"].values[-1]), "ended": float(found[-1].kind)}
+        if "joint_velocity_command" in log:
+            names, time = mode_names(log), log["time"].values
+            chosen = {name: log["mode"].values == names.index(name) for name in first}
+            since = time - np.array([stay.begin for stay in found])[log["transition"].values.astype(int)]
+            chosen["transitions"] = (since < _AFTER) & (log["transition"].values > 0)
+            for name, ticks in chosen.items():
+                of_mode = smoothness(log, setting.truth, ticks)
+                metrics |= {f"{name}.{metric}": value for metric, value in of_mode.items()}
+        return metrics
 
     def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
         """A time line of the modes of every variant."""

@@ -13,9 +13,10 @@ from typing import TYPE_CHECKING, Any, NamedTuple
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.analysis.force_estimation import stretches
 from forcectl.analysis.slot import variants_of
+from forcectl.analysis.stretches import stretches
 from forcectl.diagrams.model import Setting
+from forcectl.errors import unknown
 from forcectl.estimation.wrench_between import moved_wrench, opposite_mean
 from forcectl.framework.fields import Config, key
 from forcectl.plant.plant_model import PlantModel
@@ -43,13 +44,20 @@ class WrenchErrorAnalysis(Config):
 
     begin: float = key(1.5, "of the run, that is not judged", unit="s", bounds="not negative")
     threshold: float = key(0.45, "of the force along a load that counts as felt", unit="N", bounds="positive")
+    between: str = key(
+        "", "signal with the wrench between two arms, in the axes of the errors; empty: the mean of what both feel"
+    )
 
     def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
-        """Those of `WRENCH_ERROR_METRICS`, of the worse arm and of each; none without an estimator."""
-        found = self._error(log, setting.truth)
-        if found is None:
+        """Those of `WRENCH_ERROR_METRICS`, of the worse arm and of each; none without an estimate after `begin`.
+
+        Raises:
+            BadInputError: there is no such signal `between` the arms.
+        """
+        found, late = self._error(log, setting.truth), log["time"].values >= self.begin - 1e-9
+        if found is None or not late.any():
             return {}
-        robot, late = setting.truth.known_robot(), log["time"].values >= self.begin - 1e-9
+        robot = setting.truth.known_robot()
         estimated, true = found.estimated[late], found.true[late]
         each = {}
         for i, name in enumerate(robot.parts.arms):
@@ -61,8 +69,11 @@ class WrenchErrorAnalysis(Config):
             metrics[metric] = min(known, default=None) if metric.startswith("felt_") else max(known, default=None)
         if len(each) == 2:
             posture = log["link_position"].values[late]
-            between = self._between(posture, setting.truth, found.local, estimated, true)
-            each["between"] = self._arm(log["time"].values[late], *between)
+            mean, acting = self._between(posture, setting.truth, found.local, estimated, true)
+            if self.between and self.between not in log:
+                raise unknown("between", self.between, [str(name) for name in log])
+            felt = log[self.between].values[late] if self.between else mean
+            each["between"] = self._arm(log["time"].values[late], felt, acting)
         if len(each) > 1:
             metrics |= {f"{name}.{metric}": value for name, one in each.items() for metric, value in one.items()}
         return metrics | self._assumed(setting)
@@ -74,8 +85,8 @@ class WrenchErrorAnalysis(Config):
         errors = {}
         for name, run in variants_of(log).items():
             found = self._error(run, setting.truth)
-            if found is not None:
-                late = run["time"].values >= self.begin - 1e-9
+            late = run["time"].values >= self.begin - 1e-9
+            if found is not None and late.any():
                 sizes = (found.estimated - found.true)[late].reshape(-1, 6)
                 errors[name] = {
                     "error of the force along z [N]": np.abs(sizes[:, 5]),

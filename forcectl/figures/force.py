@@ -7,6 +7,7 @@ from pathlib import Path
 from typing import Any
 
 import matplotlib as mpl
+import numpy as np
 from matplotlib.axes import Axes
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 from matplotlib.figure import Figure
@@ -15,9 +16,15 @@ from matplotlib.figure import Figure
 COLOURS = ("#0072B2", "#D55E00", "#009E73", "#CC79A7", "#E69F00", "#56B4E9", "#000000")
 # Of further rounds through the colours; reference models have plain dashes.
 _DASHES: tuple[Any, ...] = ("-", (0, (1, 1.2)), (0, (7, 1.5, 1, 1.5)))
+_OVER, _CLOSE = (0, (4, 4)), 0.02  # dashes of a curve over one that is nearer than this share of its range
+Found = Mapping[str, Sequence[Any]]  # findings of every variant, see `forcectl.analysis.findings`
+NOTHING: Found = {}
 _REFERENCE = "#707070"
+_ONLY_VARIANT = "default"  # name of the variant of a scenario without variants
 _MOST_LABELLED = 12
 _MOST_INSIDE = 6  # more entries of a legend than that would hide curves
+_MOST_MARKED = 8  # findings whose kinds are written
+_LETTER = 0.0075  # of the time axis, that a letter of a kind takes
 _FIRST_SAMPLES = 0.2  # of a tuning
 _GAIN = "proportional_gain"
 _TUNING = {
@@ -28,34 +35,82 @@ _TUNING = {
 }
 
 
-def force_figure(log: Any, title: str = "") -> Figure:
+def force_figure(log: Any, title: str = "", findings: Found = NOTHING) -> Figure:
     """Measured force of every variant over time, with the desired force and, dashed, the reference model.
 
     Args:
         log: dataset over time, or over (variant, time): `desired_force`, `measured_force` and perhaps `model_force`.
         title: heading.
+        findings: of every variant, marked at their times.
     """
     figure, axes = _new(title, "force [N]")
     desired = {one["desired_force"].values.tobytes(): one["desired_force"] for *_, one in _drawn(log)}
     for i, values in enumerate(desired.values()):
         axes.plot(log["time"], values, color=_REFERENCE, lw=1.0, label="reference" if i == 0 else None, zorder=1)
+    drawn: list[Any] = []
     for colour, dashes, name, one in _drawn(log):
-        axes.plot(one["time"], one["measured_force"], color=colour, ls=dashes, lw=1.8, label=name, zorder=3)
-        if "model_force" in one:
+        label, look = _label(name) or "measured force", _seen_through(dashes, one["measured_force"].values, drawn)
+        axes.plot(one["time"], one["measured_force"], color=colour, ls=look, lw=1.8, label=label, zorder=3)
+        if _has_model(log):
             axes.plot(one["time"], one["model_force"], color=colour, lw=1.2, ls=(0, (5, 3)), alpha=0.9, zorder=2)
-    if "model_force" in log:
+    if _has_model(log):
         axes.plot([], [], color=_REFERENCE, lw=1.2, ls=(0, (5, 3)), label="reference model")
     _finish(figure, axes, log)
     axes.set_ylim(bottom=min(0.0, axes.get_ylim()[0]))
+    mark_findings(axes, {name: colour for colour, _, name, _ in _drawn(log)}, findings)
     return figure
+
+
+def mark_findings(axes: Axes, colours: Mapping[str, str], findings: Found) -> None:
+    """Mark findings that have a time: a triangle below in the colour of the variant, with the kind if they are few.
+
+    Args:
+        axes: over time.
+        colours: of the variants by name.
+        findings: of every variant.
+    """
+    shown = [(colours[name], one) for name, found in findings.items() if name in colours for one in found]
+    timed = sorted(((one.time, colour, one) for colour, one in shown if one.time is not None), key=lambda row: row[0])
+    bottom, (begin, end) = axes.get_xaxis_transform(), axes.get_xlim()
+    rows: list[float] = []  # where the last name in each row ends
+    for time, colour, one in timed:
+        axes.plot(time, 0.0, marker="^", color=colour, ms=6, transform=bottom, clip_on=False, zorder=5)
+        if len(timed) > _MOST_MARKED:
+            continue
+        share, width = (time - begin) / (end - begin), _LETTER * (2 + len(one.kind))
+        back = share > 1 - width
+        left = share - width * back
+        row = next((i for i, taken in enumerate(rows) if taken <= left), len(rows))
+        rows[row : row + 1] = [left + width]
+        axes.annotate(
+            one.kind.replace("_", " "),
+            (time, 0.0),
+            xytext=(-5 if back else 5, 4 + 9 * row),
+            xycoords=bottom,
+            textcoords="offset points",
+            ha="right" if back else "left",
+            fontsize=7,
+            color=colour,
+        )
+    if rows:  # room for the names, below the curves and the legend
+        room = (9 * len(rows) + 6) / (72 * axes.bbox.height / axes.figure.dpi)
+        low, high = axes.get_ylim()
+        axes.set_ylim(low - room / (1 - room) * (high - low), high)
+        if legend := axes.get_legend():
+            legend.set_bbox_to_anchor((0.0, room, 1.0, 1.0 - room), transform=axes.transAxes)
 
 
 def error_figure(log: Any, title: str = "") -> Figure:
     """Measured force minus reference model of every variant over time."""
     figure, axes = _new(title, "force minus reference model [N]")
     axes.axhline(0.0, color=_REFERENCE, lw=1.0, zorder=1)
+    drawn: list[Any] = []
     for colour, dashes, name, one in _drawn(log):
-        axes.plot(one["time"], one["measured_force"] - one["model_force"], color=colour, ls=dashes, lw=1.6, label=name)
+        error = one["measured_force"] - one["model_force"]
+        if error.isnull().all():  # a law without a reference model
+            continue
+        look = _seen_through(dashes, error.values, drawn)
+        axes.plot(one["time"], error, color=colour, ls=look, lw=1.6, label=_label(name))
     _finish(figure, axes, log)
     return figure
 
@@ -66,7 +121,7 @@ def tuning_figure(log: Any, title: str = "") -> Figure:
     figure, rows = stacked(len(signals), 8.0, 0.8 + 1.7 * len(signals))
     for axes, (name, label) in zip(rows, signals.items(), strict=True):
         for colour, dashes, variant, one in _drawn(log):
-            axes.plot(one["time"], one[name], color=colour, ls=dashes, lw=1.6, label=variant)
+            axes.plot(one["time"], one[name], color=colour, ls=dashes, lw=1.6, label=_label(variant))
         axes.set_ylabel(label)
         # The first samples make the gains jump so far that nothing else would be seen.
         later = log[name].where(log["time"] > _FIRST_SAMPLES * log["time"][-1])
@@ -78,10 +133,10 @@ def tuning_figure(log: Any, title: str = "") -> Figure:
     return figure
 
 
-def run_figures(log: Any, title: str = "") -> dict[str, Figure]:
-    """The figures that the log of a force loop has signals for, by file name."""
-    figures = {"force": force_figure(log, title)}
-    if "model_force" in log:
+def run_figures(log: Any, title: str = "", findings: Found = NOTHING) -> dict[str, Figure]:
+    """The figures that the log of a force loop has signals for, by file name; arguments as those of `force_figure`."""
+    figures = {"force": force_figure(log, title, findings)}
+    if _has_model(log):
         figures["model_error"] = error_figure(log, title)
     if _GAIN in log:
         figures["tuning"] = tuning_figure(log, title)
@@ -144,6 +199,8 @@ def _finish(figure: Figure, axes: Axes, log: Any) -> None:
     if log.sizes.get("variant", 1) > _MOST_LABELLED:
         return
     handles, labels = axes.get_legend_handles_labels()
+    if not labels:
+        return
     if len(labels) <= _MOST_INSIDE:
         legend = axes.legend(frameon=False, fontsize=9, loc="best")
     else:  # beside the curves, in room of its own
@@ -154,11 +211,37 @@ def _finish(figure: Figure, axes: Axes, log: Any) -> None:
         text.set_parse_math(False)  # names are names, with or without dollar signs
 
 
+def _seen_through(dashes: Any, values: Any, drawn: list[Any]) -> Any:
+    """The dashes of a curve: with gaps where it would cover one that is drawn already.
+
+    Args:
+        dashes: of its variant.
+        values: of the curve (k,).
+        drawn: the curves so far; this one is added.
+    """
+    finite = values[np.isfinite(values)]
+    near = _CLOSE * float(np.ptp(finite)) if finite.size else 0.0
+    gaps = [abs(values - other) for other in drawn]
+    covers = any(np.isfinite(gap).any() and np.nanmax(gap) < near for gap in gaps)
+    drawn.append(values)
+    return _OVER if covers and dashes == "-" else dashes
+
+
+def _has_model(log: Any) -> bool:
+    """Whether a reference model says anything: it rests at zero while a controller is excited in an open loop."""
+    return "model_force" in log and bool((log["model_force"] != 0.0).any())
+
+
+def _label(variant: str) -> str | None:
+    """Name of a variant in a legend; none for the only one of a scenario without variants."""
+    return None if variant == _ONLY_VARIANT else variant
+
+
 def _drawn(log: Any) -> Iterator[tuple[str, Any, str, Any]]:
     """Colour, dashes, name and log of every variant, no two alike: used up, the colours begin again in dots."""
     if "variant" in log.dims:
         variants = [(str(name), log.sel(variant=name)) for name in log["variant"].values]
     else:
-        variants = [(str(log["variant"].item()) if "variant" in log.coords else "measured force", log)]
+        variants = [(str(log["variant"].item()) if "variant" in log.coords else _ONLY_VARIANT, log)]
     for i, (name, one) in enumerate(variants):
         yield COLOURS[i % len(COLOURS)], _DASHES[i // len(COLOURS) % len(_DASHES)], name, one

@@ -13,14 +13,17 @@ from forcectl.figures.force import COLOURS, stacked
 _ROWS = ("force along the bore [N]", "force across [N]", "speed [m/s]", "depth [mm]", "tilt [deg]")
 
 
-def insertion_figure(course: Any, log: Any, stays: Sequence[Any], title: str = "") -> Figure:
+def insertion_figure(
+    course: Any, log: Any, stays: Sequence[Any], title: str = "", task: int = 1, coordinate: int = 1
+) -> Figure:
     """True and estimated forces, commanded speeds, depth and tilt over time, with the modes.
 
     Args:
         course: of an `InsertionAnalysis`.
-        log: of the same run; estimate and speeds are drawn where it has them, of the first task.
+        log: of the same run; estimate and speeds are drawn where it has them.
         stays: in modes.
         title: heading.
+        task, coordinate: numbers of the task and of its first coordinate, from 1 on, that these are of.
     """
     figure, rows = stacked(5, 7.5, 0.8 + 1.7 * 5, title)
     along, across, speed, depth, tilt = rows
@@ -28,11 +31,13 @@ def insertion_figure(course: Any, log: Any, stays: Sequence[Any], title: str = "
     along.plot(time, np.abs(course.force[:, 2]), color=COLOURS[0], lw=1.5, label="true")
     across.plot(time, np.hypot(course.force[:, 0], course.force[:, 1]), color=COLOURS[0], lw=1.5)
     if "task_wrench" in log:
-        felt = log["task_wrench"].values[:, 3:6]
+        felt = log["task_wrench"].values[:, 6 * task - 3 : 6 * task]
         along.plot(time, np.abs(felt[:, 2]), color=COLOURS[1], lw=1.0, label="estimated")
         across.plot(time, np.hypot(felt[:, 0], felt[:, 1]), color=COLOURS[1], lw=1.0)
     if "task_velocity" in log:
-        for name, values, colour in zip("xyz", log["task_velocity"].values.T, COLOURS[2:], strict=False):
+        for name, values, colour in zip(
+            "xyz", log["task_velocity"].values.T[coordinate - 1 :], COLOURS[2:], strict=False
+        ):
             speed.plot(time, values, color=colour, lw=1.2, label=name)
         speed.legend(frameon=False, fontsize=8, loc="lower left", ncol=3)
     depth.plot(time, 1e3 * course.depth, color=COLOURS[0], lw=1.5)

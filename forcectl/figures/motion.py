@@ -7,7 +7,7 @@ from typing import Any
 import numpy as np
 from matplotlib.figure import Figure
 
-from forcectl.figures.force import COLOURS, stacked
+from forcectl.figures.force import COLOURS, NOTHING, Found, mark_findings, stacked
 
 _LOCAL = "estimated_local_wrench"
 _DASHED: dict[str, Any] = {"lw": 1.0, "ls": (0, (4, 2))}
@@ -24,9 +24,17 @@ def one_variant(log: Any, index: int = 0) -> Any:
     return one
 
 
-def motion_figures(log: Any, title: str = "") -> dict[str, Figure]:
-    """The figures of any run, by file name: motion of the first variant, forces of each that has any."""
+def motion_figures(log: Any, title: str = "", findings: Found = NOTHING) -> dict[str, Figure]:
+    """The figures of any run, by file name: motion of the first variant, forces of each that has any.
+
+    Args:
+        log: over time, or over (variant, time).
+        title: heading.
+        findings: of every variant; those of the first are marked in its motion.
+    """
     figures = {"motion": speed_figure(one_variant(log), title)}
+    first = str(np.ravel(log["variant"].values)[0]) if "variant" in log.coords else ""
+    mark_findings(figures["motion"].axes[-1], {first: "#000000"}, findings)
     names = [str(name) for name in log["variant"].values] if "variant" in log.dims else [""]
     for i, name in enumerate(names):
         one = one_variant(log, i)

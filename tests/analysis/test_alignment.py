@@ -9,7 +9,7 @@ import pytest
 import xarray as xr
 
 from forcectl.analysis.alignment import AlignmentAnalysis
-from forcectl.analysis.motion_metrics import ALIGNMENT_METRICS, is_motion_metric
+from forcectl.analysis.tables.motion_tables import ALIGNMENT_METRICS, is_motion_metric
 
 ANALYSIS = AlignmentAnalysis(angle=0.2)
 

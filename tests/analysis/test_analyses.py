@@ -11,9 +11,11 @@ import pytest
 import xarray as xr
 from matplotlib.backends.backend_agg import FigureCanvasAgg
 
-from forcectl.analysis.force_estimation import ForceAnalysis, stretches
+from forcectl.analysis.force_estimation import ForceAnalysis
 from forcectl.analysis.friction_identification import FrictionAnalysis, friction_figure, friction_metrics
-from forcectl.analysis.motion_metrics import FORCE_METRICS, FRICTION_METRICS, is_motion_metric, joint_metrics
+from forcectl.analysis.motion_metrics import joint_metrics
+from forcectl.analysis.stretches import stretches
+from forcectl.analysis.tables.motion_tables import FORCE_METRICS, FRICTION_METRICS, is_motion_metric
 from forcectl.diagrams.model import Setting
 from forcectl.errors import BadInputError
 from forcectl.figures.motion import motion_figures, one_variant

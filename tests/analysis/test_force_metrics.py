@@ -11,6 +11,7 @@ from hypothesis import given, settings
 from hypothesis import strategies as st
 
 from forcectl.analysis import force_metrics as m
+from forcectl.analysis.tables.metric_tables import METRICS, is_metric, metric_unit
 
 DT = 0.002
 
@@ -140,7 +141,6 @@ def test_standard_deviation_of_a_sine_over_whole_periods(window):
     error = 0.8 * np.sin(2 * np.pi * 2 * t)
     values = m.metrics_of(signals(t, desired, model + error, model_force=model), window=window)
     assert values["model_error_sd_N"] == pytest.approx(0.8 / math.sqrt(2), rel=2e-3)
-    assert values["model_error_window_s"] == pytest.approx(window)
 
 
 def test_model_errors_of_the_run_count_all_steps():
@@ -152,10 +152,11 @@ def test_model_errors_of_the_run_count_all_steps():
     assert m.metrics_of(signals(t, desired, model))["run_model_error_sd_N"] is None
 
 
-def test_a_short_run_says_which_window_it_used():
-    t, desired, force = first_order(1.5, 15.0, duration=2.0)
-    values = m.metrics_of(signals(t, desired, force, model_force=force), window=4.1)
-    assert values["model_error_window_s"] == pytest.approx(2.0)
+def test_a_run_shorter_than_the_window_is_used_as_a_whole():
+    t, desired, model = first_order(1.5, 15.0, duration=2.0)
+    error = np.where(t < 1.0, 0.5, -0.5)
+    values = m.metrics_of(signals(t, desired, model + error, model_force=model), window=4.1)
+    assert values["model_error_sd_N"] == pytest.approx(0.5, rel=1e-3)
 
 
 def test_response_that_never_arrives_has_no_rise_or_settling_time():
@@ -184,17 +185,39 @@ def test_several_steps_are_told_apart_and_the_last_one_is_the_headline():
     assert values["step_1.rise_time_s"] == pytest.approx(math.log(9) / 6, abs=1e-3)
     assert values["step_2.rise_time_s"] == pytest.approx(math.log(9) / 3, abs=1e-3)
     assert values["rise_time_s"] == values["step_2.rise_time_s"]
-    assert m.is_metric("step_2.rise_time_s")
-    assert m.metric_unit("step_2.rise_time_s") == "s"
-    assert not m.is_metric("step_2.realtime_factor")
-    assert not m.is_metric("step_0.rise_time_s")
+    assert is_metric("step_2.rise_time_s")
+    assert metric_unit("step_2.rise_time_s") == "s"
+    assert not is_metric("step_2.peak_force_N")
+    assert not is_metric("step_0.rise_time_s")
 
 
-def test_a_ramp_is_one_step_that_begins_where_the_ramp_begins():
+def test_a_step_is_done_within_two_samples_and_ends_where_the_reference_moves_again():
     t = DT * np.arange(2001)
-    desired = np.clip(10 * (t - 1), 0, 15)
-    (step,) = m.find_steps(t, desired, 0.0)
-    assert (step.time, step.start, step.target) == (pytest.approx(1.0 + DT), 0.0, 15.0)
+    ramp = np.clip(10 * (t - 1), 0, 15)
+    assert m.find_steps(t, ramp, 0.0) == []
+    assert np.flatnonzero(m.moves(ramp)).tolist() == list(range(501, 1251))
+    late = np.where(t < 0.5, 0.0, 4.0) + ramp
+    (step,) = m.find_steps(t, late, 0.0)
+    assert (step.first, step.end, step.start, step.target) == (250, 501, 0.0, 4.0)
+    within_two = np.interp(t, [0.5, 0.5 + 1.5 * DT], [0.0, 8.0])
+    (step,) = m.find_steps(t, within_two, 0.0)
+    assert (step.time, step.target) == (pytest.approx(0.5 + DT), 8.0)
+    assert not m.moves(within_two).any()
+
+
+def test_true_and_measured_force_have_metrics_of_their_own():
+    """A sensor so slow that it shows nothing of what the true force swings beyond its reference."""
+    t, desired, true = second_order(12.0, 0.3, 35.0, duration=3.0)
+    measured = 35.0 * (1 - np.exp(-3.0 * t))
+    values = m.metrics_of(signals(t, desired, measured, contact_force=true))
+    assert values["overshoot_N"] == values["overshoot_pct"] == 0.0
+    assert values["true_overshoot_N"] == pytest.approx(35.0 * math.exp(-math.pi * 0.3 / math.sqrt(1 - 0.09)), rel=1e-3)
+    assert values["true_overshoot_pct"] == pytest.approx(values["true_overshoot_N"] / 0.35)
+    alone = m.metrics_of(signals(t, desired, true))
+    for name in ("settling_time_2pct_s", "settling_time_5pct_s", "steady_state_error_N"):
+        assert values[f"true_{name}"] == alone[name] != values[name]
+    assert values["peak_force_N"] == true.max()
+    assert values["peak_measured_force_N"] == measured.max()
 
 
 def test_contact_loss_counts_only_after_the_first_contact():
@@ -224,13 +247,7 @@ def test_every_violation_of_a_constraint_counts_however_small():
 
 def test_every_metric_is_present_and_documented():
     t, desired, force = first_order(2.0, 10.0)
-    values = m.metrics_of(signals(t, desired, force, model_force=force), realtime_factor=50.0)
-    assert list(values) == list(m.METRICS)
-    assert values["realtime_factor"] == 50.0
-    for name in m.METRICS:
-        unit, meaning = m.METRICS[name]
-        assert unit
-        assert meaning
+    assert list(m.metrics_of(signals(t, desired, force, model_force=force))) == list(METRICS)
 
 
 def in_motion(force, *, begin=4.0, end=9.0, desired=10.0, initial=0.0):
@@ -279,7 +296,7 @@ def test_metrics_of_a_motion_are_undefined_without_one_and_when_the_run_ends_bef
         undefined = set(m.MOTION_METRICS) - {"settling_time_2pct_before_motion_s"}
         assert all(values[name] is None for name in undefined)
     assert values["settling_time_2pct_before_motion_s"] == values["settling_time_2pct_s"]
-    assert list(values) == list(m.METRICS)
+    assert list(values) == list(METRICS)
 
 
 def test_a_run_cut_short_is_judged_by_the_part_of_the_motion_that_it_has():
@@ -297,3 +314,23 @@ def test_distance_of_two_forces_until_a_share_of_the_step():
     assert m.force_distance(time, force, other, step, 0.6) == pytest.approx(0.4)
     assert m.force_distance(time, force, other, step, 0.9) == pytest.approx(3.0)
     assert m.force_distance(time, force, other, step, 1.0) is None
+
+
+def test_a_pulse_is_no_step():
+    t = 0.002 * np.arange(400)
+    pulse = np.where(np.arange(400) == 100, 5.0, 0.0)
+    assert m.find_steps(t, pulse) == []
+    assert len(m.find_steps(t, pulse + np.where(t > 0.5, 3.0, 0.0))) == 1
+
+
+@pytest.mark.filterwarnings("error")
+@pytest.mark.parametrize("value", [math.inf, -math.inf, math.nan])
+def test_a_reading_that_is_no_number_makes_no_number(value):
+    t = np.arange(0.0, 2.0, 0.002)
+    desired, force = np.full(len(t), 10.0), 10.0 * (1 - np.exp(-5 * t))
+    log = signals(t, desired, force, model_force=force) | {"contact_force": force}
+    sound = m.metrics_of(log)
+    found = m.metrics_of(log | {"measured_force": np.where(t < 1.0, force, value)})
+    assert all(each is None or math.isfinite(each) for each in found.values())
+    assert found["peak_measured_force_N"] is found["run_model_error_sd_N"] is found["overshoot_N"] is None
+    assert found["peak_force_N"] == sound["peak_force_N"]

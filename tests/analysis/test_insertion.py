@@ -11,7 +11,8 @@ import xarray as xr
 from pydrake.math import RotationMatrix
 
 from forcectl.analysis.insertion import InsertionAnalysis
-from forcectl.analysis.motion_metrics import INSERTION_METRICS, is_motion_metric
+from forcectl.analysis.tables.motion_tables import is_motion_metric
+from forcectl.analysis.tables.task_tables import INSERTION_METRICS
 from forcectl.errors import BadInputError
 
 TICK = 0.004

@@ -2,17 +2,21 @@
 
 from __future__ import annotations
 
+from types import SimpleNamespace
 from typing import Any
 
 import numpy as np
 import pytest
 import xarray as xr
+from pydrake.math import RotationMatrix
 
 from forcectl.analysis.kept_force import KeptForceAnalysis
-from forcectl.analysis.motion_metrics import KEPT_FORCE_METRICS, is_motion_metric
+from forcectl.analysis.tables.motion_tables import is_motion_metric
+from forcectl.analysis.tables.task_tables import KEPT_FORCE_METRICS
 from forcectl.errors import BadInputError
 
 ANALYSIS = KeptForceAnalysis(force=[0.2, 0.5])
+SETTING: Any = SimpleNamespace(workcell=SimpleNamespace(parts={"mount": None, "table": None, "cap": None}))
 TICK = 0.004
 
 
@@ -23,7 +27,11 @@ def log(force: Any = 0.4, last: int = 1) -> xr.Dataset:
     speed = np.where((mode == 1) | (mode == 2), 0.1, 0.0)
     angle = np.concatenate([[0.0], np.cumsum(speed[:-1]) * TICK])
     position, velocity, wrench = (np.zeros((len(time), 6)) for _ in range(3))
-    position[:, 3], position[:, 4], position[:, 5], velocity[:, 5] = -0.02, 0.01, angle, speed
+    position[:, 5], velocity[:, 5] = angle, speed
+    # Turned about their axes otherwise, and 0.02 rad askew.
+    mount = RotationMatrix.MakeXRotation(0.7)
+    cap = mount @ RotationMatrix.MakeZRotation(1.0) @ RotationMatrix.MakeYRotation(0.02)
+    turns = [each.ToQuaternion().wxyz() for each in (mount, RotationMatrix(), cap)]
     wrench[:, 5] = np.where(time < 1.0, 0.0, force(time) if callable(force) else force)
     wrench[:, 2] = -5.0 * np.maximum(angle - 0.3, 0.0)
     signals = {"transition": mode, "transition_value": np.zeros(len(time)), "machine_end": np.where(mode == 3, last, 0)}
@@ -37,6 +45,7 @@ def log(force: Any = 0.4, last: int = 1) -> xr.Dataset:
                 ("task_position", position),
                 ("task_velocity", velocity),
                 ("body_contact_wrench", wrench),
+                ("part_orientation", np.tile(np.concatenate(turns), (len(time), 1))),
             )
         },
         coords={"time": time},
@@ -44,7 +53,7 @@ def log(force: Any = 0.4, last: int = 1) -> xr.Dataset:
 
 
 def metrics(**options: Any) -> dict[str, float | None]:
-    return ANALYSIS.metrics(log(**options), None)
+    return ANALYSIS.metrics(log(**options), SETTING)
 
 
 def test_a_force_in_the_band():
@@ -76,8 +85,9 @@ def test_without_a_lock_or_a_rotation_there_are_no_numbers_of_it():
     found = metrics(last=2)
     assert found["in_band_pct"] == 100.0
     assert {found[name] for name in ("torque_at_decision_Nm", "turned_past_lock_rad", "torque_max_Nm")} == {None}
-    never = KeptForceAnalysis(mode="other", force=[0.2, 0.5]).metrics(log(), None)
+    never = KeptForceAnalysis(mode="other", force=[0.2, 0.5]).metrics(log(), SETTING)
     assert never.pop("contact_s") == pytest.approx(1.0)
+    assert never.pop("decided_in_the_air") == 0.0
     assert set(never.values()) == {None}
 
 
@@ -89,3 +99,15 @@ def test_a_figure_of_it_and_a_band_the_wrong_way_round():
     assert {line.get_ydata()[0] for line in force.lines if len(line.get_xdata()) == 2} == {0.2, 0.5}
     with pytest.raises(BadInputError, match=r"force = .*: must be the smaller one first"):
         KeptForceAnalysis(force=[0.5, 0.2])
+
+
+def test_a_rotation_that_begins_without_contact_was_decided_in_the_air():
+    analysis = KeptForceAnalysis(force=[0.2, 0.5], on_contact=["rotation", "stopping"])
+    assert analysis.metrics(log(), SETTING)["decided_in_the_air"] == 0.0
+    late = log(force=lambda t: np.where(t < 3.0, 0.0, 0.4))
+    assert analysis.metrics(late, SETTING)["decided_in_the_air"] == 1.0
+
+
+def test_parts_that_there_are_none_of():
+    with pytest.raises(BadInputError, match="parts: unknown part 'lid': known: mount, table, cap"):
+        KeptForceAnalysis(force=[0.2, 0.5], parts=["lid", "mount"]).metrics(log(), SETTING)

@@ -3,8 +3,10 @@
 from __future__ import annotations
 
 from functools import cache
+from types import SimpleNamespace
 from typing import Any
 
+import numpy as np
 import pytest
 import xarray as xr
 from matplotlib.backends.backend_agg import FigureCanvasAgg
@@ -12,7 +14,7 @@ from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import DiagramBuilder
 from pydrake.systems.primitives import TrajectorySource
 
-from forcectl.analysis.force_metrics import is_metric, metric_unit
+from forcectl.analysis.tables.metric_tables import is_metric, metric_unit
 from forcectl.analysis.transitions import Stay, TransitionAnalysis, stays
 from forcectl.diagrams.log import add_log
 from forcectl.motion.references import held_trajectory
@@ -69,6 +71,31 @@ def test_metrics():
     assert (found["transitions"], found["ended"]) == (6.0, 1.0)
     assert all(map(is_metric, found))
     assert {metric_unit(f"stopping.{which}_s") for which in TIMES} == {"s"}
+
+
+def test_jerk_and_reversals_count_for_the_mode_they_are_in():
+    """A joint that shakes with 10 Hz all the time, at rest from 0.2 s on; the speed of another jumps at 0.55 s."""
+    log = peg_log()
+    time = log["time"].values
+    shaking = 1e-4 * np.sin(2 * np.pi * 10.0 * time)
+    position = np.stack([shaking, np.zeros_like(time)], axis=1)
+    speed = np.stack([np.gradient(shaking, PERIOD), np.where(time > 0.55, 0.01, 0.0)], axis=1)
+    both = {"joint_position_command": position, "joint_velocity_command": speed}
+    limits = SimpleNamespace(acceleration=np.array([1e6, 20.0]))
+    robot = SimpleNamespace(limits=limits)
+    truth = SimpleNamespace(period=PERIOD, known_robot=lambda: robot)
+    given = log.assign({name: (("time", "joint"), values) for name, values in both.items()})
+    found = TransitionAnalysis().metrics(given, SimpleNamespace(truth=truth))
+    assert all(map(is_metric, found))
+    shares = {name.partition(".")[0]: value for name, value in found.items() if name.endswith("jerk_share_1_s")}
+    assert set(shares) == {*WAY, "transitions"}
+    loud = {name for name, share in shares.items() if share > 1.0}
+    assert loud == {"inserted"}
+    assert shares["inserted"] == pytest.approx(0.01 / PERIOD**2 / 20.0)
+    # 0.2 s at 20 reversals a second; of the seven transitions two are after the joint is at rest.
+    assert found["inserted.reversals_at_rest_1_s"] == pytest.approx(4.0, abs=1)
+    assert found["approach.reversals_at_rest_1_s"] == 0.0
+    assert 2.0 <= found["transitions.reversals_at_rest_1_s"] <= 5.0
 
 
 @pytest.mark.parametrize(("until", "ended"), [(0.3, 0.0), (0.41, 1.0)])

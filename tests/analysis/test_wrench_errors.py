@@ -7,9 +7,10 @@ import pytest
 import xarray as xr
 from pydrake.multibody.math import SpatialForce
 
-from forcectl.analysis.motion_metrics import WRENCH_ERROR_METRICS
+from forcectl.analysis.tables.motion_tables import WRENCH_ERROR_METRICS
 from forcectl.analysis.wrench_errors import WrenchErrorAnalysis
 from forcectl.diagrams.workcell import describe
+from forcectl.errors import BadInputError
 from forcectl.runs.logs import stack
 from tests.analysis.test_analyses import COUNT, TICK, made_up, model, setting, wrench
 from tests.examples import stations
@@ -88,11 +89,28 @@ def test_of_two_arms_the_wrench_between_them_has_half_the_error_of_one(local):
     assert found["between.false_force_z_N"] == pytest.approx(0.2)
     assert found["between.load_found_ms"] == pytest.approx(0.0)
     assert found["force_error_z_95_N"] == pytest.approx(0.4)  # of the worse arm alone
+    # Or of a signal of the log, here of the truth and 0.1 N.
+    on = np.r_[on_second.rotational(), on_second.translational()]
+    on = (on.reshape(2, 3) @ (second.rotation().matrix() if local else np.eye(3))).ravel()
+    touch = np.outer((TIME >= 1.0) & (TIME < 2.0), on)
+    touch[:, 5] += 0.1
+    log["touch"] = (("time", "of_touch"), touch)
+    found = WrenchErrorAnalysis(begin=0.0, between="touch").metrics(log, both)
+    assert found["between.force_error_z_95_N"] == pytest.approx(0.1)
+    assert found["between.force_error_xy_95_N"] < 1e-9
+    with pytest.raises(BadInputError, match="unknown between 'contact'"):
+        WrenchErrorAnalysis(begin=0.0, between="contact").metrics(log, both)
 
 
 def test_a_run_without_an_estimator_has_none():
     log = made_up().drop_vars("estimated_wrench")
     assert WrenchErrorAnalysis().metrics(log, setting()) == {}
+
+
+def test_a_run_that_ends_before_the_begin_has_none_and_no_figure():
+    late = WrenchErrorAnalysis(begin=TIME[-1] + 1.0)
+    assert late.metrics(made_up(), setting()) == {}
+    assert late.figures(made_up(), setting(), "t") == {}
 
 
 def test_the_figure_has_a_curve_of_each_variant_in_each_panel():

@@ -1,0 +1,94 @@
+"""How far a plunger in its body and a cap on its mount came, by the truth: engaged, at full depth, staying there."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.analysis.insertion import part_orientation, part_rows
+from forcectl.diagrams.model import Setting
+from forcectl.errors import BadInputError, unknown
+from forcectl.framework.fields import Config, key
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+_BESIDE = 0.01  # [m] from the axis, from where on a part stands beside the other one
+
+
+@dataclass(kw_only=True)
+class AssemblyAnalysis(Config):
+    """Scenario part `!Assembly`: three levels of success of a plunger in a body and a cap that locks on a mount.
+
+    Engaged: the plunger was past the lead-in of the bore, the cap turned beyond the lock with its face at the mount.
+    Full depth: the plunger was at its seat; the locked cap was also straight. Stays: so at the end, in no hand, and no
+    true contact force on an arm was ever above the limit. Frames are those of `!PegInBore` and `!CapOnMount`.
+    """
+
+    peg: str = key("plunger", "part whose frame is in the peg's front face")
+    bore: str = key("tube", "part whose frame is in the opening of the bore")
+    cap: str = key("cap", "part whose frame is in its face")
+    mount: str = key("mount", "part whose frame is between its feet")
+    lead_in: float = key(0.012, "depth at which the peg is past it", unit="m", bounds="positive")
+    seat: float = key(0.096, "depth of a peg that is seated", unit="m", bounds="positive")
+    within: float = key(0.002, "of that depth, and of the mount's face", unit="m", bounds="positive")
+    lock_deg: float = key(16.0, "angle of the mount in the cap from which on it is locked", unit="deg")
+    straight_deg: float = key(5.0, "tilt of the mount in the cap that is straight", unit="deg", bounds="positive")
+    force: float = key(18.0, "largest that is allowed", unit="N", bounds="positive")
+
+    def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
+        """Those of `ASSEMBLY_METRICS`.
+
+        Raises:
+            BadInputError: there is no such part, or none that an arm holds.
+        """
+        parts = setting.workcell.parts
+        for field in ("peg", "bore", "cap", "mount"):
+            if getattr(self, field) not in parts:
+                raise unknown("part", getattr(self, field), parts).at(field)
+        held = [name for name, part in parts.items() if part.arm]
+        for field in ("peg", "cap"):
+            if getattr(self, field) not in held:
+                raise BadInputError(" must be a part that an arm can hold", key=field)
+        free = log["part_released"].values[-1] > 0.5
+        let_go = {name: bool(free[held.index(name)]) for name in (self.peg, self.cap)}
+        place, _ = _relative(log, setting, self.bore, self.peg)
+        depth, within = -place[:, 2], np.linalg.norm(place[:, :2], axis=1) < _BESIDE
+        engaged, seated = within & (depth > self.lead_in), within & (np.abs(depth - self.seat) <= self.within)
+        place, turn = _relative(log, setting, self.cap, self.mount)
+        angle, way = np.degrees(np.arctan2(turn[:, 1, 0], turn[:, 0, 0])), np.copysign(1.0, self.lock_deg)
+        tilt = np.degrees(np.arccos(np.clip(turn[:, 2, 2], -1.0, 1.0)))
+        locked = (way * angle >= abs(self.lock_deg)) & (np.linalg.norm(place[:, :2], axis=1) < _BESIDE)
+        locked &= np.abs(place[:, 2]) <= self.within
+        straight = locked & (tilt <= self.straight_deg)
+        force = float(log["arm_contact_force"].values.max())
+        levels = {
+            "engaged": (engaged.any(), locked.any()),
+            "full_depth": (seated.any(), straight.any()),
+            "stays": (seated[-1] and let_go[self.peg], straight[-1] and let_go[self.cap]),
+        }
+        found: dict[str, float | None] = {}
+        for level, (peg, cap) in levels.items():
+            found |= {f"peg_{level}": float(peg), f"cap_{level}": float(cap)}
+            found[f"both_{level}"] = float(peg and cap and (level != "stays" or force <= self.force))
+        return found | {
+            "depth_at_end_mm": 1e3 * float(depth[-1]),
+            "cap_angle_at_end_deg": float(angle[-1]),
+            "cap_tilt_at_end_deg": float(tilt[-1]),
+        }
+
+    def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
+        """None."""
+        return {}
+
+
+def _relative(log: Any, setting: Setting, base: str, part: str) -> tuple[Array, Array]:
+    """Place, (T, 3) [m], and orientation, (T, 3, 3), of one part in the frame of another."""
+    at, place = (part_rows(log, setting, name, "part", "part_position") for name in (base, part))
+    frame, turn = (part_orientation(log, setting, name, "part") for name in (base, part))
+    back = frame.inv()
+    return back.apply(place - at), (back * turn).as_matrix()

@@ -1,0 +1,72 @@
+"""How a flat tool aligns with a plate by the torque that it feels: what is true of it."""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.analysis.slot import variants_of
+from forcectl.analysis.tables.task_tables import SURFACE_ALIGNMENT_METRICS
+from forcectl.diagrams.model import Setting
+from forcectl.errors import BadInputError
+from forcectl.framework.fields import Config, key
+
+if TYPE_CHECKING:
+    from matplotlib.figure import Figure
+
+Array = NDArray[np.float64]
+
+
+@dataclass(kw_only=True)
+class SurfaceAlignmentAnalysis(Config):
+    """Scenario part `!SurfaceAlignment`: of one surface, with the truth that a `!ContactTruth` at the TCP has."""
+
+    torque: float = key(0.2, "largest contact torque of a tool that is aligned", unit="Nm", bounds="positive")
+    deadline: float = key(3.0, "by which it is to be, from the start", unit="s", bounds="not negative")
+
+    def metrics(self, log: Any, setting: Setting) -> dict[str, float | None]:
+        """Those of `SURFACE_ALIGNMENT_METRICS`; None where the run ends before the deadline.
+
+        Raises:
+            BadInputError: there is no `!ContactTruth` in the station.
+        """
+        found: dict[str, float | None] = dict.fromkeys(SURFACE_ALIGNMENT_METRICS)
+        time, torque, tilt = _signals(log, setting)
+        outside = np.flatnonzero(torque >= self.torque)
+        found["tilt_at_start_deg"], found["tilt_at_end_deg"] = float(tilt[0]), float(tilt[-1])
+        found["torque_peak_Nm"] = float(torque.max())
+        if len(outside) == 0 or outside[-1] + 1 < len(time):
+            found["aligned_s"] = float(time[outside[-1] + 1] - time[0]) if len(outside) else 0.0
+        after = time - time[0] >= self.deadline - 1e-9
+        if after.any():
+            force, wanted = (log[name].values.squeeze()[after] for name in ("contact_force", "desired_force"))
+            found["aligned_torque_Nm"] = float(torque[after].max())
+            found["aligned_force_error_pct"] = 100.0 * float(np.max(np.abs(force - wanted) / np.abs(wanted)))
+            found["aligned_mean_force_error_pct"] = 100.0 * float(np.mean(force - wanted) / np.mean(np.abs(wanted)))
+        return found
+
+    def figures(self, log: Any, setting: Setting, title: str) -> dict[str, Figure]:
+        """Force, torque and tilt of every variant."""
+        from forcectl.figures.surface_alignment import surface_alignment_figure
+
+        runs = {}
+        for name, run in variants_of(log).items():
+            time, torque, tilt = _signals(run, setting)
+            runs[name] = (time, run["contact_force"].values.squeeze(), torque, tilt)
+        return {"surface_alignment": surface_alignment_figure(runs, (self.torque, self.deadline), title)}
+
+
+def _signals(log: Any, setting: Setting) -> tuple[Array, Array, Array]:
+    """Time [s], magnitude of the contact torque at the TCP [Nm], tilt of the tool [deg]; each of shape (k,)."""
+    missing = [name for name in ("body_contact_wrench", "desired_force", "tool_orientation") if name not in log]
+    if missing:
+        wanted = "must go together with a reference and a sensor !ContactTruth at the TCP, in Multibody"
+        raise BadInputError(f" finds no {', '.join(missing)}: {wanted}", key="analyses")
+    n = setting.workcell.contact.n
+    w, x, y, z = log["tool_orientation"].values.T
+    axis = np.column_stack([2 * (x * z + w * y), 2 * (y * z - w * x), 1 - 2 * (x**2 + y**2)])
+    tilt = np.degrees(np.arccos(np.clip(-axis @ n, -1.0, 1.0)))
+    return log["time"].values, np.linalg.norm(log["body_contact_wrench"].values[:, :3], axis=1), tilt

@@ -1,0 +1,70 @@
+"""Scenario part `findings`: what a run is looked at for, and from where on something counts."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from dataclasses import dataclass, replace
+from typing import Any
+
+from forcectl.analysis.findings.finding import KINDS, RunFinding
+from forcectl.analysis.findings.force import Pressing, force_findings
+from forcectl.analysis.findings.guard import guard_findings
+from forcectl.analysis.findings.joints import joint_findings, task_findings
+from forcectl.analysis.slot import surfaces
+from forcectl.diagrams.model import Setting
+from forcectl.framework.fields import Config, key
+
+_SHARE = "above 0 and below 1"
+
+
+@dataclass(kw_only=True)
+class FindingsConfig(Config):
+    """Scenario part `findings`: thresholds. Shares of a force are of the reference."""
+
+    largest_force: float | None = key(
+        None, "of the true contact force; null: none is stated", unit="N", bounds="positive"
+    )
+    settled_share: float = key(0.05, "within which a force is settled", bounds=_SHARE)
+    swing_share: float = key(0.02, "of a swing from peak to peak that may last", bounds=_SHARE)
+    growth: float = key(
+        1.5, "of swings from the earlier to the later half, above which they are unstable", bounds="above 1"
+    )
+    bounce: float = key(0.05, "longest loss of contact that is a bounce", unit="s", bounds="not negative")
+    saturated: float = key(
+        0.2, "for which a command that stands at its extreme is saturated", unit="s", bounds="positive"
+    )
+    chatter_rate: float = key(
+        20.0, "of reversals of a command at rest, from which it chatters", unit="1/s", bounds="positive"
+    )
+    chatter_share: float = key(0.002, "that a reversal of the displacement command is worth", bounds=_SHARE)
+    limit_share: float = key(0.01, "of a limit, by which it may be exceeded", bounds="not negative")
+    stuck: float = key(0.02, "for which a joint stands still that sticks", unit="s", bounds="positive")
+    releases: int = key(3, "of a joint that sticks, from which on it is worth a word", bounds="positive")
+    ignore: list[str] = key([], "kinds of findings that are left out", choices=lambda: KINDS)
+
+    def found(self, log: Any, setting: Setting, motion: tuple[float, float] | None) -> list[RunFinding]:
+        """The findings of one variant, the worst first.
+
+        Args:
+            log: over time.
+            setting: of the run.
+            motion: begin and end of the motion along the surface [s]; None without one.
+        """
+        every = [
+            *self._of_surfaces(log, setting, motion),
+            *joint_findings(log, setting, self),
+            *task_findings(log, setting),
+            *guard_findings(log),
+        ]
+        return [one for one in every if one.kind not in self.ignore]
+
+    def _of_surfaces(self, log: Any, setting: Setting, motion: tuple[float, float] | None) -> Iterator[RunFinding]:
+        if "desired_force" not in log or "measured_force" not in log:
+            return
+        sensors = setting.workcell.config.sensors.values()
+        ranges = [sensor.range for sensor in sensors if hasattr(sensor, "range")]
+        truth = setting.truth
+        compliances = truth.robot_compliance + truth.environment_compliance
+        for (label, one), compliance in zip(surfaces(log), compliances, strict=True):
+            for each in force_findings(Pressing.of(one, float(compliance), motion), ranges, self):
+                yield replace(each, text=f"{label[:-1]}: {each.text}") if label else each

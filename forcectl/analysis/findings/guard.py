@@ -1,0 +1,71 @@
+"""Findings of the guard: what it took over for, and how that ended."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.analysis.findings.finding import RunFinding, finding
+from forcectl.analysis.stretches import stretches
+from forcectl.force.guard.kernel import Cause, Reaction
+
+Codes = NDArray[np.int64]
+
+GUARD = 10  # factor on the guard's part of a status; what is below is the controller's own
+_SHOWN = 3  # causes of a run that are spelled out
+_DOES = {
+    Reaction.HOLD: "holds the command",
+    Reaction.SLOW: "slows the command down",
+    Reaction.RETREAT: "retreats from the surface",
+    Reaction.STOP: "stops",
+}
+_WHY = {
+    Cause.READING: "readings of the force are not numbers or not plausible",
+    Cause.FROZEN: "the force sensor repeats its reading",
+    Cause.REFERENCE: "the desired force is not a number or beyond the sensor's range",
+    Cause.CONTACT: "the contact is lost",
+    Cause.FORCE: "the force comes to the largest one",
+    Cause.COMMAND: "the controller's command jumps or is not a number",
+}
+
+
+def guard_codes(log: Any) -> Codes:
+    """Reaction times ten plus cause at each tick, shape (k,); zeros where there is no guard.
+
+    Args:
+        log: over time.
+    """
+    if "status" not in log:
+        return np.zeros(log.sizes["time"], dtype=np.int64)
+    status = log["status"].values.reshape(log.sizes["time"], -1)
+    codes: Codes = (np.nan_to_num(status).max(axis=1).astype(np.int64)) // GUARD
+    return codes
+
+
+def own_status(status: NDArray[np.float64]) -> NDArray[np.float64]:
+    """The controller's part of a status."""
+    return np.mod(status, GUARD)
+
+
+def guard_findings(log: Any) -> Iterator[RunFinding]:
+    """What the guard did.
+
+    Args:
+        log: over time, of one variant.
+    """
+    codes, time = guard_codes(log), log["time"].values
+    episodes = stretches(codes > 0)
+    by_cause: dict[Cause, list[slice]] = {}
+    for part in episodes:
+        by_cause.setdefault(Cause(int(codes[part.start]) % 10), []).append(part)
+    for cause, parts in list(by_cause.items())[:_SHOWN]:
+        first = parts[0]
+        spent = sum(part.stop - part.start for part in parts)
+        worst = max(Reaction(int(codes[part].max()) // 10) for part in parts)
+        times = "once" if len(parts) == 1 else f"{len(parts)} times"
+        begin = float(time[first.start])
+        text = f"{_WHY[cause]}, from {begin:.3f} s on: the guard {_DOES[worst]}, {times}, for {spent} ticks"
+        yield finding("guard_stopped" if worst == Reaction.STOP else "guarded", text, begin)

@@ -1,0 +1,201 @@
+"""Findings of the joints, the tasks and the state machine of a run, from the log, its truth included."""
+
+from __future__ import annotations
+
+from collections.abc import Iterator
+from typing import TYPE_CHECKING, Any
+
+import numpy as np
+from numpy.typing import NDArray
+
+from forcectl.analysis.findings.finding import RunFinding, finding
+from forcectl.analysis.findings.guard import own_status
+from forcectl.analysis.findings.swings import rests
+from forcectl.analysis.motion_metrics import reversals_at_rest
+from forcectl.analysis.stretches import stretches
+from forcectl.analysis.transitions import stays
+from forcectl.diagrams.model import Setting
+from forcectl.qp.quadratic_program import Status
+from forcectl.robot.model import JointLimits
+
+if TYPE_CHECKING:
+    from forcectl.analysis.findings.config import FindingsConfig
+
+Signal = NDArray[np.float64]
+Mask = NDArray[np.bool_]
+
+_FEW = 3  # ticks at a limit of torque that are none worth a word
+_MOVES = 2e-3  # [rad/s] a command that is faster moves on
+_AGAIN = 2.0  # [s] within which a joint that sticks does so again and again
+_NEAR = 1e-3  # [m or rad] from a target, which then counts as reached
+_JUST_GIVEN = 0.1  # [s] before the end of the run, when a target that is given cannot be reached
+_POSE = 6  # coordinates
+
+
+def joint_findings(log: Any, setting: Setting, config: FindingsConfig) -> Iterator[RunFinding]:
+    """Limits, friction and the command at rest.
+
+    Args:
+        log: over time, of one variant.
+        setting: of the run.
+        config: thresholds.
+    """
+    time, limits = log["time"].values, setting.truth.known_robot().limits
+    names = [str(name) for name in log["joint"].values] if "joint" in log.dims else []
+    if not names or len(time) < 2:
+        return
+    signals = {name: log[name].values for name in log.data_vars if log[name].dims == ("time", "joint")}
+    command, speed = (signals.get(f"joint_{what}_command") for what in ("position", "velocity"))
+    yield from _beyond("command_beyond_limits", "the command of", time, command, speed, limits, names, config)
+    position = signals.get("link_position", signals.get("motor_position"))
+    moved = signals.get("link_velocity")
+    if moved is None and position is not None:
+        moved = np.gradient(position, time, axis=0)
+    yield from _beyond("links_beyond_limits", "", time, position, moved, limits, names, config)
+    if (torque := signals.get("motor_torque")) is not None:
+        full = np.abs(torque) >= (1 - 1e-6) * limits.torque
+        for k in np.flatnonzero(full.sum(axis=0) > _FEW):
+            share = 100 * float(full[:, k].mean())
+            text = f"the motor torque of {names[k]} is at its limit of {limits.torque[k]:.4g} Nm"
+            yield finding("command_saturated", f"{text} in {share:.2g} % of the ticks", _first(time, full[:, k]))
+    if command is not None and speed is not None:
+        period = setting.truth.period
+        most = reversals_at_rest(command, speed, period)
+        if most >= config.chatter_rate:
+            jerk = float(np.abs(np.diff(speed, 2, axis=0)).max()) / period**2
+            text = f"the joint commands chatter at rest: {most:.0f} reversals within a second"
+            yield finding("chatter", f"{text}, jerk up to {jerk:.3g} rad/s^3")
+        if (motors := signals.get("motor_position")) is not None:
+            yield from _sticking(time, motors, speed, names, config)
+
+
+def _beyond(
+    kind: str,
+    whose: str,
+    time: Signal,
+    position: Signal | None,
+    speed: Signal | None,
+    limits: JointLimits,
+    names: list[str],
+    config: FindingsConfig,
+) -> Iterator[RunFinding]:
+    """The joint that is furthest beyond its limits of position, and that of speed."""
+    if position is not None:
+        span = limits.position_upper - limits.position_lower
+        out = np.maximum(position - limits.position_upper, limits.position_lower - position)
+        over = out > np.where(np.isfinite(span), config.limit_share * span, np.inf)
+        if over.any():
+            k = int(np.argmax(np.where(over, out, 0.0).max(axis=0)))
+            text = f"{np.degrees(out[:, k].max()):.3g} deg beyond its position limits"
+            yield finding(kind, f"{whose} {names[k]} is {text}".strip(), _first(time, over[:, k]))
+    if speed is not None:
+        share = np.abs(speed) / limits.velocity
+        over = share > 1 + config.limit_share
+        if over.any():
+            k = int(np.argmax(share.max(axis=0)))
+            text = f"{100 * (share[:, k].max() - 1):.3g} % beyond its speed limit of {limits.velocity[k]:.3g} rad/s"
+            yield finding(kind, f"{whose} {names[k]} is {text}".strip(), _first(time, over[:, k]))
+
+
+def _sticking(
+    time: Signal, motors: Signal, speed: Signal, names: list[str], config: FindingsConfig
+) -> Iterator[RunFinding]:
+    """Joints that stand still and let go though their command moves on in one direction."""
+    for k, name in enumerate(names):
+        times = []
+        for on in (1.0, -1.0):
+            for going in stretches(on * speed[:, k] > _MOVES):
+                way = on * motors[going, k]
+                for rest in rests(time[going], way, config.stuck):
+                    # Where a joint turns round it may well rest.
+                    if way[rest.start] > way[rest.start - 1] and way[rest.stop + 1] > way[rest.stop]:
+                        times.append(float(time[going][rest.stop]))
+        times.sort()
+        # Again and again, not once in a while, as where something pushes.
+        near = [begin for begin, end in zip(times, times[config.releases - 1 :], strict=False) if end - begin <= _AGAIN]
+        if near:
+            text = f"{name} sticks and lets go {len(times)} times while its command moves on"
+            yield finding("stick_slip", text, near[0])
+
+
+def task_findings(log: Any, setting: Setting) -> Iterator[RunFinding]:
+    """Targets, the state machine, and ticks in which a controller had no solution.
+
+    Args:
+        log: over time, of one variant.
+        setting: of the run.
+    """
+    if not log.sizes["time"]:
+        return
+    yield from _fallbacks(log)
+    way = stays(log)
+    if way:
+        yield from _machine(log, way)
+    elif "task_target" in log and "reached" in log:
+        yield from _targets(log, setting)
+
+
+def _fallbacks(log: Any) -> Iterator[RunFinding]:
+    time, fallen = log["time"].values, np.zeros(log.sizes["time"], dtype=bool)
+    for name in ("status", "governor_status"):
+        if name not in log:
+            continue
+        status = own_status(log[name].values)
+        here = _any(status >= Status.INFEASIBLE)
+        fallen |= here
+        if here.any():
+            worst = Status(int(status.max())).name.lower().replace("_", " ")
+            text = f"the controller falls back in {_ticks(here)}: its program has no solution ({worst})"
+            yield finding("solver_fallback", text, _first(time, here))
+    if "holding" in log:
+        held = _any(log["holding"].values > 0) & ~fallen
+        if held.any():
+            text = f"the controller brakes or holds the joints in {_ticks(held)}, though its program has a solution"
+            yield finding("held", text, _first(time, held))
+
+
+def _machine(log: Any, way: list[Any]) -> Iterator[RunFinding]:
+    last = way[-1]
+    if last.kind == 2:
+        before = f" after '{way[-2].mode}'" if len(way) > 1 else ""
+        text = f"the state machine ended in the failure '{last.mode}'{before}, at {last.begin:.3f} s"
+        yield finding("machine_failed", text, last.begin)
+    elif last.kind == 0:
+        text = f"the run ended at {last.end:.3f} s in the mode '{last.mode}', before the state machine"
+        yield finding("machine_not_ended", text, last.end)
+
+
+def _targets(log: Any, setting: Setting) -> Iterator[RunFinding]:
+    ticks = log.sizes["time"]
+    target, place = (log[f"task_{name}"].values.reshape(ticks, -1) for name in ("target", "position"))
+    if log["reached"].values[-1] > 0 or target.shape != place.shape or not np.isfinite(target[-1]).any():
+        return
+    apart, time = np.nan_to_num(place[-1] - target[-1]), log["time"].values
+    changes = np.flatnonzero((np.diff(np.nan_to_num(target), axis=0) != 0).any(axis=1))
+    begun = float(time[changes[-1] + 1]) if len(changes) else float(time[0])
+    if np.abs(apart).max() <= _NEAR or (len(changes) and time[-1] - begun < _JUST_GIVEN):
+        return
+    arms = list(setting.truth.known_robot().parts.arms)
+    if len(apart) == _POSE * len(arms):
+        lengths = np.linalg.norm(apart.reshape(-1, _POSE)[:, :3], axis=1)
+        where = ", ".join(f"{arm} {1e3 * length:.3g} mm" for arm, length in zip(arms, lengths, strict=True))
+    else:
+        where = f"coordinate {int(np.abs(apart).argmax()) + 1} of the tasks {np.abs(apart).max():.3g} m or rad"
+    stalled = log["stalled"].values[-1] > 0
+    said = "and come no nearer" if stalled else "and still on the way"
+    text = f"the last targets, of {begun:.3g} s, are not reached: {where} from them at the end {said}"
+    yield finding("target_stalled" if stalled else "target_not_reached", text, float(time[-1]))
+
+
+def _first(time: Signal, here: Mask) -> float:
+    return float(time[int(np.argmax(here))])
+
+
+def _any(here: Mask) -> Mask:
+    """Of a signal of several components, whether it is so of one of them."""
+    found: Mask = np.any(here.reshape(len(here), -1), axis=1)
+    return found
+
+
+def _ticks(here: Mask) -> str:
+    return f"{int(here.sum())} of {len(here)} ticks"

@@ -1,0 +1,29 @@
+"""What there is to say of a metric, in one place: the tables of metrics, `docs/metrics.md` and `forcectl explain`."""
+
+from __future__ import annotations
+
+import re
+from typing import NamedTuple
+
+NEVER_NEGATIVE = "never negative"
+
+
+class Metric(NamedTuple):
+    """A metric in words.
+
+    Attributes:
+        unit: of its value.
+        meaning: what it is.
+        formula: how it is computed, in the symbols of `docs/metrics.md`, or in words.
+        sign: what a positive and a negative value mean.
+    """
+
+    unit: str
+    meaning: str
+    formula: str
+    sign: str = NEVER_NEGATIVE
+
+    def of_true_force(self) -> Metric:
+        """The same metric of the true contact force F_c in place of the measured force F."""
+        meaning = self.meaning.replace("measured force", "true force")
+        return self._replace(meaning=meaning, formula=re.sub(r"\bF\b", "F_c", self.formula))

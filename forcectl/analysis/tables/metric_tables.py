@@ -1,0 +1,154 @@
+"""Every metric of a run, with its unit, formula and sign."""
+
+from __future__ import annotations
+
+import re
+
+from forcectl.analysis.tables import motion_tables as of_motion_loops
+from forcectl.analysis.tables.metric import Metric
+from forcectl.analysis.tracking_metrics import TRACKING_METRICS
+
+# Those that measured and true force have both.
+_OF_BOTH: dict[str, Metric] = {
+    "overshoot_N": Metric(
+        "N",
+        "measured force beyond the reference",
+        "max of s (F - F_r) from where F first comes to F_r; s: sign of the step",
+    ),
+    "overshoot_pct": Metric(
+        "%",
+        "measured force beyond the reference, in percent of it",
+        "100 max of s (F - F_r) / F_r, from where F first comes to F_r",
+    ),
+    "settling_time_5pct_s": Metric(
+        "s", "last time that the measured force is outside 5 % of the reference", "last t with |F - F_r| > 0.05 F_r"
+    ),
+    "settling_time_2pct_s": Metric(
+        "s", "last time that the measured force is outside 2 % of the reference", "last t with |F - F_r| > 0.02 F_r"
+    ),
+    "steady_state_error_N": Metric(
+        "N",
+        "reference minus measured force over the last tenth of the step",
+        "mean (F_r - F)",
+        "positive: the force is too small",
+    ),
+}
+# A run with several steps has those of the last one under these names, and those of each one as `step_1.<name>`,
+# `step_2.<name>` ... A run without a step has none.
+STEP_METRICS: dict[str, Metric] = {
+    **_OF_BOTH,
+    **{f"true_{name}": metric.of_true_force() for name, metric in _OF_BOTH.items()},
+    "rise_time_s": Metric("s", "10 % to 90 % of the step", "t(90 %) - t(10 %), first times of F"),
+    "time_to_90pct_s": Metric("s", "from the step to 90 % of it", "first t with F at 90 % of the step"),
+    "largest_drop_N": Metric(
+        "N", "furthest the measured force goes back after half of the step", "max of s (highest F so far - F)"
+    ),
+    "touches_2pct": Metric(
+        "1",
+        "how many times the measured force comes to 2 % of the reference, bounces included",
+        "count of s (F_r - F) <= 0.02 F_r becoming true",
+    ),
+    "max_abs_model_error_N": Metric("N", "largest distance from the reference model", "max |F - F_M|"),
+    "time_of_max_abs_model_error_s": Metric(
+        "s", "when the force is furthest from the reference model", "t of max |F - F_M|"
+    ),
+    "max_positive_model_error_N": Metric("N", "furthest above the reference model", "max (0, max (F - F_M))"),
+    "time_of_max_positive_model_error_s": Metric(
+        "s", "when the force is furthest above the reference model", "t of max (F - F_M)"
+    ),
+    "model_error_sd_N": Metric(
+        "N",
+        "standard deviation from the reference model",
+        "sd of F - F_M over the model_error_window of the scenario, or the step where it is shorter",
+    ),
+    "lag_behind_model_5pct_s": Metric(
+        "s",
+        "how much later than the reference model the force has made 5 % of the step",
+        "t(5 %) of F - t(5 %) of F_M",
+        "positive: later than the model",
+    ),
+}
+# None in a run without motion.
+MOTION_METRICS: dict[str, Metric] = {
+    "settling_time_2pct_before_motion_s": Metric(
+        "s", "settling to 2 % in the last step before the motion begins", "as settling_time_2pct_s"
+    ),
+    "mean_force_in_motion_N": Metric(
+        "N", "mean of the measured force during the motion", "mean F", "as the force, positive: pressing"
+    ),
+    "peak_in_motion_N": Metric(
+        "N", "furthest above the reference during the motion", "max (0, max (F - F_r)) during the motion"
+    ),
+    "time_of_peak_in_motion_s": Metric(
+        "s", "when the force is furthest above the reference, from the beginning of the motion", "t of max (F - F_r)"
+    ),
+    "recovery_time_2pct_s": Metric(
+        "s",
+        "from the peak in motion until the measured force is back within 2 % of the reference",
+        "first |F - F_r| <= 0.02 F_r",
+    ),
+    "dip_in_motion_N": Metric(
+        "N", "furthest below the reference during the motion", "max (0, max (F_r - F)) during the motion"
+    ),
+    "longest_excursion_2pct_s": Metric(
+        "s",
+        "longest time without being within 2 % of the reference during the motion",
+        "max time between samples with |F - F_r| <= 0.02 F_r",
+    ),
+}
+RUN_METRICS: dict[str, Metric] = {
+    "peak_force_N": Metric("N", "largest true contact force of the run", "max F_c"),
+    "peak_measured_force_N": Metric(
+        "N", "largest measured force of the run", "max F", "negative: the sensor never showed pressing"
+    ),
+    "contact_loss_s": Metric("s", "time without contact after the first contact", "sum of dt with F_c = 0"),
+    "run_model_error_sd_N": Metric(
+        "N", "standard deviation from the reference model over the whole run", "sd of F - F_M"
+    ),
+    "run_max_abs_model_error_N": Metric(
+        "N", "largest distance from the reference model in the whole run", "max |F - F_M|"
+    ),
+    "control_effort_m": Metric("m", "path length of the displacement command", "sum |dx[k+1] - dx[k]|"),
+    "constraint_violations": Metric(
+        "1", "ticks in which a constraint of the controller was violated, by however little", "count of violation > 0"
+    ),
+    "largest_constraint_violation": Metric(
+        "SI", "the furthest violation of a constraint, in its unit (m, rad, rad/s, Nm)", "max violation"
+    ),
+}
+# None in a run without tuning of a controller.
+_TUNED = "negative: presses when the force is too small"
+TUNING_METRICS: dict[str, Metric] = {
+    "proportional_gain": Metric("m/N", "as tuned, at the end of the run", "last K_P", _TUNED),
+    "integral_gain": Metric("m/(N s)", "as tuned, at the end of the run", "last K_I", _TUNED),
+    "derivative_gain": Metric(
+        "m s/N", "as tuned, at the end of the run", "last K_D", "negative: moves into the surface while the error grows"
+    ),
+    "hand_over_time_s": Metric("s", "when the controller takes over from the excitation", "first t with mode = 1"),
+    "hand_over_jump_m": Metric(
+        "m", "change of the displacement command in the tick of the hand-over", "|dx[k+1] - dx[k]|"
+    ),
+}
+METRICS = STEP_METRICS | TRACKING_METRICS | MOTION_METRICS | TUNING_METRICS | RUN_METRICS
+# Of two variants; only to be asked for in `expect`.
+PAIR_METRICS: dict[str, Metric] = {
+    "force_distance_N": Metric(
+        "N", "largest distance of the measured force from that of another variant", "max |F - F of the other|"
+    ),
+}
+GAINS = ("proportional_gain", "integral_gain", "derivative_gain")
+
+
+def is_metric(name: str) -> bool:
+    """Whether `name` is a metric, also of a step out of several, or a surface: `left.step_2.overshoot_N`."""
+    *front, last = name.split(".")
+    if front and re.fullmatch(r"step_[1-9]\d*", front[-1]):
+        return len(front) <= 2 and last in STEP_METRICS
+    of_surface = len(front) == 1 and last in METRICS and not front[0].startswith("step_")
+    return name in METRICS or of_surface or of_motion_loops.is_motion_metric(name)
+
+
+def metric_unit(name: str) -> str:
+    """Unit of a metric; "" of one of the user's."""
+    metric = (METRICS | of_motion_loops.MOTION_METRICS).get(name.rpartition(".")[2])
+    return metric.unit if metric else ""
