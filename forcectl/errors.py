@@ -99,7 +99,7 @@ def about(part: object) -> Iterator[None]:
     """Errors raised within are about keys of this part of a configuration, or of a part within it."""
     try:
         yield
-    except (Exception, SystemExit) as error:  # Drake's failed preconditions arrive as SystemExit
+    except BaseException as error:  # Drake's failed preconditions arrive as SystemExit
         parts_of(error).append(part)
         raise
 

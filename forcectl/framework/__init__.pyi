@@ -9,7 +9,7 @@ from forcectl.framework.euler_angles import EulerAngles as EulerAngles
 from forcectl.framework.expression import Expression as Expression
 from forcectl.framework.fields import Config as Config
 from forcectl.framework.fields import slot as slot
-from forcectl.framework.imports import import_object as import_object
+from forcectl.framework.imports import Imports as Imports
 from forcectl.framework.linear_batch import LinearBatch as LinearBatch
 from forcectl.framework.rotation_vector import RotationVector as RotationVector
 from forcectl.framework.sampled_block import SampledBatch as SampledBatch

@@ -56,9 +56,14 @@ class BlockCache:
 
 
 def scratch(block: LeafSystem, name: str, make: Callable[[], Any]) -> BlockCache:
-    """A place to work in, made by `make` once per context of `block` and overwritten at every use."""
+    """A place to work in, made by `make` at the first use of a context of `block`, and overwritten at every use.
+
+    Not with the context: Drake allocates one of a block for every question about its feedthrough, and copies it.
+    """
     nothing = {block.nothing_ticket()}
-    return BlockCache(block, name, lambda: AbstractValue.Make(make()), lambda owner, context, value: None, nothing)
+    return BlockCache(
+        block, name, lambda: Value[object](()), lambda owner, context, value: value.set_value(make()), nothing
+    )
 
 
 def values_of_tick(block: LeafSystem, prerequisites: set[Any]) -> BlockCache:

@@ -4,9 +4,10 @@
     class IntegralConfig(Config):
         integral_gain: float = key(1.5, "gain K_I", unit="1/s", bounds="not negative")
 
-The type is the annotation. From there come the check when a configuration is made, the error, `forcectl list !Integral`
-and the JSON Schema. What several keys must be together is checked in `__post_init__`, after that of `Config`. A slot is
-a key that any object with the right methods may fill, see `forcectl.scenario.catalog`.
+The type is the annotation. A number lies in the physical range of its unit, too (`PHYSICAL`): what is outside is a slip
+of the unit or of the exponent. From there come the check when a configuration is made, the error, `forcectl list
+!Integral` and the JSON Schema. What several keys must be together is checked in `__post_init__`, after that of
+`Config`. A slot is a key that any object with the right methods may fill, see `forcectl.scenario.catalog`.
 """
 
 from __future__ import annotations
@@ -38,6 +39,38 @@ _WORDS = {
     "finite": "above -inf, below inf",
 }
 _ANY = ("", "a number", "not all zero")  # bounds that are none
+# Unit -> largest absolute value, and smallest of what must not be zero. Wide: research goes far, nonsense farther.
+PHYSICAL: dict[str, tuple[float, float]] = {
+    "": (1e6, 1e-15),
+    "1": (1e6, 1e-6),
+    "s": (1e6, 1e-6),
+    "Hz": (1e5, 1e-6),
+    "1/s": (1e6, 1e-6),
+    "m": (1e3, 1e-9),
+    "m/s": (1e3, 1e-9),
+    "m/s^2": (1e6, 1e-9),
+    "m/s^3": (1e10, 1e-9),
+    "rad": (1e4, 1e-12),
+    "deg": (1e5, 1e-9),
+    "rad/s": (1e6, 1e-6),
+    "rad/s^2": (1e8, 1e-9),
+    "rad/s^3": (1e12, 1e-9),
+    "N": (1e6, 1e-9),
+    "N/s": (1e9, 1e-9),
+    "N/m": (1e10, 1e-9),
+    "N s/m": (1e9, 1e-9),
+    "Nm": (1e6, 1e-9),
+    "Nm/rad": (1e10, 1e-9),
+    "Nms/rad": (1e8, 1e-9),
+    "kg": (1e6, 1e-9),
+    "kg m^2": (1e6, 1e-15),
+    "m/N": (1e6, 1e-15),
+    "m s/N": (1e3, 1e-15),
+    "m/(N s)": (1e3, 1e-15),
+    "rad/Nm": (1e3, 1e-15),
+}
+_SAME_UNIT = {"Ns/m": "N s/m", "kg m2": "kg m^2", "kg m^2/rad": "kg m^2", "rad/s2": "rad/s^2"}
+_WIDEST = (1e15, 1e-18)  # of other units
 
 
 @dataclasses.dataclass(frozen=True)
@@ -63,6 +96,22 @@ class Key:
     size: int | None = None
     slot: str = ""
     each: bool = False
+
+    @property
+    def span(self) -> Interval:
+        """Of a number: its bounds within the physical range of its unit; of "m or rad" what is in one of both."""
+        return _span(self.bounds, self.unit)
+
+    def allowed(self) -> str:
+        """Bounds and physical range of a number, in words."""
+        own, span = interval(self.bounds), self.span
+        unit = f" {self.unit}" if self.unit not in ("", "1") else ""
+        low, high = own.low != span.low, own.high != span.high
+        if low and high:
+            physical = f"from {span.low:g} to {span.high:g}{unit}"
+        else:
+            physical = f"at most {span.high:g}{unit}" if high else f"at least {span.low:g}{unit}" if low else ""
+        return ", ".join(part for part in (self.bounds, physical) if part)
 
     def chosen(self) -> list[str]:
         """The choices there are; empty for any text."""
@@ -159,6 +208,15 @@ def interval(bounds: str) -> Interval:
     return Interval(**found)
 
 
+@cache
+def _span(bounds: str, unit: str) -> Interval:
+    ranges = [PHYSICAL.get(_SAME_UNIT.get(one, one), _WIDEST) for one in unit.replace(" or ", ", ").split(", ")]
+    largest, smallest = max(each[0] for each in ranges), min(each[1] for each in ranges)
+    own = interval(bounds)
+    low = smallest if own.low == 0 and own.without_low else max(own.low, -largest)
+    return Interval(low, -smallest if own.high == 0 and own.without_high else min(own.high, largest))
+
+
 class Config:
     """A configuration whose keys check themselves when it is made.
 
@@ -202,6 +260,11 @@ def _check(name: str, value: Any, declared: Key, kind: Any, default: Any) -> Non
             _check_list(name, value, declared, typing.get_args(kind)[0])
     elif kind in (float, int):
         _check_number(name, value, declared, kind, default)
+    elif typing.get_origin(kind) is dict and typing.get_args(kind)[1] in (float, np.ndarray):
+        for each, part in value.items():
+            _check(f"{name}.{each}", part, declared, typing.get_args(kind)[1], REQUIRED)
+    elif kind is np.ndarray and not np.all(declared.span.holds(value)):
+        raise invalid(name, np.asarray(value).tolist(), declared.allowed())
     elif kind is bool and not isinstance(value, bool):
         raise invalid(name, value, "true or false")
     elif kind is str and not isinstance(value, str | PurePath):
@@ -232,6 +295,8 @@ def _check_number(name: str, value: Any, declared: Key, kind: type, default: Any
         raise invalid(name, value, "a whole number" if whole else "a finite number")
     if not interval(bounds).holds(value):
         raise invalid(name, value, f"a whole number {bounds}" if whole else bounds)
+    if not (whole or math.isinf(value) or declared.span.holds(value)):
+        raise invalid(name, value, declared.allowed())
 
 
 def knows_batches(part: Any) -> bool:

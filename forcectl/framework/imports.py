@@ -1,51 +1,180 @@
-"""Objects of the user's, named by their import path."""
+"""The one door to code that a scenario, a sweep or a command names: "package.module:Name".
+
+A scenario is data. It may name classes, but only of modules that its user trusts: those beside the scenario's file,
+forcectl's own, those of installed packages that announce a part of forcectl, and those named by the user. Nothing of
+Python's standard library, ever. All of this is decided on the text, before anything is imported.
+"""
 
 from __future__ import annotations
 
-import importlib
+import os
 import sys
+from collections.abc import Iterable, Mapping
+from dataclasses import dataclass
+from functools import cache
+from importlib import import_module, invalidate_caches
+from importlib.machinery import ModuleSpec, PathFinder
 from pathlib import Path
 from typing import Any
 
-from forcectl.errors import BadInputError, invalid, one_line, unknown
+from forcectl.errors import BadInputError, invalid, one_line, show, unknown
 
-_ALLOWED = "of a module of your own or of an installed package, not of Python's standard library"
+OPTION = "--allow-imports"
+_OWN = "forcectl"
+_STANDARD = "of a module of your own or of an installed package, not of Python's standard library"
+_beside: dict[str, Path] = {}  # modules that were loaded from beside a scenario, and its folder
 
 
-def import_object(path: str, field_name: str = "path") -> Any:
-    """The object behind "package.module:name"; modules in the working directory are found too.
+@dataclass(frozen=True)
+class Imports:
+    """What may be imported.
 
-    Nothing of Python's standard library, also not where another module passes it on: a scenario would otherwise be a
-    program, `os:system` with parameters.
+    Attributes:
+        folder: modules in it are allowed where no installed one has the name; None: in none.
+        names: further modules and packages, found beside the scenario, installed or in the working directory.
+        every: all but the standard library: who names a path in a command has allowed it.
+    """
+
+    folder: Path | None = None
+    names: tuple[str, ...] = ()
+    every: bool = False
+
+    def check(self, path: Any, key: str) -> str:
+        """Whether the object at an import path may be imported; imports nothing. Returns the name of its module.
+
+        Raises:
+            BadInputError: the path has another form, leads to the standard library, or to a module that is not allowed.
+        """
+        module, colon, name = path.partition(":") if isinstance(path, str) else ("", "", "")
+        if not (colon and name.isidentifier() and all(part.isidentifier() for part in module.split("."))):
+            raise invalid(key, path, 'an import path such as "package.module:Name"')
+        if _is_standard(module):
+            raise invalid(key, path, _STANDARD)
+        if not self._allows(module):
+            top = module.partition(".")[0]
+            if PathFinder.find_spec(top, [*sys.path, *map(str, self._folders())]) is None:
+                raise BadInputError(f" = {show(path)}: must be importable, but: No module named {top!r}", key=key)
+            raise invalid(key, path, self._allowed_words(module))
+        return str(module)
+
+    def load(self, path: Any, key: str) -> Any:
+        """The object behind an import path; nothing is called.
+
+        Raises:
+            BadInputError: as in `check`; the module cannot be imported or has no such name; or the object is from a
+                module that is not allowed, which the named one only passes on.
+        """
+        module, name = self.check(path, key), path.partition(":")[2]
+        try:
+            loaded = self._imported(module)
+            if not hasattr(loaded, name):
+                known = [each for each in vars(loaded) if not each.startswith("_")]
+                raise BadInputError(f" = {show(path)}: {unknown(f'name in {module}', name, known)}", key=key)
+            found = getattr(loaded, name)
+        except (BadInputError, KeyboardInterrupt):
+            raise
+        except BaseException as error:  # whatever the module does while it is imported or asked
+            raise BadInputError(f" = {show(path)}: must be importable, but: {one_line(error)}", key=key) from error
+        home = str(getattr(found, "__module__", None) or type(found).__module__) if callable(found) else module
+        if _is_standard(home):
+            raise invalid(key, path, _STANDARD)
+        if not self._allows(home):
+            raise invalid(key, path, f"defined in a module that is allowed, not in {home}: {self._allowed_words(home)}")
+        return found
+
+    def _allows(self, module: str) -> bool:
+        top = module.partition(".")[0]
+        named = any(f"{module}.".startswith(f"{name}.") for name in self.names)
+        return self.every or named or top in (_OWN, *announcing()) or self._beside(top)
+
+    def _beside(self, top: str) -> bool:
+        """Whether a module is beside the scenario, and would be found there."""
+        invalidate_caches()  # a module that was written this moment
+        if self.folder is None or (spec := PathFinder.find_spec(top, [str(self.folder.resolve())])) is None:
+            return False
+        files = _files(spec)
+        if (loaded := sys.modules.get(top)) is not None and _beside.get(top) != self._home():
+            spec = getattr(loaded, "__spec__", None)
+            return top in _beside or (spec is not None and _files(spec) == files)
+        installed = PathFinder.find_spec(top, sys.path)
+        return installed is None or _files(installed) == files
+
+    def _home(self) -> Path | None:
+        return None if self.folder is None else self.folder.resolve()
+
+    def _folders(self) -> list[Path]:
+        """Where modules are found beside the installed ones."""
+        return [folder for folder in (self._home(), Path.cwd()) if folder is not None]
+
+    def _imported(self, module: str) -> Any:
+        """A module; those beside the scenario and in the working directory are found, too."""
+        top, home = module.partition(".")[0], self._home()
+        if _beside.get(top, home) != home:  # of another scenario
+            for name in [each for each in sys.modules if f"{each}.".startswith(f"{top}.")]:
+                del sys.modules[name]
+            del _beside[top]
+        new = top not in sys.modules
+        folders = [str(each) for each in dict.fromkeys(self._folders()) if str(each) not in sys.path]
+        sys.path.extend(folders)  # an installed command does not look there by itself
+        try:
+            found = import_module(module)
+        finally:
+            for folder in folders:
+                sys.path.remove(folder)
+        if new and home is not None and (spec := found.__spec__) and any(home in f.parents for f in _files(spec)):
+            _beside[top] = home
+        return found
+
+    def _allowed_words(self, module: str) -> str:
+        top = module.partition(".")[0]
+        where = "" if self.folder is None else "beside the scenario (and no installed one of that name), "
+        return f"of a module {where}of a package that announces parts of forcectl, or named by {OPTION} {top}"
+
+
+def allowed_names(names: Iterable[str], key: str) -> tuple[str, ...]:
+    """Names of modules that a user allows, checked.
 
     Raises:
-        BadInputError: the path has another form, it leads to the standard library, or the module or the name in it
-            does not exist.
+        BadInputError: no name of a module, or one of the standard library.
     """
-    module_name, colon, name = path.partition(":")
-    if not (colon and name.isidentifier() and all(part.isidentifier() for part in module_name.split("."))):
-        raise invalid(field_name, path, 'an import path such as "package.module:Name"')
-    if _standard(module_name):
-        raise invalid(field_name, path, _ALLOWED)
-    here = str(Path.cwd())
-    added = here not in sys.path
-    if added:  # an installed command does not look into the working directory by itself
-        sys.path.append(here)
-    try:
-        module = importlib.import_module(module_name)
-    except Exception as error:  # whatever the user's module does while it is imported
-        raise BadInputError(f" = {path!r}: must be importable, but: {one_line(error)}", key=field_name) from error
-    finally:
-        if added:
-            sys.path.remove(here)
-    if not hasattr(module, name):
-        known = [each for each in vars(module) if not each.startswith("_")]
-        raise BadInputError(f" = {path!r}: {unknown(f'name in {module_name}', name, known)}", key=field_name)
-    found = getattr(module, name)
-    if callable(found) and _standard(getattr(found, "__module__", None) or type(found).__module__):
-        raise invalid(field_name, path, _ALLOWED)
-    return found
+    if isinstance(names, str) or not all(isinstance(name, str) for name in names):
+        raise invalid(key, names, "a list of names of modules")
+    for name in names:
+        if not all(part.isidentifier() for part in name.split(".")):
+            raise invalid(key, name, "the name of a module, such as my_lab")
+        if _is_standard(name):
+            raise invalid(key, name, _STANDARD.replace("of a module", "a module", 1))
+    return tuple(names)
 
 
-def _standard(module_name: str) -> bool:
-    return module_name.partition(".")[0] in sys.stdlib_module_names
+@cache
+def announcing() -> Mapping[str, str]:
+    """Modules whose installed package announces parts of forcectl, with a tag of each. Looked for once in a process."""
+    from importlib.metadata import entry_points
+
+    points = [point for group in entry_points().groups if group.startswith("forcectl.") for point in _points(group)]
+    return {value.partition(":")[0].partition(".")[0]: f"{group}: !{tag}" for group, tag, value in sorted(points)}
+
+
+def _points(group: str) -> list[tuple[str, str, str]]:
+    from importlib.metadata import entry_points
+
+    return [(group.removeprefix("forcectl."), point.name, point.value) for point in entry_points(group=group)]
+
+
+def _files(spec: ModuleSpec) -> list[Path]:
+    """The file of a module, or the folders of a package without one."""
+    if spec.has_location and spec.origin:
+        return [Path(spec.origin).resolve()]
+    return [Path(folder).resolve() / "__init__.py" for folder in spec.submodule_search_locations or ()]
+
+
+def _is_standard(module: str) -> bool:
+    return module.partition(".")[0] in (*sys.stdlib_module_names, "__main__", "__builtins__")
+
+
+def settings_file() -> Path:
+    """Where a user's settings for all scenarios are, if there are any; see `forcectl.scenario.user_settings`."""
+    folder = os.environ.get("XDG_CONFIG_HOME", "")
+    home = Path(folder) if os.path.isabs(folder) else Path(os.path.expanduser("~"), ".config")
+    return home / "forcectl" / "settings.yaml"

@@ -16,10 +16,11 @@ from typing import Any
 
 import numpy as np
 
-from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.errors import BadInputError, invalid, one_line, show, unknown
 from forcectl.framework.fields import REQUIRED, Key, default_of, key_of, members, typed_fields
 from forcectl.framework.yaml_tree import Tagged, Tree, is_object
 
+_LONGEST_NAME = 100  # characters of the name of a part
 _PRIMITIVES: dict[Any, str] = {
     float: "a number",
     int: "a whole number",
@@ -103,6 +104,12 @@ class Reader:
             raise error.at(join(key, error.field)) from None
         except (TypeError, ValueError, OverflowError, OSError) as error:
             raise BadInputError(" ".join(str(error).split()), key=key or "scenario") from error
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # whatever a class of the user's does
+            if cls.__module__.startswith("forcectl."):
+                raise
+            raise BadInputError(f"{cls.__name__} cannot be made: {one_line(error)}", key=key or "scenario") from error
 
     def value(self, kind: Any, tree: Tree, key: str, start: Any = None) -> Any:
         """`tree` as a value of type `kind` (the annotation of a field)."""
@@ -130,7 +137,12 @@ class Reader:
             return [self.value(item, part, f"{key}.{i}") for i, part in enumerate(tree)]
         if base is dict:
             item = arguments[1] if arguments else Any
-            return {name: self.value(item, part, join(key, name)) for name, part in named(tree, key).items()}
+            found = named(tree, key)
+            for name in found if dataclasses.is_dataclass(item) else ():
+                part_name(name, key)
+            if dataclasses.is_dataclass(item):  # null leaves out what a weaker layer has of that name
+                found = Tagged({name: part for name, part in found.items() if part is not None})
+            return {name: self.value(item, part, join(key, name)) for name, part in found.items()}
         return _primitive(kind, tree, key, start)
 
     def _union(self, kinds: tuple[Any, ...], tree: Tree, key: str, start: Any) -> Any:
@@ -169,6 +181,18 @@ def named(tree: Tree, key: str, allowed: str = "a mapping") -> Tagged:
         if not isinstance(name, str):
             raise invalid(join(key, name), name, "text (quote it to use it as a name)")
     return tree
+
+
+def part_name(name: str, key: str) -> str:
+    """The name of one of several parts, which becomes that of a block, a file or a column.
+
+    Raises:
+        BadInputError: it is empty, too long, or has characters that these may not have.
+    """
+    if not name.strip() or len(name) > _LONGEST_NAME or not name.isprintable() or "/" in name:
+        allowed = f"1 to {_LONGEST_NAME} printable characters without '/'"
+        raise BadInputError(f"the name {show(name)} must be {allowed}", key=key, value=name, allowed=allowed)
+    return name
 
 
 def _choice(kind: Any, arguments: tuple[Any, ...], tree: Tree, key: str) -> Any:

@@ -9,7 +9,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, invalid, show
 
 Array = NDArray[np.float64]
 
@@ -29,7 +29,9 @@ def read_series(path: str, along: str, value: str) -> tuple[Array, Array]:
         raise invalid("path", path, "a readable CSV file in UTF-8") from None
     table = csv.DictReader(text.splitlines(), skipinitialspace=True)
     if not {along, value} <= set(table.fieldnames or ()):
-        raise BadInputError(f" = {path!r} has columns {table.fieldnames}: must have {along} and {value}", key="path")
+        raise BadInputError(
+            f" = {show(path)} has columns {show(table.fieldnames)}: must have {along} and {value}", key="path"
+        )
     rows: list[tuple[float, float]] = []
     for number, row in enumerate(table, start=2):
         try:
@@ -37,13 +39,13 @@ def read_series(path: str, along: str, value: str) -> tuple[Array, Array]:
         except (TypeError, ValueError):
             pair = (math.nan, math.nan)
         if not all(math.isfinite(one) for one in pair):
-            told = f"{along} = {row[along]!r}, {value} = {row[value]!r}"
-            raise BadInputError(f" = {path!r} line {number}: {told}: must be finite numbers", key="path")
+            told = f"{along} = {show(row[along])}, {value} = {show(row[value])}"
+            raise BadInputError(f" = {show(path)} line {number}: {told}: must be finite numbers", key="path")
         if rows and not pair[0] > rows[-1][0]:
             last = f"{along} = {pair[0]:g}: must be above the last one, strictly increasing"
-            raise BadInputError(f" = {path!r} line {number}: {last}", key="path")
+            raise BadInputError(f" = {show(path)} line {number}: {last}", key="path")
         rows.append(pair)
     if len(rows) < 2:
-        raise BadInputError(f" = {path!r} has {len(rows)} rows: must have at least 2", key="path")
+        raise BadInputError(f" = {show(path)} has {len(rows)} rows: must have at least 2", key="path")
     first, second = np.array(rows).T
     return first, second

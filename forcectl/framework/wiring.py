@@ -60,6 +60,12 @@ def export_all_outputs(builder: DiagramBuilder, system: System, but: Sequence[st
     export_outputs(builder, {port.get_name(): port for port in ports if port.get_name() not in but})
 
 
+def export_all_inputs(builder: DiagramBuilder, system: System) -> None:
+    """Export the inputs of a system under their own names, in their order."""
+    for port in map(system.get_input_port, range(system.num_input_ports())):
+        builder.ExportInput(port, port.get_name())
+
+
 def stacked(builder: DiagramBuilder, name: str, ports: Sequence[OutputPort]) -> OutputPort:
     """At least one port of shape (1,), one after the other, shape (k,); a single one needs no block of that name."""
     if len(ports) == 1:
@@ -102,7 +108,6 @@ class Enclosed(Diagram):
     def __init__(self, builder: DiagramBuilder, system: System):
         super().__init__()
         self.optional_inputs = tuple(getattr(system, "optional_inputs", ()))
-        for port in map(system.get_input_port, range(system.num_input_ports())):
-            builder.ExportInput(port, port.get_name())
+        export_all_inputs(builder, system)
         export_all_outputs(builder, system)
         builder.BuildInto(self)

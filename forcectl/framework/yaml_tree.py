@@ -21,7 +21,7 @@ import yaml
 
 from forcectl.errors import BadInputError
 
-_MOST_VALUES = 100_000  # in one text
+_MOST_VALUES, _MOST_CHARACTERS = 100_000, 500_000  # in one text
 _UNPRINTABLE = re.compile(r"[\x00-\x08\x0b-\x1f\x7f\ud800-\udfff]")  # what no file of a run could hold
 
 Tree = Any  # a Tagged mapping, a list of trees, a scalar or an object
@@ -51,6 +51,11 @@ class Tagged(dict[str, Any]):
 
 class _Loader(yaml.SafeLoader):
     """Plain values, tagged mappings, YAML 1.2 scalars; a key written twice is an error."""
+
+    def flatten_mapping(self, node: yaml.MappingNode) -> None:
+        super().flatten_mapping(node)
+        if len(node.value) > _MOST_VALUES:  # mappings that merge each other many times make a short text unfold
+            raise _refusal(node, f"more than {_MOST_VALUES} keys are merged")
 
 
 class _Dumper(yaml.SafeDumper):
@@ -150,6 +155,8 @@ def parse(text: str, origin: str) -> Tree:
 
 @lru_cache(maxsize=64)
 def _read(text: str, origin: str) -> Tree:
+    if len(text) > _MOST_CHARACTERS:
+        raise BadInputError(f"{origin}: not usable: {len(text)} characters: must be at most {_MOST_CHARACTERS}")
     try:
         loader = _Loader(text)
         node = loader.get_single_node()
@@ -163,6 +170,8 @@ def _read(text: str, origin: str) -> Tree:
         if isinstance(tree, Tagged) and node is not None:
             tree.lines = _lines(node)
         return tree
+    except BadInputError:
+        raise
     except yaml.YAMLError as error:
         raise BadInputError(f"{origin}: not valid YAML: {_one_line(error, text)}") from None
     except RecursionError:

@@ -7,17 +7,21 @@ line in `SLOTS`.
 from __future__ import annotations
 
 import ast
+import os
+import re
 from dataclasses import dataclass
 from functools import cache
 from pathlib import Path
 from typing import Any
 
 from forcectl import experiments
-from forcectl.errors import BadInputError, unknown
+from forcectl.errors import BadInputError, show, unknown
+from forcectl.framework.imports import Imports
 from forcectl.framework.yaml_tree import Tagged, parse, place
 from forcectl.models import list_robots, list_tools
 
 _INVARIANCE = "forcectl.force.invariance"
+_BASELINES = "forcectl.force.baselines"
 _NULL_SPACE = "forcectl.tasks.null_space_parts"
 _CONSTRAINTS = "forcectl.tasks.constraints.parts"
 # What fills each slot of a scenario: tag -> import path of the configuration; the first of each table is the default.
@@ -38,8 +42,15 @@ SLOTS: dict[str, dict[str, str]] = {
         "Governed": "forcectl.force.governor.governor:GovernedConfig",
         "ScaledVrft": "forcectl.force.vrft.scaled:ScaledVrftConfig",
         "Admittance": "forcectl.force.admittance:AdmittanceConfig",
+        "AdaptiveAdmittance": f"{_BASELINES}.impedance:AdaptiveAdmittanceConfig",
+        "Impedance": f"{_BASELINES}.impedance:ImpedanceConfig",
+        "Pid": f"{_BASELINES}.pid:PidConfig",
+        "DisturbanceObserver": f"{_BASELINES}.disturbance_observer:DisturbanceObserverConfig",
+        "Passive": f"{_BASELINES}.passive:PassiveConfig",
+        "Approach": "forcectl.force.approach:ApproachConfig",
         "AdaptiveVrft": "forcectl.force.vrft.adaptive:AdaptiveVrftConfig",
         "RecursiveVrft": "forcectl.force.vrft.experiment:RecursiveVrftConfig",
+        "Hybrid": "forcectl.force.hybrid.config:HybridConfig",
         "PerArm": "forcectl.force.per_arm:PerArmConfig",
         "JointMoves": "forcectl.motion.joint_path:JointMovesConfig",
         "JointExcitation": "forcectl.motion.joint_path:JointExcitationConfig",
@@ -73,9 +84,12 @@ SLOTS: dict[str, dict[str, str]] = {
         "Alignment": "forcectl.analysis.alignment:AlignmentAnalysis",
         "Reaching": "forcectl.analysis.reaching:ReachAnalysis",
         "Insertion": "forcectl.analysis.insertion:InsertionAnalysis",
+        "Assembly": "forcectl.analysis.assembly:AssemblyAnalysis",
         "Transitions": "forcectl.analysis.transitions:TransitionAnalysis",
         "KeptForce": "forcectl.analysis.kept_force:KeptForceAnalysis",
         "WrenchErrors": "forcectl.analysis.wrench_errors:WrenchErrorAnalysis",
+        "SurfaceAlignment": "forcectl.analysis.contact.surface_alignment:SurfaceAlignmentAnalysis",
+        "TouchDown": "forcectl.analysis.contact.touch_down:TouchDownAnalysis",
     },
     "fidelity": {
         "Multibody": "forcectl.diagrams.fidelities.multibody:MultibodyFidelity",
@@ -95,6 +109,7 @@ SLOTS: dict[str, dict[str, str]] = {
     },
     "environment": {
         "Surface": "forcectl.plant.contact.compliant_contact:EnvironmentConfig",
+        "Patch": "forcectl.plant.contact.patch:PatchConfig",
         "Box": "forcectl.plant.contact.obstacle:ObstacleConfig",
         "Parts": "forcectl.plant.contact.parts:EnvironmentPartsConfig",
         "Part": "forcectl.plant.contact.part:PartConfig",
@@ -166,12 +181,26 @@ SYSTEMS = ("LeafSystem", "Diagram", "LinearSystem", "AffineSystem", "MatrixGain"
 
 @dataclass(frozen=True)
 class ScenarioFile:
-    """A scenario as written: name, label for messages, tree, and the folder that relative paths start from."""
+    """A scenario as written.
+
+    Attributes:
+        name: of the scenario.
+        origin: label for messages.
+        tree: its content.
+        folder: that relative paths start from.
+        imports: names of modules that it may name beside those in its folder, see `forcectl.framework.imports`.
+    """
 
     name: str
     origin: str
     tree: Tagged
     folder: Path
+    imports: tuple[str, ...] = ()
+
+    @property
+    def allowed(self) -> Imports:
+        """What it may import; of a shipped one that is changed, what is in the working directory."""
+        return Imports(Path.cwd() if self.folder == experiments_folder() else self.folder, self.imports)
 
     def where(self, key: str, note: str = "") -> str:
         """Where the value at a dotted key stands: file, line and note, for messages; see `place`."""
@@ -225,6 +254,24 @@ def list_blocks() -> dict[str, str]:
     return found
 
 
+def first_line(path: str) -> str:
+    """What the class at an import path is, from its documentation or that of its file, without importing it.
+
+    Args:
+        path: as in `SLOTS`; of a class that is not shipped the path itself is returned.
+    """
+    module, _, name = path.partition(":")
+    file = Path(__file__).parents[2] / f"{module.replace('.', '/')}.py"
+    if not file.is_file():
+        return path
+    tree = ast.parse(file.read_text(encoding="utf-8"))
+    text = next((ast.get_docstring(n) for n in tree.body if isinstance(n, ast.ClassDef) and n.name == name), None)
+    for words in filter(None, (text, ast.get_docstring(tree))):
+        if own := re.sub(r"^Scenario part `[^`]+`[.:;]? *", "", words.split("\n", 1)[0]):
+            return own.replace("::", ".")
+    return path
+
+
 def find_scenario(name_or_path: str | Path) -> ScenarioFile:
     """The scenario of that name among the shipped ones, or in the file at that path.
 
@@ -234,13 +281,13 @@ def find_scenario(name_or_path: str | Path) -> ScenarioFile:
     name = str(name_or_path)
     if name in list_experiments():
         return read_scenario(experiments_folder() / f"{name}.yaml", name)
-    path = Path(name).expanduser()
-    if path.is_file():
+    path = Path(os.path.expanduser(name))
+    if os.path.isfile(path):
         return read_scenario(path, path.stem)
     if path.suffix in (".yaml", ".yml") or "/" in name:
-        kind = "is a folder" if path.is_dir() else "does not exist"
+        kind = "is a folder" if os.path.isdir(path) else "does not exist"
         raise BadInputError(
-            f"scenario file {name!r} {kind}: must be a YAML file or one of: {', '.join(list_experiments())}"
+            f"scenario file {show(name)} {kind}: must be a YAML file or one of: {', '.join(list_experiments())}"
         )
     raise unknown("scenario", name, list_experiments())
 

@@ -6,9 +6,10 @@ import difflib
 import math
 from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass
+from typing import Any
 
-from forcectl.analysis.force_metrics import METRICS, PAIR_METRICS, is_metric
-from forcectl.analysis.motion_metrics import MOTION_METRICS
+from forcectl.analysis.tables.metric_tables import METRICS, PAIR_METRICS, is_metric, metric_unit
+from forcectl.analysis.tables.motion_tables import MOTION_METRICS
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.fields import Config, key
 
@@ -66,8 +67,9 @@ class Expectation(Config):
     The value judged is metric(variant), minus that of `minus`, or divided by that of `ratio`; the metric
     `force_distance_N` is that of the variant's measured force from the one in `distance_to`. It passes when it lies
     within `tolerance` of `published` (if there is a tolerance) and between `minimum` and `maximum` (`strict`: not on
-    them). Apart from that, it has drifted when it is further than `drift` from `expected`: from a thesis one may be
-    away and stay there, but a change of the code that moves a number shows.
+    them). A line with a gap is judged like any other and shown as missed, with the reason, but fails nothing. Apart
+    from that, it has drifted when it is further than `drift` from `expected`: from a thesis one may be away and stay
+    there, but a change of the code that moves a number shows.
     """
 
     target: str = key(meaning="name of the line")
@@ -86,6 +88,9 @@ class Expectation(Config):
     maximum: float | None = key(None, "of the value")
     strict: bool = key(False, "true: minimum and maximum themselves do not pass")
     fidelities: list[str] = key([], "judged on these, only reported on others; empty: judged on all")
+    gaps: dict[str, str] = key(
+        {}, "by fidelity, why the line is missed there: a known gap, written down in KNOWN_GAPS.md"
+    )
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -97,10 +102,17 @@ class Expectation(Config):
             raise invalid("published", self.published, "a number, because there is a tolerance")
         if self.drift is not None and self.expected is None:
             raise BadInputError(f"target {self.target!r}: drift must go together with expected, from which it counts")
+        if self.minimum is not None and self.maximum is not None and self.minimum > self.maximum:
+            raise invalid("minimum", self.minimum, f"at most maximum = {self.maximum:g}")
         if self.tolerance is None and self.minimum is None and self.maximum is None:
             raise BadInputError(
                 f"target {self.target!r} is missing what to judge by: must have tolerance, minimum or maximum"
             )
+
+    @property
+    def metrics(self) -> list[str]:
+        """Names of the metrics that it looks at."""
+        return [self.metric, *(term.metric for term in (self.minus, self.ratio) if term is not None)]
 
     def variants(self, names: Sequence[str]) -> dict[str, str]:
         """The variant of each term, by key; a term without one takes that of the expectation, then the first."""
@@ -111,6 +123,9 @@ class Expectation(Config):
             if term is not None:
                 found[f"{name}.variant"] = term.variant if term.variant is not None else own
         return found
+
+
+_ROW = {"passed": "pass", "drifted": "drift"}  # names in `summary.json` that differ
 
 
 @dataclass(frozen=True)
@@ -124,6 +139,9 @@ class Verdict:
         passed: None for a value that is reported but not judged.
         expected: what the run once gave; None where nothing is known on this fidelity.
         drifted: whether ours is too far from expected; None without expected.
+        metrics: names of the metrics that ours is made of.
+        unit: of ours, published and expected.
+        gap: why it is known to be missed; "" where nothing is known.
     """
 
     target: str
@@ -135,12 +153,28 @@ class Verdict:
     note: str = ""
     expected: float | None = None
     drifted: bool | None = None
+    metrics: tuple[str, ...] = ()
+    unit: str = ""
+    gap: str = ""
 
-    def as_row(self) -> dict[str, object]:
+    @property
+    def surprising(self) -> bool:
+        """Whether it is missed, and not known to be."""
+        return self.passed is False and not self.gap
+
+    def as_row(self) -> dict[str, Any]:
         """The record of `summary.json`."""
-        names = {"passed": "pass", "drifted": "drift"}
-        row = {names.get(name, name): value for name, value in vars(self).items() if name not in ("target", "note")}
-        return row | ({"note": self.note} if self.note else {})
+        words = {name: text for name, text in (("note", self.note), ("gap", self.gap)) if text}
+        row = {
+            _ROW.get(name, name): value for name, value in vars(self).items() if name not in ("target", "note", "gap")
+        }
+        return row | {"metrics": list(self.metrics)} | words
+
+    @staticmethod
+    def from_row(target: str, row: Mapping[str, Any]) -> Verdict:
+        """The verdict of a record of `summary.json`."""
+        known = {name: row[_ROW.get(name, name)] for name in Verdict.__annotations__ if _ROW.get(name, name) in row}
+        return Verdict(target=target, **known | {"metrics": tuple(row.get("metrics", ()))})
 
 
 def judge(
@@ -178,6 +212,9 @@ def judge(
         note=note,
         expected=expected,
         drifted=None if expected is None else not (expectation.drift or DRIFT).holds(expected, ours),
+        metrics=tuple(expectation.metrics),
+        unit=metric_unit(expectation.metric) if expectation.ratio is None else "",
+        gap=expectation.gaps.get(fidelity, "") if judged else "",
     )
 
 

@@ -13,9 +13,9 @@ from typing import Any
 
 from forcectl.framework.fields import REQUIRED, Key, interval, key_of, members, typed_fields
 from forcectl.scenario.catalog import IMPORT, SLOTS, tags_of
-from forcectl.scenario.keys import default_value
+from forcectl.scenario.keys import default_value, is_number
 from forcectl.scenario.scenario import Scenario
-from forcectl.scenario.schema import load_object
+from forcectl.scenario.schema import class_of
 
 _TYPES = {float: "number", int: "integer", bool: "boolean", str: "string"}
 _INDEX = "^[0-9]+$"  # a key that stands for an element of a list, in a variant
@@ -64,8 +64,8 @@ def _define(name: str, found: Schema, make: Any) -> Schema:
 
 def _slot(slot: str, found: Schema) -> Schema:
     fillers = []
-    for tag, path in tags_of(slot).items():
-        cls = load_object(path)
+    for tag in tags_of(slot):
+        cls = class_of(slot, tag)
         if dataclasses.is_dataclass(cls):
             fillers.append(_define(f"{slot} !{tag}", found, lambda cls=cls, tag=tag: _object(cls, found, f"!{tag}")))
     imported = {
@@ -89,7 +89,8 @@ def _object(cls: Any, found: Schema, title: str = "") -> Schema:
 def _field(field: dataclasses.Field[Any], kind: Any, found: Schema) -> Schema:
     declared = key_of(field)
     unit = f" [{declared.unit}]" if declared.unit else ""
-    text = f"{declared.meaning}{unit}{', ' if declared.bounds else ''}{declared.bounds}".strip()
+    bounds = declared.allowed() if is_number(kind) else declared.bounds
+    text = f"{declared.meaning}{unit}{', ' if bounds else ''}{bounds}".strip()
     told: Schema = {"description": text} if text else {}
     default = default_value(field)
     if default is not REQUIRED and not (isinstance(default, float) and math.isinf(default)):
@@ -113,20 +114,24 @@ def _value(kind: Any, declared: Key, found: Schema) -> Schema:
         nested = typing.get_origin(arguments[0]) is list
         return _list(_value(arguments[0], declared, found), None if nested else declared.size)
     if base is dict:
-        return {"type": "object", "additionalProperties": _value(arguments[1], declared, found)}
+        item = _value(arguments[1], declared, found)
+        # null leaves out what a weaker layer has of that name
+        if declared.slot or dataclasses.is_dataclass(arguments[1]):
+            item = {"anyOf": [item, {"type": "null"}]}
+        return {"type": "object", "additionalProperties": item}
     if declared.slot:
         return _define(f"slot {declared.slot}", found, lambda: _slot(declared.slot, found))
     if isinstance(kind, type) and dataclasses.is_dataclass(kind):
         return _define(kind.__name__, found, lambda: _object(kind, found))
     if kind in (float, int):
-        return {"type": _TYPES[kind]} | _bounds(declared)
+        return {"type": _TYPES[kind]} | _bounds(declared, kind)
     if kind is str and declared.chosen():
         return {"enum": declared.chosen()}
     return {"type": _TYPES[kind]} if kind in _TYPES else {}
 
 
-def _bounds(declared: Key) -> Schema:
-    span = interval(declared.bounds)
+def _bounds(declared: Key, kind: type) -> Schema:
+    span = declared.span if kind is float else interval(declared.bounds)
     found: Schema = {}
     if math.isfinite(span.low):
         found["exclusiveMinimum" if span.without_low else "minimum"] = span.low

@@ -7,12 +7,14 @@ import math
 import typing
 from typing import Any, NamedTuple
 
+import numpy as np
+
 from forcectl.errors import unknown
 from forcectl.framework.fields import REQUIRED, Key, default_of, key_of, members, typed_fields
 from forcectl.framework.reader import describe, join
 from forcectl.framework.yaml_tree import dump
 from forcectl.scenario.catalog import SLOTS, tags_of
-from forcectl.scenario.schema import load_object
+from forcectl.scenario.schema import class_of
 from forcectl.scenario.trees import to_tree
 
 
@@ -43,7 +45,7 @@ def classes_of(tag: str) -> dict[str, type]:
         BadInputError: no slot has the tag.
     """
     name = tag.removeprefix("!")
-    found = {slot: load_object(table[name]) for slot in SLOTS if name in (table := tags_of(slot))}
+    found = {slot: class_of(slot, name) for slot in SLOTS if name in tags_of(slot)}
     if not found:
         known = dict.fromkeys(f"!{each}" for slot in SLOTS for each in tags_of(slot))
         raise unknown("tag", f"!{name}", known)
@@ -57,7 +59,7 @@ def keys_of(cls: type, prefix: str = "") -> list[KeyWords]:
         declared, (inner, place), name = key_of(field), part_of(kind), join(prefix, field.name)
         words = kind_words(declared, kind)
         found.append(
-            KeyWords(name, words, declared.unit, allowed_words(declared), _default_text(field), declared.meaning)
+            KeyWords(name, words, declared.unit, allowed_words(declared, kind), _default_text(field), declared.meaning)
         )
         if inner is not None:
             found += keys_of(inner, join(name, place))
@@ -85,11 +87,20 @@ def kind_words(declared: Key, kind: Any) -> str:
     return "a list, each a mapping" if place else "a mapping or null" if type(None) in members(kind) else "a mapping"
 
 
-def allowed_words(declared: Key) -> str:
-    """Bounds, choices and size of a key, in words."""
+def is_number(kind: Any) -> bool:
+    """Whether values of a type are numbers with a physical range, or lists of such."""
+    if len(kinds := members(kind)) > 1:
+        return any(map(is_number, kinds))
+    arguments = typing.get_args(kind)
+    return is_number(arguments[-1]) if arguments else kind in (float, np.ndarray)
+
+
+def allowed_words(declared: Key, kind: Any) -> str:
+    """Bounds, choices and size of a key, in words; of a number also the physical range."""
     choices = f"one of {', '.join(declared.chosen())}" if declared.chosen() else ""
     size = f"{declared.size} values" if declared.size else ""
-    return ", ".join(part for part in (choices, size, declared.bounds) if part)
+    bounds = declared.allowed() if is_number(kind) else declared.bounds
+    return ", ".join(part for part in (choices, size, bounds) if part)
 
 
 def default_value(field: dataclasses.Field[Any]) -> Any:

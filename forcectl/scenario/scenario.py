@@ -6,30 +6,41 @@ variant, overrides (`--set` on the command line).
 
 from __future__ import annotations
 
-from collections.abc import Callable, Mapping
-from dataclasses import dataclass, fields
+import html
+import math
+from collections.abc import Callable, Mapping, Sequence
+from dataclasses import dataclass, fields, replace
 from numbers import Real
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 import xarray as xr
 
+from forcectl.analysis.findings.config import FindingsConfig
+from forcectl.analysis.findings.finding import RunFinding
 from forcectl.analysis.slot import run_figures, run_metrics
 from forcectl.diagrams.loop import Loop, LoopParts, build_loop
 from forcectl.diagrams.model import ModelConfig, Setting
 from forcectl.diagrams.station import StationConfig
 from forcectl.errors import BadInputError, RunFailedError, invalid, one_line, show, unknown
+from forcectl.force.guard.config import GuardConfig
 from forcectl.force.integral import IntegralConfig
 from forcectl.framework.fields import Config, key, slot
-from forcectl.framework.yaml_tree import Tagged, Tree, difference, is_object, merge, nest, plain
+from forcectl.framework.imports import allowed_names
+from forcectl.framework.yaml_tree import Tagged, Tree, difference, dump, plain
 from forcectl.motion.references import StepConfig
 from forcectl.motion.tangential import TangentialMotionConfig
 from forcectl.scenario import catalog
 from forcectl.scenario.catalog import ScenarioFile
+from forcectl.scenario.code import check_imports
 from forcectl.scenario.error_keys import full_key, located
 from forcectl.scenario.expectations import Expectation
+from forcectl.scenario.gains import identifications
+from forcectl.scenario.layers import Layers, locate_files
+from forcectl.scenario.probes import probes_of
 from forcectl.scenario.schema import ScenarioReader
-from forcectl.scenario.trees import default_tags, path_of, to_tree, tree_of_fields
+from forcectl.scenario.trees import default_tags, to_tree, tree_of_fields
+from forcectl.scenario.user_settings import user_settings
 
 if TYPE_CHECKING:
     from matplotlib.figure import Figure
@@ -37,23 +48,11 @@ if TYPE_CHECKING:
 FORCE_LIMIT = 2.0  # a contact force above this many sensor ranges is a diverging run
 LARGEST_CONTACT_FORCE = 2000.0  # [N] above it a run without a force sensor diverges
 LONGEST_DURATION = 86_400.0  # [s]
+LONGEST_NAME, MOST_VARIANTS = 200, 200
 ONLY_VARIANT = "default"  # name of the one variant of a scenario without variants
-# Keys of earlier versions, and what to write instead.
-_GONE = {
-    "loop": "delete it: there is one kind of loop",
-    "estimator": "write estimators: {NAME: !Tag {...}}",
-    "analysis": "write analyses: {NAME: !Tag {...}}",
-    "loads": "write station.loads",
-    "station.position_loop": "write station.drive.position_loop",
-    "station.servo": "write station.drive.servo",
-    "station.interface": "write station.drive",
-    "station.force_sensor": "write station.sensors.force",
-    "station.friction": "write station.drive.friction",
-    "station.obstacles": "write station.environment: !Box {...}, or !Parts {parts: {NAME: !Box {...}}}",
-}
 
 
-@dataclass(kw_only=True)
+@dataclass(kw_only=True, repr=False)
 class Scenario(Config):
     """One simulation, complete: a scenario file after presets, one variant and overrides."""
 
@@ -65,10 +64,13 @@ class Scenario(Config):
     model: ModelConfig = key(ModelConfig, "how the model of the plant differs from it")
     estimators: dict[str, Any] = slot("estimator", dict, meaning="by name")
     controller: Any = slot("controller", IntegralConfig, meaning="force law, or controller of joints")
+    guard: GuardConfig | None = key(GuardConfig, "around the controller; null: there is none")
     reference: Any = slot("reference", StepConfig, meaning="of the force")
     motion: Any = slot("motion", TangentialMotionConfig, meaning="motion in the unconstrained directions")
     signals: dict[str, Any] = slot("signal", dict, meaning="choices and projections, by the name of the signal")
     analyses: dict[str, Any] = slot("analysis", dict, meaning="further metrics and figures, by name")
+    findings: FindingsConfig = key(FindingsConfig, "from where on something is worth a word after the run")
+    log: list[str] = key([], "further outputs to log, by path, such as station/force_sensor.measured_force")
     duration: float = key(5.0, "simulated time", unit="s", bounds=f"positive, at most {LONGEST_DURATION:g}")
     after_end: float | None = key(
         None,
@@ -84,6 +86,13 @@ class Scenario(Config):
         [], "that `reproduce` runs; empty: the station's own", choices=lambda: catalog.tags_of("fidelity")
     )
     expect: list[Expectation] = key([], "what is expected of the metrics")
+
+    def __repr__(self) -> str:
+        controller = to_tree(self.controller, "controller")
+        return f"<scenario {self.title!r}: {self.fidelity}, !{controller.tag}, {self.duration:g} s>"
+
+    def _repr_html_(self) -> str:
+        return f"<pre>{html.escape(dump(tree_of_fields(self)))}</pre>"
 
     @property
     def fidelity(self) -> str:
@@ -101,7 +110,12 @@ class Scenario(Config):
         loop = build_loop(self.parts)
         if self.reference_model and "desired_force" not in loop.signals:
             raise invalid("reference_model", self.reference_model, "left out where nothing takes a desired force")
-        return loop
+        for i, name in enumerate(self.log):
+            if name in self.log[:i]:
+                raise invalid(f"log.{i}", name, "another one than those before it")
+            if name in loop.signals:
+                raise invalid(f"log.{i}", name, "left out: it is logged anyway")
+        return replace(loop, probes=(*loop.probes, *probes_of(loop.diagram, self.log))) if self.log else loop
 
     def setting(self) -> Setting:
         """What analyses are given beside the log."""
@@ -117,58 +131,113 @@ class Scenario(Config):
         """Bandwidth of the reference model [rad/s], else that of the controller; None without one."""
         return self.reference_model or of_controller or None
 
-    def metrics(self, log: xr.Dataset, setting: Setting, realtime_factor: float | None) -> dict[str, float | None]:
-        """All metrics of a run; `realtime_factor` is simulated time divided by computing time [1]."""
-        window, motion = self.model_error_window, self.motion.interval()
-        own = run_metrics(log, setting, window=window, motion=motion, realtime_factor=realtime_factor)
+    def metrics(self, log: xr.Dataset, setting: Setting) -> dict[str, float | None]:
+        """All metrics of a run."""
+        own = run_metrics(log, setting, window=self.model_error_window, motion=self.motion.interval())
         for name in self.analyses:
-            own |= (found := self._asked(name, "metrics", log, setting))
+            own |= (found := self.asked(name, "metrics", log, setting))
             for metric, value in found.items():
                 if not isinstance(value, Real | None):
                     raise RunFailedError(f"analyses.{name}: metric {metric} = {show(value)}: must be a number or None")
+                own[metric] = None if value is None or not math.isfinite(value) else float(value)
         return own
 
-    def figures(self, log: xr.Dataset, title: str) -> dict[str, Figure]:
-        """Figures of a run under a title, by file name; the log is over time, or over (variant, time)."""
-        figures = run_figures(log, title)
+    def found(self, log: xr.Dataset, setting: Setting) -> list[RunFinding]:
+        """All findings of a run, the worst first; those of equal severity by their times."""
+        findings = self.findings.found(log, setting, self.motion.interval())
+        for name, analysis in self.analyses.items():
+            if hasattr(analysis, "findings"):
+                findings += self.asked(name, "findings", log, setting, kind=list)
+        for one in findings:
+            if not isinstance(one, RunFinding):
+                raise RunFailedError(f"analyses: findings must be a list of RunFinding, not of {type(one).__name__}")
+        return sorted(findings, key=lambda one: (-one.severity, math.inf if one.time is None else one.time))
+
+    def figures(
+        self, log: xr.Dataset, title: str, findings: Mapping[str, Sequence[RunFinding]] | None = None
+    ) -> dict[str, Figure]:
+        """Figures of a run by file name.
+
+        Args:
+            log: over time, or over (variant, time).
+            title: heading.
+            findings: of every variant, to be marked.
+        """
+        figures = run_figures(log, title, findings or {})
         setting = self.setting() if self.analyses else None
         for name in self.analyses:
-            figures |= self._asked(name, "figures", log, setting, title)
+            figures |= self.asked(name, "figures", log, setting, title)
         return figures
 
-    def _asked(self, name: str, method: str, *arguments: Any) -> dict[str, Any]:
-        """What a method of an analysis answers; RunFailedError if one of the user's raises or gives no mapping."""
+    def asked(self, name: str, method: str, *arguments: Any, kind: Any = Mapping) -> Any:
+        """What a method of an analysis answers; RunFailedError if one of the user's raises or gives another kind."""
         try:
             found = getattr(self.analyses[name], method)(*arguments)
-        except Exception as error:  # whatever the user's analysis does
+        except KeyboardInterrupt:
+            raise
+        except BaseException as error:  # whatever the user's analysis does
             raise RunFailedError(f"analyses.{name}: {method} raised {one_line(error)}") from error
-        if not isinstance(found, Mapping):
-            raise RunFailedError(f"analyses.{name}: {method} must return a mapping, not {type(found).__name__}")
-        return dict(found)
+        if not isinstance(found, kind):
+            wanted = f"a {kind.__name__.lower()}"
+            raise RunFailedError(f"analyses.{name}: {method} must return {wanted}, not {type(found).__name__}")
+        return found
+
+
+Named = str | Path | Mapping[str, Any] | Scenario | ScenarioFile  # what names or holds a scenario
 
 
 def load_scenario(
-    scenario: str | Path | Mapping[str, Any], variant: str | None = None, overrides: Mapping[str, Any] | None = None
+    scenario: Named,
+    variant: str | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    *,
+    seed: int | None = None,
+    fidelity: str | None = None,
+    allow_imports: Sequence[str] = (),
 ) -> Scenario:
     """One scenario, complete.
 
     Args:
-        scenario: name of a shipped experiment, path of a YAML file, or the same content as a mapping.
-        variant: name of the variant; may be left out when there is at most one.
+        scenario: name of a shipped experiment, path of a YAML file, the same content as a mapping, or a `Scenario`.
+        variant: name of the variant; None: the first.
         overrides: dotted key -> value, on top of everything; a value may be a config object.
+        seed: short for the override of `seed`.
+        fidelity: short for that of `station.fidelity`.
+        allow_imports: names of modules that it may name beside those in its folder, see docs/security.md.
 
     Raises:
         BadInputError: anything in it that cannot be used.
     """
-    file = as_file(scenario)
-    names = select_variants(file, variant)
-    if len(names) > 1:
-        raise BadInputError(f"{file.origin} has several variants, name one of: {', '.join(names)}")
-    return resolve(file, names[0], overrides)
+    return _loaded(as_file(scenario, allow_imports), variant, with_shortcuts(overrides, seed, fidelity))[0]
 
 
-def as_file(scenario: str | Path | Mapping[str, Any] | Scenario | ScenarioFile) -> ScenarioFile:
-    """Whatever names or holds a scenario, as the file it would be."""
+def _loaded(
+    file: ScenarioFile, variant: str | None, changes: Mapping[str, Any]
+) -> tuple[Scenario, Callable[[str], str]]:
+    """One scenario, and where each of its keys is from."""
+    name = select_variants(file, variant)[0]
+    return resolve(file, name, changes), origins(file, name, changes)
+
+
+def with_shortcuts(overrides: Mapping[str, Any] | None, seed: int | None, fidelity: str | None) -> dict[str, Any]:
+    """Overrides with the values that have an argument of their own."""
+    shortcuts = {"seed": seed, "station.fidelity": fidelity}
+    return dict(overrides or {}) | {key: value for key, value in shortcuts.items() if value is not None}
+
+
+def as_file(scenario: Named, allow_imports: Sequence[str] = ()) -> ScenarioFile:
+    """Whatever names or holds a scenario, as the file it would be; what has no folder is in the working directory.
+
+    Args:
+        scenario: see `load_scenario`.
+        allow_imports: names of modules that it may name, beside those that the user's settings allow.
+    """
+    file = _file(scenario)
+    names = (*allowed_names(allow_imports, "allow_imports"), *user_settings().allow_imports)
+    return replace(file, imports=tuple(dict.fromkeys((*file.imports, *names))))
+
+
+def _file(scenario: Named) -> ScenarioFile:
     if isinstance(scenario, ScenarioFile):
         return scenario
     if isinstance(scenario, Scenario):
@@ -190,6 +259,13 @@ def select_variants(file: ScenarioFile, variant: str | None = None) -> list[str]
     if not isinstance(variants, Tagged) or not all(isinstance(name, str) for name in variants):
         wanted = "a mapping of names to values (quote names)"
         raise invalid("variants", variants, wanted).at("variants", file.where("variants"))
+    for name in variants:
+        if not name.strip() or len(name) > LONGEST_NAME or not name.isprintable():
+            text = f"the name {show(name)} must be 1 to {LONGEST_NAME} printable characters"
+            raise BadInputError(text).at("variants", file.where("variants"))
+    if len(variants) > MOST_VARIANTS:
+        text = f" has {len(variants)} variants: must be at most {MOST_VARIANTS}; use a sweep"
+        raise BadInputError(text).at("variants", file.where("variants"))
     if variant is not None and variant not in variants:
         raise unknown(f"variant of {file.origin}", variant, variants)
     return list(variants) if variant is None else [variant]
@@ -201,115 +277,74 @@ def resolve(file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[
     Raises:
         BadInputError: names file or option, dotted key, value and what is allowed.
     """
-    layers = _Layers(file, variant, overrides or {})
+    scenario, where = _resolved(file, variant, overrides)
+    try:
+        identifications(scenario, experiment)
+    except BadInputError as error:
+        raise error.at(error.key, where(error.key)) from error.__cause__
+    return scenario
+
+
+def experiment(name: str, variant: str | None) -> Scenario:
+    """The experiment that a law names in `gains_from`, without following what that one names."""
+    file = as_file(name)
+    return _resolved(file, select_variants(file, variant)[0])[0]
+
+
+def _resolved(
+    file: ScenarioFile, variant: str, overrides: Mapping[str, Any] | None = None
+) -> tuple[Scenario, Callable[[str], str]]:
+    """What `resolve` makes, whatever experiment it names, and where each of its keys is from."""
+    layers = Layers(file, variant, overrides or {}, default_tags(Scenario))
     tree = layers.merged()
-    for gone, instead in _GONE.items():
-        part, _, name = gone.rpartition(".")
-        around = tree.get(part) if part else tree
-        if isinstance(around, Tagged) and name in around:
-            raise BadInputError(f"is no key any more: {instead}").at(gone, layers.where(gone))
-    _locate_files(tree, file.folder)
-    scenario: Scenario = ScenarioReader(layers.where).dataclass(Scenario, tree)
+    layers.check_gone(tree)
+    check_imports(file.tree, file.allowed, file.where)
+    check_imports(tree, file.allowed, layers.where)
+    locate_files(tree, file.folder)
+    scenario: Scenario = ScenarioReader(layers.where, file.allowed).dataclass(Scenario, tree)
     names = select_variants(file)
     for i, expectation in enumerate(scenario.expect):
         for term, name in expectation.variants(names).items():
             if name not in names:
                 key = f"expect.{i}.{term}"
                 raise unknown("variant", name, names).at(key, layers.where(key))
-    return scenario
+    return scenario, layers.where
 
 
-class _Layers:
-    """The trees a scenario is made of, weakest first, each with the name that messages use."""
-
-    def __init__(self, file: ScenarioFile, variant: str, overrides: Mapping[str, Any]):
-        self._file = file
-        variants = file.tree.get("variants")
-        changes = variants.get(variant) if isinstance(variants, Tagged) else None
-        if changes is not None and not isinstance(changes, Tagged):
-            key = f"variants.{variant}"
-            raise invalid(key, changes, "a mapping of scenario keys").at(key, file.where(key))
-        forced, varied = nest(overrides), nest(changes or {})
-        # A slot without a tag means its default, and stays that when a later layer changes only some of its keys.
-        self._layers: list[tuple[Callable[[str], str], Tagged]] = [
-            (lambda key: file.origin, default_tags(Scenario)),
-            (file.where, file.tree),
-            (lambda key: file.where(f"variants.{variant}.{key}", f"variant {variant!r}"), varied),
-            (lambda key: "override", forced),
-        ]
-        name = self.merged().get("preset", catalog.DEFAULT_PRESET)
-        if name not in catalog.list_presets():
-            raise unknown("preset", name, catalog.list_presets()).at("preset", self.where("preset"))
-        preset = catalog.find_preset(str(name), self._drive())
-        preset.tree.pop("description", None)
-        self._layers.insert(1, (lambda key: preset.where(key, f"preset {name!r}"), preset.tree))
-
-    def _drive(self) -> str:
-        """Tag of the drive; empty where there is none."""
-        station = self.merged().get("station")
-        drive = station.get("drive") if isinstance(station, Tagged) else getattr(station, "drive", None)
-        if isinstance(drive, Tagged) and drive.given is None:
-            return drive.tag or ""
-        if isinstance(drive, str):
-            return drive.removeprefix("!")
-        path = path_of(type(getattr(drive, "given", drive)))
-        return next((tag for tag, known in catalog.tags_of("drive").items() if known == path), "")
-
-    def merged(self) -> Tagged:
-        result = Tagged()
-        for _, tree in self._layers:
-            result = merge(result, tree)
-        return result
-
-    def where(self, key: str) -> str:
-        """Where the value at a dotted key is from: the strongest layer that holds it, or holds the part around it."""
-        parts = key.split(".")
-        for length in range(len(parts), 0, -1):
-            for where, tree in reversed(self._layers[1:]):  # a default stands where the part around it does
-                if _holds(tree, parts[:length]):
-                    return where(key)
-        return self._file.where(key)
-
-
-def _holds(tree: Tree, parts: list[str]) -> bool:
-    for part in parts:
-        if isinstance(tree, list) and part.isdecimal() and int(part) < len(tree):
-            tree = tree[int(part)]
-        elif isinstance(tree, Tagged) and part in tree:
-            tree = tree[part]
-        else:
-            return is_object(tree) or (isinstance(tree, Tagged) and tree.given is not None)
-    return True
-
-
-def _locate_files(tree: Tree, folder: Path) -> None:
-    # A file beside the scenario is found from anywhere.
-    if isinstance(tree, Tagged):
-        for name in ("path", "model"):
-            path = tree.get(name)
-            if isinstance(path, str) and path and (folder / path).is_file():
-                tree[name] = str(folder / path)
-        for part in tree.values():
-            _locate_files(part, folder)
-
-
-def build(scenario: Scenario, where: Callable[[str], str] = lambda key: "") -> Loop:
+def build(
+    scenario: Named,
+    where: Callable[[str], str] | None = None,
+    *,
+    variant: str | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    seed: int | None = None,
+    fidelity: str | None = None,
+    allow_imports: Sequence[str] = (),
+) -> Loop:
     """The loop of a scenario as a diagram.
 
     Args:
-        scenario: complete.
-        where: says for a dotted key where its value came from, see `origins`.
+        scenario: name of a shipped experiment, path of a YAML file, its content as a mapping, or a `Scenario`.
+        where: says for a dotted key of a `Scenario` where its value came from, see `origins`.
+        variant, overrides, seed, fidelity, allow_imports: see `load_scenario`.
 
     Raises:
-        BadInputError: values that are fine one by one but do not fit together, or a part of the user's that raises.
+        BadInputError: anything in it that cannot be used; values that are fine one by one but do not fit together, or
+            a part of the user's that raises.
     """
+    changes = with_shortcuts(overrides, seed, fidelity)
+    if not isinstance(scenario, Scenario) or variant is not None or changes:
+        scenario, where = _loaded(as_file(scenario, allow_imports), variant, changes)
+    where = where or (lambda key: "")
     try:
         return scenario.build()
     except BadInputError as error:
         raise located(scenario, error, where) from error.__cause__
     # What no check of ours foresaw: Drake refuses with a RuntimeError, its failed preconditions arrive as SystemExit,
     # a delay line of years does not fit into memory, and a part of the user's may raise anything.
-    except (Exception, SystemExit, MemoryError) as error:
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:
         key = full_key(scenario, error)
         kind = "" if isinstance(error, RuntimeError) else f"{type(error).__name__}: "
         reason = " ".join(str(error).split())[:300]
@@ -321,7 +356,7 @@ def origins(
     file: ScenarioFile, variant: str = ONLY_VARIANT, overrides: Mapping[str, Any] | None = None
 ) -> Callable[[str], str]:
     """What says for a dotted key of the scenario that `resolve` makes of the same which file and line it is from."""
-    return _Layers(file, variant, overrides or {}).where
+    return Layers(file, variant, overrides or {}, default_tags(Scenario)).where
 
 
 def resolved_tree(scenarios: Mapping[str, Scenario]) -> Tagged:

@@ -4,13 +4,15 @@ from __future__ import annotations
 
 import dataclasses
 import importlib
+import sys
 import typing
+from collections.abc import Callable
 from typing import Any
 
-from forcectl.errors import BadInputError, invalid, one_line, show, unknown
+from forcectl.errors import BadInputError, invalid, show, unknown
 from forcectl.framework.fields import REQUIRED, key_of
-from forcectl.framework.imports import import_object
-from forcectl.framework.reader import Reader, join, named
+from forcectl.framework.imports import Imports
+from forcectl.framework.reader import Reader, join, named, part_name
 from forcectl.framework.yaml_tree import Tagged, Tree, is_object
 from forcectl.scenario.catalog import CONTRACTS, IMPORT, SLOTS, tags_of
 
@@ -21,8 +23,23 @@ def load_object(path: str) -> Any:
     return getattr(importlib.import_module(module), name)
 
 
+def loaded_object(path: str) -> Any:
+    """The object behind "package.module:name" where that module is loaded, else None."""
+    module, _, name = path.partition(":")
+    return vars(sys.modules[module]).get(name) if module in sys.modules else None
+
+
 class ScenarioReader(Reader):
-    """Builds dataclasses with slots from trees."""
+    """Builds dataclasses with slots from trees.
+
+    Args:
+        where: as of `Reader`.
+        imports: what `!Import` may name.
+    """
+
+    def __init__(self, where: Callable[[str], str] = lambda key: "", imports: Imports | None = None):
+        super().__init__(where)
+        self._imports = imports or Imports()
 
     def filler(self, slot: str, tree: Tree, key: str, start: Any = None) -> Any:
         """What fills a slot.
@@ -51,17 +68,11 @@ class ScenarioReader(Reader):
             return self._imported(slot, tree, key)
         if tree.tag is None and start is not None:
             return self.part(type(start), tree, key, start)
-        shipped = SLOTS[slot]
-        tag = tree.tag or next(iter(shipped))
-        table = shipped if tag in shipped else tags_of(slot)
+        tag = tree.tag or next(iter(SLOTS[slot]))
+        table = SLOTS[slot] if tag in SLOTS[slot] else tags_of(slot)
         if tag not in table:
             raise unknown("tag", f"!{tag}", [f"!{name}" for name in (*table, IMPORT)]).at(key)
-        try:
-            cls = load_object(table[tag])
-        except Exception as error:  # whatever an installed package does
-            raise BadInputError(f"{table[tag]!r} cannot be imported: {one_line(error)}", key=key) from error
-        if tag not in shipped:  # announced by a package
-            _check_contract(slot, cls, key, table[tag])
+        cls = class_of(slot, tag, key)
         return self._made(cls, tree, key, start if type(start) is cls else None)
 
     def _imported(self, slot: str, tree: Tagged, key: str) -> Any:
@@ -71,7 +82,7 @@ class ScenarioReader(Reader):
                 raise unknown("key", name, ("path", "parameters")).at(join(key, name))
         path = self.value(str, tree.get("path", ""), join(key, "path"))
         parameters = named(tree.get("parameters", Tagged()), join(key, "parameters"))
-        cls = import_object(path, join(key, "path"))
+        cls = self._imports.load(path, join(key, "path"))
         _check_contract(slot, cls, join(key, "path"), path)
         return self._made(cls, parameters, join(key, "parameters"))
 
@@ -99,6 +110,9 @@ class ScenarioReader(Reader):
         known = start if isinstance(start, dict) else {}
         found = {}
         for name, part in named(tree, key, "a mapping of names to parts").items():
+            part_name(name, key)
+            if part is None:  # as in `Reader.value`
+                continue
             if isinstance(part, Tagged) and part.tag is None and part.given is None and name not in known:
                 tags = ", ".join(f"!{tag}" for tag in tags_of(slot))
                 raise BadInputError(f"must have a tag: one of {tags}, !{IMPORT}", key=join(key, name))
@@ -106,10 +120,29 @@ class ScenarioReader(Reader):
         return found
 
 
+def class_of(slot: str, tag: str, key: str = "") -> Any:
+    """The class behind a tag of a slot.
+
+    Raises:
+        BadInputError: an installed package announces it, but it cannot be imported, or does not fit the slot.
+    """
+    if tag in SLOTS[slot]:
+        return load_object(SLOTS[slot][tag])
+    path = tags_of(slot)[tag]
+    try:
+        cls = Imports(names=(path.partition(".")[0].partition(":")[0],)).load(path, key)  # trusted when installed
+    except BadInputError as error:
+        raise BadInputError(f"{path!r} cannot be imported: {error.text.partition(': ')[2]}", key=key) from error
+    _check_contract(slot, cls, key, path)
+    return cls
+
+
 def _check_contract(slot: str, cls: Any, key: str, path: str) -> None:
-    missing = [name for name in CONTRACTS[slot] if not callable(getattr(cls, name, None))]
-    if not isinstance(cls, type) or missing:
-        wanted = " and ".join(CONTRACTS[slot]) or "fields"
+    wanted = " and ".join(CONTRACTS[slot]) or "fields or add_to"
+    fits = all(callable(getattr(cls, name, None)) for name in CONTRACTS[slot])
+    if not CONTRACTS[slot]:
+        fits = dataclasses.is_dataclass(cls) or hasattr(cls, "add_to")
+    if not isinstance(cls, type) or not fits:
         raise invalid(key, path, f"a class that fills the slot {slot}, with {wanted}")
 
 

@@ -13,7 +13,7 @@ from forcectl.errors import show
 from forcectl.framework.fields import default_of, key_of, typed_fields
 from forcectl.framework.yaml_tree import Tagged, Tree, is_object
 from forcectl.scenario.catalog import IMPORT, SLOTS, tags_of
-from forcectl.scenario.schema import load_object
+from forcectl.scenario.schema import loaded_object
 
 
 def to_tree(value: Any, slot: str = "", kind: Any = None) -> Tree:
@@ -40,7 +40,8 @@ def to_tree(value: Any, slot: str = "", kind: Any = None) -> Tree:
 
 
 def _tag_in(table: dict[str, str], cls: type) -> str | None:
-    return next((tag for tag, path in table.items() if load_object(path) is cls), None)
+    """The tag of a class. What is not loaded is not its class: no package is imported to be compared with it."""
+    return next((tag for tag, path in table.items() if loaded_object(path) is cls), None)
 
 
 def part_tree(value: Any) -> Tree:

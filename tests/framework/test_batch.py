@@ -84,6 +84,10 @@ BLOCKS: dict[str, tuple[Make, dict[str, tuple[int, float]]]] = {
         lambda n, p: CompliantContact(n, stiffness=p["stiffness"], damping=p["rate"], robot_compliance=p["robot"]),
         {"displacement": (1, 2e-3)},
     ),
+    "contact with dissipation": (
+        lambda n, p: CompliantContact(n, stiffness=p["stiffness"], dissipation=8.0, robot_compliance=p["robot"]),
+        {"displacement": (1, 2e-3)},
+    ),
     "linear contact": (
         lambda n, p: LinearContact(n, stiffness=p["stiffness"], robot_compliance=p["robot"]),
         {"displacement": (1, 2e-3)},
@@ -91,7 +95,7 @@ BLOCKS: dict[str, tuple[Make, dict[str, tuple[int, float]]]] = {
     "monitor": (lambda n, p: ContactMonitor(n), {"contact_force": (1, 10.0)}),
     "digitiser": (
         lambda n, p: ForceDigitiser(
-            n, bias=p["bias"], noise_std=p["noise"], quantum=p["quantum"], range=p["range"], seed=p["seeds"]
+            n, bias=p["bias"], noise_std=p["noise"], quantum=p["quantum"], range=p["range"], seed=p["seeds"], drift=0.3
         ),
         {"force": (1, 20.0)},
     ),

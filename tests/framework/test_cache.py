@@ -5,7 +5,7 @@ from __future__ import annotations
 from pydrake.common.value import Value
 from pydrake.systems.framework import BasicVector, Context, Diagram, DiagramBuilder, LeafSystem
 
-from forcectl.framework.cache import BlockCache
+from forcectl.framework.cache import BlockCache, scratch
 from forcectl.testing import assert_feedthrough, assert_memory_released
 
 
@@ -63,3 +63,37 @@ def test_block_and_diagram_are_released():
         diagram.GetOutputPort("y").Eval(context)
 
     assert_memory_released(build, builds=3, run=use)
+
+
+class Worker(LeafSystem):
+    def __init__(self):
+        super().__init__()
+        self.places = places = []
+
+        def make() -> list[float]:
+            places.append([])
+            return places[-1]
+
+        self._u = self.DeclareVectorInputPort("u", 1)
+        self._scratch = scratch(self, "list", make)
+        self.DeclareVectorOutputPort("y", 1, self._y, prerequisites_of_calc={self._u.ticket()})
+
+    def _y(self, context: Context, output: BasicVector) -> None:
+        values = self._scratch.Eval(context)
+        values.append(self._u.Eval(context).item())
+        output.SetAtIndex(0, float(len(values)))
+
+
+def test_a_place_to_work_in_is_made_at_its_first_use_and_belongs_to_its_context():
+    block = Worker()
+    assert block.HasDirectFeedthrough(0, 0)
+    context = block.CreateDefaultContext()
+    clone = context.Clone()
+    assert block.places == []
+    port, output = block.GetInputPort("u"), block.GetOutputPort("y")
+    for number in (1.0, 2.0):
+        port.FixValue(context, [number])
+        assert output.Eval(context).item() == number  # kept from one use to the next
+    port.FixValue(clone, [1.0])
+    assert output.Eval(clone).item() == 1.0
+    assert block.places == [[1.0, 2.0], [1.0]]

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import dataclasses
 import math
 from dataclasses import dataclass, fields
 
@@ -154,3 +155,28 @@ def test_other_words_are_refused():
 
 def test_an_interval_may_leave_out_its_ends():
     assert [Interval(0.0, 1.0, True, False).holds(x) for x in (-0.1, 0.0, 0.5, 1.0, 1.1)] == [0, 0, 1, 1, 0]
+
+
+@pytest.mark.parametrize(
+    ("unit", "bounds", "fine", "wrong", "allowed"),
+    [
+        ("N", "not negative", (0.0, 1e6), (1e15,), "not negative, at most 1e+06 N"),
+        ("rad/s", "positive", (1e-6, 1e6), (1e-9, 1.7e308), "positive, from 1e-06 to 1e+06 rad/s"),
+        ("m", "below zero", (-0.1,), (-1e9, -1e-12), "below zero, from -1000 to -1e-09 m"),
+        ("N", "positive or infinite", (math.inf, 400.0), (1e300,), "positive or infinite, from 1e-09 to 1e+06 N"),
+        ("m or rad", "", (-9e3, 9e3), (1e5,), "from -10000 to 10000 m or rad"),
+        ("s", "positive, at most 86400", (1e-6, 86400.0), (1e-12,), "positive, at most 86400, at least 1e-06 s"),
+    ],
+)
+def test_a_number_lies_in_the_physical_range_of_its_unit(unit, bounds, fine, wrong, allowed):
+    declared = Key("of the test", unit, bounds)
+    assert declared.allowed() == allowed
+    made = dataclasses.make_dataclass(
+        "Made", [("x", float, key(meaning="of the test", unit=unit, bounds=bounds))], bases=(Config,)
+    )
+    for value in fine:
+        assert made(value).x == value
+    for value in wrong:
+        with pytest.raises(BadInputError) as caught:
+            made(value)
+        assert str(caught.value) == f"x = {value!r}: must be {allowed}"

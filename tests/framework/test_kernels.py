@@ -17,6 +17,7 @@ from forcectl.framework.kernels import (
     is_definite,
     keeps,
     largest,
+    left_free,
     smallest,
 )
 
@@ -86,3 +87,15 @@ def test_the_free_optimum_is_the_minimum_where_it_keeps_off_all_rows(seed: int) 
     assert (found is not None) == inside
     if found is not None:
         np.testing.assert_allclose(found, plain, atol=1e-12)
+
+
+@pytest.mark.parametrize("rank", [6, 4])
+def test_columns_that_rows_leave_free_are_orthonormal_and_left_free(rank: int) -> None:
+    rows = np.random.default_rng(3).normal(size=(6, 7))
+    rows[rank:] = rows[: 6 - rank]
+    free = left_free(rows, np.eye(7)[:, 6:])
+    assert free is not None
+    np.testing.assert_allclose(free.T @ free, np.eye(1), atol=1e-14)
+    np.testing.assert_allclose(rows @ free, 0.0, atol=1e-13)
+    if rank == 6:  # there is one such column but for its sign
+        np.testing.assert_allclose(np.abs(free), np.abs(np.linalg.svd(rows)[2][6:].T), atol=1e-13)

@@ -52,6 +52,12 @@ def test_a_tree_becomes_the_dataclass_with_the_rest_of_its_defaults():
     assert whole.given == Part(width=1.0, height=5.0)
 
 
+def test_null_leaves_a_named_part_out():
+    whole = read("{needed: 1, part: {width: 1, height: 2}, named: {a: null, b: {width: 1, height: 2}}}")
+    assert whole.named == {"b": Part(width=1.0, height=2.0)}
+    assert refused("{needed: 1, part: null}").startswith("f.yaml:1: part = None: must be a mapping")
+
+
 def test_all_that_is_missing_is_told_at_once_with_its_meaning():
     text = "parts:\n  - {width: 1, height: 2}\n  - {height: 2}\nnamed:\n  a: {width: 1}\npart:\n  width: 1\n"
     assert refused(text) == (

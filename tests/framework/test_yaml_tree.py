@@ -132,6 +132,9 @@ def test_later_overrides_win_and_python_values_are_accepted():
         ('"\\ud800": 1', "control character"),
         ("x: &x [1,1,1,1,1,1,1,1,1,1]\n" + "".join(f"y{i}: &y{i} [{', '.join([f'*{p}'] * 10)}]\n" for i, p in
             enumerate(["x", "y0", "y1", "y2", "y3"])), "more than 100000 values"),
+        ("x: &x {a: 1}\n" + "".join(f"y{i}: &y{i} {{<<: [{', '.join([f'*{p}'] * 10)}]}}\n" for i, p in
+            enumerate(["x", *(f"y{i}" for i in range(20))])), "more than 100000 keys are merged"),
+        ("# " + 500_000 * "x", "500002 characters: must be at most 500000"),
     ],
 )  # fmt: skip
 def test_text_that_is_no_tree_is_one_line_with_the_place(text, what):

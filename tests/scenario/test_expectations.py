@@ -7,7 +7,7 @@ import json
 import pytest
 
 from forcectl.errors import BadInputError
-from forcectl.scenario.expectations import Expectation, Other, Term, Tolerance, judge
+from forcectl.scenario.expectations import Expectation, Other, Term, Tolerance, Verdict, judge
 
 METRICS = {
     "a": {"overshoot_pct": 4.0, "rise_time_s": 1.0, "settling_time_2pct_s": None},
@@ -108,6 +108,18 @@ def test_a_value_drifts_from_the_expected_one_beyond_its_share(expected, drift, 
 def test_drift_and_the_verdict_are_two_things():
     v = verdict(metric="overshoot_pct", variant="a", maximum=3.0, expected=4.0)
     assert (v.passed, v.drifted) == (False, False)
+
+
+def test_a_known_gap_is_missed_with_its_reason_and_no_surprise():
+    wanted = {"metric": "overshoot_pct", "variant": "a", "gaps": {"Multibody": "joint 2 sticks"}}
+    known = verdict("Multibody", maximum=3.0, **wanted)
+    assert (known.passed, known.gap, known.surprising) == (False, "joint 2 sticks", False)
+    assert known.as_row()["gap"] == "joint 2 sticks"
+    assert Verdict.from_row("t", known.as_row()) == known
+    elsewhere = verdict("Kinematic", maximum=3.0, **wanted)
+    assert (elsewhere.passed, elsewhere.gap, elsewhere.surprising) == (False, "", True)
+    assert "gap" not in elsewhere.as_row()
+    assert verdict("Multibody", maximum=5.0, **wanted).passed is True
 
 
 def test_an_undefined_value_has_drifted():

@@ -33,18 +33,21 @@ class Own(Config):
     listed: list[object] = slot("reference", list)
     law_needed: object = slot("reference")
 
+    def wrench(self, time):
+        """As a load has it."""
+
 
 def test_every_key_is_told_in_words():
     assert keys_of(Own) == [
         KeyWords("needed", "a whole number", "", "", "", "how many"),
         KeyWords("mode", "text", "", "one of a, b", "a", ""),
-        KeyWords("point", "a list, each a number", "m", "2 values", "[1.0, 2.0]", ""),
+        KeyWords("point", "a list, each a number", "m", "2 values, from -1000 to 1000 m", "[1.0, 2.0]", ""),
         KeyWords("part", "a mapping", "", "", "", "one"),
-        KeyWords("part.width", "a number", "m", "positive", "2.5", "of it"),
+        KeyWords("part.width", "a number", "m", "positive, from 1e-09 to 1000 m", "2.5", "of it"),
         KeyWords("other", "a mapping or null", "", "", "null", ""),
-        KeyWords("other.width", "a number", "m", "positive", "2.5", "of it"),
+        KeyWords("other.width", "a number", "m", "positive, from 1e-09 to 1000 m", "2.5", "of it"),
         KeyWords("several", "a list, each a mapping", "", "", "[]", "more"),
-        KeyWords("several.0.width", "a number", "m", "positive", "2.5", "of it"),
+        KeyWords("several.0.width", "a number", "m", "positive, from 1e-09 to 1000 m", "2.5", "of it"),
         KeyWords("law", "a part of the slot reference", "", "", "!Step", "filled"),
         KeyWords("named", "names, each with a part of the slot reference", "", "", "{}", "by name"),
         KeyWords("listed", "a list of parts of the slot reference", "", "", "[]", ""),

@@ -341,7 +341,7 @@ def test_the_run_directory_names_the_class_of_a_users_object(tmp_path, without_p
     assert "!Import" in text
     assert f"{__name__}:MyConfig" in text
     assert "1.25" in text
-    again = load_scenario(tmp_path / "run" / "scenario.yaml")
+    again = load_scenario(tmp_path / "run" / "scenario.yaml", allow_imports=["tests"])
     assert names(fc.build(again).diagram) == names(fc.build(scenario).diagram)
 
 

@@ -55,13 +55,20 @@ def test_every_shipped_experiment_loads_and_builds_on_every_fidelity(name, fidel
         assert build(scenario).diagram is not None
 
 
+# On the fidelities that an experiment names, every variant of it is simulated: see tests/runs/test_reproduce.py.
+NOT_NAMED = [
+    (name, fidelity)
+    for name, fidelity in EXPERIMENTS
+    if fidelity not in catalog.find_scenario(name).tree.get("fidelities", ["OneDimensional"])
+]
+
+
 @pytest.mark.slow
-@pytest.mark.parametrize("name", catalog.list_experiments())
-def test_every_variant_builds_on_every_fidelity(name):
+@pytest.mark.parametrize(("name", "fidelity"), NOT_NAMED)
+def test_every_variant_builds_on_the_fidelities_that_are_not_named(name, fidelity):
     file = as_file(name)
-    for fidelity in (fidelity for experiment, fidelity in EXPERIMENTS if experiment == name):
-        for variant in select_variants(file):
-            assert build(resolve(file, variant, {"station.fidelity": fidelity})).diagram is not None
+    for variant in select_variants(file):
+        assert build(resolve(file, variant, {"station.fidelity": fidelity})).diagram is not None
 
 
 @pytest.mark.parametrize("preset", catalog.list_presets())
@@ -134,9 +141,8 @@ def test_slots_take_tags_and_overrides_keep_or_change_them():
     assert load_scenario({}).reference == StepConfig()
 
 
-def test_a_scenario_with_several_variants_must_be_told_which():
-    with pytest.raises(BadInputError, match=r"fig_2_7.yaml has several variants, name one of: K_I = 1.5 1/s, K_I = 3"):
-        load_scenario("fig_2_7")
+def test_of_several_variants_the_first_is_loaded():
+    assert load_scenario("fig_2_7") == load_scenario("fig_2_7", "K_I = 1.5 1/s")
     assert select_variants(as_file("fig_2_8")) == [ONLY_VARIANT]
 
 
@@ -183,7 +189,7 @@ def test_one_variant_resolves_with_only_the_expectations_about_it():
 
 def test_one_variant_resolves_without_distances_from_others():
     file = as_file("fig_3_4")
-    tree = resolved_tree({"[56]": resolve(file, "[56]")})
+    tree = resolved_tree({"invariance control [56]": resolve(file, "invariance control [56]")})
     assert "distance_to" not in dump(tree["expect"])
     assert load_scenario(tree).expect
 

@@ -1,0 +1,125 @@
+"""The layers that a scenario is made of: defaults, preset, file, variant and overrides."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Callable, Mapping
+from pathlib import Path
+from typing import Any
+
+from forcectl.errors import BadInputError, invalid, unknown
+from forcectl.framework.yaml_tree import Tagged, Tree, is_object, merge, nest
+from forcectl.scenario import catalog
+from forcectl.scenario.catalog import ScenarioFile
+from forcectl.scenario.trees import path_of
+
+# Keys of earlier versions, and what to write instead.
+_GONE = {
+    "loop": "delete it: there is one kind of loop",
+    "estimator": "write estimators: {NAME: !Tag {...}}",
+    "analysis": "write analyses: {NAME: !Tag {...}}",
+    "loads": "write station.loads",
+    "station.position_loop": "write station.drive.position_loop",
+    "station.servo": "write station.drive.servo",
+    "station.interface": "write station.drive",
+    "station.force_sensor": "write station.sensors.force",
+    "station.friction": "write station.drive.friction",
+    "station.obstacles": "write station.environment: !Box {...}, or !Parts {parts: {NAME: !Box {...}}}",
+}
+
+
+class Layers:
+    """The trees a scenario is made of, weakest first, each with the name that messages use.
+
+    Args:
+        file: the scenario's.
+        variant: name of one of its variants.
+        overrides: by dotted key.
+        defaults: the tags of slots that are not said.
+
+    Raises:
+        BadInputError: a variant that is no mapping, or an unknown preset.
+    """
+
+    def __init__(self, file: ScenarioFile, variant: str, overrides: Mapping[str, Any], defaults: Tagged):
+        self._file = file
+        variants = file.tree.get("variants")
+        changes = variants.get(variant) if isinstance(variants, Tagged) else None
+        if changes is not None and not isinstance(changes, Tagged):
+            key = f"variants.{variant}"
+            raise invalid(key, changes, "a mapping of scenario keys").at(key, file.where(key))
+        forced, varied = nest(overrides), nest(changes or {})
+        # A slot without a tag means its default, and stays that when a later layer changes only some of its keys.
+        self._layers: list[tuple[Callable[[str], str], Tagged]] = [
+            (lambda key: file.origin, defaults),
+            (file.where, file.tree),
+            (lambda key: file.where(f"variants.{variant}.{key}", f"variant {variant!r}"), varied),
+            (lambda key: "override", forced),
+        ]
+        name = self.merged().get("preset", catalog.DEFAULT_PRESET)
+        if name not in catalog.list_presets():
+            raise unknown("preset", name, catalog.list_presets()).at("preset", self.where("preset"))
+        preset = catalog.find_preset(str(name), self._drive())
+        preset.tree.pop("description", None)
+        self._layers.insert(1, (lambda key: preset.where(key, f"preset {name!r}"), preset.tree))
+
+    def _drive(self) -> str:
+        """Tag of the drive; empty where there is none."""
+        station = self.merged().get("station")
+        drive = station.get("drive") if isinstance(station, Tagged) else getattr(station, "drive", None)
+        if isinstance(drive, Tagged) and drive.given is None:
+            return drive.tag or ""
+        if isinstance(drive, str):
+            return drive.removeprefix("!")
+        path = path_of(type(getattr(drive, "given", drive)))
+        return next((tag for tag, known in catalog.tags_of("drive").items() if known == path), "")
+
+    def merged(self) -> Tagged:
+        """All of them, the stronger on top."""
+        result = Tagged()
+        for _, tree in self._layers:
+            result = merge(result, tree)
+        return result
+
+    def where(self, key: str) -> str:
+        """Where the value at a dotted key is from: the strongest layer that holds it, or holds the part around it."""
+        parts = key.split(".")
+        for length in range(len(parts), 0, -1):
+            for where, tree in reversed(self._layers[1:]):  # a default stands where the part around it does
+                if _holds(tree, parts[:length]):
+                    return where(key)
+        return self._file.where(key)
+
+    def check_gone(self, tree: Tagged) -> None:
+        """BadInputError for a key of an earlier version.
+
+        Args:
+            tree: of all layers.
+        """
+        for gone, instead in _GONE.items():
+            part, _, name = gone.rpartition(".")
+            around = tree.get(part) if part else tree
+            if isinstance(around, Tagged) and name in around:
+                raise BadInputError(f"is no key any more: {instead}").at(gone, self.where(gone))
+
+
+def _holds(tree: Tree, parts: list[str]) -> bool:
+    for part in parts:
+        if isinstance(tree, list) and part.isdecimal() and int(part) < len(tree):
+            tree = tree[int(part)]
+        elif isinstance(tree, Tagged) and part in tree:
+            tree = tree[part]
+        else:
+            return is_object(tree) or (isinstance(tree, Tagged) and tree.given is not None)
+    return True
+
+
+def locate_files(tree: Tree, folder: Path) -> None:
+    """Make paths of files that are beside the scenario whole, so that they are found from anywhere."""
+    if isinstance(tree, Tagged):
+        for name in ("path", "model", "gains_from"):
+            path = tree.get(name)
+            if isinstance(path, str) and path and os.path.isfile(folder / path):
+                tree[name] = str(folder / path)
+        for part in tree.values():
+            locate_files(part, folder)

@@ -1,0 +1,34 @@
+"""The outputs that the part `log` of a scenario names."""
+
+from __future__ import annotations
+
+from collections.abc import Sequence
+
+from pydrake.systems.framework import Diagram
+
+from forcectl.diagrams.log import Probe
+from forcectl.errors import BadInputError, invalid
+from forcectl.inspect.ports import one_output, unit, value_type
+from forcectl.inspect.wiring import Wiring
+
+
+def probes_of(diagram: Diagram, names: Sequence[str]) -> tuple[Probe, ...]:
+    """The ports that are logged beside the signals of a loop.
+
+    Args:
+        diagram: of the loop.
+        names: as `forcectl graph` shows them, `station/force_sensor.measured_wrench`.
+
+    Raises:
+        BadInputError: there is no output of a name, or it holds no numbers.
+    """
+    wiring, probes = Wiring(diagram), []
+    for i, name in enumerate(names):
+        try:
+            address = one_output(wiring, name)
+        except BadInputError as error:
+            raise BadInputError(str(error), key=f"log.{i}") from None
+        if value_type(port := wiring.port(address)):
+            raise invalid(f"log.{i}", name, "an output with numbers")
+        probes.append(Probe(name.replace("/", "."), port, unit(wiring, address)))
+    return tuple(probes)

@@ -1,0 +1,45 @@
+"""What a user has set for all scenarios: `settings.yaml` in the folder `forcectl` of the user's configuration files.
+
+That is `$XDG_CONFIG_HOME/forcectl/settings.yaml`, and `~/.config/forcectl/settings.yaml` where the variable is not set.
+"""
+
+from __future__ import annotations
+
+from dataclasses import dataclass
+
+from forcectl.errors import BadInputError
+from forcectl.framework.fields import Config, key
+from forcectl.framework.imports import allowed_names, settings_file
+from forcectl.framework.reader import Reader
+from forcectl.framework.yaml_tree import Tagged, parse, place
+
+
+@dataclass(kw_only=True)
+class UserSettings(Config):
+    """The keys of the file."""
+
+    allow_imports: list[str] = key([], "modules that scenarios may name, as with --allow-imports")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        allowed_names(self.allow_imports, "allow_imports")
+
+
+def user_settings() -> UserSettings:
+    """What the user has set; the defaults where there is no file.
+
+    Raises:
+        BadInputError: the file cannot be read, or holds what it may not.
+    """
+    file = settings_file()
+    if not file.is_file():
+        return UserSettings()
+    try:
+        text = file.read_text(encoding="utf-8")
+    except (OSError, UnicodeDecodeError) as error:
+        reason = error.strerror if isinstance(error, OSError) else "it is not UTF-8 text"
+        raise BadInputError(f"cannot read settings file {str(file)!r}: {reason}") from None
+    tree = parse(text, str(file))
+    lines = tree.lines if isinstance(tree, Tagged) else {}
+    made: UserSettings = Reader(lambda key: place(str(file), lines, key)).dataclass(UserSettings, tree or Tagged())
+    return made

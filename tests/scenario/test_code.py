@@ -1,0 +1,108 @@
+"""A scenario names code only where its user allows it, and says which; see docs/security.md."""
+
+from __future__ import annotations
+
+import sys
+
+import pytest
+
+import forcectl as fc
+from forcectl.errors import BadInputError
+from forcectl.framework.yaml_tree import parse
+from forcectl.scenario.code import code_in
+from forcectl.scenario.scenario import load_scenario
+
+EVIL = 'from pathlib import Path\nPath(__file__).with_name("ran").touch()\nclass Law:\n    add_to = None.__init__\n'
+IMPORT = "!Import {path: 'evil_lab:Law', parameters: {command: x}}"
+WAYS = [
+    f"controller: {IMPORT}",
+    f"reference: {IMPORT}",
+    f"motion: {IMPORT}",
+    f"estimators: {{a: {IMPORT}}}",
+    f"analyses: {{a: {IMPORT}}}",
+    f"signals: {{measured_force: {IMPORT}}}",
+    f"station: {{fidelity: {IMPORT}}}",
+    f"station: {{drive: {IMPORT}}}",
+    f"station: {{environment: {IMPORT}}}",
+    f"station: {{sensors: {{force: {IMPORT}}}}}",
+    f"station: {{loads: [{IMPORT}]}}",
+    f"station: {{faults: [{IMPORT}]}}",
+    f"station: {{environment: !Surface {{surface: {{heights: {{a: {IMPORT}}}}}}}}}",
+    f"controller: !InvarianceRobot {{constraints: [{IMPORT}]}}",
+    f"controller: !ReactiveReaching {{null_space: {IMPORT}}}",
+    f"controller: !RecursiveVrft {{excitation: {IMPORT}}}",
+    f"variants: {{a: {{}}, b: {{controller: {IMPORT}}}}}",
+    f"controller: !Import {{path: 'own_lab:Law'}}\nestimators: {{a: {IMPORT}}}",
+    f"_a: &a {IMPORT}\ncontroller: *a",
+    "controller: !!python/object/apply:os.system ['touch ran']",
+    "controller: !Import {path: 'os:system', parameters: {command: 'touch ran'}}",
+    "controller: !Import {path: 'evil_lab'}",
+    "controller: '!Import'",
+    "model: {robot_compliance: !Import {path: 'evil_lab:Law'}}",
+]
+
+
+@pytest.fixture
+def folder(tmp_path, monkeypatch):
+    """A scenario's folder; a module that leaves a mark lies in another one, which Python looks into."""
+    for name in ("lab", "mine"):
+        (tmp_path / name).mkdir()
+    (tmp_path / "lab" / "evil_lab.py").write_text(EVIL)
+    (tmp_path / "mine" / "own_lab.py").write_text(EVIL)
+    monkeypatch.syspath_prepend(str(tmp_path / "lab"))
+    monkeypatch.setenv("XDG_CONFIG_HOME", str(tmp_path / "config"))
+    yield tmp_path
+    for name in ("evil_lab", "own_lab"):
+        sys.modules.pop(name, None)
+
+
+@pytest.mark.parametrize("text", WAYS)
+def test_code_is_refused_before_anything_is_imported(folder, text):
+    file = folder / "mine" / "own.yaml"
+    file.write_text(f"{text}\n")
+    for call in (load_scenario, fc.check, fc.graph, fc.run):
+        with pytest.raises(BadInputError, match=r"^own\.yaml") as caught:
+            call(file)
+        assert "\n" not in str(caught.value)
+    assert not list(folder.rglob("*ran"))
+    assert not {"evil_lab", "own_lab"} & set(sys.modules)
+
+
+def test_a_module_is_allowed_by_keyword_option_or_settings(folder, monkeypatch, forcectl):
+    file = folder / "mine" / "own.yaml"
+    file.write_text("duration: 0.01\nstation: {fidelity: OneDimensional}\ncontroller: !Import {path: 'good_lab:Law'}\n")
+    law = "from forcectl.force.integral import IntegralConfig\nclass Law(IntegralConfig):\n    pass\n"
+    (folder / "lab" / "good_lab.py").write_text(law)
+    code, _, said = forcectl("check", file)
+    assert (code, said.count("\n")) == (2, 1)
+    assert "own.yaml:3: controller.path = 'good_lab:Law': must be of a module beside the scenario" in said
+    assert "--allow-imports good_lab" in said
+    assert type(load_scenario(file, allow_imports=["good_lab"]).controller).__name__ == "Law"
+    code, said, _ = forcectl("check", file, "--allow-imports", "good_lab")
+    assert code == 0
+    assert "runs code that is not forcectl's own: good_lab:Law (controller)" in said
+    settings = folder / "config" / "forcectl" / "settings.yaml"
+    settings.parent.mkdir(parents=True)
+    settings.write_text("allow_imports: [good_lab]\n")
+    assert type(load_scenario(file).controller).__name__ == "Law"
+    assert "beside modules in their own folder: good_lab" in forcectl("list")[1]
+    settings.write_text("allow_imports: [os]\n")
+    with pytest.raises(BadInputError, match=r"settings\.yaml:1: allow_imports = 'os': must be a module of your own"):
+        load_scenario(file)
+    sys.modules.pop("good_lab", None)
+
+
+def test_code_is_read_off_the_text(monkeypatch):
+    monkeypatch.setattr("forcectl.scenario.code.announced", lambda slot: {"Own": "lab:Own"} if slot == "load" else {})
+    tree = parse("{controller: !Import {path: 'a:B'}, station: {loads: [!Own {}, '!Load']}, title: '!Own of x'}", "t")
+    assert code_in(tree) == {"controller": "a:B", "station.loads.0": "lab:Own"}
+
+
+def test_a_class_for_a_slot_without_methods_has_fields_or_add_to(folder):
+    (folder / "mine" / "own_lab.py").write_text("class Law:\n    def __init__(self, path): open(path, 'w')\n")
+    file = folder / "mine" / "own.yaml"
+    parameters = f"{{path: {folder / 'ran'}}}"
+    file.write_text(f"station: {{environment: !Import {{path: 'own_lab:Law', parameters: {parameters}}}}}\n")
+    with pytest.raises(BadInputError, match="must be a class that fills the slot environment, with fields or add_to"):
+        load_scenario(file)
+    assert not (folder / "ran").exists()
