@@ -1,10 +1,17 @@
 from forcectl.testing.contract import assert_feedthrough as assert_feedthrough
 from forcectl.testing.contract import assert_ports as assert_ports
 from forcectl.testing.docstring import assert_docstring_matches as assert_docstring_matches
+from forcectl.testing.faults import DropOut as DropOut
+from forcectl.testing.faults import Fault as Fault
+from forcectl.testing.faults import Frozen as Frozen
+from forcectl.testing.faults import Noise as Noise
+from forcectl.testing.faults import NotANumber as NotANumber
+from forcectl.testing.faults import Spike as Spike
 from forcectl.testing.memory import MemoryRecord as MemoryRecord
 from forcectl.testing.memory import assert_memory_released as assert_memory_released
 from forcectl.testing.model import assert_matches_model as assert_matches_model
 from forcectl.testing.nan import assert_passes_no_nan as assert_passes_no_nan
+from forcectl.testing.perturbation import perturb as perturb
 from forcectl.testing.repeat import assert_deterministic as assert_deterministic
 from forcectl.testing.repeat import assert_same_after_reset_and_clone as assert_same_after_reset_and_clone
 from forcectl.testing.response import StepResponse as StepResponse
@@ -13,3 +20,6 @@ from forcectl.testing.response import assert_settles_within as assert_settles_wi
 from forcectl.testing.response import step_response as step_response
 from forcectl.testing.runs import Log as Log
 from forcectl.testing.runs import run_diagram as run_diagram
+from forcectl.testing.signals import assert_energy_does_not_grow as assert_energy_does_not_grow
+from forcectl.testing.signals import assert_no_limit_cycle as assert_no_limit_cycle
+from forcectl.testing.signals import assert_within as assert_within

@@ -3,7 +3,8 @@
 from __future__ import annotations
 
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass
+from dataclasses import dataclass, field
+from typing import TYPE_CHECKING
 
 import numpy as np
 from numpy.typing import ArrayLike, NDArray
@@ -12,8 +13,12 @@ from pydrake.systems.framework import Context, InputPort, OutputPort, System
 
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.inspect.names import own_name
-from forcectl.inspect.ports import optional_inputs
-from forcectl.inspect.wiring import is_vector
+from forcectl.inspect.ports import one_output, optional_inputs, unit
+from forcectl.inspect.wiring import PortAddress, Wiring, is_vector
+from forcectl.testing.faults import Fault, FaultyPorts
+
+if TYPE_CHECKING:
+    import xarray as xr
 
 Array = NDArray[np.float64]
 Input = ArrayLike | Callable[[float], ArrayLike]
@@ -26,15 +31,29 @@ class Log:
     Attributes:
         time: [s], shape (N,).
         values: each output's values, shape (N, size of the port), unit of the port.
+        units: of the outputs, as far as they are known.
     """
 
     time: Array
     values: Mapping[str, Array]
+    units: Mapping[str, str] = field(default_factory=dict)
 
     def __getitem__(self, name: str) -> Array:
         if name not in self.values:
             raise unknown("logged output", name, self.values)
         return self.values[name]
+
+    def to_xarray(self) -> xr.Dataset:
+        """The log over `time`, with units; outputs with several elements are over `<name>_component` as well."""
+        import xarray as xr
+
+        variables = {}
+        for name, values in self.values.items():
+            attributes = {"units": self.units.get(name, ""), "long_name": name}
+            narrow = values.shape[1] == 1
+            dimensions = ("time",) if narrow else ("time", f"{name}_component")
+            variables[name] = (dimensions, values[:, 0] if narrow else values, attributes)
+        return xr.Dataset(variables, {"time": ("time", self.time, {"units": "s", "long_name": "time"})})
 
 
 def run_diagram(
@@ -44,6 +63,8 @@ def run_diagram(
     period: float,
     inputs: Mapping[str, Input] | None = None,
     outputs: Sequence[str] | None = None,
+    faults: Mapping[str, Fault | Sequence[Fault]] | None = None,
+    energy: bool = False,
     context: Context | None = None,
     accuracy: float = 1e-6,
 ) -> Log:
@@ -55,7 +76,10 @@ def run_diagram(
         period: distance of the samples [s].
         inputs: input port name -> constant value, or function of time [s] that is sampled and held every `period`. A
             number fills the whole port. Vector inputs that are not named are held at zero.
-        outputs: names of the vector outputs to log; default all.
+        outputs: names of the vector outputs to log, `block.port` for those of blocks inside; default all of the system.
+        faults: one or several by the name of a port inside, see `forcectl.testing.Fault`. What the readers of the port
+            get is renewed every `period`.
+        energy: log the kinetic and potential energy of the system as `energy` [J].
         context: where to start; default the system's default context. It is changed.
         accuracy: of the integration of continuous states.
 
@@ -66,28 +90,69 @@ def run_diagram(
         raise invalid("period", period, "positive [s]")
     if not duration >= period:
         raise invalid("duration", duration, f"at least one period ({period:g} s)")
-    context = system.CreateDefaultContext() if context is None else context
-    fixed = fix_inputs(system, context, inputs or {})
-    ports = vector_outputs(system, outputs)
-    simulator = Simulator(system, context)
-    start = context.get_time()
-    config = SimulatorConfig(
-        integration_scheme="runge_kutta3", max_step_size=period, accuracy=accuracy, start_time=start
-    )
-    ApplySimulatorConfig(config, simulator)  # it also sets the time, hence `start_time`
-    # A context that has already run must not go through the initialisation events once more.
-    simulator.Initialize(InitializeParams(suppress_initialization_events=start > 0))
+    own = system.CreateDefaultContext() if context is None else context
+    fixed = fix_inputs(system, own, inputs or {})
+    ports = vector_outputs(system, outputs, needed=not energy)
+    bodies = [block for _, block in Wiring(system).leaves()] if energy else []
+    faulty = FaultyPorts(system, faults, own, period) if faults else None
+    start = own.get_time()
+    simulator, context = _simulator(system, own, period, accuracy, begun=start > 0), own
     steps = round(duration / period)
     time = start + period * np.arange(steps + 1)
-    values: dict[str, list[Array]] = {name: [] for name in ports}
+    values: dict[str, list[Array]] = {name: [] for name in (*ports, *["energy"] * energy)}
     for k in range(steps + 1):
         if k > 0:  # AdvanceTo the time it is at would already carry out the updates of this instant
             simulator.AdvanceTo(time[k])
         for port, function in fixed:
-            port.FixValue(context, _vector(port, function(float(time[k]))))
+            for each in (context, faulty.sound) if faulty else (context,):
+                port.FixValue(each, _vector(port, function(float(time[k]))))
+        if faulty and (other := faulty.begin_tick(context)) is not context:
+            context, simulator = other, _simulator(system, other, period, accuracy, begun=True)
         for name, output in ports.items():
-            values[name].append(output.Eval(context).copy())
-    return Log(time, {name: np.array(rows) for name, rows in values.items()})
+            values[name].append(output.Eval(output.get_system().GetMyContextFromRoot(context)).copy())
+        if energy:
+            values["energy"].append(np.array([_energy(bodies, context)]))
+        if faulty and faulty.has_begun and k < steps:
+            integrator = simulator.get_mutable_integrator()
+            integrator.set_fixed_step_mode(True)
+            simulator.AdvancePendingEvents()
+            faulty.apply(context)  # for the blocks that read between the ticks: what comes after the updates
+            # Where the derivatives are no numbers no step would be small enough for the control of errors.
+            finite = np.isfinite(system.EvalTimeDerivatives(context).CopyToVector()).all()
+            integrator.set_fixed_step_mode(not finite)
+    if context is not own:
+        own.SetTimeStateAndParametersFrom(context)
+    units = _units(system, ports) | ({"energy": "J"} if energy else {})
+    return Log(time, {name: np.array(rows) for name, rows in values.items()}, units)
+
+
+def _simulator(system: System, context: Context, period: float, accuracy: float, *, begun: bool) -> Simulator:
+    simulator = Simulator(system, context)
+    config = SimulatorConfig(
+        integration_scheme="runge_kutta3", max_step_size=period, accuracy=accuracy, start_time=context.get_time()
+    )
+    ApplySimulatorConfig(config, simulator)  # it also sets the time, hence `start_time`
+    # A context that has already run must not go through the initialisation events once more.
+    simulator.Initialize(InitializeParams(suppress_initialization_events=begun))
+    return simulator
+
+
+def _energy(blocks: Sequence[System], context: Context) -> float:
+    """Of all blocks [J]; a diagram's own sum leaves its blocks out."""
+    own = [(block, block.GetMyContextFromRoot(context)) for block in blocks]
+    return float(sum(block.EvalKineticEnergy(each) + block.EvalPotentialEnergy(each) for block, each in own))
+
+
+def _units(system: System, ports: Mapping[str, OutputPort]) -> dict[str, str]:
+    """Units of the logged outputs, of the blocks that they come from."""
+    wiring = Wiring(system)
+    paths = {id(block): path for path, block in reversed(wiring.systems.items())}
+    found = {}
+    for name, port in ports.items():
+        address = PortAddress("output", paths[id(port.get_system())], int(port.get_index()))
+        source = wiring.source(address) or address
+        found[name] = unit(wiring, address) or unit(wiring, source)
+    return found
 
 
 def vector_inputs(system: System) -> dict[str, InputPort]:
@@ -96,20 +161,34 @@ def vector_inputs(system: System) -> dict[str, InputPort]:
     return {port.get_name(): port for port in ports if is_vector(port)}
 
 
-def vector_outputs(system: System, names: Sequence[str] | None) -> dict[str, OutputPort]:
-    """The named vector outputs, or all of them.
+def vector_outputs(system: System, names: Sequence[str] | None, *, needed: bool = True) -> dict[str, OutputPort]:
+    """The named vector outputs, of the system or of blocks inside, or all of the system.
+
+    Args:
+        system: any diagram or block.
+        names: `port`, or `block.port`.
+        needed: there must be one.
 
     Raises:
         BadInputError: no vector output has this name, or there is none at all.
     """
     ports = (system.get_output_port(i, False) for i in range(system.num_output_ports()))
     known = {port.get_name(): port for port in ports if is_vector(port)}
-    if not known:
-        raise BadInputError(f"{own_name(system)} has no vector output to look at: export one")
-    for name in names or ():
-        if name not in known:
+    if names is None and not known and needed:
+        raise BadInputError(f"{own_name(system)} has no vector output to look at: export one, or name a block.port")
+    if names is None:
+        return known
+    wiring = Wiring(system) if any("." in name and name not in known for name in names) else None
+    found = {}
+    for name in names:
+        if name in known:
+            found[name] = known[name]
+            continue
+        inner = wiring.port(one_output(wiring, name)) if wiring and "." in name else None
+        if inner is None or not is_vector(inner):
             raise unknown("vector output", name, known)
-    return {name: known[name] for name in (known if names is None else names)}
+        found[name] = inner
+    return found
 
 
 def fix_inputs(

@@ -4,27 +4,46 @@ import re
 from pathlib import Path
 
 import pytest
-import scipy.signal
 
-import forcectl.doctor
 import forcectl.testing
+from tests.examples.plugin_project import prepared, run
 
 pytest_plugins = ["pytester"]
-
-# See test_testing_plugin.py: extension modules must be loaded before pytester takes its snapshot.
-LOADED = [scipy.signal, forcectl.doctor, *(getattr(forcectl.testing, name) for name in forcectl.testing.__all__)]
 
 PAGE = (Path(__file__).parents[2] / "docs" / "testing.md").read_text(encoding="utf-8")
 
 
+BLOCKS = re.findall(r"^```python\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE)
+PENDULUM = next(block for block in BLOCKS if block.startswith("# test_pendulum.py"))
+
+
 def examples():
-    return "\n\n".join(re.findall(r"^```python\n(.*?)^```$", PAGE, re.DOTALL | re.MULTILINE))
+    return "\n\n".join(block for block in BLOCKS if block is not PENDULUM)
 
 
-def test_the_page_passes(pytester, monkeypatch):
-    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
-    pytester.makepyfile(test_page=examples())
-    pytester.runpytest_inprocess("-p", "forcectl.testing.plugin").assert_outcomes(passed=4)
+@pytest.fixture
+def project(pytester, monkeypatch):
+    return prepared(pytester, monkeypatch)
+
+
+def test_the_page_passes(project):
+    project.makepyfile(test_page=examples())
+    run(project).assert_outcomes(passed=5)
+
+
+def test_a_foreign_diagram_has_golden_logs_faults_and_perturbations_in_thirty_lines(project):
+    assert len(PENDULUM.splitlines()) <= 30
+    file = project.makepyfile(test_pendulum=PENDULUM)
+    run(project, "-k", "as_before").stdout.fnmatch_lines(["golden log 'swing' does not exist: run `pytest --update*"])
+    written = run(project, "--update-golden")
+    written.assert_outcomes(passed=9)
+    written.stdout.fnmatch_lines(["golden/test_pendulum/swing.nc", "golden/test_pendulum/wiring.txt"])
+    run(project).assert_outcomes(passed=9)
+    file.write_text(PENDULUM.replace("[6.0])", "[5.0])"), encoding="utf-8")
+    said = next(block for block in re.findall(r"```text\n(.*?)```", PAGE, re.DOTALL) if "golden log" in block)
+    failed = run(project, "-k", "as_before")
+    failed.assert_outcomes(failed=1, deselected=8)
+    assert said.strip() in failed.stdout.lines
 
 
 @pytest.mark.parametrize("name", [name for name in forcectl.testing.__all__ if name.startswith("assert_")])

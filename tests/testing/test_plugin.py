@@ -5,14 +5,10 @@ import sys
 
 import pytest
 
-import forcectl.doctor
 import forcectl.testing
+from tests.examples import plugin_project
 
 pytest_plugins = ["pytester"]
-
-# pytester forgets every module that its inner run imports. Extension modules cannot be loaded twice, so they must
-# have been loaded before.
-LOADED = [forcectl.doctor.examine, *(getattr(forcectl.testing, name) for name in forcectl.testing.__all__)]
 
 BLOCKS = """
 from pydrake.systems.framework import DiagramBuilder
@@ -32,24 +28,22 @@ def chain(connected=True, period=0.01):
 
 @pytest.fixture
 def project(pytester, monkeypatch):
-    """A user's project with some blocks and without any other plugin."""
-    monkeypatch.setenv("PYTEST_DISABLE_PLUGIN_AUTOLOAD", "1")
+    """A user's project with some blocks."""
     pytester.makepyfile(blocks=BLOCKS)
-    pytester.syspathinsert()
-    return pytester
+    return plugin_project.prepared(pytester, monkeypatch)
 
 
-def run(project, test):
+def run(project, test, *options):
     project.makepyfile(test_user=f"import blocks\n\n{test}")
-    return project.runpytest_inprocess("-p", "forcectl.testing.plugin")
+    return plugin_project.run(project, *options)
 
 
-def test_run_diagram_returns_labelled_logs(project):
+def test_simulate_diagram_returns_labelled_logs(project):
     result = run(
         project,
         """
-def test_run(run_diagram):
-    log = run_diagram(blocks.chain(), 0.04, period=0.01, inputs={"measured_force": 3.0})
+def test_run(simulate_diagram):
+    log = simulate_diagram(blocks.chain(), 0.04, period=0.01, inputs={"measured_force": 3.0})
     assert log["displacement_command"][:, 0].tolist() == [0.0, 6.0, 6.0, 6.0, 6.0]
     assert log.time[-1] == 0.04
 """,
@@ -153,7 +147,9 @@ def test_lenient(check_diagram):
 
 def test_fixtures_are_listed_with_their_help(project):
     result = project.runpytest_inprocess("-p", "forcectl.testing.plugin", "--fixtures")
-    result.stdout.fnmatch_lines(["*run_diagram*", "*simulate any system*", "*check_diagram*", "*fail with its report*"])
+    result.stdout.fnmatch_lines(
+        ["*golden_log*", "*golden_graph*", "*simulate_diagram*", "*check_diagram*", "*fail with its report*"]
+    )
 
 
 def test_starting_pytest_does_not_import_drake_or_numpy():
