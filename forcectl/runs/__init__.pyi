@@ -4,6 +4,6 @@ from forcectl.runs.logs import write_netcdf as write_netcdf
 from forcectl.runs.recorded import read_record as read_record
 from forcectl.runs.replay.write import write_replay as write_replay
 from forcectl.runs.reproduce import Reproduction as Reproduction
-from forcectl.runs.run import RunResult as RunResult
+from forcectl.runs.result import RunResult as RunResult
 from forcectl.runs.simulate import VariantOutcome as VariantOutcome
 from forcectl.runs.tune import tune_vrft as tune_vrft

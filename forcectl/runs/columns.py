@@ -7,6 +7,7 @@ tabs between. A log is NetCDF as `forcectl run` writes it: each variable over `t
 from __future__ import annotations
 
 import csv
+import os
 import re
 from collections.abc import Callable, Sequence
 from dataclasses import dataclass
@@ -15,7 +16,7 @@ from pathlib import Path
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.errors import BadInputError, unknown
+from forcectl.errors import BadInputError, show, unknown
 
 Array = NDArray[np.float64]
 
@@ -82,9 +83,9 @@ def read_columns(path: Path, variant: str | None = None) -> Columns:
     Raises:
         BadInputError: the file cannot be read, has no header or no rows, or a row has too many or too few cells.
     """
-    if not path.is_file():
-        kind = "is a folder" if path.is_dir() else "does not exist"
-        raise BadInputError(f"data file {str(path)!r} {kind}: must be a CSV file or a log.nc")
+    if not os.path.isfile(path):
+        kind = "is a folder" if os.path.isdir(path) else "does not exist"
+        raise BadInputError(f"data file {show(str(path))} {kind}: must be a CSV file or a log.nc")
     if path.suffix.lower() in _NETCDF:
         return _read_log(path, variant)
     if variant is not None:
@@ -153,10 +154,7 @@ def _number(text: str) -> float | None:
 def _read_log(path: Path, variant: str | None) -> Columns:
     from forcectl.runs.logs import read_netcdf
 
-    try:
-        log = read_netcdf(path)
-    except (OSError, ValueError, KeyError, AttributeError) as error:
-        raise BadInputError(f"cannot read {path.name} as NetCDF: {' '.join(str(error).split())[:120]}") from None
+    log = read_netcdf(path)
     if "variant" in log.dims:
         names = [str(name) for name in log["variant"].values]
         if variant is None:

@@ -3,142 +3,94 @@
     scenario.yaml    resolved: presets, defaults and overrides written out; runs again as it stands
     manifest.json    versions, seed, git state, hash of scenario.yaml, status
     log.nc           the signals over time (see `logs`)
-    metrics.json     {variant: {metric: value}}
+    metrics.json     {variant: {metric: value, findings: [...]}}
     figures/         force and model error, SVG and PNG
     diagram.dot, diagram.svg, diagram.html
     replay.html      on request (replay_1.html ... for the variants in order)
 
 A run that had to stop leaves `<name>.failed` instead, with the log up to there and without metrics of what did not
-finish; its manifest has `"status": "failed"` and the reason. So does one whose pictures cannot be drawn.
+finish; its manifest has `"status": "failed"` and the reason. So does one whose pictures cannot be drawn. One that was
+interrupted leaves `<name>.interrupted`, without pictures, `"status": "interrupted"`; where its process was killed, with
+the variants that had finished, whose logs are also one by one in `variants/`. How a directory comes to be: `claims`.
 """
 
 from __future__ import annotations
 
 import datetime
-import errno
 import hashlib
 import json
 import os
 import platform
 import shutil
 import subprocess
-from collections.abc import Callable, Mapping
+from collections.abc import Collection, Mapping
 from importlib import metadata
 from pathlib import Path
 from typing import Any
 
 import forcectl
-from forcectl.errors import BadInputError
+from forcectl.interrupts import Interrupts
 
 FAILED = ".failed"
+INTERRUPTED = ".interrupted"
 SUMMARY = "summary.json"  # of a reproduction
-_MARKS = ("manifest.json", SUMMARY)  # a folder with one of these was written by forcectl
+DATA = ("scenario.yaml", "manifest.json", "metrics.json", "log.nc")  # of a run
+MARKS = ("manifest.json", SUMMARY)  # a folder with one of these was written by forcectl
 _PACKAGES = ("drake", "numpy", "scipy", "xarray", "h5netcdf", "h5py")
 
 
-def check_free(directory: Path, force: bool) -> None:
-    """Refuse a directory that exists, before any work is done.
-
-    Args:
-        directory: where the run is to be written.
-        force: replace an earlier run there. Nothing but a run or an empty folder is ever replaced.
-
-    Raises:
-        BadInputError: names the directory and the way out.
-    """
-    if not directory.exists():
-        return
-    if not force:
-        raise BadInputError(
-            f"output {str(directory)!r} exists: name another directory or add --force to replace the run in it"
-        )
-    if not directory.is_dir() or (
-        any(directory.iterdir()) and not any((directory / name).is_file() for name in _MARKS)
-    ):
-        raise BadInputError(
-            f"output {str(directory)!r} is not the directory of a run: it is left alone, name another one"
-        )
+def is_complete(folder: Path) -> bool:
+    """Whether a folder has all that a run is read from."""
+    return all((folder / name).is_file() for name in DATA[1:])
 
 
-def free_name(folder: Path, stem: str) -> Path:
-    """`folder/<stem>-<n>` with the smallest n that no run, complete or failed, has."""
-    n = 1
-    while any((folder / f"{stem}-{n}{suffix}").exists() for suffix in ("", FAILED)):
-        n += 1
-    return folder / f"{stem}-{n}"
-
-
-def write_whole(directory: Path, fill: Callable[[Path], None], force: bool = False) -> Path:
-    """Let `fill` write into a temporary sibling of `directory`, then give it that name.
-
-    What `fill` has written before an error is kept as `<name>.failed`. Where another program has made a directory of
-    that name meanwhile, both are kept, this one as `<name>-1`.
-
-    Returns:
-        the directory.
-
-    Raises:
-        BadInputError: the place cannot be written to, or `directory` exists and `force` is not given.
-    """
-    check_free(directory, force)
-    directory = directory.resolve() if directory.is_symlink() else directory
-    partial = directory.with_name(f".{directory.name}.partial-{os.getpid()}")
-    try:
-        partial.mkdir(parents=True)
-    except OSError as error:
-        raise BadInputError(f"output {str(directory)!r} cannot be written: {error.strerror}") from None
-    try:
-        fill(partial)
-        return _replace(directory, partial) if force else _place(directory, partial)
-    except Exception:
-        if any(partial.iterdir()):
-            _replace(directory.with_name(directory.name.removesuffix(FAILED) + FAILED), partial)
-        raise
-    finally:
-        shutil.rmtree(partial, ignore_errors=True)
-
-
-def _replace(directory: Path, new: Path) -> Path:
-    # Whenever this is stopped, nothing that has a name is there in part.
-    earlier = new.with_name(f"{new.name}.earlier")
-    if directory.exists():
-        directory.rename(earlier)
-    new.rename(directory)
-    shutil.rmtree(earlier, ignore_errors=True)
-    return directory
-
-
-def _place(directory: Path, new: Path) -> Path:
-    target = directory
-    while True:
-        try:
-            return new.rename(target)
-        except OSError as error:
-            if error.errno not in (errno.EEXIST, errno.ENOTEMPTY, errno.ENOTDIR):
-                raise
-            target = free_name(directory.parent, directory.name)
+def keep_only(folder: Path, names: Collection[str]) -> None:
+    """Remove everything else from a folder."""
+    for path in folder.iterdir():
+        if path.name not in names:
+            shutil.rmtree(path) if path.is_dir() else path.unlink()
 
 
 def write_json(path: Path, content: Any) -> None:
-    """Write strict JSON (no NaN), one key per line; an earlier file stays as it is until the new one is whole."""
-    text = json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n"
-    partial = path.with_name(f".{path.name}.partial-{os.getpid()}")
-    partial.write_text(text, encoding="utf-8")
-    partial.replace(path)
+    """Write strict JSON (no NaN), one key per line, see `write_file`."""
+    write_file(path, (json.dumps(content, indent=2, allow_nan=False, ensure_ascii=False) + "\n").encode())
+
+
+def write_file(path: Path, content: bytes) -> None:
+    """Write a file that outlives a loss of power; an earlier one stays as it is until the new one is whole."""
+    partial = path.with_name(f".{path.name}.{os.getpid()}")
+    with Interrupts(held=True):
+        try:
+            with partial.open("wb") as file:
+                file.write(content)
+                file.flush()
+                os.fsync(file.fileno())
+            partial.replace(path)
+        finally:
+            partial.unlink(missing_ok=True)
 
 
 def manifest(scenario_text: str, details: Mapping[str, Any]) -> dict[str, Any]:
     """What is needed to make the run again: versions, git state and the hash of the resolved scenario."""
+    written = datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds")
+    return {"forcectl": forcectl.__version__, **details, **made_of(scenario_text), "written": written}
+
+
+def made_of(scenario_text: str) -> dict[str, Any]:
+    """What a run depends on: two for which it is equal give the same log."""
     return {
         "forcectl": forcectl.__version__,
-        **details,
         "scenario_sha256": hashlib.sha256(scenario_text.encode()).hexdigest(),
         "git": git_state(),
         "python": platform.python_version(),
         "platform": f"{platform.system()} {platform.machine()}",
         "packages": {name: metadata.version(name) for name in _PACKAGES},
-        "written": datetime.datetime.now(datetime.UTC).isoformat(timespec="seconds"),
     }
+
+
+def made_alike(manifest: Mapping[str, Any], made_of: Mapping[str, Any]) -> bool:
+    """Whether the run of a manifest was made of this, see `made_of`."""
+    return all(manifest.get(name) == value for name, value in made_of.items())
 
 
 def git_state() -> dict[str, Any] | None:

@@ -3,14 +3,17 @@
 One variant is a dataset over `time` with the scalar coordinate `variant`; several are stacked along the dimension
 `variant`. Vector signals have a second dimension with the names of their components. Every variable has the attributes
 `units` and `long_name`. One that is the number of something, such as a mode, also has `flag_values` and, with blanks
-between the names, `flag_meanings` (CF conventions, section 3.5).
+between the names, `flag_meanings` (CF conventions, section 3.5). `comment` says what a signal of the conventions is.
+The dataset says of which scenario it is and what it was made with, see `described`.
 """
 
 from __future__ import annotations
 
 import contextlib
+import json
 import sys
 from collections.abc import Mapping, Sequence
+from importlib import metadata
 from pathlib import Path
 from typing import Any
 
@@ -18,8 +21,13 @@ import numpy as np
 import xarray as xr
 from numpy.typing import NDArray
 
+import forcectl
 from forcectl.analysis.force_metrics import model_response
-from forcectl.conventions import TRUTH, unit_of
+from forcectl.conventions import SIGNALS, TRUTH, unit_of
+from forcectl.diagrams.derived import SOURCES, Derived
+from forcectl.errors import BadInputError, one_line
+from forcectl.runs.directory import write_file
+from forcectl.scenario.scenario import Scenario
 
 Array = NDArray[np.float64]
 
@@ -58,7 +66,7 @@ def to_dataset(
     signals: Mapping[str, Any],
     variant: str,
     model_bandwidth: float | None = None,
-    derived: Mapping[str, tuple[str, Array]] | None = None,
+    derived: Mapping[str, Derived | tuple[str, Array]] | None = None,
 ) -> xr.Dataset:
     """The log of one variant.
 
@@ -68,16 +76,17 @@ def to_dataset(
         signals: name -> which `rows` (a slice), `unit`, component `labels` (None: a scalar), `meanings` of its values.
         variant: name of the variant.
         model_bandwidth: of the reference model [rad/s]; adds its response `model_force` [N].
-        derived: further scalars, name -> unit and samples (k,).
+        derived: further signals by name: unit and samples (k,), or (k, m) of a vector, or a `Derived`.
     """
     variables: dict[str, tuple[tuple[str, ...], Array, dict[str, Any]]] = {}
     coordinates: dict[str, Any] = {"time": ("time", times, {"units": "s", "long_name": "time"}), "variant": variant}
     for name, signal in signals.items():
         rows = values[signal.rows]
         attributes = {"units": signal.unit, "long_name": name.replace("_", " ")}
+        if name in SIGNALS:
+            attributes["comment"] = SIGNALS[name].meaning
         if signal.meanings:
-            values_of = np.arange(len(signal.meanings), dtype=float)
-            attributes |= {"flag_values": values_of, "flag_meanings": " ".join(signal.meanings)}
+            attributes |= _flags(signal.meanings)
         if signal.labels is None:
             variables[name] = (("time",), rows[0].copy(), attributes)
         else:
@@ -85,8 +94,20 @@ def to_dataset(
             component = signal.dimension or ("joint" if of_joints else f"{name}_component")
             coordinates[component] = list(signal.labels)
             variables[name] = (("time", component), rows.T.copy(), attributes)
-    for name, (unit, samples) in (derived or {}).items():
-        variables[name] = (("time",), samples, {"units": unit, "long_name": name.replace("_", " ")})
+    for name, each in (derived or {}).items():
+        signal = Derived(*each)
+        comment = signal.comment or (SIGNALS[name].meaning if name in SIGNALS else "")
+        attributes = {
+            "units": signal.unit,
+            "long_name": name.replace("_", " "),
+            **({"comment": comment} if comment else {}),
+        }
+        if signal.meanings:
+            attributes |= _flags(signal.meanings)
+        component = signal.dimension or ("joint" if name in SOURCES else f"{name}_component")
+        variables[name] = (("time", component)[: signal.samples.ndim], signal.samples, attributes)
+        if signal.samples.ndim > 1 and (signal.labels or component not in coordinates):
+            coordinates[component] = list(signal.labels) or [str(i) for i in range(1, signal.samples.shape[1] + 1)]
     if model_bandwidth is not None:
         dimensions, desired, _ = variables["desired_force"]
         columns = desired.reshape(len(times), -1).T
@@ -99,6 +120,11 @@ def to_dataset(
         }
         variables["model_force"] = (dimensions, np.array(responses).T.reshape(desired.shape), attributes)
     return xr.Dataset(variables, coordinates)
+
+
+def _flags(meanings: Sequence[str]) -> dict[str, Any]:
+    """Attributes of a signal that is the number of something."""
+    return {"flag_values": np.arange(len(meanings), dtype=float), "flag_meanings": " ".join(meanings)}
 
 
 def stack(logs: Sequence[xr.Dataset]) -> xr.Dataset:
@@ -116,6 +142,37 @@ def stack(logs: Sequence[xr.Dataset]) -> xr.Dataset:
     )
 
 
+def described(
+    log: xr.Dataset, name: str, scenario: Scenario, how: str = "", gains: Mapping[str, Any] | None = None
+) -> xr.Dataset:
+    """A log with the attributes of its file (CF conventions, section 2.6), without dates: the same run, the same file.
+
+    Args:
+        log: of one variant or of several.
+        name: of the scenario.
+        scenario: of the first variant.
+        how: it came to its end otherwise than by its duration; "" else.
+        gains: that experiments found before the run, by variant and law; the attribute `gains`, as JSON.
+    """
+    found = {"gains": json.dumps(gains)} if gains else {}
+    drake = metadata.version("drake")
+    history = f"forcectl run {name}, fidelity {scenario.fidelity}, seed {scenario.seed}"
+    return log.assign_attrs(
+        Conventions="CF-1.11",
+        title=scenario.title or name,
+        source=f"simulation with forcectl {forcectl.__version__} and Drake {drake}",
+        history=f"{history}; {how}" if how else history,
+        references=scenario.source or "none",
+        scenario=name,
+        fidelity=scenario.fidelity,
+        preset=scenario.preset,
+        seed=scenario.seed,
+        forcectl_version=forcectl.__version__,
+        drake_version=drake,
+        **found,
+    )
+
+
 def _first_attributes(attributes: Sequence[dict[str, Any]], context: Any = None) -> dict[str, Any]:
     """Those of the first variant, without meanings of values that are others in another one."""
     first, *others = attributes
@@ -123,22 +180,42 @@ def _first_attributes(attributes: Sequence[dict[str, Any]], context: Any = None)
     return {name: value for name, value in first.items() if same or not name.startswith("flag_")}
 
 
+def prepare_to_write() -> None:
+    """Import all that `write_netcdf` takes: half a second that one who has pressed Ctrl-C does not wait for."""
+    xr.Dataset().to_netcdf(engine="h5netcdf")
+
+
 def write_netcdf(dataset: xr.Dataset, path: Path) -> None:
     """Write a log; the same log gives the same file."""
-    encoding = {name: {"zlib": True, "complevel": 1} for name in dataset.data_vars if dataset[name].ndim}
+    packed = {"zlib": True, "complevel": 1, "shuffle": True}  # shuffled: an eighth smaller, and sooner written
+    encoding = {name: packed for name in dataset.data_vars if dataset[name].ndim}
     # By way of memory: on a full disk HDF5 does not say so but ends the process, when it closes the file.
     dask = sys.modules.get("dask")
     # On a worker of Dask xarray would ask the scheduler for a lock on the memory, which cannot be sent there.
     with dask.config.set(scheduler="synchronous") if dask else contextlib.nullcontext():
         # A copy: where the write fails, the exception would keep a view of xarray's memory, which then cannot be freed.
         content = bytes(dataset.to_netcdf(engine="h5netcdf", encoding=encoding))
-    path.write_bytes(content)
+    write_file(path, content)
 
 
 def read_netcdf(path: str | Path) -> xr.Dataset:
-    """Read a log into memory."""
-    with xr.open_dataset(path, engine="h5netcdf") as dataset:
-        return dataset.load()
+    """Read a log into memory.
+
+    Raises:
+        BadInputError: the file cannot be read, or is no NetCDF, or a damaged one.
+    """
+    hook, sys.unraisablehook = sys.unraisablehook, lambda lost: None  # half a file that h5netcdf fails to close
+    try:
+        try:
+            with xr.open_dataset(path, engine="h5netcdf") as dataset:
+                return dataset.load()
+        except MemoryError:
+            raise
+        except Exception as error:  # of HDF5, h5netcdf or xarray: bytes that are wrong raise anything
+            reason = one_line(error)[:120]
+    finally:
+        sys.unraisablehook = hook
+    raise BadInputError(f"cannot read {Path(path).name} as NetCDF: {reason}")
 
 
 def first_fault(
@@ -152,14 +229,14 @@ def first_fault(
         signals: name -> rows.
         limits: name -> largest absolute value; every signal must be finite.
         faulty: readings fail on purpose: then commands and what only the simulation knows must be numbers, the rest may
-            be none.
+            be none, and a measured force infinite.
     """
     found = []
     for name, signal in signals.items():
         rows = values[signal.rows]
         bad = ~np.isfinite(rows) | (np.abs(rows) > limits.get(name, np.inf))
         if faulty and not (name in TRUTH or name.endswith("_command")):
-            bad &= ~np.isnan(rows)
+            bad &= np.isfinite(rows) if name == "measured_force" else ~np.isnan(rows)
         if bad.any():
             k = int(np.argmax(bad.any(axis=0)))
             found.append((name, float(times[k]), float(rows[bad[:, k], k][0])))

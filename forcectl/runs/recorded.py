@@ -2,13 +2,14 @@
 
 from __future__ import annotations
 
+import os
 from dataclasses import dataclass
 from pathlib import Path
 
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.analysis.force_estimation import stretches
+from forcectl.analysis.stretches import stretches
 from forcectl.conventions import unit_of
 from forcectl.errors import BadInputError
 from forcectl.runs.columns import Column, Columns, read_columns
@@ -26,6 +27,7 @@ COMPENSATED_INPUTS = ("controller_output", "u_hat", "u")
 NAMES = {
     "time": ("time", "t"),
     "displacement": (*COMPENSATED_INPUTS, "displacement", "displacement_command", "dx_bar", "dx", "position"),
+    "displacement of the motors": ("motor_displacement", "contact_displacement", "x_m"),
     "force": ("force", "measured_force", "contact_force", "f", "y"),
 }
 _OWN_UNITS = {"controller_output": "m"}
@@ -52,6 +54,8 @@ class Recorded:
         u, y: displacement [m] and force [N] minus their values at rest, shape (k,).
         u_rest, y_rest: those values.
         resting: samples at the beginning that those values are from.
+        motor: x_m, displacement of the motors minus that at rest, shape (k,) [m]; None where it was not recorded.
+        fed_back: C_R_hat of (4.12), told from u_hat and dx_bar [m/N]; None where not both were recorded.
     """
 
     origin: str
@@ -63,6 +67,8 @@ class Recorded:
     u_rest: float
     y_rest: float
     resting: int
+    motor: Array | None = None
+    fed_back: float | None = None
 
     @property
     def time(self) -> Array:
@@ -101,7 +107,7 @@ def read_record(
         BadInputError: one line that names the row or column and what to do; see `forcectl.runs.columns`, and
             units, sampling, gaps, values that are missing, constant input, saturated force, too few rows.
     """
-    table = read_columns(Path(path).expanduser(), variant)
+    table = read_columns(Path(os.path.expanduser(path)), variant)
     time = table.find(None, NAMES["time"], "time")
     moved = table.find(input_column, NAMES["displacement"], "displacement")
     force = table.find(output_column, NAMES["force"], "force")
@@ -129,7 +135,36 @@ def read_record(
     rests = [int(np.argmax(np.abs(u - u[0]) > share * np.ptp(u))) for share in _AT_REST]
     resting = rests[0] if rests[0] >= LONG_REST else rests[1]
     y_rest = float(y[:resting].mean())
-    return Recorded(table.origin, moved.label, force.label, period, u - u[0], y - y_rest, float(u[0]), y_rest, resting)
+    motor, fed_back = _motors(table, u, y, resting, -1 if flip_input else 1)
+    return Recorded(
+        table.origin,
+        moved.label,
+        force.label,
+        period,
+        u - u[0],
+        y - y_rest,
+        float(u[0]),
+        y_rest,
+        resting,
+        motor,
+        fed_back,
+    )
+
+
+def _motors(table: Columns, u: Array, y: Array, resting: int, sign: int) -> tuple[Array | None, float | None]:
+    """x_m from rest [m], and C_R_hat [m/N] from u_hat - dx_bar = C_R_hat F; None for what the table does not have."""
+    found = {}
+    for name in (*NAMES["displacement of the motors"], "displacement_command"):
+        if name in table.columns:
+            column = table.find(name, (), "displacement of the motors")
+            if np.isfinite(column.values).all() and np.ptp(column.values) > 0:
+                found[name] = sign * column.values * _factor(table, column, "displacement")
+    motor = next((found[name] for name in NAMES["displacement of the motors"] if name in found), None)
+    if motor is not None:
+        motor = motor - motor[:resting].mean()
+    command = found.get("displacement_command")
+    fed_back = None if command is None else max(float((u - command) @ y / (y @ y)), 0.0)
+    return motor, fed_back
 
 
 def _factor(table: Columns, column: Column, quantity: str) -> float:

@@ -3,30 +3,38 @@
 Writes, under the output directory, one run directory per experiment and fidelity as soon as it has run, and with it
 `summary.json`: {experiment: {target: {published, ours, deviation, tolerance, pass, expected, drift}}}. Targets of an
 experiment that runs on several fidelities end in the fidelity, in brackets; `pass` is null for a value that is reported
-but not judged there, `drift` for one without an expected number there.
+but not judged there, `drift` for one without an expected number there. A line that is known to be missed has its reason
+as `gap`.
 """
 
 from __future__ import annotations
 
-import multiprocessing
+import contextlib
 import os
-from collections import defaultdict
-from collections.abc import Callable, Iterable, Iterator, Mapping, Sequence
-from concurrent.futures import Future, ProcessPoolExecutor, as_completed
-from concurrent.futures.process import BrokenProcessPool
+import shutil
+from collections import Counter, defaultdict, deque
+from collections.abc import Callable, Generator, Iterable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import Any
 
-from forcectl.errors import BadInputError, ForcectlError
-from forcectl.runs.directory import SUMMARY, write_json, write_whole
-from forcectl.runs.run import StoppedRunError, check_overrides, finish, verdicts_on, with_shortcuts
+from forcectl.errors import BadInputError, ForcectlError, one_line
+from forcectl.interrupts import Interrupts
+from forcectl.runs.claims.claim import Claim, Numbered, Place, claimed
+from forcectl.runs.claims.kept import kept
+from forcectl.runs.claims.lock import StorageError, locked, writing
+from forcectl.runs.directory import INTERRUPTED, SUMMARY, is_complete, made_alike, made_of, write_json
+from forcectl.runs.result import StoppedRunError
+from forcectl.runs.run import check_overrides, finish, keep_variant, resolved_text, variant_made_of, verdicts_on
 from forcectl.runs.simulate import VariantOutcome, simulate
+from forcectl.runs.stored import read_run
+from forcectl.runs.workers import EndedTask, Workers
 from forcectl.scenario.catalog import ScenarioFile, find_scenario
 from forcectl.scenario.expectations import Verdict
-from forcectl.scenario.scenario import Scenario, build, origins, resolve, select_variants
+from forcectl.scenario.scenario import Scenario, build, origins, resolve, select_variants, with_shortcuts
 
 Progress = Callable[[str, float], None]  # (what, share done)
+_DEATHS = 2  # of the process of a variant, after which it is a failed row
 
 
 @dataclass(frozen=True)
@@ -38,6 +46,10 @@ class _Part:
     overrides: dict[str, Any]
     scenarios: dict[str, Scenario]
     several: bool  # whether the experiment runs on several fidelities
+
+    def made_of(self) -> dict[str, Any]:
+        """What its results depend on."""
+        return made_of(resolved_text(self.scenarios))
 
 
 @dataclass(frozen=True)
@@ -53,14 +65,21 @@ class PartReport:
 
 @dataclass(frozen=True)
 class Reproduction:
-    """All experiments, judged."""
+    """All experiments, judged.
+
+    Attributes:
+        directory: of the results; None where they were not written.
+        notes: what there is to say of an earlier reproduction that this one goes on with.
+    """
 
     parts: list[PartReport] = field(default_factory=list)
+    directory: Path | None = None
+    notes: list[str] = field(default_factory=list)
 
     @property
     def passed(self) -> bool:
-        """Whether no target was missed and no value has drifted from its expected number."""
-        return not any(v.passed is False or v.drifted for part in self.parts for v in part.verdicts)
+        """Whether no target was missed but those known to be, and no value has drifted from its expected number."""
+        return not any(v.surprising or v.drifted for part in self.parts for v in part.verdicts)
 
     def summary(self) -> dict[str, dict[str, dict[str, object]]]:
         """The content of `summary.json`."""
@@ -73,24 +92,29 @@ class Reproduction:
 def reproduce(
     experiments: Iterable[str | Path],
     *,
-    out: str | Path | None = None,
+    out: Place | None = None,
     fidelity: str | None = None,
     workers: int | None = None,
     force: bool = False,
+    resume: bool = False,
     progress: Progress | None = None,
 ) -> Reproduction:
     """Run experiments and compare with their expectations.
 
     Args:
         experiments: names of shipped experiments or paths of scenario files.
-        out: directory to write; None writes nothing.
+        out: directory to write; nobody else can have it from now on. None writes nothing.
         fidelity: this one only; otherwise the `fidelities` of each experiment.
         workers: processes; None: one per processor.
         force: replace an earlier reproduction in `out`.
+        resume: go on with the one in `out`: what has finished there is not run again, what failed is.
         progress: called with the name of a part and the share of its variants that is done.
 
     Raises:
-        BadInputError: an experiment cannot be used; nothing was run. A run that fails later is a failed row.
+        BadInputError: an experiment or the directory cannot be used; nothing was run. A run that fails later is a
+            failed row.
+        StorageError: the directory cannot be written any more; what has finished is kept.
+        InterruptedReproductionError: Ctrl-C; what has finished is kept.
     """
     files = [find_scenario(name) for name in experiments]
     for name in (names := [file.name for file in files]):
@@ -99,17 +123,161 @@ def reproduce(
                 f"experiments: two are called {name!r}: names must differ, they are folders of the output"
             )
     parts = [part for file in files for part in _parts(file, fidelity)]
-    directory = None if out is None else Path(out).expanduser()
-    if directory is not None:
-        directory = write_whole(directory, lambda folder: write_json(folder / SUMMARY, {}), force)
-    reports: dict[int, PartReport] = {}
-    result = Reproduction()
-    for i, outcomes in _simulate_all(parts, workers or os.cpu_count() or 1, progress):
-        reports[i] = _report(parts[i], outcomes, directory)
-        result = Reproduction([reports[k] for k in sorted(reports)])
-        if directory is not None:
-            write_json(directory / SUMMARY, result.summary())
-    return result
+    if resume and (out is None or isinstance(out, Numbered)):
+        raise BadInputError("resume: goes with the directory of a reproduction that was stopped")
+    work = None
+    with contextlib.ExitStack() as stack:
+        try:
+            with Interrupts() as interrupts:
+                directory = None if out is None else _opened(out, force, resume, stack)
+                work = _Work(parts, directory, progress)
+                stack.callback(work.close)
+                if resume:
+                    work.take_up()
+                done = stack.enter_context(
+                    contextlib.closing(_simulate_all(parts, work.jobs(), workers or os.cpu_count() or 1))
+                )
+                for i, variant, outcome in done:
+                    interrupts.check()
+                    work.take(i, variant, outcome)
+        except KeyboardInterrupt:
+            stack.close()
+            raise _interrupted(work, len(parts)) from None
+        except StorageError as error:
+            stack.close()
+            kept = f"{len(work.reports)} of {len(parts)} had finished" if work else "nothing was kept"
+            raise StorageError(f"{error}; {kept}") from error
+        return work.result()
+
+
+def _opened(out: Place, force: bool, resume: bool, stack: contextlib.ExitStack) -> Path:
+    """The directory of a reproduction, kept to this process."""
+    if resume:
+        directory = Path(os.path.expanduser(str(out)))
+        if not (directory / SUMMARY).is_file():
+            raise BadInputError(f"{str(directory)!r} is not the directory of a reproduction: run it without resume")
+        stack.enter_context(locked(directory))
+        return directory
+    with claimed(out, force) as claim:
+        directory = claim.write(lambda folder: write_json(folder / SUMMARY, {}))
+        stack.enter_context(locked(directory))
+    return directory
+
+
+class _Work:
+    """A reproduction at work.
+
+    Args:
+        parts: what it is of.
+        directory: of the results; None: they are not written.
+        progress: see `reproduce`.
+
+    Attributes:
+        reports: of the parts that have finished, by number.
+        kept: whether variants of other parts are kept; known when it is closed.
+    """
+
+    def __init__(self, parts: Sequence[_Part], directory: Path | None, progress: Progress | None):
+        self.directory, self.reports, self.kept = directory, dict[int, PartReport](), False
+        self._parts, self._progress, self._notes = parts, progress, list[str]()
+        self._outcomes: defaultdict[int, dict[str, VariantOutcome | str]] = defaultdict(dict)
+        self._claims: dict[int, Claim] = {}
+
+    def jobs(self) -> list[tuple[int, str]]:
+        """What is to be simulated: number of the part, and variant."""
+        return [
+            (i, variant)
+            for i, part in enumerate(self._parts)
+            if i not in self.reports
+            for variant in part.scenarios
+            if variant not in self._outcomes[i]
+        ]
+
+    def result(self) -> Reproduction:
+        """What there is up to now."""
+        reports = [self.reports[i] for i in sorted(self.reports)]
+        return Reproduction(reports, self.directory, self._notes)
+
+    def take_up(self) -> None:
+        """Find what an earlier reproduction had finished: the same experiments, made with the same versions."""
+        for i, part in enumerate(self._parts):
+            folder = self._folder(i)
+            if is_complete(folder) and made_alike((stored := read_run(folder)).manifest, part.made_of()):
+                self.reports[i] = _part_report(part, stored.verdicts, stored.metrics)
+                continue
+            claim = self._claim(i)
+            for one in kept(folder.with_name(folder.name + INTERRUPTED)):
+                name = one.outcome.variant
+                if name in part.scenarios and one.made_of == variant_made_of(name, part.scenarios[name]):
+                    self._outcomes[i][name] = one.outcome
+                    self._keep(i, claim, name)
+        variants = sum(map(len, self._outcomes.values()))
+        more = f", and {variants} variants of others" if variants else ""
+        self._notes.append(f"{len(self.reports)} of {len(self._parts)} had finished before{more}: not run again")
+        self._write()
+
+    def take(self, i: int, variant: str, outcome: VariantOutcome | str) -> None:
+        """A variant has been simulated: it is kept, or its part is judged and written where it was the last one."""
+        part, outcomes = self._parts[i], self._outcomes[i]
+        outcomes[variant] = outcome
+        if self._progress:
+            self._progress(f"{part.file.name} [{part.fidelity}]", len(outcomes) / len(part.scenarios))
+        claim = None if self.directory is None else self._claim(i)
+        if len(outcomes) < len(part.scenarios):
+            if claim is not None:
+                self._keep(i, claim, variant)
+            return
+        self.reports[i] = _report(part, self._outcomes.pop(i), claim)
+        if claim is not None:
+            self._claims.pop(i).release()
+            shutil.rmtree(claim.directory.with_name(claim.directory.name + INTERRUPTED), ignore_errors=True)
+            self._write()
+
+    def close(self) -> None:
+        """Keep what has finished of parts that have not."""
+        for claim in self._claims.values():
+            self.kept = claim.interrupt() is not None or self.kept
+            claim.release()
+
+    def _keep(self, i: int, claim: Claim, variant: str) -> None:
+        done = [one for one in self._outcomes[i].values() if isinstance(one, VariantOutcome) and one.failure is None]
+        if any(one.variant == variant for one in done):
+            done.sort(key=lambda one: one.variant == variant)
+            keep_variant(claim, self._parts[i].file, self._parts[i].scenarios, done, self._parts[i].overrides)
+
+    def _folder(self, i: int) -> Path:
+        assert self.directory is not None
+        return self.directory / self._parts[i].file.name / self._parts[i].fidelity
+
+    def _claim(self, i: int) -> Claim:
+        if i not in self._claims:
+            self._claims[i] = Claim(self._folder(i), force=True)
+        return self._claims[i]
+
+    def _write(self) -> None:
+        if self.directory is not None:
+            with writing(self.directory):
+                write_json(self.directory / SUMMARY, self.result().summary())
+
+
+class InterruptedReproductionError(KeyboardInterrupt):
+    """A reproduction that was interrupted; `result` holds the experiments that had finished."""
+
+    def __init__(self, message: str, result: Reproduction):
+        super().__init__(message)
+        self.result = result
+
+
+def _interrupted(work: _Work | None, count: int) -> InterruptedReproductionError:
+    """What is raised where a reproduction of `count` parts is interrupted; a directory without any is removed."""
+    result = work.result() if work else Reproduction()
+    done = f"interrupted: {len(result.parts)} of {count} finished"
+    if work is None or work.directory is None:
+        return InterruptedReproductionError(done, result)
+    if result.parts or work.kept:
+        return InterruptedReproductionError(f"{done}, kept in {work.directory}; go on with --resume", result)
+    shutil.rmtree(work.directory, ignore_errors=True)
+    return InterruptedReproductionError(f"{done}, nothing was kept", result)
 
 
 def _parts(file: ScenarioFile, fidelity: str | None) -> list[_Part]:
@@ -126,8 +294,9 @@ def _parts(file: ScenarioFile, fidelity: str | None) -> list[_Part]:
     return parts
 
 
-def _job(file: ScenarioFile, variant: str, overrides: Mapping[str, Any]) -> VariantOutcome | str:
+def _job(task: tuple[int, str, ScenarioFile, Mapping[str, Any]]) -> VariantOutcome | str:
     """One simulation in a worker process; a text when there is not even a log."""
+    _, variant, file, overrides = task
     try:
         scenario = resolve(file, variant, overrides)
         # Diagrams and exceptions do not travel between processes.
@@ -136,58 +305,35 @@ def _job(file: ScenarioFile, variant: str, overrides: Mapping[str, Any]) -> Vari
     except ForcectlError as error:
         return str(error)
     except (Exception, SystemExit) as error:  # a row of the table, with the name of what went wrong
-        return " ".join(f"{type(error).__name__}: {error}".split())
-
-
-def _one_thread() -> None:
-    # Many processes with many threads each are slower than with one.
-    for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
-        os.environ.setdefault(name, "1")
-
-
-def _pool(workers: int) -> ProcessPoolExecutor:
-    return ProcessPoolExecutor(workers, mp_context=multiprocessing.get_context("spawn"), initializer=_one_thread)
+        return one_line(error)
 
 
 def _simulate_all(
-    parts: Sequence[_Part], workers: int, progress: Progress | None
-) -> Iterator[tuple[int, dict[str, VariantOutcome | str]]]:
-    """The number of every part and its outcomes by variant, as soon as the last of them is there."""
-    results: defaultdict[int, dict[str, VariantOutcome | str]] = defaultdict(dict)
-    jobs = [(i, variant) for i, part in enumerate(parts) for variant in part.scenarios]
-
-    def submit(pool: ProcessPoolExecutor, i: int, variant: str) -> Future[VariantOutcome | str]:
-        return pool.submit(_job, parts[i].file, variant, parts[i].overrides)
-
-    def complete(i: int, variant: str, outcome: VariantOutcome | str) -> bool:
-        results[i][variant] = outcome
-        done, wanted = len(results[i]), len(parts[i].scenarios)
-        if progress:
-            progress(f"{parts[i].file.name} [{parts[i].fidelity}]", done / wanted)
-        return done == wanted
-
-    lost = []
-    with _pool(max(1, min(workers, len(jobs)))) as pool:
-        running = {submit(pool, *job): job for job in jobs}
-        for future in as_completed(running):
-            i, variant = running.pop(future)
-            if isinstance(future.exception(), BrokenProcessPool):
-                lost.append((i, variant))
-            elif complete(i, variant, future.result()):
-                yield i, results.pop(i)
-    # One process that dies takes the others' work with it: repeat what was lost, each in a process of its own.
-    for i, variant in lost:
-        with _pool(1) as pool:
-            try:
-                outcome = submit(pool, i, variant).result()
-            except BrokenProcessPool:
-                outcome = "the process ended unexpectedly"
-        if complete(i, variant, outcome):
-            yield i, results.pop(i)
+    parts: Sequence[_Part], jobs: Iterable[tuple[int, str]], workers: int
+) -> Generator[tuple[int, str, VariantOutcome | str], None, None]:
+    """The outcome of every variant of a part, by its number, as soon as it is there."""
+    waiting, deaths, found = deque(jobs), Counter[tuple[int, str]](), list[EndedTask]()
+    with contextlib.closing(Workers(_job, (), max(1, min(workers, len(waiting))))) as pool:
+        while True:
+            done = []
+            for ended in found:
+                i, variant, *_ = ended.task
+                deaths[i, variant] += bool(ended.death)
+                if ended.death and deaths[i, variant] < _DEATHS:
+                    waiting.append((i, variant))
+                else:
+                    done.append((i, variant, f"{ended.death}, {_DEATHS} times" if ended.death else ended.result))
+            while waiting and pool.free:
+                i, variant = waiting.popleft()
+                pool.submit((i, variant, parts[i].file, parts[i].overrides))
+            yield from done
+            if not pool.busy:
+                return
+            found = pool.wait()
 
 
-def _report(part: _Part, outcomes: Mapping[str, VariantOutcome | str], out: Path | None) -> PartReport:
-    """A part judged, and written to its directory under `out`."""
+def _report(part: _Part, outcomes: Mapping[str, VariantOutcome | str], claim: Claim | None) -> PartReport:
+    """A part judged, and written to its directory."""
     rows = []
     for name in part.scenarios:
         outcome = outcomes[name]
@@ -197,17 +343,20 @@ def _report(part: _Part, outcomes: Mapping[str, VariantOutcome | str], out: Path
     simulated = [outcome for name in part.scenarios if isinstance(outcome := outcomes[name], VariantOutcome)]
     done = [outcome for outcome in simulated if outcome.failure is None]
     rows += verdicts_on(part.file, part.scenarios, done)
-    if simulated and out is not None:
+    if simulated and claim is not None:
         try:
-            directory = out / part.file.name / part.fidelity
-            finish(part.file, part.scenarios, simulated, directory, overrides=part.overrides)
+            finish(part.file, part.scenarios, simulated, claim, overrides=part.overrides)
         except StoppedRunError:
             pass  # it is written beside, and a row already
+        except StorageError:
+            raise
         except Exception as error:  # what cannot be drawn is a row, and costs no other result
-            why = " ".join(f"{type(error).__name__}: {error}".split())
-            rows.append(Verdict("results", None, None, None, "must be written", False, why))
+            rows.append(Verdict("results", None, None, None, "must be written", False, one_line(error)))
+    return _part_report(part, rows, {outcome.variant: outcome.metrics for outcome in done})
+
+
+def _part_report(part: _Part, rows: Iterable[Verdict], metrics: dict[str, dict[str, float | None]]) -> PartReport:
     if part.several:
         rows = [replace(row, target=f"{row.target} [{part.fidelity}]") for row in rows]
     title = next(iter(part.scenarios.values())).title
-    metrics = {outcome.variant: outcome.metrics for outcome in done}
-    return PartReport(part.file.name, title, part.fidelity, rows, metrics)
+    return PartReport(part.file.name, title, part.fidelity, list(rows), metrics)

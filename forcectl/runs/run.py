@@ -2,55 +2,43 @@
 
 from __future__ import annotations
 
+import contextlib
 from collections.abc import Callable, Mapping, Sequence
-from dataclasses import dataclass, field
+from dataclasses import replace
 from pathlib import Path
 from typing import Any
 
 import xarray as xr
 from pydrake.systems.framework import Diagram
 
+from forcectl.analysis.findings.finding import RunFinding
 from forcectl.analysis.force_metrics import find_steps, force_distance
-from forcectl.errors import BadInputError, RunFailedError
+from forcectl.errors import BadInputError, one_line
 from forcectl.framework.reader import join
 from forcectl.framework.yaml_tree import Tagged, Tree, as_json, dump, nest
+from forcectl.interrupts import Interrupts, passed_over
 from forcectl.robot.model import RobotModel
-from forcectl.runs.directory import FAILED, check_free, manifest, write_json, write_whole
-from forcectl.runs.logs import stack, write_netcdf
+from forcectl.runs.claims.claim import Claim, Place, claimed
+from forcectl.runs.claims.kept import keep
+from forcectl.runs.directory import DATA, FAILED, INTERRUPTED, keep_only, made_of, manifest, write_file, write_json
+from forcectl.runs.logs import described, prepare_to_write, stack, write_netcdf
+from forcectl.runs.result import InterruptedRunError, RunResult, StoppedRunError
 from forcectl.runs.simulate import VariantOutcome, simulate
 from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.expectations import Verdict, judge
-from forcectl.scenario.scenario import Scenario, as_file, build, origins, resolve, resolved_tree, select_variants
+from forcectl.scenario.scenario import (
+    Scenario,
+    as_file,
+    build,
+    origins,
+    resolve,
+    resolved_tree,
+    select_variants,
+    with_shortcuts,
+)
 from forcectl.scenario.trees import part_tree
 
 Progress = Callable[[str, float], None]  # (variant, share done)
-
-
-@dataclass(frozen=True)
-class RunResult:
-    """A finished run."""
-
-    name: str
-    log: xr.Dataset  # over time, or over (variant, time) when there are several
-    metrics: dict[str, dict[str, float | None]]  # variant -> metric -> value
-    diagram: Diagram  # of the first variant
-    directory: Path | None  # None when nothing was written
-    verdicts: list[Verdict] = field(default_factory=list)  # on the scenario's `expect`
-    assumed: dict[str, str] = field(default_factory=dict)  # of the robot, by key: the rule
-
-    @property
-    def passed(self) -> bool:
-        """Whether no expectation was missed."""
-        return all(v.passed is not False for v in self.verdicts)
-
-
-class StoppedRunError(RunFailedError):
-    """A run that had to stop. `log` holds the signals up to there, `directory` where they were written (or None)."""
-
-    def __init__(self, message: str, log: xr.Dataset, directory: Path | None):
-        super().__init__(message)
-        self.log = log
-        self.directory = directory
 
 
 def run(
@@ -60,11 +48,13 @@ def run(
     overrides: Mapping[str, Any] | None = None,
     seed: int | None = None,
     fidelity: str | None = None,
-    out: str | Path | None = None,
+    out: Place | None = None,
     force: bool = False,
+    allow_imports: Sequence[str] = (),
     replay: bool = False,
     realtime_rate: float = 0.0,
     progress: Progress | None = None,
+    stage: Callable[[str], None] = lambda text: None,
 ) -> RunResult:
     """Simulate a scenario.
 
@@ -76,39 +66,50 @@ def run(
             of them sets.
         seed: short for the override of `seed`.
         fidelity: short for that of `station.fidelity`.
-        out: directory to write (see `run_directory`); None writes nothing.
+        out: directory to write (see `forcectl.runs.directory`), which nobody else can have from now on; None writes
+            nothing.
         force: replace an earlier run in `out`.
+        allow_imports: names of modules that it may name, see `load_scenario`.
         replay: also write each variant as an animation in three dimensions, one HTML page each.
         realtime_rate: at most this many simulated seconds per second; 0: as fast as possible.
         progress: called with the variant and the share of it that is done.
+        stage: called with what goes on: building, simulating, drawing.
 
     Raises:
-        BadInputError: the scenario cannot be used; nothing was written.
+        BadInputError: the scenario or the directory cannot be used; nothing was written.
+        StorageError: the directory cannot be written any more; the message says what is kept.
         StoppedRunError: a signal became NaN or diverged, or a solver gave up.
+        InterruptedRunError: Ctrl-C; the log up to there is kept as `<out>.interrupted`.
     """
-    file = as_file(scenario)
+    file = as_file(scenario, allow_imports)
     changes = with_shortcuts(overrides, seed, fidelity)
     # Everything is checked before anything is simulated.
     scenarios = {name: resolve(file, name, changes) for name in select_variants(file, variant)}
     check_overrides(file, list(scenarios), changes)
-    directory = None if out is None else Path(out).expanduser()
-    if replay and directory is None:
+    if replay and out is None:
         raise BadInputError("replay = True: must be False without an output directory")
-    if directory is not None:
-        check_free(directory, force)
-    loops = {name: build(one, origins(file, name, changes)) for name, one in scenarios.items()}
-    outcomes: list[VariantOutcome] = []
-    for name, one in scenarios.items():
-        outcomes.append(simulate(one, loops.pop(name), name, realtime_rate, progress))
-        if outcomes[-1].failure is not None:
-            break
-    return finish(file, scenarios, outcomes, directory, force=force, replay=replay, overrides=changes)
-
-
-def with_shortcuts(overrides: Mapping[str, Any] | None, seed: int | None, fidelity: str | None) -> dict[str, Any]:
-    """Overrides with the values that have an argument of their own."""
-    shortcuts = {"seed": seed, "station.fidelity": fidelity}
-    return dict(overrides or {}) | {key: value for key, value in shortcuts.items() if value is not None}
+    with contextlib.nullcontext() if out is None else claimed(out, force) as claim:
+        if claim is not None:
+            prepare_to_write()
+        stage("building")
+        loops = {name: build(one, origins(file, name, changes)) for name, one in scenarios.items()}
+        stage("simulating")
+        outcomes: list[VariantOutcome] = []
+        try:
+            with Interrupts():
+                for number, (name, one) in enumerate(scenarios.items(), start=1):
+                    outcomes.append(simulate(one, loops.pop(name), name, realtime_rate, progress))
+                    if outcomes[-1].failure is not None:
+                        break
+                    if claim is not None and number < len(scenarios):
+                        keep_variant(claim, file, scenarios, outcomes, changes)
+                if not outcomes[-1].interrupted:
+                    stage("judging" if claim is None else "writing")
+                    return finish(file, scenarios, outcomes, claim, replay=replay, overrides=changes)
+        except KeyboardInterrupt:
+            pass  # the frames of the traceback hold the diagram
+        with passed_over():  # what is kept is kept, whoever is impatient
+            raise _keep_interrupted(file, scenarios, outcomes, claim, changes)
 
 
 def check_overrides(file: ScenarioFile, names: Sequence[str], overrides: Mapping[str, Any]) -> None:
@@ -151,58 +152,163 @@ def finish(
     file: ScenarioFile,
     scenarios: Mapping[str, Scenario],
     outcomes: Sequence[VariantOutcome],
-    directory: Path | None,
+    claim: Claim | None,
     *,
     overrides: Mapping[str, Any],
-    force: bool = False,
     replay: bool = False,
 ) -> RunResult:
     """Judge simulated variants and write their run directory.
 
     Raises:
         StoppedRunError: one of them had to stop; what there is was written to `<directory>.failed`.
+        StorageError: the directory cannot be written any more.
     """
-    log = stack([outcome.log for outcome in outcomes])
-    metrics = {outcome.variant: outcome.metrics for outcome in outcomes if outcome.failure is None}
     failed = next((outcome for outcome in outcomes if outcome.failure is not None), None)
     first = next(iter(scenarios.values()))
+    ended = f"stopped: {failed.failure}" if failed else ""
+    log = described(stack([outcome.log for outcome in outcomes]), file.name, first, ended, _gains(outcomes))
     diagram = outcomes[0].diagram or build(first).diagram
     verdicts = [] if failed else verdicts_on(file, scenarios, outcomes)
-    assumed = assumed_of(first)
 
     def fill(folder: Path) -> None:
-        text = dump(resolved_tree(scenarios))
-        reason = {"failure": failed.failure, "failed_variant": failed.variant} if failed else {}
-        details = {
-            "scenario": file.name,
-            "title": first.title,
-            "preset": first.preset,
-            "fidelity": first.fidelity,
-            "seed": first.seed,
-            "variants": list(scenarios),
-            "robot_assumed": assumed,
-            "overrides": {key: as_json(part_tree(value)) for key, value in overrides.items()},
-            "status": "failed" if failed else "done",
-            **reason,
-            "expectations": {v.target: v.as_row() for v in verdicts},
-        }
-        (folder / "scenario.yaml").write_text(f"# {file.name}, resolved\n{text}", encoding="utf-8")
-        write_json(folder / "manifest.json", manifest(text, details))
+        written = (folder, file, scenarios, outcomes, overrides)
         write_netcdf(log, folder / "log.nc")
-        write_json(folder / "metrics.json", metrics)
-        _write_pictures(folder, log, first, diagram, first.title or file.name)
-        for number, outcome in enumerate(outcomes, start=1):
-            mark = f"_{number}" if len(scenarios) > 1 else ""
-            _write_files(folder, mark, outcome, scenarios[outcome.variant], replay)
+        _write_words(*written, verdicts, *(("failed", failed.failure) if failed else ("done", None)))
+        try:
+            _write_pictures(folder, log, first, diagram, first.title or file.name, _findings(outcomes))
+            for number, outcome in enumerate(outcomes, start=1):
+                mark = f"_{number}" if len(scenarios) > 1 else ""
+                _write_files(folder, mark, outcome, scenarios[outcome.variant], replay)
+        except Exception as error:
+            if isinstance(error, OSError):  # they may be there in part, and leave no room for the line that says so
+                keep_only(folder, DATA)
+            if failed is None:
+                _write_words(*written, verdicts, "failed", f"pictures cannot be drawn: {one_line(error)}")
+            raise
 
     if failed is not None:
-        # An earlier failure at the same place is out of date.
-        kept = directory and write_whole(directory.with_name(directory.name + FAILED), fill, force=True)
+        kept = None if claim is None else claim.write(fill, FAILED)
         where = f"; the log up to there is in {kept}" if kept else ""
         raise StoppedRunError(f"variant {failed.variant!r}: {failed.failure}{where}", log, kept) from failed.cause
-    if directory is not None:
-        directory = write_whole(directory, fill, force)
-    return RunResult(file.name, log, metrics, diagram, directory, verdicts, assumed)
+    directory = None if claim is None else claim.write(fill)
+    metrics, findings = _metrics(outcomes), _findings(outcomes)
+    speeds = {outcome.variant: outcome.realtime_factor for outcome in outcomes}
+    gains = {outcome.variant: outcome.gains for outcome in outcomes if outcome.gains}
+    return RunResult(
+        file.name, log, metrics, diagram, directory, verdicts, assumed_of(first), first, findings, speeds, gains
+    )
+
+
+def _metrics(outcomes: Sequence[VariantOutcome]) -> dict[str, dict[str, float | None]]:
+    """The metrics of every variant that was simulated to its end."""
+    return {outcome.variant: outcome.metrics for outcome in outcomes if outcome.failure is None}
+
+
+def _findings(outcomes: Sequence[VariantOutcome]) -> dict[str, list[RunFinding]]:
+    """The findings of every variant that was simulated to its end."""
+    return {outcome.variant: outcome.findings for outcome in outcomes if outcome.failure is None}
+
+
+def _gains(outcomes: Sequence[VariantOutcome]) -> dict[str, dict[str, Any]]:
+    """The gains that experiments found: variant -> dotted key of the law -> who found them, and each."""
+    return {outcome.variant: {one.key: one.as_row() for one in outcome.gains} for outcome in outcomes if outcome.gains}
+
+
+def keep_variant(
+    claim: Claim,
+    file: ScenarioFile,
+    scenarios: Mapping[str, Scenario],
+    outcomes: Sequence[VariantOutcome],
+    overrides: Mapping[str, Any],
+) -> None:
+    """Make the last of the variants that have finished durable, in case the process is killed before all of them have.
+
+    Raises:
+        StorageError: it cannot be written.
+    """
+    name = outcomes[-1].variant
+    one = scenarios[name]
+    failure = f"its process ended after {len(outcomes)} of {len(scenarios)} variants"
+    with claim.storing():
+        outcome = replace(outcomes[-1], log=described(outcomes[-1].log, file.name, one, failure, _gains(outcomes[-1:])))
+        _write_words(claim.results, file, scenarios, outcomes, overrides, [], "interrupted", failure)
+        keep(claim.results, list(scenarios).index(name), variant_made_of(name, one), outcome)
+
+
+def variant_made_of(name: str, scenario: Scenario) -> dict[str, Any]:
+    """What the results of a variant depend on, see `made_of`."""
+    return made_of(resolved_text({name: scenario}))
+
+
+def resolved_text(scenarios: Mapping[str, Scenario]) -> str:
+    """The scenario file that holds these variants in full."""
+    return dump(resolved_tree(scenarios))
+
+
+def _write_words(
+    folder: Path,
+    file: ScenarioFile,
+    scenarios: Mapping[str, Scenario],
+    outcomes: Sequence[VariantOutcome],
+    overrides: Mapping[str, Any],
+    verdicts: Sequence[Verdict],
+    status: str,
+    failure: str | None,
+) -> None:
+    """What is text in a run directory; `status` is done, failed or interrupted, `failure` says why."""
+    first = next(iter(scenarios.values()))
+    text = resolved_text(scenarios)
+    stopped = next((outcome.variant for outcome in outcomes if outcome.failure is not None), None)
+    reason = ({"failure": failure} if failure else {}) | ({"failed_variant": stopped} if stopped else {})
+    details = {
+        "scenario": file.name,
+        "title": first.title,
+        "preset": first.preset,
+        "fidelity": first.fidelity,
+        "seed": first.seed,
+        "variants": list(scenarios),
+        "robot_assumed": assumed_of(first),
+        "overrides": {key: as_json(part_tree(value)) for key, value in overrides.items()},
+        "model_error_window_s": {name: one.model_error_window for name, one in scenarios.items()},
+        "realtime_factor": {outcome.variant: outcome.realtime_factor for outcome in outcomes},
+        "gains": _gains(outcomes),
+        "status": status,
+        **reason,
+        "expectations": {v.target: v.as_row() for v in verdicts},
+    }
+    write_file(folder / "scenario.yaml", f"# {file.name}, resolved\n{text}".encode())
+    said = {name: {"findings": [one.as_row() for one in found]} for name, found in _findings(outcomes).items()}
+    write_json(folder / "metrics.json", {name: each | said[name] for name, each in _metrics(outcomes).items()})
+    write_json(folder / "manifest.json", manifest(text, details))
+
+
+def _keep_interrupted(
+    file: ScenarioFile,
+    scenarios: Mapping[str, Scenario],
+    outcomes: Sequence[VariantOutcome],
+    claim: Claim | None,
+    overrides: Mapping[str, Any],
+) -> InterruptedRunError:
+    """Write the log of a run that was interrupted, without pictures; returns what is to be raised."""
+    outcomes = [outcome for outcome in outcomes if outcome.log.sizes["time"] > 1]
+    if not outcomes:
+        return InterruptedRunError("interrupted before anything was simulated: nothing was kept", None, None)
+    last, log = outcomes[-1], stack([outcome.log for outcome in outcomes])
+    log = described(log, file.name, next(iter(scenarios.values())), "interrupted", _gains(outcomes))
+    if last.interrupted:
+        failure = f"{last.failure} of {scenarios[last.variant].duration:g} s"
+    else:
+        failure = f"interrupted after {len(outcomes)} of {len(scenarios)} variants, before all was written"
+    if claim is None:
+        return InterruptedRunError(f"{failure}: nothing was written", log, None)
+
+    def fill(folder: Path) -> None:
+        write_netcdf(log, folder / "log.nc")
+        _write_words(folder, file, scenarios, outcomes, overrides, [], "interrupted", failure)
+
+    claim.clear()
+    kept = claim.write(fill, INTERRUPTED)
+    return InterruptedRunError(f"{failure}: the log up to there is in {kept}", log, kept)
 
 
 def assumed_of(scenario: Scenario) -> dict[str, str]:
@@ -239,10 +345,10 @@ def verdicts_on(
 def _write_files(folder: Path, mark: str, outcome: VariantOutcome, scenario: Scenario, replay: bool) -> None:
     """What analyses have to say of a variant in files of their own, and its replay; `mark` ends the files' names."""
     setting = scenario.setting()
-    for analysis in scenario.analyses.values():
+    for name, analysis in scenario.analyses.items():
         if hasattr(analysis, "files") and outcome.failure is None:
-            for name, text in analysis.files(outcome.log, setting).items():
-                path = Path(name)
+            for file_name, text in scenario.asked(name, "files", outcome.log, setting).items():
+                path = Path(file_name)
                 (folder / f"{path.stem}{mark}{path.suffix}").write_text(text, encoding="utf-8")
     if replay and outcome.log.sizes["time"]:
         from forcectl.runs.replay.write import write_replay
@@ -261,13 +367,20 @@ def _write_files(folder: Path, mark: str, outcome: VariantOutcome, scenario: Sce
         )
 
 
-def _write_pictures(folder: Path, log: xr.Dataset, scenario: Scenario, diagram: Diagram, title: str) -> None:
+def _write_pictures(
+    folder: Path,
+    log: xr.Dataset,
+    scenario: Scenario,
+    diagram: Diagram,
+    title: str,
+    findings: Mapping[str, Sequence[RunFinding]],
+) -> None:
     # Matplotlib takes half a second to import, and a run from Python without a directory needs none of it.
     from forcectl.figures.force import write_figures
     from forcectl.graph.export import graph
 
     if log.sizes["time"] > 1:  # a run may stop before its first step
-        write_figures(scenario.figures(log, title), folder / "figures")
+        write_figures(scenario.figures(log, title, findings), folder / "figures")
     picture = graph(diagram)
     for format_ in ("dot", "svg", "html"):
         picture.save(folder / f"diagram.{format_}")

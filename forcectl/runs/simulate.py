@@ -1,10 +1,11 @@
-"""Simulating one variant: build, advance piece by piece, watch the log, measure the speed."""
+"""Simulating one variant: find its gains, build, advance piece by piece, watch the log, measure the speed."""
 
 from __future__ import annotations
 
+import contextlib
 import time
 from collections.abc import Callable, Iterator, Mapping
-from dataclasses import dataclass, replace
+from dataclasses import dataclass, field, replace
 from typing import Any
 
 import numpy as np
@@ -13,27 +14,47 @@ from numpy.typing import NDArray
 from pydrake.systems.analysis import Simulator
 from pydrake.systems.framework import Context, Diagram, System
 
+from forcectl.analysis.findings.finding import RunFinding
+from forcectl.diagrams.derived import Derived
 from forcectl.diagrams.loop import Loop
 from forcectl.diagrams.model import Setting
-from forcectl.errors import RunFailedError
+from forcectl.errors import BadInputError, RunFailedError
+from forcectl.interrupts import Interrupts
 from forcectl.runs.logs import ChunkedLog, first_fault, to_dataset
-from forcectl.scenario.scenario import Scenario
+from forcectl.runs.probed import Probed
+from forcectl.scenario.gains import FoundGains, asks_for_gains, identifications, text_of, with_gains
+from forcectl.scenario.scenario import Scenario, build, experiment
 
 Array = NDArray[np.float64]
 CHUNK = 0.25  # [s] of simulated time between two looks at the log
+FOUND: dict[str, dict[str, float | None]] = {}  # text of an experiment that finds gains -> its metrics, in this process
+MOST_FOUND = 100  # of them that are kept
 
 
 @dataclass(frozen=True)
 class VariantOutcome:
-    """One simulated variant. `failure` says why it had to stop; the log then ends there and `metrics` is empty."""
+    """One simulated variant.
+
+    Attributes:
+        metrics, findings: of the log; empty after a failure.
+        gains: that an experiment found before the run, see `found_gains`.
+        failure: why it had to stop; the log then ends there.
+        interrupted: by Ctrl-C; `failure` then says when.
+        realtime_factor: simulated time divided by computing time [1]; None where several were computed at once.
+        diagram: None when the outcome comes from another process.
+        cause: what a block or a solver raised; None when the outcome comes from another process.
+    """
 
     variant: str
     log: xr.Dataset
-    metrics: dict[str, float | None]
+    metrics: dict[str, float | None] = field(default_factory=dict)
+    findings: list[RunFinding] = field(default_factory=list)
+    gains: list[FoundGains] = field(default_factory=list)
     failure: str | None = None
-    # The next two are None when the outcome comes from another process.
+    interrupted: bool = False
+    realtime_factor: float | None = None
     diagram: Diagram | None = None
-    cause: BaseException | None = None  # what a block or a solver raised
+    cause: BaseException | None = None
 
 
 def simulate(
@@ -47,24 +68,94 @@ def simulate(
 
     Args:
         scenario: complete (see `load_scenario`).
-        loop: what `build` made of it.
+        loop: what `build` made of it; where gains have to be found first, another one is built with them.
         variant: its name, for the log.
         realtime_rate: at most this many simulated seconds per second; 0: as fast as possible.
         progress: called with the variant and the share done, after every `CHUNK`.
+
+    Ctrl-C ends the simulation: the outcome is then `interrupted`, with the log up to there.
+
+    Raises:
+        RunFailedError: the experiment that is to find gains fails.
+        KeyboardInterrupt: Ctrl-C while gains are found.
     """
+    if asks_for_gains(scenario):
+        gains = found_gains(scenario, progress and (lambda name, share: progress(variant, 0.0)))
+        tuned = with_gains(scenario, gains)
+        return replace(simulate(tuned, build(tuned), variant, realtime_rate, progress), gains=gains)
+    with Interrupts(held=True) as interrupts:
+        outcome = _simulated(scenario, loop, variant, realtime_rate, progress, interrupts)
+        if interrupts.asked and not interrupts.heeded:  # when all was simulated: the log is kept
+            interrupts.heeded = True
+            if outcome.failure is None:
+                failure = f"interrupted at t = {float(outcome.log['time'][-1]):.3f} s"
+                outcome = replace(outcome, failure=failure, interrupted=True)
+        return outcome
+
+
+def found_gains(scenario: Scenario, progress: Callable[[str, float], None] | None = None) -> list[FoundGains]:
+    """The gains that experiments find for the laws of a scenario; an experiment is simulated once in a process.
+
+    Args:
+        scenario: complete.
+        progress: called now and then.
+
+    Raises:
+        RunFailedError: an experiment had to stop, or found no gains that the law can use.
+        KeyboardInterrupt: Ctrl-C.
+    """
+    gains = []
+    for one in identifications(scenario, experiment):
+        text = text_of(one.scenario)
+        metrics = FOUND.get(text)
+        if metrics is None:
+            outcome = simulate(one.scenario, build(one.scenario), one.experiment, progress=progress)
+            if outcome.interrupted:
+                raise KeyboardInterrupt
+            if outcome.failure is not None:
+                raise RunFailedError(f"gains of {one.key} from {one.experiment}: {outcome.failure}") from outcome.cause
+            metrics = outcome.metrics
+            if text:
+                FOUND[text] = metrics
+            if len(FOUND) > MOST_FOUND:
+                del FOUND[next(iter(FOUND))]
+        values = {name: metrics.get(name) for name in one.names}
+        found = {name: one.scale * value for name, value in values.items() if value is not None}
+        if len(found) < len(values) or not any(found.values()):
+            raise RunFailedError(f"gains of {one.key}: {one.experiment} finds none on this station: {values}")
+        gains.append(FoundGains(one.key, one.experiment, found))
+    try:
+        with_gains(scenario, gains)
+    except BadInputError as error:
+        raise RunFailedError(str(error)) from error
+    return gains
+
+
+def _simulated(
+    scenario: Scenario,
+    loop: Loop,
+    variant: str,
+    realtime_rate: float,
+    progress: Callable[[str, float], None] | None,
+    interrupts: Interrupts,
+) -> VariantOutcome:
+    """What `simulate` does, while interrupts are held: they stop Drake between two looks at the log."""
     simulator = Simulator(loop.diagram)
     context = simulator.get_mutable_context()
     simulator.set_target_realtime_rate(realtime_rate)
     log = ChunkedLog()
+    probed = Probed(loop, simulator)
     limits = scenario.limits()
     ends = ends_of_chunks(scenario.duration)
     failure, computing, ended, enough = None, 0.0, None, False
     for i, end in enumerate(ends):
-        cause, seconds = advance(simulator, end)
+        cause, seconds = advance(simulator, end, interrupts)
         computing += seconds if i else 0.0  # the first one initializes
         times, values = log.take(loop.sink.FindMutableLog(context))
-        fault = first_fault(times, values, loop.signals, limits, faulty=bool(scenario.station.faults))
-        if fault is not None:
+        fault = first_fault(times, values, loop.signals, limits, faulty=scenario.station.fails())
+        if isinstance(cause, KeyboardInterrupt):
+            failure = f"interrupted at t = {times[-1] if times.size else ends[max(i - 1, 0)]:.3f} s"
+        elif fault is not None:
             name, when, value = fault
             failure = fault_of(name, when, value, loop.signals[name].unit)
             log.cut(when)
@@ -80,9 +171,21 @@ def simulate(
             break
     times, values = log.samples()
     bandwidth = scenario.model_bandwidth(loop.reference_model_bandwidth)
-    dataset = to_dataset(times, values, loop.signals, variant, bandwidth, loop.derived(values))
+    probes = probed.samples(times)
+    further = {name: Derived(*samples) for name, samples in probes.items()} | loop.derived(values, probes)
+    dataset = to_dataset(times, values, loop.signals, variant, bandwidth, further)
     speed = end / computing if computing > 0 else None
-    return judged(scenario, loop.setting, VariantOutcome(variant, dataset, {}, failure, loop.diagram, cause), speed)
+    interrupts.heeded = isinstance(cause, KeyboardInterrupt)
+    outcome = VariantOutcome(
+        variant,
+        dataset,
+        failure=failure,
+        interrupted=interrupts.heeded,
+        realtime_factor=speed,
+        diagram=loop.diagram,
+        cause=cause,
+    )
+    return judged(scenario, loop.setting, outcome)
 
 
 def _machine_end(times: Array, values: Array, signals: Mapping[str, Any]) -> float | None:
@@ -99,19 +202,19 @@ def ends_of_chunks(duration: float) -> list[float]:
     return [min(i * CHUNK, duration) for i in range(count + 1)]
 
 
-def judged(scenario: Scenario, setting: Setting, outcome: VariantOutcome, speed: float | None) -> VariantOutcome:
-    """An outcome with its metrics, unless it has failed.
+def judged(scenario: Scenario, setting: Setting, outcome: VariantOutcome) -> VariantOutcome:
+    """An outcome with its metrics and findings, unless it has failed.
 
     Args:
         scenario: that was simulated.
         setting: of its loop.
-        outcome: without metrics.
-        speed: simulated time over computing time [1].
+        outcome: without metrics and findings.
     """
     if outcome.failure is not None:
         return outcome
     try:
-        return replace(outcome, metrics=scenario.metrics(outcome.log, setting, speed))
+        metrics = scenario.metrics(outcome.log, setting)
+        return replace(outcome, metrics=metrics, findings=scenario.found(outcome.log, setting))
     except RunFailedError as error:
         return replace(outcome, failure=str(error), cause=error)
 
@@ -122,18 +225,32 @@ def fault_of(name: str, when: float, value: float, unit: str) -> str:
     return f"{name} {what} at t = {when:.4f} s"
 
 
-def advance(simulator: Simulator, until: float) -> tuple[BaseException | None, float]:
-    """Advance to `until` [s], 0: initialize; returns what stopped it (or None), and the computing time [s]."""
+def advance(
+    simulator: Simulator, until: float, interrupts: Interrupts | None = None
+) -> tuple[BaseException | None, float]:
+    """Advance to `until` [s], 0: initialize; returns what stopped it (or None), and the computing time [s].
+
+    Args:
+        simulator: of a diagram.
+        until: the time to come to [s].
+        interrupts: that are held; they stop it.
+    """
     started = time.perf_counter()
     try:
-        if until == 0:
-            simulator.Initialize()
-        else:
-            simulator.AdvanceTo(until)
+        with interrupts.let_through() if interrupts else contextlib.nullcontext():
+            if until == 0:
+                simulator.Initialize()
+            else:
+                simulator.AdvanceTo(until)
+    except KeyboardInterrupt as error:
+        if interrupts is None:
+            raise
+        return error, time.perf_counter() - started
     # Drake's solvers give up with a RuntimeError, its failed preconditions arrive as SystemExit, and a block of the
     # user's own may raise anything.
-    except (Exception, SystemExit) as error:
-        return error, time.perf_counter() - started
+    except BaseException as error:
+        asked = interrupts is not None and interrupts.asked
+        return KeyboardInterrupt() if asked else error, time.perf_counter() - started
     return None, time.perf_counter() - started
 
 

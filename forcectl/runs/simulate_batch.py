@@ -24,7 +24,8 @@ from forcectl.errors import RunFailedError
 from forcectl.framework.fields import stacked
 from forcectl.framework.linear_batch import WIDE
 from forcectl.runs.logs import ChunkedLog, first_fault, to_dataset
-from forcectl.runs.simulate import VariantOutcome, advance, ends_of_chunks, fault_of, judged
+from forcectl.runs.simulate import VariantOutcome, advance, ends_of_chunks, fault_of, judged, simulate
+from forcectl.scenario.gains import asks_for_gains
 from forcectl.scenario.scenario import Scenario
 
 MOST = 200  # elements of a batch; more are hardly faster
@@ -40,7 +41,7 @@ def batch_size(scenario: Scenario) -> int:
     Args:
         scenario: complete.
     """
-    if not is_scalar(scenario.parts):
+    if scenario.log or asks_for_gains(scenario) or not is_scalar(scenario.parts):
         return 0
     ticks = scenario.duration / (scenario.station.period or 0.002)
     return int(np.clip(_MOST_SAMPLES / (_ROWS * ticks), 1, MOST))
@@ -51,7 +52,8 @@ def simulate_batch(
 ) -> list[VariantOutcome]:
     """Simulate scenarios that differ only in the numbers that elements of a batch may differ in, and in their seeds.
 
-    An outcome equals that of `simulate` to rounding, and bit for bit that in any other batch.
+    An outcome equals that of `simulate` to rounding, and bit for bit that in any other batch. A batch has no guard:
+    what one could have acted on is simulated again, alone and guarded.
 
     Args:
         scenarios: for which `batch_size` is not 0; of each a loop can be built.
@@ -79,9 +81,12 @@ def simulate_batch(
         kept = times <= end
         rows = batch.rows(values, i)[:, kept]
         bandwidth = scenario.model_bandwidth(scenario.parts.reference_model_bandwidth)
+        if not batch.passes(i, scenario, setting, values[:, kept], failure is not None):
+            outcomes.append(simulate(scenario, scenario.build(), variant))
+            continue
         derived = {"contact_state": contact_state(rows[batch.signals["contact_force"].rows][0])}
         log = to_dataset(times[kept], rows, batch.signals, variant, bandwidth, derived)
-        outcomes.append(judged(scenario, setting, VariantOutcome(variant, log, {}, failure), None))
+        outcomes.append(judged(scenario, setting, VariantOutcome(variant, log, failure=failure)))
     return outcomes
 
 
@@ -103,6 +108,10 @@ class _Batch:
         found = {first: LoggedSignal(slice(0, 1), own[first].unit, None), "motor_position": motors}
         for row, name in enumerate(list(own)[1:], 1 + len(joints)):
             found[name] = LoggedSignal(slice(row, row + 1), own[name].unit, None)
+        # Zero where a guard passes, see `passes`.
+        if self.scenarios[0].guard is not None and "status" not in own:
+            end = len(own) + len(joints)
+            found["status"] = LoggedSignal(slice(end, end + 1), unit_of("status"), None)
         return found
 
     def rows(self, values: Array, element: int) -> Array:
@@ -113,9 +122,19 @@ class _Batch:
                 contact, start = self.setting.workcell.contact, self.setting.workcell.motor_start
                 displacement = values[self.loop.signals["contact_displacement"].rows][element]
                 found.append(start[:, None] + contact.direction[:, None] * displacement)
+            elif name not in self.loop.signals:
+                found.append(np.zeros((1, values.shape[1])))
             else:
                 found.append(values[self.loop.signals[name].rows][[element]])
         return np.concatenate(found)
+
+    def passes(self, element: int, scenario: Scenario, setting: Setting, values: Array, failed: bool) -> bool:
+        """Whether the guard of an element would have passed on all of its part of the log (n, k)."""
+        if scenario.guard is None:
+            return True
+        names = ("desired_force", "measured_force", "displacement_command")
+        desired, measured, command = (values[self.loop.signals[name].rows][element] for name in names)
+        return not failed and scenario.guard.passes(setting.model, desired, measured, command)
 
     def run(self, progress: Callable[[float], object]) -> tuple[Array, Array, dict[int, tuple[str, float]]]:
         """Simulate; returns times (k,) [s], the log (n, k), and of elements that failed why and when [s]."""

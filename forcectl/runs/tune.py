@@ -7,7 +7,9 @@ figures/         experiment and prediction, SVG and PNG
 
 from __future__ import annotations
 
+import contextlib
 import math
+from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
@@ -17,11 +19,13 @@ import numpy as np
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.reader import Reader
 from forcectl.framework.yaml_tree import Tagged, dump, parse
-from forcectl.runs.directory import SUMMARY, check_free, write_json, write_whole
-from forcectl.runs.recorded import LONG_REST, Recorded, read_record
+from forcectl.runs.claims.claim import Place, claimed
+from forcectl.runs.directory import SUMMARY, write_file, write_json
+from forcectl.runs.recorded import LONG_REST, NAMES, Recorded, read_record
 from forcectl.runs.tuning_report import summary
 from forcectl.tuning.controller_basis import ControllerBasis, continuous_pid, discrete_pid, fir
 from forcectl.tuning.fit import VrftFit
+from forcectl.tuning.motor_positions import INPUTS, STICKS, disagreement, motor_record
 from forcectl.tuning.reference_model import ReferenceModel, ReferenceModelConfig
 from forcectl.tuning.vrft import fit_vrft
 
@@ -38,6 +42,8 @@ class Tuned:
 
     Attributes:
         compensated: whether the robot's compliance was fed back in the experiment.
+        input: "command" or "motor", which the controller is from, see `forcectl.tuning.motor_positions`.
+        other: the fit on the other one; None where the motors were not recorded.
     """
 
     config: ReferenceModelConfig
@@ -45,6 +51,8 @@ class Tuned:
     fit: VrftFit
     compensated: bool
     directory: Path | None  # None when nothing was written
+    input: str = "command"
+    other: VrftFit | None = None
 
     @property
     def bandwidth(self) -> float:
@@ -98,9 +106,35 @@ class Tuned:
         return _round(max(0.8 * float(self.record.y.max()), 1.0), 2)
 
     @property
+    def by_input(self) -> dict[str, dict[str, float]]:
+        """The gains of VRFT on commands and on motor positions, as far as there are, by the names of the gains."""
+        fits = {self.input: self.fit}
+        if self.other is not None:
+            fits[next(name for name in INPUTS if name != self.input)] = self.other
+        return {
+            name: dict(zip(fits[name].basis.names, _own_gains(fits[name]).tolist(), strict=True))
+            for name in INPUTS
+            if name in fits
+        }
+
+    @property
+    def stick(self) -> float | None:
+        """By how much K_P on commands is off that on motor positions, as a share; None where one is unknown."""
+        if self.other is None or self.fit.pid is None:
+            return None
+        of_command, of_motor = (self.fit, self.other) if self.input == "command" else (self.other, self.fit)
+        return disagreement(*(_own_gains(fit)[0] for fit in (of_command, of_motor)))
+
+    @property
     def warnings(self) -> tuple[str, ...]:
         """Of the fit, and of the record."""
         own, of_model = [], -self.fit.plant.static_gain
+        differs = self.stick
+        if differs is not None and differs > STICKS:
+            own.append(
+                f"K_P on commands and on motor positions differ by {100 * differs:.0f} %: drives stuck in the record "
+                "(stick-slip); enlarge the moves until K_P stops changing, or take --learn-from motor"
+            )
         if self.stiffness != of_model:
             own.append(
                 f"the plant model is {of_model:.4g} N/m stiff and the contact at rest {self.stiffness:.4g} N/m "
@@ -129,7 +163,9 @@ def tune_vrft(
     variant: str | None = None,
     flip_input: bool = False,
     compensated: bool | None = None,
-    out: str | Path | None = None,
+    learn_from: str = "command",
+    robot_compliance: float | None = None,
+    out: Place | None = None,
     force: bool = False,
 ) -> Tuned:
     """Tune a controller from a recorded experiment and write it.
@@ -145,20 +181,40 @@ def tune_vrft(
         input_column, output_column, variant, flip_input: see `read_record`.
         compensated: whether the compliance of the robot was fed back in the experiment (4.12); None: by the name of the
             input, which is not when it is `displacement_command`.
-        out: directory to write; None writes nothing.
+        learn_from: "command", as in the thesis, or "motor", the positions of the motors, which friction does not spoil.
+        robot_compliance: C_R_hat that was fed back [m/N]; None: from the columns of u_hat and dx_bar. For "motor".
+        out: directory to write; nobody else can have it from now on. None writes nothing.
         force: replace an earlier result there.
 
     Raises:
         BadInputError: data, model or directory cannot be used; nothing was written.
+        StorageError: the directory cannot be written any more.
     """
     config = reference_model_config(reference_model)
     _basis(form, 1.0)
-    directory = None if out is None else Path(out).expanduser()
-    if directory is not None:
-        check_free(directory, force)
     read = partial(
         read_record, input_column=input_column, output_column=output_column, variant=variant, flip_input=flip_input
     )
+    with contextlib.nullcontext() if out is None else claimed(out, force) as claim:
+        tuned = _tuned(data, config, form, prefilter, refine, second, read, compensated, learn_from, robot_compliance)
+        if claim is None:
+            return tuned
+        return replace(tuned, directory=claim.write(lambda folder: _write(tuned, folder)))
+
+
+def _tuned(
+    data: str | Path,
+    config: ReferenceModelConfig,
+    form: str,
+    prefilter: bool,
+    refine: bool,
+    second: str | Path | None,
+    read: Callable[[str | Path], Recorded],
+    compensated: bool | None,
+    learn_from: str,
+    robot_compliance: float | None,
+) -> Tuned:
+    """What `tune_vrft` makes, written nowhere yet; `read` reads a record."""
     record = read(data)
     model = config.model(record.period)
     _check_against_model(record, model)
@@ -173,23 +229,54 @@ def tune_vrft(
         _check_repeated(record, again)
         instrument = again.y
     basis = _basis(form, record.period)
-    fit = fit_vrft(record.u, record.y, model, basis, prefilter=prefilter, instrument=instrument, refine=refine)
+    if learn_from not in INPUTS:
+        raise invalid("learn_from", learn_from, f"one of {', '.join(INPUTS)}")
+    if compensated is None:
+        compensated = record.input_name.split(" ")[0].lower() != "displacement_command"
+    on_motor = _on_motor(record, compensated, robot_compliance)
+    if learn_from == "motor" and on_motor is None:
+        what = "no column of the motors' displacement" if record.motor is None else "not both of u_hat and dx_bar"
+        raise BadInputError(
+            f"{record.origin} has {what}: must have a column {' or '.join(NAMES['displacement of the motors'][:2])}, "
+            "and displacement_command beside controller_output (or --robot-compliance)"
+        )
+    if learn_from == "motor" and instrument is not None:
+        raise BadInputError("--second is for VRFT on commands: leave it out with --learn-from motor")
+
+    def fitted(one: Recorded, refine: bool, instrument: np.ndarray | None = None) -> VrftFit:
+        return fit_vrft(one.u, one.y, model, basis, prefilter=prefilter, instrument=instrument, refine=refine)
+
+    if on_motor is None or learn_from == "command":
+        fit = fitted(record, refine, instrument)
+        other = None if on_motor is None else fitted(on_motor, False)
+    else:
+        fit, other = fitted(on_motor, refine), fitted(record, False)
     if float(record.u @ record.y) > 0:
         raise BadInputError(
             f"{record.origin}: {record.output_name} rises with {record.input_name}: pressing must be a negative "
             "displacement and a positive force; use --flip-input where displacements into the surface are positive"
         )
-    if compensated is None:
-        compensated = record.input_name.split(" ")[0].lower() != "displacement_command"
-    tuned = Tuned(config, record, fit, compensated, directory)
+    tuned = Tuned(config, record, fit, compensated, None, learn_from, other)
     if tuned.stiffness <= 0:
         raise BadInputError(
             f"{record.origin}: does not tell how stiff the contact is: must have several moves in contact with a rest "
             "after each; record more of them"
         )
-    if directory is not None:
-        tuned = replace(tuned, directory=write_whole(directory, lambda folder: _write(tuned, folder), force))
     return tuned
+
+
+def _on_motor(record: Recorded, compensated: bool, robot_compliance: float | None) -> Recorded | None:
+    """The record for VRFT on motor positions; None where the motors or the compliance fed back are unknown."""
+    fed_back = robot_compliance if robot_compliance is not None else record.fed_back if compensated else 0.0
+    if record.motor is None or fed_back is None:
+        return None
+    u, y = motor_record(record.motor, record.y, robot_compliance=fed_back, period=record.period)
+    return replace(record, u=u, y=y)
+
+
+def _own_gains(fit: VrftFit) -> np.ndarray:
+    """Those of VRFT, whatever was refined."""
+    return fit.gains if fit.vrft_gains is None else fit.vrft_gains
 
 
 def reference_model_config(text: str | float | ReferenceModelConfig) -> ReferenceModelConfig:
@@ -250,8 +337,8 @@ def _write(tuned: Tuned, folder: Path) -> None:
     of_both = "of robot and contact together: the joints are rigid"
     remark = "of the contact in the record" if tuned.compensated else of_both
     text = f"# station: the stiffness is that {remark}\n{dump(tuned.scenario)}"
-    (folder / CONTROLLER).write_text(text, encoding="utf-8")
-    write_json(folder / SUMMARY, summary(tuned.fit, tuned.record, tuned.warnings))
+    write_file(folder / CONTROLLER, text.encode())
+    write_json(folder / SUMMARY, summary(tuned.fit, tuned.record, tuned.warnings) | {"inputs": tuned.by_input})
     _write_figures(tuned, folder / "figures")
 
 

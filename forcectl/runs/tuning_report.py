@@ -3,14 +3,14 @@
 from __future__ import annotations
 
 import math
-from collections.abc import Iterable, Sequence
+from collections.abc import Iterable, Mapping, Sequence
 from typing import Any
 
 import numpy as np
 from rich.table import Table
 
-from forcectl.runs.listing import new_table
 from forcectl.runs.recorded import Recorded
+from forcectl.runs.terminal.listing import new_table
 from forcectl.tuning.fit import OUT_OF_REACH, VrftFit
 from forcectl.tuning.identifiability import HIGHEST
 
@@ -59,6 +59,15 @@ def report_lines(fit: VrftFit, record: Recorded) -> list[str]:
     if (read := _finite(fit.record_mismatch)) is not None:
         trust += f"; without any model, the record shows the reference model missed by {100 * read:.1f} %"
     return [*lines, trust]
+
+
+def inputs_lines(by_input: Mapping[str, Mapping[str, float]], stick: float | None) -> list[str]:
+    """The gains of VRFT on commands and on motor positions, where there are both."""
+    if len(by_input) < 2:
+        return []
+    told = {name: ", ".join(f"{gain} {value:.6g}" for gain, value in gains.items()) for name, gains in by_input.items()}
+    apart = "" if stick is None else f"; K_P differs by {100 * stick:.1f} %"
+    return [f"VRFT on commands: {told['command']}; on motor positions: {told['motor']}{apart}"]
 
 
 def _overshoot(fit: VrftFit) -> float:

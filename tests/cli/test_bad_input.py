@@ -252,3 +252,39 @@ def test_errors_of_the_python_interface_are_the_same():
         fc.run(3)
     with pytest.raises(fc.BadInputError, match=r"^scenario: nope: unknown key 'nope'"):
         fc.run({"nope": 1})
+
+
+OF_A_USER = """
+import sys
+
+class Raises:
+    add_to = None.__init__
+
+    def __init__(self):
+        raise RuntimeError("no licence\\nfound")
+
+class Exits(Raises):
+    def __init__(self):
+        sys.exit(3)
+"""
+
+
+@pytest.mark.parametrize(
+    ("name", "said"),
+    [
+        ("Raises", "own.yaml:1: controller.parameters: Raises cannot be made: RuntimeError: no licence found"),
+        ("Exits", "own.yaml:1: controller.parameters: Exits cannot be made: SystemExit: 3"),
+    ],
+)
+def test_a_class_of_a_user_that_raises_or_exits_is_one_line(name, said, monkeypatch, capfd, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "of_a_user.py").write_text(OF_A_USER)
+    (tmp_path / "own.yaml").write_text(f"controller: !Import {{path: 'of_a_user:{name}'}}\n")
+    assert_one_line(*complain(["check", "own.yaml"], monkeypatch, capfd), [said])
+
+
+def test_a_module_of_a_user_that_exits_is_one_line(monkeypatch, capfd, tmp_path):
+    monkeypatch.chdir(tmp_path)
+    (tmp_path / "that_exits.py").write_text("raise SystemExit(4)\n")
+    (tmp_path / "own.yaml").write_text("controller: !Import {path: 'that_exits:Law'}\n")
+    assert_one_line(*complain(["check", "own.yaml"], monkeypatch, capfd), ["must be importable, but: SystemExit: 4"])

@@ -68,14 +68,40 @@ def test_first_two_commands_are_make_demo_and_make_test():
     assert shown[:2] == ["make demo", "make test"]
 
 
+# What each command prints: words that it is for.
+SHOWN = {
+    "forcectl list": ["Experiments", "fig_2_7", "Controllers", "!Integral"],
+    "forcectl list controllers": ["!Integral", "!Vrft", "!Admittance"],
+    "forcectl list '!Integral'": ["integral_gain", "1/s"],
+    'forcectl run fig_2_7 --variant "K_I = 3 1/s" --set station.environment.stiffness=2e4 --seed 3': [
+        "overshoot", "results in runs/fig_2_7-1: log.nc, metrics.json, figures/",
+    ],
+    "forcectl run fig_2_8 --fidelity Kinematic --out runs/kinematic": ["pass", "results in runs/kinematic: log.nc"],
+    "forcectl graph fig_2_7 --format pdf --depth 2 --out loop.pdf": ["loop.pdf"],
+    "forcectl graph fig_2_7 --format html --out loop.html": ["loop.html"],
+    "forcectl check fig_2_7": ["station/drive", "Dead time once around the loop:", "0 error, 0 warning"],
+    "forcectl explain true_overshoot_pct": ["true_overshoot_pct", "%", "true force"],
+    "forcectl robot yumi": ["right_link_6", "kg in all", "yumi: complete"],
+    "forcectl reproduce fig_2_8 --fidelity OneDimensional": ["fig_2_8: Integral force controller", "targets met,"],
+    "forcectl run my_scenario.yaml": ["overshoot", "results in runs/my_scenario-1: log.nc"],
+    "forcectl run my_workcell.yaml": ["results in runs/my_workcell-1: log.nc"],
+}  # fmt: skip
+
+
+def test_every_command_has_words_that_it_shall_print():
+    assert set(commands()) == set(SHOWN)
+
+
 @pytest.mark.slow
 @pytest.mark.parametrize("command", commands())
-def test_command_runs(command, folder):
+def test_command_prints_what_it_is_for(command, folder):
     program, *arguments = shlex.split(command)
     assert program == "forcectl"
-    done = run_command(arguments, folder, os.environ)
+    done = run_command(arguments, folder, os.environ | {"COLUMNS": "200"})
     assert done.returncode == 0, done.stderr[-2000:]
     assert "Traceback" not in done.stderr
+    printed = " ".join(done.stdout.split())
+    assert [words for words in SHOWN[command] if words not in printed] == []
 
 
 @pytest.mark.slow

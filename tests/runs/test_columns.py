@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import numpy as np
 import pytest
+import xarray as xr
 
 from forcectl.errors import BadInputError
 from forcectl.runs.columns import read_columns
@@ -85,3 +86,24 @@ def test_files_that_are_no_tables(tmp_path):
         read_columns(write(tmp_path, "no data", "words.nc"))
     with pytest.raises(BadInputError, match="--variant 'a'"):
         read_columns(write(tmp_path, "a\n1\n"), "a")
+
+
+def test_a_damaged_netcdf_file_is_one_line_and_nothing_else(tmp_path, capfd):
+    """Wrong bytes anywhere: HDF5, h5netcdf and xarray each raise errors of their own, and print some."""
+    time = np.arange(200) * 0.01
+    data = {"force": ("time", np.sin(time), {"units": "N"}), "u": ("time", np.cos(time), {"units": "m"})}
+    content = bytes(xr.Dataset(data, {"time": ("time", time, {"units": "s"})}).to_netcdf(engine="h5netcdf"))
+    random = np.random.default_rng(3)
+    said = []
+    for _ in range(12):
+        wrong = bytearray(content)
+        for place in random.integers(0, len(wrong), 40):
+            wrong[place] = random.integers(256)
+        (tmp_path / "log.nc").write_bytes(wrong)
+        try:
+            read_columns(tmp_path / "log.nc")
+        except BadInputError as error:
+            said.append(str(error))
+    assert len(said) > 2
+    assert not any("\n" in line for line in said)
+    assert capfd.readouterr().err == ""

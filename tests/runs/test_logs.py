@@ -9,6 +9,8 @@ from dataclasses import dataclass
 import numpy as np
 import pytest
 
+import forcectl as fc
+from forcectl.conventions import SIGNALS as CONVENTIONS
 from forcectl.runs.logs import ChunkedLog, first_fault, read_netcdf, stack, to_dataset, write_netcdf
 
 
@@ -59,7 +61,7 @@ def test_the_names_of_values_stand_in_the_log_and_the_file(tmp_path):
     np.testing.assert_array_equal(read["mode"].attrs["flag_values"], [0.0, 1.0])
     logs[1]["mode"].attrs["flag_meanings"] = "turn press"
     mixed = stack(logs)["mode"].attrs
-    assert mixed == {"units": "1", "long_name": "mode"}
+    assert mixed == {"units": "1", "long_name": "mode", "comment": CONVENTIONS["mode"].meaning}
 
 
 def test_one_variant_is_one_dimensional_with_units_and_joint_names():
@@ -161,3 +163,20 @@ def test_a_healthy_or_empty_log_has_no_fault():
     times, values = samples()
     assert first_fault(times, values, SIGNALS, {"contact_force": 800.0, "other": 1.0}) is None
     assert first_fault(times[:0], values[:, :0], SIGNALS, {"contact_force": 800.0}) is None
+
+
+def test_torques_sticking_and_poses_of_the_tool_stand_in_the_log():
+    log = fc.run("fig_2_7", overrides={"duration": 0.1}, variant="K_I = 3 1/s").log
+    workcell = fc.build("fig_2_7").workcell
+    assert log["spring_torque"].dims == log["stick_state"].dims == ("time", "joint")
+    assert log["stick_state"].attrs["flag_meanings"] == "moves sticks"
+    assert log["spring_torque"].attrs["units"] == "Nm"
+    np.testing.assert_allclose(log["spring_torque"][0], workcell.gravity_torque, rtol=1e-6, atol=1e-9)
+    moved = np.diff(log["motor_position"].values, axis=0) != 0
+    assert not (moved & (log["stick_state"].values[1:] == 1) & (log["stick_state"].values[:-1] == 1)).any()
+    assert 0 < log["stick_state"].mean() < 1
+    pose = workcell.robot.pose(workcell.robot.context_at(log["link_position"].values[-1]))
+    np.testing.assert_allclose(log["tool_position"][-1], pose.translation(), atol=1e-12)
+    quaternion = pose.rotation().ToQuaternion().wxyz()
+    assert abs(log["tool_orientation"].values[-1] @ quaternion) == pytest.approx(1.0)
+    assert [str(name) for name in log["tool_orientation_component"].values] == ["arm_w", "arm_x", "arm_y", "arm_z"]

@@ -3,13 +3,17 @@
 from __future__ import annotations
 
 import json
+import signal
 from typing import Any
 
 import pytest
 
 import forcectl as fc
 from forcectl import cli
+from forcectl.analysis.findings.finding import Severity
 from forcectl.runs import run as run_module
+from forcectl.runs.logs import read_netcdf
+from forcectl.runs.reproduce import InterruptedReproductionError
 from forcectl.scenario.catalog import find_scenario
 from tests.examples.experiment_runs import run_experiment
 
@@ -34,7 +38,7 @@ expect:
 ONE_FAILS = """
 title: One fails
 duration: 0.4
-variants: {good: {}, bad: {station.drive.servo.position_gain: 1.0e9}}
+variants: {good: {}, bad: {station.drive.servo.position_gain: 1.0e6}}
 expect:
   - {target: fine, metric: peak_force_N, variant: good, maximum: 50.0}
   - {target: hopeless, metric: peak_force_N, variant: bad, maximum: 50.0}
@@ -81,8 +85,15 @@ def test_variants_and_fidelities_run_in_processes_and_are_judged(files, monkeypa
     assert failed["hopeless"] == failed["hopeless"] | {"ours": None, "pass": False}
     assert "t = 0." in failed["run of 'bad'"]["note"]
     assert (files / "here" / "one_fails" / "Multibody.failed" / "manifest.json").exists()
-    for part in ("published", "missed", "pass", "reported", "results in here"):
-        assert part in output.out
+    for part in (
+        "2 of 3  quick: Quick [Kinematic]",
+        "published: 100",
+        "missed",
+        "4 of 8 targets met",
+        "results in here",
+    ):
+        assert " ".join(part.split()) in " ".join(output.out.split())
+    assert "pass" not in output.out  # that is told with -v
 
 
 @pytest.mark.slow
@@ -107,6 +118,9 @@ def test_results_are_there_once_an_experiment_has_run_and_one_that_cannot_be_dra
     assert (rows["results"]["pass"], rows["results"]["note"]) == (False, "RuntimeError: no ink")
     assert rows["peak"]["pass"] is True
     assert [path.name for path in (files / "here" / "quick").iterdir()] == ["OneDimensional.failed"]
+    manifest = json.loads((files / "here/quick/OneDimensional.failed/manifest.json").read_text())
+    assert manifest["status"] == "failed"
+    assert manifest["failure"] == "pictures cannot be drawn: RuntimeError: no ink"
     for folder in ("quick/OneDimensional.failed", "plain/OneDimensional"):
         assert (files / "here" / folder / "log.nc").exists()
 
@@ -137,14 +151,28 @@ def test_a_value_away_from_the_expected_one_is_drift_and_turns_check_into_exit_c
     assert call(["drifted.yaml", "--check", "--fidelity", "Kinematic", "--workers", "1"], monkeypatch, capfd)[0] == 0
 
 
+def test_a_known_gap_is_shown_as_missed_with_its_reason_and_fails_no_check(files, warm, monkeypatch, capfd):
+    gap = QUICK.replace(
+        "tolerance: {relative: 0.01}}", "tolerance: {relative: 0.01}, gaps: {OneDimensional: it sticks}}"
+    )
+    (files / "quick.yaml").write_text(gap)
+    arguments = ["quick.yaml", "--check", "--fidelity", "OneDimensional", "--workers", "1", "--out", "here"]
+    code, output = call(arguments, monkeypatch, capfd)
+    assert code == 0
+    said = " ".join(output.out.split())
+    assert "1 of 2 targets met, known gaps: 1, drifted: 0" in said
+    assert "known gap: it sticks" in said
+    assert "missed" in said
+    row = json.loads((files / "here" / "summary.json").read_text())["quick"]["published"]
+    assert (row["pass"], row["gap"]) == (False, "it sticks")
+
+
 def test_results_equal_those_of_a_run_in_this_process(files, warm):
     report = fc.reproduce(["quick.yaml"], fidelity="OneDimensional", workers=2)
     here = fc.run("quick.yaml", fidelity="OneDimensional").metrics
     (part,) = report.parts
     for variant in ("soft", "stiff"):
-        for name, value in here[variant].items():
-            if name != "realtime_factor":
-                assert part.metrics[variant][name] == value
+        assert part.metrics[variant] == here[variant]
     assert report.passed is False
     assert set(part.metrics) == {"soft", "stiff"}
 
@@ -175,14 +203,78 @@ def shipped() -> list[Any]:
     return cases
 
 
+# Variants that misbehave, on some fidelity at least, and are there to show it; the others are well behaved.
+_HUNTS = {"limit_cycle", "stick_slip"}
+MISBEHAVE: dict[tuple[str, str], set[str]] = {
+    ("cap_rotation", "exact, 10 degrees askew"): {"machine_not_ended"},  # the lock comes later
+    ("fig_2_7", "K_I = 3 1/s"): _HUNTS,
+    ("fig_2_7", "K_I = 4.5 1/s"): _HUNTS,
+    ("fig_3_4", "K_I = 3 1/s"): _HUNTS,
+    ("fig_3_5", "K_I = 3 1/s"): _HUNTS,
+    ("fig_3_6_directions", "ahead, compliance alone"): {"estimate_at_bound"},  # and the force grows
+    ("fig_3_7", "alpha = 0"): {"contact_lost", "limit_cycle"},
+    ("fig_3_7", "alpha = 0.3"): {"contact_lost", "limit_cycle"},
+    ("fig_3_8", "alpha = 0.5"): {"limit_cycle"},
+    ("fig_4_7", "4.5 rad/s"): _HUNTS,
+    ("fig_4_14", "aluminium, VRFT for 7.5 rad/s"): _HUNTS,
+    ("fig_4_14", "plastic, VRFT for 7.5 rad/s"): {*_HUNTS, "not_settled"},
+    ("fig_6_5", "position-based"): {"not_settled"},  # which pulls back to the start
+    ("fig_6_5", "position-based, real"): {"not_settled"},
+    ("governor_limits", "horizon of 20"): {"contact_bounced", "limit_cycle"},
+    ("mismatch_2_14", "compliance -20 %"): _HUNTS,
+    ("mismatch_2_14", "compliance exact"): _HUNTS,
+    ("mismatch_2_14", "compliance +20 %"): _HUNTS,
+    ("mismatch_3_55", "compliance -20 %"): {"command_saturated", "not_settled"},  # it rests at another force
+    ("mismatch_3_55", "compliance +20 %"): {"not_settled"},
+    ("mismatch_3_84", "alpha = 0.5"): {"contact_lost", "limit_cycle"},  # it bounces
+    ("table_4_2", "plastic"): {"not_settled"},  # a known gap
+}
+
+
 @pytest.mark.parametrize(("experiment", "fidelity"), shipped())
 def test_every_shipped_experiment_meets_its_targets_and_has_not_drifted(experiment, fidelity):
-    verdicts = run_experiment(experiment, fidelity).verdicts
-    assert [(v.target, v.ours) for v in verdicts if v.passed is False] == []
-    assert [(v.target, v.ours, v.expected) for v in verdicts if v.drifted] == []
+    done = run_experiment(experiment, fidelity)
+    assert [(v.target, v.ours) for v in done.verdicts if v.surprising] == []
+    assert [(v.target, v.ours, v.expected) for v in done.verdicts if v.drifted] == []
+    for variant, found in done.findings.items():
+        allowed = MISBEHAVE.get((experiment, variant), set())
+        bad = [str(one) for one in found if one.severity > Severity.INFO and one.kind not in allowed]
+        assert bad == [], variant
 
 
 def test_a_fidelity_that_variants_set_themselves_is_not_overridden(files):
     (files / "cells.yaml").write_text("variants: {a: {station.fidelity: Kinematic}, b: {}}\n")
     with pytest.raises(fc.BadInputError, match=r"override of station\.fidelity .* set by 'a': run one"):
         fc.reproduce(["cells.yaml"], fidelity="OneDimensional")
+
+
+def test_an_interrupted_reproduction_goes_on_where_it_stopped(files, warm, without_pictures, monkeypatch):
+    """What has finished is not run again: one experiment whole, and one variant of the other."""
+    (files / "loop.yaml").write_text("duration: 0.2\nvariants: {one: {}, two: {seed: 2}, three: {seed: 3}}\n")
+    (files / "plain.yaml").write_text("duration: 0.2\n")
+    both: dict[str, Any] = {"fidelity": "OneDimensional", "workers": 1, "out": "here"}
+
+    def press(name, share):
+        if name.startswith("loop") and share > 0.5:
+            signal.raise_signal(signal.SIGTERM)
+
+    with pytest.raises(InterruptedReproductionError, match=r"1 of 2 finished, kept in here; go on with --resume$"):
+        fc.reproduce(["plain.yaml", "loop.yaml"], **both, progress=press)
+    assert [path.name for path in (files / "here" / "loop").iterdir()] == ["OneDimensional.interrupted"]
+    seen = []
+    log = (files / "here" / "plain" / "OneDimensional" / "log.nc").stat().st_mtime_ns
+    report = fc.reproduce(["plain.yaml", "loop.yaml"], **both, resume=True, progress=lambda *told: seen.append(told))
+    assert report.notes == ["1 of 2 had finished before, and 1 variants of others: not run again"]
+    assert [share for _, share in seen] == pytest.approx([2 / 3, 1.0])
+    assert (files / "here" / "plain" / "OneDimensional" / "log.nc").stat().st_mtime_ns == log
+    assert sorted(path.name for path in (files / "here").iterdir()) == ["loop", "plain", "summary.json"]
+    assert [path.name for path in (files / "here" / "loop").iterdir()] == ["OneDimensional"]
+    whole = fc.run("loop.yaml", fidelity="OneDimensional")
+    assert report.parts[1].metrics == whole.metrics
+    kept = read_netcdf(files / "here" / "loop" / "OneDimensional" / "log.nc")
+    assert kept["measured_force"].equals(whole.log["measured_force"])
+
+
+def test_only_a_reproduction_is_gone_on_with(files):
+    with pytest.raises(fc.BadInputError, match="'here' is not the directory of a reproduction"):
+        fc.reproduce(["quick.yaml"], out="here", resume=True)

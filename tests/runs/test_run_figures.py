@@ -7,6 +7,7 @@ import pytest
 import xarray as xr
 from matplotlib.image import imread
 
+from forcectl.analysis.findings.finding import finding
 from forcectl.figures.force import COLOURS, error_figure, force_figure, run_figures, write_figures
 
 
@@ -46,6 +47,21 @@ def test_force_shows_every_variant_its_model_dashed_and_the_reference_once():
     np.testing.assert_allclose(solid[0].get_ydata(), log()["measured_force"].sel(variant="slow"))
 
 
+def test_findings_are_marked_at_their_times_in_the_colour_of_their_variant():
+    found = {
+        "fast": [finding("limit_cycle", "swings", 2.0), finding("not_settled", "off", 5.0)],
+        "gone": [finding("held", "", 1)],
+    }
+    axes = force_figure(log(), findings=found).axes[0]
+    marks = [line for line in axes.get_lines() if line.get_marker() == "^"]
+    assert [(mark.get_xdata()[0], mark.get_color()) for mark in marks] == [(2.0, COLOURS[1]), (5.0, COLOURS[1])]
+    assert [text.get_text() for text in axes.texts] == ["limit cycle", "not settled"]
+    many = {"slow": [finding("held", "", 0.1 * k) for k in range(20)]}
+    axes = force_figure(log(), findings=many).axes[0]
+    assert len([line for line in axes.get_lines() if line.get_marker() == "^"]) == 20
+    assert not axes.texts
+
+
 def test_error_is_force_less_model():
     (zero, slow, fast) = lines(error_figure(log()))
     assert zero.get_ydata() == [0.0, 0.0]
@@ -56,6 +72,41 @@ def test_error_is_force_less_model():
 def test_a_single_variant_and_a_log_without_model(tmp_path):
     written = write_figures(run_figures(log(("only",), model=False)), tmp_path)
     assert {path.name for path in written} == {"force.svg", "force.png"}
+
+
+def legend(figure):
+    found = figure.axes[0].get_legend()
+    return found and [text.get_text() for text in found.get_texts()]
+
+
+def test_the_run_of_a_scenario_without_variants_is_called_by_what_is_shown():
+    figures = run_figures(log(("default",)))
+    assert legend(figures["force"]) == ["reference", "measured force", "reference model"]
+    assert legend(figures["model_error"]) is None
+
+
+@pytest.mark.parametrize("make", [force_figure, error_figure])
+def test_a_curve_over_another_one_lets_it_be_seen(make):
+    close = log(("slow", "same", "fast"))
+    for name in ("measured_force", "model_force"):
+        close[name].loc[{"variant": "same"}] = 1.001 * close[name].sel(variant="slow").values
+    shown = {line.get_label(): line.is_dashed() for line in lines(make(close)) if line.get_linewidth() > 1.5}
+    assert shown == {"slow": False, "same": True, "fast": False}
+
+
+def test_a_variant_without_a_reference_model_has_no_error():
+    some = log()
+    some["model_force"] = some["model_force"].where(some["variant"] != "fast")
+    assert legend(error_figure(some)) == ["slow"]
+
+
+def test_a_reference_model_that_rests_while_the_loop_is_open_is_not_drawn():
+    excited = log(("default",))
+    excited["desired_force"] *= 0.0
+    excited["model_force"] *= 0.0
+    figures = run_figures(excited)
+    assert set(figures) == {"force"}
+    assert legend(figures["force"]) == ["reference", "measured force"]
 
 
 def test_the_same_log_gives_the_same_files_and_a_readable_picture(tmp_path):

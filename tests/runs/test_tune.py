@@ -12,13 +12,14 @@ from forcectl.errors import BadInputError
 from forcectl.runs.logs import read_netcdf
 from forcectl.runs.run import run
 from forcectl.runs.tune import reference_model_config, tune_vrft
-from forcectl.runs.tuning_report import summary
+from forcectl.runs.tuning_report import inputs_lines, summary
 from forcectl.scenario.scenario import load_scenario
 from forcectl.tuning.controller_basis import continuous_pid
 from forcectl.tuning.reference_model import first_order
 from forcectl.tuning.vrft import fit_vrft
 from tests.examples.vrft_records import TS, contact, trapezoidal_moves
 from tests.runs.test_recorded import good, write
+from tests.tuning.test_motor_positions import C_R, MOVES, record
 
 pytestmark = pytest.mark.usefixtures("plants_identified_once")
 
@@ -303,3 +304,38 @@ def test_one_variant_of_a_log_with_several_is_picked(tmp_path, without_pictures)
     tuned = tune_vrft(log, 1.5, variant="K_I = 3 1/s")
     assert tuned.record.input_name.startswith("displacement_command")
     assert not tuned.compensated
+
+
+def sticking_csv(tmp_path, **columns):
+    """A record of drives that stick, with these columns beside time and force."""
+    force, motor = record(2e-5)
+    values = {"time [s]": TS * np.arange(MOVES.size), "force [N]": force}
+    known = {"u_hat [m]": MOVES, "displacement_command [m]": MOVES - C_R * force, "motor_displacement [m]": motor}
+    values |= {name: known[name] for name in known if columns.get(name.split()[0], True)}
+    return write(tmp_path, values, name="sticking.csv")
+
+
+def test_both_gains_are_reported_and_drives_that_stuck_are_told(tmp_path):
+    on_command = tune_vrft(sticking_csv(tmp_path), 1.5, refine=False)
+    on_motor = tune_vrft(sticking_csv(tmp_path), 1.5, refine=False, learn_from="motor")
+    assert on_command.record.fed_back == pytest.approx(C_R, rel=1e-6)
+    assert on_command.by_input == on_motor.by_input
+    assert on_command.by_input["command"]["K_P"] == on_command.fit.gains[0]
+    assert on_motor.by_input["motor"]["K_P"] == on_motor.fit.gains[0]
+    for tuned in (on_command, on_motor):
+        assert tuned.stick > 0.05
+        assert any("stick-slip" in text for text in tuned.warnings)
+    (line,) = inputs_lines(on_motor.by_input, on_motor.stick)
+    assert line.startswith("VRFT on commands: K_P -")
+
+
+def test_what_vrft_on_motor_positions_needs_is_said(tmp_path):
+    with pytest.raises(BadInputError, match=r"no column of the motors' displacement: must have a column motor_disp"):
+        tune_vrft(sticking_csv(tmp_path, motor_displacement=False), 1.5, learn_from="motor")
+    file = sticking_csv(tmp_path, displacement_command=False)
+    with pytest.raises(BadInputError, match="not both of u_hat and dx_bar"):
+        tune_vrft(file, 1.5, learn_from="motor")
+    known = tune_vrft(file, 1.5, learn_from="motor", robot_compliance=C_R, refine=False)
+    assert known.by_input["motor"]["K_P"] == pytest.approx(known.fit.gains[0])
+    with pytest.raises(BadInputError, match="learn_from = 'motors': must be one of command, motor"):
+        tune_vrft(file, 1.5, learn_from="motors")

@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass, field
 from pathlib import Path
@@ -102,8 +103,8 @@ def examine_robot(folder: str | Path) -> RobotReport:
     Raises:
         BadInputError: neither of these.
     """
-    path = Path(folder).expanduser()
-    given = path if path.is_file() and path.suffix.lower() in _SUFFIXES else None
+    path = Path(os.path.expanduser(folder))
+    given = path if os.path.isfile(path) and path.suffix.lower() in _SUFFIXES else None
     report = RobotReport(path.parent if given else robot_folder(folder))
     try:
         keys = _read_keys(report)

@@ -11,9 +11,9 @@ from rich.markup import escape
 from rich.table import Table
 
 from forcectl.robot.parameters import ControlParameters
-from forcectl.runs.listing import new_table
 from forcectl.runs.robots.proposal import Explorer
 from forcectl.runs.robots.report import RobotReport, Understood
+from forcectl.runs.terminal.listing import new_table
 
 
 def print_robot(report: RobotReport, console: Console) -> None:

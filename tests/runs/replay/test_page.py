@@ -24,12 +24,11 @@ from forcectl.runs.replay.write import write_replay
 from forcectl.tasks.coordinates import ArmTask
 from forcectl.tasks.relative_task import RelativeTask
 from forcectl.tasks.task_frame import TaskFrame
-from tests.examples.browser import needs_chromium, opened_in_browser, said, with_script
+from tests.examples.browser import SOFTWARE_GL, needs_chromium, opened_in_browser, said, with_script
 from tests.examples.replay_page import drawn, pose
 from tests.examples.stations import free
 
 TIMES = np.arange(101) / 100
-FLAGS = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # Meshcat without a graphics card
 
 
 def machine_log() -> xr.Dataset:
@@ -89,7 +88,7 @@ def test_the_words_follow_the_time_of_the_animation(tmp_path):
     tell();
     say([...strip.querySelectorAll(".name")].map(name => name.textContent).join(", ") + "; " + document.title);
     """
-    dom = opened_in_browser(tmp_path, with_script(machine_page(tmp_path), script), "--dump-dom", *FLAGS)
+    dom = opened_in_browser(tmp_path, with_script(machine_page(tmp_path), script), "--dump-dom", *SOFTWARE_GL)
     assert said(dom) == [
         "0.10 | go down | from the start | 2.00 N | play",
         "0.50 | &lt;touch&gt; | since 0.300 s; value that caused it: 4.568 | 10.00 N | play",

@@ -108,6 +108,7 @@ def test_a_posture_whose_links_touch_names_the_pairs(tmp_path):
     assert "[link_2, link_" in report.missing["ignored_collisions"]
 
 
+@pytest.mark.slow
 def test_what_is_proposed_presses(tmp_path, forcectl):
     adopt(write_public_robot(tmp_path))
     (tmp_path / "press.yaml").write_text(PRESS.format(folder="acme_support/urdf"))
@@ -120,6 +121,7 @@ def test_what_is_proposed_presses(tmp_path, forcectl):
     assert manifest["robot_assumed"]["coulomb_friction"] == "5 % of the largest torque"
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("arms", [("",), ("left_", "right_")], ids=["one arm", "two arms"])
 def test_what_is_proposed_reaches(tmp_path, forcectl, arms):
     report = adopt(write_public_robot(tmp_path, arms=arms))
@@ -134,6 +136,7 @@ def test_what_is_proposed_reaches(tmp_path, forcectl, arms):
     assert metrics["peak_contact_force_N"] == 0
 
 
+@pytest.mark.slow
 def test_without_a_mesh_link_distance_0_still_reaches(tmp_path, forcectl):
     folder = write_public_robot(tmp_path, arms=("left_", "right_"))
     (folder.parent / "meshes/link_4.stl").unlink()
@@ -274,6 +277,7 @@ def test_free_and_massless_joints_are_noted(tmp_path):
     assert any("joint_6 moves has no inertia" in note for note in examine_robot(tmp_path / "hollow").notes)
 
 
+@pytest.mark.slow
 def test_damaged_files_are_told_and_never_raise(tmp_path):
     folder = write_public_robot(tmp_path)
     adopt(folder)

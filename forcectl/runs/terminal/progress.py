@@ -9,13 +9,20 @@ from rich.progress import BarColumn, Progress, TextColumn, TimeElapsedColumn
 
 
 class ProgressBars:
-    """A bar per running job on standard error, gone when all is done; nothing when that is not a terminal."""
+    """A bar per running job on standard error, gone when all is done; nothing when that is not a terminal.
 
-    def __enter__(self) -> ProgressBars:
+    Args:
+        quiet: nothing at all.
+    """
+
+    def __init__(self, quiet: bool = False):
         console = Console(stderr=True)
         columns = (TextColumn("{task.description}", markup=False), BarColumn(), TimeElapsedColumn())
-        self._bars = Progress(*columns, console=console, transient=True, disable=not console.is_terminal)
+        self._bars = Progress(*columns, console=console, transient=True, disable=quiet or not console.is_terminal)
         self._tasks: dict[str, Any] = {}
+        self._stage: Any = None
+
+    def __enter__(self) -> ProgressBars:
         self._bars.start()
         return self
 
@@ -24,6 +31,12 @@ class ProgressBars:
         if name not in self._tasks:
             self._tasks[name] = self._bars.add_task(name, total=1.0)
         self._bars.update(self._tasks[name], completed=share)
+
+    def stage(self, text: str) -> None:
+        """Show what goes on that has no measure, such as building or drawing."""
+        if self._stage is None:
+            self._stage = self._bars.add_task(text, total=None)
+        self._bars.update(self._stage, description=text)
 
     def __exit__(self, *_: object) -> None:
         self._bars.stop()

@@ -2,7 +2,8 @@
 
 from __future__ import annotations
 
-from collections.abc import Iterable
+import os
+from collections.abc import Iterable, Sequence
 from dataclasses import replace
 from pathlib import Path
 from typing import Any
@@ -10,12 +11,14 @@ from typing import Any
 from pydrake.systems.framework import System
 
 from forcectl.errors import BadInputError, invalid, one_line
-from forcectl.framework.imports import import_object
+from forcectl.framework.imports import Imports
 from forcectl.framework.wiring import made_by
-from forcectl.framework.yaml_tree import parse
-from forcectl.runs.run import assumed_of, with_shortcuts
+from forcectl.framework.yaml_tree import nest, parse
+from forcectl.runs.run import assumed_of
+from forcectl.scenario.code import code_in, said
 from forcectl.scenario.error_keys import located
-from forcectl.scenario.scenario import as_file, build, origins, resolve, select_variants
+from forcectl.scenario.gains import gains_lines
+from forcectl.scenario.scenario import as_file, build, origins, resolve, select_variants, with_shortcuts
 from forcectl.tasks.machine.chart import MachineChart
 
 
@@ -36,7 +39,7 @@ def parse_settings(settings: Iterable[str] | None) -> dict[str, Any]:
 
 
 def named_diagram(
-    target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None
+    target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None, allow: Sequence[str] | None
 ) -> tuple[str, System]:
     """A file name and the diagram or block behind a scenario or an import path.
 
@@ -45,20 +48,21 @@ def named_diagram(
         variant: of the scenario; the first one when None.
         settings: as for `parse_settings`.
         fidelity: instead of the scenario's.
+        allow: names of modules that it may name.
 
     Raises:
         BadInputError: there is no such scenario or function, or it cannot be built.
     """
-    if ":" in target and not Path(target).exists():
+    if ":" in target and not os.path.exists(Path(target)):
         return target.rpartition(":")[2], _call_for_diagram(target)
-    file = as_file(target)
+    file = as_file(target, allow or ())
     overrides = with_shortcuts(parse_settings(settings), None, fidelity)
     name = select_variants(file, variant)[0]
     return file.name, build(resolve(file, name, overrides), origins(file, name, overrides)).diagram
 
 
 def named_machine(
-    target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None
+    target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None, allow: Sequence[str] | None
 ) -> tuple[str, MachineChart]:
     """A file name and the state machine of the controller of a scenario, for a picture.
 
@@ -67,7 +71,7 @@ def named_machine(
     Raises:
         BadInputError: there is no such scenario, or its controller has no state machine, or one that is none.
     """
-    file = as_file(target)
+    file = as_file(target, allow or ())
     overrides = with_shortcuts(parse_settings(settings), None, fidelity)
     name = select_variants(file, variant)[0]
     scenario, where = resolve(file, name, overrides), origins(file, name, overrides)
@@ -81,28 +85,51 @@ def named_machine(
 
 
 def named_assumptions(
-    target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None
+    target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None, allow: Sequence[str] | None
 ) -> dict[str, str]:
     """What is assumed of the robot of a scenario, see `forcectl.robot.assumptions`; nothing of an import path.
 
     Args: as for `named_diagram`.
     """
-    if ":" in target and not Path(target).exists():
+    if ":" in target and not os.path.exists(Path(target)):
         return {}
-    file = as_file(target)
+    file = as_file(target, allow or ())
     overrides = with_shortcuts(parse_settings(settings), None, fidelity)
     return assumed_of(resolve(file, select_variants(file, variant)[0], overrides))
 
 
+def named_gains(
+    target: str, variant: str | None, settings: Iterable[str] | None, fidelity: str | None, allow: Sequence[str] | None
+) -> list[str]:
+    """Lines that say which gains of a scenario an experiment finds before each run; none of an import path.
+
+    Args: as for `named_diagram`.
+    """
+    if ":" in target and not os.path.exists(Path(target)):
+        return []
+    file = as_file(target, allow or ())
+    overrides = with_shortcuts(parse_settings(settings), None, fidelity)
+    return gains_lines(resolve(file, select_variants(file, variant)[0], overrides))
+
+
+def named_code(target: str, settings: Iterable[str] | None) -> list[str]:
+    """Lines that say which code beside forcectl's own a target names; see `forcectl.scenario.code`."""
+    if ":" in target and not os.path.exists(Path(target)):
+        return said({"": target})
+    return said(code_in(as_file(target).tree) | code_in(nest(parse_settings(settings))))
+
+
 def _call_for_diagram(path: str) -> System:
     """The diagram, or single block, that the function at "package.module:function" returns without arguments."""
-    function = import_object(path, "diagram")
+    function = Imports(every=True).load(path, "diagram")
     if not callable(function):
         raise invalid("diagram", path, "a function that returns a Drake Diagram")
     wanted = f" = {path!r}: must return a Drake Diagram"
     try:
         diagram = function()
-    except Exception as error:  # whatever the user's function does
+    except KeyboardInterrupt:
+        raise
+    except BaseException as error:  # whatever the user's function does
         raise BadInputError(f"{wanted}, but raised {one_line(error)}", key="diagram") from error
     if not isinstance(diagram, System):
         raise BadInputError(f"{wanted}, not {type(diagram).__name__}", key="diagram")

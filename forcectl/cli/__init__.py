@@ -1,0 +1,34 @@
+"""The command line. Commands import what they need when they run, so that `--help` does not wait for Drake.
+
+Exit codes: 0 done; 1 a run failed, an expectation was missed, the doctor found errors, a run with `--strict` has a
+finding, or an error that nobody foresaw (one line; `--debug` shows the rest); 2 bad input; 130 interrupted.
+"""
+
+from __future__ import annotations
+
+import os
+import sys
+
+from forcectl import interrupts
+
+
+def main() -> None:
+    """Entry point: every error is one line on standard error."""
+    interrupts.last_of_all()
+    with interrupts.leaving():  # before anything that takes time
+        from forcectl.cli import net
+
+        debug = net.take_debug()
+        try:
+            from forcectl.cli.app import call
+
+            code = call(net.whole if debug else lambda error: None)
+        except BaseException as error:  # a part of the user's may raise anything
+            if "_FORCECTL_COMPLETE" in os.environ:  # completion in a shell ends this way
+                raise
+            if debug:
+                net.whole(error)
+            code = net.caught(error)
+        if code == interrupts.EXIT_CODE:
+            interrupts.finish()
+    sys.exit(code)

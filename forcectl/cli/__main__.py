@@ -1,0 +1,6 @@
+"""`python -m forcectl.cli`."""
+
+from forcectl.cli import main
+
+if __name__ == "__main__":
+    main()

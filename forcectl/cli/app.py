@@ -1,0 +1,119 @@
+"""All commands, and what becomes of errors."""
+
+from __future__ import annotations
+
+import sys
+import warnings
+from collections.abc import Callable
+from typing import Annotated
+
+import typer
+
+from forcectl.cli.catalog import list_, schema
+from forcectl.cli.diagrams import check, graph
+from forcectl.cli.explain import explain
+from forcectl.cli.faults import faults
+from forcectl.cli.memory import check_memory
+from forcectl.cli.net import DEBUG
+from forcectl.cli.reproduce import reproduce
+from forcectl.cli.run import StrictCommand, run, show
+from forcectl.cli.tune import vrft
+from forcectl.errors import BadInputError, ForcectlError
+from forcectl.runs.robots.command import robot
+from forcectl.sweeps.commands import merge, sweep
+
+app = typer.Typer(
+    name="forcectl",
+    help="Robot force control as Drake diagrams: simulate, draw, check and reproduce.\n\nExample: forcectl run fig_2_7",
+    pretty_exceptions_enable=False,
+    rich_markup_mode=None,
+    context_settings={"help_option_names": ["-h", "--help"]},
+)
+
+tuning = typer.Typer(
+    help="Make a controller from a recorded experiment: forcectl tune vrft record.csv --reference-model 1.5",
+    rich_markup_mode=None,
+    no_args_is_help=True,
+)
+
+
+def _version(wanted: bool) -> None:
+    if wanted:
+        import forcectl
+
+        typer.echo(f"forcectl {forcectl.__version__}")
+        raise typer.Exit
+
+
+@app.callback(invoke_without_command=True)
+def _options(
+    context: typer.Context,
+    version: Annotated[
+        bool, typer.Option("--version", callback=_version, is_eager=True, help="Print the version.")
+    ] = False,
+    debug: Annotated[bool, typer.Option(DEBUG, help="Show the traceback of an error; may stand anywhere.")] = False,
+) -> None:
+    if context.invoked_subcommand is None:
+        typer.echo(context.get_help())
+
+
+_LONGEST = 2000  # characters of a message
+_COMMANDS: tuple[Callable[..., None], ...] = (
+    schema,
+    explain,
+    show,
+    graph,
+    check,
+    reproduce,
+    robot,
+    sweep,
+    merge,
+    faults,
+)
+app.command("list")(list_)
+app.command(cls=StrictCommand)(run)
+for command in _COMMANDS:
+    app.command()(command)
+app.add_typer(tuning, name="tune")
+tuning.command()(vrft)
+
+# Typer carries its own copy of Click in newer versions, so the base of its complaints is found by name.
+_Complaint: type[Exception] = next(base for base in typer.BadParameter.__mro__ if base.__name__ == "ClickException")
+
+
+def call(look: Callable[[BaseException], None] = lambda error: None) -> int:
+    """Run the command of `sys.argv`; returns the exit code.
+
+    Args:
+        look: called with every error that is said in one line.
+    """
+    # NumPy's remarks on overflow would come before the one line that says which signal diverges, and when.
+    warnings.simplefilter("ignore", RuntimeWarning)
+    try:
+        check_memory()
+        return app(standalone_mode=False, prog_name="forcectl") or 0
+    except MemoryError:
+        return _complain("not enough memory: nothing that was not said to be written is kept", 1)
+    except ForcectlError as error:
+        look(error)
+        return _complain(str(error), 2 if isinstance(error, BadInputError) else 1)
+    except _Complaint as error:
+        context = getattr(error, "ctx", None)
+        see = f" (see {context.command_path} --help)" if context else ""
+        text = getattr(error, "format_message", error.__str__)()
+        return _complain(f"{text.rstrip('.')}{see}", 2)
+    except typer.Abort:
+        return _complain("stopped", 1)
+    except (BrokenPipeError, SystemExit) as error:  # the reader, for example `head`, has seen enough
+        # Rich makes the one of the other.
+        if isinstance(error, SystemExit) and not isinstance(error.__context__, BrokenPipeError):
+            raise
+        sys.stderr.close()
+        return 1
+
+
+def _complain(text: str, code: int) -> int:
+    line = " ".join(text.split())
+    line = line if len(line) <= _LONGEST else f"{line[: _LONGEST // 2]} ... {line[-_LONGEST // 2 :]}"
+    print(f"error: {line}", file=sys.stderr)
+    return code

@@ -1,0 +1,104 @@
+"""The commands `forcectl graph` and `forcectl check`."""
+
+from __future__ import annotations
+
+import contextlib
+from pathlib import Path
+from typing import Annotated
+
+import typer
+
+from forcectl.cli.options import (
+    AllowImports,
+    AsJson,
+    Diagrammed,
+    Fidelity,
+    Quiet,
+    Settings,
+    Variant,
+    echo_json,
+    terminal,
+)
+from forcectl.errors import BadInputError, unknown
+from forcectl.interrupts import Interrupts
+from forcectl.runs.robots.command import say_assumed
+
+
+def graph(
+    scenario: Diagrammed,
+    format_: Annotated[
+        str | None, typer.Option("--format", metavar="svg|html|dot|png|pdf|mermaid", help="Default: as --out, or svg.")
+    ] = None,
+    depth: Annotated[
+        int, typer.Option(metavar="N", min=0, help="Levels of nesting to unfold; the HTML page starts there.")
+    ] = 1,
+    machine: Annotated[bool, typer.Option("--machine", help="The state machine of the controller instead.")] = False,
+    out: Annotated[Path | None, typer.Option(metavar="FILE", help="File to write (replaced if it exists).")] = None,
+    variant: Variant = None,
+    settings: Settings = None,
+    fidelity: Fidelity = None,
+    allow_imports: AllowImports = None,
+) -> None:
+    """Draw the block diagram of a scenario, or of your own diagram, or a state machine.
+
+    Example: forcectl graph fig_2_7 --format html --depth 2 --out loop.html
+    """
+    from forcectl.cli.target import named_code, named_diagram, named_machine
+    from forcectl.graph import export
+
+    chosen = format_ or (export.format_of(out) if out is not None and out.suffix else "svg")
+    if chosen not in export.FORMATS:
+        raise unknown("format", chosen, export.FORMATS)
+    name, content = (named_machine if machine else named_diagram)(scenario, variant, settings, fidelity, allow_imports)
+    target = out or Path(f"{name}.{'mmd' if chosen == 'mermaid' else chosen}")
+    partial = target.with_name(f".partial-{target.name}")
+    with Interrupts():
+        try:
+            export.graph(content, depth=depth, title=", ".join(filter(None, (name, variant)))).save(partial, chosen)
+            partial.replace(target)
+        except OSError as error:
+            raise BadInputError(f"--out {str(target)!r} cannot be written: {error.strerror}") from None
+        finally:
+            with contextlib.suppress(OSError):
+                partial.unlink(missing_ok=True)
+    for line in named_code(scenario, settings):
+        typer.echo(line)
+    typer.echo(f"wrote {target}")
+
+
+def check(
+    scenario: Diagrammed,
+    variant: Variant = None,
+    settings: Settings = None,
+    fidelity: Fidelity = None,
+    allow_imports: AllowImports = None,
+    source: Annotated[
+        str | None, typer.Option("--from", metavar="PORT", help="Delays from here, such as station.contact_force ...")
+    ] = None,
+    target: Annotated[
+        str | None, typer.Option("--to", metavar="PORT", help="... to here, and back; default once around the loop.")
+    ] = None,
+    scheme: Annotated[str | None, typer.Option(metavar="NAME", help="Integration scheme, such as cenic.")] = None,
+    verbose: Annotated[bool, typer.Option("--verbose", "-v", help="Also remarks and the feedthrough table.")] = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Examine a diagram: wiring, direct feedthrough, algebraic loops, sample periods and delays.
+
+    Example: forcectl check fig_2_7 --from station.measured_force --to station.joint_position_command
+    """
+    from forcectl.cli.target import named_assumptions, named_code, named_diagram, named_gains
+    from forcectl.doctor import examine, render
+
+    _, diagram = named_diagram(scenario, variant, settings, fidelity, allow_imports)
+    report = examine(diagram, sensor=source, command=target, scheme=scheme)
+    if as_json:
+        echo_json(report.to_dict())
+    elif not quiet:
+        render(report, terminal(), verbose=verbose)
+        found = named_gains(scenario, variant, settings, fidelity, allow_imports)
+        for line in (*named_code(scenario, settings), *found):
+            typer.echo(line)
+        say_assumed(named_assumptions(scenario, variant, settings, fidelity, allow_imports))
+    if not report.ok:
+        raise typer.Exit(1)

@@ -1,0 +1,53 @@
+"""The last net: an error that nobody foresaw is one line on the command line, and not Python's traceback."""
+
+from __future__ import annotations
+
+import os
+import sys
+import traceback
+from pathlib import Path
+
+from forcectl.errors import one_line
+
+DEBUG = "--debug"
+VARIABLE = "FORCECTL_DEBUG"  # in the environment, the same; tests set it, so that no bug passes for a message
+_LONGEST = 300  # characters of the text of an error
+_ROOT = Path(__file__).parents[1]
+
+
+def take_debug() -> bool:
+    """Whether `--debug` is among the arguments of this process, wherever it stands; it is taken out of them."""
+    words = sys.argv[1:]
+    before = words[: words.index("--")] if "--" in words else words
+    sys.argv[1:] = [word for word in before if word != DEBUG] + words[len(before) :]
+    return DEBUG in before
+
+
+def caught(error: BaseException) -> int:
+    """Say in one line what went wrong; returns the exit code.
+
+    Raises:
+        BaseException: the error itself, where the environment asks for it.
+    """
+    if os.environ.get(VARIABLE):
+        raise error
+    text = one_line(error)
+    text = text if len(text) <= _LONGEST else f"{text[:_LONGEST]}..."
+    print(f"error: unexpected {text} ({_place(error)}); the whole with {DEBUG}", file=sys.stderr)
+    return 1
+
+
+def whole(error: BaseException) -> None:
+    """Print the traceback of an error, with what caused it."""
+    traceback.print_exception(error, file=sys.stderr)
+
+
+def _place(error: BaseException) -> str:
+    """Where an error was raised: the innermost line of forcectl, or else of all."""
+    frames = traceback.extract_tb(error.__traceback__)
+    own = [frame for frame in frames if _ROOT in Path(frame.filename).parents]
+    if not frames:
+        return "no place is known"
+    frame = (own or frames)[-1]
+    name = Path(frame.filename)
+    return f"{name.relative_to(_ROOT.parent) if own else name.name}:{frame.lineno}"

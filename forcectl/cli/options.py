@@ -1,0 +1,72 @@
+"""Options that several commands have, and where tables are printed."""
+
+from __future__ import annotations
+
+import json
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+
+from forcectl.cli import completion
+
+if TYPE_CHECKING:
+    from rich.console import Console
+
+Target = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENARIO",
+        help="Name of a shipped experiment or path of a YAML file.",
+        autocompletion=completion.experiments,
+    ),
+]
+Diagrammed = Annotated[
+    str,
+    typer.Argument(
+        metavar="SCENARIO",
+        help="Experiment, YAML file, or package.module:function of a Diagram.",
+        autocompletion=completion.experiments,
+    ),
+]
+Variant = Annotated[
+    str | None,
+    typer.Option(
+        metavar="V",
+        help="This variant only; default all (graph, check: the first).",
+        autocompletion=completion.variants,
+    ),
+]
+Settings = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--set", metavar="a.b.c=value", help="Override one value; may be repeated.", autocompletion=completion.settings
+    ),
+]
+Fidelity = Annotated[
+    str | None,
+    typer.Option(
+        metavar="F", help="Multibody (default), Kinematic or OneDimensional.", autocompletion=completion.fidelities
+    ),
+]
+AllowImports = Annotated[
+    list[str] | None,
+    typer.Option(
+        "--allow-imports", metavar="MODULE", help="Module that the scenario may name classes of; may be repeated."
+    ),
+]
+Seed = Annotated[int | None, typer.Option(metavar="N", help="Seed of every random number.")]
+Force = Annotated[bool, typer.Option("--force", help="Replace the earlier run in --out.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the results as JSON.")]
+
+
+def echo_json(content: Any) -> None:
+    """Print as JSON, without NaN."""
+    typer.echo(json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False))
+
+
+def terminal() -> Console:
+    """Standard output, for tables."""
+    from rich.console import Console
+
+    return Console()

@@ -1,0 +1,216 @@
+"""The commands `forcectl run` and `forcectl show`."""
+
+from __future__ import annotations
+
+import os
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import TYPE_CHECKING, Annotated, Any
+
+import typer
+from typer.core import TyperCommand
+
+from forcectl.analysis.findings.finding import SEVERITIES, RunFinding, findings_lines, parse_severity
+from forcectl.cli.options import (
+    AllowImports,
+    AsJson,
+    Fidelity,
+    Force,
+    Quiet,
+    Seed,
+    Settings,
+    Target,
+    Variant,
+    echo_json,
+    terminal,
+)
+from forcectl.interrupts import say_when_interrupted
+from forcectl.runs.robots.command import say_assumed
+
+if TYPE_CHECKING:
+    from forcectl.runs.terminal.tables import Metrics
+    from forcectl.scenario.expectations import Verdict
+
+
+def _checked(severity: str | None) -> str | None:
+    return None if severity is None else parse_severity(severity, "--strict").word
+
+
+Strict = Annotated[
+    str | None,
+    typer.Option(
+        metavar="[SEVERITY]",
+        help="Exit with 1 on a finding that is at least: info, warning (if left out), or error.",
+        callback=_checked,
+    ),
+]
+
+
+class StrictCommand(TyperCommand):
+    """A command whose option `--strict` may stand alone, which then is for warnings."""
+
+    def parse_args(self, ctx: Any, args: list[str]) -> list[str]:
+        """As usual, with the severity filled in."""
+        following = [*args[1:], ""]
+        alone = [word == "--strict" and after not in SEVERITIES for word, after in zip(args, following, strict=False)]
+        return super().parse_args(ctx, ["--strict=warning" if bare else w for w, bare in zip(args, alone, strict=True)])
+
+
+All = Annotated[bool, typer.Option("--all", help="Every metric, not only those that are expected and a short list.")]
+
+
+def run(
+    scenario: Target,
+    variant: Variant = None,
+    settings: Settings = None,
+    seed: Seed = None,
+    fidelity: Fidelity = None,
+    out: Annotated[
+        Path | None, typer.Option(metavar="DIR", help="Directory to write; default runs/<name>-<n>.")
+    ] = None,
+    force: Force = False,
+    allow_imports: AllowImports = None,
+    replay: Annotated[
+        bool, typer.Option("--replay", help="Also write a 3-D replay, one HTML page per variant.")
+    ] = False,
+    realtime_rate: Annotated[
+        float, typer.Option(metavar="R", min=0.0, help="At most R simulated seconds per second; 0: full speed.")
+    ] = 0.0,
+    strict: Strict = None,
+    all_: All = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
+) -> None:
+    """Simulate a scenario, say what is wrong with the run, and write log, metrics, figures and block diagram.
+
+    Example: forcectl run fig_2_7 --set station.environment.stiffness=2e4 --seed 3
+    """
+    from forcectl.runs.claims.claim import Numbered
+    from forcectl.runs.terminal.progress import ProgressBars
+    from forcectl.scenario.catalog import find_scenario
+    from forcectl.scenario.gains import found_lines
+
+    file = find_scenario(scenario)
+    with ProgressBars(quiet) as progress:
+        progress.stage("starting")  # Drake takes seconds to import
+        from forcectl.cli.target import parse_settings
+        from forcectl.runs.result import InterruptedRunError
+        from forcectl.runs.run import run as simulate
+
+        try:
+            result = simulate(
+                file,
+                variant=variant,
+                overrides=parse_settings(settings),
+                seed=seed,
+                fidelity=fidelity,
+                out=out or Numbered(Path("runs"), file.name),
+                force=force,
+                allow_imports=allow_imports or (),
+                replay=replay,
+                realtime_rate=realtime_rate,
+                progress=progress.show,
+                stage=progress.stage,
+            )
+        except InterruptedRunError as interrupted:
+            say_when_interrupted(str(interrupted))
+            raise
+    directory = Path(result.directory or ".")
+    say_when_interrupted(f"interrupted: the results are in {directory}")
+    if as_json:
+        _echo_run(file.name, directory, "done", result.metrics, result.verdicts, result.findings)
+    elif not quiet:
+        title = f"{file.name}: {file.tree.get('title', '')}"
+        remark = "Expectations are about the scenario as written; with --set none fails the run." if settings else ""
+        _print_run(title, result.metrics, result.verdicts, result.findings, all_, remark)
+        for line in found_lines(result.gains):
+            typer.echo(line)
+        say_assumed(result.assumed)
+        pages = ", replay.html" if replay and len(result.metrics) == 1 else ", replay_1.html ..." if replay else ""
+        typer.echo(
+            f"results in {directory}: log.nc, metrics.json, figures/, diagram.html{pages}, scenario.yaml, manifest.json"
+        )
+    if (not result.passed and not settings) or result.has_finding(strict):
+        raise typer.Exit(1)
+
+
+def show(
+    directory: Annotated[Path, typer.Argument(metavar="DIR", help="Directory of a run or of a reproduction.")],
+    all_: All = False,
+    figures: Annotated[
+        bool, typer.Option("--figures", help="Draw the figures of the log, also of a run that was interrupted.")
+    ] = False,
+    allow_imports: AllowImports = None,
+    as_json: AsJson = False,
+) -> None:
+    """Show the results of a run that was written, also of one that failed or was interrupted.
+
+    Example: forcectl show runs/fig_2_7-1 --all
+    """
+    from forcectl.runs.claims.found import PARTIAL, found_at
+    from forcectl.runs.stored import read_reproduction, read_run
+    from forcectl.runs.terminal.tables import reproduction_lines
+
+    if (verdicts := read_reproduction(directory)) is not None:
+        if as_json:
+            echo_json({name: {v.target: v.as_row() for v in rows} for name, rows in verdicts.items()})
+        else:
+            terminal().print(reproduction_lines(verdicts.items()))
+        return
+    written = os.path.isdir(directory) and not directory.name.endswith(PARTIAL)
+    if not written and (partial := found_at(directory)) is not None:
+        typer.echo(f"{partial.directory}: {partial.state}")
+        return
+    stored = read_run(directory)
+    if as_json:
+        _echo_run(stored.name, directory, stored.state, stored.metrics, stored.verdicts, stored.findings)
+    else:
+        title = f"{stored.name}: {stored.manifest.get('title', '')}"
+        _print_run(title, stored.metrics, stored.verdicts, stored.findings, all_)
+        for line in stored.code:
+            typer.echo(line)
+        typer.echo(f"{stored.state}; seed {stored.manifest['seed']}, {stored.manifest['fidelity']}, in {directory}")
+    if figures:
+        drawn = stored.draw(allow_imports or ())
+        if not as_json:
+            typer.echo(f"drawn: {drawn}")
+
+
+def _echo_run(
+    name: str,
+    directory: Path,
+    state: str,
+    metrics: Metrics,
+    verdicts: Sequence[Verdict],
+    findings: Mapping[str, Sequence[RunFinding]],
+) -> None:
+    content: dict[str, Any] = {"scenario": name, "directory": str(directory), "state": state, "metrics": metrics}
+    content["findings"] = {name: [one.as_row() for one in found] for name, found in findings.items()}
+    echo_json(content | {"expectations": {v.target: v.as_row() for v in verdicts}})
+
+
+def _print_run(
+    title: str,
+    metrics: Metrics,
+    verdicts: Sequence[Verdict],
+    findings: Mapping[str, Sequence[RunFinding]],
+    all_: bool,
+    remark: str = "",
+) -> None:
+    """Tables of metrics and expectations, a remark on the latter, and the findings."""
+    from forcectl.runs.terminal.tables import metrics_table, short_list, verdict_table
+
+    console = terminal()
+    names = None if all_ else short_list(metrics, verdicts)
+    if metrics:
+        console.print(metrics_table(metrics, title, names, console.width))
+        count = len({name for values in metrics.values() for name in values})
+        if names is not None and len(names) < count:
+            console.print(f"[dim]{len(names)} of {count} metrics; all of them with --all[/]")
+    if verdicts:
+        console.print()
+        console.print(verdict_table(verdicts, "Expectations", console.width))
+        if remark:
+            console.print(f"[dim]{remark}[/]")
+    typer.echo()
+    typer.echo("\n".join(findings_lines(findings)))

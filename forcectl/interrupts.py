@@ -1,0 +1,174 @@
+"""Ctrl-C: where it ends the program at once, where it raises `KeyboardInterrupt`, and where it waits.
+
+So it is with every other way to ask a program to end, see `SIGNALS`. The command line begins with `leaving()`: as long
+as there is nothing to keep, an interrupt says so and ends the process. Work that must be stopped in order stands within
+an `Interrupts`.
+"""
+
+from __future__ import annotations
+
+import atexit
+import contextlib
+import os
+import signal
+import sys
+import threading
+from collections.abc import Callable, Iterator, Mapping
+from typing import Any
+
+SIGNALS = (signal.SIGINT, signal.SIGTERM, signal.SIGHUP)  # Ctrl-C, a batch system or `kill`, a terminal that is closed
+EXIT_CODE = 130
+NOTHING_KEPT = "interrupted: nothing was kept"
+_CLEAR = b"\r\x1b[2K\x1b[?25h"  # the line of a progress bar, and show the cursor again
+_last_words = NOTHING_KEPT
+_last_acts: list[Callable[[], object]] = []
+ending = False  # an interrupted process ends without taking Python apart, which takes half a second with Drake
+
+
+def say_when_interrupted(line: str) -> None:
+    """Set the one line that the command line ends with when it is interrupted from here on."""
+    global _last_words
+    _last_words = line
+
+
+@contextlib.contextmanager
+def leaving() -> Iterator[None]:
+    """Within, an interrupt writes its one line and ends the process at once.
+
+    An exception would be lost or changed where it passes through the start of a compiled module.
+    """
+    say_when_interrupted(NOTHING_KEPT)
+    before = _set(dict.fromkeys(SIGNALS, _leave))
+    try:
+        yield
+    finally:
+        _set(before)
+
+
+@contextlib.contextmanager
+def before_leaving(act: Callable[[], object]) -> Iterator[None]:
+    """Within, a process that an interrupt ends at once does this first, such as to remove a folder."""
+    _last_acts.append(act)
+    try:
+        yield
+    finally:
+        _last_acts.remove(act)
+
+
+def _leave(number: int, frame: object) -> None:
+    _set(dict.fromkeys(SIGNALS, signal.SIG_IGN))  # once is enough
+    for act in reversed(tuple(_last_acts)):
+        act()
+    clear = _CLEAR if os.isatty(2) else b""
+    os.write(2, clear + f"{_last_words}\n".encode())
+    os._exit(EXIT_CODE)
+
+
+class Interrupts:
+    """Within `with`, an interrupt raises `KeyboardInterrupt`, and is remembered.
+
+    Python passes over an exception that is raised while it frees an object: `check` raises it again. An interrupt that
+    has neither raised nor been heeded at the end of the `with` goes on to what was there before.
+
+    Args:
+        held: interrupts wait, and raise only within `let_through`.
+
+    Attributes:
+        asked: whether there was one.
+        heeded: whether the one who asks has dealt with it.
+    """
+
+    def __init__(self, held: bool = False):
+        self._held = held
+        self._raising = not held
+        self.asked = self.heeded = False
+
+    def __enter__(self) -> Interrupts:
+        self._before = _set(dict.fromkeys(SIGNALS, self._note))
+        return self
+
+    def __exit__(self, kind: type[BaseException] | None, *_: object) -> None:
+        self._raising = False
+        _set(self._before)
+        raised = kind is not None and issubclass(kind, KeyboardInterrupt)
+        if self.asked and not self.heeded and not raised:
+            signal.raise_signal(signal.SIGINT)
+
+    def _note(self, number: int, frame: object) -> None:
+        self.asked = True
+        if self._raising:
+            self._raising = not self._held
+            raise KeyboardInterrupt
+
+    def check(self) -> None:
+        """Raise `KeyboardInterrupt` if there was an interrupt."""
+        if self.asked:
+            raise KeyboardInterrupt
+
+    @contextlib.contextmanager
+    def let_through(self) -> Iterator[None]:
+        """Within, interrupts raise, one that has waited at once."""
+        try:
+            self._raising = True
+            self.check()
+            yield
+        finally:
+            self._raising = False
+
+
+@contextlib.contextmanager
+def passed_over() -> Iterator[None]:
+    """Within, an interrupt does nothing, whatever is begun there."""
+    before = _set(dict.fromkeys(SIGNALS, signal.SIG_IGN))
+    try:
+        yield
+    finally:
+        for number, handler in before.items():
+            signal.signal(number, handler)
+
+
+@contextlib.contextmanager
+def for_this_process_alone() -> Iterator[None]:
+    """Within, an interrupt waits; processes that are started leave Ctrl-C to the one that started them."""
+    with Interrupts(held=True):
+        before = signal.pthread_sigmask(signal.SIG_BLOCK, {signal.SIGINT})  # inherited, by new programs too
+        try:
+            yield
+        finally:
+            signal.pthread_sigmask(signal.SIG_SETMASK, before)
+
+
+def last_of_all() -> None:
+    """Prepare the end of a process that `leaving` is used in, before anything else is registered for it.
+
+    Nothing is said of an interrupt that was raised where nothing can be raised, see `Interrupts`. One that comes when
+    all is done and Python takes itself apart ends the process at once.
+    """
+
+    def hook(lost: sys.UnraisableHookArgs) -> None:
+        if not issubclass(lost.exc_type, KeyboardInterrupt):
+            sys.__unraisablehook__(lost)
+
+    def end() -> None:
+        if ending:
+            sys.stdout.flush()
+            os._exit(EXIT_CODE)
+
+    sys.unraisablehook = hook
+    atexit.register(end)  # the first one registered is called last
+    atexit.register(_set, dict.fromkeys(SIGNALS, _leave))
+
+
+def finish() -> None:
+    """Say the last words, and end this process soon."""
+    global ending
+    ending = True
+    print(_last_words, file=sys.stderr, flush=True)
+
+
+def _set(handlers: Mapping[int, Any]) -> dict[int, Any]:
+    """Set handlers of signals; returns those before. Only the main thread may, and what is ignored stays so."""
+    if threading.current_thread() is not threading.main_thread():
+        return {}
+    heard = [number for number in handlers if signal.getsignal(number) is not signal.SIG_IGN]
+    return {number: signal.signal(number, handlers[number]) for number in heard}

@@ -1,0 +1,289 @@
+"""One program at a time writes a directory of results, and it appears there only when it is complete.
+
+Beside the directory `NAME` that is to come lies meanwhile the folder `.NAME.partial`::
+
+    lock       held, as long as it lives, by the process that is written in it
+    results/   what `NAME` will be
+    earlier/   what `NAME` was, while it is replaced
+
+The lock ends with its process, however that ends. What it leaves is settled by the next one who claims `NAME`, or by
+`forcectl list DIR --clean`: the results become `NAME.interrupted` where a variant of a run had finished, and are
+removed where none had.
+"""
+
+from __future__ import annotations
+
+import contextlib
+import errno
+import os
+import shutil
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from pathlib import Path
+
+from forcectl.errors import BadInputError
+from forcectl.interrupts import Interrupts, before_leaving
+from forcectl.runs.claims.kept import VARIANTS, salvage
+from forcectl.runs.claims.lock import InUseError, StorageError, locked
+from forcectl.runs.directory import FAILED, INTERRUPTED, MARKS, is_complete
+
+PARTIAL, RESULTS, _EARLIER = ".partial", "results", "earlier"
+
+
+@dataclass(frozen=True)
+class Numbered:
+    """The directory `folder/<stem>-<n>`, with the smallest n that is free when it is claimed."""
+
+    folder: Path
+    stem: str
+
+
+Place = str | Path | Numbered
+
+
+class Claim:
+    """A directory of results that this process has to itself, see `claimed`.
+
+    Args:
+        directory: where the results will be.
+        force: replace an earlier run there.
+
+    Attributes:
+        directory: where the results will be.
+        results: the folder where they are until then.
+        settled: where finished variants of a process that is gone are kept; None where there were none.
+
+    Raises:
+        BadInputError: see `claimed`.
+    """
+
+    def __init__(self, directory: Path, force: bool = False):
+        check_free(directory, force)
+        self.directory = directory.resolve() if directory.is_symlink() else directory
+        self._force, self._partial, self._held = force, partial_of(self.directory), contextlib.ExitStack()
+        self.results, self._earlier = self._partial / RESULTS, self._partial / _EARLIER
+        with Interrupts(held=True):
+            try:
+                self._take()
+            except BaseException:
+                self._held.close()
+                raise
+
+    def _take(self) -> None:
+        for parent in reversed(self.directory.parents):
+            if not os.path.exists(parent):
+                self._held.callback(_remove_empty, parent)
+        try:
+            self._held.enter_context(locked(self._partial, self.directory, make=True))
+            check_free(self.directory, self._force)  # another process may have written it meanwhile
+            self.settled = self._settle()
+            self.results.mkdir()
+        except (OSError, StorageError) as error:
+            why = getattr(error.__cause__ or error, "strerror", None) or error
+            raise BadInputError(f"output {str(self.directory)!r} cannot be written: {why}") from None
+        self._held.callback(_restore, self._earlier, self.directory)
+        self._held.callback(self.clear)
+
+    def _settle(self) -> Path | None:
+        """Deal with what a process that is gone has left."""
+        _restore(self._earlier, self.directory)
+        kept = salvage(self.results, _named(self.directory, INTERRUPTED))
+        self.clear()
+        return kept
+
+    def write(self, fill: Callable[[Path], None], ending: str = "") -> Path:
+        """Let `fill` write the results, then give them their name.
+
+        What `fill` has written before an error is kept as `<name>.failed`.
+
+        Args:
+            fill: is given the folder to write into.
+            ending: of the name, for a run that failed or was interrupted; an earlier one there is replaced.
+
+        Returns:
+            the directory. Where another program has made one of this name meanwhile, both are kept, this one as
+            `<name>-1`.
+
+        Raises:
+            StorageError: see `storing`.
+        """
+        with self.storing(), Interrupts(held=True) as interrupts:
+            self.results.mkdir(exist_ok=True)
+            try:
+                with interrupts.let_through():
+                    fill(self.results)
+                interrupts.check()
+            except OSError:
+                raise
+            except Exception:
+                if any(self.results.iterdir()):
+                    self._publish(FAILED)
+                raise
+            return self._publish(ending)
+
+    @contextlib.contextmanager
+    def storing(self) -> Iterator[None]:
+        """Within, errors of the file system become one line, which says what is kept.
+
+        Raises:
+            StorageError: something could not be written.
+        """
+        try:
+            yield
+        except OSError as error:
+            why = f"{str(self.directory)!r} cannot be written: {error.strerror or error}"
+            try:
+                kept = self._keep()
+            except OSError:
+                kept = "nothing was kept"
+            raise StorageError(f"{why}; {kept}") from error
+
+    def _keep(self) -> str:
+        """Keep a run that was simulated, or what had finished of one; says so."""
+        if is_complete(self.results):
+            return f"log and metrics are kept in {self._publish(FAILED)}"
+        kept = self.interrupt()
+        return f"the variants that had finished are kept in {kept}" if kept else "nothing was kept"
+
+    def interrupt(self) -> Path | None:
+        """Keep the variants of a run that have finished, as `<name>.interrupted`; returns where, None for none."""
+        with Interrupts(held=True):
+            return salvage(self.results, _named(self.directory, INTERRUPTED))
+
+    def clear(self) -> None:
+        """Remove what was written and has no name yet."""
+        shutil.rmtree(self.results, ignore_errors=True)
+
+    def release(self) -> None:
+        """Let others have the directory; what is not written by then is removed."""
+        with Interrupts(held=True):
+            self._held.close()
+
+    def _publish(self, ending: str) -> Path:
+        # Whenever this is stopped, nothing that has a name is there in part.
+        shutil.rmtree(self.results / VARIANTS, ignore_errors=True)
+        if not ending and not self._force:
+            return _place(self.directory, self.results)
+        target = _named(self.directory, ending)
+        if os.path.exists(target):  # an earlier failure at the same place is out of date
+            target.rename(self._earlier)
+        self.results.rename(target)
+        shutil.rmtree(self._earlier, ignore_errors=True)
+        return target
+
+
+@contextlib.contextmanager
+def claimed(place: Place, force: bool = False) -> Iterator[Claim]:
+    """Within, a directory of results is kept to this process.
+
+    Args:
+        place: the directory; a numbered one is the first that nobody has.
+        force: it may exist, and is replaced when it is written.
+
+    Raises:
+        BadInputError: it cannot be written to, it exists and `force` is not given, or another process is at work on it
+            (`InUseError`), which is named.
+    """
+    claim = None
+    with contextlib.ExitStack() as stack:
+        try:
+            with Interrupts(held=True):
+                claim = _numbered(place) if isinstance(place, Numbered) else Claim(Path(place).expanduser(), force)
+                stack.enter_context(before_leaving(claim.release))
+            yield claim
+        finally:
+            if claim is not None:
+                claim.release()
+
+
+def _numbered(place: Numbered) -> Claim:
+    folder, first = place.folder.expanduser(), 1
+    while True:
+        directory = free_name(folder, place.stem, first)
+        try:
+            claim = Claim(directory)
+        except InUseError:
+            first = int(directory.name.rpartition("-")[2]) + 1
+            continue
+        except BadInputError:
+            if os.path.exists(directory):  # another process has written it meanwhile
+                continue
+            raise
+        if free_name(folder, place.stem, first) == directory:
+            return claim
+        claim.release()  # finished variants of an earlier one were found there, and have the name now
+
+
+def write_whole(directory: Path, fill: Callable[[Path], None], force: bool = False) -> Path:
+    """Claim a directory and let `fill` write it, see `Claim.write`; returns it."""
+    with claimed(directory, force) as claim:
+        return claim.write(fill)
+
+
+def partial_of(directory: Path) -> Path:
+    """The folder of what is to be `directory`."""
+    return directory.with_name(f".{directory.name}{PARTIAL}")
+
+
+def of_partial(folder: Path) -> Path:
+    """The directory that `folder`, see `partial_of`, is to be."""
+    return folder.with_name(folder.name.removeprefix(".").removesuffix(PARTIAL))
+
+
+def check_free(directory: Path, force: bool) -> None:
+    """Refuse a directory that exists, before any work is done.
+
+    Args:
+        directory: where the run is to be written.
+        force: replace an earlier run there. Nothing but a run or an empty folder is ever replaced.
+
+    Raises:
+        BadInputError: names the directory and the way out.
+    """
+    if not os.path.exists(directory):
+        return
+    if not force:
+        raise BadInputError(
+            f"output {str(directory)!r} exists: name another directory or add --force to replace the run in it"
+        )
+    if not os.path.isdir(directory) or (
+        any(directory.iterdir()) and not any((directory / name).is_file() for name in MARKS)
+    ):
+        raise BadInputError(
+            f"output {str(directory)!r} is not the directory of a run: it is left alone, name another one"
+        )
+
+
+def free_name(folder: Path, stem: str, first: int = 1) -> Path:
+    """`folder/<stem>-<n>` with the smallest n from `first` that no run, complete, failed or interrupted, has."""
+    n = first
+    while any(os.path.exists(folder / f"{stem}-{n}{ending}") for ending in ("", FAILED, INTERRUPTED)):
+        n += 1
+    return folder / f"{stem}-{n}"
+
+
+def _restore(earlier: Path, directory: Path) -> None:
+    """Undo a replacement that was stopped half-way."""
+    if os.path.exists(earlier) and not os.path.exists(directory):
+        earlier.rename(directory)
+    shutil.rmtree(earlier, ignore_errors=True)
+
+
+def _named(directory: Path, ending: str) -> Path:
+    return directory.with_name(directory.name.removesuffix(ending) + ending)
+
+
+def _place(directory: Path, new: Path) -> Path:
+    target = directory
+    while True:
+        try:
+            return new.rename(target)
+        except OSError as error:
+            if error.errno not in (errno.EEXIST, errno.ENOTEMPTY, errno.ENOTDIR):
+                raise
+            target = free_name(directory.parent, directory.name)
+
+
+def _remove_empty(folder: Path) -> None:
+    with contextlib.suppress(OSError):
+        folder.rmdir()

@@ -1,0 +1,112 @@
+"""What lies in a folder of results: what is complete, what is being written, and what was left when a process ended."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Iterator
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from forcectl.errors import BadInputError
+from forcectl.runs.claims.claim import PARTIAL as PARTIAL
+from forcectl.runs.claims.claim import RESULTS, Claim, of_partial, partial_of
+from forcectl.runs.claims.kept import progress
+from forcectl.runs.claims.lock import InUseError, holder
+from forcectl.runs.directory import SUMMARY
+
+_SWEEP = "sweep.json"
+
+
+@dataclass(frozen=True)
+class FoundResults:
+    """One directory of results, or what is to become one.
+
+    Attributes:
+        directory: where the results are, or will be.
+        kind: "run", "reproduction", "sweep" or "tuning"; "" where that is not known yet.
+        state: in words.
+        left: whether it is what a process that is gone has left.
+    """
+
+    directory: Path
+    kind: str
+    state: str
+    left: bool = False
+
+
+def found_in(folder: Path) -> Iterator[FoundResults]:
+    """All that programs have written in a folder, or are writing, by name.
+
+    Raises:
+        BadInputError: the folder cannot be read.
+    """
+    try:
+        paths = sorted(folder.iterdir(), key=lambda path: path.name.removeprefix("."))
+    except OSError as error:
+        raise BadInputError(f"{str(folder)!r} cannot be read: {error.strerror}") from None
+    for path in paths:
+        if path.name.startswith(".") and path.name.endswith(PARTIAL):
+            yield _partial(path)
+        elif os.path.isdir(path) and (one := _complete(path)) is not None:
+            yield one
+
+
+def found_at(directory: Path) -> FoundResults | None:
+    """What is being written to a directory, or was when its process ended; None for nothing."""
+    partial = directory if directory.name.endswith(PARTIAL) else partial_of(directory)
+    return _partial(partial) if os.path.isdir(partial) else None
+
+
+def clean(folder: Path) -> list[str]:
+    """Deal with what processes that are gone have left in a folder; returns a line for each.
+
+    What had finished is kept as `<name>.interrupted`, the rest is removed.
+
+    Raises:
+        BadInputError: it cannot be removed.
+    """
+    lines = []
+    for one in [one for one in found_in(folder) if one.left]:
+        try:
+            claim = Claim(one.directory, force=True)
+        except InUseError:
+            continue
+        claim.release()
+        lines.append(f"kept: {claim.settled}" if claim.settled else f"removed: {partial_of(one.directory)}")
+    return lines
+
+
+def _partial(path: Path) -> FoundResults:
+    who = holder(path)
+    how_far = progress(path / RESULTS)
+    state = f"at work: {who}" if who else "left by a process that is gone"
+    kind = "run" if (path / RESULTS / "manifest.json").is_file() else ""
+    return FoundResults(of_partial(path), kind, "; ".join(filter(None, (state, how_far))), left=who is None)
+
+
+def _complete(path: Path) -> FoundResults | None:
+    if manifest := _read(path / "manifest.json"):
+        return FoundResults(path, "run", str(manifest.get("status", "")))
+    if (path / SUMMARY).is_file():
+        summary = _read(path / SUMMARY)
+        if "prediction" in summary:
+            return FoundResults(path, "tuning", "done")
+        return FoundResults(path, "reproduction", f"finished experiments: {len(summary)}{_by(path)}")
+    if (path / _SWEEP).is_file():
+        return FoundResults(path, "sweep", f"see forcectl sweep {path} --status{_by(path)}")
+    return None
+
+
+def _by(path: Path) -> str:
+    who = holder(path)
+    return f"; at work: {who}" if who else ""
+
+
+def _read(path: Path) -> dict[str, Any]:
+    try:
+        content = json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError):
+        return {}
+    return content if isinstance(content, dict) else {}

@@ -1,0 +1,94 @@
+"""The tools of the package root: what `forcectl graph` and `forcectl check` do, from Python."""
+
+from __future__ import annotations
+
+from collections.abc import Mapping, Sequence
+from pathlib import Path
+from typing import Any
+
+from pydrake.systems.framework import Context, System
+
+from forcectl.doctor import Report, examine
+from forcectl.errors import BadInputError
+from forcectl.graph.export import Graph, MachineGraph
+from forcectl.graph.export import graph as draw
+from forcectl.inspect.ports import PortName
+from forcectl.scenario.catalog import ScenarioFile
+from forcectl.scenario.scenario import Scenario, build
+from forcectl.tasks.machine.chart import MachineChart
+
+_SCENARIOS = (str, Path, Mapping, Scenario, ScenarioFile)
+
+
+def graph(
+    scenario: str | Path | Mapping[str, Any] | Scenario | System | MachineChart,
+    *,
+    depth: int | None = 1,
+    hide_unused: bool = True,
+    loggers: bool = False,
+    context: Context | None = None,
+    variant: str | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    seed: int | None = None,
+    fidelity: str | None = None,
+    allow_imports: Sequence[str] = (),
+) -> Graph | MachineGraph:
+    """The block diagram of a scenario or of a Drake diagram, or the picture of a state machine.
+
+    Args:
+        scenario: name, path, mapping or `Scenario`; or any Drake diagram or block, or a state machine.
+        depth, hide_unused, loggers, context: see `forcectl.graph.export.graph`.
+        variant, overrides, seed, fidelity, allow_imports: of a scenario, see `load_scenario`.
+
+    Raises:
+        BadInputError: the scenario cannot be built.
+    """
+    system = _system(scenario, variant, overrides, seed, fidelity, allow_imports)
+    return draw(system, depth=depth, hide_unused=hide_unused, loggers=loggers, context=context)
+
+
+def check(
+    scenario: str | Path | Mapping[str, Any] | Scenario | System,
+    *,
+    variant: str | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    seed: int | None = None,
+    fidelity: str | None = None,
+    allow_imports: Sequence[str] = (),
+    sensor: PortName | None = None,
+    command: PortName | None = None,
+    scheme: str | None = None,
+) -> Report:
+    """What is wrong with the diagram of a scenario, or with any Drake diagram, and its periods and delays.
+
+    Args:
+        scenario: name, path, mapping or `Scenario`; or any Drake diagram or block.
+        variant, overrides, seed, fidelity, allow_imports: of a scenario, see `load_scenario`.
+        sensor, command, scheme: see `forcectl.doctor.examine`.
+
+    Raises:
+        BadInputError: the scenario cannot be built, or there are no such ports.
+    """
+    system = _system(scenario, variant, overrides, seed, fidelity, allow_imports)
+    return examine(system, sensor=sensor, command=command, scheme=scheme)
+
+
+def _system(
+    scenario: Any,
+    variant: str | None,
+    overrides: Any,
+    seed: int | None,
+    fidelity: str | None,
+    allow_imports: Sequence[str],
+) -> Any:
+    """The diagram of a scenario; what is no scenario as it is."""
+    if isinstance(scenario, _SCENARIOS):
+        given = {"overrides": overrides, "seed": seed, "fidelity": fidelity, "allow_imports": allow_imports}
+        return build(scenario, variant=variant, **given).diagram
+    given = {"variant": variant, "overrides": overrides, "seed": seed, "fidelity": fidelity}
+    given["allow_imports"] = allow_imports or None
+    if wrong := [name for name, value in given.items() if value is not None]:
+        raise BadInputError(
+            f"{wrong[0]} = {given[wrong[0]]!r}: must be left out with a diagram: it goes with a scenario"
+        )
+    return scenario

@@ -1,0 +1,48 @@
+"""Samples of outputs that a scenario names beside the signals of its loop."""
+
+from __future__ import annotations
+
+import numpy as np
+from numpy.typing import NDArray
+from pydrake.systems.analysis import Simulator
+from pydrake.systems.framework import Context, EventStatus
+
+from forcectl.diagrams.loop import Loop
+
+Array = NDArray[np.float64]
+
+
+class Probed:
+    """Samples of the probes of a loop, taken when its log takes its own.
+
+    Args:
+        loop: with probes, or without any.
+        simulator: of its diagram; where there are probes its monitor takes the samples.
+    """
+
+    def __init__(self, loop: Loop, simulator: Simulator):
+        self._probes, self._period = loop.probes, loop.period
+        self._taken: dict[int, list[Array]] = {}  # by tick
+        root = simulator.get_context()
+        ports = [probe.port for probe in self._probes]
+        self._reads = [(port, port.get_system().GetMyContextFromRoot(root)) for port in ports]
+        if self._probes:
+            simulator.set_monitor(self._take)
+
+    def _take(self, context: Context) -> EventStatus:
+        tick = round(context.get_time() / self._period)
+        if tick not in self._taken and abs(context.get_time() - tick * self._period) < 1e-6 * self._period:
+            self._taken[tick] = [port.Eval(own).copy() for port, own in self._reads]
+        return EventStatus.DidNothing()
+
+    def samples(self, times: Array) -> dict[str, tuple[str, Array]]:
+        """Unit and samples (k,) or (k, m) at `times` (k,) [s] by name; NaN where a run stopped before one."""
+        found = {}
+        for i, probe in enumerate(self._probes):
+            missing = np.full(probe.port.size(), np.nan)
+            rows = [
+                self._taken[tick][i] if (tick := round(t / self._period)) in self._taken else missing for t in times
+            ]
+            samples = np.array(rows).reshape(len(times), probe.port.size())
+            found[probe.name] = (probe.unit, samples[:, 0] if probe.port.size() == 1 else samples)
+        return found

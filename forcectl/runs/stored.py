@@ -1,0 +1,108 @@
+"""Runs read back from their directories."""
+
+from __future__ import annotations
+
+import json
+import os
+from collections.abc import Mapping, Sequence
+from dataclasses import dataclass
+from pathlib import Path
+from typing import Any
+
+from forcectl.analysis.findings.finding import RunFinding
+from forcectl.errors import BadInputError
+from forcectl.runs.directory import SUMMARY
+from forcectl.scenario.catalog import find_scenario
+from forcectl.scenario.code import code_in, said
+from forcectl.scenario.expectations import Verdict
+
+
+@dataclass(frozen=True)
+class StoredRun:
+    """A run as its directory holds it, complete, failed or interrupted.
+
+    Attributes:
+        manifest: content of `manifest.json`.
+        metrics, findings: variant -> metric -> value, and its findings, of the variants that came to their end.
+    """
+
+    directory: Path
+    manifest: Mapping[str, Any]
+    metrics: dict[str, dict[str, float | None]]
+    findings: dict[str, list[RunFinding]]
+
+    @property
+    def name(self) -> str:
+        """Of the scenario."""
+        return str(self.manifest["scenario"])
+
+    @property
+    def verdicts(self) -> list[Verdict]:
+        """On the scenario's `expect`."""
+        return [Verdict.from_row(target, row) for target, row in self.manifest.get("expectations", {}).items()]
+
+    @property
+    def state(self) -> str:
+        """How it ended, in words."""
+        failure = self.manifest.get("failure")
+        return f"{self.manifest['status']}: {failure}" if failure else str(self.manifest["status"])
+
+    @property
+    def code(self) -> list[str]:
+        """Lines that say which code beside forcectl's own the run was made with."""
+        return said(code_in(find_scenario(self.directory / "scenario.yaml").tree))
+
+    def draw(self, allow_imports: Sequence[str] = ()) -> Path:
+        """Draw the figures of the log into the folder `figures`; returns it.
+
+        Args:
+            allow_imports: names of modules that the scenario may name, see `load_scenario`.
+
+        Raises:
+            BadInputError: the log has no samples to draw.
+        """
+        from forcectl.figures.force import write_figures
+        from forcectl.runs.logs import read_netcdf
+        from forcectl.scenario.scenario import as_file, resolve, select_variants
+
+        file = as_file(self.directory / "scenario.yaml", allow_imports)
+        log = read_netcdf(self.directory / "log.nc")
+        if log.sizes["time"] < 2:
+            raise BadInputError(f"{str(self.directory)!r}: its log has no samples to draw")
+        scenario = resolve(file, select_variants(file)[0])
+        write_figures(scenario.figures(log, scenario.title or self.name, self.findings), self.directory / "figures")
+        return self.directory / "figures"
+
+
+def read_run(directory: Path) -> StoredRun:
+    """A run that was written.
+
+    Raises:
+        BadInputError: the directory is not that of a run.
+    """
+    if not os.path.isfile(directory / "manifest.json") or not os.path.isfile(directory / "metrics.json"):
+        raise BadInputError(
+            f"{str(directory)!r} is not the directory of a run: must have manifest.json and metrics.json"
+        )
+    recorded = _read(directory / "metrics.json")
+    findings = {
+        name: [RunFinding.from_row(row) for row in values.pop("findings", [])] for name, values in recorded.items()
+    }
+    return StoredRun(directory, _read(directory / "manifest.json"), recorded, findings)
+
+
+def read_reproduction(directory: Path) -> dict[str, list[Verdict]] | None:
+    """The verdicts of a reproduction by experiment; None where the directory is not that of one."""
+    if not os.path.isfile(directory / SUMMARY):
+        return None
+    content = _read(directory / SUMMARY)
+    if not all(isinstance(row, dict) and "pass" in row for rows in content.values() for row in dict(rows).values()):
+        return None
+    return {name: [Verdict.from_row(target, row) for target, row in rows.items()] for name, rows in content.items()}
+
+
+def _read(path: Path) -> Any:
+    try:
+        return json.loads(path.read_text(encoding="utf-8"))
+    except (OSError, ValueError) as error:
+        raise BadInputError(f"{str(path)!r} cannot be read: {error}") from None

@@ -1,0 +1,1 @@
+"""What results and choices look like in the terminal."""

@@ -1,0 +1,131 @@
+"""What there is to choose from, as tables in the terminal; like `catalog`, without importing Drake.
+
+Only the keys behind a tag need the classes, and with them Drake.
+"""
+
+from __future__ import annotations
+
+from collections.abc import Iterable
+from typing import TYPE_CHECKING
+
+from rich.markup import escape
+from rich.table import Table
+
+from forcectl.errors import unknown
+from forcectl.scenario import catalog
+
+if TYPE_CHECKING:
+    from forcectl.runs.claims.found import FoundResults
+
+# Where the plural of a slot is not made with an s.
+_PLURALS = {
+    "analysis": "analyses",
+    "fidelity": "fidelities",
+    "environment": "environments",
+    "null_space": "null_spaces",
+}
+PLURALS = {slot: _PLURALS.get(slot, f"{slot}s") for slot in catalog.SLOTS}
+KINDS = ("experiments", "presets", "robots", "tools", *PLURALS.values(), "blocks")
+
+
+def catalog_tables() -> list[Table]:
+    """Experiments, presets, and what fills the slots."""
+    parts = new_table("Slots of a scenario, and what fills them", "slot", "choices")
+    for key, names in catalog.list_models().items():
+        parts.add_row(key, ", ".join(names))
+    for slot in catalog.SLOTS:
+        parts.add_row(slot, ", ".join(f"!{tag}" for tag in (*catalog.tags_of(slot), catalog.IMPORT)))
+    return [kind_table("experiments"), kind_table("presets"), parts]
+
+
+def entries(kind: str) -> list[tuple[str, ...]]:
+    """All of one kind: name and what it is; of an experiment also its source.
+
+    Args:
+        kind: one of `KINDS`.
+    """
+    if kind == "experiments":
+        trees = {name: catalog.find_scenario(name).tree for name in catalog.list_experiments()}
+        return [(name, str(tree.get("title", "")), str(tree.get("source", ""))) for name, tree in trees.items()]
+    if kind == "presets":
+        trees = {name: catalog.find_preset(name).tree for name in catalog.list_presets()}
+        return [(name, str(tree.get("description", ""))) for name, tree in trees.items()]
+    if kind in ("robots", "tools"):
+        key = f"station.{kind.removesuffix('s')}"
+        return [(name, f"{key}: {name}") for name in catalog.list_models()[key]]
+    if kind == "blocks":
+        return list(catalog.list_blocks().items())
+    slot = next(slot for slot, plural in PLURALS.items() if plural == kind)
+    return [(f"!{tag}", catalog.first_line(path)) for tag, path in catalog.tags_of(slot).items()]
+
+
+def kind_of(text: str) -> str:
+    """The kind that a word names, in the singular or the plural.
+
+    Raises:
+        BadInputError: none.
+    """
+    word = text.lower()
+    singular = {kind.removesuffix("s"): kind for kind in KINDS} | PLURALS
+    if (kind := singular.get(word, word)) not in KINDS:
+        raise unknown("kind", text, [*KINDS, "or a tag such as !Integral"])
+    return kind
+
+
+def kind_table(kind: str) -> Table:
+    """All of one kind, see `entries`."""
+    columns = ("name", "title", "source") if kind == "experiments" else ("name", "what it is")
+    table = new_table(kind.replace("_", " ").capitalize(), *columns)
+    for row in entries(kind):
+        table.add_row(*map(escape, row))
+    return table
+
+
+def found_table(found: Iterable[FoundResults]) -> Table:
+    """Results in a folder, one a line."""
+    table = new_table("", "directory", "kind", "state")
+    for one in found:
+        table.add_row(*map(escape, (str(one.directory), one.kind, one.state)))
+    return table
+
+
+def tag_tables(tag: str) -> list[Table]:
+    """The keys of what a tag stands for: for each slot that has it one table, and one for each part within.
+
+    Args:
+        tag: as in `!Integral`.
+
+    Raises:
+        BadInputError: no slot has the tag.
+    """
+    from forcectl.scenario.keys import classes_of, keys_of
+
+    tables: list[Table] = []
+    for slot, cls in classes_of(tag).items():
+        parts: dict[str, Table] = {}
+        for words in keys_of(cls):
+            part, _, name = words.key.rpartition(".")
+            title = f"!{tag.removeprefix('!')}: {part}" if part else f"!{tag.removeprefix('!')}, fills the slot {slot}"
+            table = parts.setdefault(part, new_table(title, "key", "default", "value", "meaning"))
+            kind = f"{words.kind} [{words.unit}]" if words.unit else words.kind
+            value = f"{kind}, {words.allowed}" if words.allowed else kind
+            table.add_row(*map(escape, (name, words.default, value, words.meaning)))
+        tables += parts.values()
+    return tables
+
+
+def tag_keys(tag: str) -> dict[str, list[dict[str, str]]]:
+    """The keys of what a tag stands for, by slot, see `KeyWords`."""
+    from forcectl.scenario.keys import classes_of, keys_of
+
+    return {slot: [words._asdict() for words in keys_of(cls)] for slot, cls in classes_of(tag).items()}
+
+
+def new_table(title: str, *columns: str) -> Table:
+    """An empty table without borders; only targets and texts are wrapped."""
+    table = Table(
+        title=title or None, title_justify="left", title_style="bold", header_style="bold", box=None, pad_edge=False
+    )
+    for i, column in enumerate(columns):
+        table.add_column(column, no_wrap=i == 0 and column != "target", overflow="fold")
+    return table

@@ -1,0 +1,174 @@
+"""Processes that work for this one: they leave Ctrl-C to it, use one thread each, and end when it does."""
+
+from __future__ import annotations
+
+import contextlib
+import multiprocessing
+import os
+import resource
+import sys
+import threading
+import time
+from collections.abc import Callable, Iterator
+from dataclasses import dataclass
+from multiprocessing.connection import Connection, wait
+from typing import Any
+
+from forcectl.interrupts import for_this_process_alone
+
+MOST_MEMORY = 1.5e9  # [B] of a process, after which it is replaced: Drake 1.51 keeps every system written in Python
+GRACE = 5.0  # [s] after the end of its time that a task is given to end by itself
+_BEGUN = "begun"  # what a process says when it has been given a task
+
+
+@dataclass(frozen=True)
+class EndedTask:
+    """A task has ended, in whatever way.
+
+    Attributes:
+        task: what it was.
+        result: of the job; None where its process did not live to give one.
+        death: what became of the process then; "" else.
+        overdue: the process was ended because it took too long.
+    """
+
+    task: Any
+    result: Any = None
+    death: str = ""
+    overdue: bool = False
+
+
+@dataclass
+class _Worker:
+    process: Any
+    pipe: Connection
+    task: Any = None
+    deadline: float = float("inf")
+
+
+class Workers:
+    """Processes that do tasks; one that dies, takes too long or has grown large is replaced.
+
+    Args:
+        job: what they do: a function of a module, of `arguments` and the task; it raises nothing.
+        arguments: the same for every task.
+        count: of processes.
+        timeout: of a task [s]; None: none.
+    """
+
+    def __init__(self, job: Callable[..., Any], arguments: tuple[Any, ...], count: int, timeout: float | None = None):
+        self._job, self._arguments = job, arguments
+        self._count, self._timeout = count, timeout
+        self._workers: list[_Worker] = []
+
+    @property
+    def free(self) -> int:
+        """How many tasks it takes now."""
+        return self._count - self.busy
+
+    @property
+    def busy(self) -> int:
+        """How many tasks it has."""
+        return sum(worker.task is not None for worker in self._workers)
+
+    def submit(self, task: Any) -> None:
+        """Give a task to a process that has none."""
+        worker = next((worker for worker in self._workers if worker.task is None), None) or self._start()
+        worker.task = task
+        with contextlib.suppress(OSError):  # it is dead: `wait` finds out
+            worker.pipe.send(task)
+
+    def wait(self) -> list[EndedTask]:
+        """The tasks that have ended since the last call; waits for a moment where there are none."""
+        wait([pipe for worker in self._workers for pipe in (worker.pipe, worker.process.sentinel)], timeout=0.5)
+        return [ended for worker in list(self._workers) if (ended := self._look_at(worker)) is not None]
+
+    def _look_at(self, worker: _Worker) -> EndedTask | None:
+        task = worker.task
+        try:
+            if worker.pipe.poll():
+                told = worker.pipe.recv()
+                if told == _BEGUN:
+                    if self._timeout is not None:
+                        worker.deadline = time.monotonic() + self._timeout + GRACE
+                    return None
+                result, memory = told
+                worker.task, worker.deadline = None, float("inf")
+                if memory > MOST_MEMORY:
+                    self._end(worker)
+                return None if task is None else EndedTask(task, result)
+        except (EOFError, OSError):
+            pass
+        if not worker.process.is_alive():
+            code = worker.process.exitcode
+            death = f"its process was ended by signal {-code}" if code < 0 else f"its process ended with code {code}"
+            self._end(worker)
+            return None if task is None else EndedTask(task, death=death)
+        if time.monotonic() > worker.deadline:
+            self._end(worker)
+            return None if task is None else EndedTask(task, overdue=True)
+        return None
+
+    def close(self) -> None:
+        """End all processes at once."""
+        for worker in list(self._workers):
+            self._end(worker)
+
+    def _start(self) -> _Worker:
+        context = multiprocessing.get_context("spawn")
+        here, there = context.Pipe()
+        process = context.Process(target=_work, args=(there,), daemon=True)
+        with starting_workers():
+            process.start()
+        there.close()
+        self._workers.append(worker := _Worker(process, here))
+        with contextlib.suppress(OSError):
+            # Not with the start: what is large waits here until the process has imported.
+            here.send((self._job, self._arguments))
+        return worker
+
+    def _end(self, worker: _Worker) -> None:
+        self._workers.remove(worker)
+        worker.process.kill()
+        worker.process.join()
+        worker.process.close()
+        worker.pipe.close()
+
+
+def _work(pipe: Connection) -> None:
+    """What a process does: tasks, until nobody asks for any."""
+    end_with_parent()
+    scale = 1 if sys.platform == "darwin" else 1024
+    with contextlib.suppress(EOFError, OSError):  # nobody is there any more
+        job, arguments = pipe.recv()
+        while True:
+            task = pipe.recv()
+            pipe.send(_BEGUN)
+            result = job(*arguments, task)
+            pipe.send((result, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * scale))
+
+
+@contextlib.contextmanager
+def starting_workers() -> Iterator[None]:
+    """Processes started within leave Ctrl-C to this one and use one thread: many with many threads are slower."""
+    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
+    added = [name for name in names if name not in os.environ]
+    os.environ.update(dict.fromkeys(added, "1"))
+    try:
+        with for_this_process_alone():
+            yield
+    finally:
+        for name in added:
+            del os.environ[name]
+
+
+def end_with_parent() -> None:
+    """End this process when the one that started it ends, whatever it is at."""
+    threading.Thread(target=_wait_for_end, daemon=True).start()
+
+
+def _wait_for_end() -> None:
+    parent = multiprocessing.parent_process()
+    if parent is not None:
+        wait([parent.sentinel])
+        os._exit(1)
