@@ -80,8 +80,9 @@ class Agenda:
         group, waiting = next(iter(self._waiting.items()))
         size = self._batches.size(waiting[0])
         numbers = tuple(waiting.popleft() for _ in range(min(max(size, 1), len(waiting))))
-        if not waiting:
-            del self._waiting[group]
+        del self._waiting[group]
+        if waiting:  # the other groups first: stopped early, all arms have the same seeds
+            self._waiting[group] = waiting
         return Task(numbers, size > 0)
 
     def put_back(self, number: int) -> None:

@@ -9,10 +9,11 @@ from collections.abc import Callable, Iterator
 from dataclasses import dataclass
 
 from forcectl.errors import RunFailedError
+from forcectl.runs.claims.lock import StorageError
 from forcectl.sweeps.agenda import Agenda
 from forcectl.sweeps.batches import Task
 from forcectl.sweeps.engines import Ended, Engine, Processes, Sequential
-from forcectl.sweeps.results import Results, Row, StorageError
+from forcectl.sweeps.results import Results, Row
 from forcectl.sweeps.study import Study
 from forcectl.sweeps.trial import cost, row_of, timeout_reason
 

@@ -2,22 +2,25 @@
 
 from __future__ import annotations
 
-import contextlib
-import signal
+import os
 import sys
 import time
-from collections.abc import Callable, Iterator
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
 import typer
 
 from forcectl.errors import BadInputError, ForcectlError
+from forcectl.interrupts import Interrupts, say_when_interrupted
 
 if TYPE_CHECKING:
     from forcectl.sweeps.at_work import SweepProgress
     from forcectl.sweeps.run_sweep import SweepResult
 
+AllowImports = Annotated[
+    list[str] | None,
+    typer.Option("--allow-imports", metavar="MODULE", help="Module that the scenario may name; may be repeated."),
+]
 _EVERY = 30.0  # [s] between two lines of progress where there is no terminal
 
 
@@ -46,13 +49,14 @@ def sweep(
         float | None, typer.Option(metavar="S", help="Longest computing time of a trial, in seconds.")
     ] = None,
     report: Annotated[bool, typer.Option(help="Write report.html and its figures.")] = True,
+    allow_imports: AllowImports = None,
     status: Annotated[bool, typer.Option("--status", help="Only say how far the sweep in SWEEP is.")] = False,
 ) -> None:
     """Run variations of a scenario; what is finished is kept whatever happens.
 
     Example: forcectl sweep robustness.yaml --out runs/robustness --workers 4
     """
-    from forcectl.runs.directory import free_name
+    from forcectl.runs.claims.claim import free_name
     from forcectl.sweeps.results import IDENTITY
     from forcectl.sweeps.run_sweep import sweep as run_sweep
     from forcectl.sweeps.sweep_config import read_sweep
@@ -62,20 +66,20 @@ def sweep(
         return
     if retry not in (None, "failed"):
         raise BadInputError(f"--retry {retry!r}: must be failed")
-    given = Path(sweep).expanduser()
-    directory = out or (given if (given / IDENTITY).is_file() else None)
+    given = Path(os.path.expanduser(sweep))
+    directory = out or (given if os.path.isfile(given / IDENTITY) else None)
     if directory is None and not resume:
         directory = free_name(Path("runs"), read_sweep(sweep).name)
-    with _interruptible() as stop_if_asked, _Display() as display:
+    with Interrupts() as interrupts, _Display() as display:
 
         def show(progress: SweepProgress) -> None:
-            stop_if_asked()
+            interrupts.check()
             display.show(progress)
 
         try:
             result = run_sweep(
                 sweep,
-                out=out or (None if (given / IDENTITY).is_file() else directory),
+                out=out or (None if os.path.isfile(given / IDENTITY) else directory),
                 resume=resume,
                 retry_failed=retry is not None,
                 fail_fast=fail_fast,
@@ -85,22 +89,26 @@ def sweep(
                 scheduler=scheduler,
                 trial_timeout=trial_timeout,
                 report=report,
+                allow_imports=allow_imports or (),
                 progress=show,
             )
         except BaseException as error:
             if not display.shown or not isinstance(error, ForcectlError | KeyboardInterrupt):
                 raise
-            interrupted = isinstance(error, KeyboardInterrupt)
             display.hide()
-            told = "stopped" if interrupted else f"error: {error}"
-            print(f"{told}; go on with: forcectl sweep {directory} --resume", file=sys.stderr)
-            raise typer.Exit(130 if interrupted else 2 if isinstance(error, BadInputError) else 1) from error
+            how = f"go on with: forcectl sweep {directory} --resume"
+            if isinstance(error, KeyboardInterrupt):
+                say_when_interrupted(f"stopped; {how}")
+                raise
+            print(f"error: {error}; {how}", file=sys.stderr)
+            raise typer.Exit(2 if isinstance(error, BadInputError) else 1) from error
     _show_result(result, report)
 
 
 def merge(
     folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Results of shards of one sweep.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Directory of the whole.")],
+    allow_imports: AllowImports = None,
 ) -> None:
     """Put the results of shards together; may be done again when there are more.
 
@@ -108,32 +116,7 @@ def merge(
     """
     from forcectl.sweeps.merge import merge as put_together
 
-    _show_result(put_together(folders, out))
-
-
-@contextlib.contextmanager
-def _interruptible() -> Iterator[Callable[[], None]]:
-    """Within, a batch system that takes the job away (SIGTERM) stops it as Ctrl-C does.
-
-    Yields:
-        raises the interrupt again that was lost: Python passes over one that comes while it frees an object.
-    """
-    asked: list[int] = []
-
-    def stop_if_asked() -> None:
-        if asked:
-            raise KeyboardInterrupt
-
-    def stop(number: int, frame: object) -> None:
-        asked.append(number)
-        raise KeyboardInterrupt
-
-    before = {number: signal.signal(number, stop) for number in (signal.SIGINT, signal.SIGTERM)}
-    try:
-        yield stop_if_asked
-    finally:
-        for number, handler in before.items():
-            signal.signal(number, handler)
+    _show_result(put_together(folders, out, allow_imports=allow_imports or ()))
 
 
 def _shard(text: str | None) -> tuple[int, int] | None:

@@ -12,9 +12,10 @@ from concurrent.futures import CancelledError
 from typing import Any
 
 from forcectl.errors import BadInputError, RunFailedError, one_line
+from forcectl.runs.claims.lock import StorageError
 from forcectl.sweeps.batches import Task
 from forcectl.sweeps.engines import Ended
-from forcectl.sweeps.results import Results, StorageError
+from forcectl.sweeps.results import Results
 from forcectl.sweeps.study import Study
 from forcectl.sweeps.trial import run_task
 

@@ -6,26 +6,15 @@ the results directory: a trial that ended without a row is run again.
 
 from __future__ import annotations
 
-import contextlib
-import multiprocessing
-import os
-import resource
-import signal
-import sys
-import threading
-import time
-from collections.abc import Iterator
 from dataclasses import dataclass
-from multiprocessing.connection import Connection, wait
-from typing import Any, Protocol
+from typing import Protocol
 
+from forcectl.runs.claims.lock import StorageError
+from forcectl.runs.workers import Workers
 from forcectl.sweeps.batches import Task
-from forcectl.sweeps.results import Results, StorageError
+from forcectl.sweeps.results import Results
 from forcectl.sweeps.study import Study
 from forcectl.sweeps.trial import run_task
-
-MOST_MEMORY = 1.5e9  # [B] of a process, after which it is replaced: Drake 1.51 keeps every system written in Python
-GRACE = 5.0  # [s] after the end of its time that a trial is given to end by itself
 
 
 @dataclass(frozen=True)
@@ -105,17 +94,6 @@ class Sequential:
         """Nothing is left to end."""
 
 
-_BEGUN = "begun"  # what a process says when it has been given a task
-
-
-@dataclass
-class _Worker:
-    process: Any
-    pipe: Connection
-    task: Task | None = None
-    deadline: float = float("inf")
-
-
 class Processes:
     """Trials in processes of one's own; one that dies is replaced.
 
@@ -127,138 +105,36 @@ class Processes:
     """
 
     def __init__(self, study: Study, results: Results, timeout: float | None, count: int):
-        self._arguments = (study, results, timeout)
-        self._timeout, self._count = timeout, count
-        self._workers: list[_Worker] = []
+        self._workers = Workers(_run, (study, results, timeout), count, timeout)
 
     @property
     def free(self) -> int:
         """How many tasks it takes now."""
-        return self._count - self.busy
+        return self._workers.free
 
     @property
     def busy(self) -> int:
         """How many tasks it has."""
-        return sum(worker.task is not None for worker in self._workers)
+        return self._workers.busy
 
     def submit(self, task: Task) -> None:
         """Give a task to a process that has none."""
-        worker = next((worker for worker in self._workers if worker.task is None), None) or self._start()
-        worker.task = task
-        with contextlib.suppress(OSError):  # it is dead: `wait` finds out
-            worker.pipe.send(task)
+        self._workers.submit(task)
 
     def wait(self) -> list[Ended]:
         """What has ended: tasks, and processes with them."""
-        wait([pipe for worker in self._workers for pipe in (worker.pipe, worker.process.sentinel)], timeout=0.5)
-        ended = []
-        for worker in list(self._workers):
-            found = self._look_at(worker)
-            if found is not None:
-                ended.append(found)
-        return ended
-
-    def _look_at(self, worker: _Worker) -> Ended | None:
-        task, found = worker.task, None
-        try:
-            if worker.pipe.poll():
-                told = worker.pipe.recv()
-                if told == _BEGUN:
-                    if self._timeout is not None:
-                        worker.deadline = time.monotonic() + self._timeout + GRACE
-                    return None
-                fault, memory = told
-                worker.task, worker.deadline = None, float("inf")
-                if memory > MOST_MEMORY:
-                    self._end(worker)
-                return None if task is None else Ended(task, fault, storage=bool(fault))
-        except (EOFError, OSError):
-            pass
-        if not worker.process.is_alive():
-            code = worker.process.exitcode
-            found = f"its process was ended by signal {-code}" if code < 0 else f"its process ended with code {code}"
-            self._end(worker)
-            return None if task is None else Ended(task, found)
-        if time.monotonic() > worker.deadline:
-            self._end(worker)
-            return None if task is None else Ended(task, overdue=True)
-        return None
+        found = self._workers.wait()
+        return [Ended(e.task, e.result or e.death, overdue=e.overdue, storage=bool(e.result)) for e in found]
 
     def close(self) -> None:
-        """End all processes at once."""
-        for worker in list(self._workers):
-            self._end(worker)
-
-    def _start(self) -> _Worker:
-        context = multiprocessing.get_context("spawn")
-        here, there = context.Pipe()
-        process = context.Process(target=_work, args=(there,), daemon=True)
-        with _interrupts_ignored(), _one_thread():
-            process.start()
-        there.close()
-        self._workers.append(worker := _Worker(process, here))
-        with contextlib.suppress(OSError):
-            here.send(self._arguments)  # not with the start: a large study waits here until the process has imported
-        return worker
-
-    def _end(self, worker: _Worker) -> None:
-        self._workers.remove(worker)
-        worker.process.kill()
-        worker.process.join()
-        worker.process.close()
-        worker.pipe.close()
+        """End all processes at once; what they were at is lost then, and the directory says so."""
+        self._workers.close()
 
 
-def _work(pipe: Connection) -> None:
-    """What a process does: tasks, until nobody asks for any."""
-    threading.Thread(target=_die_with_parent, daemon=True).start()
-    scale = 1 if sys.platform == "darwin" else 1024
+def _run(study: Study, results: Results, timeout: float | None, task: Task) -> str:
+    """Run trials in a process of its own; returns why their rows could not be written, "" where they were."""
     try:
-        study, results, timeout = pipe.recv()
-    except (EOFError, OSError):
-        return
-    while True:
-        try:
-            task = pipe.recv()
-            pipe.send(_BEGUN)
-        except (EOFError, OSError):
-            return
-        fault = ""
-        try:
-            run_task(study, results, task, timeout)
-        except StorageError as error:
-            fault = str(error)
-        pipe.send((fault, resource.getrusage(resource.RUSAGE_SELF).ru_maxrss * scale))
-
-
-def _die_with_parent() -> None:
-    parent = multiprocessing.parent_process()
-    if parent is not None:
-        wait([parent.sentinel])
-        os._exit(1)  # what it was at is lost, and the directory says so
-
-
-@contextlib.contextmanager
-def _interrupts_ignored() -> Iterator[None]:
-    """Processes started within leave Ctrl-C to the one that started them."""
-    if threading.current_thread() is not threading.main_thread():
-        yield
-        return
-    before = signal.signal(signal.SIGINT, signal.SIG_IGN)
-    try:
-        yield
-    finally:
-        signal.signal(signal.SIGINT, before)
-
-
-@contextlib.contextmanager
-def _one_thread() -> Iterator[None]:
-    """Processes started within use one thread each: many with many threads are slower."""
-    names = ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS")
-    added = [name for name in names if name not in os.environ]
-    os.environ.update(dict.fromkeys(added, "1"))
-    try:
-        yield
-    finally:
-        for name in added:
-            del os.environ[name]
+        run_task(study, results, task, timeout)
+    except StorageError as error:
+        return str(error)
+    return ""

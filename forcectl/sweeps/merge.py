@@ -13,8 +13,9 @@ from pathlib import Path
 from typing import Any
 
 from forcectl.errors import BadInputError
+from forcectl.runs.claims.lock import locked
 from forcectl.sweeps.agenda import Agenda
-from forcectl.sweeps.results import Results, Row, identity_of, locked
+from forcectl.sweeps.results import Results, Row, identity_of
 from forcectl.sweeps.run_sweep import SweepResult, begin, stored, write_report, write_tables
 from forcectl.sweeps.study import study_of
 
@@ -70,13 +71,16 @@ def _remaining(rows: Sequence[Row], left: int) -> float | None:
     return left * statistics.fmean(after - before for before, after in pairwise(times))
 
 
-def merge(folders: Sequence[str | Path], out: str | Path, sweep: Any = None) -> SweepResult:
+def merge(
+    folders: Sequence[str | Path], out: str | Path, sweep: Any = None, allow_imports: Sequence[str] = ()
+) -> SweepResult:
     """Put the results of shards together; what is there already stays, so it can be done again.
 
     Args:
         folders: results directories of one sweep.
         out: directory of the whole; made if it is not there.
         sweep: the sweep, where its text in the directories cannot say it: one with objects from Python.
+        allow_imports: names of modules that the scenario may name, see `load_scenario`.
 
     Raises:
         BadInputError: a directory is of another sweep, or two of them contradict each other.
@@ -85,7 +89,7 @@ def merge(folders: Sequence[str | Path], out: str | Path, sweep: Any = None) -> 
     parts, target = [Path(folder).expanduser() for folder in folders], Path(out).expanduser()
     if not parts:
         raise BadInputError("merge needs at least one results directory")
-    study = study_of(stored(parts[0], sweep))
+    study = study_of(stored(parts[0], sweep), allow_imports)
     digest = study.digest()
     for part in parts:
         if part.resolve() == target.resolve():

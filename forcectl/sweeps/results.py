@@ -17,7 +17,6 @@ process is gone, else *pending*. The directory says so by itself, whatever becam
 from __future__ import annotations
 
 import contextlib
-import fcntl
 import json
 import os
 import re
@@ -27,9 +26,10 @@ import time
 from collections.abc import Callable, Container, Iterator, Mapping
 from dataclasses import dataclass
 from pathlib import Path
-from typing import IO, Any
+from typing import Any
 
-from forcectl.errors import BadInputError, RunFailedError
+from forcectl.errors import BadInputError
+from forcectl.runs.claims.lock import writing
 
 FORMAT = 2
 IDENTITY = "sweep.json"
@@ -37,14 +37,10 @@ SWEEP = "sweep.yaml"
 BEAT = 2.0  # [s] between two signs of life of a mark
 SILENT = 60.0  # [s] after which the owner of a mark on another machine is taken for dead
 _PER_FOLDER = 1000
-_HALF = re.compile(r"\.\d+-.+|\..+\.(partial-)?\d+(\.earlier)?")  # names of what is being written
+_HALF = re.compile(r"\.\d+-.+|\..+\.(\d+|partial)")  # names of what is being written
 _STARTED = 19  # which of the fields of /proc/PID/stat, after the name, is the time of its start
 
 Row = dict[str, Any]
-
-
-class StorageError(RunFailedError):
-    """A results directory that cannot be written any more: full, or not there."""
 
 
 @dataclass(frozen=True)
@@ -269,46 +265,6 @@ def _owner(path: Path) -> tuple[Owner, float] | None:
         return Owner(content["host"], content["pid"], content["started"]), beat
     except (OSError, ValueError, KeyError, TypeError):
         return None
-
-
-@contextlib.contextmanager
-def writing(folder: Path) -> Iterator[None]:
-    """Errors of the file system become one line.
-
-    Raises:
-        StorageError: something could not be written.
-    """
-    try:
-        yield
-    except OSError as error:
-        raise StorageError(f"{str(folder)!r} cannot be written: {error.strerror or error}") from error
-
-
-@contextlib.contextmanager
-def locked(folder: Path) -> Iterator[None]:
-    """Keep a results directory to this process.
-
-    Raises:
-        BadInputError: another process has it.
-        StorageError: it cannot be written.
-    """
-    path = folder / "lock"
-    with writing(folder):
-        file: IO[str] = path.open("a+", encoding="utf-8")
-    with file:
-        try:
-            fcntl.flock(file, fcntl.LOCK_EX | fcntl.LOCK_NB)
-        except OSError:
-            file.seek(0)
-            who = file.read().strip() or "another process"
-            raise BadInputError(
-                f"results directory {str(folder)!r} is in use by {who}: wait for it, stop it, or name another directory"
-            ) from None
-        with writing(folder):
-            file.truncate(0)
-            file.write(f"process {os.getpid()} on {socket.gethostname()}")
-            file.flush()
-        yield
 
 
 def identity_of(folder: Path) -> dict[str, Any]:

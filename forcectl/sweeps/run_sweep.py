@@ -3,16 +3,19 @@
 from __future__ import annotations
 
 import contextlib
+import os
 import shutil
 import tempfile
 import time
-from collections.abc import Callable, Mapping
+from collections.abc import Callable, Mapping, Sequence
 from dataclasses import dataclass, field, replace
 from pathlib import Path
 from typing import TYPE_CHECKING, Any
 
 from forcectl.errors import BadInputError, RunFailedError
-from forcectl.runs.directory import git_state, write_json, write_whole
+from forcectl.runs.claims.claim import write_whole
+from forcectl.runs.claims.lock import StorageError, locked, writing
+from forcectl.runs.directory import git_state, write_json
 from forcectl.scenario.scenario import as_file
 from forcectl.sweeps.agenda import Agenda
 from forcectl.sweeps.at_work import SweepProgress, SweepRun, engine_of
@@ -22,11 +25,8 @@ from forcectl.sweeps.results import (
     SWEEP,
     Results,
     Row,
-    StorageError,
     identity_of,
     is_copy,
-    locked,
-    writing,
 )
 from forcectl.sweeps.study import Study, study_of
 from forcectl.sweeps.sweep_config import SweepConfig, SweepFile, read_sweep
@@ -70,6 +70,7 @@ def sweep(
     scheduler: str | None = None,
     trial_timeout: float | None = None,
     report: bool = True,
+    allow_imports: Sequence[str] = (),
     progress: Callable[[SweepProgress], None] | None = None,
 ) -> SweepResult:
     """Run variations of a scenario.
@@ -87,6 +88,7 @@ def sweep(
         scheduler: address of a Dask scheduler, which runs the trials instead.
         trial_timeout: longest computing time of a trial [s]; None: any.
         report: write the page with the figures, too, where there is a directory.
+        allow_imports: names of modules that the scenario may name, see `load_scenario`.
         progress: called now and then.
 
     Raises:
@@ -109,15 +111,15 @@ def sweep(
             if resume:
                 raise BadInputError("resume needs the directory of the results")
             folder = Path(stack.enter_context(tempfile.TemporaryDirectory(prefix="forcectl-sweep-"))) / file.name
-        if folder.exists():
+        if os.path.exists(folder):
             _refuse_begun(folder, resume)
             stack.enter_context(locked(folder))
-            study = study_of(file)
+            study = study_of(file, allow_imports)
             part = _same(study, folder, part)
         else:
             if resume:
                 raise BadInputError(f"results directory {str(folder)!r} does not exist: run the sweep without resume")
-            study, part = study_of(file), part or (0, 1)
+            study, part = study_of(file, allow_imports), part or (0, 1)
             begin(study, folder, part)
             stack.enter_context(locked(folder))
         results = Results(folder, study.digest())
@@ -150,13 +152,13 @@ def sweep(
 
 
 def _given(sweep: Any, out: str | Path | None, resume: bool) -> tuple[SweepFile, Path | None]:
-    folder = None if out is None else Path(out).expanduser()
-    if isinstance(sweep, str | Path) and (Path(sweep).expanduser() / IDENTITY).is_file():
+    folder = None if out is None else Path(os.path.expanduser(out))
+    if isinstance(sweep, str | Path) and os.path.isfile(Path(os.path.expanduser(sweep)) / IDENTITY):
         if not resume:
             raise BadInputError(f"{str(sweep)!r} is the directory of a sweep: add --resume to go on with it")
-        if folder is not None and folder.resolve() != Path(sweep).expanduser().resolve():
+        if folder is not None and folder.resolve() != Path(os.path.expanduser(sweep)).resolve():
             raise BadInputError(f"--out {str(out)!r}: must be left out when the directory to go on with is named")
-        folder = Path(sweep).expanduser()
+        folder = Path(os.path.expanduser(sweep))
         return stored(folder), folder
     return read_sweep(sweep), folder
 
@@ -177,7 +179,7 @@ def stored(folder: Path, sweep: Any = None) -> SweepFile:
     if not identity["writable"]:
         raise BadInputError(f"the sweep in {str(folder)!r} holds objects from Python: go on with it from Python")
     config = read_sweep(folder / SWEEP).config
-    config.scenario = replace(as_file(config.scenario), name=identity["scenario"])
+    config.scenario = replace(as_file(config.scenario), name=identity["scenario"], folder=Path.cwd())
     return SweepFile(identity["name"], config, SWEEP, {})
 
 
@@ -199,7 +201,7 @@ def begin(study: Study, folder: Path, part: tuple[int, int]) -> None:
         with writing(folder):
             made = write_whole(folder, fill)
     except BadInputError:
-        if folder.exists():
+        if os.path.exists(folder):
             _refuse_begun(folder, resume=False)
         raise
     if made != folder:  # another program has begun a sweep there meanwhile
@@ -228,7 +230,7 @@ def _identity(study: Study, folder: Path, part: tuple[int, int]) -> dict[str, An
 def _refuse_begun(folder: Path, resume: bool) -> None:
     if resume:
         identity_of(folder)
-    elif (folder / IDENTITY).is_file():
+    elif os.path.isfile(folder / IDENTITY):
         raise BadInputError(f"results directory {str(folder)!r} exists: add --resume to go on, or name another one")
     else:
         raise BadInputError(f"output {str(folder)!r} exists: name another directory")

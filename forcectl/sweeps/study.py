@@ -9,7 +9,7 @@ from __future__ import annotations
 import hashlib
 import itertools
 import json
-from collections.abc import Iterator, Mapping
+from collections.abc import Iterator, Mapping, Sequence
 from dataclasses import dataclass
 from importlib import metadata
 from typing import Any
@@ -19,7 +19,7 @@ from numpy.typing import NDArray
 from scipy.stats import qmc
 
 import forcectl
-from forcectl.analysis.force_metrics import METRICS, is_metric
+from forcectl.analysis.tables.metric_tables import METRICS, is_metric
 from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.expression import Expression
 from forcectl.framework.yaml_tree import dump
@@ -31,6 +31,7 @@ from forcectl.sweeps.axes import Axis, axis_of, is_plain
 from forcectl.sweeps.sweep_config import SweepConfig, SweepFile, with_scenario
 
 MOST_TRIALS = 10_000_000
+CASE = "case"  # the axis of the cases
 _PACKAGES = ("drake", "numpy", "scipy")
 _TRIED = 200  # values of lists that are read before anything runs
 _CHUNK = 4096  # points that are drawn at once where conditions refuse some
@@ -118,7 +119,8 @@ class Study:
     def overrides(self, trial: Trial) -> dict[str, Any]:
         """What a trial changes in the scenario, dotted key -> value."""
         values = {axis.key: axis.value(x) for axis, x in zip(self.axes, self.points[trial.point].tolist(), strict=True)}
-        changes = {**self.config.overrides, **values, **self.config.arms.get(trial.arm, {})}
+        case = values.pop(CASE, {})
+        changes = {**self.config.overrides, **values, **case, **self.config.arms.get(trial.arm, {})}
         return changes | ({} if trial.seed is None else {"seed": trial.seed})
 
     def labels(self, trial: Trial) -> dict[str, Any]:
@@ -147,33 +149,35 @@ class Study:
         return found.hexdigest()
 
 
-def study_of(sweep: SweepFile) -> Study:
+def study_of(sweep: SweepFile, allow_imports: Sequence[str] = ()) -> Study:
     """The study that a sweep describes; everything in it that can be checked beforehand is checked.
 
     Args:
         sweep: as read.
+        allow_imports: names of modules that the scenario may name, see `load_scenario`.
 
     Raises:
         BadInputError: no scenario of that name, a key that it has not, a design without points, ...
     """
     try:
-        return _study_of(sweep)
+        return _study_of(sweep, allow_imports)
     except BadInputError as error:
         if error.key and not error.where:
             raise error.at(error.key, sweep.where(error.key)) from error.__cause__
         raise
 
 
-def _study_of(sweep: SweepFile) -> Study:
+def _study_of(sweep: SweepFile, allow_imports: Sequence[str]) -> Study:
     config = sweep.config
-    file = as_file(config.scenario)
+    file = as_file(config.scenario, allow_imports)
     names = select_variants(file, config.variant)
     if len(names) > 1:
         raise BadInputError(f" is missing: must be one of {', '.join(names)}", key="variant")
-    axes = [axis_of(key, tree) for key, tree in config.keys.items()]
+    axes = [Axis(CASE, list(config.cases.values()), labels=list(config.cases))] if config.cases else []
+    axes += [axis_of(key, tree) for key, tree in config.keys.items()]
     conditions = [Expression(text, f"constraints.{i}") for i, text in enumerate(config.constraints)]
     for condition in conditions:
-        condition.check_names(config.keys, "varied key")
+        condition.check_names([axis.key for axis in axes], "varied key")
     points, left_out = draw(config, axes, conditions)
     text = dump(part_tree(with_scenario(config, file)))
     study = Study(sweep.name, config, file, names[0], axes, points, left_out, text)
@@ -295,6 +299,9 @@ def _check_metrics(config: SweepConfig) -> None:
     names = [(key, name) for key, text in asked.items() if text for name in Expression(text, key).names]
     if config.worst is not None:
         names.append(("worst.metric", config.worst.metric))
+    if config.share_over is not None:
+        names.append(("share_over.metric", config.share_over.metric))
+    names += [(f"shown.{i}", name) for i, name in enumerate(config.shown)]
     for key, name in names:
         if not is_metric(name):
             raise unknown("metric", name, METRICS).at(key)
@@ -306,6 +313,7 @@ def _placed(error: BadInputError, study: Study, trial: Trial, sweep: SweepFile) 
         return error
     places: list[tuple[str, Mapping[str, Any]]] = [
         (f"arms.{trial.arm}", study.config.arms.get(trial.arm, {})),
+        (f"cases.{study.labels(trial).get(CASE)}", study.config.cases.get(study.labels(trial).get(CASE, ""), {})),
         ("keys", study.config.keys),
         ("overrides", study.config.overrides),
     ]

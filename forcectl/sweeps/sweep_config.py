@@ -2,17 +2,19 @@
 
 from __future__ import annotations
 
+import os
 from collections.abc import Mapping
-from dataclasses import dataclass, fields
+from dataclasses import dataclass, fields, replace
 from pathlib import Path
 from typing import Any
 
-from forcectl.errors import BadInputError, invalid
+from forcectl.errors import BadInputError, invalid, unknown
 from forcectl.framework.expression import Expression
 from forcectl.framework.fields import Config, key
 from forcectl.framework.yaml_tree import Tagged, parse, place, plain
 from forcectl.runs.run import overlap
 from forcectl.scenario.catalog import ScenarioFile, experiments_folder, list_experiments
+from forcectl.scenario.scenario import as_file
 from forcectl.scenario.schema import ScenarioReader
 
 DESIGNS = ("grid", "random", "latin_hypercube", "sobol", "saltelli")
@@ -25,8 +27,8 @@ class RepeatConfig(Config):
 
     half_width: float = key(0.1, "largest half width of the Wilson interval", bounds="above 0 and at most 0.5")
     confidence: float = key(0.95, "of that interval", bounds="from 0.5 to 0.9999")
-    at_least: int = key(10, "trials of a point", bounds="at least 1")
-    at_most: int = key(200, "trials of a point", bounds="at least 1")
+    at_least: int = key(10, "trials of a point", bounds="from 1 to 1000000")
+    at_most: int = key(200, "trials of a point", bounds="from 1 to 1000000")
 
     def __post_init__(self) -> None:
         super().__post_init__()
@@ -45,6 +47,18 @@ class WorstConfig(Config):
 
 
 @dataclass(kw_only=True)
+class ShareOverConfig(Config):
+    """Key `share_over`: how many trials meet a condition with at most so much of a metric, over that."""
+
+    metric: str = key(meaning="such as a force, of which little is good")
+    condition: str = key(meaning="on the metrics, without that limit")
+
+    def __post_init__(self) -> None:
+        super().__post_init__()
+        Expression(self.condition, "condition")
+
+
+@dataclass(kw_only=True)
 class SweepConfig(Config):
     """A sweep file."""
 
@@ -59,9 +73,13 @@ class SweepConfig(Config):
     trials: int | None = key(None, "points to draw (not of a grid)", bounds="from 1 to 1000000")
     seed: int = key(0, "of the draws", bounds="not negative")
     seeds: Any = key(None, "seeds of each point: how many, or a list; null: one")
+    cases: dict[str, Any] = key({}, "by name, values of scenario keys that belong together: varied as one key, `case`")
     arms: dict[str, Any] = key({}, "by name, values of scenario keys; every arm runs on the same points and seeds")
     success: str = key("", "condition on the metrics")
     findings: dict[str, str] = key({}, "by name, conditions on the metrics to be noted of a trial")
+    compare: list[str] = key([], "arms whose successes are compared two by two, by McNemar's exact test")
+    share_over: ShareOverConfig | None = key(None, "a figure of successes over what is allowed of a metric")
+    shown: list[str] = key([], "metrics in tables and figures; empty: those of the conditions above")
     repeat: RepeatConfig | None = key(None, "more seeds for a point until its success rate is known")
     batches: bool = key(True, "false: every trial runs by itself; see Batches in docs/sweeps.md")
     keep: str = key("failed", "logs that are kept", choices=KEEP)
@@ -74,7 +92,7 @@ class SweepConfig(Config):
             raise BadInputError(f" is missing: the design {self.design} draws as many points", key="trials")
         if self.design == "grid" and self.trials is not None:
             raise invalid("trials", self.trials, "left out: a grid has as many points as its lists give")
-        if not self.keys and self.design != "grid":
+        if not (self.keys or self.cases) and self.design != "grid":
             raise invalid("keys", {}, f"at least one key for the design {self.design}")
         for name in ("seed", "variants"):
             if name in self.keys:
@@ -83,9 +101,13 @@ class SweepConfig(Config):
             raise BadInputError(" is missing: `repeat` needs a condition to count", key="success")
         if self.repeat is not None and self.seeds is not None:
             raise invalid("seeds", self.seeds, "left out: `repeat` chooses them")
-        for name, arm in self.arms.items():
-            if not isinstance(arm, Mapping):
-                raise invalid(f"arms.{name}", arm, "a mapping of scenario keys to values")
+        for kind, named in (("arms", self.arms), ("cases", self.cases)):
+            for name, values in named.items():
+                if not isinstance(values, Mapping):
+                    raise invalid(f"{kind}.{name}", values, "a mapping of scenario keys to values")
+        for i, name in enumerate(self.compare):
+            if name not in self.arms:
+                raise unknown("arm", name, self.arms).at(f"compare.{i}")
         self._check_overlaps()
         self.seed_list()
         for where, text in {"success": self.success, **{f"findings.{n}": t for n, t in self.findings.items()}}.items():
@@ -101,6 +123,11 @@ class SweepConfig(Config):
                 for other in self.keys:
                     if overlap(one, other) and (name, one) != ("keys", other):
                         raise BadInputError(f" is also set by keys.{other}: must be set once", key=f"{name}.{one}")
+                for case, values in self.cases.items():
+                    for other in values if name != "overrides" else ():
+                        if overlap(one, other):
+                            text = f" is also set by cases.{case}.{other}: must be set once"
+                            raise BadInputError(text, key=f"{name}.{one}")
 
     def seed_list(self) -> list[int] | None:
         """The seeds that each point is run with; None: one, chosen by the design."""
@@ -144,7 +171,7 @@ def read_sweep(sweep: str | Path | Mapping[str, Any] | SweepConfig) -> SweepFile
     if isinstance(sweep, Mapping):
         tree, name, folder, origin = plain(sweep), "sweep", Path.cwd(), "sweep"
     else:
-        path = _find(Path(sweep).expanduser())
+        path = _find(Path(os.path.expanduser(sweep)))
         name, folder, origin = path.stem, path.parent, path.name
         try:
             tree = parse(path.read_text(encoding="utf-8"), path.name)
@@ -158,19 +185,21 @@ def read_sweep(sweep: str | Path | Mapping[str, Any] | SweepConfig) -> SweepFile
     reader = ScenarioReader(lambda dotted: place(origin, lines, dotted))
     config: SweepConfig = reader.dataclass(SweepConfig, tree, "")
     beside = folder / config.scenario if isinstance(config.scenario, str) else None
-    if beside is not None and config.scenario not in list_experiments() and beside.is_file():
+    if beside is not None and config.scenario not in list_experiments() and os.path.isfile(beside):
         config.scenario = str(beside.resolve())
+    elif isinstance(config.scenario, Mapping):  # its paths start from the folder of the sweep
+        config.scenario = replace(as_file(config.scenario), folder=folder)
     return SweepFile(name, config, origin, lines)
 
 
 def _find(path: Path) -> Path:
     shipped = experiments_folder() / "sweeps" / f"{path}.yaml"
-    if path.is_file():
+    if os.path.isfile(path):
         return path
-    if path.name == str(path) and shipped.is_file():
+    if path.name == str(path) and os.path.isfile(shipped):
         return shipped
     names = ", ".join(list_sweeps())
-    kind = "is a folder" if path.is_dir() else "does not exist"
+    kind = "is a folder" if os.path.isdir(path) else "does not exist"
     raise BadInputError(f"sweep file {str(path)!r} {kind}: must be a YAML file or one of: {names}")
 
 

@@ -13,7 +13,7 @@ from typing import TYPE_CHECKING, Any
 import numpy as np
 from numpy.typing import NDArray
 
-from forcectl.analysis.force_metrics import METRICS
+from forcectl.analysis.tables.metric_tables import METRICS
 from forcectl.sweeps.axes import Axis
 from forcectl.sweeps.results import Results, Row
 from forcectl.sweeps.study import Study

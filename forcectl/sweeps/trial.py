@@ -25,7 +25,6 @@ from forcectl.sweeps.batches import Task
 from forcectl.sweeps.results import BEAT, Results, Row
 from forcectl.sweeps.study import Study, Trial
 
-NOT_REPEATABLE = ("realtime_factor",)  # metrics that say how fast the computer was
 ENVELOPE_POINTS = 401  # of a recorded signal
 
 
@@ -117,6 +116,8 @@ def _run_alone(study: Study, results: Results, trial: Trial, timeout: float | No
         duration = scenario.duration
         loop = build(scenario, origins(study.file, study.variant, changes))
         outcome = simulate(scenario, loop, study.variant, progress=clock.watch)
+        if outcome.interrupted:
+            raise KeyboardInterrupt
         reason = outcome.failure or ""
     except _TimeoutError:
         reason = timeout_reason(timeout)
@@ -152,11 +153,7 @@ def row_of(study: Study, trial: Trial, outcome: VariantOutcome | None, reason: s
         reason: why it failed; "" where it did not.
     """
     metrics = {} if outcome is None else outcome.metrics
-    finite = {
-        name: value if value is None or math.isfinite(value) else None
-        for name, value in metrics.items()
-        if name not in NOT_REPEATABLE
-    }
+    finite = {name: value if value is None or math.isfinite(value) else None for name, value in metrics.items()}
     reached = 0.0 if outcome is None or not outcome.log.sizes["time"] else float(outcome.log["time"].values[-1])
     config = study.config
     success = None
@@ -168,6 +165,7 @@ def row_of(study: Study, trial: Trial, outcome: VariantOutcome | None, reason: s
         "state": "failed" if reason else "done",
         "success": success,
         "findings": found,
+        "run_findings": [] if outcome is None else [one.as_row() for one in outcome.findings],
         "reason": reason,
         "time_s": reached,
         "metrics": finite,

@@ -52,6 +52,14 @@ def test_everything_without_a_row_is_run_once(plain):
     assert (agenda.done, agenda.total) == (2, 12)
 
 
+def test_arms_take_turns():
+    """Stopped at any time, all arms have run the same seeds, but for the last one."""
+    study = study_of(read_sweep(BASE | {"keys": {}, "seeds": 3, "batches": False}))
+    agenda = Agenda(study, (0, 1), [])
+    taken = [study.trial(*task.trials) for task in iter(agenda.take, None)]
+    assert [(trial.seed, trial.arm) for trial in taken] == [(s, a) for s in range(3) for a in ("low", "high")]
+
+
 def test_shards_share_the_points_out(plain):
     parts = [set(Agenda(plain, (i, 2), []).asked) for i in range(2)]
     assert parts[0] | parts[1] == set(range(12))

@@ -64,15 +64,6 @@ def test_bad_input_is_one_line(forcectl, arguments, message):
     assert err.count("\n") == 1
 
 
-@pytest.mark.slow
-def test_the_first_sweep_of_the_docs(forcectl, tmp_path):
-    code, out, _ = forcectl("sweep", "first_sweep", "--engine", "sequential", "--out", "first", "--no-report")
-    assert (code, out.splitlines()[0]) == (0, "24 done")
-    table = pd.read_parquet(tmp_path / "first" / "trials.parquet")
-    rates = table.groupby("controller.integral_gain")["success"].mean()
-    assert rates[1] >= rates[4]
-
-
 def test_an_interrupt_that_python_passed_over_stops_the_sweep_a_little_later(forcectl, monkeypatch, tmp_path):
     def run_sweep(*_, progress, **__):
         progress(SweepProgress(0, 8, 0, 0))

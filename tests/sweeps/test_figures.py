@@ -197,6 +197,12 @@ SWEEPS = {
     "arms only": {"seeds": 6, "arms": ARMS},
     "no success": {"keys": {GAIN: [1.0, 2.0]}, "success": ""},
     "texts": {"keys": {PRESET: ["linear", "friction", "ideal"], TARE: [True, False]}, "seeds": 3},
+    "cases": {
+        "cases": {"soft walls": {STIFFNESS: 1e3}, "hard walls": {STIFFNESS: 1e5}},
+        "arms": ARMS,
+        "seeds": 4,
+        "share_over": {"metric": "overshoot_pct", "condition": "overshoot_pct <= 50"},
+    },
     "many arms": {"keys": {GAIN: [1.0, 2.0, 3.0]}, "arms": MANY_ARMS},
     "many keys": {
         "design": "latin_hypercube",

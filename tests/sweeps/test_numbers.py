@@ -2,6 +2,8 @@
 
 from __future__ import annotations
 
+import math
+
 import numpy as np
 import pytest
 from scipy.stats import spearmanr
@@ -10,16 +12,19 @@ from forcectl.sweeps.report.numbers import (
     KeyColumn,
     Sensitivity,
     association,
+    compared,
     groups,
     key_columns,
     outcome,
     rates,
     sensitivity,
+    share_over,
     short,
     shown_metrics,
     unit_of,
     wilson,
 )
+from forcectl.sweeps.report.success import share_over_figure
 from tests.sweeps.made_sweeps import ARMS, DELAY, GAIN, NOISE, PRESET, STIFFNESS, TARE, log_uniform, made, uniform
 
 
@@ -44,6 +49,43 @@ def test_trials_that_are_not_finished_count_nowhere_and_failed_ones_as_no_succes
     study, table, _ = made({"seeds": 5, "arms": ARMS, "success": ""}, row)
     assert outcome(study, table)[0] == "no failure"
     assert [rate.successes for rate in rates(study, table)] == [3, 4]
+
+
+def test_arms_are_compared_by_the_pairs_in_which_they_differ():
+    """p against the sum of the binomial distribution: 7 pairs differ, 6 of them for the second arm."""
+    good = {"low": [1, 1, 1] + [0] * 6 + [0, 1, 1], "high": [1, 1, 0] + [1] * 6 + [0, 1, 1]}
+
+    def row(trial, _):
+        if trial.seed == 11:
+            return None if trial.arm == "low" else {"overshoot_pct": 0.0}
+        if trial.seed == 9:
+            return "it diverges"
+        return {"overshoot_pct": 0.0 if good[trial.arm][trial.seed] else 9.0}
+
+    study, table, _ = made({"seeds": 12, "arms": ARMS}, row)
+    found = compared(study, table, "low", "high")
+    assert (found.both, found.only_first, found.only_second, found.neither) == (3, 1, 6, 1)
+    assert found.p == pytest.approx(2 * (math.comb(7, 0) + math.comb(7, 1)) / 2**7)
+    assert compared(study, table, "low", "low").p == 1.0
+
+
+def test_the_share_over_a_metric_counts_all_finished_trials():
+    asked = {"share_over": {"metric": "peak_force_N", "condition": "overshoot_pct <= 5"}, "arms": ARMS, "seeds": 6}
+    peaks = [30.0, 10.0, 20.0, 5.0, 40.0, 50.0]
+
+    def row(trial, _):
+        if trial.seed == 4:
+            return "it diverges"
+        return {"overshoot_pct": 9.0 if trial.seed == 3 else 0.0, "peak_force_N": peaks[trial.seed]}
+
+    study, table, _ = made(asked, row, only=range(10))  # the last seed is not run
+    values, share, count = share_over(study, table[table["state"] != "pending"], "low")
+    assert count == 5
+    assert values.tolist() == [10.0, 20.0, 30.0]
+    assert share.tolist() == [0.2, 0.4, 0.6]
+    (axes,) = share_over_figure({"": {"low": (values, share, count)}}, "peak_force_N [N]").axes
+    over, level = axes.get_lines()[0].get_data()
+    assert [level[over <= 25.0][-1], level[-1]] == pytest.approx([40.0, 60.0])
 
 
 @pytest.mark.parametrize(

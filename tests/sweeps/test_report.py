@@ -130,6 +130,29 @@ def test_the_page_says_what_was_run_and_what_came_of_it(tmp_path):
     assert "--resume" not in page.text
 
 
+@pytest.mark.usefixtures("no_figures")
+def test_cases_and_compared_arms_have_tables_of_their_own(tmp_path):
+    cases = {"soft": {STIFFNESS: 1e3}, "hard": {STIFFNESS: 1e5}}
+    more = {"cases": cases, "arms": ARMS, "seeds": 6, "compare": list(ARMS), "shown": ["peak_force_N"]}
+
+    def row(trial, labels):
+        hard = labels["case"] == "hard"
+        return {"overshoot_pct": 9.0 * (hard and trial.arm == "high"), "peak_force_N": float(trial.number)}
+
+    _, _, page = written(tmp_path, more, row)
+    assert page.table("case", "low") == [
+        {"case": "soft", "low": "6/6, 61 to 100 %", "high": "6/6, 61 to 100 %"},
+        {"case": "hard", "low": "6/6, 61 to 100 %", "high": "0/6, 0 to 39 %"},
+    ]
+    pairs = page.table("arms", "trials")
+    assert [row["trials"] for row in pairs] == ["all", "hard"]
+    assert all(row["arms"] == "low, high" and row["only the first"] == "6" for row in pairs)
+    assert [row["p"] for row in pairs] == ["0.03125"] * 2  # 2 / 2^6
+    assert {"median peak_force_N"} == {name for name in page.table("arm", "finished")[0] if "median" in name}
+    assert page.table("case", "sets")[1] == {"case": "hard", "sets": f"{STIFFNESS} = 100000.0"}
+    assert [row["trials"] for row in page.table("arm", "trials", "median [s]")] == ["12", "12"]
+
+
 def test_every_figure_is_within_the_page_and_beside_it(tmp_path):
     _, _, page = written(tmp_path, GRID)
     names = [address for address in page.addresses if address.startswith("figures/")]

@@ -8,7 +8,8 @@ import sys
 import pytest
 
 from forcectl.errors import BadInputError
-from forcectl.sweeps.results import SILENT, Owner, Results, StorageError, identity_of, locked
+from forcectl.runs.claims.lock import StorageError, locked
+from forcectl.sweeps.results import SILENT, Owner, Results, identity_of
 
 
 @pytest.fixture
@@ -51,8 +52,8 @@ def test_nothing_half_written_is_left(results, monkeypatch):
 
 
 def test_what_killed_processes_have_left_is_removed_and_nothing_else(results):
-    left = [".77-trials.parquet", "rows/0000/.0000003.json.77", "worst/.1-trial-7.partial-77/log.nc"]
-    left += ["worst/.1-trial-7.partial-77.earlier/log.nc", ".out.partial-77/plan.parquet"]
+    left = [".77-trials.parquet", "rows/0000/.0000003.json.77", "worst/.1-trial-7.partial/results/log.nc"]
+    left += ["worst/.1-trial-7.partial/earlier/log.nc", ".out.partial/results/plan.parquet"]
     kept = [".notes", "trials.parquet", "rows/0000/0000003.json", "worst/1-trial-7/log.nc", "rows/0000/.notes"]
     for name in (*left, *kept):
         (results.folder / name).parent.mkdir(parents=True, exist_ok=True)
@@ -129,7 +130,7 @@ def test_a_lost_trial_may_be_claimed_again(results):
 
 def test_two_programs_do_not_share_a_directory(tmp_path):
     code = (
-        "import sys; from pathlib import Path; from forcectl.sweeps.results import locked\n"
+        "import sys; from pathlib import Path; from forcectl.runs.claims.lock import locked\n"
         "with locked(Path(sys.argv[1])): print('in', flush=True); sys.stdin.read()"
     )
     other = subprocess.Popen([sys.executable, "-c", code, tmp_path], stdin=-1, stdout=-1, text=True)

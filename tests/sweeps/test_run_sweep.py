@@ -13,7 +13,8 @@ import forcectl as fc
 from forcectl.errors import BadInputError, RunFailedError
 from forcectl.force.integral import IntegralConfig
 from forcectl.framework.yaml_tree import Tagged
-from forcectl.sweeps.results import Results, StorageError, identity_of
+from forcectl.runs.claims.lock import StorageError
+from forcectl.sweeps.results import Results, identity_of
 from forcectl.sweeps.run_sweep import begin
 from forcectl.sweeps.study import study_of
 from forcectl.sweeps.sweep_config import read_sweep
@@ -36,7 +37,6 @@ def test_the_table_has_a_row_for_each_trial(whole):
     assert list(table[STIFFNESS]) == [k for k in (1e3, 5e3, 2e4, 1e5) for _ in range(2)]
     assert set(table["state"]) == {"done"}
     assert (table["success"] == (table["overshoot_pct"] <= 5)).all()
-    assert "realtime_factor" not in table
     pd.testing.assert_frame_equal(table, result.table)
     assert len(pd.read_parquet(folder / "plan.parquet")) == 8
     assert set(pd.read_parquet(folder / "costs.parquet")["trial"]) == set(range(8))
@@ -136,11 +136,12 @@ def test_a_trial_that_kills_its_process_is_lost_and_the_others_are_not(tmp_path,
 
 
 def test_a_full_disk_stops_the_sweep_and_keeps_what_is_finished(tmp_path, monkeypatch):
-    written = Results.write_row
+    written, kept = Results.write_row, []
 
     def full(self, row):
-        if row["trial"] == 2:
+        if kept:
             raise StorageError("'out' cannot be written: No space left on device")
+        kept.append(row)
         return written(self, row)
 
     monkeypatch.setattr(Results, "write_row", full)
@@ -242,7 +243,7 @@ def test_of_two_that_begin_at_the_same_moment_one_is_refused(tmp_path, monkeypat
     study = study_of(read_sweep(small()))
     begin(study, tmp_path / "out", (0, 1))
     (tmp_path / "out" / "lock").write_text("")
-    monkeypatch.setattr("forcectl.runs.directory.check_free", lambda *_: None)
+    monkeypatch.setattr("forcectl.runs.claims.claim.check_free", lambda *_: None)
     with pytest.raises(BadInputError, match="exists: add --resume to go on, or name another one"):
         begin(study, tmp_path / "out", (0, 1))
     assert (tmp_path / "out" / "lock").exists()

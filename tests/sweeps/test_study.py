@@ -42,6 +42,22 @@ def test_arms_and_seeds_share_their_points():
     assert high == {**low, GAIN: 4.0}
 
 
+def test_cases_are_points_that_set_several_keys():
+    cases = {"soft": {STIFFNESS: 1e3, "duration": 0.4}, "hard": {STIFFNESS: 1e5}}
+    overrides = {"station.fidelity": "OneDimensional"}
+    found = study(
+        cases=cases, keys={GAIN: [1, 2]}, overrides=overrides, constraints=["case == 'soft' or " + GAIN + " < 2"]
+    )
+    trials = [found.trial(i) for i in range(found.size)]
+    assert [found.overrides(trial) for trial in trials] == [
+        overrides | cases["soft"] | {GAIN: 1},
+        overrides | cases["soft"] | {GAIN: 2},
+        overrides | cases["hard"] | {GAIN: 1},
+    ]
+    assert [found.labels(trial)["case"] for trial in trials] == ["soft", "soft", "hard"]
+    assert found.scenario(trials[2]).station.environment.stiffness == 1e5
+
+
 @pytest.mark.parametrize("design", ["random", "sobol", "latin_hypercube"])
 def test_drawn_points_fill_the_ranges(design):
     found = study(design=design, trials=64, keys={STIFFNESS: drawn("!LogUniform {min: 1e3, max: 1e6}"), GAIN: [1, 2]})
@@ -104,6 +120,9 @@ def test_the_hash_is_that_of_sweep_scenario_and_points():
         ({"arms": {"a": {"controler": 1}}}, "controler"),
         ({"success": "overshot_pct <= 5"}, "success: unknown metric 'overshot_pct': did you mean 'overshoot_pct'"),
         ({"findings": {"hard": "peak > 5"}}, "findings.hard: unknown metric 'peak'"),
+        ({"cases": {"a": {"controler": 1}}}, "controler"),
+        ({"share_over": {"metric": "banana", "condition": "overshoot_pct < 5"}}, "share_over.metric: unknown metric"),
+        ({"shown": ["banana"]}, "shown.0: unknown metric 'banana'"),
         ({"worst": {"metric": "banana"}}, "worst.metric: unknown metric 'banana'"),
         ({"variant": None}, "variant"),
         ({"variant": "none"}, "unknown variant"),

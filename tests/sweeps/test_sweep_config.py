@@ -47,6 +47,13 @@ START = 'scenario: fig_2_7\nvariant: "K_I = 1.5 1/s"\noverrides: {station.fideli
             START + "keys: {station: [1]}",
             "sweep.yaml:3: overrides.station.fidelity is also set by keys.station: must be set once",
         ),
+        (START + "cases: {a: 3}", "sweep.yaml:4: cases.a = 3: must be a mapping of scenario keys to values"),
+        (
+            START + "cases: {a: {duration: 3}}\narms:\n  b: {duration: 4}",
+            "sweep.yaml:6: arms.b.duration is also set by cases.a.duration: must be set once",
+        ),
+        (START + "arms: {one: {}}\ncompare: [one, tow]", "compare.1: unknown arm 'tow'"),
+        (START + "share_over: {metric: a, condition: a <}", "share_over.condition = 'a <': must be an expression"),
         (START + "keep: everything", "sweep.yaml:4: keep: unknown keep 'everything'"),
         (START + "keys:\n  duration: [1, 2, 1]", "sweep.yaml:5: keys.duration holds 1 twice"),
         (START + "keys:\n  duraton: [1, 2]", "sweep.yaml:5: duraton: unknown key 'duraton': did you mean 'duration'?"),
@@ -75,7 +82,7 @@ def test_a_mapping_is_a_sweep_too():
 @pytest.mark.parametrize("name", list_sweeps())
 def test_shipped_sweeps_can_be_planned(name):
     study = study_of(read_sweep(name))
-    assert study.size >= 24
+    assert study.size > 2
     assert study.writable
 
 

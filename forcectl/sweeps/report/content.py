@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+import itertools
 import math
 import re
 import shlex
@@ -10,10 +11,10 @@ from dataclasses import dataclass, field
 from typing import TYPE_CHECKING, Any
 
 from forcectl.sweeps.axes import Axis, label_of
-from forcectl.sweeps.report.numbers import key_columns, outcome, rates, short, shown_metrics, unit_of
+from forcectl.sweeps.report.numbers import Rate, compared, key_columns, outcome, rates, short, shown_metrics, unit_of
 from forcectl.sweeps.report.worst import REPLAY, WORST, kept, ranked
 from forcectl.sweeps.results import Results
-from forcectl.sweeps.study import Study, Trial
+from forcectl.sweeps.study import CASE, Study, Trial
 from forcectl.sweeps.table import STATES
 
 if TYPE_CHECKING:
@@ -139,10 +140,14 @@ def values_of(axis: Axis) -> str:
     return ", ".join(listed) + (f", … ({more} more)" if more else "")
 
 
-def arm_settings(study: Study) -> TextTable:
-    """What each arm sets."""
-    rows = [[name, _settings(arm) or "nothing"] for name, arm in study.config.arms.items()]
-    return TextTable(["arm", "sets"], rows)
+def settings_tables(study: Study) -> list[TextTable]:
+    """What each case and each arm sets."""
+    named = {CASE: study.config.cases, "arm": study.config.arms}
+    return [
+        TextTable([what, "sets"], [[name, _settings(values) or "nothing"] for name, values in those.items()])
+        for what, those in named.items()
+        if those
+    ]
 
 
 def states(study: Study, table: pd.DataFrame) -> list[tuple[str, int]]:
@@ -167,6 +172,36 @@ def arms_table(study: Study, table: pd.DataFrame) -> TextTable:
         row = [rate.arm or "all trials", len(own), failed, rate.successes, share, interval]
         row += [int(noted.get(name, 0)) for name in findings]
         rows.append([*row, *(shown(float(own[name].median())) for name in metrics)])
+    return TextTable(head, rows)
+
+
+def cases_table(study: Study, table: pd.DataFrame) -> TextTable:
+    """Successes of every arm in every case, with their intervals."""
+    rows: list[list[Any]] = []
+    for case in study.config.cases:
+        own = table[table[CASE] == case]
+        rows.append([case, *(_rate(rate) for rate in rates(study, own))])
+    return TextTable([CASE, *(arm or "all trials" for arm in study.arms)], rows)
+
+
+def _rate(rate: Rate) -> str:
+    if not rate.trials:
+        return _NOTHING
+    return f"{rate.successes}/{rate.trials}, {100 * rate.low:.0f} to {100 * rate.high:.0f} %"
+
+
+def comparisons(study: Study, table: pd.DataFrame) -> TextTable:
+    """Pairs of the arms of `compare`: over all trials, and in the cases where they differ."""
+    head = ["arms", "trials", "both", "only the first", "only the second", "none", "p"]
+    rows: list[list[Any]] = []
+    for first, second in itertools.combinations(study.config.compare, 2):
+        parts = {"all": table} | {case: table[table[CASE] == case] for case in study.config.cases}
+        for name, part in parts.items():
+            one = compared(study, part, first, second)
+            if name != "all" and not one.only_first + one.only_second:
+                continue
+            counts = [one.both, one.only_first, one.only_second, one.neither]
+            rows.append([f"{first}, {second}", name, *counts, short(one.p)])
     return TextTable(head, rows)
 
 
@@ -234,6 +269,18 @@ def trials_table(study: Study, table: pd.DataFrame) -> TextTable:
 
 def _values(column: pd.Series) -> Iterable[Any]:
     return column.astype(object).tolist()
+
+
+def costs_of_arms(study: Study, table: pd.DataFrame, costs: pd.DataFrame) -> TextTable:
+    """Computing time of a trial of each arm."""
+    rows: list[list[Any]] = []
+    if len(study.arms) > 1 and not costs.empty and "cpu_s" in costs:
+        arms = costs["trial"].map(dict(zip(table["trial"], table["arm"], strict=True)))
+        for arm in study.arms:
+            cpu = costs["cpu_s"][arms == arm].dropna()
+            if len(cpu):
+                rows.append([arm, len(cpu), short(float(cpu.median())), short(float(cpu.mean()))])
+    return TextTable(["arm", "trials", "median [s]", "mean [s]"], rows)
 
 
 def costs_summary(costs: pd.DataFrame) -> list[tuple[str, str]]:

@@ -17,7 +17,7 @@ from matplotlib.figure import Figure
 from matplotlib.lines import Line2D
 from numpy.typing import NDArray
 
-from forcectl.analysis.force_metrics import metric_unit
+from forcectl.analysis.tables.metric_tables import metric_unit
 from forcectl.conventions import unit_of
 from forcectl.figures.force import COLOURS
 from forcectl.sweeps.report.envelope import Envelope, envelope_figure, read_envelope
@@ -32,6 +32,7 @@ from forcectl.sweeps.report.numbers import (
     outcome,
     rates,
     sensitivity,
+    share_over,
     shown_metrics,
 )
 from forcectl.sweeps.report.panels import (
@@ -52,9 +53,9 @@ from forcectl.sweeps.report.panels import (
     styles,
     title,
 )
-from forcectl.sweeps.report.success import by_key_figure, map_figure, rates_figure
+from forcectl.sweeps.report.success import by_key_figure, map_figure, rates_figure, share_over_figure
 from forcectl.sweeps.results import Results
-from forcectl.sweeps.study import Study
+from forcectl.sweeps.study import CASE, Study
 
 if TYPE_CHECKING:
     import pandas as pd
@@ -189,13 +190,12 @@ def draw(study: Study, results: Results, table: pd.DataFrame) -> tuple[list[Draw
     drawn = _success(study, table, columns, label, good)
     notes: list[str] = []
     counted = bool(drawn)
+    drawn += _share_over(study, table)
     numbers = {name: table[name].to_numpy(float) for name in shown_metrics(study, table)[:MOST_METRICS]}
     arm = table["arm"].to_numpy(str)
     for name, values in numbers.items():
         chosen = by_influence(columns, values)[:_MOST_KEYS] or [arm_column(study, table)]
-        unit = metric_unit(name)
-        shown = f"{name} [{unit}]" if unit and unit != "1" else name
-        figure = metric_figure(chosen, values, arm, study.arms, shown)
+        figure = metric_figure(chosen, values, arm, study.arms, with_unit(name))
         caption = "Medians; bars and bands are ranges from 10 to 90 % of the trials, dots are trials."
         caption += f" {_count(values)} of {len(values)} trials have a value; trials that fail have none."
         drawn.append(Drawn(f"metric_{_stem(name)}", name, caption, figure))
@@ -214,6 +214,12 @@ def draw(study: Study, results: Results, table: pd.DataFrame) -> tuple[list[Draw
     for one in drawn:
         title(one.figure, one.title)
     return drawn, notes
+
+
+def with_unit(metric: str) -> str:
+    """Name of a metric and its unit."""
+    unit = metric_unit(metric)
+    return f"{metric} [{unit}]" if unit and unit != "1" else metric
 
 
 def _stem(name: str) -> str:
@@ -247,6 +253,20 @@ def _success(study: Study, table: pd.DataFrame, columns: list[KeyColumn], label:
         caption += "neighbours count together."
         drawn.append(Drawn("success_by_key", f"{label} over each key", caption, figure))
     return drawn
+
+
+def _share_over(study: Study, table: pd.DataFrame) -> list[Drawn]:
+    over = study.config.share_over
+    if over is None:
+        return []
+    finished = table[table["state"].isin(["done", "failed"])]
+    parts = {case: finished[finished[CASE] == case] for case in study.config.cases} or {"": finished}
+    found = {
+        case: {arm: share_over(study, part, arm) for arm in study.arms} for case, part in parts.items() if len(part)
+    }
+    caption = f"Counted: {over.condition}, with at most so much of {over.metric}, of all finished trials."
+    figure = share_over_figure(found, with_unit(over.metric))
+    return [Drawn("share_over", f"share of trials over the allowed {over.metric}", caption, figure)]
 
 
 def _sensitivity(

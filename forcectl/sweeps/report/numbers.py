@@ -2,6 +2,7 @@
 
 from __future__ import annotations
 
+from collections import Counter
 from collections.abc import Mapping
 from dataclasses import dataclass, fields, is_dataclass
 from typing import TYPE_CHECKING, Any
@@ -88,6 +89,72 @@ def rates(study: Study, table: pd.DataFrame) -> list[Rate]:
     return found
 
 
+@dataclass(frozen=True)
+class Comparison:
+    """Two arms on the same points and seeds: in how many pairs of trials both, one or none succeeds.
+
+    Attributes:
+        first, second: names of the arms.
+        both, only_first, only_second, neither: pairs.
+    """
+
+    first: str
+    second: str
+    both: int
+    only_first: int
+    only_second: int
+    neither: int
+
+    @property
+    def p(self) -> float:
+        """Of McNemar's exact test, two-sided: how likely pairs that differ are so unequal if the arms were equal."""
+        differing = self.only_first + self.only_second
+        return float(binomtest(self.only_first, differing).pvalue) if differing else 1.0
+
+
+def compared(study: Study, table: pd.DataFrame, first: str, second: str) -> Comparison:
+    """Two arms by the pairs of trials that are both finished; a trial that fails is no success.
+
+    Args:
+        study: the sweep.
+        table: of its trials.
+        first, second: names of the arms.
+    """
+    _, good = outcome(study, table)
+    pair = table["trial"].to_numpy(int) // len(study.arms)  # arms count fastest
+    one, other = (
+        dict(zip(pair[rows], good[rows] > 0, strict=True))
+        for arm in (first, second)
+        for rows in [np.isfinite(good) & (table["arm"] == arm).to_numpy(bool)]
+    )
+    found = Counter((one[number], other[number]) for number in one.keys() & other.keys())
+    return Comparison(
+        first, second, *(found[pair] for pair in ((True, True), (True, False), (False, True), (False, False)))
+    )
+
+
+def share_over(study: Study, table: pd.DataFrame, arm: str) -> tuple[Array, Array, int]:
+    """What of the metric of `share_over` the trials of an arm have that meet its condition.
+
+    Args:
+        study: the sweep, which has that key.
+        table: of its finished trials.
+        arm: name.
+
+    Returns:
+        values, ascending, (n,); the share of finished trials that meet the condition with at most that, (n,); how many
+        are finished.
+    """
+    asked = study.config.share_over
+    assert asked is not None
+    own = table[table["arm"] == arm]
+    condition, names = Expression(asked.condition), metric_columns(study, table)
+    rows = own[own["state"] == "done"][names].to_dict("records")
+    given = [{name: None if np.isnan(value) else value for name, value in row.items()} for row in rows]
+    met = [row[asked.metric] for row in given if row.get(asked.metric) is not None and condition(row)]
+    return np.sort(np.array(met, dtype=float)), np.arange(1, len(met) + 1) / max(len(own), 1), len(own)
+
+
 def metric_columns(study: Study, table: pd.DataFrame) -> list[str]:
     """The metrics that at least one trial has a value of."""
     known = {*_FIXED, *(axis.key for axis in study.axes)}
@@ -97,6 +164,8 @@ def metric_columns(study: Study, table: pd.DataFrame) -> list[str]:
 def shown_metrics(study: Study, table: pd.DataFrame) -> list[str]:
     """The metrics that the sweep names; where it names none, the first ones that differ between trials."""
     config, known = study.config, metric_columns(study, table)
+    if config.shown:
+        return [name for name in config.shown if name in known]
     texts = [config.success, *config.findings.values()]
     named = [name for text in texts if text for name in Expression(text).names]
     if config.worst is not None:

@@ -56,8 +56,10 @@ def write_report(
         resume="" if complete else content.resume_command(study, results),
         plan=content.plan(study, identity),
         keys=content.keys_table(study),
-        arm_settings=content.arm_settings(study),
+        settings=content.settings_tables(study),
         arms=content.arms_table(study, table),
+        cases=content.cases_table(study, table),
+        comparisons=content.comparisons(study, table),
         figures=_within(drawn, files),
         notes=notes,
         worst=content.worst_table(study, results, table),
@@ -65,6 +67,7 @@ def write_report(
         failures=content.failures(study, table),
         rows=content.trials_table(study, table),
         costs=content.costs_summary(costs),
+        costs_of_arms=content.costs_of_arms(study, table, costs),
     )
     path = results.folder / REPORT
     results.write(path, lambda aside: aside.write_text(text, encoding="utf-8"))

@@ -2,7 +2,7 @@
 
 from __future__ import annotations
 
-from collections.abc import Sequence
+from collections.abc import Mapping, Sequence
 from typing import Any
 
 import numpy as np
@@ -66,6 +66,38 @@ def rates_figure(rates: Sequence[Rate], label: str) -> Figure:
     axes.spines[["top", "right", "left"]].set_visible(False)
     axes.tick_params(axis="y", length=0)
     axes.tick_params(axis="x", labelsize=8)
+    return figure
+
+
+def share_over_figure(found: Mapping[str, Mapping[str, tuple[Array, Array, int]]], metric: str) -> Figure:
+    """Share of trials that succeed with at most so much of a metric, over that: a panel a case, a line an arm.
+
+    Args:
+        found: by case and arm, as `share_over` has it; without cases one of no name.
+        metric: name and unit.
+    """
+    shown = dict(list(found.items())[:MOST_PANELS])
+    figure, grid = panels(len(shown), share_x=True, share_y=True)
+    width, arms = panel_width(len(shown)), list(next(iter(shown.values())))
+    every = [values for one in shown.values() for values, _, _ in one.values() if len(values)]
+    last = 1.05 * max((float(values[-1]) for values in every), default=1.0)
+    for i, (axes, (case, one)) in enumerate(zip(grid, shown.items(), strict=True)):
+        for (values, share, count), (colour, dashes) in zip(one.values(), styles(len(arms)), strict=True):
+            if not count:
+                continue
+            over = np.concatenate([[0.0], values, [last]])
+            level = np.concatenate([[0.0], share, share[-1:] if len(share) else [0.0]])
+            axes.step(over, 100 * level, where="post", color=colour, ls=dashes, lw=1.6)
+            if len(arms) <= FEW_ARMS:
+                low, high = 100 * np.array([wilson(round(each * count), count) for each in level]).T
+                axes.fill_between(over, low, high, step="post", color=colour, alpha=0.14, lw=0)
+        heading(axes, case, width)
+        axes.set(xlim=(0.0, last), ylim=(-4, 104))
+        if i + PER_ROW >= len(grid):
+            name_axis(axes, metric, "x", width)
+        if i % PER_ROW == 0:
+            axes.set_ylabel("share of trials [%]", fontsize=9)
+    arm_legend(figure, arms)
     return figure
 
 

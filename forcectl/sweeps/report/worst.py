@@ -9,10 +9,12 @@ from pathlib import Path
 from typing import TYPE_CHECKING
 
 from forcectl.errors import BadInputError
+from forcectl.runs.claims.lock import writing
 from forcectl.runs.directory import FAILED
-from forcectl.runs.run import StoppedRunError, run
+from forcectl.runs.result import StoppedRunError
+from forcectl.runs.run import run
 from forcectl.sweeps.report.numbers import metric_columns
-from forcectl.sweeps.results import Results, writing
+from forcectl.sweeps.results import Results
 from forcectl.sweeps.study import Study
 
 if TYPE_CHECKING:
