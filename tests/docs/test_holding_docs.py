@@ -44,7 +44,7 @@ def test_the_contact_without_meshes_is_built_from_its_line():
 
 def test_a_controller_of_ones_own_opens_a_hand_and_closes_it(tmp_path, monkeypatch):
     (tmp_path / "my_grippers.py").write_text(CODE)
-    monkeypatch.syspath_prepend(str(tmp_path))
+    monkeypatch.chdir(tmp_path)
     try:
         log = fc.run(parse(LETTING_GO, "letting_go.yaml")).log
     finally:

@@ -1,0 +1,39 @@
+"""What goes wrong in `pipette` while it fetches ends in a mode that says so; the whole run is judged by its targets."""
+
+from __future__ import annotations
+
+from typing import Any
+
+import pytest
+
+import forcectl as fc
+from forcectl.analysis.transitions import stays
+
+PARTS = "station.environment.parts"
+FAULTS: dict[str, tuple[dict[str, Any], list[str], str]] = {
+    # 8 mm beyond what a closing gripper reaches, and one search in place of five.
+    "no plunger": (
+        {
+            f"{PARTS}.plunger.lies_at": [0.43, 0.343, 0.08],
+            "controller.modes.take_plunger.exits.1.when": "visits > 1 and time > 0.3",
+        },
+        ["reach_plunger", "take_plunger", "search_plunger", "take_plunger"],
+        "no_plunger",
+    ),
+    "a lost plunger": (
+        {f"{PARTS}.plunger.grasp.released_at": 0.8},
+        ["reach_plunger", "take_plunger", "lift_plunger"],
+        "lost",
+    ),
+}
+
+
+@pytest.mark.slow
+@pytest.mark.parametrize("fault", FAULTS)
+def test_a_fault_while_fetching_ends_in_a_named_failure(fault: str) -> None:
+    overrides, way, end = FAULTS[fault]
+    short = {"duration": 4.0, "after_end": 0.0, "expect": []}
+    log = fc.run("pipette", variant="6 mm, 10 degrees", overrides=overrides | short).log
+    assert [stay.mode for stay in stays(log)] == [*way, end]
+    assert stays(log)[-1].kind == 2
+    assert float(log["arm_contact_force"].max()) < 18.0
