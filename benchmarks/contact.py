@@ -3,6 +3,8 @@
 The left hand leads the plunger into the bore, 2 mm and 3 degrees off, from 10 to 60 mm deep; or past it, where the tube
 is held beside. Links that touch each other push each other, joints are elastic, everything is logged. Times are of the
 CPU. The shares come from taking parts away: the contact, the estimator, and the controller from a loop that stands.
+
+A trial is `peg_in_hole` up to 3 s: with the shapes of the parts, and with rings in their place.
 """
 
 from __future__ import annotations
@@ -19,6 +21,7 @@ sys.path.insert(0, str(Path(__file__).resolve().parents[1]))
 from benchmarks._measure import Row, interleaved_medians, main
 
 DURATION = 2.0  # [s]
+TRIAL = 3.0  # [s]
 DEEP, SPEED = 0.010, 0.025  # at the start [m], of the left hand [m/s]
 LEFT = [-50.997, -41.655, 85.036, 18.127, -30.028, 69.708, -116.149]  # the hands face each other along y
 RIGHT = [50.997, -41.655, -85.036, 18.127, 30.028, 69.708, 116.149]
@@ -35,8 +38,12 @@ def benchmark(repeats: int) -> Iterator[Row]:
         ("free, without estimator, 1 ms", "", {"contact": "free", "estimator": False}),
         ("free, standing, without estimator, 1 ms", "", {"contact": "free", "estimator": False, "controller": False}),
     ]
-    runs = [_runner(**options) for _, _, options in cases]
-    times = interleaved_medians(runs, repeats, time.process_time)
+    runs = [_runner(scenario(**options), DURATION) for _, _, options in cases]
+    trials = [_runner(trial(rings), TRIAL) for rings in (False, True)]
+    *times, with_shapes, with_rings = interleaved_medians([*runs, *trials], repeats, time.process_time)
+    yield Row("trial of peg_in_hole, 3 s, hydroelastic contact", with_shapes, "s", goal="4")
+    yield Row("trial of peg_in_hole, 3 s, analytic contact", with_rings, "s")
+    yield Row("  as fast as with hydroelastic contact", with_shapes / with_rings, "times", goal="2")
     for (name, goal, _), spent in zip(cases, times, strict=True):
         yield Row(name, DURATION / spent, "x real time", goal=goal)
     free, shapes, _, rings, _, unobserved, standing = times
@@ -46,17 +53,24 @@ def benchmark(repeats: int) -> Iterator[Row]:
         yield Row("  of the estimator", 100 * (free - unobserved) / whole, "%")
 
 
-def _runner(**options: Any) -> Callable[[], None]:
+def _runner(of: Any, duration: float) -> Callable[[], None]:
     from pydrake.systems.analysis import Simulator
 
-    diagram = scenario(**options).build().diagram
-    return lambda: Simulator(diagram).AdvanceTo(DURATION)
+    diagram = of.build().diagram
+    return lambda: Simulator(diagram).AdvanceTo(duration)
+
+
+def trial(rings: bool) -> Any:
+    """The scenario of a trial."""
+    from forcectl.plant.contact.pairs.peg_contact import InsertionConfig
+    from forcectl.scenario.scenario import load_scenario
+
+    seat = {"station.environment.parts.seat": InsertionConfig(peg="plunger", bore="tube")}
+    return load_scenario("peg_in_hole", "3 mm, 5 degrees", seat if rings else None)
 
 
 def scenario(contact: str, step: float = 0.001, estimator: bool = True, controller: bool = True) -> Any:
     """The scenario of a case."""
-    from forcectl.tasks.reaching import MotionLimitsConfig, ReachConfig, ReactiveReachingConfig
-
     from forcectl.diagrams.drives.joint_interface import JointInterfaceConfig
     from forcectl.diagrams.sensors import ContactTruthConfig, JointReadingsConfig
     from forcectl.diagrams.station import StationConfig
@@ -66,6 +80,7 @@ def scenario(contact: str, step: float = 0.001, estimator: bool = True, controll
     from forcectl.plant.contact.part import PartConfig
     from forcectl.plant.contact.parts import EnvironmentPartsConfig
     from forcectl.scenario.scenario import Scenario
+    from forcectl.tasks.controllers.reaching import MotionLimitsConfig, ReachConfig, ReactiveReachingConfig
     from forcectl.tasks.null_space_parts import SelfMotionConfig
 
     aside = 0.05 if contact == "free" else 0.0

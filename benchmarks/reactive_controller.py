@@ -1,11 +1,11 @@
 """The reactive controller of a robot with two arms, tick by tick: everything from measured joints to references.
 
-What is timed is one `AdvanceTo` of 4 ms from Python of a diagram that has the generator, the controller, the momentum
-observer and what holds their outputs, the call and Drake's events included. Its inputs are set before, untimed, to what
-was recorded in a closed loop: the arms reach for targets that change during the motion, their joints follow one tick
-late. Rows: torques of all joints and the tool speeds, which bind in some ticks; in the second case also distances of
-the arms from each other and from the torso. The shares are measured in runs of their own, with a clock around each
-part: the parts of the controller are within it.
+What is timed, on the clock of the CPU, is one `AdvanceTo` of 4 ms from Python of a diagram that has the generator, the
+controller, the momentum observer and what holds their outputs, the call and Drake's events included. Its inputs are set
+before, untimed, to what was recorded in a closed loop: the arms reach for targets that change during the motion, their
+joints follow one tick late. Rows: torques of all joints and the tool speeds, which bind in some ticks; in the second
+case also distances of the arms from each other and from the torso. The shares are measured in runs of their own, with a
+clock around each part: the parts of the controller are within it.
 """
 
 from __future__ import annotations
@@ -57,9 +57,9 @@ def _run(diagram: Any, inputs: Any) -> Any:
     for k, values in enumerate(inputs):
         for port, value in zip(ports, np.split(values, np.cumsum([port.size() for port in ports])[:-1]), strict=True):
             port.FixValue(context, value)
-        started = time.perf_counter()
+        started = time.process_time()
         simulator.AdvanceTo((k + 1) * PERIOD)  # its first event is tick k
-        spent[k] = time.perf_counter() - started
+        spent[k] = time.process_time() - started
     return spent[SKIPPED:]
 
 
@@ -205,9 +205,9 @@ def _shares(diagram: Any, inputs: Any) -> dict[str, float]:
 
 def _timed(function: Callable[..., Any], spent: list[float]) -> Callable[..., Any]:
     def timed(*arguments: Any, **named: Any) -> Any:
-        started = time.perf_counter()
+        started = time.process_time()
         result = function(*arguments, **named)
-        spent.append(time.perf_counter() - started)
+        spent.append(time.process_time() - started)
         return result
 
     return timed

@@ -17,6 +17,7 @@ from forcectl.diagrams.fidelities.multibody import MountingForces as MountingFor
 from forcectl.diagrams.fidelities.multibody import MultibodyFidelity as MultibodyFidelity
 from forcectl.diagrams.fidelities.multibody import MultibodyStation as MultibodyStation
 from forcectl.diagrams.force_controller import ForceController as ForceController
+from forcectl.diagrams.force_controller import GuardedController as GuardedController
 from forcectl.diagrams.force_controller import build_controller as build_controller
 from forcectl.diagrams.loop import Loop as Loop
 from forcectl.diagrams.loop import LoopParts as LoopParts
@@ -30,6 +31,7 @@ from forcectl.diagrams.one_dimensional_loop import OneDimensionalLoop as OneDime
 from forcectl.diagrams.one_dimensional_loop import OneDimensionalLoopConfig as OneDimensionalLoopConfig
 from forcectl.diagrams.one_dimensional_loop import build_one_dimensional_loop as build_one_dimensional_loop
 from forcectl.diagrams.sensors import ContactTruthConfig as ContactTruthConfig
+from forcectl.diagrams.sensors import FaultySensor as FaultySensor
 from forcectl.diagrams.sensors import JointReadingsConfig as JointReadingsConfig
 from forcectl.diagrams.sensors import NormalForce as NormalForce
 from forcectl.diagrams.sensors import WristForce as WristForce

@@ -50,11 +50,11 @@ def check_stability(parts: Any, setting: Setting) -> None:
             if chain.is_stable(stiffness):
                 continue
             radius, largest = chain.spectral_radius(stiffness), chain.largest_stiffness(stiffness)
-            allowed = f"must be at most {largest:.4g} N/m" if largest else "no stiffness is stable"
+            other = f"at most {largest:.4g} N/m" if largest else "with another controller: no stiffness is stable"
             fault = (
                 f" = {stiffness:g} N/m is unstable with inertia = {law.inertia:g} kg and damping = "
                 f"{law.damping:g} N s/m: the largest pole of the sampled loop is {radius:.6g} at a tick of "
-                f"{setting.truth.period:g} s: {allowed}"
+                f"{setting.truth.period:g} s: must be {other}"
             )
             with about(contact.environment):
                 raise BadInputError(fault, key=key)

@@ -10,6 +10,9 @@ from pydrake.systems.framework import Context, Diagram, DiagramBuilder, OutputPo
 from pydrake.systems.primitives import LogVectorOutput, Multiplexer, VectorLog, VectorLogSink
 
 from forcectl.conventions import unit_of
+from forcectl.errors import BadInputError, show
+
+_COORDINATES = ("time", "variant")  # of a log
 
 
 @dataclass(frozen=True)
@@ -26,6 +29,15 @@ class LoggedSignal:
     labels: tuple[str, ...] | None
     dimension: str | None = None
     meanings: tuple[str, ...] = ()
+
+
+@dataclass(frozen=True)
+class Probe:
+    """An output port anywhere in a diagram that is read at every tick of the log."""
+
+    name: str
+    port: OutputPort
+    unit: str
 
 
 @dataclass(frozen=True)
@@ -65,7 +77,15 @@ def add_log(
 
     Returns:
         the sink, and what its rows mean.
+
+    Raises:
+        BadInputError: a port has a name that no variable of a log can have.
     """
+    for name, port in ports.items():
+        if not name.isprintable() or "/" in name or name in _COORDINATES or not name.strip():
+            block = port.get_system().get_name()
+            allowed = f"printable characters without '/', and not one of {', '.join(_COORDINATES)}"
+            raise BadInputError(f"block {block!r}: output port {show(name)}: a name to be logged must be {allowed}")
     multiplexer = builder.AddNamedSystem("log_signals", Multiplexer([port.size() for port in ports.values()]))
     signals, row = {}, 0
     for i, (name, port) in enumerate(ports.items()):

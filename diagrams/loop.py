@@ -21,18 +21,21 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, OutputPort, PortD
 
 from forcectl.conventions import SIGNALS, TRUTH, WRENCH_PARTS, unit_of
 from forcectl.diagrams.chain import check_stability
+from forcectl.diagrams.derived import SOURCES, Derived, joint_and_tool_signals
 from forcectl.diagrams.force_controller import build_controller
-from forcectl.diagrams.log import LoggedLoop, add_log
+from forcectl.diagrams.log import LoggedLoop, Probe, add_log
 from forcectl.diagrams.mechanics.station_surface import CONTACT_FORCE
 from forcectl.diagrams.model import ModelConfig, Setting, plant_model
 from forcectl.diagrams.signals import SignalChoice, Signals
 from forcectl.diagrams.station import StationConfig, build_station
 from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.errors import BadInputError, about, invalid
+from forcectl.force.guard.config import GuardConfig
 from forcectl.framework.wiring import Enclosed, add_part, input_names, made_by
 from forcectl.plant.plant_model import PlantModel
 from forcectl.plant.tip_kinematics import tip_displacements
 
+_NOT_LOGGED = ("wrench_covariance",)  # 36 numbers of each arm, of which wrench_deviation shows the diagonals
 # Of a station with a force sensor only, the signals that are looked at; the others cost more to log than to have.
 _FORCE_SIGNALS = (
     "measured_force",
@@ -41,6 +44,7 @@ _FORCE_SIGNALS = (
     "motor_position",
     "surface_height",
     "surface_stiffness",
+    "body_contact_wrench",
 )
 
 
@@ -54,6 +58,7 @@ class LoopParts:
         reference: of the force; used where something wants `desired_force`.
         motion: in the unconstrained directions; used where something wants `unconstrained_reference`.
         signals: choices and projections, by the name of the signal.
+        guard: around the controller; None: there is none.
         seed: of every random number.
     """
 
@@ -64,6 +69,7 @@ class LoopParts:
     model: ModelConfig = field(default_factory=ModelConfig)
     estimators: Mapping[str, Any] = field(default_factory=dict)
     signals: Mapping[str, SignalChoice] = field(default_factory=dict)
+    guard: GuardConfig | None = field(default_factory=GuardConfig)
     seed: int = 0
 
     @property
@@ -99,37 +105,46 @@ class Loop(LoggedLoop):
         setting: workcell and models.
         reference_model_bandwidth: of the controller's nominal loop [rad/s]; None without one.
         station: the station in `diagram`.
+        probes: ports that are logged beside `signals`.
     """
 
     setting: Setting
     reference_model_bandwidth: float | None
     station: Diagram
+    probes: tuple[Probe, ...] = ()
 
     @property
     def workcell(self) -> Workcell:
         """The workcell."""
         return self.setting.workcell
 
-    def derived(self, values: NDArray[np.float64]) -> dict[str, tuple[str, NDArray[np.float64]]]:
-        """Signals that follow from the log (n, k), by name: unit and samples (k,).
+    def derived(
+        self, values: NDArray[np.float64], probed: Mapping[str, tuple[str, NDArray[np.float64]]]
+    ) -> dict[str, Derived]:
+        """Signals that follow from the log (n, k) and from the samples of the probes, by name.
 
-        The contact state, and the displacement of the tool of a robot, are not needed tick by tick.
+        The contact state, the displacement and the pose of the tool of a robot, torques and sticking are not needed
+        tick by tick.
         """
-        further: dict[str, tuple[str, NDArray[np.float64]]] = {}
-        if len(self.workcell.contacts) != 1 or "contact_state" in self.signals:
-            return further
-        further["contact_state"] = contact_state(values[self.signals["contact_force"].rows][0])
-        if "contact_displacement" not in self.signals:
-            contact = self.workcell.contact
+        further: dict[str, Derived] = {}
+        if len(self.workcell.contacts) == 1 and "contact_state" not in self.signals:
+            further["contact_state"] = contact_state(values[self.signals["contact_force"].rows][0])
+            if "contact_displacement" not in self.signals:
+                contact = self.workcell.contact
+                motors = values[self.signals["motor_position"].rows].T
+                displacement = tip_displacements(contact.robot, contact.n, self.workcell.motor_start, motors)
+                further["contact_displacement"] = Derived(unit_of("contact_displacement"), displacement)
+        rows = {name: values[self.signals[name].rows].T for name in SOURCES if name in self.signals}
+        rows |= {name: probed[name][1] for name in SOURCES if name in probed}
+        if len(rows) == len(SOURCES) and "motor_position" in self.signals and self.workcell.has_dynamics:
             motors = values[self.signals["motor_position"].rows].T
-            displacement = tip_displacements(contact.robot, contact.n, self.workcell.motor_start, motors)
-            further["contact_displacement"] = (unit_of("contact_displacement"), displacement)
+            further |= joint_and_tool_signals(self.workcell, motors, rows["link_position"], rows["motor_velocity"])
         return further
 
 
-def contact_state(force: NDArray[np.float64]) -> tuple[str, NDArray[np.float64]]:
-    """Unit and samples (k,) of the contact state at a contact force (k,) [N]."""
-    return unit_of("contact_state"), np.clip(force / CONTACT_FORCE, 0.0, 1.0)
+def contact_state(force: NDArray[np.float64]) -> Derived:
+    """The contact state at a contact force (k,) [N]."""
+    return Derived(unit_of("contact_state"), np.clip(force / CONTACT_FORCE, 0.0, 1.0))
 
 
 def build_loop(parts: LoopParts) -> Loop:
@@ -146,7 +161,7 @@ def build_loop(parts: LoopParts) -> Loop:
     readings = getattr(parts.station.drive, "readings", {})
     signals = Signals(builder, TRUTH | readings.keys(), readings)
     with about(parts.controller):
-        controller = build_controller(parts.controller, model)
+        controller = build_controller(parts.controller, model, parts.guard)
     sources = _add_sources(builder, parts, setting, input_names(controller))
     for name, system in sources.items():
         signals.add(name, system)
@@ -169,7 +184,9 @@ def build_loop(parts: LoopParts) -> Loop:
     sink, logged = add_log(builder, ports, workcell.period, _labels(ports, workcell))
     diagram = builder.Build()
     diagram.set_name("loop")
-    return Loop(diagram, sink, logged, workcell.period, setting, parts.reference_model_bandwidth, station)
+    missing = [name for name in SOURCES if workcell.has_dynamics and name not in logged and station.HasOutputPort(name)]
+    probes = tuple(Probe(name, station.GetOutputPort(name), unit_of(name)) for name in missing)
+    return Loop(diagram, sink, logged, workcell.period, setting, parts.reference_model_bandwidth, station, probes)
 
 
 def _add_sources(
@@ -224,7 +241,7 @@ def _logged(
     controller: Diagram,
     estimators: Mapping[str, System],
 ) -> dict[str, OutputPort]:
-    """The ports to log: all where joint readings are taken, else what is looked at, command and scalars."""
+    """The ports to log: all where joint readings are taken, else what is looked at, commands and scalars."""
     ports: dict[str, OutputPort] = {}
     if "reference" in sources:
         ports["desired_force"] = sources["reference"].GetOutputPort("desired_force")
@@ -240,8 +257,12 @@ def _logged(
         for port in map(system.get_output_port, range(system.num_output_ports())):
             vector = port.get_data_type() == PortDataType.kVectorValued
             small = port.size() == 1 or port.get_name() == "displacement_command"
-            if vector and (everything or small or system is not controller):
+            wanted = everything or small or system is not controller
+            if vector and wanted and port.get_name() not in _NOT_LOGGED:
                 ports[port.get_name()] = port
+    # Last, so that a fault is told of the signal that it comes from.
+    if not constant and controller.HasOutputPort("joint_position_command"):
+        ports.setdefault("joint_position_command", controller.GetOutputPort("joint_position_command"))
     return ports
 
 

@@ -16,7 +16,7 @@ from dataclasses import dataclass
 import numpy as np
 from numpy.typing import ArrayLike
 from pydrake.systems.framework import Context, Diagram, DiagramBuilder, System
-from pydrake.systems.primitives import Demultiplexer
+from pydrake.systems.primitives import ConstantVectorSource, Demultiplexer
 
 from forcectl.diagrams.log import LoggedLoop, add_log
 from forcectl.diagrams.loop import LoopParts
@@ -160,6 +160,9 @@ def build_one_dimensional_loop(
     connect(contact.GetOutputPort("contact_force"), sensor.GetInputPort("force"))
     if "motor_displacement" in input_names(law):
         connect(displacement, law.GetInputPort("motor_displacement"))
+    for name in (name for name in input_names(law) if name in ("path_displacement", "sliding")):
+        at_rest = builder.AddNamedSystem(name, ConstantVectorSource(np.zeros(size)))
+        connect(at_rest.get_output_port(), law.GetInputPort(name))
     ports = {
         "desired_force": reference.GetOutputPort("desired_force"),
         "contact_force": contact.GetOutputPort("contact_force"),
@@ -215,4 +218,5 @@ def is_scalar(parts: LoopParts) -> bool:
         and station.environment.surface.uniform
         and parts.motion.interval() is None
         and not (parts.signals or parts.estimators or station.loads or station.faults)
+        and (parts.guard is None or parts.guard.maximum_force is None)
     )

@@ -10,11 +10,12 @@ from pydrake.systems.primitives import Demultiplexer
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.errors import BadInputError, invalid
 from forcectl.framework.fields import Config, key
-from forcectl.framework.wiring import made_by
+from forcectl.framework.wiring import export_all_inputs, export_outputs, made_by, output_names
 from forcectl.plant.contact.contact_truth import ContactWrench, bodies_named, frame_called
+from forcectl.plant.sensors.force_fault import FaultyForce, ForceFaultConfig
 from forcectl.plant.sensors.force_sensor import ForceSensorConfig
 from forcectl.plant.sensors.joint_sensors import JointSensors, ReadingFault
-from forcectl.plant.sensors.wrist_sensor import WristSensor
+from forcectl.plant.sensors.wrist_sensor import WristSensor, random_cross_talk
 from forcectl.plant.tip_kinematics import ForceToWrench
 
 
@@ -22,10 +23,58 @@ from forcectl.plant.tip_kinematics import ForceToWrench
 class WristForceConfig(ForceSensorConfig, in_batches=True):
     """Scenario part `!WristForce`: six-axis force sensor between flange and tool of the arm that presses."""
 
+    cross_talk: float = key(
+        0.0,
+        "largest share of its range that a channel shows of another one at the end of its own (Multibody only)",
+        unit="1",
+        bounds="not negative and at most 0.2",
+    )
+    faults: list[ForceFaultConfig] = key([], "of the measured force, over time")
+
     def add_to(self, builder: DiagramBuilder, site: Site) -> Diagram:
-        """Add the block `force_sensor`."""
-        made = WristForce(self, site) if site.workcell.has_dynamics else NormalForce(self, site)
+        """Add the block `force_sensor`.
+
+        Raises:
+            BadInputError: cross-talk of a station without dynamics, whose sensor feels one force only.
+        """
+        if self.cross_talk and not site.workcell.has_dynamics:
+            raise invalid("cross_talk", self.cross_talk, "0, or have a fidelity with dynamics, such as Multibody")
+        made: Diagram = WristForce(self, site) if site.workcell.has_dynamics else NormalForce(self, site)
+        if self.faults:
+            made = FaultySensor(made, self.faults, site)
         return builder.AddNamedSystem("force_sensor", made)
+
+
+class FaultySensor(Diagram):
+    """A force sensor whose measured force has faults.
+
+    ```
+    name: FaultySensor
+    input_ports: [(further inputs of the sensor)]
+    output_ports: [(further outputs of the sensor)]
+    ```
+
+    The ports are those of the sensor. All outputs are feedthrough of all inputs when those of the sensor are.
+
+    Sampling: every `period` [s] of the workcell.
+
+    Args:
+        sensor: with the output measured_force.
+        faults: see `FaultyForce`.
+        site: of the sensor.
+    """
+
+    def __init__(self, sensor: Diagram, faults: list[ForceFaultConfig], site: Site):
+        super().__init__()
+        builder = DiagramBuilder()
+        builder.AddNamedSystem("sensor", sensor)
+        faulty = builder.AddNamedSystem("faults", FaultyForce(1, faults, period=site.period, seed=site.seed))
+        reading = sensor.GetOutputPort("measured_force")
+        builder.Connect(reading, faulty.GetInputPort("reading"))
+        export_all_inputs(builder, sensor)
+        outputs = {name: sensor.GetOutputPort(name) for name in output_names(sensor)}
+        export_outputs(builder, outputs | {"measured_force": faulty.GetOutputPort("measured_force")})
+        builder.BuildInto(self)
 
 
 class NormalForce(Diagram):
@@ -88,7 +137,7 @@ class WristForce(Diagram):
         BadInputError: the tool has no wrist sensor.
     """
 
-    def __init__(self, config: ForceSensorConfig, site: Site):
+    def __init__(self, config: WristForceConfig, site: Site):
         super().__init__()
         workcell, contact, plant, parts = site.workcell, site.workcell.contact, site.plant, site.parts
         weld = None if parts is None else parts.arms[contact.arm].sensor_weld
@@ -112,8 +161,10 @@ class WristForce(Diagram):
                 contact.n,
                 workcell.motor_start,
                 posture_period=workcell.posture_period,
+                cross_talk=random_cross_talk(config.cross_talk, scale, site.seed) if config.cross_talk else None,
                 electronics={
                     "bias": config.bias * scale,
+                    "drift": config.drift * scale,
                     "noise_std": config.noise_std * scale,
                     "quantum": config.quantum * scale,
                     "range": config.range * scale,

@@ -138,18 +138,26 @@ class ProjectionConfig(Config):
         return model.normals[model.arms.index(arm)]
 
 
+_AXES = ("world", "tcp")
+
+
 @dataclass(kw_only=True)
 class WrenchBetweenConfig(Config):
     """Scenario part `!WrenchBetween`: of one arm on another that it touches, of the estimated wrenches of both."""
 
     between: list[str] = key(meaning="names of two arms: of the first on the second, at its TCP", size=2)
-    of: str = key("estimated_wrench", "signal of shape (6a,): wrenches at the TCPs in the world")
+    of: str = key("estimated_wrench", "signal of shape (6a,): wrenches at the TCPs")
+    axes: str = key("world", "those of that signal: world, or tcp, each that of its arm")
+    weights: str = key(
+        "equal", "equal: the mean; covariance: each as well as it is known, which takes `!KalmanForceEstimator`"
+    )
     expressed_in: str = key("world", "axes of the wrench: world, or tcp, that of the second arm")
 
     def __post_init__(self) -> None:
         super().__post_init__()
-        if self.expressed_in not in ("world", "tcp"):
-            raise unknown("expressed_in", self.expressed_in, ["world", "tcp"])
+        for name, known in (("axes", _AXES), ("expressed_in", _AXES), ("weights", ("equal", "covariance"))):
+            if getattr(self, name) not in known:
+                raise unknown(name, getattr(self, name), known)
 
     def choose(self, name: str, builder: DiagramBuilder, signals: Signals, model: PlantModel) -> OutputPort:
         """The output of a `WrenchBetween`.
@@ -160,13 +168,15 @@ class WrenchBetweenConfig(Config):
         robot, (first, second) = model.known_robot(), self.between
         arm = robot.parts.arms.get(second)  # the block refuses one that is not there
         tcp = arm.tcp_frame if arm and self.expressed_in == "tcp" else None
-        block = builder.AddNamedSystem(f"{name}_between", WrenchBetween(robot, (first, second), tcp))
+        weighted = self.weights == "covariance"
+        made = WrenchBetween(robot, (first, second), tcp, local=self.axes == "tcp", weighted=weighted)
+        block = builder.AddNamedSystem(f"{name}_between", made)
         source, wanted = signals.find(self.of, f"signals.{name}"), block.GetInputPort("estimated_wrench")
         if source.size() != wanted.size():
             raise invalid("of", self.of, f"a signal of shape ({wanted.size()},): wrenches at the TCPs")
         builder.Connect(source, wanted)
-        joints = signals.find("joint_position", f"signals.{name}")
-        builder.Connect(joints, block.GetInputPort("joint_position"))
+        for port in ("joint_position", "wrench_covariance")[: 1 + weighted]:
+            builder.Connect(signals.find(port, f"signals.{name}"), block.GetInputPort(port))
         return block.get_output_port()
 
 

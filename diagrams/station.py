@@ -41,7 +41,10 @@ class StationConfig(Config):
 
     fidelity: Any = slot("fidelity", MultibodyFidelity, meaning="how the parts are realised; also by name")
     robot: str = key("comau_smart_six", "shipped robot, one arm of it (robot/arm), or a robot folder")
-    tool: str | None = key("force_probe", "of every arm: shipped tool, tool folder, or null for the bare flange")
+    tool: str | dict[str, str | None] | None = key(
+        "force_probe",
+        "of every arm: shipped tool, tool folder, or null for the bare flange; or of each arm by its name",
+    )
     stiffness_set: str = key("", "set of joint stiffness of the control parameters; empty: their default")
     stiffness_scale: float = key(1.0, "factor on that joint stiffness", bounds="positive")
     elastic_joints: bool = key(True, "false: rigid joints, C_R = 0")
@@ -74,6 +77,10 @@ class StationConfig(Config):
         """The parts of the environment by name."""
         several = getattr(self.environment, "parts", None)
         return {"environment": self.environment} if several is None else dict(several)
+
+    def fails(self) -> bool:
+        """Whether readings fail on purpose."""
+        return bool(self.faults) or any(getattr(sensor, "faults", ()) for sensor in self.sensors.values())
 
     def delays(self) -> dict[str, float]:
         """Every delay of the station [s], which must be whole control ticks, by key."""

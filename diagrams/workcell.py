@@ -26,6 +26,7 @@ if TYPE_CHECKING:
     from forcectl.diagrams.station import StationConfig
 
 Vector = NDArray[np.float64]
+MOST_STEPS = 100  # of the plant in a tick
 _PERIOD = "station.period (null: the robot's)"
 
 
@@ -240,6 +241,10 @@ def describe(config: StationConfig) -> Workcell:
 def _check_times(config: StationConfig, period: float) -> None:
     if whole_multiple("period", period, config.time_step, "time_step") < 1:
         raise invalid("time_step", config.time_step, f"at most the period, {period:g} s")
+    if config.time_step < period / MOST_STEPS:
+        raise invalid(
+            "time_step", config.time_step, f"at least the period over {MOST_STEPS}, {period / MOST_STEPS:g} s"
+        )
     if whole_multiple("posture_period", config.posture_period, period, "station.period") < 1:
         raise invalid("posture_period", config.posture_period, f"at least the period, {period:g} s")
     for name, delay in config.delays().items():
@@ -271,7 +276,8 @@ def holding_stiffness(drive: Any, robot: RobotModel) -> Vector:
 
 
 def _contact(config: StationConfig, robot: RobotModel, start: Vector, name: str, part: Any) -> Contact:
-    if not callable(getattr(part, "add_to", None)) or not hasattr(part, "first_stiffness"):
+    acts = callable(getattr(part, "add_to", None)) or hasattr(part, "touching_points")
+    if not acts or not hasattr(part, "first_stiffness"):
         raise invalid("environment", part, "a part that fills the slot environment, with add_to and first_stiffness")
     arm = getattr(part, "arm", "") or next(iter(robot.parts.arms))
     own = robot.for_arm(arm)

@@ -26,6 +26,8 @@ from forcectl.diagrams.fidelities.multibody import MultibodyStation
 from forcectl.diagrams.station import StationConfig
 from forcectl.diagrams.workcell import describe
 from forcectl.figures.force import COLOURS, force_figure, frame
+from forcectl.force.invariance.force_law import one_step_acceleration
+from forcectl.force.invariance.functions import invariance_function, set_distance, set_distance_rate, taylor
 from forcectl.motion.trajectory import Planner, Target, begin, limits_of
 
 EYE, AT = np.array([2.5, -2.1, 1.6]), np.array([0.3, 0.0, 0.66])
@@ -40,6 +42,9 @@ def main() -> None:
     render_station(IMAGES / "station.png")
     draw_fast_contact(IMAGES / "fast_contact.png")
     draw_trajectory(IMAGES / "trajectory.png")
+    draw_quartic(IMAGES / "fig_3_2.png")
+    draw_invariant_set(IMAGES / "fig_3_3.png")
+    draw_virtual_state(IMAGES / "fig_3_8.png")
 
 
 def draw_fast_contact(target: Path) -> None:
@@ -76,6 +81,68 @@ def draw_trajectory(target: Path) -> None:
     figure.legend(*panels[0].get_legend_handles_labels(), ncols=4, frameon=False, loc="outside upper center")
     panels[-1].set_xlabel("time [s]")
     figure.savefig(target, dpi=120, metadata={"Software": None})
+    print(f"wrote {target.name}")
+
+
+def draw_quartic(target: Path) -> None:
+    """Fig. 3.2: the polynomial p of relative degree 4 for two states, and Phi, the largest it reaches from now on."""
+    gamma, time = -24.0, np.linspace(-1.2, 3.2, 500)
+    states = {"p' has one real root": [-1.5, 1.0, 2.0, 1.0], "p' has three real roots": [-1.0, 2.4, -11.6, 26.4]}
+    figure = Figure(figsize=(9.0, 3.6), layout="constrained")
+    for axes, (name, state) in zip(figure.subplots(1, 2), states.items(), strict=True):
+        p, phi = taylor(state, gamma, time), float(invariance_function(state, gamma))
+        axes.plot(time, np.where(time < 0, p, np.nan), color=COLOURS[0], lw=1.4, ls=(0, (4, 3)), label="p(τ), τ < 0")
+        axes.plot(time, np.where(time >= 0, p, np.nan), color=COLOURS[0], lw=2.0, label="p(τ)")
+        axes.axhline(phi, color=COLOURS[1], lw=1.4, label=f"Φ = {phi:.3g}")
+        axes.plot([0.0], [state[0]], "o", color=COLOURS[0])
+        axes.axhline(0.0, color="#707070", lw=1.0, ls=":")
+        axes.set(title=name, xlabel="τ [s]", ylim=(-3.0, 1.5))
+        frame(axes)
+        axes.legend(frameon=False, loc="upper left")
+    figure.savefig(target, dpi=110, metadata={"Software": None})
+    print(f"wrote {target.name}")
+
+
+def draw_invariant_set(target: Path) -> None:
+    """Fig. 3.3: the invariant set of relative degree 2, level sets of V, and of V' under the law (3.33)*."""
+    gamma = -1.0
+    y, rate = np.meshgrid(np.linspace(-2.0, 0.6, 400), np.linspace(-1.6, 2.2, 400))
+    inside = invariance_function(np.stack([y, rate], axis=-1), gamma) <= 0
+    distance = np.where(inside, set_distance(y, rate, gamma), np.nan)
+    # With -2 gamma as the largest acceleration; with -gamma V' would be zero below y' = 0.
+    acceleration = one_step_acceleration(y, rate, gamma, -2 * gamma, 1e-3)
+    change = np.where(inside, set_distance_rate(rate, acceleration, gamma), np.nan)
+    edge = np.linspace(0.0, 2.2, 100)
+    figure = Figure(figsize=(9.0, 4.0), layout="constrained")
+    for axes, (name, values) in zip(figure.subplots(1, 2), {"V": distance, "V'": change}.items(), strict=True):
+        levels = axes.contour(y, rate, values, levels=10, colors=COLOURS[0] if name == "V" else COLOURS[1])
+        axes.clabel(levels, fontsize=7)
+        axes.plot(0.5 * edge**2 / gamma, edge, color="#303030", lw=1.8, label="Φ = 0")
+        axes.plot([0.0, 0.0], [-1.6, 0.0], color="#303030", lw=1.8)
+        axes.set(title=f"level sets of {name}", xlabel="y", ylabel="y'", xlim=(-2.0, 0.6))
+        frame(axes)
+        axes.legend(frameon=False, loc="upper right")
+    figure.savefig(target, dpi=110, metadata={"Software": None})
+    print(f"wrote {target.name}")
+
+
+def draw_virtual_state(target: Path) -> None:
+    """Fig. 3.8: the polynomial p of a state and of its virtual states, and the largest value of each, Phi."""
+    gamma, time = -24.0, np.linspace(0.0, 3.6, 500)
+    y, *rates = -1.5, 0.5, 0.6, 0.5
+    figure = Figure(figsize=(7.0, 3.8), layout="constrained")
+    axes = figure.subplots()
+    for alpha, colour in zip((0.0, 1.0, 3.0), COLOURS, strict=False):
+        state = [y, *((1 + alpha) * rate for rate in rates)]
+        phi = float(invariance_function(state, gamma))
+        name = "the state" if alpha == 0 else f"virtual state, α = {alpha:g}"
+        axes.plot(time, taylor(state, gamma, time), color=colour, lw=2.0, label=f"{name}: Φ = {phi:.3g}")
+        axes.axhline(phi, color=colour, lw=1.0, ls=(0, (4, 3)))
+    axes.axhline(0.0, color="#707070", lw=1.0, ls=":")
+    axes.set(xlabel="τ [s]", ylabel="p(τ)", ylim=(-2.0, 2.5))
+    frame(axes)
+    axes.legend(frameon=False, loc="upper left")
+    figure.savefig(target, dpi=110, metadata={"Software": None})
     print(f"wrote {target.name}")
 
 

@@ -4,6 +4,7 @@ from __future__ import annotations
 
 import gc
 import os
+import signal
 import tempfile
 from importlib.metadata import entry_points
 
@@ -14,6 +15,13 @@ from hypothesis import settings
 for name in ("OMP_NUM_THREADS", "OPENBLAS_NUM_THREADS", "MKL_NUM_THREADS"):
     os.environ.setdefault(name, "1")
 os.environ.setdefault("MPLBACKEND", "Agg")
+# An error that nobody foresaw is raised, and is no line like the others.
+os.environ["FORCECTL_DEBUG"] = "1"
+
+# A session in the background, or under nohup, ignores these, and all processes that its tests start would, too.
+for number in (signal.SIGINT, signal.SIGHUP):
+    if signal.getsignal(number) == signal.SIG_IGN:
+        signal.signal(number, signal.default_int_handler if number == signal.SIGINT else signal.SIG_DFL)
 
 # At Python's own 700 objects a tenth of the time goes into looking for garbage.
 gc.set_threshold(10_000, 20, 10)
@@ -79,6 +87,7 @@ def forcectl(monkeypatch, capfd, tmp_path):
 
     monkeypatch.chdir(tmp_path)
     monkeypatch.setenv("COLUMNS", "200")
+    monkeypatch.setattr("forcectl.interrupts.ending", False)  # this process goes on
 
     def call(*arguments):
         monkeypatch.setattr("sys.argv", ["forcectl", *map(str, arguments)])

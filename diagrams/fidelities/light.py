@@ -63,6 +63,11 @@ def _check_parts(workcell: Workcell, name: str) -> None:
     needs = f"a fidelity with dynamics, such as Multibody, not {name}"
     if len(workcell.contacts) != 1:
         raise BadInputError(f" has {len(workcell.contacts)} surfaces: must have one, or {needs}", key="environment")
+    if hasattr(workcell.contact.environment, "touching_points"):
+        raise BadInputError(f" is touched in several points: must have {needs}", key="environment")
+    friction = getattr(workcell.contact.environment, "friction", 0.0)
+    if friction:
+        raise BadInputError(f" = {friction:g}: must be 0, or have {needs}", key="environment.friction")
     if workcell.obstacles:
         raise BadInputError(f" has boxes ({', '.join(workcell.obstacles)}): must have {needs}", key="environment")
     if workcell.parts:
@@ -168,6 +173,7 @@ def _press(assembly: Assembly, workcell: Workcell) -> Pressing:
         workcell.spring_stiffness,
         stiffness=stiffness,
         damping=damping,
+        dissipation=contact.environment.dissipation,
         uneven=not contact.surface.flat,
         period=workcell.period,
         posture_period=workcell.posture_period,

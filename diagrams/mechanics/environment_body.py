@@ -12,6 +12,7 @@ from __future__ import annotations
 from collections.abc import Mapping
 
 import numpy as np
+from numpy.typing import NDArray
 from pydrake.geometry import AddContactMaterial, Box, GeometryId, ProximityProperties
 from pydrake.math import RigidTransform, RotationMatrix
 from pydrake.multibody.parsing import Parser
@@ -40,7 +41,7 @@ _CARRIER_MASS = 0.1  # of such a surface [kg]
 
 
 def add_environment(plant: MultibodyPlant, workcell: Workcell, contact: Contact) -> tuple[Joint, GeometryId]:
-    """Add the body that a contact's surface is, its top face through the TCP at the start.
+    """Add the body that a contact's surface is, its top face through what of the tool touches it at the start.
 
     Args:
         plant: not finalized, with the robot.
@@ -54,7 +55,8 @@ def add_environment(plant: MultibodyPlant, workcell: Workcell, contact: Contact)
         BadInputError: stiffer than the compliance that the model of contact has of its own.
     """
     config, n = contact.environment, contact.n
-    tip = contact.robot.pose(contact.robot.context_at(contact.start)).translation()
+    points = touching_points(contact)
+    tip = contact.robot.pose(contact.robot.context_at(contact.start)).translation() + n * (points @ n).min()
     parser = Parser(plant)
     parser.SetAutoRenaming(True)  # one for each surface
     add_packages(parser.package_map())
@@ -86,12 +88,26 @@ def add_environment(plant: MultibodyPlant, workcell: Workcell, contact: Contact)
     if not compliance > 0:
         largest = 1 / (1 / config.stiffness - compliance)
         raise BadInputError(f" = {config.stiffness:g}: must be below {largest:.4g} N/m in Multibody", key="stiffness")
-    # Drake puts ball and surface in series and adds their relaxation times: their damping is to be D_E.
-    material = contact_material(1 / compliance, damping * (compliance + BALL_COMPLIANCE))
+    # Drake puts ball and surface in series, adds their relaxation times, and takes the mean of their dissipations,
+    # weighted by the compliances: the damping is to be D_E, or the dissipation d_E for the share of the environment.
+    material = contact_material(
+        1 / (len(points) * compliance),
+        relaxation_time=damping * (compliance + BALL_COMPLIANCE),
+        dissipation=config.dissipation / (config.stiffness * compliance),
+        friction=config.friction,
+    )
     # Thick, so that the ball never comes out of the other side of a soft surface.
     depth = 0.5
     block = RigidTransform([0.0, 0.0, -depth / 2])
     return weld, plant.RegisterCollisionGeometry(skin, X_BS @ block, Box(1.0, 1.0, depth), "contact_surface", material)
+
+
+def touching_points(contact: Contact) -> NDArray[np.float64]:
+    """What of the tool touches a surface, from the TCP at the start in the world, shape (N, 3) [m]; usually the TCP."""
+    points = getattr(contact.environment, "touching_points", lambda: np.zeros((1, 3)))()
+    rotation = contact.robot.pose(contact.robot.context_at(contact.start)).rotation().matrix()
+    moved: NDArray[np.float64] = points @ rotation.T
+    return moved
 
 
 def _add_slide(
@@ -167,9 +183,38 @@ def _missing_compliance(workcell: Workcell, contact: Contact) -> float:
     return contact.robot_compliance - drive - joints - BALL_COMPLIANCE
 
 
-def contact_material(stiffness: float, relaxation_time: float) -> ProximityProperties:
-    """Compliant point contact without friction, stiffness [N/m] and relaxation time [s]."""
+def contact_material(
+    stiffness: float, *, relaxation_time: float = 0.0, dissipation: float = 0.0, friction: float = 0.0
+) -> ProximityProperties:
+    """Compliant point contact.
+
+    Args:
+        stiffness: [N/m].
+        relaxation_time: of a linear damper [s].
+        dissipation: of Hunt and Crossley, for a plant whose contacts have it, see `has_dissipation` [s/m].
+        friction: Coulomb's coefficient between this and another body with the same [1].
+    """
     properties = ProximityProperties()
-    AddContactMaterial(friction=CoulombFriction(0.0, 0.0), point_stiffness=float(stiffness), properties=properties)
+    AddContactMaterial(
+        dissipation=dissipation,
+        friction=CoulombFriction(friction, friction),
+        point_stiffness=float(stiffness),
+        properties=properties,
+    )
     properties.AddProperty("material", "relaxation_time", float(relaxation_time))
     return properties
+
+
+def has_dissipation(workcell: Workcell) -> bool:
+    """Whether the contacts of the plant have the dissipation of Hunt and Crossley instead of linear damping.
+
+    Raises:
+        BadInputError: some have the one and some the other: Drake knows one law of contact for a plant.
+    """
+    surfaces = {each.name: each.environment for each in workcell.contacts if each.surface is not None}
+    found = [name for name, surface in surfaces.items() if surface.dissipation]
+    others = [name for name, surface in surfaces.items() if surface.damping]
+    others += [*workcell.obstacles, *workcell.parts, *["self_collision"] * workcell.self_collision]
+    if found and others:
+        raise BadInputError(f"must be 0 beside {', '.join(others)}", key=f"environment.{found[0]}.dissipation")
+    return bool(found)

@@ -25,7 +25,7 @@ CONTACT_FORCE = 1e-9  # [N] from here on it is contact and not rounding
 
 def surface_profile(contact: Contact) -> SurfaceProfile:
     """The surface as the ball of the tool meets it."""
-    tool = contact.robot.tool_parameters
+    tool = contact.robot.arm.tool
     profile: SurfaceProfile = contact.environment.surface.profile(tool.contact_ball_radius if tool else 0.0)
     return profile
 
@@ -63,7 +63,7 @@ def add_surface(
     path = through(builder, "path_position", place, joint_position)
     blocks: list[System] = []
     if not surface.flat:
-        blocks.append(builder.AddNamedSystem("surface_height", SurfaceHeight(surface_profile(contact))))
+        blocks.append(builder.AddNamedSystem("surface_height", SurfaceHeight(surface_profile(contact), surface.moves)))
     if surface.materials is not None:
         material = SurfaceMaterial(surface.materials.path(), surface.materials.damped)
         blocks.append(builder.AddNamedSystem("surface_material", material))

@@ -28,7 +28,13 @@ from pydrake.multibody.plant import (
 from pydrake.multibody.tree import Joint, JointActuator, ModelInstanceIndex, PdControllerGains
 from pydrake.systems.framework import DiagramBuilder
 
-from forcectl.diagrams.mechanics.environment_body import BALL_COMPLIANCE, add_environment, contact_material
+from forcectl.diagrams.mechanics.environment_body import (
+    BALL_COMPLIANCE,
+    add_environment,
+    contact_material,
+    has_dissipation,
+    touching_points,
+)
 from forcectl.diagrams.mechanics.placed_part import (
     PlacedPart,
     add_placed_part,
@@ -78,19 +84,20 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
         scene_graph.set_config(SceneGraphConfig(default_proximity_properties=links))
     # Sampled outputs are abstract state, which would be copied at every event of the diagram.
     plant.SetUseSampledOutputPorts(False)
-    plant.set_discrete_contact_approximation(DiscreteContactApproximation.kSap)
+    law = DiscreteContactApproximation.kLagged if has_dissipation(workcell) else DiscreteContactApproximation.kSap
+    plant.set_discrete_contact_approximation(law)
     parts = add_robot(plant, config.robot, config.tool)
     if solid:
         parts.require_shapes()
     if not config.gravity:
         plant.mutable_gravity_field().set_gravity_vector(np.zeros(3))
     mountings: list[Joint | None] = []
-    pressing: list[tuple[GeometryId, GeometryId]] = []
+    pressing: list[tuple[list[GeometryId], GeometryId]] = []
     for contact in workcell.contacts:
         weld = None
         if contact.surface is not None:
             weld, surface = add_environment(plant, workcell, contact)
-            pressing.append((_add_ball(plant, parts, contact), surface))
+            pressing.append((_add_balls(plant, parts, contact), surface))
         mountings.append(weld)
     friction = _add_joints(plant, parts, workcell)
     for joint, position in zip(parts.joints, workcell.start, strict=True):
@@ -111,23 +118,28 @@ def add_world(builder: DiagramBuilder, workcell: Workcell, seed: int) -> Site:
     return Site(workcell, seed, plant, scene_graph, parts, friction, tuple(mountings), placed, pairs)
 
 
-def _add_ball(plant: MultibodyPlant, parts: RobotParts, contact: Contact) -> GeometryId:
-    """The ball of the tool as what touches a surface, with the TCP as its outermost point.
+def _add_balls(plant: MultibodyPlant, parts: RobotParts, contact: Contact) -> list[GeometryId]:
+    """The ball of the tool as what touches a surface, with the TCP as its outermost point; or one for each point.
 
     Inclined tools would touch with another point of the ball than the one whose kinematics the controllers know; the
     ball sits one radius along n from the TCP in the start posture, so that force and displacement are those of the TCP.
     """
-    parameters = parts.tool_parameters
-    radius = max(parameters.contact_ball_radius if parameters else 0.0, _SHARPEST)
-    tcp = parts.arms[contact.arm].tcp_frame
+    arm = parts.arms[contact.arm]
+    points, tcp = touching_points(contact), arm.tcp_frame
+    several = len(points) > 1
+    radius = max(arm.tool.contact_ball_radius if arm.tool and not several else 0.0, _SHARPEST)
+    friction = contact.environment.friction
     R_TW = contact.robot.pose(contact.robot.context_at(contact.start)).rotation().inverse()
-    return plant.RegisterCollisionGeometry(
-        tcp.body(),
-        tcp.GetFixedPoseInBodyFrame() @ RigidTransform(radius * (R_TW @ contact.n)),
-        Sphere(radius),
-        "contact_ball",
-        contact_material(1 / BALL_COMPLIANCE, 0.0),
-    )
+    return [
+        plant.RegisterCollisionGeometry(
+            tcp.body(),
+            tcp.GetFixedPoseInBodyFrame() @ RigidTransform(R_TW @ (point + radius * contact.n)),
+            Sphere(radius),
+            f"contact_ball_{i + 1}" if several else "contact_ball",
+            contact_material(1 / (len(points) * BALL_COMPLIANCE), friction=friction),
+        )
+        for i, point in enumerate(points)
+    ]
 
 
 def _add_joints(plant: MultibodyPlant, parts: RobotParts, workcell: Workcell) -> tuple[JointActuator, ...]:
@@ -168,13 +180,14 @@ def _add_obstacle(plant: MultibodyPlant, obstacle: ObstacleConfig, name: str) ->
 def _filter(
     plant: MultibodyPlant,
     scene_graph: SceneGraph,
-    pressing: list[tuple[GeometryId, GeometryId]],
+    pressing: list[tuple[list[GeometryId], GeometryId]],
     solid: bool,
     self_collision: bool,
     placed: tuple[PlacedPart, ...],
 ) -> None:
-    """Leave only what is to touch: each ball and its surface, and links where they are solid."""
-    inspector, alone = scene_graph.model_inspector(), {geometry for pair in pressing for geometry in pair}
+    """Leave only what is to touch: balls and their surface, and links where they are solid."""
+    inspector = scene_graph.model_inspector()
+    alone = {geometry for balls, surface in pressing for geometry in (*balls, surface)}
     plates = {plant.GetBodyFromFrameId(inspector.GetFrameId(surface)).model_instance() for _, surface in pressing}
     everything = set(inspector.GetAllGeometryIds(Role.kProximity))
     for geometry in everything - alone:
@@ -194,9 +207,8 @@ def _filter(
             if geometry in everything - alone
         ]
         filters.Apply(CollisionFilterDeclaration().ExcludeWithin(GeometrySet(links)))
-    for ball, surface in pressing:
-        others = everything - {ball, surface}
+    for balls, surface in pressing:
+        pair = [*balls, surface]
+        others = everything - set(pair)
         if others:
-            filters.Apply(
-                CollisionFilterDeclaration().ExcludeBetween(GeometrySet([ball, surface]), GeometrySet(list(others)))
-            )
+            filters.Apply(CollisionFilterDeclaration().ExcludeBetween(GeometrySet(pair), GeometrySet(list(others))))

@@ -44,6 +44,7 @@ def swing(text: str, stiffness: float, duration: float, **overrides: Any) -> tup
     return float(parts[1].std()), float(parts[4].std())
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("fidelity", ["OneDimensional", "Kinematic", "Multibody"])
 def test_up_to_the_largest_stiffness_the_force_settles_and_beyond_it_swings(fidelity, monkeypatch):
     limit = largest(ONE_ARM, **{"station.fidelity": fidelity})

@@ -74,6 +74,7 @@ def pulled_away(fidelity: str, damping: float, duration: float) -> dict[str, np.
     return {name: log.data()[0] for name, log in logs.items()} | {"time": logs["contact_force"].sample_times()}
 
 
+@pytest.mark.slow
 @every_fidelity
 @pytest.mark.parametrize("damping_time", [pytest.param(0.0, marks=pytest.mark.slow), 0.02])
 def test_a_robot_sent_away_loses_contact_and_finds_it_again(fidelity: str, damping_time: float) -> None:

@@ -154,6 +154,7 @@ def test_every_signal_is_logged_with_its_unit_and_its_components():
         "torque_balance": "Nm",
         "reading_ok": "1",
         "near_singular": "1",
+        "status": "1",
     }
     assert loop.signals["estimated_wrench"].labels[-1] == "right_force_z"
     assert loop.signals["arm_contact_force"].labels == ("left", "right")

@@ -75,6 +75,7 @@ def test_fidelities_agree_on_several_materials(surface: dict[str, float]) -> Non
         assert apart[moving].max() < 0.01 * FORCE
 
 
+@pytest.mark.slow
 @every_fidelity
 def test_the_force_is_stiffness_of_the_place_times_penetration(fidelity: str) -> None:
     """F = K(s) (h - dx) of a rigid robot, tick by tick, with the stiffness and height that the station shows."""

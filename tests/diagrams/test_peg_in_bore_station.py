@@ -29,6 +29,7 @@ def insert(shapes: bool, time_step: float) -> tuple[Held, np.ndarray]:
     return held, np.array(forces)
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize("time_step", [0.001, 0.002])
 def test_it_inserts_from_hand_to_hand_with_the_force_of_the_shapes(time_step):
     """The means differ by up to 10 %, the largest means over 10 ms by up to 8 %; single steps reach 1.8, not 1.3 N."""

@@ -40,6 +40,7 @@ def assert_settled(log: xr.Dataset) -> None:
         assert quiet <= np.ptp(force[-1000:-500]) + 0.005 * FORCE
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     "stiffness", [pytest.param(k, marks=() if k in (1e3, 1e6) else pytest.mark.slow) for k in STIFFNESSES]
 )

@@ -90,7 +90,7 @@ def test_controller_has_exactly_the_ports_of_its_slot(fidelity: str) -> None:
         "motor_velocity": JOINTS,
         "unconstrained_reference": JOINTS,
     }
-    outputs = {"joint_position_command": JOINTS, "displacement_command": 1}
+    outputs = {"joint_position_command": JOINTS, "displacement_command": 1, "status": 1}
     assert_ports(diagram.GetSubsystemByName("controller"), inputs, outputs)
     assert set(inputs) <= set(SIGNALS)
 
@@ -112,6 +112,8 @@ def test_controller_acts_at_once_on_force_reference_and_free_motion_only(fidelit
             ("joint_position_command", "unconstrained_reference"),
             ("displacement_command", "desired_force"),
             ("displacement_command", "measured_force"),
+            ("status", "desired_force"),
+            ("status", "measured_force"),
         ],
     )
 

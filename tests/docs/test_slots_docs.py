@@ -43,6 +43,8 @@ def test_every_part_of_the_page_runs_from_yaml(folder):
     assert float(log["measured_force"][-1]) == pytest.approx(float(log["contact_force"][-1]) + 0.2 * 2.0)
     assert float(log["desired_force"][0]) == 8.0
     assert metrics["my_peak_N"] == float(log["contact_force"].max()) > 1.0
+    (mine,) = [one for one in result.findings["default"] if one.kind == "my_peak"]
+    assert str(mine) == f"info: up to {metrics['my_peak_N']:.3g} N"
     assert (folder / "result" / "figures" / "my_figure.png").exists()
     assert result.diagram.GetSubsystemByName("station").HasSubsystemNamed("lagging")
 
@@ -109,6 +111,7 @@ def reach_with_slow_joints():
     return fc.run("my_reach.yaml", overrides={"controller.null_space": JointSpeedConfig()}).log
 
 
+@pytest.mark.slow
 def test_a_task_of_ones_own_is_reached(folder):
     log = reach()
     place = log["task_position"].values
@@ -119,6 +122,7 @@ def test_a_task_of_ones_own_is_reached(folder):
     np.testing.assert_allclose(place[:, 1:], np.tile(place[0, 1:], (len(place), 1)), atol=1e-3)
 
 
+@pytest.mark.slow
 def test_a_constraint_of_ones_own_is_kept(folder):
     cylinder = importlib.import_module("my_parts").Cylinder(axis=[0.0, 0.0], radius=0.25)
     task = ArmTaskConfig(arm="left", coordinates=["x", "y"], targets=[TaskTargetConfig(value=[0.35, 0.15])])
@@ -132,6 +136,7 @@ def test_a_constraint_of_ones_own_is_kept(folder):
     assert max(away) == pytest.approx(0.25, abs=1e-5)
 
 
+@pytest.mark.slow
 def test_a_potential_of_ones_own_leads_the_joints_that_the_tasks_leave_free(folder):
     ours, theirs = reach(), reach_with_slow_joints()
     q, other = ours["joint_position_command"].values[-1, 4], theirs["joint_position_command"].values[-1, 4]
@@ -179,6 +184,7 @@ def test_an_excitation_of_ones_own_is_pressed_with(folder):
     assert np.ptp(force) == pytest.approx(0.6 * force.mean(), rel=0.2)
 
 
+@pytest.mark.slow
 def test_a_criterion_of_ones_own_leads_joints_back(folder):
     mine = importlib.import_module("my_parts").Homewards()
     led = fc.run("my_reach.yaml", overrides={"controller.null_space": mine}).log

@@ -31,6 +31,7 @@ def test_the_code_runs_the_picture_is_its_own_and_the_message_is_that(tmp_path, 
     assert str(error.value) == MESSAGE
 
 
+@pytest.mark.slow
 def test_a_task_of_ones_own_in_yaml_touches_the_table_and_comes_back():
     assert len(SCENARIO.splitlines()) <= 60
     run = fc.run(parse(SCENARIO, "touch.yaml"))

@@ -8,7 +8,12 @@ from forcectl.estimation.environment import EnvironmentComplianceEstimator
 from forcectl.estimation.excited_compliance import ExcitedCompliance
 from forcectl.estimation.momentum_observer import MomentumObserver
 from forcectl.estimation.recursive_vrft import RecursiveVrft
+from forcectl.estimation.surface_offset import SurfaceOffset
 from forcectl.force.admittance import AdmittanceFilter
+from forcectl.force.approach import GuardedMove
+from forcectl.force.baselines.disturbance_observer import DisturbanceObserverForceLaw
+from forcectl.force.baselines.impedance import ImpedanceForceLaw
+from forcectl.force.baselines.passive import PassivityController
 from forcectl.force.governor.governor import CommandGovernor
 from forcectl.force.integral import IntegralForceLaw
 from forcectl.force.invariance.correction import InvarianceCorrection
@@ -26,6 +31,7 @@ from forcectl.plant.drives.joint_impedance import JointImpedance
 from forcectl.plant.drives.servo import ServoCore
 from forcectl.plant.sensors.force_sensor import ForceDigitiser
 from forcectl.plant.sensors.joint_sensors import JointSensors
+from tests.examples.baseline_examples import guarded_move, impedance, observer, passivity
 from tests.examples.block_examples_estimation import momentum_observer
 from tests.examples.block_examples_joint_interface import joint_sensors
 from tests.examples.controller_examples import admittance
@@ -48,7 +54,7 @@ BATCH_BLOCKS: dict[type[BatchBlock], tuple[Callable[..., BatchBlock], dict[str, 
     ),
     ForceDigitiser: (
         lambda size=2, **changed: ForceDigitiser(size, **changed),
-        {"bias": FINITE, "noise_std": NOT_NEGATIVE, "quantum": NOT_NEGATIVE, "range": POSITIVE},
+        {"bias": FINITE, "noise_std": NOT_NEGATIVE, "quantum": NOT_NEGATIVE, "range": POSITIVE, "drift": FINITE},
     ),
     ServoCore: (
         lambda size=2, **changed: ServoCore(size, **changed),
@@ -123,6 +129,7 @@ BATCH_BLOCKS: dict[type[BatchBlock], tuple[Callable[..., BatchBlock], dict[str, 
             "lower_limit": NUMBER,
             "upper_limit": NUMBER,
             "drive_compliance": NOT_NEGATIVE,
+            "drive_dead_zone": NOT_NEGATIVE,
         },
     ),
     CommandGovernor: (
@@ -155,12 +162,23 @@ BATCH_BLOCKS: dict[type[BatchBlock], tuple[Callable[..., BatchBlock], dict[str, 
         {
             "robot_compliance": NOT_NEGATIVE,
             "derivative_filter": NOT_NEGATIVE,
+            "feed_forward": NOT_NEGATIVE,
+            "feed_forward_filter": NOT_NEGATIVE,
             "proportional_gain": FINITE,
             "integral_gain": FINITE,
             "derivative_gain": FINITE,
             "fir_0": FINITE,
             "lower_limit": NUMBER,
             "upper_limit": NUMBER,
+        },
+    ),
+    SurfaceOffset: (
+        lambda size=2, **changed: SurfaceOffset(size, **changed),
+        {
+            "drive_compliance": NOT_NEGATIVE,
+            "offset_limit": NOT_NEGATIVE,
+            "lag": NOT_NEGATIVE,
+            "averaging": POSITIVE,
         },
     ),
     ExcitedCompliance: (
@@ -223,5 +241,42 @@ BATCH_BLOCKS: dict[type[BatchBlock], tuple[Callable[..., BatchBlock], dict[str, 
         admittance,
         {"inertia": POSITIVE, "damping": POSITIVE, "lower_limit": NUMBER, "upper_limit": NUMBER},
     ),
+    ImpedanceForceLaw: (
+        impedance,
+        {
+            "inertia": POSITIVE,
+            "damping": POSITIVE,
+            "stiffness": NOT_NEGATIVE,
+            "adaptation_rate": NOT_NEGATIVE,
+            "reference_compliance": NOT_NEGATIVE,
+            "reference_filter": NOT_NEGATIVE,
+            "lower_limit": NUMBER,
+            "upper_limit": NUMBER,
+        },
+    ),
+    DisturbanceObserverForceLaw: (
+        observer,
+        {
+            "observer_bandwidth": POSITIVE,
+            "reference_bandwidth": POSITIVE,
+            "model_lag": NOT_NEGATIVE,
+            "lower_limit": NUMBER,
+            "upper_limit": NUMBER,
+            "compliance": POSITIVE,
+        },
+    ),
+    GuardedMove: (
+        guarded_move,
+        {
+            "speed": POSITIVE,
+            "threshold": POSITIVE,
+            "touch_speed": POSITIVE,
+            "step_back": NOT_NEGATIVE,
+            "patience": POSITIVE,
+            "timeout": POSITIVE,
+            "clearance": POSITIVE,
+        },
+    ),
+    PassivityController: (passivity, {"energy": NOT_NEGATIVE, "model_lag": NOT_NEGATIVE}),
     ContactMonitor: (lambda size=2, **changed: ContactMonitor(size, **changed), {}),
 }

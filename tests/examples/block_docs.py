@@ -36,7 +36,7 @@ from functools import cached_property
 import yaml
 from pydrake.systems.framework import System
 
-_ATOM = r"(?:Nms|Nm|N|kg|rad|m|s|u|1)(?:\^\d)?"
+_ATOM = r"(?:Nms|Nm|N|J|kg|rad|m|s|u|1)(?:\^\d)?"
 _UNIT = rf"{_ATOM}(?:[ /]\(?{_ATOM}(?: {_ATOM})*\)?)*"
 _UNITS = rf"{_UNIT}(?: or {_UNIT})*(?:, {_UNIT}(?: or {_UNIT})*)*"
 _BRACKETS = re.compile(rf"\[({_UNITS})\](?: or \[({_UNITS})\])?")

@@ -12,6 +12,7 @@ from pydrake.systems.framework import Diagram, DiagramBuilder, System
 from forcectl.diagrams.station import StationConfig
 from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.estimation.environment import EnvironmentComplianceEstimator
+from forcectl.estimation.surface_offset import Sliding, SurfaceOffset
 from forcectl.force.adaptive_force_law import AdaptiveForceLaw
 from forcectl.force.integral import IntegralForceLaw, LinearIntegralForceLaw
 from forcectl.force.invariance.correction import InvarianceControl, InvarianceCorrection
@@ -33,6 +34,7 @@ from forcectl.plant.tip_kinematics import ForceToWrench, LinkPosition, TipDispla
 from forcectl.robot.model import RobotModel
 from forcectl.robot.parts import add_robot
 from forcectl.testing.runs import Input
+from tests.examples.baseline_examples import BASELINE_EXAMPLES
 from tests.examples.block_example import Example, each
 from tests.examples.block_examples_estimation import ESTIMATION_EXAMPLES
 from tests.examples.block_examples_joint_interface import JOINT_INTERFACE_EXAMPLES
@@ -40,6 +42,7 @@ from tests.examples.block_examples_pairs import PAIR_EXAMPLES
 from tests.examples.block_examples_stations import STATION_EXAMPLES
 from tests.examples.controller_examples import CONTROLLER_EXAMPLES
 from tests.examples.governor_examples import GOVERNOR_EXAMPLES
+from tests.examples.guard_examples import GUARD_EXAMPLES
 from tests.examples.machines import MACHINE_EXAMPLES
 from tests.examples.motion_examples import MOTION_EXAMPLES
 from tests.examples.predictive_examples import PREDICTIVE_EXAMPLES
@@ -91,9 +94,19 @@ def linear_batch(ticks: int) -> LinearBatch:
     return LinearBatch(small, small, wide, wide, 0.002, ticks, state=np.zeros(4), line=np.zeros(4))
 
 
+SLIDING = ("measured_force", "motor_displacement", "path_displacement", "sliding")
+
+
 def adaptive() -> AdaptiveForceLaw:
     estimator = EnvironmentComplianceEstimator(2, initial_compliance=1e-4, robot_compliance=3e-5)
     return AdaptiveForceLaw(law(), estimator, sensor_filter(estimator.size, 12.6, 1.0, 0.002, 1))
+
+
+def adaptive_with_offset() -> AdaptiveForceLaw:
+    estimator = EnvironmentComplianceEstimator(2, initial_compliance=1e-4, robot_compliance=3e-5)
+    filters = [sensor_filter(estimator.size, 12.6, 1.0, 0.002, 0) for _ in range(2)]
+    planned = InvarianceForceLaw(2, period=0.002)
+    return AdaptiveForceLaw(planned, estimator, filters[0], (SurfaceOffset(2, period=0.002), filters[1]))
 
 
 def fourth_degree(**changed: object) -> FourthDegreeForceLaw:
@@ -159,7 +172,7 @@ ELSEWHERE |= JOINT_INTERFACE_EXAMPLES
 ELSEWHERE |= TORQUE_EXAMPLES
 ELSEWHERE |= SURFACE_EXAMPLES
 ELSEWHERE |= STATION_EXAMPLES | PAIR_EXAMPLES
-ELSEWHERE |= CONTROLLER_EXAMPLES
+ELSEWHERE |= CONTROLLER_EXAMPLES | BASELINE_EXAMPLES | GUARD_EXAMPLES
 EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
     CompliantContact: [
         Example(
@@ -168,10 +181,13 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
             {"displacement": push},
             periods={"period": None},
         ),
-        Example(
-            lambda: CompliantContact(2, stiffness=5900, damping=[0, 50], robot_compliance=3e-5),
-            each("contact_force", "displacement"),
-            {"displacement": push},
+        *(
+            Example(
+                lambda law=law: CompliantContact(2, stiffness=5900, robot_compliance=3e-5, **law),
+                each("contact_force", "displacement"),
+                {"displacement": push},
+            )
+            for law in ({"damping": [0, 50]}, {"dissipation": 20.0})
         ),
     ],
     CommandedMotion: [
@@ -286,7 +302,20 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
             each("displacement_command", "desired_force", "measured_force"),
             {"desired_force": 15.0, "measured_force": force, "motor_displacement": push},
             periods={"period": 0.002},
-        )
+        ),
+        Example(
+            adaptive_with_offset,
+            each("displacement_command", *SLIDING, "desired_force")
+            | each("surface_offset", *SLIDING)
+            | {
+                pair
+                for name in ("invariance_function", "status")
+                for pair in each(name, "desired_force", "measured_force")
+            },
+            {"desired_force": 15.0, "measured_force": force, "motor_displacement": push, "path_displacement": push}
+            | {"sliding": np.array([1.0, 0.0])},
+            periods={"period": 0.002},
+        ),
     ],
     IntegralForceLaw: [
         Example(law, each("displacement_command", *SOFT), SOFT),
@@ -342,6 +371,25 @@ EXAMPLES: dict[type[System], list[Example]] = ELSEWHERE | {
         Example(
             lambda: EnvironmentComplianceEstimator(2, initial_compliance=1e-4),
             inputs={"measured_force": force, "displacement": push},
+        )
+    ],
+    SurfaceOffset: [
+        Example(
+            lambda: SurfaceOffset(2, drive_compliance=1e-5, lag=0.16),
+            {
+                pair
+                for name in ("surface_offset", "explained_displacement")
+                for pair in each(name, "measured_force", "displacement", "path_displacement", "compliance", "sliding")
+            },
+            {"measured_force": force, "displacement": push, "path_displacement": push, "compliance": 2e-4}
+            | {"sliding": np.array([1.0, 0.0])},
+        )
+    ],
+    Sliding: [
+        Example(
+            lambda: Sliding(3, 2),
+            each("sliding", "unconstrained_reference"),
+            {"unconstrained_reference": lambda t: [0.0, t, 0.0]},
         )
     ],
     Reference: [

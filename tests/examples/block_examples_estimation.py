@@ -93,7 +93,7 @@ OBSERVER_OUTPUTS = ("external_torque", "residual", "torque_balance", "reading_ok
 OBSERVER_INPUTS = ("joint_position", "joint_velocity", "motor_torque", "reset")
 WRENCH_INPUTS = {"joint_position": swinging, "external_torque": lambda t: np.array([3.0, 10 * t]), "tare": tare}
 
-FILTER_OUTPUTS = ("wrench", "wrench_deviation", "joint_bias", "moving", "torque_elsewhere")
+FILTER_OUTPUTS = ("wrench", "wrench_deviation", "joint_bias", "moving", "torque_elsewhere", "wrench_covariance")
 FILTER_INPUTS = {
     "torque_balance": lambda t: np.array([3.0, 10 * t]),
     "joint_position": swinging,
@@ -145,6 +145,11 @@ ESTIMATION_EXAMPLES: dict[type[System], list[Example]] = {
             lambda: WrenchBetween(two_arms(), ("left", "right")),
             each("wrench", "estimated_wrench", "joint_position"),
             TOUCH_INPUTS,
+        ),
+        Example(
+            lambda: WrenchBetween(two_arms(), ("left", "right"), local=True, weighted=True),
+            each("wrench", "estimated_wrench", "joint_position", "wrench_covariance"),
+            TOUCH_INPUTS | {"wrench_covariance": lambda t: np.tile(np.diag([1.0, 2, 3, 4, 5, 6 + t]).ravel(), 2)},
         ),
     ],
     TaskForce: [

@@ -16,7 +16,7 @@ from forcectl.plant.contact.part import PartConfig
 from forcectl.plant.contact.parts import EnvironmentPartsConfig
 from forcectl.robot.model import RobotModel
 from tests.examples.block_example import Example, each
-from tests.examples.block_examples_stations import ARM, moved, plant_of_parts
+from tests.examples.block_examples_stations import ARM, STEP, moved, plant_of_parts
 from tests.examples.stations import free
 
 CAP_ON_MOUNT = CapOnMountConfig(mount="mount", cap="cap", lock_deg=30.0)
@@ -24,7 +24,8 @@ CAP_ON_MOUNT = CapOnMountConfig(mount="mount", cap="cap", lock_deg=30.0)
 
 def cap_contact_in_a_plant(config: CapOnMountConfig) -> tuple[CapContact, MultibodyPlant]:
     plant = plant_of_parts("bayonet_cap", "bayonet_mount")
-    return CapContact(plant.GetFrameByName("tip"), plant.GetFrameByName("mouth"), config), plant
+    frames = [plant.GetFrameByName(name) for name in ("tip", "mouth")]
+    return CapContact(plant, *frames, config, time_step=plant.time_step()), plant
 
 
 @cache
@@ -49,6 +50,7 @@ PAIR_EXAMPLES: dict[type[System], list[Example]] = {
             },
             {"joint_position_command": lambda t: moved(capping_workcell())(t)},
             runnable=lambda: build_station(capping_workcell(), 3),
+            periods=STEP,
         )
     ],
 }

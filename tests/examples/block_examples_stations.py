@@ -20,7 +20,7 @@ from forcectl.diagrams.fidelities.light import LightStation
 from forcectl.diagrams.fidelities.multibody import MountingForces, MultibodyStation
 from forcectl.diagrams.mechanics.site import Site
 from forcectl.diagrams.mechanics.world import add_world
-from forcectl.diagrams.sensors import NormalForce, WristForce
+from forcectl.diagrams.sensors import NormalForce, WristForce, WristForceConfig
 from forcectl.diagrams.station import build_station
 from forcectl.diagrams.workcell import Workcell, describe
 from forcectl.models import add_packages
@@ -323,14 +323,14 @@ STATION_EXAMPLES: dict[type[System], list[Example]] = {
     ],
     WristForce: [
         Example(
-            lambda: WristForce(ForceSensorConfig(noise_std=0.1), in_plant(MULTIBODY())),
+            lambda: WristForce(WristForceConfig(noise_std=0.1), in_plant(MULTIBODY())),
             {(name, "reaction_forces") for name in ("measured_wrench", "measured_force", "contact_force")},
             {"joint_position_command": lambda t: moved(MULTIBODY())(t)},
             runnable=lambda: build_station(MULTIBODY(), 3),
             periods=POSTURE,
         ),
         Example(
-            lambda: WristForce(ForceSensorConfig(delay=0.004), in_plant(MULTIBODY())),
+            lambda: WristForce(WristForceConfig(delay=0.004), in_plant(MULTIBODY())),
             each("contact_force", "reaction_forces"),
             {"joint_position_command": lambda t: moved(MULTIBODY())(t)},
             runnable=lambda: build_station(MULTIBODY(), 3),

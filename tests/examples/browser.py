@@ -23,6 +23,7 @@ FLAGS = [
     "--window-size=1400,600",
     "--virtual-time-budget=3000",
 ]
+SOFTWARE_GL = ["--use-angle=swiftshader", "--enable-unsafe-swiftshader"]  # Meshcat without a graphics card
 
 
 def opened_in_browser(folder: Path, page: str, *options: str) -> str:

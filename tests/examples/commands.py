@@ -5,8 +5,10 @@ from __future__ import annotations
 import multiprocessing
 import os
 import runpy
+import signal
 import subprocess
 import sys
+import time
 from collections.abc import Mapping, Sequence
 from pathlib import Path
 from tempfile import TemporaryDirectory
@@ -16,7 +18,7 @@ WARM.set_forkserver_preload(  # what is not installed is left out
     [
         "dask.array",
         "distributed",
-        "forcectl.cli",
+        "forcectl.cli.app",
         "forcectl.diagrams.loop",
         "forcectl.diagrams.station",
         "forcectl.figures.force",
@@ -47,14 +49,42 @@ def run_command(
         paths: where modules are looked for next.
         script: to run instead of forcectl.
     """
-    with TemporaryDirectory() as written:
-        outputs = [str(Path(written, name)) for name in ("stdout", "stderr")]
-        given = (list(arguments), str(folder), dict(environment), list(paths), script and str(script), outputs)
-        process = WARM.Process(target=_run, args=given)
-        process.start()
-        process.join()
-        texts = [Path(output).read_text(encoding="utf-8") for output in outputs]
-        return subprocess.CompletedProcess(given[0], process.exitcode or 0, *texts)
+    return start_command(arguments, folder, environment, paths=paths, script=script).finish()
+
+
+class RunningCommand:
+    """A command at work, see `start_command`."""
+
+    def __init__(self, arguments: list[str], *rest: object):
+        self._arguments, self._written = arguments, TemporaryDirectory()
+        self._outputs = [str(Path(self._written.name, name)) for name in ("stdout", "stderr")]
+        self._process = WARM.Process(target=_run, args=(arguments, *rest, self._outputs))
+        self._process.start()
+        self.pid = self._process.pid
+
+    def wait_for_start(self) -> None:
+        """Wait until the command is called."""
+        while not Path(self._outputs[1]).exists():
+            time.sleep(0.01)
+
+    def finish(self) -> subprocess.CompletedProcess[str]:
+        """Wait for its end."""
+        self._process.join()
+        with self._written:
+            texts = [Path(output).read_text(encoding="utf-8") for output in self._outputs]
+        return subprocess.CompletedProcess(self._arguments, self._process.exitcode or 0, *texts)
+
+
+def start_command(
+    arguments: Sequence[str],
+    folder: Path,
+    environment: Mapping[str, str],
+    *,
+    paths: Sequence[str] = (),
+    script: Path | None = None,
+) -> RunningCommand:
+    """Start what `run_command` runs; arguments as there."""
+    return RunningCommand(list(arguments), str(folder), dict(environment), list(paths), script and str(script))
 
 
 def _run(
@@ -65,6 +95,8 @@ def _run(
     script: str | None,
     outputs: list[str],
 ) -> None:
+    signal.signal(signal.SIGINT, signal.default_int_handler)
+    signal.pthread_sigmask(signal.SIG_UNBLOCK, {signal.SIGINT})  # as of a new process
     for number, output in enumerate(outputs, 1):
         os.dup2(os.open(output, os.O_WRONLY | os.O_CREAT), number)
     os.chdir(folder)

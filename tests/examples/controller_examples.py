@@ -20,6 +20,7 @@ from forcectl.plant.plant_model import PlantModel
 from forcectl.testing.runs import Input
 from tests.examples.block_example import Example, each
 from tests.examples.block_examples_stations import pressing_workcell, two_tables
+from tests.examples.hybrid_examples import HYBRID_EXAMPLES
 
 BOTH_ARMS = {"period": 0.004}
 DESIRED = ("desired_force", "measured_force")
@@ -146,4 +147,4 @@ CONTROLLER_EXAMPLES: dict[type[System], list[Example]] = {
             periods=BOTH_ARMS | {"posture_period": 0.04},
         ),
     ],
-}
+} | HYBRID_EXAMPLES

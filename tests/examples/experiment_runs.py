@@ -6,7 +6,7 @@ import fcntl
 import os
 import pickle
 from collections.abc import Mapping
-from dataclasses import dataclass
+from dataclasses import dataclass, replace
 from functools import lru_cache
 from hashlib import sha256
 from pathlib import Path
@@ -14,13 +14,15 @@ from typing import Any
 
 import xarray as xr
 
+from forcectl.analysis.findings.finding import RunFinding
 from forcectl.diagrams.station import SHIPPED_FIDELITIES
 from forcectl.runs.logs import stack
-from forcectl.runs.run import verdicts_on, with_shortcuts
-from forcectl.runs.simulate import VariantOutcome, simulate
+from forcectl.runs.run import verdicts_on
+from forcectl.runs.simulate import FOUND, VariantOutcome, simulate
 from forcectl.scenario.catalog import find_scenario
 from forcectl.scenario.expectations import Verdict
-from forcectl.scenario.scenario import build, resolve, select_variants
+from forcectl.scenario.gains import identifications, text_of
+from forcectl.scenario.scenario import Scenario, build, experiment, resolve, select_variants, with_shortcuts
 
 
 @dataclass(frozen=True)
@@ -30,12 +32,18 @@ class ExperimentRun:
     log: xr.Dataset
     metrics: dict[str, dict[str, Any]]
     verdicts: list[Verdict]
+    findings: dict[str, list[RunFinding]]
 
 
 def fidelities_of(name: str) -> list[str]:
-    """The fidelities that an experiment of a force loop can be built in: a two-sided contact is for one dimension."""
-    two_sided = find_scenario(name).tree.get("station", {}).get("environment", {}).get("one_sided") is False
-    return ["OneDimensional"] if two_sided else [*SHIPPED_FIDELITIES]
+    """The fidelities that an experiment of a force loop can be built in.
+
+    A two-sided contact is for one dimension, one with a torque for bodies.
+    """
+    environment = find_scenario(name).tree.get("station", {}).get("environment", {})
+    if getattr(environment, "tag", None) == "Patch":
+        return ["Multibody"]
+    return ["OneDimensional"] if environment.get("one_sided") is False else [*SHIPPED_FIDELITIES]
 
 
 @lru_cache(maxsize=32)
@@ -51,7 +59,8 @@ def run_experiment(name: str, fidelity: str | None = None, seed: int | None = No
     scenarios = {variant: resolve(file, variant, changes) for variant in select_variants(file)}
     outcomes = [_outcome(name, variant, changes) for variant in scenarios]
     metrics = {outcome.variant: outcome.metrics for outcome in outcomes}
-    return ExperimentRun(stack([o.log for o in outcomes]), metrics, verdicts_on(file, scenarios, outcomes))
+    findings = {outcome.variant: outcome.findings for outcome in outcomes}
+    return ExperimentRun(stack([o.log for o in outcomes]), metrics, verdicts_on(file, scenarios, outcomes), findings)
 
 
 def run_variant(name: str, variant: str, fidelity: str | None = None, seed: int | None = None) -> VariantOutcome:
@@ -60,14 +69,20 @@ def run_variant(name: str, variant: str, fidelity: str | None = None, seed: int 
 
 
 def _outcome(name: str, variant: str, changes: Mapping[str, Any]) -> VariantOutcome:
-    scenario = resolve(find_scenario(name), variant, changes)
-    key = sha256(repr((name, variant, scenario.fidelity, scenario.seed)).encode()).hexdigest()
-    path = Path(os.environ["FORCECTL_TEST_RUNS"]) / key
+    done = _simulated(resolve(find_scenario(name), variant, changes), f"{name}, {variant!r}")
+    return replace(done, variant=variant, log=done.log.assign_coords(variant=variant))
+
+
+def _simulated(scenario: Scenario, name: str) -> VariantOutcome:
+    """A scenario, simulated once whatever it is called: experiments that find gains are the same in several."""
+    path = Path(os.environ["FORCECTL_TEST_RUNS"]) / sha256(text_of(scenario).encode()).hexdigest()
     with path.with_suffix(".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)  # another process that wants the same run waits for it
         if not path.exists():
-            done = simulate(scenario, build(scenario), variant)
-            assert done.failure is None, f"{name}, {variant!r}: {done.failure}"
-            path.write_bytes(pickle.dumps(VariantOutcome(variant, done.log, done.metrics)))
+            for one in identifications(scenario, experiment):
+                FOUND[text_of(one.scenario)] = _simulated(one.scenario, one.experiment).metrics
+            done = simulate(scenario, build(scenario), "default")
+            assert done.failure is None, f"{name}: {done.failure}"
+            path.write_bytes(pickle.dumps(replace(done, realtime_factor=None, diagram=None)))
     outcome: VariantOutcome = pickle.loads(path.read_bytes())
     return outcome

@@ -13,8 +13,10 @@ from forcectl.estimation.recursive_vrft import GAINS, RecursiveVrft
 from forcectl.force.linear_law import LinearForceLaw
 from forcectl.force.vrft.adaptive import AdaptiveVrft
 from forcectl.force.vrft.experiment import ExperimentSequencer, RecursiveVrftConfig, VrftExperiment
+from forcectl.force.vrft.motor_side import MotorSideRecord
 from forcectl.force.vrft.scaled import ScaledVrft, ScaledVrftConfig
 from forcectl.plant.plant_model import PlantModel
+from forcectl.tuning.motor_positions import DriveFilter
 from tests.examples.block_example import Example, each
 
 VALUES = (-5e-5, -2.5e-4, [0.0, 1e-8])
@@ -31,8 +33,8 @@ def force(t: float) -> np.ndarray:
 MODEL = PlantModel(2, 0.002, np.full(2, 3e-5), np.array([1e-4, 2e-5]), 12.6, 1.0, 0.0)
 
 
-def experiment() -> VrftExperiment:
-    return RecursiveVrftConfig(hand_over_time=0.02).add_to(DiagramBuilder(), MODEL)
+def experiment(learn_from: str = "command") -> VrftExperiment:
+    return RecursiveVrftConfig(hand_over_time=0.02, input=learn_from).add_to(DiagramBuilder(), MODEL)
 
 
 def scaled() -> ScaledVrft:
@@ -109,13 +111,22 @@ VRFT_EXAMPLES: dict[type[System], list[Example]] = {
     ],
     VrftExperiment: [
         Example(
-            experiment,
+            build,
             {
                 pair
                 for output in ("displacement_command", "controller_output")
                 for pair in each(output, "desired_force", "measured_force")
             },
-            {"desired_force": force, "measured_force": force},
+            {"desired_force": force, "measured_force": force} | motors,
+            periods={"period": 0.002},
+        )
+        for build, motors in ((experiment, {}), (partial(experiment, "motor"), {"motor_displacement": push}))
+    ],
+    MotorSideRecord: [
+        Example(
+            lambda: MotorSideRecord(2, [3e-5, 2e-5], DriveFilter(), 0.002),
+            each("input", "motor_displacement"),
+            {"measured_force": force, "motor_displacement": push},
             periods={"period": 0.002},
         )
     ],

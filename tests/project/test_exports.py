@@ -20,8 +20,9 @@ from tests.examples.block_examples import EXAMPLES
 
 ROOT = Path(__file__).resolve().parents[2]
 PACKAGES = sorted(stub.parent for stub in [*ROOT.glob("forcectl/__init__.pyi"), *ROOT.glob("forcectl/*/__init__.pyi")])
-# Rooms without a stub: links to folders that hold no blocks, and the doctor, whose modules are called as its names.
-ELSEWHERE = {"doctor", "experiments", "models"}
+# Rooms without a stub: the command line, links to folders that hold no blocks, and the doctor, whose modules are called
+# as its names.
+ELSEWHERE = {"cli", "doctor", "experiments", "models"}
 
 
 def package(folder: Path) -> str:

@@ -26,7 +26,7 @@ from forcectl.force.integral import IntegralConfig
 from forcectl.framework.yaml_tree import Tagged
 from forcectl.plant.contact.compliant_contact import EnvironmentConfig
 from forcectl.plant.drives.servo import ServoConfig
-from forcectl.runs.run import RunResult
+from forcectl.runs.result import RunResult
 from forcectl.scenario.scenario import Scenario, load_scenario
 from forcectl.testing import (
     Log,
@@ -227,6 +227,7 @@ def test_a_robot_that_is_held_gains_no_energy(posture: tuple[float, ...], stiffn
 # --- contact and force control ---------------------------------------------------------------------------------------
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("stiffness", "friction"),
     [(1e6, 1.0), *(pytest.param(k, f, marks=SLOW) for k, f in ((1e3, 1.0), (1e4, 1.0), (1e5, 0.0), (1e6, 0.0)))],
@@ -243,6 +244,7 @@ def test_contacts_from_soft_to_stiff_settle(stiffness: float, friction: float) -
     assert np.ptp(force[-250:]) < 0.1
 
 
+@pytest.mark.slow
 @pytest.mark.parametrize(
     ("tag", "settling"),
     [
