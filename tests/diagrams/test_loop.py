@@ -252,7 +252,7 @@ def test_an_estimator_that_cannot_be_is_refused_by_name(options, message):
 
 
 def test_nothing_keeps_a_loop_alive():
-    assert_memory_released(lambda: motion_loop(*ARM, None, ForceEstimatorConfig()).diagram, builds=3, allowed_kb=6144)
+    assert_memory_released(lambda: motion_loop(*ARM, None, ForceEstimatorConfig()).diagram, builds=3, allowed_kb=2048)
 
 
 def test_reference_beyond_the_sensor_is_refused() -> None:

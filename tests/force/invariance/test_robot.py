@@ -111,7 +111,7 @@ def test_memory_is_released() -> None:
         lambda: build_loop("Kinematic", InvarianceRobotConfig(adaptation=Adaptation())).diagram,
         duration=0.02,
         builds=5,
-        allowed_kb=4096,
+        allowed_kb=1024,
     )
 
 
