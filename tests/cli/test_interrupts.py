@@ -138,7 +138,8 @@ def seconds_to_end(words: list[str], folder: Path, moment: float | None) -> tupl
     if moment is not None:
         time.sleep(moment)
         started = time.monotonic()
-        os.kill(command.pid, signal.SIGINT)
+        with contextlib.suppress(ProcessLookupError):  # it had ended
+            os.kill(command.pid, signal.SIGINT)
     done = command.finish()
     taken = time.monotonic() - started
     until = time.monotonic() + 2.0  # of multiprocessing's own processes, which end when they see that theirs has
