@@ -55,8 +55,8 @@ def faults(
     from forcectl.cli.target import parse_settings
     from forcectl.runs.claims.lock import writing
     from forcectl.sweeps.faults.run_faults import try_faults
-    from forcectl.sweeps.faults.tables import COLUMNS, cells, markdown
     from forcectl.sweeps.faults.tables import as_json as told
+    from forcectl.sweeps.faults.tables import markdown, table
 
     with Interrupts() as interrupts:
         report = try_faults(
@@ -80,12 +80,8 @@ def faults(
     if as_json:
         echo_json(told(report))
     elif not quiet:
-        from forcectl.runs.terminal.listing import new_table
-
-        table = new_table(f"{report.scenario}: {report.variant} [{report.fidelity}], from {report.begin:g} s", *COLUMNS)
-        for row in report.rows:
-            table.add_row(*cells(row))
-        terminal().print(table)
+        console = terminal()
+        console.print(table(report, console.width))
         for what, why in report.left_out.items():
             typer.echo(f"left out: {what}: {why}")
         if report.directory is not None:

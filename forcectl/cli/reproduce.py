@@ -3,14 +3,28 @@
 from __future__ import annotations
 
 from pathlib import Path
-from typing import Annotated
+from typing import TYPE_CHECKING, Annotated
 
 import typer
 
 from forcectl.cli import completion
-from forcectl.cli.options import Fidelity, Force, Quiet, terminal
+from forcectl.cli.options import (
+    AllowImports,
+    AsJson,
+    Fidelity,
+    Force,
+    Quiet,
+    Seed,
+    Settings,
+    Variant,
+    echo_json,
+    terminal,
+)
 from forcectl.errors import BadInputError
 from forcectl.interrupts import say_when_interrupted
+
+if TYPE_CHECKING:
+    from forcectl.runs.reproduce import Reproduction
 
 
 def reproduce(
@@ -25,17 +39,22 @@ def reproduce(
     check_: Annotated[
         bool, typer.Option("--check", help="Exit with 1 on a miss that is no known gap, or a drifted value.")
     ] = False,
+    variant: Variant = None,
+    settings: Settings = None,
+    seed: Seed = None,
     fidelity: Fidelity = None,
     workers: Annotated[
         int | None, typer.Option(metavar="N", min=1, help="Processes; default one per processor.")
     ] = None,
     force: Force = False,
+    allow_imports: AllowImports = None,
     resume: Annotated[
         bool, typer.Option("--resume", help="Go on with the one in --out: what has finished is not run again.")
     ] = False,
     verbose: Annotated[
         bool, typer.Option("--verbose", "-v", help="Every target, not only those that are missed.")
     ] = False,
+    as_json: AsJson = False,
     quiet: Quiet = False,
 ) -> None:
     """Run experiments of the thesis in parallel and compare with its numbers.
@@ -53,18 +72,22 @@ def reproduce(
         raise BadInputError("--resume: goes with --out, the directory of a reproduction that was stopped")
     with ProgressBars(quiet) as progress:
         progress.stage("starting")  # Drake takes seconds to import
+        from forcectl.cli.target import parse_settings
         from forcectl.runs.reproduce import InterruptedReproductionError
         from forcectl.runs.reproduce import reproduce as compare
-        from forcectl.runs.terminal.tables import reproduction_lines, verdict_table
 
         try:
             progress.stage("simulating")
             report = compare(
                 names,
+                variant=variant,
+                overrides=parse_settings(settings),
+                seed=seed,
                 out=out or Numbered(Path("runs"), "reproduce"),
                 fidelity=fidelity,
                 workers=workers,
                 force=force,
+                allow_imports=allow_imports or (),
                 resume=resume,
                 progress=progress.show,
             )
@@ -72,25 +95,35 @@ def reproduce(
             say_when_interrupted(str(interrupted))
             raise
     say_when_interrupted(f"interrupted: the results are in {report.directory}")
-    console = terminal()
-    headed = [(f"{part.experiment}: {part.title} [{part.fidelity}]", part.verdicts) for part in report.parts]
-    for heading, verdicts in headed if verbose and not quiet else ():
-        console.print(verdict_table(verdicts, heading, console.width))
-        console.print()
-    if not verbose and not quiet:
-        console.print(reproduction_lines(headed))
-        console.print()
-    missed = sum(v.passed is False for part in report.parts for v in part.verdicts)
-    known = sum(v.passed is False and bool(v.gap) for part in report.parts for v in part.verdicts)
-    judged = sum(v.passed is not None for part in report.parts for v in part.verdicts)
-    drifted = sum(v.drifted is True for part in report.parts for v in part.verdicts)
-    if not quiet:
-        for note in report.notes:
-            typer.echo(note)
-        gaps = f", known gaps: {known}" if known else ""
-        typer.echo(
-            f"{judged - missed} of {judged} targets met{gaps}, drifted: {drifted}; results in {report.directory}: "
-            "summary.json and one run per folder"
-        )
+    if as_json:
+        passed = {"directory": str(report.directory), "passed": report.passed, "notes": report.notes}
+        echo_json(passed | {"experiments": report.summary()})
+    elif not quiet:
+        _print(report, verbose)
     if check_ and not report.passed:
         raise typer.Exit(1)
+
+
+def _print(report: Reproduction, verbose: bool) -> None:
+    """A line for each experiment, or with `verbose` a table, and a summary of all."""
+    from forcectl.runs.terminal.tables import reproduction_lines, verdict_table
+
+    console = terminal()
+    headed = [(f"{part.experiment}: {part.title} [{part.fidelity}]", part.verdicts) for part in report.parts]
+    for heading, verdicts in headed if verbose else ():
+        console.print(verdict_table(verdicts, heading, console.width))
+        console.print()
+    if not verbose:
+        console.print(reproduction_lines(headed))
+        console.print()
+    every = [v for part in report.parts for v in part.verdicts]
+    missed = sum(v.passed is False for v in every)
+    known = sum(v.passed is False and bool(v.gap) for v in every)
+    judged = sum(v.passed is not None for v in every)
+    for note in report.notes:
+        typer.echo(note)
+    gaps = f", known gaps: {known}" if known else ""
+    typer.echo(
+        f"{judged - missed} of {judged} targets met{gaps}, drifted: {sum(v.drifted is True for v in every)}; results "
+        f"in {report.directory}: summary.json and one run per folder"
+    )

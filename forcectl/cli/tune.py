@@ -7,7 +7,7 @@ from typing import Annotated
 
 import typer
 
-from forcectl.cli.options import terminal
+from forcectl.cli.options import AsJson, Quiet, echo_json, terminal
 from forcectl.interrupts import say_when_interrupted
 
 
@@ -57,6 +57,8 @@ def vrft(
         Path | None, typer.Option(metavar="DIR", help="Directory to write; default tuned/<name>-<n>.")
     ] = None,
     force: Annotated[bool, typer.Option("--force", help="Replace the earlier result in --out.")] = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Tune a PID or FIR force controller by virtual reference feedback tuning (VRFT) of an open-loop experiment.
 
@@ -88,6 +90,11 @@ def vrft(
     )
     directory = Path(tuned.directory or ".")
     say_when_interrupted(f"interrupted: the results are in {directory}")
+    if as_json:
+        echo_json({"directory": str(directory), **tuned.summary()})
+        return
+    if quiet:
+        return
     console = terminal()
     console.print(gains_table(tuned.fit))
     console.print()

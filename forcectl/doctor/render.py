@@ -4,16 +4,19 @@ from __future__ import annotations
 
 import io
 import re
+from collections.abc import Iterator
 
-from rich.console import Console
+from rich.console import Console, ConsoleOptions
 from rich.markup import escape  # square brackets are units here, not markup
+from rich.measure import Measurement
 from rich.table import Table
+from rich.text import Text
 
 from forcectl.doctor.report import SEVERITIES, Report
 from forcectl.inspect.delay import DelayChain
 from forcectl.inspect.events import PeriodicEvent
 
-_NARROW, _FOLDED = 120, 26  # [characters] of a narrow terminal, and of a line of a path there
+_NARROW = 120  # [characters] of a terminal that is not wide enough for all columns of a delay
 _STYLE = {"error": "bold red", "warning": "yellow", "info": "dim"}
 
 
@@ -26,19 +29,19 @@ def render(report: Report, console: Console, *, verbose: bool = False) -> None:
         table = _table("Findings", "severity", "code", "where", "what")
         for finding in findings:
             severity = f"[{_STYLE[finding.severity]}]{finding.severity}[/]"
-            table.add_row(severity, escape(finding.code), _path(finding.path, narrow), escape(finding.message))
+            table.add_row(severity, escape(finding.code), Folded(finding.path), Folded(finding.message))
         console.print(table)
     if report.events:
         console.print(_events(report.events, narrow))
     for chain in report.delays:
-        console.print(_delays(chain, narrow))
+        console.print(_delay_lines(chain) if narrow else _delays(chain))
     if report.dead_time is not None:
         parts = " + ".join(f"{chain.total:g}" for chain in report.delays)
         console.print(f"Dead time once around the loop: {parts} = {report.dead_time:g} s")
     if verbose and report.feedthrough:
         table = _table("Direct feedthrough", "block", "output", "<- inputs")
         for row in report.feedthrough:
-            table.add_row(_path(row.block, narrow), escape(row.output), escape(", ".join(row.inputs) or "nothing"))
+            table.add_row(Folded(row.block), Folded(row.output), Folded(", ".join(row.inputs) or "nothing"))
         console.print(table)
     style = "red" if not report.ok else "yellow" if report.warnings else "green"
     console.print(f"[{style}]{escape(report.name or 'diagram')}: {report.counts}[/]")
@@ -58,41 +61,87 @@ def _events(events: tuple[PeriodicEvent, ...], narrow: bool) -> Table:
         groups.setdefault((event.period, event.offset, event.kind), []).append(event.block)
     table = _table("Sample periods", "period [s]", "offset [s]", "kind", "blocks")
     for (period, offset, kind), blocks in sorted(groups.items()):
-        table.add_row(
-            f"{period:g}",
-            f"{offset:g}",
-            kind,
-            "\n".join(_path(block, narrow) for block in blocks) if narrow else escape(", ".join(blocks)),
-        )
+        table.add_row(f"{period:g}", f"{offset:g}", kind, Folded(("\n" if narrow else ", ").join(blocks)))
     return table
 
 
-def _delays(chain: DelayChain, narrow: bool) -> Table:
-    table = _table(f"Delay {escape(chain.source)} -> {escape(chain.target)}", "block", "way", "kind", "samples",
-                   "delay [s]", "known from")  # fmt: skip
+def _delays(chain: DelayChain) -> Table:
+    table = _table(_delay_title(chain), "block", "way", "kind", "samples", "delay [s]", "known from")
     for row in chain.rows:
         samples = str(row.samples) if row.samples else ""
-        way = escape(f"{row.input} -> {row.output}")
-        table.add_row(_path(row.block, narrow), way, row.kind, samples, f"{row.delay:g}", row.basis)
-    reader = f"read by {chain.reader}" if chain.reader else ""
-    worst = f" (up to {chain.worst:g})" if chain.worst > chain.total else ""
+        way = Folded(f"{row.input} -> {row.output}")
+        table.add_row(Folded(row.block), way, row.kind, samples, f"{row.delay:g}", row.basis)
     table.add_section()
-    table.add_row("total", escape(reader), "", "", f"{chain.total:g}{worst}", "")
+    table.add_row("total", Folded(_reader(chain)), "", "", _total(chain), "")
     return table
+
+
+def _delay_lines(chain: DelayChain) -> Table:
+    """The same for a narrow terminal: a block on a line of its own, what there is to say of it below."""
+    table = _table(_delay_title(chain), "delay [s]", "block")
+    for row in chain.rows:
+        samples = f", {row.samples} sample{'s' * (row.samples != 1)}" if row.samples else ""
+        what = f"  {row.input} -> {row.output}: {row.kind}{samples}, {row.basis}"
+        table.add_row(f"{row.delay:g}", Folded(f"{row.block}\n{what}"))
+    table.add_section()
+    table.add_row(_total(chain), Folded(", ".join(filter(None, ["total", _reader(chain)]))))
+    return table
+
+
+def _delay_title(chain: DelayChain) -> str:
+    return f"Delay {escape(chain.source)} -> {escape(chain.target)}"
+
+
+def _reader(chain: DelayChain) -> str:
+    return f"read by {chain.reader}" if chain.reader else ""
+
+
+def _total(chain: DelayChain) -> str:
+    return f"{chain.total:g}{f' (up to {chain.worst:g})' if chain.worst > chain.total else ''}"
+
+
+_TEXTS = ("block", "blocks", "way", "where", "what", "output", "<- inputs")  # columns that are folded
 
 
 def _table(title: str, *columns: str) -> Table:
     table = Table(title=title, title_justify="left")
     for column in columns:
-        table.add_column(escape(column), overflow="fold")  # paths are never cut
+        table.add_column(escape(column), no_wrap=column not in _TEXTS, overflow="fold")
     return table
 
 
-def _path(text: str, narrow: bool) -> str:
-    """A path with markup escaped; in a narrow terminal a long one is broken after slashes and before dots."""
+class Folded:
+    """Text that is broken at a space, where a word is too long for the column after a slash, else after an underscore.
+
+    Args:
+        text: without markup.
+    """
+
+    def __init__(self, text: str):
+        self._text = text
+
+    def __rich_measure__(self, console: Console, options: ConsoleOptions) -> Measurement:
+        lines = self._text.split("\n")
+        least = max(len(part.strip()) for part in re.split(r"(?<=[\s/_])", self._text))
+        return Measurement(least, max(map(len, lines))).with_maximum(options.max_width)
+
+    def __rich_console__(self, console: Console, options: ConsoleOptions) -> Iterator[Text]:
+        folded = [part for line in self._text.split("\n") for part in fold(line, options.max_width)]
+        yield Text("\n".join(folded), overflow="fold")
+
+
+def fold(text: str, width: int) -> list[str]:
+    """A line in pieces of at most `width` characters; a name without a slash or an underscore stays whole."""
+    return [line.rstrip() for line in _pieces(text, width, " /_") if line.strip()] or [""]
+
+
+def _pieces(text: str, width: int, marks: str) -> list[str]:
+    """Pieces that are broken after the first of the marks that is enough, with the spaces at their ends."""
     lines = [""]
-    for part in re.split(r"(?<=/)|(?=\.)", text):
-        if narrow and lines[-1] and len(lines[-1]) + len(part) > _FOLDED:
-            lines.append("")
-        lines[-1] += part
-    return escape("\n".join(lines))
+    for piece in re.split(f"(?<={marks[0]})", text):
+        if len(lines[-1]) + len(piece.rstrip()) <= width:
+            lines[-1] += piece
+            continue
+        longer = len(piece.rstrip()) > width and len(marks) > 1
+        lines += _pieces(piece, width, marks[1:]) if longer else [piece]
+    return lines

@@ -13,11 +13,8 @@ from forcectl.errors import BadInputError
 from forcectl.graph.export import Graph, MachineGraph
 from forcectl.graph.export import graph as draw
 from forcectl.inspect.ports import PortName
-from forcectl.scenario.catalog import ScenarioFile
-from forcectl.scenario.scenario import Scenario, build
+from forcectl.scenario.scenario import ONE_SCENARIO, Scenario, build
 from forcectl.tasks.machine.chart import MachineChart
-
-_SCENARIOS = (str, Path, Mapping, Scenario, ScenarioFile)
 
 
 def graph(
@@ -82,7 +79,7 @@ def _system(
     allow_imports: Sequence[str],
 ) -> Any:
     """The diagram of a scenario; what is no scenario as it is."""
-    if isinstance(scenario, _SCENARIOS):
+    if isinstance(scenario, ONE_SCENARIO):
         given = {"overrides": overrides, "seed": seed, "fidelity": fidelity, "allow_imports": allow_imports}
         return build(scenario, variant=variant, **given).diagram
     given = {"variant": variant, "overrides": overrides, "seed": seed, "fidelity": fidelity}

@@ -29,9 +29,19 @@ from forcectl.runs.run import check_overrides, finish, keep_variant, resolved_te
 from forcectl.runs.simulate import VariantOutcome, simulate
 from forcectl.runs.stored import read_run
 from forcectl.runs.workers import EndedTask, Workers
-from forcectl.scenario.catalog import ScenarioFile, find_scenario
+from forcectl.scenario.catalog import ScenarioFile
 from forcectl.scenario.expectations import Verdict
-from forcectl.scenario.scenario import Scenario, build, origins, resolve, select_variants, with_shortcuts
+from forcectl.scenario.scenario import (
+    ONE_SCENARIO,
+    Named,
+    Scenario,
+    as_file,
+    build,
+    origins,
+    resolve,
+    select_variants,
+    with_shortcuts,
+)
 
 Progress = Callable[[str, float], None]  # (what, share done)
 _DEATHS = 2  # of the process of a variant, after which it is a failed row
@@ -90,10 +100,14 @@ class Reproduction:
 
 
 def reproduce(
-    experiments: Iterable[str | Path],
+    experiments: Named | Iterable[Named],
     *,
-    out: Place | None = None,
+    variant: str | None = None,
+    overrides: Mapping[str, Any] | None = None,
+    seed: int | None = None,
     fidelity: str | None = None,
+    allow_imports: Sequence[str] = (),
+    out: Place | None = None,
     workers: int | None = None,
     force: bool = False,
     resume: bool = False,
@@ -102,9 +116,11 @@ def reproduce(
     """Run experiments and compare with their expectations.
 
     Args:
-        experiments: names of shipped experiments or paths of scenario files.
-        out: directory to write; nobody else can have it from now on. None writes nothing.
+        experiments: one, or several: names, paths, mappings or `Scenario`s, see `load_scenario`.
+        variant: this one only, with the expectations that are about it alone.
+        overrides, seed, allow_imports: of every experiment, see `load_scenario`.
         fidelity: this one only; otherwise the `fidelities` of each experiment.
+        out: directory to write; nobody else can have it from now on. None writes nothing.
         workers: processes; None: one per processor.
         force: replace an earlier reproduction in `out`.
         resume: go on with the one in `out`: what has finished there is not run again, what failed is.
@@ -116,13 +132,14 @@ def reproduce(
         StorageError: the directory cannot be written any more; what has finished is kept.
         InterruptedReproductionError: Ctrl-C; what has finished is kept.
     """
-    files = [find_scenario(name) for name in experiments]
+    several = [experiments] if isinstance(experiments, ONE_SCENARIO) else experiments
+    files = [as_file(one, allow_imports) for one in several]
     for name in (names := [file.name for file in files]):
         if names.count(name) > 1:
             raise BadInputError(
                 f"experiments: two are called {name!r}: names must differ, they are folders of the output"
             )
-    parts = [part for file in files for part in _parts(file, fidelity)]
+    parts = [part for file in files for part in _parts(file, variant, overrides, seed, fidelity)]
     if resume and (out is None or isinstance(out, Numbered)):
         raise BadInputError("resume: goes with the directory of a reproduction that was stopped")
     work = None
@@ -280,17 +297,24 @@ def _interrupted(work: _Work | None, count: int) -> InterruptedReproductionError
     return InterruptedReproductionError(f"{done}, nothing was kept", result)
 
 
-def _parts(file: ScenarioFile, fidelity: str | None) -> list[_Part]:
-    first = resolve(file, select_variants(file)[0])
+def _parts(
+    file: ScenarioFile,
+    variant: str | None,
+    overrides: Mapping[str, Any] | None,
+    seed: int | None,
+    fidelity: str | None,
+) -> list[_Part]:
+    names = select_variants(file, variant)
+    first = resolve(file, names[0], with_shortcuts(overrides, seed, None))
     own = first.fidelities or [first.fidelity]
     # One that names a single fidelity can be realised in no other.
     fidelities = [fidelity] if fidelity and len(first.fidelities) != 1 else own
     parts = []
     for one in fidelities:
-        overrides = with_shortcuts(None, None, one)
-        scenarios = {name: resolve(file, name, overrides) for name in select_variants(file)}
-        check_overrides(file, list(scenarios), overrides)
-        parts.append(_Part(file, one, overrides, scenarios, len(fidelities) > 1))
+        changes = with_shortcuts(overrides, seed, one)
+        scenarios = {name: resolve(file, name, changes) for name in names}
+        check_overrides(file, names, changes)
+        parts.append(_Part(file, one, changes, scenarios, len(fidelities) > 1))
     return parts
 
 

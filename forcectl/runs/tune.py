@@ -13,6 +13,7 @@ from collections.abc import Callable
 from dataclasses import dataclass, replace
 from functools import partial
 from pathlib import Path
+from typing import Any
 
 import numpy as np
 
@@ -116,6 +117,10 @@ class Tuned:
             for name in INPUTS
             if name in fits
         }
+
+    def summary(self) -> dict[str, Any]:
+        """The content of `summary.json`."""
+        return summary(self.fit, self.record, self.warnings) | {"inputs": self.by_input}
 
     @property
     def stick(self) -> float | None:
@@ -338,7 +343,7 @@ def _write(tuned: Tuned, folder: Path) -> None:
     remark = "of the contact in the record" if tuned.compensated else of_both
     text = f"# station: the stiffness is that {remark}\n{dump(tuned.scenario)}"
     write_file(folder / CONTROLLER, text.encode())
-    write_json(folder / SUMMARY, summary(tuned.fit, tuned.record, tuned.warnings) | {"inputs": tuned.by_input})
+    write_json(folder / SUMMARY, tuned.summary())
     _write_figures(tuned, folder / "figures")
 
 

@@ -18,11 +18,12 @@ from forcectl.tuning.identifiability import HIGHEST
 def gains_table(fit: VrftFit) -> Table:
     """The gains with their standard errors, which refined ones do not have."""
     table = new_table(f"{fit.basis.form} controller", "gain", "unit")
+    table.columns[1].no_wrap = True
     for column in ("value", "standard error", "noise share"):
-        table.add_column(column, justify="right")
+        table.add_column(column, justify="right", no_wrap=True)
     for i, (name, unit) in enumerate(zip(fit.basis.names, fit.basis.units, strict=True)):
-        share = "–" if fit.noise_share is None else f"{100 * fit.noise_share[i]:.1f} %"
-        error = "–" if fit.vrft_gains is not None else f"{fit.standard_errors[i]:.2g}"
+        share = "not known" if fit.noise_share is None else f"{100 * fit.noise_share[i]:.1f} %"
+        error = "refined" if fit.vrft_gains is not None else f"{fit.standard_errors[i]:.2g}"
         table.add_row(name, unit.replace("[", r"\["), f"{fit.gains[i]:.6g}", error, share)
     return table
 

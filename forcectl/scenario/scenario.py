@@ -184,6 +184,7 @@ class Scenario(Config):
 
 
 Named = str | Path | Mapping[str, Any] | Scenario | ScenarioFile  # what names or holds a scenario
+ONE_SCENARIO = (str, Path, Mapping, Scenario, ScenarioFile)  # the same, to ask for
 
 
 def load_scenario(

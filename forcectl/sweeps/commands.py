@@ -2,9 +2,11 @@
 
 from __future__ import annotations
 
+import json
 import os
 import sys
 import time
+from dataclasses import asdict
 from pathlib import Path
 from typing import TYPE_CHECKING, Annotated, Any
 
@@ -21,6 +23,8 @@ AllowImports = Annotated[
     list[str] | None,
     typer.Option("--allow-imports", metavar="MODULE", help="Module that the scenario may name; may be repeated."),
 ]
+AsJson = Annotated[bool, typer.Option("--json", help="Print the results as JSON.")]
+Quiet = Annotated[bool, typer.Option("--quiet", "-q", help="Print nothing but errors.")]
 _EVERY = 30.0  # [s] between two lines of progress where there is no terminal
 
 
@@ -51,6 +55,8 @@ def sweep(
     report: Annotated[bool, typer.Option(help="Write report.html and its figures.")] = True,
     allow_imports: AllowImports = None,
     status: Annotated[bool, typer.Option("--status", help="Only say how far the sweep in SWEEP is.")] = False,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Run variations of a scenario; what is finished is kept whatever happens.
 
@@ -62,7 +68,7 @@ def sweep(
     from forcectl.sweeps.sweep_config import read_sweep
 
     if status:
-        _show_status(sweep)
+        _show_status(sweep, as_json)
         return
     if retry not in (None, "failed"):
         raise BadInputError(f"--retry {retry!r}: must be failed")
@@ -70,7 +76,7 @@ def sweep(
     directory = out or (given if os.path.isfile(given / IDENTITY) else None)
     if directory is None and not resume:
         directory = free_name(Path("runs"), read_sweep(sweep).name)
-    with Interrupts() as interrupts, _Display() as display:
+    with Interrupts() as interrupts, _Display(quiet) as display:
 
         def show(progress: SweepProgress) -> None:
             interrupts.check()
@@ -102,13 +108,15 @@ def sweep(
                 raise
             print(f"error: {error}; {how}", file=sys.stderr)
             raise typer.Exit(2 if isinstance(error, BadInputError) else 1) from error
-    _show_result(result, report)
+    _show_result(result, report, as_json, quiet)
 
 
 def merge(
     folders: Annotated[list[Path], typer.Argument(metavar="DIR...", help="Results of shards of one sweep.")],
     out: Annotated[Path, typer.Option(metavar="DIR", help="Directory of the whole.")],
     allow_imports: AllowImports = None,
+    as_json: AsJson = False,
+    quiet: Quiet = False,
 ) -> None:
     """Put the results of shards together; may be done again when there are more.
 
@@ -116,7 +124,7 @@ def merge(
     """
     from forcectl.sweeps.merge import merge as put_together
 
-    _show_result(put_together(folders, out, allow_imports=allow_imports or ()))
+    _show_result(put_together(folders, out, allow_imports=allow_imports or ()), True, as_json, quiet)
 
 
 def _shard(text: str | None) -> tuple[int, int] | None:
@@ -128,27 +136,37 @@ def _shard(text: str | None) -> tuple[int, int] | None:
     return int(number), int(count)
 
 
-def _show_result(result: SweepResult, report: bool = True) -> None:
+def _show_result(result: SweepResult, report: bool, as_json: bool, quiet: bool) -> None:
     from forcectl.sweeps.table import STATES
 
     counts = {state: result.count(state) for state in STATES if result.count(state)}
-    typer.echo(", ".join(f"{count} {state}" for state, count in counts.items()))
-    for note in result.notes:
-        typer.echo(note)
-    typer.echo(f"results in {result.directory}: trials.parquet{', report.html' if report else ''}")
-    if set(counts) - {"done"}:
+    if as_json:
+        _echo_json({"directory": str(result.directory), "counts": counts, "notes": result.notes})
+    elif not quiet:
+        typer.echo(", ".join(f"{count} {state}" for state, count in counts.items()))
+        for note in result.notes:
+            typer.echo(note)
+        typer.echo(f"results in {result.directory}: trials.parquet{', report.html' if report else ''}")
         if set(counts) & {"pending", "lost", "running"}:
             typer.echo(f"go on with: forcectl sweep {result.directory} --resume")
+    if set(counts) - {"done"}:
         raise typer.Exit(1)
 
 
-def _show_status(folder: str) -> None:
+def _show_status(folder: str, as_json: bool) -> None:
     from forcectl.sweeps.merge import status
 
     found = status(folder)
+    if as_json:
+        _echo_json(asdict(found))
+        return
     counts = ", ".join(f"{count} {state}" for state, count in found.counts.items() if count)
     rest = "" if found.remaining_s is None else f"; about {_duration(found.remaining_s)} to go"
     typer.echo(f"{found.name}: {found.planned} trials: {counts}{rest}")
+
+
+def _echo_json(content: dict[str, Any]) -> None:
+    typer.echo(json.dumps(content, indent=1, ensure_ascii=False, allow_nan=False))
 
 
 def _duration(seconds: float) -> str:
@@ -158,7 +176,14 @@ def _duration(seconds: float) -> str:
 
 
 class _Display:
-    """A bar on standard error; where that is no terminal, a line now and then."""
+    """A bar on standard error; where that is no terminal, a line now and then.
+
+    Args:
+        quiet: nothing at all.
+    """
+
+    def __init__(self, quiet: bool):
+        self._quiet = quiet
 
     def __enter__(self) -> _Display:
         from rich.console import Console
@@ -170,7 +195,7 @@ class _Display:
         self._terminal, self._last, self._started = console.is_terminal, 0.0, time.monotonic()
         columns = (MofNCompleteColumn(), BarColumn(), TimeElapsedColumn(), TextColumn("left"), TimeRemainingColumn())
         text = TextColumn("{task.description}")
-        self._bars = Bars(*columns, text, console=console, transient=True, disable=not self._terminal)
+        self._bars = Bars(*columns, text, console=console, transient=True, disable=not self._terminal or self._quiet)
         self._task: Any = None
         self._bars.start()
         return self
@@ -183,7 +208,7 @@ class _Display:
             if self._task is None:
                 self._task = self._bars.add_task("", total=progress.total)
             self._bars.update(self._task, completed=progress.done, total=progress.total, description=", ".join(bad))
-        elif time.monotonic() - max(self._last, self._started) > _EVERY:
+        elif not self._quiet and time.monotonic() - max(self._last, self._started) > _EVERY:
             self._last = time.monotonic()
             print(", ".join([f"{progress.done} of {progress.total} trials", *bad]), file=sys.stderr, flush=True)
 

@@ -1,4 +1,7 @@
-"""Every command that README and pages name exists, with these options, experiments and sweeps; it is not run here."""
+"""Every command that README and pages name, words left to the reader included, exists with its options and names.
+
+Those that can be given as they stand are run in `tests/docs/commands`.
+"""
 
 from __future__ import annotations
 
@@ -11,22 +14,15 @@ from typer.main import get_command
 
 from forcectl.cli.app import app
 from forcectl.scenario.catalog import list_experiments
+from tests.docs.commands.printed import PAGES, ROOT, lines_of
 
-ROOT = Path(__file__).resolve().parents[2]
-PAGES = [ROOT / "README.md", ROOT / "CONTRIBUTING.md", *sorted((ROOT / "docs").glob("*.md"))]
 SWEEPS = {file.stem for file in (ROOT / "experiments" / "sweeps").glob("*.yaml")}
 NAMED = {name: set(list_experiments()) for name in ("run", "graph", "check", "reproduce")} | {"sweep": SWEEPS}
 
 
 def commands(page: Path) -> list[list[str]]:
-    """The words behind `forcectl` of each command, in lines of code and within the text."""
-    text = page.read_text(encoding="utf-8")
-    blocks = re.compile(r"^```\w*\n(.*?)^```$", re.MULTILINE | re.DOTALL)
-    lines = [
-        line for block in blocks.findall(text) for line in re.findall(r"^(?:\$ )?forcectl (.+)", block, re.MULTILINE)
-    ]
-    lines += re.findall(r"`forcectl ([^`]+)`", blocks.sub("", text))
-    return [shlex.split(line, comments=True) for line in lines]
+    """The words behind `forcectl` of each command."""
+    return [shlex.split(line)[1:] for line in lines_of(page)]
 
 
 @pytest.mark.parametrize("page", PAGES, ids=lambda page: page.stem)

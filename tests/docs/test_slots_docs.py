@@ -25,10 +25,14 @@ PAGE = (Path(__file__).parents[2] / "docs" / "slots.md").read_text(encoding="utf
 SLOTS = ("fidelity", "environment", "drive", "sensor", "controller", "reference", "analysis", "estimator")
 
 
+def code_of_the_page() -> str:
+    """All blocks of Python, which make one module."""
+    return "\n\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
+
+
 @pytest.fixture
 def folder(tmp_path, monkeypatch):
-    code = "\n\n".join(re.findall(r"```python\n(.*?)```", PAGE, re.DOTALL))
-    (tmp_path / "my_parts.py").write_text(code)
+    (tmp_path / "my_parts.py").write_text(code_of_the_page())
     for name, scenario in re.findall(r"```yaml\n# (my_\w+.yaml)\n(.*?)```", PAGE, re.DOTALL):
         (tmp_path / name).write_text(scenario)
     monkeypatch.chdir(tmp_path)

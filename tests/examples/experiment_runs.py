@@ -69,18 +69,23 @@ def run_variant(name: str, variant: str, fidelity: str | None = None, seed: int 
 
 
 def _outcome(name: str, variant: str, changes: Mapping[str, Any]) -> VariantOutcome:
-    done = _simulated(resolve(find_scenario(name), variant, changes), f"{name}, {variant!r}")
+    done = simulated(resolve(find_scenario(name), variant, changes), f"{name}, {variant!r}")
     return replace(done, variant=variant, log=done.log.assign_coords(variant=variant))
 
 
-def _simulated(scenario: Scenario, name: str) -> VariantOutcome:
-    """A scenario, simulated once whatever it is called: experiments that find gains are the same in several."""
+def simulated(scenario: Scenario, name: str) -> VariantOutcome:
+    """A scenario, simulated once whatever it is called: experiments that find gains are the same in several.
+
+    Args:
+        scenario: complete.
+        name: for the message of a failure.
+    """
     path = Path(os.environ["FORCECTL_TEST_RUNS"]) / sha256(text_of(scenario).encode()).hexdigest()
     with path.with_suffix(".lock").open("w") as lock:
         fcntl.flock(lock, fcntl.LOCK_EX)  # another process that wants the same run waits for it
         if not path.exists():
             for one in identifications(scenario, experiment):
-                FOUND[text_of(one.scenario)] = _simulated(one.scenario, one.experiment).metrics
+                FOUND[text_of(one.scenario)] = simulated(one.scenario, one.experiment).metrics
             done = simulate(scenario, build(scenario), "default")
             assert done.failure is None, f"{name}: {done.failure}"
             path.write_bytes(pickle.dumps(replace(done, realtime_factor=None, diagram=None)))

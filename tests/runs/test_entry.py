@@ -14,7 +14,13 @@ TREE = {
     "variants": {"K_I = 1.5 1/s": {}, "K_I = 3 1/s": {"controller.integral_gain": 3.0}},
     "expect": [{"target": "quick", "metric": "peak_force_N", "variant": "K_I = 3 1/s", "maximum": 100.0}],
 }
-ENTRIES = [fc.run, fc.build, fc.graph, fc.check, fc.load_scenario]
+
+
+def reproduce(scenario, **changes):
+    return fc.reproduce(scenario, workers=1, **changes)
+
+
+ENTRIES = [fc.run, fc.build, fc.graph, fc.check, fc.load_scenario, reproduce]
 
 
 def given(kind, tmp_path):
@@ -24,9 +30,11 @@ def given(kind, tmp_path):
 
 
 @pytest.mark.parametrize("entry", ENTRIES, ids=lambda entry: getattr(entry, "__name__", "graph"))
-def test_every_entry_point_takes_all_four_with_the_same_keywords(entry, tmp_path):
+def test_every_entry_point_takes_all_four_with_the_same_keywords(entry, tmp_path, warm):
     shown = {kind: entry(given(kind, tmp_path), **CHANGES) for kind in ("name", "path", "text", "mapping")}
     assert len({type(each) for each in shown.values()}) == 1
+    if entry is reproduce:
+        assert [list(part.metrics) for part in shown["mapping"].parts] == [["K_I = 3 1/s"]]
     if entry is fc.run:
         assert shown["path"].log.equals(shown["mapping"].log)
     whole = {key: value for key, value in CHANGES.items() if key != "variant"}

@@ -130,6 +130,10 @@ def test_check_turns_a_missed_target_into_exit_code_1(files, warm, monkeypatch, 
     assert call(arguments, monkeypatch, capfd)[0] == 1
     rows = json.loads((files / "runs" / "reproduce-1" / "summary.json").read_text())["quick"]
     assert set(rows) == {"peak", "published", "one only"}
+    code, output = call([*arguments, "--json", "--seed", "2"], monkeypatch, capfd)
+    printed = json.loads(output.out)
+    assert (code, printed["passed"], set(printed["experiments"]["quick"])) == (1, False, set(rows))
+    assert printed["directory"] == "runs/reproduce-2"
 
 
 @pytest.mark.slow

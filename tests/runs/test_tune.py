@@ -124,6 +124,16 @@ def record_file(folder, name="record.csv", noise=0.0, seed=0, sign=1.0, delay=3,
     return write(folder, {key: values[:rows] for key, values in columns.items()}, name)
 
 
+def test_json_is_the_summary_and_quiet_says_nothing(forcectl, tmp_path, without_pictures):
+    record_file(tmp_path)
+    given = ("tune", "vrft", "record.csv", "--reference-model", "1.5", "--no-refine", "--out", "tuned", "--force")
+    code, out, err = forcectl(*given, "--json")
+    assert (code, err) == (0, "")
+    written = json.loads((tmp_path / "tuned" / "summary.json").read_text(encoding="utf-8"))
+    assert json.loads(out) == {"directory": "tuned", **written}
+    assert forcectl(*given, "--quiet") == (0, "", "")
+
+
 @pytest.mark.parametrize("refine", [False, True])
 def test_gains_are_those_of_the_fit_on_the_same_data(tmp_path, refine):
     u = trapezoidal_moves()

@@ -1,4 +1,5 @@
 import contextlib
+import json
 import signal
 
 import pandas as pd
@@ -27,6 +28,14 @@ def test_a_sweep_shards_merge_and_status(forcectl, tmp_path):
     assert tables[0] == tables[1]
     code, out, _ = forcectl("sweep", "--status", "part-1")
     assert (code, out) == (0, "small: 4 trials: 4 done\n")
+    code, out, _ = forcectl("sweep", "--status", "part-1", "--json")
+    assert (code, json.loads(out)["counts"]["done"]) == (0, 4)
+    code, out, _ = forcectl("merge", "part-1", "part-2", "--out", "merged", "--json")
+    assert json.loads(out) == {"directory": "merged", "counts": {"done": 8}, "notes": []}
+    assert forcectl("merge", "part-1", "part-2", "--out", "merged", "--quiet") == (0, "", "")
+    assert forcectl("sweep", "whole", "--resume", "--no-report", "--quiet") == (0, "", "")
+    code, out, _ = forcectl("sweep", "whole", "--resume", "--no-report", "--json")
+    assert json.loads(out)["counts"] == {"done": 8}
     code, out, _ = forcectl("sweep", "whole", "--resume", "--no-report")
     assert (code, out.splitlines()[0]) == (0, "8 done")
 

@@ -2,11 +2,16 @@
 
 from __future__ import annotations
 
+import io
+import re
+
 import pytest
+from rich.console import Console
 
 from forcectl.errors import BadInputError
-from forcectl.sweeps.faults.run_faults import try_faults
-from forcectl.sweeps.faults.tables import as_json, markdown
+from forcectl.sweeps.faults.response import Response
+from forcectl.sweeps.faults.run_faults import FaultReport, try_faults
+from forcectl.sweeps.faults.tables import as_json, cells, markdown, table
 
 QUICK = {
     "fidelity": "OneDimensional",
@@ -62,3 +67,22 @@ def test_a_spike_of_one_tick_is_not_missed_between_two():
     spike = try_faults({}, faults="spike", begin=0.3011, **QUICK)
     assert spike.begin == pytest.approx(0.302)
     assert spike.rows[1].named_by == ("status 1: reading",)
+
+
+@pytest.mark.parametrize("width", [80, 120])
+def test_no_number_is_cut_and_none_is_a_dash(width):
+    numbers = (-12345.6, 0.00021, 12.34, 420)
+    named = ("status 2: frozen", "readings_repeated")
+    rows = [
+        Response("AdaptiveInvarianceControl", "infeasible limits", *numbers[:2], "mrad", *numbers[2:], named),
+        Response("TaskMachine", "none"),
+        Response("Integral", "nan", failure="a signal diverges"),
+    ]
+    console = Console(file=io.StringIO(), width=width)
+    console.print(table(FaultReport("fig_2_7", "K_I = 1.5 1/s", "OneDimensional", 1.0, rows), width))
+    lines = console.file.getvalue().splitlines()
+    assert max(map(len, lines)) <= width
+    for number in ("-12345.6", "0.00021 mrad", "12.34", "420"):
+        assert any(re.search(rf"(^|\s){number}\b", line) for line in lines), number
+    assert cells(rows[1])[2:] == ["no force", "no command", "no force", "no guard", "nothing"]
+    assert cells(rows[2])[2] == "stopped"
