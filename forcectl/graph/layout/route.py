@@ -178,8 +178,12 @@ def _by_preference(tracks: list[_Track], cost: dict[tuple[int, int], float]) -> 
         cost: of putting one net left of another.
     """
     gain = {(a, b): max(cost[b, a] - cost[a, b], 0.0) for a, b in cost}  # of `a` left of `b`
-    leftwards = {track.net: sum(gain[track.net, other.net] for other in tracks if other is not track) for track in tracks}
-    rightwards = {track.net: sum(gain[other.net, track.net] for other in tracks if other is not track) for track in tracks}
+    leftwards = {
+        track.net: sum(gain[track.net, other.net] for other in tracks if other is not track) for track in tracks
+    }
+    rightwards = {
+        track.net: sum(gain[other.net, track.net] for other in tracks if other is not track) for track in tracks
+    }
     first: list[_Track] = []
     last: list[_Track] = []
     rest = list(tracks)
